@@ -1,0 +1,41 @@
+//! One event: one pixel saw its brightness change by more than its threshold.
+
+/// The direction of a brightness change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Polarity {
+    /// The pixel became darker.
+    Off,
+    /// The pixel became brighter.
+    On,
+}
+
+impl Polarity {
+    /// The other polarity.
+    pub const fn opposite(self) -> Self {
+        match self {
+            Self::Off => Self::On,
+            Self::On => Self::Off,
+        }
+    }
+
+    /// 0 for [`Polarity::Off`], 1 for [`Polarity::On`]: an index into per-polarity tables.
+    pub const fn index(self) -> usize {
+        match self {
+            Self::Off => 0,
+            Self::On => 1,
+        }
+    }
+}
+
+/// One event of the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Event {
+    /// Time in microseconds, monotonic within a source.
+    pub t: i64,
+    /// Column in pixels, 0 at the left.
+    pub x: u16,
+    /// Row in pixels, 0 at the top.
+    pub y: u16,
+    /// Direction of the change.
+    pub polarity: Polarity,
+}

@@ -1,0 +1,34 @@
+//! Circle-grid detection, splines and camera models for event cameras.
+//!
+//! `no_std`, no allocation, no `unsafe`: the same code runs in the detector on a microcontroller
+//! and in the `evcal` program on a desktop. Every capacity is a const generic or storage that the
+//! caller lends; what does not fit is counted and reported, never dropped in silence.
+//!
+//! Data flows one way, one module a stage:
+//!
+//! | module | from | to |
+//! |---|---|---|
+//! | [`event`] | | one change of brightness at one pixel |
+//! | [`window`] | events | time windows worth looking at |
+//! | [`cluster`] | events of one polarity | DBSCAN clusters |
+//! | [`circle`] | clusters of both polarities | circle candidates |
+//! | [`grid`] | circle candidates | the ordered board |
+//! | [`spline`] | control points | poses at any time |
+//! | [`camera`] | points | pixels, and back |
+//!
+//! Conventions: pixel (0, 0) is the centre of the top-left pixel; x to the right, y down. Times of
+//! events are in microseconds. A pose `T_world_camera` maps camera coordinates (z forward) to world
+//! coordinates, where the board lies in the plane z = 0.
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod camera;
+pub mod circle;
+pub mod cluster;
+pub mod event;
+pub mod grid;
+pub mod pattern;
+pub mod spline;
+pub mod window;

@@ -1,0 +1,15 @@
+//! evcal: from a recording of a moving circle grid to a calibrated event camera.
+//!
+//! Stages are plain functions over plain structs, and data flows one way:
+//! source → window → circles → grid → reference frames → initial model and poses → segments →
+//! splines → associations → joint solve → result → export.
+
+pub mod board;
+pub mod circle_track;
+pub mod event_pixel;
+pub mod initial;
+pub mod opencv;
+pub mod reference_frame;
+pub mod simulate;
+pub mod source;
+pub mod trajectory;

@@ -1,0 +1,43 @@
+//! Reference frames: time windows in which the board was found.
+
+use nalgebra::Vector2;
+
+use crate::event_pixel::EventPixel;
+
+/// One circle of the board as seen in a reference frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObservedCircle {
+    /// Index on the board, row by row (see [`evcal_core::pattern::Pattern::lattice_position`]).
+    pub index: usize,
+    /// Time to which the centre belongs, in seconds since the start of the recording.
+    pub t: f64,
+    /// Centre in pixels.
+    pub center: Vector2<f64>,
+    /// Radius in pixels; `None` where a circle file does not give it.
+    pub radius: Option<f64>,
+    /// Velocity of the centre in pixels per second, where a circle file gives it.
+    pub velocity: Option<Vector2<f64>>,
+}
+
+/// A time window in which the board was found: the paper's reference frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReferenceFrame {
+    /// Which recording of the camera it belongs to.
+    pub recording: usize,
+    /// Start of the window in seconds since the start of the recording.
+    pub start: f64,
+    /// End of the window.
+    pub end: f64,
+    /// The circles found, ordered by board index, each index at most once.
+    pub circles: Vec<ObservedCircle>,
+    /// The events of the window, one entry per pixel and polarity; empty when the frame comes from
+    /// a circle file.
+    pub pixels: Vec<EventPixel>,
+}
+
+impl ReferenceFrame {
+    /// The time stamp of the frame: the centre of its window (paper III-A), in seconds.
+    pub fn t(&self) -> f64 {
+        0.5 * (self.start + self.end)
+    }
+}
