@@ -4,12 +4,20 @@
 //! source → window → circles → grid → reference frames → initial model and poses → segments →
 //! splines → associations → joint solve → result → export.
 
+pub mod association;
+pub mod banded;
 pub mod board;
+pub mod burst;
 pub mod circle_track;
+pub mod event_bias;
 pub mod event_pixel;
+pub mod export;
 pub mod initial;
 pub mod opencv;
 pub mod reference_frame;
+pub mod refinement;
+pub mod segment;
 pub mod simulate;
+pub mod solve;
 pub mod source;
 pub mod trajectory;

@@ -1,0 +1,25 @@
+# Two commands do everything on a fresh Debian machine:
+#   make demo   builds evcal and calibrates a simulated camera
+#   make test   checks formatting, lints, documentation and runs all tests
+.POSIX:
+.PHONY: demo test setup build check bench
+
+demo: build
+	@sh tools/demo.sh
+
+test: setup check
+	cargo test --workspace --release --locked
+
+check: setup
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --release --locked -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked
+
+build: setup
+	cargo build --release --locked
+
+bench: setup
+	cargo bench --workspace
+
+setup:
+	@sh tools/setup.sh

@@ -1,0 +1,384 @@
+//! Stage 10: which event belongs to which circle.
+//!
+//! Every event inside a trajectory segment is carried to the board plane through the pose at its
+//! own time (so motion is taken into account), where the nearest circle is a matter of rounding.
+//! An event is kept when it is near that circle's edge, the edge really moves across the pixel (not
+//! along itself, where the distance says nothing), and the polarity is the one that the motion
+//! predicts.
+
+use evcal_core::event::{Event, Polarity};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::board::Board;
+use crate::burst::BurstTracker;
+use crate::event_bias::{EventBias, class};
+use crate::solve::State;
+use crate::solve::bearing_table::BearingTable;
+use crate::solve::event_row::{board_point, board_velocity, edge_distance};
+use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
+use crate::solve::pose_bin::PoseBin;
+use crate::trajectory::Trajectory;
+
+/// Thresholds of the association.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AssociationSettings {
+    /// Largest distance from the edge while the spread of the events is not known yet [px].
+    pub first_band: f64,
+    /// Largest distance from the class's offset in units of its spread σ.
+    pub band: f64,
+    /// Largest distance from the class's offset, whatever σ [px].
+    pub widest_band: f64,
+    /// Slowest normal speed of an edge [px/s].
+    pub slowest_edge: f64,
+    /// Smallest share of the motion that is across the edge; below, the edge slides along itself.
+    pub tangent: f64,
+    /// A pixel silent for longer starts a new burst [s].
+    pub burst_pause: f64,
+    /// Most events in one solve; more are thinned evenly.
+    pub most_events: usize,
+}
+
+impl Default for AssociationSettings {
+    fn default() -> Self {
+        Self {
+            first_band: 3.0,
+            band: 4.0,
+            widest_band: 2.5,
+            slowest_edge: 30.0,
+            tangent: 0.4,
+            burst_pause: 0.1,
+            most_events: 4_000_000,
+        }
+    }
+}
+
+/// What became of the events.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct AssociationReport {
+    /// Events that came in.
+    pub events: u64,
+    /// Events outside every segment.
+    pub outside_segments: u64,
+    /// Events left out by thinning.
+    pub thinned: u64,
+    /// Events whose ray meets no circle of the board.
+    pub off_board: u64,
+    /// Events too far from the edge of their circle.
+    pub far_from_edge: u64,
+    /// Events on an edge that is too slow or slides along itself.
+    pub edge_slides: u64,
+    /// Events whose polarity contradicts the motion.
+    pub wrong_polarity: u64,
+    /// Events kept.
+    pub kept: u64,
+}
+
+impl AssociationReport {
+    /// Adds the counts of another part.
+    pub fn add(&mut self, other: &Self) {
+        self.events += other.events;
+        self.outside_segments += other.outside_segments;
+        self.thinned += other.thinned;
+        self.off_board += other.off_board;
+        self.far_from_edge += other.far_from_edge;
+        self.edge_slides += other.edge_slides;
+        self.wrong_polarity += other.wrong_polarity;
+        self.kept += other.kept;
+    }
+}
+
+/// What the association looks at: the current estimate and the board.
+pub struct AssociationContext<'a> {
+    /// Current estimate.
+    pub state: &'a State,
+    /// Bearings of the current camera.
+    pub bearings: &'a BearingTable,
+    /// Sensor size (width, height) in pixels.
+    pub sensor: (u16, u16),
+    /// The board.
+    pub board: &'a Board,
+    /// Length of a time bin [s].
+    pub bin: f64,
+    /// Whether σ of the classes is known, so that [`AssociationSettings::band`] applies.
+    pub sigma_known: bool,
+    /// Share of the events to use, 0 to 1.
+    pub share: f64,
+    /// Thresholds.
+    pub settings: &'a AssociationSettings,
+}
+
+/// Associates the events of one recording, batch by batch in time order.
+pub struct Associator<'a> {
+    context: AssociationContext<'a>,
+    /// Index of the segment and its trajectory, in order of time.
+    segments: Vec<(usize, &'a Trajectory)>,
+    circle_centers: Vec<[f64; 2]>,
+    bursts: BurstTracker,
+    ranks: Vec<Option<u8>>,
+    found: Vec<Vec<(u32, EventObservation)>>,
+    ordinal: u64,
+    report: AssociationReport,
+}
+
+/// Events for which one thread works in a go.
+const CHUNK: usize = 4096;
+
+impl<'a> Associator<'a> {
+    /// An associator for recording number `recording`.
+    pub fn new(context: AssociationContext<'a>, recording: usize) -> Self {
+        let state = context.state;
+        let mut segments: Vec<(usize, &Trajectory)> =
+            state.trajectories.iter().enumerate().filter(|(_, t)| t.recording == recording).collect();
+        segments.sort_by(|a, b| a.1.start().total_cmp(&b.1.start()));
+        let board = context.board;
+        let circle_centers = (0..board.circle_count()).map(|index| board.circle_center(index).into()).collect();
+        let pause = (context.settings.burst_pause * 1e6) as i64;
+        Self {
+            bursts: BurstTracker::new(context.sensor, pause),
+            found: vec![Vec::new(); segments.len()],
+            circle_centers,
+            ranks: Vec::new(),
+            ordinal: 0,
+            report: AssociationReport::default(),
+            segments,
+            context,
+        }
+    }
+
+    /// Takes the next events of the recording; their times count from its start in microseconds.
+    pub fn push(&mut self, events: &[Event]) {
+        self.ranks.clear();
+        let bursts = &mut self.bursts;
+        self.ranks.extend(events.iter().map(|event| bursts.rank(event)));
+        let (Some(first), Some(last)) = (events.first(), events.last()) else { return };
+        let latencies = self.context.state.bias.iter().map(|bias| bias.latency);
+        let margin = latencies.fold(0.0, |most: f64, latency| most.max(latency.abs())) + 1e-4;
+        let span = (first.t as f64 * 1e-6 - margin, last.t as f64 * 1e-6 + margin);
+        let bins: Vec<SegmentBins> =
+            self.segments.iter().map(|(_, trajectory)| SegmentBins::new(trajectory, self.context.bin, span)).collect();
+        let parts: Vec<(Vec<(usize, u32, EventObservation)>, AssociationReport)> = events
+            .par_chunks(CHUNK)
+            .zip(self.ranks.par_chunks(CHUNK))
+            .enumerate()
+            .map(|(chunk, (events, ranks))| {
+                let mut found = Vec::new();
+                let mut report = AssociationReport::default();
+                for (position, (event, rank)) in events.iter().zip(ranks).enumerate() {
+                    report.events += 1;
+                    let ordinal = self.ordinal + (chunk * CHUNK + position) as u64;
+                    let Some(rank) = rank else { continue };
+                    if let Some(observation) = self.associate(event, *rank, ordinal, &bins, &mut report) {
+                        report.kept += 1;
+                        found.push(observation);
+                    }
+                }
+                (found, report)
+            })
+            .collect();
+        self.ordinal += events.len() as u64;
+        for (found, report) in parts {
+            self.report.add(&report);
+            for (segment, bin, observation) in found {
+                if let Some(list) = self.found.get_mut(segment) {
+                    list.push((bin, observation));
+                }
+            }
+        }
+    }
+
+    fn associate(
+        &self,
+        event: &Event,
+        rank: u8,
+        ordinal: u64,
+        bins: &[SegmentBins],
+        report: &mut AssociationReport,
+    ) -> Option<(usize, u32, EventObservation)> {
+        let settings = self.context.settings;
+        let class = class(event.polarity, rank);
+        let bias = self.context.state.bias.get(class)?;
+        let time = event.t as f64 * 1e-6 - bias.latency;
+        let Some((segment, bin, pose)) =
+            bins.iter().enumerate().find_map(|(index, bins)| bins.pose(time).map(|(bin, pose)| (index, bin, pose)))
+        else {
+            report.outside_segments += 1;
+            return None;
+        };
+        if !kept_by_thinning(ordinal, self.context.share) {
+            report.thinned += 1;
+            return None;
+        }
+        let trajectory_bin = bins.get(segment)?;
+        let dt = time - trajectory_bin.center(bin);
+        let moved = pose.moved(dt);
+        let pixel = self.context.bearings.get(event.x, event.y);
+        let point = pixel.and_then(|pixel| board_point(pose, &moved, &pixel.bearing));
+        let circle = point.and_then(|point| self.context.board.nearest_circle(point));
+        let (Some(pixel), Some(circle)) = (pixel, circle) else {
+            report.off_board += 1;
+            return None;
+        };
+        let &center = self.circle_centers.get(circle)?;
+        let distance = edge_distance(pose, &moved, pixel, center, self.context.board.radius)?;
+        let band = if self.context.sigma_known {
+            (settings.band * bias.sigma).min(settings.widest_band)
+        } else {
+            settings.first_band
+        };
+        // Also refuses NaN.
+        if !((distance.pixels() - bias.offset).abs() < band) {
+            report.far_from_edge += 1;
+            return None;
+        }
+        let normal_speed = distance.normal_speed(pose);
+        let speed = board_velocity(pose, &moved, &pixel.bearing).norm() / distance.scale;
+        if normal_speed.abs() < settings.slowest_edge || normal_speed.abs() < settings.tangent * speed {
+            report.edge_slides += 1;
+            return None;
+        }
+        let predicted = if normal_speed > 0.0 { Polarity::On } else { Polarity::Off };
+        if predicted != event.polarity {
+            report.wrong_polarity += 1;
+            return None;
+        }
+        let observation = EventObservation {
+            dt: dt as f32,
+            x: event.x,
+            y: event.y,
+            circle: u16::try_from(circle).ok()?,
+            class: class as u8,
+        };
+        Some((segment, bin, observation))
+    }
+
+    /// The observations by index of the segment, and the report.
+    pub fn finish(self) -> (Vec<(usize, SegmentObservations)>, AssociationReport) {
+        let bin_length = self.context.bin;
+        let observations = self
+            .found
+            .into_par_iter()
+            .zip(self.segments.par_iter())
+            .map(|(mut found, (segment, trajectory))| {
+                found.sort_by_key(|(bin, observation)| (*bin, observation.class));
+                let mut observations = SegmentObservations::default();
+                for group in found.chunk_by(|a, b| a.0 == b.0) {
+                    let Some(&(bin, _)) = group.first() else { continue };
+                    let first = observations.events.len();
+                    observations.events.extend(group.iter().map(|(_, observation)| *observation));
+                    let t = bin_center(trajectory.start(), bin_length, bin);
+                    observations.bins.push(EventBin { t, first, end: observations.events.len() });
+                }
+                (*segment, observations)
+            })
+            .collect();
+        (observations, self.report)
+    }
+}
+
+fn bin_center(start: f64, length: f64, bin: u32) -> f64 {
+    start + (f64::from(bin) + 0.5) * length
+}
+
+/// Poses of the bins of one segment that a batch of events touches.
+struct SegmentBins {
+    start: f64,
+    end: f64,
+    length: f64,
+    first: u32,
+    poses: Vec<Option<PoseBin>>,
+}
+
+impl SegmentBins {
+    fn new(trajectory: &Trajectory, length: f64, span: (f64, f64)) -> Self {
+        let (start, end) = (trajectory.start(), trajectory.end());
+        let mut bins = Self { start, end, length, first: 0, poses: Vec::new() };
+        if span.1 < start || span.0 > end {
+            return bins;
+        }
+        bins.first = bins.bin((span.0 - length).max(start));
+        let last = bins.bin((span.1 + length).min(end));
+        bins.poses = (bins.first..=last).map(|bin| PoseBin::new(trajectory, bins.center(bin))).collect();
+        bins
+    }
+
+    fn bin(&self, time: f64) -> u32 {
+        ((time - self.start) / self.length).max(0.0) as u32
+    }
+
+    fn center(&self, bin: u32) -> f64 {
+        bin_center(self.start, self.length, bin)
+    }
+
+    fn pose(&self, time: f64) -> Option<(u32, &PoseBin)> {
+        if self.poses.is_empty() || time < self.start || time > self.end {
+            return None;
+        }
+        let bin = self.bin(time);
+        let pose = self.poses.get(bin.checked_sub(self.first)? as usize)?.as_ref()?;
+        Some((bin, pose))
+    }
+}
+
+/// Whether the event with this ordinal is among the `share` that is used: an even, fixed choice.
+fn kept_by_thinning(ordinal: u64, share: f64) -> bool {
+    // A multiple of the golden ratio spreads any share evenly over neighbouring ordinals.
+    let position = ordinal.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 11;
+    (position as f64) < share * (1_u64 << 53) as f64
+}
+
+/// Offsets and spreads of the event classes from their residuals (with the old offsets already
+/// taken off): median and median absolute deviation.
+pub fn robust_bias(bias: &EventBias, residuals: &mut [Vec<f32>]) -> EventBias {
+    /// Fewer events than this leave a class as it was.
+    const FEWEST: usize = 100;
+    /// No class is better than this: pixels are whole [px].
+    const SMALLEST_SIGMA: f64 = 0.05;
+    let mut updated = *bias;
+    for (class, values) in updated.iter_mut().zip(residuals) {
+        if values.len() < FEWEST {
+            continue;
+        }
+        let median = median(values);
+        class.offset += f64::from(median);
+        for value in values.iter_mut() {
+            *value = (*value - median).abs();
+        }
+        class.sigma = (1.4826 * f64::from(self::median(values))).max(SMALLEST_SIGMA);
+    }
+    updated
+}
+
+fn median(values: &mut [f32]) -> f32 {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return 0.0;
+    }
+    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::event_bias::unknown;
+
+    #[test]
+    fn thinning_keeps_the_share_that_is_asked_for() {
+        for share in [0.0, 0.1, 0.5, 0.9, 1.0] {
+            let kept = (0..100_000).filter(|&ordinal| kept_by_thinning(ordinal, share)).count();
+            assert!((kept as f64 / 100_000.0 - share).abs() < 1e-3, "{share}: {kept}");
+        }
+    }
+
+    #[test]
+    fn bias_is_the_median_and_its_deviation() {
+        let values: Vec<f32> = (-500..=500).map(|i| 0.25 + i as f32 / 1000.0).collect();
+        let mut residuals = vec![Vec::new(); crate::event_bias::CLASS_COUNT];
+        residuals[2] = values;
+        let bias = robust_bias(&unknown(1.0), &mut residuals);
+        assert!((bias[2].offset - 0.25).abs() < 1e-6);
+        assert!((bias[2].sigma - 1.4826 * 0.25).abs() < 1e-3);
+        assert_eq!(bias[0], unknown(1.0)[0]);
+    }
+}

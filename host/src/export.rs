@@ -1,0 +1,3 @@
+//! Files that other programs load.
+
+pub mod opencv_yaml;

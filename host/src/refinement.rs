@@ -1,0 +1,308 @@
+//! Stages 10 and 11 in turn: associate, solve, associate anew with the better model, until it stops
+//! paying.
+
+use evcal_core::camera::Camera;
+use evcal_core::event::Event;
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+use crate::association::{AssociationContext, AssociationReport, AssociationSettings, Associator, robust_bias};
+use crate::board::Board;
+use crate::event_bias::{CLASS_COUNT, EventBias, unknown};
+use crate::solve::bearing_table::BearingTable;
+use crate::solve::levenberg::solve;
+use crate::solve::observation::{PointObservation, SegmentObservations};
+use crate::solve::stretch::visit_residuals;
+use crate::solve::{FreeParameters, Problem, Residual, SolveError, SolveReport, SolveSettings, State};
+
+/// How often to associate and solve, and which biases to fit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RefinementSettings {
+    /// Most rounds of association and solve.
+    pub rounds: usize,
+    /// Rounds end when the projection changes by less than this, rms over the sensor [px].
+    pub settled: f64,
+    /// Most events in the rounds before the last ones.
+    pub early_events: usize,
+    /// Fit an offset from the geometric edge for each event class.
+    pub offsets: bool,
+    /// Fit a latency for each event class.
+    pub latencies: bool,
+    /// Spread of the events while it is not known yet [px].
+    pub first_sigma: f64,
+}
+
+impl Default for RefinementSettings {
+    fn default() -> Self {
+        Self { rounds: 6, settled: 0.01, early_events: 400_000, offsets: true, latencies: true, first_sigma: 0.5 }
+    }
+}
+
+/// How one round went.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RoundReport {
+    /// Association of this round.
+    pub association: AssociationReport,
+    /// Solve of this round.
+    pub solve: SolveReport,
+    /// Root mean square change of the projection over the sensor [px].
+    pub change: f64,
+}
+
+/// Hands all events of one recording, in batches in time order and with times from its start, to a
+/// visitor.
+pub type ReadRecording<'a, E> = dyn Fn(usize, &mut dyn FnMut(&[Event])) -> Result<(), E> + Sync + 'a;
+
+/// What the refinement starts from.
+pub struct RefinementInput<'a, E> {
+    /// The board.
+    pub board: &'a Board,
+    /// Sensor size (width, height) in pixels.
+    pub sensor: (u16, u16),
+    /// Number of recordings.
+    pub recordings: usize,
+    /// Number of events in all recordings.
+    pub events: u64,
+    /// Reads a recording.
+    pub read: &'a ReadRecording<'a, E>,
+    /// Circle centres of each trajectory, where the input is circle tracks.
+    pub points: Vec<Vec<PointObservation>>,
+    /// Spread of a circle centre [px].
+    pub point_sigma: f64,
+}
+
+/// All thresholds of stages 10 and 11.
+#[derive(Clone, Copy)]
+pub struct StageSettings<'a> {
+    /// Rounds.
+    pub refinement: &'a RefinementSettings,
+    /// Association.
+    pub association: &'a AssociationSettings,
+    /// Solve.
+    pub solve: &'a SolveSettings,
+}
+
+/// What the refinement gives back.
+pub struct Refined {
+    /// The final estimate.
+    pub state: State,
+    /// The observations of the last round.
+    pub segments: Vec<SegmentObservations>,
+    /// Robust residual statistics of the last round.
+    pub residuals: ResidualStatistics,
+    /// One report a round.
+    pub rounds: Vec<RoundReport>,
+}
+
+/// How far events are from where the model puts them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ResidualStatistics {
+    /// Number of residuals.
+    pub count: usize,
+    /// Root mean square [px].
+    pub rms: f64,
+    /// Median of the absolute value [px].
+    pub median: f64,
+}
+
+/// Why the refinement failed.
+#[derive(Debug, thiserror::Error)]
+pub enum RefinementError<E> {
+    /// A recording could not be read again.
+    #[error(transparent)]
+    Read(E),
+    /// The joint solve failed.
+    #[error(transparent)]
+    Solve(#[from] SolveError),
+}
+
+/// Associates and solves in turn from `state` on.
+///
+/// # Errors
+/// [`RefinementError::Read`] when a recording cannot be read, [`RefinementError::Solve`] when the
+/// observations do not determine the camera.
+pub fn refine<E: Send>(
+    input: &RefinementInput<E>,
+    mut state: State,
+    settings: StageSettings,
+    mut progress: impl FnMut(usize),
+) -> Result<Refined, RefinementError<E>> {
+    let mut rounds: Vec<RoundReport> = Vec::new();
+    let mut kept_share = 1.0;
+    state.bias = unknown(settings.refinement.first_sigma);
+    let total = settings.refinement.rounds.max(1);
+    let mut last_early = false;
+    loop {
+        progress(rounds.len());
+        let first = rounds.is_empty();
+        // The last round uses all events that the settings allow; the ones before only as many as
+        // it takes to get near.
+        let final_round = last_early || rounds.len() + 1 == total;
+        let wanted = if final_round { settings.association.most_events } else { settings.refinement.early_events };
+        let share = (wanted as f64 / (input.events.max(1) as f64 * kept_share)).min(1.0);
+        let bearings = BearingTable::new(&state.camera, input.sensor);
+        let (segments, association) = associate_all(input, &state, &bearings, settings, !first, share)?;
+        kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
+        let mut problem = problem(input, settings, segments, &state, &bearings);
+        state.bias = updated_bias(&problem, &state, &bearings, settings.refinement);
+        problem.free = free_parameters(&state.camera, &problem, settings.refinement);
+        let before = state.camera;
+        let (solved, solve_report) = solve(&problem, state)?;
+        state = solved;
+        let change = projection_change(&before, &state.camera, input.sensor);
+        rounds.push(RoundReport { association, solve: solve_report, change });
+        if final_round || input.events == 0 {
+            let bearings = BearingTable::new(&state.camera, input.sensor);
+            let residuals = statistics(&problem, &state, &bearings);
+            return Ok(Refined { state, segments: problem.segments, residuals, rounds });
+        }
+        last_early = change < 10.0 * settings.refinement.settled;
+    }
+}
+
+fn associate_all<E: Send>(
+    input: &RefinementInput<E>,
+    state: &State,
+    bearings: &BearingTable,
+    settings: StageSettings,
+    sigma_known: bool,
+    share: f64,
+) -> Result<(Vec<SegmentObservations>, AssociationReport), RefinementError<E>> {
+    let mut segments = vec![SegmentObservations::default(); state.trajectories.len()];
+    let mut report = AssociationReport::default();
+    for recording in 0..input.recordings {
+        let context = AssociationContext {
+            state,
+            bearings,
+            sensor: input.sensor,
+            board: input.board,
+            bin: settings.solve.bin,
+            sigma_known,
+            share,
+            settings: settings.association,
+        };
+        let mut associator = Associator::new(context, recording);
+        (input.read)(recording, &mut |events| associator.push(events)).map_err(RefinementError::Read)?;
+        let (found, part) = associator.finish();
+        report.add(&part);
+        for (index, observations) in found {
+            if let Some(segment) = segments.get_mut(index) {
+                *segment = observations;
+            }
+        }
+    }
+    for (segment, points) in segments.iter_mut().zip(&input.points) {
+        segment.points.clone_from(points);
+    }
+    Ok((segments, report))
+}
+
+fn problem<E>(
+    input: &RefinementInput<E>,
+    settings: StageSettings,
+    segments: Vec<SegmentObservations>,
+    state: &State,
+    bearings: &BearingTable,
+) -> Problem {
+    let circle_centers = (0..input.board.circle_count()).map(|index| input.board.circle_center(index).into()).collect();
+    let mut problem = Problem {
+        sensor: input.sensor,
+        circle_centers,
+        radius: input.board.radius,
+        mean_scale: 1.0,
+        point_sigma: input.point_sigma,
+        segments,
+        free: FreeParameters { intrinsics: 0, offsets: [false; CLASS_COUNT], latencies: [false; CLASS_COUNT] },
+        settings: settings.solve.clone(),
+    };
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for segment in 0..problem.segments.len() {
+        visit_residuals(&problem, state, bearings, segment, |event| {
+            sum += event.scale;
+            count += 1;
+        });
+    }
+    if count > 0 {
+        problem.mean_scale = sum / count as f64;
+    }
+    problem
+}
+
+/// Spread, and as a start the offset, of each class from the residuals at `state`.
+fn updated_bias(
+    problem: &Problem,
+    state: &State,
+    bearings: &BearingTable,
+    settings: &RefinementSettings,
+) -> EventBias {
+    let mut residuals: Vec<Vec<f32>> = vec![Vec::new(); CLASS_COUNT];
+    for segment in 0..problem.segments.len() {
+        visit_residuals(problem, state, bearings, segment, |event| {
+            if let Some(values) = residuals.get_mut(event.class) {
+                values.push(event.residual as f32);
+            }
+        });
+    }
+    if settings.offsets {
+        return robust_bias(&state.bias, &mut residuals);
+    }
+    // Without offsets the classes are not told apart: one spread for all.
+    let mut all = vec![residuals.concat()];
+    let pooled = robust_bias(&state.bias, &mut all);
+    state.bias.map(|class| crate::event_bias::ClassBias { sigma: pooled[0].sigma, ..class })
+}
+
+/// The parameters that may change: classes with hardly any events keep their biases, and the
+/// latency of class 0 is the common delay that no event can tell.
+fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &RefinementSettings) -> FreeParameters {
+    /// Fewest events for a class to have biases of its own.
+    const FEWEST: usize = 500;
+    let mut counts = [0_usize; CLASS_COUNT];
+    for event in problem.segments.iter().flat_map(|segment| &segment.events) {
+        if let Some(count) = counts.get_mut(usize::from(event.class)) {
+            *count += 1;
+        }
+    }
+    let mut offsets = counts.map(|count| settings.offsets && count >= FEWEST);
+    let mut latencies = counts.map(|count| settings.latencies && count >= FEWEST);
+    latencies[0] = false;
+    if problem.settings.residual == Residual::Plane {
+        // The paper's residual knows no biases.
+        offsets = [false; CLASS_COUNT];
+        latencies = [false; CLASS_COUNT];
+    }
+    FreeParameters { intrinsics: camera.parameters().len(), offsets, latencies }
+}
+
+fn statistics(problem: &Problem, state: &State, bearings: &BearingTable) -> ResidualStatistics {
+    let mut sizes: Vec<f32> = Vec::new();
+    for segment in 0..problem.segments.len() {
+        visit_residuals(problem, state, bearings, segment, |event| sizes.push(event.residual.abs() as f32));
+    }
+    let count = sizes.len();
+    if count == 0 {
+        return ResidualStatistics::default();
+    }
+    let square: f64 = sizes.iter().map(|&size| f64::from(size) * f64::from(size)).sum();
+    let median = *sizes.select_nth_unstable_by(count / 2, f32::total_cmp).1;
+    ResidualStatistics { count, rms: (square / count as f64).sqrt(), median: f64::from(median) }
+}
+
+/// Root mean square change of where bearings project, over a grid on the sensor, in pixels.
+fn projection_change(before: &Camera<f64>, after: &Camera<f64>, sensor: (u16, u16)) -> f64 {
+    const STEPS: u16 = 16;
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for row in 0..=STEPS {
+        for column in 0..=STEPS {
+            let at = |size: u16, step: u16| f64::from(size.saturating_sub(1)) * f64::from(step) / f64::from(STEPS);
+            let pixel = Vector2::new(at(sensor.0, column), at(sensor.1, row));
+            let moved = before.unproject(&pixel).and_then(|bearing| after.project(&bearing));
+            if let Some(moved) = moved {
+                sum += (moved - pixel).norm_squared();
+                count += 1;
+            }
+        }
+    }
+    if count == 0 { f64::INFINITY } else { (sum / count as f64).sqrt() }
+}

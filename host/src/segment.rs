@@ -1,0 +1,89 @@
+//! Stage 8: trajectory segments.
+//!
+//! The board is only seen while it moves and is in view, so the trajectory is a set of smooth
+//! segments: reference frames close in time share one (paper III-C, the grouping into Φ_l).
+
+use serde::{Deserialize, Serialize};
+
+/// Thresholds of the segmentation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SegmentSettings {
+    /// A gap between neighbouring reference frames longer than this starts a new segment [s].
+    pub longest_gap: f64,
+    /// Fewest reference frames in a segment; at least degree + 1 are needed for its spline.
+    pub fewest_frames: usize,
+    /// Shortest segment worth a spline [s].
+    pub shortest: f64,
+}
+
+impl Default for SegmentSettings {
+    fn default() -> Self {
+        Self { longest_gap: 0.03, fewest_frames: 4, shortest: 0.02 }
+    }
+}
+
+/// What became of the reference frames.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SegmentReport {
+    /// Frames that came in.
+    pub frames_in: usize,
+    /// Frames in the segments that are kept.
+    pub frames_out: usize,
+    /// Segments kept.
+    pub segments: usize,
+    /// Segments dropped for having too few frames.
+    pub too_few_frames: usize,
+    /// Segments dropped for being too short.
+    pub too_short: usize,
+    /// Time covered by the kept segments [s].
+    pub duration: f64,
+}
+
+/// Groups frames, given by (recording, time) in order of recording and time, into segments: ranges
+/// of indices into `times`.
+pub fn segment(
+    times: &[(usize, f64)],
+    degree: usize,
+    settings: &SegmentSettings,
+) -> (Vec<std::ops::Range<usize>>, SegmentReport) {
+    let mut report = SegmentReport { frames_in: times.len(), ..SegmentReport::default() };
+    let mut segments = Vec::new();
+    let fewest = settings.fewest_frames.max(degree + 1);
+    let mut end = 0;
+    for group in times.chunk_by(|a, b| a.0 == b.0 && b.1 - a.1 <= settings.longest_gap) {
+        let start = end;
+        end += group.len();
+        let duration = group.last().map_or(0.0, |frame| frame.1) - group.first().map_or(0.0, |frame| frame.1);
+        if group.len() < fewest {
+            report.too_few_frames += 1;
+        } else if duration < settings.shortest {
+            report.too_short += 1;
+        } else {
+            report.frames_out += group.len();
+            report.duration += duration;
+            segments.push(start..end);
+        }
+    }
+    report.segments = segments.len();
+    (segments, report)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_and_recordings_split_and_short_groups_fall_away() {
+        let mut times: Vec<(usize, f64)> = (0..10).map(|i| (0, i as f64 * 0.01)).collect();
+        times.extend((0..3).map(|i| (0, 1.0 + i as f64 * 0.01)));
+        times.extend((0..6).map(|i| (0, 2.0 + i as f64 * 0.001)));
+        times.extend((0..8).map(|i| (1, 2.01 + i as f64 * 0.01)));
+        let (segments, report) = segment(&times, 3, &SegmentSettings::default());
+        assert_eq!(segments, [0..10, 19..27]);
+        assert_eq!(report.frames_in, 27);
+        assert_eq!(report.frames_out, 18);
+        assert_eq!((report.segments, report.too_few_frames, report.too_short), (2, 1, 1));
+        assert!((report.duration - 0.16).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,152 @@
+//! Stage 11: the joint solve.
+//!
+//! The intrinsics, the control points of every trajectory segment and the biases of the event
+//! classes together minimise Σ ρ(r), where r is the distance of an event from the edge of its
+//! circle, carried to the board plane through the pose at the event's own time (paper, eq. of
+//! III-C). Levenberg-Marquardt on the normal equations, which are block-banded per segment with a
+//! border of global parameters ([`normal`]); the rows are analytic ([`event_row`], [`point_row`]).
+
+pub mod bearing_table;
+pub mod event_row;
+pub mod levenberg;
+pub mod normal;
+pub mod observation;
+pub mod point_row;
+pub mod pose_bin;
+pub mod stretch;
+pub mod system;
+
+use evcal_core::camera::Camera;
+use serde::{Deserialize, Serialize};
+
+use crate::event_bias::{CLASS_COUNT, EventBias};
+use crate::trajectory::Trajectory;
+use evcal_core::camera::MAX_PARAMETERS;
+use observation::SegmentObservations;
+
+/// Number of global parameters: intrinsics, then an offset and a latency for each event class.
+pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + 2 * CLASS_COUNT;
+
+/// Index of the offset of `class` among the global parameters; its latency follows.
+pub const fn offset_index(class: usize) -> usize {
+    MAX_PARAMETERS + 2 * class
+}
+
+/// What the residual of an event measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Residual {
+    /// Distance from the edge divided by the local scale of the board in the image: pixels, so that
+    /// noise counts alike near and far, head-on and tilted.
+    Pixel,
+    /// Distance from the edge on the board plane, as in the paper, in units of the mean scale.
+    Plane,
+}
+
+/// Which parameters beside the control points may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FreeParameters {
+    /// Number of intrinsics of the camera model; the rest of [`MAX_PARAMETERS`] stays unused.
+    pub intrinsics: usize,
+    /// Whether the offset of each event class is free.
+    pub offsets: [bool; CLASS_COUNT],
+    /// Whether the latency of each event class is free.
+    pub latencies: [bool; CLASS_COUNT],
+}
+
+impl FreeParameters {
+    /// One flag for each global parameter.
+    pub fn mask(&self) -> [bool; GLOBAL_COUNT] {
+        let mut mask = [false; GLOBAL_COUNT];
+        for flag in mask.iter_mut().take(self.intrinsics.min(MAX_PARAMETERS)) {
+            *flag = true;
+        }
+        for class in 0..CLASS_COUNT {
+            mask[offset_index(class)] = self.offsets[class];
+            mask[offset_index(class) + 1] = self.latencies[class];
+        }
+        mask
+    }
+}
+
+/// Thresholds of the joint solve.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SolveSettings {
+    /// What a residual measures: `pixel` or `plane`.
+    pub residual: Residual,
+    /// Huber bound in units of a class's spread σ.
+    pub huber: f64,
+    /// Most Levenberg-Marquardt iterations in one solve.
+    pub iterations: usize,
+    /// Iterations end when the cost falls by less than this fraction.
+    pub tolerance: f64,
+    /// Length of a time bin whose events share their basis weights [s].
+    pub bin: f64,
+}
+
+impl Default for SolveSettings {
+    fn default() -> Self {
+        Self { residual: Residual::Pixel, huber: 1.5, iterations: 12, tolerance: 1e-5, bin: 0.5e-3 }
+    }
+}
+
+/// What the joint solve works on; nothing of it changes while it runs.
+pub struct Problem {
+    /// Sensor size (width, height) in pixels.
+    pub sensor: (u16, u16),
+    /// Centres of the board's circles in metres.
+    pub circle_centers: Vec<[f64; 2]>,
+    /// Radius of the circles in metres.
+    pub radius: f64,
+    /// Metres on the board for each pixel, on average: the unit of the plane residual.
+    pub mean_scale: f64,
+    /// Spread of a circle centre in pixels, for observations that are centres.
+    pub point_sigma: f64,
+    /// Observations of each segment.
+    pub segments: Vec<SegmentObservations>,
+    /// Which parameters may change.
+    pub free: FreeParameters,
+    /// Thresholds.
+    pub settings: SolveSettings,
+}
+
+/// The parameters: camera, biases of the event classes, one trajectory a segment.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// Intrinsics.
+    pub camera: Camera<f64>,
+    /// Offset, latency and spread of each event class.
+    pub bias: EventBias,
+    /// T_world_camera of each segment.
+    pub trajectories: Vec<Trajectory>,
+}
+
+/// How a solve went.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SolveReport {
+    /// Observations used.
+    pub observations: usize,
+    /// Iterations made.
+    pub iterations: usize,
+    /// Steps that were taken back.
+    pub rejected: usize,
+    /// Sum of ρ before.
+    pub initial_cost: f64,
+    /// Sum of ρ after.
+    pub final_cost: f64,
+    /// Standard deviation of each global parameter, if residuals were independent with the spread
+    /// of their class; zero where a parameter is held.
+    pub sigma: Vec<f64>,
+}
+
+/// Why a joint solve failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SolveError {
+    /// There is nothing to solve from.
+    #[error("no event lies near the board's circles: is the board description right?")]
+    NoObservations,
+    /// The normal equations are singular.
+    #[error("the observations do not determine the camera: move the board closer, tilt it and cover the whole image")]
+    Singular,
+}

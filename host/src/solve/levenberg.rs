@@ -1,0 +1,99 @@
+//! Levenberg-Marquardt over all parameters.
+
+use rayon::prelude::*;
+
+use super::bearing_table::BearingTable;
+use super::normal::StretchEquations;
+use super::stretch::{Stretch, linearise, stretches};
+use super::system::System;
+use super::{GLOBAL_COUNT, Problem, SolveError, SolveReport, State, offset_index};
+use crate::event_bias::CLASS_COUNT;
+
+const FIRST_DAMPING: f64 = 1e-6;
+const SMALLEST_DAMPING: f64 = 1e-10;
+const LARGEST_DAMPING: f64 = 1e8;
+
+/// Minimises the cost of `problem` from `state` on.
+pub fn solve(problem: &Problem, mut state: State) -> Result<(State, SolveReport), SolveError> {
+    let stretches = stretches(&problem.segments);
+    let free = problem.free.mask();
+    let mut system = assemble(problem, &state, &stretches);
+    if system.count == 0 {
+        return Err(SolveError::NoObservations);
+    }
+    let mut report = SolveReport {
+        observations: system.count,
+        initial_cost: system.cost,
+        final_cost: system.cost,
+        ..SolveReport::default()
+    };
+    let mut damping = FIRST_DAMPING;
+    for _ in 0..problem.settings.iterations {
+        report.iterations += 1;
+        let step = match system.solve(damping, &free) {
+            Ok(step) => step,
+            Err(_) if damping < LARGEST_DAMPING => {
+                damping *= 100.0;
+                continue;
+            }
+            Err(_) => return Err(SolveError::Singular),
+        };
+        let Some(trial) = moved(&state, &step.segments, &step.globals) else {
+            damping *= 10.0;
+            continue;
+        };
+        let trial_system = assemble(problem, &trial, &stretches);
+        // Observations that fall out of the model's domain must not make a step look good.
+        let better = trial_system.count >= system.count && trial_system.cost < system.cost;
+        if !better {
+            report.rejected += 1;
+            if damping > LARGEST_DAMPING || step.predicted < problem.settings.tolerance * system.cost {
+                break;
+            }
+            damping = (damping * 30.0).max(1e-4);
+            continue;
+        }
+        let decrease = (system.cost - trial_system.cost) / system.cost;
+        state = trial;
+        system = trial_system;
+        damping = (damping * 0.1).max(SMALLEST_DAMPING);
+        if decrease < problem.settings.tolerance {
+            break;
+        }
+    }
+    report.final_cost = system.cost;
+    let covariance = system.global_covariance(&free).map_err(|_| SolveError::Singular)?;
+    report.sigma = vec![0.0; GLOBAL_COUNT];
+    let set = (0..GLOBAL_COUNT).filter(|&global| free[global]);
+    for (position, global) in set.enumerate() {
+        report.sigma[global] = covariance[(position, position)].max(0.0).sqrt();
+    }
+    Ok((state, report))
+}
+
+fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> System {
+    let bearings = BearingTable::new(&state.camera, problem.sensor);
+    let equations: Vec<(Stretch, StretchEquations)> = stretches
+        .par_iter()
+        .map(|stretch| (stretch.clone(), linearise(problem, state, &bearings, stretch)))
+        .collect();
+    let control_points: Vec<usize> = state.trajectories.iter().map(|t| t.control_point_count()).collect();
+    System::merge(&control_points, &equations)
+}
+
+/// `state` moved by a step; `None` when the camera model refuses the parameters.
+fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<State> {
+    let mut parameters = state.camera.parameters();
+    parameters.iter_mut().zip(globals).for_each(|(parameter, step)| *parameter += step);
+    let camera = evcal_core::camera::Camera::from_parameters(state.camera.kind(), &parameters)?;
+    let mut bias = state.bias;
+    for (class, bias) in bias.iter_mut().enumerate().take(CLASS_COUNT) {
+        bias.offset += globals.get(offset_index(class))?;
+        bias.latency += globals.get(offset_index(class) + 1)?;
+    }
+    let mut trajectories = state.trajectories.clone();
+    for (trajectory, step) in trajectories.iter_mut().zip(segments) {
+        trajectory.update(step);
+    }
+    Some(State { camera, bias, trajectories })
+}

@@ -1,0 +1,51 @@
+//! What the joint solve is fed: events and circle centres, each tied to a circle of the board.
+
+use nalgebra::Vector2;
+
+/// One associated event.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EventObservation {
+    /// Time of the event after the centre of its bin in seconds, latency already taken off.
+    pub dt: f32,
+    /// Column in pixels.
+    pub x: u16,
+    /// Row in pixels.
+    pub y: u16,
+    /// Index of the circle on the board.
+    pub circle: u16,
+    /// Event class (see [`crate::event_bias::class`]).
+    pub class: u8,
+}
+
+/// One observed circle centre with its own time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointObservation {
+    /// Time in seconds.
+    pub t: f64,
+    /// Centre in pixels.
+    pub pixel: Vector2<f64>,
+    /// Index of the circle on the board.
+    pub circle: usize,
+}
+
+/// The events of one time bin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EventBin {
+    /// Centre of the bin in seconds.
+    pub t: f64,
+    /// First event of the bin in [`SegmentObservations::events`].
+    pub first: usize,
+    /// One past the last event of the bin.
+    pub end: usize,
+}
+
+/// All observations of one trajectory segment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SegmentObservations {
+    /// Bins in order of time; only bins with events.
+    pub bins: Vec<EventBin>,
+    /// Events in order of bin, then class.
+    pub events: Vec<EventObservation>,
+    /// Circle centres in order of time.
+    pub points: Vec<PointObservation>,
+}

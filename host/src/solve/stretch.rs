@@ -1,0 +1,164 @@
+//! Linearisation of the observations in a stretch of one segment.
+
+use std::ops::Range;
+
+use nalgebra::Vector2;
+
+use super::bearing_table::BearingTable;
+use super::event_row::{ROW, ROW_RESIDUAL, edge_distance, fill_row};
+use super::normal::{BinEquations, RowProduct, StretchEquations, add_outer_products};
+use super::observation::SegmentObservations;
+use super::point_row::point_rows;
+use super::pose_bin::PoseBin;
+use super::{Problem, Residual, State};
+use crate::event_bias::CLASS_COUNT;
+
+/// A run of bins (and of circle centres) of one segment, small enough to be a unit of work.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stretch {
+    /// Index of the segment.
+    pub segment: usize,
+    /// Bins in [`SegmentObservations::bins`].
+    pub bins: Range<usize>,
+    /// Centres in [`SegmentObservations::points`].
+    pub points: Range<usize>,
+}
+
+/// Bins in a stretch: long enough that merging costs little, short enough to share among threads.
+const STRETCH_BINS: usize = 128;
+const STRETCH_POINTS: usize = 512;
+const ROW_BUFFER: usize = 64;
+
+/// Cuts all segments into stretches.
+pub fn stretches(segments: &[SegmentObservations]) -> Vec<Stretch> {
+    let mut stretches = Vec::new();
+    for (segment, observations) in segments.iter().enumerate() {
+        for first in (0..observations.bins.len()).step_by(STRETCH_BINS) {
+            let bins = first..(first + STRETCH_BINS).min(observations.bins.len());
+            stretches.push(Stretch { segment, bins, points: 0..0 });
+        }
+        for first in (0..observations.points.len()).step_by(STRETCH_POINTS) {
+            let points = first..(first + STRETCH_POINTS).min(observations.points.len());
+            stretches.push(Stretch { segment, bins: 0..0, points });
+        }
+    }
+    stretches
+}
+
+/// Huber's loss of `error` (in units of σ): (cost ρ, square root of the row's weight).
+#[inline(always)]
+pub fn huber(error: f64, bound: f64) -> (f64, f64) {
+    let size = error.abs();
+    if size <= bound { (0.5 * error * error, 1.0) } else { (bound * (size - 0.5 * bound), (bound / size).sqrt()) }
+}
+
+/// Normal equations of `stretch` at `state`.
+pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stretch: &Stretch) -> StretchEquations {
+    let (Some(observations), Some(trajectory)) =
+        (problem.segments.get(stretch.segment), state.trajectories.get(stretch.segment))
+    else {
+        return StretchEquations::new(0, 0, 1);
+    };
+    let bins = observations.bins.get(stretch.bins.clone()).unwrap_or_default();
+    let points = observations.points.get(stretch.points.clone()).unwrap_or_default();
+    let times = || bins.iter().map(|bin| bin.t).chain(points.iter().map(|point| point.t));
+    let first_pose = times().find_map(|t| PoseBin::new(trajectory, t));
+    let last_pose = times().rev().find_map(|t| PoseBin::new(trajectory, t));
+    let (Some(first_pose), Some(last_pose)) = (first_pose, last_pose) else {
+        return StretchEquations::new(0, 0, trajectory.degree + 1);
+    };
+    let count = last_pose.first + last_pose.order - first_pose.first;
+    let mut equations = StretchEquations::new(first_pose.first, count, first_pose.order);
+    let mut product: RowProduct = [[0.0; ROW]; ROW];
+    let mut bin_equations = BinEquations::default();
+
+    for bin in bins {
+        let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
+        let events = observations.events.get(bin.first..bin.end).unwrap_or_default();
+        for group in events.chunk_by(|a, b| a.class == b.class) {
+            let class = group.first().map_or(0, |event| usize::from(event.class)).min(CLASS_COUNT - 1);
+            let bias = &state.bias[class];
+            let inverse_sigma = 1.0 / bias.sigma;
+            let mut rows = [[0.0; ROW]; ROW_BUFFER];
+            for part in group.chunks(ROW_BUFFER) {
+                let mut filled = 0;
+                for event in part {
+                    let Some(pixel) = bearings.get(event.x, event.y) else { continue };
+                    let Some(&center) = problem.circle_centers.get(usize::from(event.circle)) else { continue };
+                    let moved = pose.moved(f64::from(event.dt));
+                    let Some(distance) = edge_distance(&pose, &moved, pixel, center, problem.radius) else { continue };
+                    let inverse_scale = match problem.settings.residual {
+                        Residual::Pixel => 1.0 / distance.scale,
+                        Residual::Plane => 1.0 / problem.mean_scale,
+                    };
+                    let residual = distance.metres * inverse_scale - bias.offset;
+                    let (cost, root_weight) = huber(residual * inverse_sigma, problem.settings.huber);
+                    equations.cost += cost;
+                    equations.count += 1;
+                    if let Some(row) = rows.get_mut(filled) {
+                        fill_row(row, &distance, &pose, pixel, inverse_scale, residual, root_weight * inverse_sigma);
+                        filled += 1;
+                    }
+                }
+                add_outer_products(&mut product, rows.get(..filled).unwrap_or_default());
+            }
+            bin_equations.add_class(&mut product, class, &mut equations);
+        }
+        bin_equations.expand(&pose, &mut equations);
+    }
+
+    let inverse_sigma = 1.0 / problem.point_sigma;
+    for point in points {
+        let Some(pose) = PoseBin::new(trajectory, point.t) else { continue };
+        let Some(&center) = problem.circle_centers.get(point.circle) else { continue };
+        let Some(mut rows) = point_rows(&state.camera, &pose, Vector2::from(center), point.pixel) else { continue };
+        let error = rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]) * inverse_sigma;
+        let (cost, root_weight) = huber(error, problem.settings.huber);
+        equations.cost += cost;
+        equations.count += 1;
+        for value in rows.iter_mut().flatten() {
+            *value *= root_weight * inverse_sigma;
+        }
+        add_outer_products(&mut product, &rows);
+        bin_equations.add_class(&mut product, 0, &mut equations);
+        bin_equations.expand(&pose, &mut equations);
+    }
+    equations
+}
+
+/// The residual of one event.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EventResidual {
+    /// Event class.
+    pub class: usize,
+    /// Distance from where the model puts the event [px].
+    pub residual: f64,
+    /// Metres on the board for each pixel across the edge.
+    pub scale: f64,
+}
+
+/// Visits the residual of every event of one segment.
+pub fn visit_residuals(
+    problem: &Problem,
+    state: &State,
+    bearings: &BearingTable,
+    segment: usize,
+    mut visit: impl FnMut(EventResidual),
+) {
+    let (Some(observations), Some(trajectory)) = (problem.segments.get(segment), state.trajectories.get(segment))
+    else {
+        return;
+    };
+    for bin in &observations.bins {
+        let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
+        for event in observations.events.get(bin.first..bin.end).unwrap_or_default() {
+            let Some(pixel) = bearings.get(event.x, event.y) else { continue };
+            let Some(&center) = problem.circle_centers.get(usize::from(event.circle)) else { continue };
+            let moved = pose.moved(f64::from(event.dt));
+            let Some(distance) = edge_distance(&pose, &moved, pixel, center, problem.radius) else { continue };
+            let class = usize::from(event.class).min(CLASS_COUNT - 1);
+            let residual = distance.pixels() - state.bias[class].offset;
+            visit(EventResidual { class, residual, scale: distance.scale });
+        }
+    }
+}

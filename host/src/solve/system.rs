@@ -1,0 +1,212 @@
+//! The whole bordered block-banded system: merging of stretches, damping, Schur complement.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::GLOBAL_COUNT;
+use super::normal::{Block, BorderBlock, StretchEquations};
+use super::stretch::Stretch;
+use crate::banded::BandedCholesky;
+
+/// Normal equations of one segment: A (block-banded), B (border) and gradient.
+struct SegmentSystem {
+    order: usize,
+    blocks: Vec<Block>,
+    border: Vec<BorderBlock>,
+    gradient: Vec<[f64; 6]>,
+}
+
+/// Normal equations of the whole problem.
+pub struct System {
+    segments: Vec<SegmentSystem>,
+    corner: DMatrix<f64>,
+    corner_gradient: DVector<f64>,
+    /// Sum of ρ over all observations.
+    pub cost: f64,
+    /// Number of observations.
+    pub count: usize,
+}
+
+/// A step of all parameters.
+pub struct Step {
+    /// For each segment, six numbers a control point.
+    pub segments: Vec<Vec<f64>>,
+    /// Global parameters; zero where a parameter is held.
+    pub globals: Vec<f64>,
+    /// Decrease of the cost that the linear model promises.
+    pub predicted: f64,
+}
+
+/// The linear system could not be solved: its matrix is not positive definite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NotPositiveDefinite;
+
+/// Smallest damping of a control point, relative to the mean diagonal of its segment: keeps control
+/// points that no observation touches where they are.
+const FLOOR: f64 = 1e-9;
+
+impl System {
+    /// Merges stretches, in their order, into the system of segments with `control_points` control
+    /// points each.
+    pub fn merge(control_points: &[usize], stretches: &[(Stretch, StretchEquations)]) -> Self {
+        let mut segments: Vec<SegmentSystem> = control_points
+            .iter()
+            .enumerate()
+            .map(|(segment, &count)| {
+                let order = stretches
+                    .iter()
+                    .find(|(stretch, equations)| stretch.segment == segment && !equations.border.is_empty())
+                    .map_or(1, |(_, equations)| equations.order);
+                SegmentSystem {
+                    order,
+                    blocks: vec![Block::zeros(); count * order],
+                    border: vec![BorderBlock::zeros(); count],
+                    gradient: vec![[0.0; 6]; count],
+                }
+            })
+            .collect();
+        let mut corner = DMatrix::zeros(GLOBAL_COUNT, GLOBAL_COUNT);
+        let mut corner_gradient = DVector::zeros(GLOBAL_COUNT);
+        let (mut cost, mut count) = (0.0, 0);
+        for (stretch, equations) in stretches {
+            let Some(segment) = segments.get_mut(stretch.segment) else { continue };
+            let order = equations.order;
+            let blocks = segment.blocks.iter_mut().skip(equations.first * order);
+            blocks.zip(&equations.blocks).for_each(|(sum, block)| *sum += block);
+            let border = segment.border.iter_mut().skip(equations.first);
+            border.zip(&equations.border).for_each(|(sum, block)| *sum += block);
+            let gradient = segment.gradient.iter_mut().skip(equations.first);
+            for (sum, part) in gradient.zip(&equations.gradient) {
+                sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+            }
+            for column in 0..GLOBAL_COUNT {
+                for row in column..GLOBAL_COUNT {
+                    corner[(row, column)] += equations.corner[(row, column)];
+                }
+                corner_gradient[column] += equations.corner_gradient[column];
+            }
+            cost += equations.cost;
+            count += equations.count;
+        }
+        corner.fill_upper_triangle_with_lower_triangle();
+        Self { segments, corner, corner_gradient, cost, count }
+    }
+
+    /// Solves the system damped by `damping` (relative to the diagonal) for the free parameters.
+    pub fn solve(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Step, NotPositiveDefinite> {
+        let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
+        let eliminated: Vec<Eliminated> = self
+            .segments
+            .par_iter()
+            .map(|segment| segment.eliminate(damping, &free))
+            .collect::<Result<_, NotPositiveDefinite>>()?;
+        let mut schur = DMatrix::from_fn(free.len(), free.len(), |row, column| {
+            let value = self.corner[(free[row], free[column])];
+            if row == column { value * (1.0 + damping) } else { value }
+        });
+        let mut right = DVector::from_fn(free.len(), |row, _| -self.corner_gradient[free[row]]);
+        for part in &eliminated {
+            schur -= &part.schur;
+            right -= &part.right;
+        }
+        let factor = schur.cholesky().ok_or(NotPositiveDefinite)?;
+        let reduced = factor.solve(&right);
+        let mut globals = vec![0.0; GLOBAL_COUNT];
+        for (&global, value) in free.iter().zip(reduced.iter()) {
+            globals[global] = *value;
+        }
+        let segments: Vec<Vec<f64>> = eliminated.iter().map(|part| part.back_substitute(&reduced)).collect();
+        let predicted = self.predicted_decrease(&segments, &globals);
+        Ok(Step { segments, globals, predicted })
+    }
+
+    /// Covariance of the free global parameters, in the order of `free`'s set flags: the inverse of
+    /// the undamped Schur complement.
+    pub fn global_covariance(&self, free: &[bool; GLOBAL_COUNT]) -> Result<DMatrix<f64>, NotPositiveDefinite> {
+        let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
+        let mut schur =
+            DMatrix::from_fn(free.len(), free.len(), |row, column| self.corner[(free[row], free[column])]);
+        for segment in &self.segments {
+            schur -= segment.eliminate(0.0, &free)?.schur;
+        }
+        Ok(schur.cholesky().ok_or(NotPositiveDefinite)?.inverse())
+    }
+
+    /// −gᵀδ − ½ δᵀHδ, using Hδ = −g − damping·Dδ: for small damping half of −gᵀδ.
+    fn predicted_decrease(&self, segments: &[Vec<f64>], globals: &[f64]) -> f64 {
+        let mut sum = 0.0;
+        for (segment, step) in self.segments.iter().zip(segments) {
+            sum += segment.gradient.iter().flatten().zip(step).map(|(g, s)| g * s).sum::<f64>();
+        }
+        sum += self.corner_gradient.iter().zip(globals).map(|(g, s)| g * s).sum::<f64>();
+        -0.5 * sum
+    }
+}
+
+/// A segment whose control points are eliminated.
+struct Eliminated {
+    /// A⁻¹g.
+    gradient: Vec<f64>,
+    /// A⁻¹B, one vector for each free global parameter.
+    columns: Vec<Vec<f64>>,
+    /// BᵀA⁻¹B.
+    schur: DMatrix<f64>,
+    /// −BᵀA⁻¹g.
+    right: DVector<f64>,
+}
+
+impl Eliminated {
+    fn back_substitute(&self, globals: &DVector<f64>) -> Vec<f64> {
+        let mut step: Vec<f64> = self.gradient.iter().map(|value| -value).collect();
+        for (column, global) in self.columns.iter().zip(globals.iter()) {
+            step.iter_mut().zip(column).for_each(|(value, weight)| *value -= weight * global);
+        }
+        step
+    }
+}
+
+impl SegmentSystem {
+    fn eliminate(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
+        let dimension = 6 * self.border.len();
+        let mut band = BandedCholesky::zeros(dimension, (6 * self.order - 1).min(dimension.saturating_sub(1)));
+        let trace: f64 = self.blocks.iter().step_by(self.order).map(|block| block.trace()).sum();
+        let floor = FLOOR * (trace / dimension.max(1) as f64).max(f64::MIN_POSITIVE);
+        for index in 0..self.border.len() {
+            for back in 0..self.order.min(index + 1) {
+                let block = &self.blocks[index * self.order + back];
+                for row in 0..6 {
+                    let last = if back == 0 { row } else { 5 };
+                    for column in 0..=last {
+                        let mut value = block[(row, column)];
+                        if back == 0 && row == column {
+                            value += damping * value + floor;
+                        }
+                        band.add(6 * index + row, 6 * (index - back) + column, value);
+                    }
+                }
+            }
+        }
+        band.factor().map_err(|_| NotPositiveDefinite)?;
+        let mut gradient: Vec<f64> = self.gradient.iter().flatten().copied().collect();
+        let original = gradient.clone();
+        band.solve_in_place(&mut gradient);
+        let border: Vec<Vec<f64>> = free
+            .iter()
+            .map(|&global| self.border.iter().flat_map(|block| block.column(global).iter().copied().collect::<Vec<_>>()).collect())
+            .collect();
+        let mut columns = border.clone();
+        for column in &mut columns {
+            band.solve_in_place(column);
+        }
+        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut schur = DMatrix::zeros(free.len(), free.len());
+        for row in 0..free.len() {
+            for column in 0..=row {
+                schur[(row, column)] = product(&border[row], &columns[column]);
+            }
+        }
+        schur.fill_upper_triangle_with_lower_triangle();
+        let right = DVector::from_fn(free.len(), |row, _| -product(&columns[row], &original));
+        Ok(Eliminated { gradient, columns, schur, right })
+    }
+}
