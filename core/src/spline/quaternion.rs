@@ -1,0 +1,157 @@
+//! Rotation curves as normalised sums of quaternions: `q(u) = Σ N_i(u) q_i / ‖Σ N_i(u) q_i‖`
+//! (Kang and Park, *Cubic spline algorithms for orientation interpolation*, 1999).
+//!
+//! Control points need not have unit length: their lengths act as weights. Neighbours must lie on
+//! the same half of the sphere, since `q` and `-q` are the same rotation but not the same control
+//! point: see [`align_signs`].
+
+use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, convert};
+
+use super::rotation::skew;
+use super::{Basis, MAX_ORDER, RotationSample};
+
+/// Flips the sign of quaternions so that each has an angle of at most 90° in R⁴ to the one before.
+/// The rotations stay the same.
+pub fn align_signs<T: RealField + Copy>(quaternions: &mut [Quaternion<T>]) {
+    let Some(first) = quaternions.first() else { return };
+    let mut before = *first;
+    for quaternion in quaternions {
+        if quaternion.dot(&before) < T::zero() {
+            *quaternion = -*quaternion;
+        }
+        before = *quaternion;
+    }
+}
+
+/// The point at `basis` of the curve with all its control points `control`.
+///
+/// `None` when there are too few control points, or when their weighted sum vanishes (opposite
+/// quaternions cancel) or is not finite.
+pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[Quaternion<T>]) -> Option<RotationSample<T>> {
+    let control = basis.select(control)?;
+    let zero = Quaternion::new(T::zero(), T::zero(), T::zero(), T::zero());
+    let mut sum = zero;
+    let mut derivative = zero;
+    let mut magnitude = T::zero();
+    for ((point, &value), &slope) in control.iter().zip(&basis.value).zip(&basis.first_derivative) {
+        sum += *point * value;
+        derivative += *point * slope;
+        magnitude += point.norm_squared() * value;
+    }
+    // The weights sum to 1, so the squared length of the sum is at most `magnitude`. NaN fails.
+    let norm_squared = sum.norm_squared();
+    if !(norm_squared > magnitude * T::default_epsilon() && norm_squared.is_finite()) {
+        return None;
+    }
+    let norm_reciprocal = norm_squared.sqrt().recip();
+    let rotation = sum * norm_reciprocal;
+    // A change dq of the sum turns the result by 2 vec(q* dq)/‖sum‖; the real part of q* dq only
+    // changes the length. With dq = N_i q_i (0, δ/2) that is N_i/‖sum‖ vec((q* q_i) (0, δ)).
+    let inverse = rotation.conjugate() * norm_reciprocal;
+    let angular_velocity = (inverse * derivative).imag() * convert::<f64, T>(2.0);
+    let mut jacobians = [Matrix3::zeros(); MAX_ORDER];
+    for ((jacobian, point), &value) in jacobians.iter_mut().zip(control).zip(&basis.value) {
+        let relative = inverse * *point * value;
+        *jacobian = skew(&relative.imag()) + Matrix3::from_diagonal_element(relative.w);
+    }
+    Some(RotationSample { rotation: UnitQuaternion::new_unchecked(rotation), angular_velocity, jacobians })
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    use super::super::Knots;
+    use super::super::rotation::{exp, log};
+    use super::super::tests::{away_from_knots, knots_and_parameter, rotation_walk};
+    use super::*;
+
+    /// Control points of different lengths.
+    fn control_points(walk: &[UnitQuaternion<f64>]) -> Vec<Quaternion<f64>> {
+        let mut control: Vec<_> =
+            walk.iter().enumerate().map(|(i, q)| q.into_inner() * (1.0 + 0.05 * (i % 5) as f64)).collect();
+        align_signs(&mut control);
+        control
+    }
+
+    proptest! {
+        #[test]
+        fn angular_velocity_agrees_with_differences(
+            (knots, degree, u) in knots_and_parameter(),
+            walk in rotation_walk(48),
+        ) {
+            let step = 1e-5;
+            let u = away_from_knots(&knots, u, 2.0 * step);
+            let knots = Knots::new(&knots, degree).unwrap();
+            let control = control_points(&walk);
+            let [before, here, after] =
+                [u - step, u, u + step].map(|u| evaluate(&knots.basis(u).unwrap(), &control).unwrap());
+            let numeric = log(&(before.rotation.inverse() * after.rotation)) / (2.0 * step);
+            prop_assert!((here.angular_velocity - numeric).norm() < 1e-4 * (1.0 + numeric.norm()));
+            prop_assert!((here.rotation.norm() - 1.0).abs() < 1e-14);
+        }
+
+        #[test]
+        fn jacobians_agree_with_differences(
+            (knots, degree, u) in knots_and_parameter(),
+            walk in rotation_walk(48),
+        ) {
+            let step = 1e-6;
+            let basis = Knots::new(&knots, degree).unwrap().basis(u).unwrap();
+            let control = control_points(&walk);
+            let sample = evaluate(&basis, &control).unwrap();
+            for (index, jacobian) in sample.jacobians.iter().enumerate() {
+                for axis in 0..3 {
+                    let turned = |angle: f64| {
+                        let mut control = control.clone();
+                        let mut turn = Vector3::zeros();
+                        turn[axis] = angle;
+                        if index < basis.order {
+                            control[basis.first + index] *= exp(&turn).into_inner();
+                        }
+                        evaluate(&basis, &control).unwrap().rotation
+                    };
+                    let numeric = log(&(turned(-step).inverse() * turned(step))) / (2.0 * step);
+                    prop_assert!((jacobian.column(axis) - numeric).norm() < 1e-8);
+                }
+            }
+        }
+
+        #[test]
+        fn aligned_signs_change_no_rotation_and_leave_no_jump(walk in rotation_walk(20), flips in any::<u32>()) {
+            let flipped = |i: usize, q: Quaternion<f64>| if flips >> i & 1 == 1 { -q } else { q };
+            let mut control: Vec<_> = walk.iter().enumerate().map(|(i, q)| flipped(i, q.into_inner())).collect();
+            align_signs(&mut control);
+            prop_assert!(control.windows(2).all(|pair| pair[0].dot(&pair[1]) >= 0.0));
+            for (quaternion, rotation) in control.iter().zip(&walk) {
+                prop_assert!(*quaternion == rotation.into_inner() || *quaternion == -rotation.into_inner());
+            }
+            prop_assert_eq!(control[0], flipped(0, walk[0].into_inner()));
+        }
+    }
+
+    #[test]
+    fn the_ends_are_the_end_control_points() {
+        let knots = [0.0, 0.0, 0.0, 0.0, 0.3, 1.0, 1.0, 1.0, 1.0];
+        let knots = Knots::new(&knots, 3).unwrap();
+        let turns: [Vector3<f64>; 5] = core::array::from_fn(|i| Vector3::new(0.1, 0.2, -0.3) * i as f64);
+        let control = turns.map(|turn| exp(&turn).into_inner() * 3.0);
+        let rotation = |u| evaluate(&knots.basis(u).unwrap(), &control).unwrap().rotation;
+        assert!(rotation(0.0).angle_to(&exp(&turns[0])) < 1e-14);
+        assert!(rotation(1.0).angle_to(&exp(&turns[4])) < 1e-14);
+    }
+
+    #[test]
+    fn a_sum_that_vanishes_gives_none() {
+        let knots = [0.0, 0.0, 1.0, 1.0];
+        let knots = Knots::new(&knots, 1).unwrap();
+        let q = Quaternion::new(0.5, -0.5, 0.5, 0.5);
+        assert!(evaluate(&knots.basis(0.5).unwrap(), &[q, -q]).is_none());
+        assert!(evaluate(&knots.basis(0.4).unwrap(), &[q, -q]).is_some());
+        assert!(evaluate(&knots.basis(0.5).unwrap(), &[q, q * f64::NAN]).is_none());
+        assert!(evaluate(&knots.basis(0.5).unwrap(), &[q * 0.0, q * 0.0]).is_none());
+        assert!(evaluate(&knots.basis(0.5).unwrap(), &[q]).is_none());
+    }
+}
