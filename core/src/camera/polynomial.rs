@@ -1,0 +1,226 @@
+//! Polynomials that tell where a camera model stops being one-to-one, and radial functions.
+//!
+//! Source of the root search: between neighbouring roots of its derivative a polynomial is
+//! monotone, so that a change of sign between them encloses exactly one root. Applied from the
+//! highest derivative down it finds every real root without start values.
+
+use nalgebra::RealField;
+
+/// Halvings after which an interval of any float type here has collapsed.
+const MAX_HALVINGS: usize = 128;
+
+/// Steps a safeguarded Newton iteration may take; it halves an interval when Newton does not help.
+const MAX_STEPS: usize = 64;
+
+/// Relative size of a Newton step after which the quadratically smaller next one does not matter.
+pub(super) fn newton_tolerance<T: RealField + Copy>() -> T {
+    let root = T::default_epsilon().sqrt();
+    root * root.sqrt()
+}
+
+/// `Σ coefficients[i] x^i`.
+fn evaluate<T: RealField + Copy>(coefficients: &[T], x: T) -> T {
+    coefficients.iter().rev().fold(T::zero(), |sum, &coefficient| sum * x + coefficient)
+}
+
+/// The product of two polynomials; what does not fit into `C` coefficients is left out.
+pub(super) fn product<T: RealField + Copy, const C: usize>(left: &[T], right: &[T]) -> [T; C] {
+    let mut product = [T::zero(); C];
+    for (power, &factor) in left.iter().enumerate() {
+        for (slot, &other) in product.iter_mut().skip(power).zip(right) {
+            *slot += factor * other;
+        }
+    }
+    product
+}
+
+/// The end of the interval from 0 on which `Σ coefficients[i] x^i` stays positive, at most `limit`.
+///
+/// 0 if it is not positive at 0.
+pub(super) fn positive_until<T: RealField + Copy, const N: usize>(coefficients: &[T; N], limit: T) -> T {
+    let positive_at_zero = coefficients.first().is_some_and(|&value| value > T::zero());
+    if !positive_at_zero {
+        return T::zero();
+    }
+    let mut derivatives: heapless::Vec<[T; N], N> = heapless::Vec::new();
+    let mut derivative = *coefficients;
+    while derivatives.push(derivative).is_ok() {
+        let mut next = [T::zero(); N];
+        let mut power = T::zero();
+        for (slot, &coefficient) in next.iter_mut().zip(derivative.iter().skip(1)) {
+            power += T::one();
+            *slot = coefficient * power;
+        }
+        derivative = next;
+    }
+    let mut critical: heapless::Vec<T, N> = heapless::Vec::new();
+    for polynomial in derivatives.iter().rev() {
+        let mut roots: heapless::Vec<T, N> = heapless::Vec::new();
+        let mut from = T::zero();
+        for &to in critical.iter().chain(core::iter::once(&limit)) {
+            if let Some(root) = root_between(polynomial, from, to) {
+                // Cannot be full: a polynomial of N coefficients has fewer than N roots.
+                let _ = roots.push(root);
+            }
+            from = to;
+        }
+        critical = roots;
+    }
+    critical.first().copied().unwrap_or(limit)
+}
+
+/// The last number before the sign changes between `from` and `to`, if it does.
+fn root_between<T: RealField + Copy>(coefficients: &[T], from: T, to: T) -> Option<T> {
+    let positive = |x: T| evaluate(coefficients, x) > T::zero();
+    let sign = positive(from);
+    if sign == positive(to) {
+        return None;
+    }
+    let half = nalgebra::convert::<f64, T>(0.5);
+    let (mut low, mut high) = (from, to);
+    for _ in 0..MAX_HALVINGS {
+        let middle = low + (high - low) * half;
+        if middle <= low || middle >= high {
+            break;
+        }
+        if positive(middle) == sign {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Some(low)
+}
+
+/// The odd polynomial `f(r) = r (1 + c_1 r² + … + c_N r^2N)` on the interval where it rises.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct RadialFunction<T, const N: usize> {
+    coefficients: [T; N],
+    /// Arguments are below this.
+    limit: T,
+    /// Values are below this.
+    value_limit: T,
+}
+
+impl<T: RealField + Copy, const N: usize> RadialFunction<T, N> {
+    /// The function with these coefficients, for arguments up to `limit` or the first maximum.
+    ///
+    /// `M` must be `N + 1`.
+    pub fn new<const M: usize>(coefficients: [T; N], limit: T) -> Self {
+        const { assert!(M == N + 1) };
+        let mut slope = [T::one(); M];
+        let mut power = T::one();
+        for (slot, &coefficient) in slope.iter_mut().skip(1).zip(&coefficients) {
+            power += nalgebra::convert(2.0);
+            *slot = coefficient * power;
+        }
+        let limit = positive_until(&slope, limit * limit).sqrt();
+        let unlimited = Self { coefficients, limit, value_limit: T::zero() };
+        Self { value_limit: unlimited.value_and_slope(limit).0, ..unlimited }
+    }
+
+    /// The coefficients.
+    pub fn coefficients(&self) -> &[T; N] {
+        &self.coefficients
+    }
+
+    /// The end of the arguments.
+    pub fn limit(&self) -> T {
+        self.limit
+    }
+
+    /// `f(r)` and `f'(r)`.
+    pub fn value_and_slope(&self, argument: T) -> (T, T) {
+        let square = argument * argument;
+        let (factor, factor_by_square) = self.factor(square);
+        (argument * factor, factor + (square + square) * factor_by_square)
+    }
+
+    /// `f(r) / r` and its derivative by r², as functions of r².
+    pub fn factor(&self, square: T) -> (T, T) {
+        let mut factor = T::zero();
+        let mut slope = T::zero();
+        for &coefficient in self.coefficients.iter().rev() {
+            factor = factor * square + coefficient;
+            slope = slope * square + factor;
+        }
+        (T::one() + factor * square, slope)
+    }
+
+    /// The argument in `[0, limit)` with this value; `None` for values outside, NaN included.
+    pub fn invert(&self, value: T) -> Option<T> {
+        if !(value >= T::zero() && value < self.value_limit) {
+            return None;
+        }
+        let tolerance = newton_tolerance::<T>();
+        let half = nalgebra::convert::<f64, T>(0.5);
+        let (mut low, mut high) = (T::zero(), self.limit);
+        let mut argument = if value < self.limit { value } else { self.limit * half };
+        for _ in 0..MAX_STEPS {
+            let (reached, slope) = self.value_and_slope(argument);
+            let error = value - reached;
+            if error > T::zero() {
+                low = argument;
+            } else {
+                high = argument;
+            }
+            let next = argument + error / slope;
+            let close = (next - argument).abs() <= tolerance * argument;
+            argument = if next >= low && next <= high { next } else { low + (high - low) * half };
+            if close {
+                return Some(argument);
+            }
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn positive_interval_ends_at_the_smallest_root() {
+        // (1 - x) (2 - x) (3 - x) = 6 - 11 x + 6 x² - x³
+        let end = positive_until(&[6.0, -11.0, 6.0, -1.0], 100.0_f64);
+        assert!((end - 1.0).abs() < 1e-14, "{end}");
+        assert_eq!(positive_until(&[6.0, -11.0, 6.0, -1.0], 0.5_f64), 0.5);
+        assert_eq!(positive_until(&[1.0, 0.0, 2.0], 10.0_f64), 10.0);
+        assert_eq!(positive_until(&[0.0, 1.0], 10.0_f64), 0.0);
+        assert_eq!(positive_until(&[f64::NAN, 1.0], 10.0_f64), 0.0);
+    }
+
+    proptest! {
+        #[test]
+        fn the_smallest_of_random_roots_is_found(roots in prop::collection::vec(0.1..50.0_f64, 1..6), complex in 0.1..3.0_f64) {
+            // Π (1 - x / root) times a factor without real roots.
+            let mut polynomial = [0.0; 8];
+            polynomial[0] = 1.0;
+            for root in &roots {
+                polynomial = product(&polynomial, &[1.0, -1.0 / root]);
+            }
+            polynomial = product(&polynomial, &[1.0, 0.0, complex]);
+            let smallest = roots.iter().copied().fold(f64::INFINITY, f64::min);
+            let separated = roots.iter().filter(|&&root| root < smallest * 1.01).count() == 1;
+            prop_assume!(separated);
+            let end = positive_until(&polynomial, 100.0);
+            prop_assert!((end - smallest).abs() < 1e-9 * smallest, "{end} {smallest}");
+        }
+
+        #[test]
+        fn radial_function_is_inverted_up_to_its_maximum(
+            coefficients in prop::array::uniform4(-0.5..0.5_f64),
+            part in 0.0..0.999_f64,
+        ) {
+            let function = RadialFunction::new::<5>(coefficients, 3.0);
+            let argument = part * function.limit();
+            let (value, slope) = function.value_and_slope(argument);
+            prop_assert!(slope > 0.0);
+            let found = function.invert(value).unwrap();
+            prop_assert!((found - argument).abs() < 1e-14 / slope + 1e-14 * argument, "{found} {argument}");
+            let (top, _) = function.value_and_slope(function.limit());
+            prop_assert_eq!(function.invert(top), None);
+        }
+    }
+}

@@ -1,0 +1,326 @@
+//! Radial and tangential distortion: the Brown-Conrady model as OpenCV writes it.
+//!
+//! **Parameters**: fx fy cx cy, then k1 k2 p1 p2 (`radtan4`), k1 k2 p1 p2 k3 (`radtan`) or
+//! k1 k2 p1 p2 k3 k4 k5 k6 (`radtan8`). One implementation serves all; absent coefficients are 0.
+//!
+//! **Projection** of (X, Y, Z), Z > 0, with x = X / Z, y = Y / Z, s = x² + y²:
+//! ```text
+//! d(s) = (1 + k1 s + k2 s² + k3 s³) / (1 + k4 s + k5 s² + k6 s³)
+//! u = x d + 2 p1 x y + p2 (s + 2 x²)        pixel x = fx u + cx
+//! v = y d + 2 p2 x y + p1 (s + 2 y²)        pixel y = fy v + cy
+//! ```
+//! **Jacobian** by (x, y), symmetric because (u, v) is the gradient of a potential; d' = ∂d/∂s:
+//! ```text
+//! u_x = d + 2 x² d' + 2 p1 y + 6 p2 x      u_y = v_x = 2 x y d' + 2 p1 x + 2 p2 y
+//! v_y = d + 2 y² d' + 6 p1 y + 2 p2 x
+//! ```
+//! **Domain**: the disc s < s_max on which that Jacobian is positive definite whatever the direction,
+//! so that the potential is strictly convex and (u, v) one-to-one. In polar coordinates and with
+//! q = (p2, p1), whose radial and transverse parts are a and b, the Jacobian is
+//! `[[E + 6 r a, 2 r b], [2 r b, d + 2 r a]]` with E = d + 2 s d', the slope of r d(r²). It is
+//! positive definite if E > 3 |q| (1 + s) from the axis to r: then E > 6 r |q|, and by integration
+//! d > 3 |q| (1 + s/3) ≥ 2 √3 r |q|, for which the smallest determinant, at a = -|q|, is
+//! (E - 6 r |q|) (d - 2 r |q|) > 0. The denominator of d must be positive, too. s_max is the smallest
+//! root of these polynomials in s, and at most 10⁴ (89.4° from the axis).
+//!
+//! **Unprojection**: damped Newton on (u, v), from (x, y) = (u, v). The Newton direction always
+//! reduces the error as the Jacobian is positive definite; steps that leave the disc or do not reduce
+//! it are halved. Derivatives are those of the implicit function: ∂(x, y)/∂(u, v) = J⁻¹ and
+//! ∂(x, y)/∂k = -J⁻¹ ∂(u, v)/∂k.
+//!
+//! Source: D. C. Brown, "Close-range camera calibration" (1971); OpenCV documentation of `calib3d`,
+//! section "Camera Calibration and 3D Reconstruction". The domain is derived above.
+
+use nalgebra::{Matrix3x2, RealField, Vector2, Vector3};
+
+use super::camera_matrix::{CameraMatrix, bearing_through, parameter_names};
+use super::polynomial::{newton_tolerance, positive_until, product};
+use super::{CameraModel, MAX_COEFFICIENTS, MAX_PARAMETERS, PointJacobian, Projection, Unprojection};
+
+/// Radial and tangential distortion with k1 k2 p1 p2.
+pub type Radtan4<T> = Radtan<T, 4>;
+/// Radial and tangential distortion with k1 k2 p1 p2 k3.
+pub type Radtan5<T> = Radtan<T, 5>;
+/// Rational radial and tangential distortion with k1 k2 p1 p2 k3 k4 k5 k6.
+pub type Radtan8<T> = Radtan<T, 8>;
+
+/// Evaluations of the distortion that one unprojection may take.
+const MAX_EVALUATIONS: usize = 64;
+
+/// Largest x² + y² of any domain.
+const SQUARED_RADIUS_CAP: f64 = 1e4;
+
+/// Radial and tangential distortion with the first `N` of k1 k2 p1 p2 k3 k4 k5 k6; `N` is 4, 5 or 8.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Radtan<T, const N: usize> {
+    matrix: CameraMatrix<T>,
+    coefficients: [T; N],
+    /// s_max of the module's documentation.
+    squared_radius_limit: T,
+}
+
+/// The coefficients by name.
+struct Coefficients<T> {
+    k1: T,
+    k2: T,
+    p1: T,
+    p2: T,
+    k3: T,
+    k4: T,
+    k5: T,
+    k6: T,
+}
+
+/// The radial factor at one point.
+struct RadialFactor<T> {
+    /// d(s).
+    factor: T,
+    /// ∂d/∂s.
+    slope: T,
+    /// 1 over the denominator of d.
+    inverse_denominator: T,
+}
+
+/// The distorted image point and its symmetric Jacobian by (x, y).
+struct Distorted<T> {
+    image: Vector2<T>,
+    u_x: T,
+    u_y: T,
+    v_y: T,
+}
+
+impl<T: RealField + Copy> Distorted<T> {
+    /// J⁻¹ times a vector.
+    fn solve(&self, right: &Vector2<T>) -> Vector2<T> {
+        let inverse_determinant = T::one() / (self.u_x * self.v_y - self.u_y * self.u_y);
+        Vector2::new(
+            (self.v_y * right.x - self.u_y * right.y) * inverse_determinant,
+            (self.u_x * right.y - self.u_y * right.x) * inverse_determinant,
+        )
+    }
+}
+
+impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
+    /// The same camera without its tangential distortion.
+    pub(super) fn radial_part(&self) -> Self {
+        let mut radial = *self;
+        for tangential in radial.coefficients.iter_mut().skip(2).take(2) {
+            *tangential = T::zero();
+        }
+        Self { squared_radius_limit: radial.domain(), ..radial }
+    }
+
+    /// The camera matrix.
+    pub(super) fn matrix(&self) -> &CameraMatrix<T> {
+        &self.matrix
+    }
+
+    fn named(&self) -> Coefficients<T> {
+        let mut all = [T::zero(); MAX_COEFFICIENTS];
+        for (slot, &coefficient) in all.iter_mut().zip(&self.coefficients) {
+            *slot = coefficient;
+        }
+        let [k1, k2, p1, p2, k3, k4, k5, k6] = all;
+        Coefficients { k1, k2, p1, p2, k3, k4, k5, k6 }
+    }
+
+    /// s_max of the module's documentation; 0 if the model cannot be inverted even at the axis.
+    fn domain(&self) -> T {
+        let Coefficients { k1, k2, p1, p2, k3, k4, k5, k6 } = self.named();
+        let (zero, one) = (T::zero(), T::one());
+        let (two, three) = (nalgebra::convert::<f64, T>(2.0), nalgebra::convert::<f64, T>(3.0));
+        let cap = nalgebra::convert::<f64, T>(SQUARED_RADIUS_CAP);
+        let numerator = [one, k1, k2, k3];
+        let denominator = [one, k4, k5, k6];
+        // s times the derivatives of numerator and denominator.
+        let numerator_slope = [zero, k1, two * k2, three * k3];
+        let denominator_slope = [zero, k4, two * k5, three * k6];
+        let squared: [T; 7] = product(&denominator, &denominator);
+        let bound = three * p1.hypot(p2);
+        // (E - 3 |q| (1 + s)) times the squared denominator.
+        let mut margin: [T; 8] = product(&squared, &[-bound, -bound]);
+        let value: [T; 8] = product(&numerator, &denominator);
+        let rise: [T; 8] = product(&numerator_slope, &denominator);
+        let fall: [T; 8] = product(&numerator, &denominator_slope);
+        for (slot, ((value, rise), fall)) in margin.iter_mut().zip(value.into_iter().zip(rise).zip(fall)) {
+            *slot += value + two * (rise - fall);
+        }
+        positive_until(&margin, cap).min(positive_until(&denominator, cap))
+    }
+
+    fn radial_factor(&self, square: T) -> RadialFactor<T> {
+        let Coefficients { k1, k2, k3, k4, k5, k6, .. } = self.named();
+        let one = T::one();
+        let (two, three) = (nalgebra::convert::<f64, T>(2.0), nalgebra::convert::<f64, T>(3.0));
+        let numerator = one + square * (k1 + square * (k2 + square * k3));
+        let numerator_slope = k1 + square * (two * k2 + three * square * k3);
+        if N < MAX_COEFFICIENTS {
+            return RadialFactor { factor: numerator, slope: numerator_slope, inverse_denominator: one };
+        }
+        let denominator = one + square * (k4 + square * (k5 + square * k6));
+        let denominator_slope = k4 + square * (two * k5 + three * square * k6);
+        let inverse_denominator = one / denominator;
+        let factor = numerator * inverse_denominator;
+        let slope = (numerator_slope - factor * denominator_slope) * inverse_denominator;
+        RadialFactor { factor, slope, inverse_denominator }
+    }
+
+    fn distort(&self, ideal: &Vector2<T>, radial: &RadialFactor<T>) -> Distorted<T> {
+        let Coefficients { p1, p2, .. } = self.named();
+        let (x, y) = (ideal.x, ideal.y);
+        let (two, three) = (nalgebra::convert::<f64, T>(2.0), nalgebra::convert::<f64, T>(3.0));
+        let square = x * x + y * y;
+        let tangential = two * (p2 * x + p1 * y);
+        let factor = radial.factor + tangential;
+        let twice_slope = two * radial.slope;
+        Distorted {
+            image: Vector2::new(x * factor + p2 * square, y * factor + p1 * square),
+            u_x: radial.factor + twice_slope * x * x + two * (p1 * y + three * p2 * x),
+            u_y: twice_slope * x * y + two * (p1 * x + p2 * y),
+            v_y: radial.factor + twice_slope * y * y + two * (three * p1 * y + p2 * x),
+        }
+    }
+
+    /// Derivatives of (u, v) by k1 k2 p1 p2 k3 k4 k5 k6, zero beyond the model's own.
+    fn by_coefficients(&self, ideal: &Vector2<T>, radial: &RadialFactor<T>) -> [Vector2<T>; MAX_COEFFICIENTS] {
+        let (x, y) = (ideal.x, ideal.y);
+        let two = nalgebra::convert::<f64, T>(2.0);
+        let square = ideal.norm_squared();
+        let by_k1 = ideal * (square * radial.inverse_denominator);
+        let by_k2 = by_k1 * square;
+        let by_k3 = by_k2 * square;
+        let zero = Vector2::zeros();
+        [
+            by_k1,
+            by_k2,
+            Vector2::new(two * x * y, square + two * y * y),
+            Vector2::new(square + two * x * x, two * x * y),
+            if N >= 5 { by_k3 } else { zero },
+            if N >= 8 { by_k1 * -radial.factor } else { zero },
+            if N >= 8 { by_k2 * -radial.factor } else { zero },
+            if N >= 8 { by_k3 * -radial.factor } else { zero },
+        ]
+    }
+
+    /// (x, y) of a point and 1 / Z, if the point is in the domain.
+    fn ideal(&self, point: &Vector3<T>) -> Option<(Vector2<T>, T)> {
+        let inverse_depth = T::one() / point.z;
+        let ideal = Vector2::new(point.x * inverse_depth, point.y * inverse_depth);
+        (point.z > T::zero() && self.contains(&ideal)).then_some((ideal, inverse_depth))
+    }
+
+    /// Whether (x, y) is in the domain.
+    fn contains(&self, ideal: &Vector2<T>) -> bool {
+        ideal.norm_squared() < self.squared_radius_limit
+    }
+
+    /// The ideal radius that radial distortion moves to `distorted`, and the slope of that motion.
+    ///
+    /// For cameras without tangential distortion.
+    pub(super) fn undistort_radius(&self, distorted: T) -> Option<(T, T)> {
+        let ideal = self.undistort(&Vector2::new(distorted, T::zero()))?;
+        let radial = self.radial_factor(ideal.norm_squared());
+        Some((ideal.x, self.distort(&ideal, &radial).u_x))
+    }
+
+    /// The (x, y) of the domain that is distorted to `image`.
+    fn undistort(&self, image: &Vector2<T>) -> Option<Vector2<T>> {
+        let size = image.norm_squared();
+        if !size.is_finite() {
+            return None;
+        }
+        let half = nalgebra::convert::<f64, T>(0.5);
+        let tolerance = newton_tolerance::<T>();
+        let close = |ideal: &Vector2<T>, step: &Vector2<T>| {
+            step.norm_squared() <= tolerance * tolerance * (T::one() + ideal.norm_squared())
+        };
+        let mut ideal = *image;
+        if !self.contains(image) {
+            ideal *= half * (self.squared_radius_limit / size).sqrt();
+        }
+        let mut distorted = self.distort(&ideal, &self.radial_factor(ideal.norm_squared()));
+        let mut error = image - distorted.image;
+        let mut step = distorted.solve(&error);
+        if close(&ideal, &step) {
+            return Some(ideal + step).filter(|ideal| self.contains(ideal));
+        }
+        for _ in 0..MAX_EVALUATIONS {
+            let trial = ideal + step;
+            if self.contains(&trial) {
+                let trial_distorted = self.distort(&trial, &self.radial_factor(trial.norm_squared()));
+                let trial_error = image - trial_distorted.image;
+                if trial_error.norm_squared() < error.norm_squared() {
+                    (ideal, distorted, error) = (trial, trial_distorted, trial_error);
+                    step = distorted.solve(&error);
+                    if close(&ideal, &step) {
+                        return Some(ideal + step).filter(|ideal| self.contains(ideal));
+                    }
+                    continue;
+                }
+            }
+            step *= half;
+        }
+        None
+    }
+}
+
+impl<T: RealField + Copy, const N: usize> CameraModel<T> for Radtan<T, N> {
+    const NAME: &'static str = match N {
+        4 => "radtan4",
+        5 => "radtan",
+        8 => "radtan8",
+        _ => panic!("radial-tangential models have 4, 5 or 8 coefficients"),
+    };
+    const PARAMETER_NAMES: &'static [&'static str] = match N {
+        4 => parameter_names!["k1", "k2", "p1", "p2"],
+        5 => parameter_names!["k1", "k2", "p1", "p2", "k3"],
+        8 => parameter_names!["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
+        _ => panic!("radial-tangential models have 4, 5 or 8 coefficients"),
+    };
+
+    fn from_parameters(parameters: &[T]) -> Option<Self> {
+        let (matrix, coefficients) = CameraMatrix::split(parameters)?;
+        let unlimited = Self { matrix, coefficients, squared_radius_limit: T::zero() };
+        let squared_radius_limit = unlimited.domain();
+        (squared_radius_limit > T::zero()).then_some(Self { squared_radius_limit, ..unlimited })
+    }
+
+    fn parameters(&self) -> heapless::Vec<T, MAX_PARAMETERS> {
+        self.matrix.parameters(&self.coefficients)
+    }
+
+    fn project(&self, point: &Vector3<T>) -> Option<Vector2<T>> {
+        let (ideal, _) = self.ideal(point)?;
+        let radial = self.radial_factor(ideal.norm_squared());
+        Some(self.matrix.pixel(&self.distort(&ideal, &radial).image))
+    }
+
+    fn project_with_jacobians(&self, point: &Vector3<T>) -> Option<Projection<T>> {
+        let (ideal, inverse_depth) = self.ideal(point)?;
+        let radial = self.radial_factor(ideal.norm_squared());
+        let Distorted { image, u_x, u_y, v_y } = self.distort(&ideal, &radial);
+        let by_point =
+            PointJacobian::new(u_x, u_y, -(u_x * ideal.x + u_y * ideal.y), u_y, v_y, -(u_y * ideal.x + v_y * ideal.y))
+                * inverse_depth;
+        Some(self.matrix.projection(&image, &by_point, &self.by_coefficients(&ideal, &radial)))
+    }
+
+    fn unproject(&self, pixel: &Vector2<T>) -> Option<Vector3<T>> {
+        let ideal = self.undistort(&self.matrix.image(pixel))?;
+        Some(bearing_through(&ideal).0)
+    }
+
+    fn unproject_with_jacobians(&self, pixel: &Vector2<T>) -> Option<Unprojection<T>> {
+        let image = self.matrix.image(pixel);
+        let ideal = self.undistort(&image)?;
+        let radial = self.radial_factor(ideal.norm_squared());
+        let distorted = self.distort(&ideal, &radial);
+        let (bearing, by_ideal) = bearing_through(&ideal);
+        let by_image: Matrix3x2<T> = Matrix3x2::from_columns(&[
+            by_ideal * distorted.solve(&Vector2::x()),
+            by_ideal * distorted.solve(&Vector2::y()),
+        ]);
+        let by_coefficients = self.by_coefficients(&ideal, &radial).map(|column| by_image * -column);
+        Some(self.matrix.unprojection(&image, bearing, &by_image, &by_coefficients))
+    }
+}
