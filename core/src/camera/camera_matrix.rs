@@ -57,8 +57,11 @@ impl<T: RealField + Copy> CameraMatrix<T> {
     }
 
     /// The largest distance of a pixel of a `width` × `height` sensor from the axis, in the image plane.
-    pub fn corner_radius(&self, width: T, height: T) -> T {
-        let far = |size: T, centre: T, focal: T| centre.abs().max((size - T::one() - centre).abs()) / focal;
+    pub fn corner_radius(&self, width: u16, height: u16) -> T {
+        let far = |size: u16, centre: T, focal: T| {
+            let last = nalgebra::convert::<f64, T>(f64::from(size.saturating_sub(1)));
+            centre.abs().max((last - centre).abs()) / focal
+        };
         far(width, self.cx, self.fx).hypot(far(height, self.cy, self.fy))
     }
 
@@ -152,4 +155,16 @@ pub(super) fn bearing_through<T: RealField + Copy>(ideal: &Vector2<T>) -> (Vecto
     let bearing = Vector3::new(x, y, scale);
     let by_ideal = Matrix3x2::new(one - x * x, -x * y, -x * y, one - y * y, -x * scale, -y * scale) * scale;
     (bearing, by_ideal)
+}
+
+/// Whether a radius or angle is large enough to have a direction.
+///
+/// Below ε² the pixel is that of the axis to any precision, while squares begin to underflow.
+pub(super) fn is_off_axis<T: RealField + Copy>(radius: T) -> bool {
+    radius > T::default_epsilon() * T::default_epsilon()
+}
+
+/// The unit vector along `vector` of length `radius`; (1, 0) on the axis.
+pub(super) fn direction<T: RealField + Copy>(vector: &Vector2<T>, radius: T) -> Vector2<T> {
+    if is_off_axis(radius) { vector / radius } else { Vector2::x() }
 }

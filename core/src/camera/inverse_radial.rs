@@ -24,7 +24,7 @@
 
 use nalgebra::{Matrix2, Matrix2x3, RealField, Vector2, Vector3};
 
-use super::camera_matrix::{CameraMatrix, bearing_through, parameter_names};
+use super::camera_matrix::{CameraMatrix, bearing_through, direction, is_off_axis, parameter_names};
 use super::polynomial::RadialFunction;
 use super::{CameraModel, MAX_COEFFICIENTS, MAX_PARAMETERS, Projection, Unprojection};
 
@@ -81,8 +81,7 @@ impl<T: RealField + Copy> CameraModel<T> for InverseRadial<T> {
         let (ideal, _) = Self::ideal(point)?;
         let ideal_radius = ideal.norm();
         let radius = self.radius.invert(ideal_radius)?;
-        let scale = if ideal_radius > T::zero() { radius / ideal_radius } else { T::one() };
-        Some(self.matrix.pixel(&(ideal * scale)))
+        Some(self.matrix.pixel(&(direction(&ideal, ideal_radius) * radius)))
     }
 
     fn project_with_jacobians(&self, point: &Vector3<T>) -> Option<Projection<T>> {
@@ -90,11 +89,8 @@ impl<T: RealField + Copy> CameraModel<T> for InverseRadial<T> {
         let ideal_radius = ideal.norm();
         let radius = self.radius.invert(ideal_radius)?;
         let along = T::one() / self.radius.value_and_slope(radius).1;
-        let (direction, across) = if ideal_radius > T::zero() {
-            (ideal / ideal_radius, radius / ideal_radius)
-        } else {
-            (Vector2::x(), T::one())
-        };
+        let direction = direction(&ideal, ideal_radius);
+        let across = if is_off_axis(ideal_radius) { radius / ideal_radius } else { T::one() };
         let (x, y) = (direction.x, direction.y);
         let mixed = (along - across) * x * y;
         let by_x = Vector2::new(along * x * x + across * y * y, mixed) * inverse_depth;

@@ -25,7 +25,7 @@
 
 use nalgebra::{Matrix3x2, RealField, Vector2, Vector3};
 
-use super::camera_matrix::{CameraMatrix, parameter_names};
+use super::camera_matrix::{CameraMatrix, direction, is_off_axis, parameter_names};
 use super::polynomial::RadialFunction;
 use super::{CameraModel, MAX_COEFFICIENTS, MAX_PARAMETERS, PointJacobian, Projection, Unprojection};
 
@@ -55,16 +55,12 @@ impl<T: RealField + Copy> KannalaBrandt<T> {
         if !(square > T::zero() && square.is_finite() && angle < self.radius.limit()) {
             return None;
         }
-        Some(Cylindrical { direction: direction(&point.xy(), radius), radius, angle })
+        let direction = if is_off_axis(angle) { point.xy() / radius } else { Vector2::x() };
+        Some(Cylindrical { direction, radius, angle })
     }
 }
 
-/// `vector / length`, (1, 0) if the length is 0.
-fn direction<T: RealField + Copy>(vector: &Vector2<T>, length: T) -> Vector2<T> {
-    if length > T::zero() { vector / length } else { Vector2::x() }
-}
-
-/// `direction` times θ³, θ⁵, θ⁷, θ⁹: the derivatives of f(θ) by k1 to k4 along a direction.
+/// θ³, θ⁵, θ⁷, θ⁹ and zeros: the derivatives of f(θ) by k1 to k4.
 fn by_coefficients<T: RealField + Copy>(angle: T) -> [T; MAX_COEFFICIENTS] {
     let square = angle * angle;
     let third = angle * square;
@@ -97,7 +93,7 @@ impl<T: RealField + Copy> CameraModel<T> for KannalaBrandt<T> {
         let (value, slope) = self.radius.value_and_slope(angle);
         let slope_by_square = slope / point.norm_squared();
         let along = slope_by_square * point.z;
-        let across = if radius > T::zero() { value / radius } else { along };
+        let across = if is_off_axis(angle) { value / radius } else { along };
         let (x, y) = (direction.x, direction.y);
         let by_z = -slope_by_square * radius;
         let image_by_point = PointJacobian::new(
@@ -130,7 +126,7 @@ impl<T: RealField + Copy> CameraModel<T> for KannalaBrandt<T> {
         let inverse_slope = T::one() / self.radius.value_and_slope(angle).1;
         let by_angle = Vector3::new(cosine * x, cosine * y, -sine);
         let by_value = by_angle * inverse_slope;
-        let across = if value > T::zero() { sine / value } else { T::one() };
+        let across = if is_off_axis(value) { sine / value } else { T::one() };
         let by_image = Matrix3x2::from([
             [by_value.x * x + across * y * y, by_value.y * x - across * x * y, by_value.z * x],
             [by_value.x * y - across * x * y, by_value.y * y + across * x * x, by_value.z * y],
