@@ -15,7 +15,7 @@ use crate::burst::BurstTracker;
 use crate::event_bias::{EventBias, class};
 use crate::solve::State;
 use crate::solve::bearing_table::BearingTable;
-use crate::solve::event_row::{board_point, board_velocity, edge_distance};
+use crate::solve::event_row::{board_point, board_velocity, pixel_residual};
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::pose_bin::PoseBin;
 use crate::trajectory::Trajectory;
@@ -221,19 +221,23 @@ impl<'a> Associator<'a> {
             return None;
         };
         let &center = self.circle_centers.get(circle)?;
-        let distance = edge_distance(pose, &moved, pixel, center, self.context.board.radius)?;
+        let radius = self.context.board.radius;
+        let Some(edge) = pixel_residual(pose, &moved, self.context.bearings, (event.x, event.y), center, radius) else {
+            report.off_board += 1;
+            return None;
+        };
         let band = if self.context.sigma_known {
             (settings.band * bias.sigma).min(settings.widest_band)
         } else {
             settings.first_band
         };
         // Also refuses NaN.
-        if !((distance.pixels() - bias.offset).abs() < band) {
+        if !((edge.pixels - bias.offset).abs() < band) {
             report.far_from_edge += 1;
             return None;
         }
-        let normal_speed = distance.normal_speed(pose);
-        let speed = board_velocity(pose, &moved, &pixel.bearing).norm() / distance.scale;
+        let normal_speed = edge.distance.normal_speed(pose);
+        let speed = board_velocity(pose, &moved, &pixel.bearing).norm() / edge.distance.scale;
         if normal_speed.abs() < settings.slowest_edge || normal_speed.abs() < settings.tangent * speed {
             report.edge_slides += 1;
             return None;

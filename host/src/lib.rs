@@ -8,6 +8,7 @@ pub mod association;
 pub mod banded;
 pub mod board;
 pub mod burst;
+pub mod camera_file;
 pub mod circle_track;
 pub mod event_bias;
 pub mod event_pixel;

@@ -212,10 +212,13 @@ fn problem<E>(
         radius: input.board.radius,
         mean_scale: 1.0,
         point_sigma: input.point_sigma,
+        associated_latencies: state.bias.map(|bias| bias.latency),
         segments,
         free: FreeParameters { intrinsics: 0, offsets: [false; CLASS_COUNT], latencies: [false; CLASS_COUNT] },
         settings: settings.solve.clone(),
     };
+    // Scales of the pixel residual, whatever the solve itself will use.
+    let own = std::mem::replace(&mut problem.settings.residual, Residual::Pixel);
     let (mut sum, mut count) = (0.0, 0_usize);
     for segment in 0..problem.segments.len() {
         visit_residuals(&problem, state, bearings, segment, |event| {
@@ -223,6 +226,7 @@ fn problem<E>(
             count += 1;
         });
     }
+    problem.settings.residual = own;
     if count > 0 {
         problem.mean_scale = sum / count as f64;
     }

@@ -5,7 +5,8 @@ use nalgebra::Vector2;
 /// One associated event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EventObservation {
-    /// Time of the event after the centre of its bin in seconds, latency already taken off.
+    /// Time of the event after the centre of its bin in seconds, less the latency of its class as it
+    /// was at the association.
     pub dt: f32,
     /// Column in pixels.
     pub x: u16,

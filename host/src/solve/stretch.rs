@@ -5,9 +5,9 @@ use std::ops::Range;
 use nalgebra::Vector2;
 
 use super::bearing_table::BearingTable;
-use super::event_row::{ROW, ROW_RESIDUAL, edge_distance, fill_row};
+use super::event_row::{EdgeResidual, ROW, ROW_RESIDUAL, fill_row, pixel_residual, plane_residual};
 use super::normal::{BinEquations, RowProduct, StretchEquations, add_outer_products};
-use super::observation::SegmentObservations;
+use super::observation::{EventObservation, SegmentObservations};
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
 use super::{Problem, Residual, State};
@@ -83,20 +83,13 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
             for part in group.chunks(ROW_BUFFER) {
                 let mut filled = 0;
                 for event in part {
-                    let Some(pixel) = bearings.get(event.x, event.y) else { continue };
-                    let Some(&center) = problem.circle_centers.get(usize::from(event.circle)) else { continue };
-                    let moved = pose.moved(f64::from(event.dt));
-                    let Some(distance) = edge_distance(&pose, &moved, pixel, center, problem.radius) else { continue };
-                    let inverse_scale = match problem.settings.residual {
-                        Residual::Pixel => 1.0 / distance.scale,
-                        Residual::Plane => 1.0 / problem.mean_scale,
-                    };
-                    let residual = distance.metres * inverse_scale - bias.offset;
+                    let Some(edge) = edge_residual(problem, state, bearings, &pose, event) else { continue };
+                    let residual = edge.pixels - bias.offset;
                     let (cost, root_weight) = huber(residual * inverse_sigma, problem.settings.huber);
                     equations.cost += cost;
                     equations.count += 1;
                     if let Some(row) = rows.get_mut(filled) {
-                        fill_row(row, &distance, &pose, pixel, inverse_scale, residual, root_weight * inverse_sigma);
+                        fill_row(row, &edge, &pose, residual, root_weight * inverse_sigma);
                         filled += 1;
                     }
                 }
@@ -126,6 +119,25 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
     equations
 }
 
+#[inline(always)]
+fn edge_residual<'a>(
+    problem: &Problem,
+    state: &State,
+    bearings: &'a BearingTable,
+    pose: &PoseBin,
+    event: &EventObservation,
+) -> Option<EdgeResidual<'a>> {
+    let &center = problem.circle_centers.get(usize::from(event.circle))?;
+    let class = usize::from(event.class);
+    let later = problem.associated_latencies.get(class)? - state.bias.get(class)?.latency;
+    let moved = pose.moved(f64::from(event.dt) + later);
+    let pixel = (event.x, event.y);
+    match problem.settings.residual {
+        Residual::Pixel => pixel_residual(pose, &moved, bearings, pixel, center, problem.radius),
+        Residual::Plane => plane_residual(pose, &moved, bearings, pixel, center, problem.radius, problem.mean_scale),
+    }
+}
+
 /// The residual of one event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EventResidual {
@@ -152,13 +164,10 @@ pub fn visit_residuals(
     for bin in &observations.bins {
         let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
         for event in observations.events.get(bin.first..bin.end).unwrap_or_default() {
-            let Some(pixel) = bearings.get(event.x, event.y) else { continue };
-            let Some(&center) = problem.circle_centers.get(usize::from(event.circle)) else { continue };
-            let moved = pose.moved(f64::from(event.dt));
-            let Some(distance) = edge_distance(&pose, &moved, pixel, center, problem.radius) else { continue };
+            let Some(edge) = edge_residual(problem, state, bearings, &pose, event) else { continue };
             let class = usize::from(event.class).min(CLASS_COUNT - 1);
-            let residual = distance.pixels() - state.bias[class].offset;
-            visit(EventResidual { class, residual, scale: distance.scale });
+            let residual = edge.pixels - state.bias[class].offset;
+            visit(EventResidual { class, residual, scale: edge.distance.scale });
         }
     }
 }

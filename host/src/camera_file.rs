@@ -1,0 +1,103 @@
+//! A camera as JSON: the part of `calibration.json` and `truth.json` that describes the lens.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use evcal_core::camera::{Camera, ModelKind};
+use serde::{Deserialize, Serialize};
+
+/// Sensor size in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SensorSize {
+    /// Columns.
+    pub width: u16,
+    /// Rows.
+    pub height: u16,
+}
+
+/// A camera model with its parameters by name. Pixel (0, 0) is the centre of the top-left pixel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraDescription {
+    /// Name of the model, for example `radtan`.
+    pub model: String,
+    /// Parameters by name: `fx`, `fy`, `cx`, `cy` in pixels and the distortion coefficients.
+    pub parameters: BTreeMap<String, f64>,
+}
+
+/// The part of a JSON file that this module reads; other keys are left alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraFile {
+    /// Size of the sensor.
+    pub sensor: SensorSize,
+    /// The lens.
+    pub camera: CameraDescription,
+}
+
+/// Why a camera could not be read from JSON.
+#[derive(Debug, thiserror::Error)]
+pub enum CameraFileError {
+    /// The file could not be read.
+    #[error("{file}: {error}")]
+    Read {
+        /// The file.
+        file: String,
+        /// What the system said.
+        error: std::io::Error,
+    },
+    /// The text is not JSON of the expected shape.
+    #[error("{file}: {error}; a camera file is JSON with \"sensor\": {{\"width\", \"height\"}} and \"camera\": {{\"model\", \"parameters\"}}, such as calibration.json")]
+    Parse {
+        /// The file.
+        file: String,
+        /// What is wrong, with line and column.
+        error: serde_json::Error,
+    },
+    /// The model is unknown or its parameters are incomplete.
+    #[error("{file}: {reason}")]
+    Model {
+        /// The file.
+        file: String,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+impl CameraDescription {
+    /// Describes `camera`.
+    pub fn new(camera: &Camera<f64>) -> Self {
+        let names = camera.kind().parameter_names();
+        let values = camera.parameters();
+        let parameters = names.iter().zip(&values).map(|(name, value)| ((*name).to_owned(), *value)).collect();
+        Self { model: camera.kind().name().to_owned(), parameters }
+    }
+
+    /// The camera described.
+    ///
+    /// # Errors
+    /// A sentence that says which model or parameter is missing.
+    pub fn camera(&self) -> Result<Camera<f64>, String> {
+        let kind = ModelKind::from_name(&self.model).ok_or_else(|| {
+            let known: Vec<&str> = ModelKind::ALL.iter().map(|kind| kind.name()).collect();
+            format!("unknown camera model {:?}; known are {}", self.model, known.join(", "))
+        })?;
+        let mut values = Vec::new();
+        for name in kind.parameter_names() {
+            values.push(*self.parameters.get(*name).ok_or_else(|| format!("camera parameter {name} is missing"))?);
+        }
+        Camera::from_parameters(kind, &values).ok_or_else(|| format!("model {} refuses its parameters", self.model))
+    }
+}
+
+/// Reads sensor size and camera from a JSON file.
+///
+/// # Errors
+/// [`CameraFileError`].
+pub fn read(path: &Path) -> Result<(Camera<f64>, SensorSize), CameraFileError> {
+    let file = path.display().to_string();
+    let text =
+        std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
+    let parsed: CameraFile =
+        serde_json::from_str(&text).map_err(|error| CameraFileError::Parse { file: file.clone(), error })?;
+    let camera = parsed.camera.camera().map_err(|reason| CameraFileError::Model { file, reason })?;
+    Ok((camera, parsed.sensor))
+}

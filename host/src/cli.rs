@@ -1,0 +1,77 @@
+//! The command line: parsing, exit codes, and one module a subcommand.
+//!
+//! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage.
+
+mod calibrate;
+mod detect;
+mod evaluate;
+mod info;
+mod progress;
+mod simulate;
+
+use std::error::Error;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Calibrates an event camera from the events of a moving circle grid.
+#[derive(Parser)]
+#[command(name = "evcal", version, propagate_version = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    /// Threads to use; the result does not depend on it [default: one a core]
+    #[arg(long, global = true, value_name = "COUNT")]
+    threads: Option<usize>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Calibrate a camera from one or more recordings of a moving board
+    Calibrate(calibrate::Arguments),
+    /// Find the board's circles in a recording and write them to a file
+    Detect(detect::Arguments),
+    /// Tell what is in a recording
+    Info(info::Arguments),
+    /// Compare a calibration with the truth, another calibration or a trajectory
+    Evaluate(evaluate::Arguments),
+    /// Simulate an event camera in front of a board
+    Simulate(simulate::Arguments),
+}
+
+/// What a subcommand returns; an error goes to standard error with exit code 1.
+type Outcome = Result<(), Box<dyn Error>>;
+
+/// Runs the program.
+pub fn run() -> ExitCode {
+    // clap exits with 2 on wrong usage.
+    let arguments = Arguments::parse();
+    if let Some(threads) = arguments.threads
+        && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()
+    {
+        eprintln!("evcal: cannot use {threads} threads: {error}");
+        return ExitCode::FAILURE;
+    }
+    let outcome = match arguments.command {
+        Command::Calibrate(arguments) => calibrate::run(&arguments),
+        Command::Detect(arguments) => detect::run(&arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("evcal: {error}");
+            let mut source = error.source();
+            while let Some(cause) = source {
+                // thiserror's transparent errors repeat their cause's text.
+                if cause.to_string() != error.to_string() {
+                    eprintln!("  because: {cause}");
+                }
+                source = cause.source();
+            }
+            ExitCode::FAILURE
+        }
+    }
+}
