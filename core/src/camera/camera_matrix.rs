@@ -73,7 +73,7 @@ impl<T: RealField + Copy> CameraMatrix<T> {
     }
 
     /// Completes the derivatives of an image point to those of the pixel.
-    #[inline]
+    #[inline(always)]
     pub fn projection(
         &self,
         image: &Vector2<T>,
@@ -94,7 +94,7 @@ impl<T: RealField + Copy> CameraMatrix<T> {
     }
 
     /// Completes the derivatives of a bearing by the image point to those by pixel and parameters.
-    #[inline]
+    #[inline(always)]
     pub fn unprojection(
         &self,
         image: &Vector2<T>,
@@ -106,7 +106,7 @@ impl<T: RealField + Copy> CameraMatrix<T> {
         let by_x = Vector3::from(by_u) / self.fx;
         let by_y = Vector3::from(by_v) / self.fy;
         let mut by_parameters = [[T::zero(); 3]; MAX_PARAMETERS];
-        let by_matrix = [by_x * -image.x, by_y * -image.y, -by_x, -by_y].map(Into::into);
+        let by_matrix = [(by_x * -image.x).into(), (by_y * -image.y).into(), (-by_x).into(), (-by_y).into()];
         fill(&mut by_parameters, by_matrix, bearing_by_coefficients.map(Into::into));
         Unprojection {
             bearing,
@@ -117,7 +117,7 @@ impl<T: RealField + Copy> CameraMatrix<T> {
 }
 
 /// Puts the columns of fx, fy, cx, cy and then those of the coefficients into `columns`.
-#[inline]
+#[inline(always)]
 fn fill<T: Copy, const R: usize>(
     columns: &mut [[T; R]; MAX_PARAMETERS],
     by_matrix: [[T; R]; 4],
