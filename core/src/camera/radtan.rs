@@ -247,10 +247,12 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         let distorted = self.distort(&ideal, &self.radial_factor(ideal.norm_squared()));
         let error = image - distorted.image;
         let step = distorted.solve(&error);
-        // What remains after a step is about step² |F''| / 2 λ. The smallest eigenvalue λ of the
-        // Jacobian is at least determinant / trace.
+        // What remains after a step is about step² |F''| / 2 λ, with λ the smallest eigenvalue of
+        // the Jacobian, at least determinant / trace. Near a fold F'' is of order 1, and where the
+        // image stretches F'' / λ is.
         let precision = T::default_epsilon() * nalgebra::convert(0.01);
-        let converged = step.norm_squared() * distorted.trace() <= precision * distorted.determinant();
+        let (trace, determinant) = (distorted.trace(), distorted.determinant());
+        let converged = step.norm_squared() * trace <= precision * determinant.min(trace);
         Iterate { ideal, squared_error: error.norm_squared(), step, converged }
     }
 }
