@@ -41,6 +41,7 @@ pub mod inverse_radial;
 pub mod kannala_brandt;
 mod polynomial;
 pub mod radtan;
+pub mod refit;
 #[cfg(test)]
 mod tests;
 

@@ -37,9 +37,9 @@ impl<T: RealField + Copy> CameraMatrix<T> {
     }
 
     /// The parameter vector with these coefficients.
-    pub fn parameters(&self, coefficients: &[T]) -> heapless::Vec<T, MAX_PARAMETERS> {
+    pub fn parameters<'a>(&self, coefficients: impl IntoIterator<Item = &'a T>) -> heapless::Vec<T, MAX_PARAMETERS> {
         let mut parameters = heapless::Vec::new();
-        for &value in self.values().iter().chain(coefficients.iter().take(MAX_COEFFICIENTS)) {
+        for value in self.values().into_iter().chain(coefficients.into_iter().copied().take(MAX_COEFFICIENTS)) {
             // Cannot be full: 4 + MAX_COEFFICIENTS values.
             let _ = parameters.push(value);
         }
@@ -47,11 +47,13 @@ impl<T: RealField + Copy> CameraMatrix<T> {
     }
 
     /// The pixel of an image point.
+    #[inline]
     pub fn pixel(&self, image: &Vector2<T>) -> Vector2<T> {
         Vector2::new(self.fx * image.x + self.cx, self.fy * image.y + self.cy)
     }
 
     /// The image point of a pixel.
+    #[inline]
     pub fn image(&self, pixel: &Vector2<T>) -> Vector2<T> {
         Vector2::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy)
     }
@@ -70,84 +72,66 @@ impl<T: RealField + Copy> CameraMatrix<T> {
         [self.fx, self.fy, self.cx, self.cy]
     }
 
-    /// Focal lengths, in pixels.
-    pub fn focal_lengths(&self) -> Vector2<T> {
-        Vector2::new(self.fx, self.fy)
-    }
-
     /// Completes the derivatives of an image point to those of the pixel.
+    #[inline(always)]
     pub fn projection(
         &self,
         image: &Vector2<T>,
         image_by_point: &PointJacobian<T>,
-        image_by_coefficients: &[Vector2<T>; MAX_COEFFICIENTS],
+        image_by_coefficients: impl Iterator<Item = Vector2<T>>,
     ) -> Projection<T> {
         let (zero, one) = (T::zero(), T::one());
-        let focal = self.focal_lengths();
-        let scaled = |column: &Vector2<T>| [focal.x * column.x, focal.y * column.y];
-        let [c1, c2, c3, c4, c5, c6, c7, c8] = image_by_coefficients;
-        let [[ux, vx], [uy, vy], [uz, vz]] = image_by_point.data.0;
+        let scaled = |[u, v]: [T; 2]| [self.fx * u, self.fy * v];
+        let [by_x, by_y, by_z] = image_by_point.data.0;
+        let mut by_parameters = [[zero; 2]; MAX_PARAMETERS];
+        let by_matrix = [[image.x, zero], [zero, image.y], [one, zero], [zero, one]];
+        fill(&mut by_parameters, by_matrix, image_by_coefficients.map(|column| scaled(column.into())));
         Projection {
             pixel: self.pixel(image),
-            by_point: PointJacobian::new(
-                focal.x * ux,
-                focal.x * uy,
-                focal.x * uz,
-                focal.y * vx,
-                focal.y * vy,
-                focal.y * vz,
-            ),
-            by_parameters: SMatrix::from([
-                [image.x, zero],
-                [zero, image.y],
-                [one, zero],
-                [zero, one],
-                scaled(c1),
-                scaled(c2),
-                scaled(c3),
-                scaled(c4),
-                scaled(c5),
-                scaled(c6),
-                scaled(c7),
-                scaled(c8),
-            ]),
+            by_point: PointJacobian::from([scaled(by_x), scaled(by_y), scaled(by_z)]),
+            by_parameters: SMatrix::from(by_parameters),
         }
     }
 
     /// Completes the derivatives of a bearing by the image point to those by pixel and parameters.
+    #[inline(always)]
     pub fn unprojection(
         &self,
         image: &Vector2<T>,
         bearing: Vector3<T>,
         bearing_by_image: &Matrix3x2<T>,
-        bearing_by_coefficients: &[Vector3<T>; MAX_COEFFICIENTS],
+        bearing_by_coefficients: impl Iterator<Item = Vector3<T>>,
     ) -> Unprojection<T> {
         let [by_u, by_v] = bearing_by_image.data.0;
         let by_x = Vector3::from(by_u) / self.fx;
         let by_y = Vector3::from(by_v) / self.fy;
-        let [c1, c2, c3, c4, c5, c6, c7, c8] = *bearing_by_coefficients;
+        let mut by_parameters = [[T::zero(); 3]; MAX_PARAMETERS];
+        let by_matrix = [(by_x * -image.x).into(), (by_y * -image.y).into(), (-by_x).into(), (-by_y).into()];
+        fill(&mut by_parameters, by_matrix, bearing_by_coefficients.map(Into::into));
         Unprojection {
             bearing,
             by_pixel: Matrix3x2::from([by_x.into(), by_y.into()]),
-            by_parameters: SMatrix::from([
-                (by_x * -image.x).into(),
-                (by_y * -image.y).into(),
-                (-by_x).into(),
-                (-by_y).into(),
-                c1.into(),
-                c2.into(),
-                c3.into(),
-                c4.into(),
-                c5.into(),
-                c6.into(),
-                c7.into(),
-                c8.into(),
-            ]),
+            by_parameters: SMatrix::from(by_parameters),
         }
     }
 }
 
+/// Puts the columns of fx, fy, cx, cy and then those of the coefficients into `columns`.
+#[inline(always)]
+fn fill<T: Copy, const R: usize>(
+    columns: &mut [[T; R]; MAX_PARAMETERS],
+    by_matrix: [[T; R]; 4],
+    by_coefficients: impl Iterator<Item = [T; R]>,
+) {
+    let [fx, fy, cx, cy, coefficients @ ..] = columns;
+    [*fx, *fy, *cx, *cy] = by_matrix;
+    for (slot, column) in coefficients.iter_mut().zip(by_coefficients) {
+        *slot = column;
+    }
+}
+
 /// The bearing through (x, y, 1), and its derivative by (x, y).
+#[inline]
 pub(super) fn bearing_through<T: RealField + Copy>(ideal: &Vector2<T>) -> (Vector3<T>, Matrix3x2<T>) {
     let scale = T::one() / (T::one() + ideal.norm_squared()).sqrt();
     let (x, y) = (ideal.x * scale, ideal.y * scale);
@@ -165,6 +149,7 @@ pub(super) fn is_off_axis<T: RealField + Copy>(radius: T) -> bool {
 }
 
 /// The unit vector along `vector` of length `radius`; (1, 0) on the axis.
+#[inline]
 pub(super) fn direction<T: RealField + Copy>(vector: &Vector2<T>, radius: T) -> Vector2<T> {
     if is_off_axis(radius) { vector / radius } else { Vector2::x() }
 }

@@ -4,69 +4,21 @@
 //! k1 = -0.3 it is several pixels wrong in the corners of a DAVIS346. Here the coefficients are the
 //! weighted least-squares fit over all radii of the sensor, up to its furthest corner, with errors
 //! counted in pixels. Camera matrices are kept, so tangential distortion, which the inverse radial
-//! model lacks, is lost; [`difference`] says how much that costs.
+//! model lacks, is lost; [`super::refit::difference`] says how much that costs, and
+//! [`super::refit::refit`] moves the camera matrix, too.
 //!
 //! The fit is linear: with a = √τ a_max, Σ w² (a + Σ c_i a τ^i - value)² is minimised over c by
 //! orthogonalisation (modified Gram-Schmidt on the matrix extended by its right side, which is as
 //! stable as Householder's; Björck 1967).
 
-use nalgebra::{RealField, Vector2};
+use nalgebra::RealField;
 
+use super::CameraModel;
 use super::inverse_radial::InverseRadial;
 use super::radtan::{Radtan, Radtan5};
-use super::{Camera, CameraModel};
 
 /// Radii a fit looks at.
 const SAMPLES: usize = 128;
-
-/// Columns and rows of the grid on which [`difference`] compares two cameras, corners included.
-const GRID: usize = 33;
-
-/// How far two cameras are apart on a sensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Difference<T> {
-    /// Root mean square distance, in pixels.
-    pub root_mean_square: T,
-    /// Largest distance, in pixels.
-    pub largest: T,
-    /// Grid points that were compared.
-    pub compared: usize,
-    /// Grid points outside the domain of one of the cameras.
-    pub outside: usize,
-}
-
-/// Compares two cameras on a grid of 33 × 33 pixels that spans a `width` × `height` sensor.
-///
-/// Each pixel is unprojected by `reference` and projected by `other`; the same bearing should give
-/// the same pixel. No rotation is taken out.
-pub fn difference<T: RealField + Copy>(
-    reference: &Camera<T>,
-    other: &Camera<T>,
-    width: u16,
-    height: u16,
-) -> Difference<T> {
-    let coordinate = |index: usize, size: u16| {
-        let part = index as f64 / (GRID - 1) as f64;
-        nalgebra::convert::<f64, T>(part * f64::from(size.saturating_sub(1)))
-    };
-    let mut sum = T::zero();
-    let mut largest = T::zero();
-    let mut compared = 0;
-    for row in 0..GRID {
-        for column in 0..GRID {
-            let pixel = Vector2::new(coordinate(column, width), coordinate(row, height));
-            let seen = reference.unproject(&pixel).and_then(|bearing| other.project(&bearing));
-            if let Some(seen) = seen {
-                let square = (seen - pixel).norm_squared();
-                sum += square;
-                largest = largest.max(square);
-                compared += 1;
-            }
-        }
-    }
-    let mean = if compared > 0 { sum / nalgebra::convert(compared as f64) } else { T::zero() };
-    Difference { root_mean_square: mean.sqrt(), largest: largest.sqrt(), compared, outside: GRID * GRID - compared }
-}
 
 /// One radius of a fit.
 #[derive(Clone, Copy)]
@@ -204,7 +156,10 @@ fn orthogonal_solution<T: RealField + Copy, const N: usize>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::Camera;
+    use super::super::refit::difference;
     use super::*;
+    use nalgebra::Vector2;
     use proptest::prelude::*;
 
     const WIDTH: u16 = 346;

@@ -26,7 +26,7 @@ use nalgebra::{Matrix2, Matrix2x3, RealField, Vector2, Vector3};
 
 use super::camera_matrix::{CameraMatrix, bearing_through, direction, is_off_axis, parameter_names};
 use super::polynomial::RadialFunction;
-use super::{CameraModel, MAX_COEFFICIENTS, MAX_PARAMETERS, Projection, Unprojection};
+use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
 
 /// Largest radius of any domain.
 const RADIUS_CAP: f64 = 100.0;
@@ -102,9 +102,8 @@ impl<T: RealField + Copy> CameraModel<T> for InverseRadial<T> {
         let by_k3 = by_k2 * square;
         let by_k4 = by_k3 * square;
         let by_k5 = by_k4 * square;
-        let zero = Vector2::zeros();
-        let by_coefficients = [by_k1, by_k2, by_k3, by_k4, by_k5, zero, zero, zero];
-        Some(self.matrix.projection(&(direction * radius), &image_by_point, &by_coefficients))
+        let by_coefficients = [by_k1, by_k2, by_k3, by_k4, by_k5].into_iter();
+        Some(self.matrix.projection(&(direction * radius), &image_by_point, by_coefficients))
     }
 
     fn unproject(&self, pixel: &Vector2<T>) -> Option<Vector3<T>> {
@@ -125,8 +124,7 @@ impl<T: RealField + Copy> CameraModel<T> for InverseRadial<T> {
         let by_k3 = by_k2 * square;
         let by_k4 = by_k3 * square;
         let by_k5 = by_k4 * square;
-        let zero = Vector3::zeros();
-        let by_coefficients: [Vector3<T>; MAX_COEFFICIENTS] = [by_k1, by_k2, by_k3, by_k4, by_k5, zero, zero, zero];
-        Some(self.matrix.unprojection(&image, bearing, &(by_ideal * ideal_by_image), &by_coefficients))
+        let by_coefficients = [by_k1, by_k2, by_k3, by_k4, by_k5].into_iter();
+        Some(self.matrix.unprojection(&image, bearing, &(by_ideal * ideal_by_image), by_coefficients))
     }
 }

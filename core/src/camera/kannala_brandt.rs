@@ -27,7 +27,7 @@ use nalgebra::{Matrix3x2, RealField, Vector2, Vector3};
 
 use super::camera_matrix::{CameraMatrix, direction, is_off_axis, parameter_names};
 use super::polynomial::RadialFunction;
-use super::{CameraModel, MAX_COEFFICIENTS, MAX_PARAMETERS, PointJacobian, Projection, Unprojection};
+use super::{CameraModel, MAX_PARAMETERS, PointJacobian, Projection, Unprojection};
 
 /// Fisheye camera with k1 k2 k3 k4.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,14 +60,13 @@ impl<T: RealField + Copy> KannalaBrandt<T> {
     }
 }
 
-/// θ³, θ⁵, θ⁷, θ⁹ and zeros: the derivatives of f(θ) by k1 to k4.
-fn by_coefficients<T: RealField + Copy>(angle: T) -> [T; MAX_COEFFICIENTS] {
+/// θ³, θ⁵, θ⁷, θ⁹: the derivatives of f(θ) by k1 to k4.
+fn by_coefficients<T: RealField + Copy>(angle: T) -> impl Iterator<Item = T> {
     let square = angle * angle;
     let third = angle * square;
     let fifth = third * square;
     let seventh = fifth * square;
-    let zero = T::zero();
-    [third, fifth, seventh, seventh * square, zero, zero, zero, zero]
+    [third, fifth, seventh, seventh * square].into_iter()
 }
 
 impl<T: RealField + Copy> CameraModel<T> for KannalaBrandt<T> {
@@ -105,7 +104,7 @@ impl<T: RealField + Copy> CameraModel<T> for KannalaBrandt<T> {
             by_z * y,
         );
         let by_coefficients = by_coefficients(angle).map(|factor| direction * factor);
-        Some(self.matrix.projection(&(direction * value), &image_by_point, &by_coefficients))
+        Some(self.matrix.projection(&(direction * value), &image_by_point, by_coefficients))
     }
 
     fn unproject(&self, pixel: &Vector2<T>) -> Option<Vector3<T>> {
@@ -133,6 +132,6 @@ impl<T: RealField + Copy> CameraModel<T> for KannalaBrandt<T> {
         ]);
         let by_coefficients = by_coefficients(angle).map(|factor| by_value * -factor);
         let bearing = Vector3::new(x * sine, y * sine, cosine);
-        Some(self.matrix.unprojection(&image, bearing, &by_image, &by_coefficients))
+        Some(self.matrix.unprojection(&image, bearing, &by_image, by_coefficients))
     }
 }

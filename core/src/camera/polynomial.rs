@@ -12,12 +12,6 @@ const MAX_HALVINGS: usize = 128;
 /// Steps a safeguarded Newton iteration may take; it halves an interval when Newton does not help.
 const MAX_STEPS: usize = 64;
 
-/// Relative size of a Newton step after which the quadratically smaller next one does not matter.
-pub(super) fn newton_tolerance<T: RealField + Copy>() -> T {
-    let root = T::default_epsilon().sqrt();
-    root * root.sqrt()
-}
-
 /// `Σ coefficients[i] x^i`.
 fn evaluate<T: RealField + Copy>(coefficients: &[T], x: T) -> T {
     coefficients.iter().rev().fold(T::zero(), |sum, &coefficient| sum * x + coefficient)
@@ -96,6 +90,8 @@ fn root_between<T: RealField + Copy>(coefficients: &[T], from: T, to: T) -> Opti
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RadialFunction<T, const N: usize> {
     coefficients: [T; N],
+    /// First coefficients of the inverse series v (1 + b1 v² + b2 v⁴ + …).
+    inverse: [T; 2],
     /// Arguments are below this.
     limit: T,
     /// Values are below this.
@@ -115,7 +111,10 @@ impl<T: RealField + Copy, const N: usize> RadialFunction<T, N> {
             *slot = coefficient * power;
         }
         let limit = positive_until(&slope, limit * limit).sqrt();
-        let unlimited = Self { coefficients, limit, value_limit: T::zero() };
+        let first = coefficients.first().copied().unwrap_or(T::zero());
+        let second = coefficients.get(1).copied().unwrap_or(T::zero());
+        let inverse = [-first, nalgebra::convert::<f64, T>(3.0) * first * first - second];
+        let unlimited = Self { coefficients, inverse, limit, value_limit: T::zero() };
         Self { value_limit: unlimited.value_and_slope(limit).0, ..unlimited }
     }
 
@@ -152,10 +151,15 @@ impl<T: RealField + Copy, const N: usize> RadialFunction<T, N> {
         if !(value >= T::zero() && value < self.value_limit) {
             return None;
         }
-        let tolerance = newton_tolerance::<T>();
+        // What remains after a step is about step² f'' / 2 f'. Near a maximum f'' is of order 1, and
+        // where f is steep f'' / f' is.
+        let precision = T::default_epsilon() * nalgebra::convert(0.01);
         let half = nalgebra::convert::<f64, T>(0.5);
         let (mut low, mut high) = (T::zero(), self.limit);
-        let mut argument = if value < self.limit { value } else { self.limit * half };
+        let square = value * value;
+        let [b1, b2] = self.inverse;
+        let series = value * (T::one() + square * (b1 + square * b2));
+        let mut argument = if series >= low && series < high { series } else { high * half };
         for _ in 0..MAX_STEPS {
             let (reached, slope) = self.value_and_slope(argument);
             let error = value - reached;
@@ -164,10 +168,10 @@ impl<T: RealField + Copy, const N: usize> RadialFunction<T, N> {
             } else {
                 high = argument;
             }
-            let next = argument + error / slope;
-            let close = (next - argument).abs() <= tolerance * argument;
+            let step = error / slope;
+            let next = argument + step;
             argument = if next >= low && next <= high { next } else { low + (high - low) * half };
-            if close {
+            if step * step <= precision * slope.min(T::one()) {
                 return Some(argument);
             }
         }

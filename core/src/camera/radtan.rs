@@ -23,7 +23,7 @@
 //! (E - 6 r |q|) (d - 2 r |q|) > 0. The denominator of d must be positive, too. s_max is the smallest
 //! root of these polynomials in s, and at most 10⁴ (89.4° from the axis).
 //!
-//! **Unprojection**: damped Newton on (u, v), from (x, y) = (u, v). The Newton direction always
+//! **Unprojection**: damped Newton on (u, v), from the first terms of the inverse series. The Newton direction always
 //! reduces the error as the Jacobian is positive definite; steps that leave the disc or do not reduce
 //! it are halved. Derivatives are those of the implicit function: ∂(x, y)/∂(u, v) = J⁻¹ and
 //! ∂(x, y)/∂k = -J⁻¹ ∂(u, v)/∂k.
@@ -34,7 +34,7 @@
 use nalgebra::{Matrix3x2, RealField, Vector2, Vector3};
 
 use super::camera_matrix::{CameraMatrix, bearing_through, parameter_names};
-use super::polynomial::{newton_tolerance, positive_until, product};
+use super::polynomial::{positive_until, product};
 use super::{CameraModel, MAX_COEFFICIENTS, MAX_PARAMETERS, PointJacobian, Projection, Unprojection};
 
 /// Radial and tangential distortion with k1 k2 p1 p2.
@@ -54,21 +54,12 @@ const SQUARED_RADIUS_CAP: f64 = 1e4;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Radtan<T, const N: usize> {
     matrix: CameraMatrix<T>,
-    coefficients: [T; N],
+    /// k1 k2 p1 p2 k3 k4 k5 k6; 0 from the `N`-th on.
+    coefficients: [T; MAX_COEFFICIENTS],
+    /// First coefficients of the series 1 + b1 s + b2 s² that roughly inverts d, with s of (u, v).
+    start: [T; 2],
     /// s_max of the module's documentation.
     squared_radius_limit: T,
-}
-
-/// The coefficients by name.
-struct Coefficients<T> {
-    k1: T,
-    k2: T,
-    p1: T,
-    p2: T,
-    k3: T,
-    k4: T,
-    k5: T,
-    k6: T,
 }
 
 /// The radial factor at one point.
@@ -90,9 +81,18 @@ struct Distorted<T> {
 }
 
 impl<T: RealField + Copy> Distorted<T> {
+    fn determinant(&self) -> T {
+        self.u_x * self.v_y - self.u_y * self.u_y
+    }
+
+    fn trace(&self) -> T {
+        self.u_x + self.v_y
+    }
+
     /// J⁻¹ times a vector.
+    #[inline]
     fn solve(&self, right: &Vector2<T>) -> Vector2<T> {
-        let inverse_determinant = T::one() / (self.u_x * self.v_y - self.u_y * self.u_y);
+        let inverse_determinant = T::one() / self.determinant();
         Vector2::new(
             (self.v_y * right.x - self.u_y * right.y) * inverse_determinant,
             (self.u_x * right.y - self.u_y * right.x) * inverse_determinant,
@@ -100,14 +100,29 @@ impl<T: RealField + Copy> Distorted<T> {
     }
 }
 
+/// Where Newton's iteration stands.
+struct Iterate<T> {
+    ideal: Vector2<T>,
+    squared_error: T,
+    step: Vector2<T>,
+    /// Whether `ideal + step` is as good as `T` allows.
+    converged: bool,
+}
+
 impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
+    fn new(matrix: CameraMatrix<T>, coefficients: [T; MAX_COEFFICIENTS]) -> Self {
+        let [k1, k2, _, _, _, k4, k5, _] = coefficients;
+        // d = 1 + slope s + curvature s² + …
+        let slope = k1 - k4;
+        let curvature = k2 - k5 - slope * k4;
+        let start = [-slope, nalgebra::convert::<f64, T>(3.0) * slope * slope - curvature];
+        Self { matrix, coefficients, start, squared_radius_limit: domain(coefficients) }
+    }
+
     /// The same camera without its tangential distortion.
     pub(super) fn radial_part(&self) -> Self {
-        let mut radial = *self;
-        for tangential in radial.coefficients.iter_mut().skip(2).take(2) {
-            *tangential = T::zero();
-        }
-        Self { squared_radius_limit: radial.domain(), ..radial }
+        let [k1, k2, _, _, k3, k4, k5, k6] = self.coefficients;
+        Self::new(self.matrix, [k1, k2, T::zero(), T::zero(), k3, k4, k5, k6])
     }
 
     /// The camera matrix.
@@ -115,41 +130,9 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         &self.matrix
     }
 
-    fn named(&self) -> Coefficients<T> {
-        let mut all = [T::zero(); MAX_COEFFICIENTS];
-        for (slot, &coefficient) in all.iter_mut().zip(&self.coefficients) {
-            *slot = coefficient;
-        }
-        let [k1, k2, p1, p2, k3, k4, k5, k6] = all;
-        Coefficients { k1, k2, p1, p2, k3, k4, k5, k6 }
-    }
-
-    /// s_max of the module's documentation; 0 if the model cannot be inverted even at the axis.
-    fn domain(&self) -> T {
-        let Coefficients { k1, k2, p1, p2, k3, k4, k5, k6 } = self.named();
-        let (zero, one) = (T::zero(), T::one());
-        let (two, three) = (nalgebra::convert::<f64, T>(2.0), nalgebra::convert::<f64, T>(3.0));
-        let cap = nalgebra::convert::<f64, T>(SQUARED_RADIUS_CAP);
-        let numerator = [one, k1, k2, k3];
-        let denominator = [one, k4, k5, k6];
-        // s times the derivatives of numerator and denominator.
-        let numerator_slope = [zero, k1, two * k2, three * k3];
-        let denominator_slope = [zero, k4, two * k5, three * k6];
-        let squared: [T; 7] = product(&denominator, &denominator);
-        let bound = three * p1.hypot(p2);
-        // (E - 3 |q| (1 + s)) times the squared denominator.
-        let mut margin: [T; 8] = product(&squared, &[-bound, -bound]);
-        let value: [T; 8] = product(&numerator, &denominator);
-        let rise: [T; 8] = product(&numerator_slope, &denominator);
-        let fall: [T; 8] = product(&numerator, &denominator_slope);
-        for (slot, ((value, rise), fall)) in margin.iter_mut().zip(value.into_iter().zip(rise).zip(fall)) {
-            *slot += value + two * (rise - fall);
-        }
-        positive_until(&margin, cap).min(positive_until(&denominator, cap))
-    }
-
+    #[inline]
     fn radial_factor(&self, square: T) -> RadialFactor<T> {
-        let Coefficients { k1, k2, k3, k4, k5, k6, .. } = self.named();
+        let [k1, k2, _, _, k3, k4, k5, k6] = self.coefficients;
         let one = T::one();
         let (two, three) = (nalgebra::convert::<f64, T>(2.0), nalgebra::convert::<f64, T>(3.0));
         let numerator = one + square * (k1 + square * (k2 + square * k3));
@@ -165,8 +148,9 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         RadialFactor { factor, slope, inverse_denominator }
     }
 
+    #[inline]
     fn distort(&self, ideal: &Vector2<T>, radial: &RadialFactor<T>) -> Distorted<T> {
-        let Coefficients { p1, p2, .. } = self.named();
+        let [_, _, p1, p2, ..] = self.coefficients;
         let (x, y) = (ideal.x, ideal.y);
         let (two, three) = (nalgebra::convert::<f64, T>(2.0), nalgebra::convert::<f64, T>(3.0));
         let square = x * x + y * y;
@@ -181,25 +165,27 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         }
     }
 
-    /// Derivatives of (u, v) by k1 k2 p1 p2 k3 k4 k5 k6, zero beyond the model's own.
-    fn by_coefficients(&self, ideal: &Vector2<T>, radial: &RadialFactor<T>) -> [Vector2<T>; MAX_COEFFICIENTS] {
+    /// Derivatives of (u, v) by the `N` coefficients.
+    #[inline]
+    fn by_coefficients(ideal: &Vector2<T>, radial: &RadialFactor<T>) -> impl Iterator<Item = Vector2<T>> {
         let (x, y) = (ideal.x, ideal.y);
         let two = nalgebra::convert::<f64, T>(2.0);
         let square = ideal.norm_squared();
         let by_k1 = ideal * (square * radial.inverse_denominator);
         let by_k2 = by_k1 * square;
         let by_k3 = by_k2 * square;
-        let zero = Vector2::zeros();
         [
             by_k1,
             by_k2,
             Vector2::new(two * x * y, square + two * y * y),
             Vector2::new(square + two * x * x, two * x * y),
-            if N >= 5 { by_k3 } else { zero },
-            if N >= 8 { by_k1 * -radial.factor } else { zero },
-            if N >= 8 { by_k2 * -radial.factor } else { zero },
-            if N >= 8 { by_k3 * -radial.factor } else { zero },
+            by_k3,
+            by_k1 * -radial.factor,
+            by_k2 * -radial.factor,
+            by_k3 * -radial.factor,
         ]
+        .into_iter()
+        .take(N)
     }
 
     /// (x, y) of a point and 1 / Z, if the point is in the domain.
@@ -210,6 +196,7 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
     }
 
     /// Whether (x, y) is in the domain.
+    #[inline]
     fn contains(&self, ideal: &Vector2<T>) -> bool {
         ideal.norm_squared() < self.squared_radius_limit
     }
@@ -230,31 +217,22 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
             return None;
         }
         let half = nalgebra::convert::<f64, T>(0.5);
-        let tolerance = newton_tolerance::<T>();
-        let close = |ideal: &Vector2<T>, step: &Vector2<T>| {
-            step.norm_squared() <= tolerance * tolerance * (T::one() + ideal.norm_squared())
-        };
-        let mut ideal = *image;
-        if !self.contains(image) {
-            ideal *= half * (self.squared_radius_limit / size).sqrt();
-        }
-        let mut distorted = self.distort(&ideal, &self.radial_factor(ideal.norm_squared()));
-        let mut error = image - distorted.image;
-        let mut step = distorted.solve(&error);
-        if close(&ideal, &step) {
-            return Some(ideal + step).filter(|ideal| self.contains(ideal));
-        }
+        let [b1, b2] = self.start;
+        let series = image * (T::one() + size * (b1 + size * b2));
+        let start =
+            if self.contains(&series) { series } else { image * (half * (self.squared_radius_limit / size).sqrt()) };
+        let mut current = self.iterate(image, start);
+        let mut step = current.step;
         for _ in 0..MAX_EVALUATIONS {
-            let trial = ideal + step;
+            if current.converged {
+                return Some(current.ideal + current.step).filter(|ideal| self.contains(ideal));
+            }
+            let trial = current.ideal + step;
             if self.contains(&trial) {
-                let trial_distorted = self.distort(&trial, &self.radial_factor(trial.norm_squared()));
-                let trial_error = image - trial_distorted.image;
-                if trial_error.norm_squared() < error.norm_squared() {
-                    (ideal, distorted, error) = (trial, trial_distorted, trial_error);
-                    step = distorted.solve(&error);
-                    if close(&ideal, &step) {
-                        return Some(ideal + step).filter(|ideal| self.contains(ideal));
-                    }
+                let next = self.iterate(image, trial);
+                if next.squared_error < current.squared_error {
+                    step = next.step;
+                    current = next;
                     continue;
                 }
             }
@@ -262,6 +240,45 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         }
         None
     }
+
+    /// The Newton step from `ideal` towards the point that is distorted to `image`.
+    #[inline]
+    fn iterate(&self, image: &Vector2<T>, ideal: Vector2<T>) -> Iterate<T> {
+        let distorted = self.distort(&ideal, &self.radial_factor(ideal.norm_squared()));
+        let error = image - distorted.image;
+        let step = distorted.solve(&error);
+        // What remains after a step is about step² |F''| / 2 λ, with λ the smallest eigenvalue of
+        // the Jacobian, at least determinant / trace. Near a fold F'' is of order 1, and where the
+        // image stretches F'' / λ is.
+        let precision = T::default_epsilon() * nalgebra::convert(0.01);
+        let (trace, determinant) = (distorted.trace(), distorted.determinant());
+        let converged = step.norm_squared() * trace <= precision * determinant.min(trace);
+        Iterate { ideal, squared_error: error.norm_squared(), step, converged }
+    }
+}
+
+/// s_max of the module's documentation; 0 if the model cannot be inverted even at the axis.
+fn domain<T: RealField + Copy>(coefficients: [T; MAX_COEFFICIENTS]) -> T {
+    let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
+    let (zero, one) = (T::zero(), T::one());
+    let (two, three) = (nalgebra::convert::<f64, T>(2.0), nalgebra::convert::<f64, T>(3.0));
+    let cap = nalgebra::convert::<f64, T>(SQUARED_RADIUS_CAP);
+    let numerator = [one, k1, k2, k3];
+    let denominator = [one, k4, k5, k6];
+    // s times the derivatives of numerator and denominator.
+    let numerator_slope = [zero, k1, two * k2, three * k3];
+    let denominator_slope = [zero, k4, two * k5, three * k6];
+    let squared: [T; 7] = product(&denominator, &denominator);
+    let bound = three * p1.hypot(p2);
+    // (E - 3 |q| (1 + s)) times the squared denominator.
+    let mut margin: [T; 8] = product(&squared, &[-bound, -bound]);
+    let value: [T; 8] = product(&numerator, &denominator);
+    let rise: [T; 8] = product(&numerator_slope, &denominator);
+    let fall: [T; 8] = product(&numerator, &denominator_slope);
+    for (slot, ((value, rise), fall)) in margin.iter_mut().zip(value.into_iter().zip(rise).zip(fall)) {
+        *slot += value + two * (rise - fall);
+    }
+    positive_until(&margin, cap).min(positive_until(&denominator, cap))
 }
 
 impl<T: RealField + Copy, const N: usize> CameraModel<T> for Radtan<T, N> {
@@ -279,14 +296,16 @@ impl<T: RealField + Copy, const N: usize> CameraModel<T> for Radtan<T, N> {
     };
 
     fn from_parameters(parameters: &[T]) -> Option<Self> {
-        let (matrix, coefficients) = CameraMatrix::split(parameters)?;
-        let unlimited = Self { matrix, coefficients, squared_radius_limit: T::zero() };
-        let squared_radius_limit = unlimited.domain();
-        (squared_radius_limit > T::zero()).then_some(Self { squared_radius_limit, ..unlimited })
+        let (matrix, own) = CameraMatrix::split::<N>(parameters)?;
+        let mut coefficients = [T::zero(); MAX_COEFFICIENTS];
+        for (slot, coefficient) in coefficients.iter_mut().zip(own) {
+            *slot = coefficient;
+        }
+        Some(Self::new(matrix, coefficients)).filter(|camera| camera.squared_radius_limit > T::zero())
     }
 
     fn parameters(&self) -> heapless::Vec<T, MAX_PARAMETERS> {
-        self.matrix.parameters(&self.coefficients)
+        self.matrix.parameters(self.coefficients.iter().take(N))
     }
 
     fn project(&self, point: &Vector3<T>) -> Option<Vector2<T>> {
@@ -302,7 +321,7 @@ impl<T: RealField + Copy, const N: usize> CameraModel<T> for Radtan<T, N> {
         let by_point =
             PointJacobian::new(u_x, u_y, -(u_x * ideal.x + u_y * ideal.y), u_y, v_y, -(u_y * ideal.x + v_y * ideal.y))
                 * inverse_depth;
-        Some(self.matrix.projection(&image, &by_point, &self.by_coefficients(&ideal, &radial)))
+        Some(self.matrix.projection(&image, &by_point, Self::by_coefficients(&ideal, &radial)))
     }
 
     fn unproject(&self, pixel: &Vector2<T>) -> Option<Vector3<T>> {
@@ -320,7 +339,7 @@ impl<T: RealField + Copy, const N: usize> CameraModel<T> for Radtan<T, N> {
             by_ideal * distorted.solve(&Vector2::x()),
             by_ideal * distorted.solve(&Vector2::y()),
         ]);
-        let by_coefficients = self.by_coefficients(&ideal, &radial).map(|column| by_image * -column);
-        Some(self.matrix.unprojection(&image, bearing, &by_image, &by_coefficients))
+        let by_coefficients = Self::by_coefficients(&ideal, &radial).map(|column| by_image * -column);
+        Some(self.matrix.unprojection(&image, bearing, &by_image, by_coefficients))
     }
 }

@@ -1,0 +1,240 @@
+//! The camera of one model that comes nearest to a camera of another.
+//!
+//! Target formats hold only some models, and a solve of one model may start from the result of
+//! another. Truncating or renaming coefficients is wrong; [`refit`] fits all parameters of the new
+//! model to the old camera over the whole sensor, and [`difference`] says what that costs.
+//!
+//! Both compare on a grid of 33 × 33 pixels that spans the sensor, corners included: a pixel is
+//! unprojected by the old camera and projected by the new one. No rotation is taken out, so that
+//! poses estimated with the old camera stay valid.
+//!
+//! The fit is Levenberg's and Marquardt's, with columns scaled to unit length.
+
+use nalgebra::{RealField, SMatrix, SVector, Vector2};
+
+use super::{Camera, MAX_PARAMETERS, ModelKind};
+
+/// Columns and rows of the grid of pixels.
+const GRID: u16 = 33;
+
+/// Steps a fit may take, refused ones included.
+const MAX_STEPS: usize = 100;
+
+/// How far two cameras are apart on a sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference<T> {
+    /// Root mean square distance, in pixels.
+    pub root_mean_square: T,
+    /// Largest distance, in pixels.
+    pub largest: T,
+    /// Grid points that were compared.
+    pub compared: usize,
+    /// Grid points outside the domain of one of the cameras.
+    pub outside: usize,
+}
+
+/// Compares two cameras on a `width` × `height` sensor, in pixels of `other`.
+pub fn difference<T: RealField + Copy>(
+    reference: &Camera<T>,
+    other: &Camera<T>,
+    width: u16,
+    height: u16,
+) -> Difference<T> {
+    let mut sum = T::zero();
+    let mut largest = T::zero();
+    let mut compared = 0;
+    for pixel in grid(width, height) {
+        let seen = reference.unproject(&pixel).and_then(|bearing| other.project(&bearing));
+        if let Some(seen) = seen {
+            let square = (seen - pixel).norm_squared();
+            sum += square;
+            largest = largest.max(square);
+            compared += 1;
+        }
+    }
+    let mean = if compared > 0 { sum / nalgebra::convert(compared as f64) } else { T::zero() };
+    Difference {
+        root_mean_square: mean.sqrt(),
+        largest: largest.sqrt(),
+        compared,
+        outside: usize::from(GRID) * usize::from(GRID) - compared,
+    }
+}
+
+/// The camera of model `kind` nearest to `reference` on a `width` × `height` sensor.
+///
+/// Minimises the sum of squared [`difference`]s over all parameters. Pixels that `reference` does
+/// not define, or that an undistorted camera of the new model with the same camera matrix cannot
+/// see (more than 89° off the axis for pinhole models), do not count. `None` if fewer than half of
+/// the grid's pixels remain.
+pub fn refit<T: RealField + Copy>(
+    kind: ModelKind,
+    reference: &Camera<T>,
+    width: u16,
+    height: u16,
+) -> Option<Camera<T>> {
+    let mut parameters = SVector::<T, MAX_PARAMETERS>::zeros();
+    for (slot, value) in parameters.iter_mut().zip(reference.parameters().into_iter().take(4)) {
+        *slot = value;
+    }
+    let count = kind.parameter_names().len();
+    let camera_of =
+        |parameters: &SVector<T, MAX_PARAMETERS>| Camera::from_parameters(kind, parameters.as_slice().get(..count)?);
+    let mut camera = camera_of(&parameters)?;
+    let mut equations = normal_equations(reference, &camera, width, height);
+    if equations.compared < usize::from(GRID) * usize::from(GRID) / 2 {
+        return None;
+    }
+    let ten = nalgebra::convert::<f64, T>(10.0);
+    let stop = T::default_epsilon() * ten;
+    let mut damping = nalgebra::convert::<f64, T>(1e-4);
+    for _ in 0..MAX_STEPS {
+        let trial = equations.step(damping).map(|step| parameters + step);
+        let better = trial.and_then(|trial| {
+            let camera = camera_of(&trial)?;
+            let next = normal_equations(reference, &camera, width, height);
+            (next.compared >= equations.compared && next.cost < equations.cost).then_some((trial, camera, next))
+        });
+        match better {
+            Some((trial, next_camera, next)) => {
+                let gain = equations.cost - next.cost;
+                let finished = gain <= stop * equations.cost;
+                (parameters, camera, equations) = (trial, next_camera, next);
+                damping /= ten;
+                if finished {
+                    break;
+                }
+            }
+            None if damping > ten * ten * ten => break,
+            None => damping *= ten,
+        }
+    }
+    Some(camera)
+}
+
+/// Pixels that span the sensor.
+fn grid<T: RealField + Copy>(width: u16, height: u16) -> impl Iterator<Item = Vector2<T>> {
+    let coordinate = |index: u16, size: u16| {
+        let part = f64::from(index) / f64::from(GRID - 1);
+        nalgebra::convert::<f64, T>(part * f64::from(size.saturating_sub(1)))
+    };
+    (0..GRID).flat_map(move |row| {
+        (0..GRID).map(move |column| Vector2::new(coordinate(column, width), coordinate(row, height)))
+    })
+}
+
+/// Gauss and Newton's equations of a fit; rows and columns of absent parameters are zero.
+struct NormalEquations<T> {
+    matrix: SMatrix<T, MAX_PARAMETERS, MAX_PARAMETERS>,
+    right: SVector<T, MAX_PARAMETERS>,
+    cost: T,
+    compared: usize,
+}
+
+fn normal_equations<T: RealField + Copy>(
+    reference: &Camera<T>,
+    camera: &Camera<T>,
+    width: u16,
+    height: u16,
+) -> NormalEquations<T> {
+    let mut equations =
+        NormalEquations { matrix: SMatrix::zeros(), right: SVector::zeros(), cost: T::zero(), compared: 0 };
+    for pixel in grid(width, height) {
+        let projection = reference.unproject(&pixel).and_then(|bearing| camera.project_with_jacobians(&bearing));
+        let Some(projection) = projection else { continue };
+        let error = pixel - projection.pixel;
+        equations.matrix += projection.by_parameters.transpose() * projection.by_parameters;
+        equations.right += projection.by_parameters.transpose() * error;
+        equations.cost += error.norm_squared();
+        equations.compared += 1;
+    }
+    equations
+}
+
+impl<T: RealField + Copy> NormalEquations<T> {
+    /// The step for this damping, relative to columns of unit length.
+    fn step(&self, damping: T) -> Option<SVector<T, MAX_PARAMETERS>> {
+        let scale =
+            self.matrix.diagonal().map(|value| if value > T::zero() { T::one() / value.sqrt() } else { T::zero() });
+        let mut scaled = self.matrix.component_mul(&(scale * scale.transpose()));
+        for index in 0..MAX_PARAMETERS {
+            if let Some(value) = scaled.get_mut((index, index)) {
+                *value = T::one() + damping;
+            }
+        }
+        let step = scaled.cholesky()?.solve(&self.right.component_mul(&scale));
+        Some(step.component_mul(&scale))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    const WIDTH: u16 = 346;
+    const HEIGHT: u16 = 260;
+
+    fn camera(kind: ModelKind, coefficients: &[f64]) -> Camera<f64> {
+        let parameters: Vec<f64> = [345.0, 343.0, 171.3, 127.8].iter().chain(coefficients).copied().collect();
+        Camera::from_parameters(kind, &parameters).unwrap()
+    }
+
+    #[test]
+    fn a_camera_of_the_same_model_is_found_again() {
+        for reference in [
+            camera(ModelKind::Radtan4, &[-0.3, 0.1, 0.001, -0.0005]),
+            camera(ModelKind::Radtan, &[-0.25, 0.1, 0.001, -0.0005, 0.05]),
+            camera(ModelKind::KannalaBrandt, &[-0.02, 0.01, -0.05, 0.01]),
+            camera(ModelKind::InverseRadial, &[0.3, 0.1, 0.1, 0.05, 0.02]),
+        ] {
+            let found = refit(reference.kind(), &reference, WIDTH, HEIGHT).unwrap();
+            let apart = difference(&reference, &found, WIDTH, HEIGHT);
+            assert!(apart.largest < 1e-9, "{apart:?}");
+            for (found, expected) in found.parameters().iter().zip(&reference.parameters()) {
+                assert!((found - expected).abs() < 1e-6 * (1.0 + expected.abs()), "{found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn five_coefficients_are_refitted_to_four_better_than_truncated() {
+        let reference = camera(ModelKind::Radtan, &[-0.25, 0.1, 0.001, -0.0005, -0.1]);
+        let refitted =
+            difference(&reference, &refit(ModelKind::Radtan4, &reference, WIDTH, HEIGHT).unwrap(), WIDTH, HEIGHT);
+        let truncated =
+            difference(&reference, &camera(ModelKind::Radtan4, &[-0.25, 0.1, 0.001, -0.0005]), WIDTH, HEIGHT);
+        assert!(refitted.root_mean_square < 0.1 * truncated.root_mean_square, "{refitted:?} {truncated:?}");
+    }
+
+    #[test]
+    fn every_model_comes_near_a_mild_lens() {
+        let reference = camera(ModelKind::Radtan4, &[-0.2, 0.05, 0.0, 0.0]);
+        for &kind in ModelKind::ALL {
+            let found = refit(kind, &reference, WIDTH, HEIGHT).unwrap();
+            assert_eq!(found.kind(), kind);
+            let apart = difference(&reference, &found, WIDTH, HEIGHT);
+            assert!(apart.outside == 0 && apart.largest < 0.01, "{kind}: {apart:?}");
+        }
+    }
+
+    #[test]
+    fn a_fisheye_that_sees_behind_the_image_plane_has_no_pinhole_twin() {
+        let parameters = [60.0, 60.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0];
+        let fisheye: Camera<f64> = Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap();
+        assert_eq!(refit(ModelKind::Radtan4, &fisheye, WIDTH, HEIGHT), None);
+        assert!(refit(ModelKind::KannalaBrandt, &fisheye, WIDTH, HEIGHT).is_some());
+    }
+
+    #[test]
+    fn cameras_that_differ_by_their_centre_differ_by_as_many_pixels() {
+        let reference = camera(ModelKind::Radtan4, &[0.0; 4]);
+        let mut parameters = reference.parameters();
+        parameters[2] += 3.0;
+        parameters[3] -= 4.0;
+        let moved = Camera::from_parameters(ModelKind::Radtan4, &parameters).unwrap();
+        let apart = difference(&reference, &moved, WIDTH, HEIGHT);
+        assert!((apart.root_mean_square - 5.0).abs() < 1e-12 && (apart.largest - 5.0).abs() < 1e-12);
+        assert_eq!((apart.compared, apart.outside), (33 * 33, 0));
+    }
+}
