@@ -4,6 +4,7 @@
 //! source → window → circles → grid → reference frames → initial model and poses → segments →
 //! splines → associations → joint solve → result → export.
 
+pub mod banded;
 pub mod board;
 pub mod circle_track;
 pub mod event_pixel;
