@@ -218,7 +218,6 @@ impl<'a> Design<'a> {
                 .map(|(point, turn)| UnitQuaternion::new_normalize((point * exp(turn)).into_inner()))
                 .collect();
             let (moved_cost, moved_equations) = self.so3_equations(samples, &smoothness, &moved)?;
-
             if moved_cost >= cost || moved_cost.is_nan() {
                 break;
             }
