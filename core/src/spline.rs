@@ -49,10 +49,8 @@ pub const MAX_ORDER: usize = MAX_DEGREE + 1;
 pub enum SplineError {
     /// The degree is not in 1..=[`MAX_DEGREE`].
     Degree,
-    /// Fewer than `degree + 1` control points.
+    /// Fewer than `2 (degree + 1)` knots, that is, fewer than `degree + 1` control points.
     TooFewControlPoints,
-    /// The number of knots is not the number of control points plus `degree + 1`.
-    KnotCount,
     /// A knot is smaller than the one before it, or not finite.
     KnotsDecrease,
     /// The first or the last `degree + 1` knots are not equal.
@@ -69,7 +67,6 @@ impl fmt::Display for SplineError {
         f.write_str(match self {
             Self::Degree => "the degree of a spline must be 1 to 5",
             Self::TooFewControlPoints => "a spline needs at least one control point more than its degree",
-            Self::KnotCount => "a spline needs as many knots as control points, plus its degree, plus one",
             Self::KnotsDecrease => "the knots of a spline must be finite and must not decrease",
             Self::NotClamped => "the first and the last knot of a spline must be repeated once more than its degree",
             Self::KnotMultiplicity => "a knot of a spline is repeated too often",
@@ -124,6 +121,13 @@ impl<'a, T: RealField + Copy> Knots<'a, T> {
         Ok(Self { knots, degree, start: *first, end: *last })
     }
 
+    /// Takes `knots` as they are: for a vector that [`Knots::new`] has accepted before, without
+    /// another pass over it. Other knots give wrong values or errors, but never a panic.
+    pub fn assume_valid(knots: &'a [T], degree: usize) -> Self {
+        let end = |knot: Option<&T>| knot.copied().unwrap_or_else(T::zero);
+        Self { knots, degree: degree.min(MAX_DEGREE), start: end(knots.first()), end: end(knots.last()) }
+    }
+
     /// Degree of the curve, 1 to [`MAX_DEGREE`].
     pub fn degree(&self) -> usize {
         self.degree
@@ -131,7 +135,7 @@ impl<'a, T: RealField + Copy> Knots<'a, T> {
 
     /// Number of control points that belong to these knots.
     pub fn control_point_count(&self) -> usize {
-        self.knots.len() - self.degree - 1
+        self.knots.len().saturating_sub(self.degree).saturating_sub(1)
     }
 
     /// The first parameter of the curve.
@@ -170,7 +174,7 @@ impl<'a, T: RealField + Copy> Knots<'a, T> {
     /// # Errors
     /// [`SplineError::OutOfRange`] when `u` lies outside the knots or is not a number.
     pub fn basis(&self, u: T) -> Result<Basis<T>, SplineError> {
-        let degree = self.degree.min(MAX_DEGREE);
+        let degree = self.degree;
         let span = self.find_span(u)?;
         let first = span.saturating_sub(degree);
         // u_{k-p+1} … u_k and u_{k+1} … u_{k+p}
@@ -430,6 +434,22 @@ pub(crate) mod tests {
                 prop_assert!((here.first_derivative[i] - first).abs() < 2e-5 * (1.0 + first.abs()));
                 prop_assert!((here.second_derivative[i] - second).abs() < 2e-4 * (1.0 + second.abs()));
             }
+        }
+
+        #[test]
+        fn unchecked_knots_never_panic(
+            knots in prop::collection::vec(prop_oneof![any::<f32>(), 0.0..2.0_f32], 0..16),
+            degree in prop_oneof![0..8_usize, Just(usize::MAX)],
+            u in prop_oneof![any::<f32>(), 0.0..2.0_f32],
+        ) {
+            let knots = Knots::assume_valid(&knots, degree);
+            let inside = knots.start() <= u && u <= knots.end();
+            prop_assert!(inside || knots.basis(u) == Err(SplineError::OutOfRange));
+        }
+
+        #[test]
+        fn checked_once_is_checked_for_good((knots, degree, _) in knots_and_parameter()) {
+            prop_assert_eq!(Knots::new(&knots, degree), Ok(Knots::assume_valid(&knots, degree)));
         }
 
         #[test]
