@@ -1,1 +1,479 @@
-//! (under construction)
+//! Initial model (stages 6 and 7): from reference frames to a camera and a pose for every good frame.
+//!
+//! Frames pass the rotation gate, a camera is calibrated from a diverse subset (OpenCV, refined by a
+//! robust bundle adjustment; a native start where OpenCV fails), every frame gets a pose by PnP in
+//! RANSAC, the velocity gate and the cross-validation of the circles against the events drop what
+//! does not fit, and camera and poses are refined once more on what is left.
+//!
+//! What it guarantees: no frame is trusted because it came first, what is dropped is in the report
+//! with its reason, and the result depends on frames and settings only, not on the number of threads.
+
+mod bundle;
+mod cross_validation;
+mod homography;
+mod intrinsics;
+mod neighbour_vote;
+mod pose;
+mod report;
+mod rotation_gate;
+mod settings;
+mod sighting;
+#[cfg(test)]
+mod tests;
+mod velocity_gate;
+mod view_selection;
+
+use evcal_core::camera::{Camera, ModelKind};
+use nalgebra::Isometry3;
+use rayon::prelude::*;
+
+use crate::board::Board;
+use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+use bundle::{Bundle, BundleView, bundle};
+use cross_validation::{Frame, PixelRows, ProjectedCircle, Rejection, refit_circle};
+use intrinsics::{native_start, opencv_start};
+use pose::{FramePose, PoseError, robust_pose, settle_pose};
+use rotation_gate::rotation_gate;
+use sighting::{BoardPoint, Sighting};
+use velocity_gate::{Waypoint, velocity_gate};
+use view_selection::select_views;
+
+pub use intrinsics::OpencvStart;
+pub use report::{CircleCounts, DropReason, DroppedFrame, InitialError, InitialReport, Step};
+pub use settings::{CrossValidationSettings, InitialSettings};
+
+/// A reference frame with its pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PosedFrame {
+    /// Index of the frame in the input.
+    pub frame: usize,
+    /// `T_world_camera` at the frame's time.
+    pub pose: Isometry3<f64>,
+    /// The circles that agree with the pose, ordered by board index.
+    ///
+    /// `center` is the image of the circle's centre at the circle's own time `t`, which is not quite
+    /// the centre of its elliptic image. Circles that were found again in the frame's events have the
+    /// frame's time and a radius; the others keep their own time and get the velocity that brings
+    /// them to the frame's time.
+    pub circles: Vec<ObservedCircle>,
+    /// Root mean square distance between circles and their projections, in pixels.
+    pub rms: f64,
+}
+
+/// A camera and the frames that it explains.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InitialModel {
+    /// The camera.
+    pub camera: Camera<f64>,
+    /// Standard deviation of each of its parameters from the residuals of the circle centres.
+    pub sigma: Vec<f64>,
+    /// The frames in the order of recording and time.
+    pub frames: Vec<PosedFrame>,
+    /// How it came about.
+    pub report: InitialReport,
+}
+
+/// A sighting with its pose.
+#[derive(Clone, Debug)]
+struct Posed {
+    sighting: Sighting,
+    /// `T_camera_world`.
+    pose: Isometry3<f64>,
+    rms: f64,
+}
+
+impl From<PoseError> for DropReason {
+    fn from(error: PoseError) -> Self {
+        match error {
+            PoseError::NotFound => Self::NoPose,
+            PoseError::TooFewInliers => Self::TooFewInliers,
+            PoseError::BehindBoard => Self::BehindBoard,
+            PoseError::LargeError => Self::LargeError,
+        }
+    }
+}
+
+/// Keeps the elements whose flag is set and calls `drop` for the others.
+fn retain<T>(elements: &mut Vec<T>, keep: &[bool], mut drop: impl FnMut(&T)) {
+    let mut flags = keep.iter();
+    elements.retain(|element| {
+        let keep = flags.next().copied().unwrap_or(false);
+        if !keep {
+            drop(element);
+        }
+        keep
+    });
+}
+
+/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from `frames`, and gives
+/// every frame that can be trusted its pose.
+pub fn initial_model(
+    frames: &[ReferenceFrame],
+    board: &Board,
+    sensor: (u16, u16),
+    kind: ModelKind,
+    settings: &InitialSettings,
+) -> Result<InitialModel, InitialError> {
+    let mut report = InitialReport { frames_in: frames.len(), ..InitialReport::default() };
+    let sightings = accepted_sightings(frames, board, settings, &mut report)?;
+    let camera = first_camera(&sightings, board, sensor, kind, settings, &mut report)?.camera;
+
+    let mut posed = poses(&camera, sightings, settings, &mut report);
+    let waypoints: Vec<Waypoint> = posed
+        .iter()
+        .map(|posed| Waypoint { recording: posed.sighting.recording, t: posed.sighting.t, pose: posed.pose })
+        .collect();
+    let kept = velocity_gate(&waypoints, board, settings);
+    retain(&mut posed, &kept, |posed| drop_frame(&mut report, posed.sighting.frame, DropReason::PoseJumps));
+    enough(posed.len(), settings, &mut report)?;
+
+    let posed = cross_validate(frames, posed, &camera, board, sensor, settings, &mut report);
+    enough(posed.len(), settings, &mut report)?;
+    let refined = refine(&camera, &posed, board, sensor, settings, &mut report)?;
+    finish(refined, posed, settings, report)
+}
+
+fn drop_frame(report: &mut InitialReport, frame: usize, reason: DropReason) {
+    report.dropped.push(DroppedFrame { frame, reason });
+}
+
+fn enough(left: usize, settings: &InitialSettings, report: &mut InitialReport) -> Result<(), InitialError> {
+    if left >= settings.min_frames.max(1) {
+        return Ok(());
+    }
+    let mirrored = report.dropped.iter().filter(|dropped| dropped.reason == DropReason::Mirrored).count();
+    if 2 * mirrored > report.frames_in {
+        return Err(InitialError::Mirrored { mirrored, found: report.frames_in });
+    }
+    Err(InitialError::TooFewFrames {
+        found: report.frames_in,
+        left,
+        needed: settings.min_frames.max(1),
+        reasons: report.reasons(),
+    })
+}
+
+/// The frames with enough circles that pass the rotation gate, with their point pairs.
+fn accepted_sightings(
+    frames: &[ReferenceFrame],
+    board: &Board,
+    settings: &InitialSettings,
+    report: &mut InitialReport,
+) -> Result<Vec<Sighting>, InitialError> {
+    let mut sightings = sighting::sightings(frames, board);
+    let kept: Vec<bool> = sightings
+        .iter()
+        .map(|sighting| sighting.t.is_finite() && sighting.circles.len() >= settings.min_circles)
+        .collect();
+    retain(&mut sightings, &kept, |sighting| drop_frame(report, sighting.frame, DropReason::TooFewCircles));
+    let gate = rotation_gate(&mut sightings, board, settings);
+    report.turned = gate.turned;
+    for (sighting, verdict) in sightings.iter().zip(&gate.verdicts) {
+        if let Some(reason) = verdict {
+            drop_frame(report, sighting.frame, *reason);
+        }
+    }
+    let kept: Vec<bool> = gate.verdicts.iter().map(Option::is_none).collect();
+    retain(&mut sightings, &kept, |_| ());
+    enough(sightings.len(), settings, report)?;
+    sighting::estimate_velocities(&mut sightings, settings.max_interpolation_gap);
+    report.without_velocity = sighting::pair_points(&mut sightings, board);
+    Ok(sightings)
+}
+
+/// Bundle refinement of a camera on the views that get a pose with it.
+fn refine_start(camera: &Camera<f64>, views: &[&[BoardPoint]], settings: &InitialSettings) -> Option<(usize, Bundle)> {
+    let posed: Vec<(Vec<BoardPoint>, Isometry3<f64>)> = views
+        .par_iter()
+        .map(|points| {
+            let found = robust_pose(camera, points, settings).ok()?;
+            let agreeing = points.iter().zip(&found.inliers).filter(|(_, inlier)| **inlier).map(|(point, _)| *point);
+            Some((agreeing.collect(), found.pose))
+        })
+        .collect::<Vec<_>>()
+        .into_iter()
+        .flatten()
+        .collect();
+    if posed.len() < settings.min_frames {
+        return None;
+    }
+    let views = posed.iter().map(|(points, pose)| BundleView { points, pose: *pose }).collect();
+    let free = vec![true; camera.kind().parameter_names().len()];
+    Some((posed.len(), bundle(camera, views, &free, settings.huber)?))
+}
+
+/// The camera from a diverse subset of the sightings: OpenCV's, refined, unless the native start
+/// explains more views.
+fn first_camera(
+    sightings: &[Sighting],
+    board: &Board,
+    sensor: (u16, u16),
+    kind: ModelKind,
+    settings: &InitialSettings,
+    report: &mut InitialReport,
+) -> Result<Bundle, InitialError> {
+    let all: Vec<&[BoardPoint]> = sightings.iter().map(|sighting| sighting.points.as_slice()).collect();
+    let views: Vec<&[BoardPoint]> = select_views(&all, board, sensor, settings.start_views)
+        .into_iter()
+        .filter_map(|position| all.get(position).copied())
+        .collect();
+    let (camera, start) = opencv_start(kind, &views, sensor, settings);
+    let mut best = camera.and_then(|camera| refine_start(&camera, &views, settings));
+    let good = |candidate: &Option<(usize, Bundle)>| {
+        candidate.as_ref().is_some_and(|(posed, bundle)| {
+            2 * posed > views.len() && bundle.rms <= settings.max_start_rms
+        })
+    };
+    let opencv = start.failure.clone().unwrap_or_else(|| match start.rms {
+        Some(rms) => format!("rms {rms:.1} px on {} views", start.views.1),
+        None => "no result".to_owned(),
+    });
+    report.opencv = Some(start);
+    if !good(&best) {
+        let native = native_start(kind, &views, sensor, settings)
+            .and_then(|start| refine_start(&start.camera, &views, settings));
+        let merit = |candidate: &Option<(usize, Bundle)>| {
+            candidate.as_ref().map_or((0, f64::NEG_INFINITY), |(posed, bundle)| (*posed, -bundle.rms))
+        };
+        if merit(&native) > merit(&best) {
+            best = native;
+            report.native_start = true;
+        }
+    }
+    let (_, bundle) = best.ok_or(InitialError::NoCamera { views: views.len(), opencv })?;
+    views_differ(&bundle, settings)?;
+    Ok(bundle)
+}
+
+/// Whether the views fix the focal lengths.
+fn views_differ(bundle: &Bundle, settings: &InitialSettings) -> Result<(), InitialError> {
+    let relative = bundle
+        .camera
+        .parameters()
+        .iter()
+        .zip(&bundle.sigma)
+        .take(2)
+        .map(|(focal, sigma)| sigma / focal)
+        .fold(0.0, f64::max);
+    if relative <= settings.max_focal_deviation {
+        Ok(())
+    } else {
+        Err(InitialError::ViewsAlike { percent: 100.0 * relative })
+    }
+}
+
+/// Pose of every sighting; circles that disagree with it are left out.
+fn poses(
+    camera: &Camera<f64>,
+    sightings: Vec<Sighting>,
+    settings: &InitialSettings,
+    report: &mut InitialReport,
+) -> Vec<Posed> {
+    let found: Vec<Result<FramePose, PoseError>> =
+        sightings.par_iter().map(|sighting| robust_pose(camera, &sighting.points, settings)).collect();
+    settled(sightings.into_iter().zip(found), report)
+}
+
+/// Takes the sightings that got a pose, without the circles that disagree with it.
+fn settled(
+    results: impl Iterator<Item = (Sighting, Result<FramePose, PoseError>)>,
+    report: &mut InitialReport,
+) -> Vec<Posed> {
+    let mut posed = Vec::new();
+    for (mut sighting, found) in results {
+        match found {
+            Ok(FramePose { pose, inliers, rms }) => {
+                report.circles.outliers += inliers.iter().filter(|inlier| !**inlier).count();
+                sighting.retain(&inliers);
+                posed.push(Posed { sighting, pose, rms });
+            }
+            Err(error) => drop_frame(report, sighting.frame, error.into()),
+        }
+    }
+    posed
+}
+
+/// What the cross-validation makes of one frame.
+struct Validated {
+    sighting: Sighting,
+    counts: CircleCounts,
+    confirmed: bool,
+}
+
+/// Finds the circles again in the events of their frames, and refines the poses on them.
+fn cross_validate(
+    frames: &[ReferenceFrame],
+    posed: Vec<Posed>,
+    camera: &Camera<f64>,
+    board: &Board,
+    sensor: (u16, u16),
+    settings: &InitialSettings,
+    report: &mut InitialReport,
+) -> Vec<Posed> {
+    let validated: Vec<(Validated, Result<FramePose, PoseError>)> = posed
+        .par_iter()
+        .enumerate()
+        .map(|(position, here)| {
+            let frame = frames.get(here.sighting.frame).filter(|frame| !frame.pixels.is_empty());
+            let validated = match frame {
+                Some(frame) => {
+                    let motion = motion(&posed, position, frame.end - frame.start, settings);
+                    let pixels = PixelRows::new(&frame.pixels);
+                    let view = Frame { camera, pose: here.pose, motion, sensor, pixels: &pixels };
+                    confirm(&view, &here.sighting, board, settings)
+                }
+                None => perspective_corrected(camera, here, board),
+            };
+            let pose = settle_pose(camera, &validated.sighting.points, &here.pose, settings);
+            (validated, pose)
+        })
+        .collect();
+    let mut results = Vec::with_capacity(validated.len());
+    for (Validated { sighting, counts, confirmed }, pose) in validated {
+        report.circles.seen += counts.seen;
+        report.circles.outside_sensor += counts.outside_sensor;
+        report.circles.too_few_events += counts.too_few_events;
+        report.circles.disagree += counts.disagree;
+        report.circles.added += counts.added;
+        if confirmed {
+            results.push((sighting, pose));
+        } else {
+            drop_frame(report, sighting.frame, DropReason::Unconfirmed);
+        }
+    }
+    settled(results.into_iter(), report)
+}
+
+/// Poses of the neighbours of a frame and the part of the way between them that `duration` spans.
+fn motion(
+    posed: &[Posed],
+    position: usize,
+    duration: f64,
+    settings: &InitialSettings,
+) -> Option<(Isometry3<f64>, Isometry3<f64>, f64)> {
+    let here = posed.get(position)?;
+    let near = |position: Option<usize>| {
+        position.and_then(|position| posed.get(position)).filter(|other| {
+            other.sighting.recording == here.sighting.recording
+                && (other.sighting.t - here.sighting.t).abs() <= settings.max_motion_gap
+        })
+    };
+    let before = near(position.checked_sub(1)).unwrap_or(here);
+    let after = near(Some(position + 1)).unwrap_or(here);
+    let elapsed = after.sighting.t - before.sighting.t;
+    (elapsed > 0.0).then_some((before.pose, after.pose, duration / elapsed))
+}
+
+/// The circles of a frame as its events confirm them.
+fn confirm(view: &Frame<'_>, sighting: &Sighting, board: &Board, settings: &InitialSettings) -> Validated {
+    let mut counts = CircleCounts { seen: sighting.circles.len(), ..CircleCounts::default() };
+    let mut inside = 0_u32;
+    let mut circles = Vec::with_capacity(board.circle_count());
+    for index in 0..board.circle_count() {
+        let seen = sighting.circles.iter().any(|circle| circle.index == index);
+        let refit = refit_circle(view, board, index, &settings.cross_validation);
+        inside += u32::from(refit != Err(Rejection::OutsideSensor));
+        match refit {
+            Ok(refit) => {
+                counts.added += usize::from(!seen);
+                circles.push(ObservedCircle {
+                    index,
+                    t: sighting.t,
+                    center: refit.center,
+                    radius: Some(refit.radius),
+                    velocity: None,
+                });
+            }
+            Err(_) if !seen => {}
+            Err(Rejection::OutsideSensor) => counts.outside_sensor += 1,
+            Err(Rejection::TooFewEvents) => counts.too_few_events += 1,
+            Err(Rejection::Disagrees) => counts.disagree += 1,
+        }
+    }
+    let enough = settings.cross_validation.min_fraction * f64::from(inside);
+    let confirmed = circles.len() >= settings.min_circles && circles.len() as f64 >= enough;
+    let points = circles
+        .iter()
+        .map(|circle| BoardPoint { object: board.circle_center(circle.index), image: circle.center })
+        .collect();
+    Validated { sighting: Sighting { circles, points, ..*sighting }, counts, confirmed }
+}
+
+/// A frame without events: its circles are centres of ellipses and become images of the centres.
+fn perspective_corrected(camera: &Camera<f64>, posed: &Posed, board: &Board) -> Validated {
+    let mut sighting = posed.sighting.clone();
+    for (circle, point) in sighting.circles.iter_mut().zip(&mut sighting.points) {
+        if let Some(projected) = ProjectedCircle::new(camera, &posed.pose, point.object, board.radius) {
+            let offset = projected.center - projected.middle;
+            circle.center += offset;
+            point.image += offset;
+        }
+    }
+    let counts = CircleCounts { seen: sighting.circles.len(), ..CircleCounts::default() };
+    Validated { sighting, counts, confirmed: true }
+}
+
+/// The camera once more, from a diverse subset of the posed frames.
+fn refine(
+    camera: &Camera<f64>,
+    posed: &[Posed],
+    board: &Board,
+    sensor: (u16, u16),
+    settings: &InitialSettings,
+    report: &mut InitialReport,
+) -> Result<Bundle, InitialError> {
+    let all: Vec<&[BoardPoint]> = posed.iter().map(|posed| posed.sighting.points.as_slice()).collect();
+    let views: Vec<BundleView<'_>> = select_views(&all, board, sensor, settings.bundle_views)
+        .into_iter()
+        .filter_map(|position| posed.get(position))
+        .map(|posed| BundleView { points: &posed.sighting.points, pose: posed.pose })
+        .collect();
+    let free = vec![true; camera.kind().parameter_names().len()];
+    report.bundle_views = views.len();
+    let count = views.len();
+    let refined = bundle(camera, views, &free, settings.huber)
+        .ok_or_else(|| InitialError::NoCamera { views: count, opencv: "was refined, then diverged".to_owned() })?;
+    report.bundle_steps = refined.steps;
+    views_differ(&refined, settings)?;
+    Ok(refined)
+}
+
+/// Last poses of all frames with the refined camera.
+fn finish(
+    refined: Bundle,
+    posed: Vec<Posed>,
+    settings: &InitialSettings,
+    mut report: InitialReport,
+) -> Result<InitialModel, InitialError> {
+    let camera = refined.camera;
+    let found: Vec<Result<FramePose, PoseError>> = posed
+        .par_iter()
+        .map(|posed| settle_pose(&camera, &posed.sighting.points, &posed.pose, settings))
+        .collect();
+    let sightings = posed.into_iter().map(|posed| posed.sighting);
+    let mut posed = settled(sightings.zip(found), &mut report);
+    let mut sorted: Vec<f64> = posed.iter().map(|posed| posed.rms).collect();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    // Errors below the scale of the loss are no reason to drop a frame, however good the others are.
+    let bound = (settings.max_frame_rms_ratio * median).max(settings.huber);
+    let kept: Vec<bool> = posed.iter().map(|posed| posed.rms <= bound).collect();
+    retain(&mut posed, &kept, |posed| drop_frame(&mut report, posed.sighting.frame, DropReason::LargeError));
+    enough(posed.len(), settings, &mut report)?;
+
+    report.dropped.sort_by_key(|dropped| dropped.frame);
+    report.frames_out = posed.len();
+    report.circles.used = posed.iter().map(|posed| posed.sighting.circles.len()).sum();
+    let squares: f64 = posed.iter().map(|posed| posed.rms * posed.rms * posed.sighting.circles.len() as f64).sum();
+    report.rms = (squares / report.circles.used as f64).sqrt();
+    let frames = posed
+        .into_iter()
+        .map(|posed| PosedFrame {
+            frame: posed.sighting.frame,
+            pose: posed.pose.inverse(),
+            circles: posed.sighting.circles,
+            rms: posed.rms,
+        })
+        .collect();
+    Ok(InitialModel { camera, sigma: refined.sigma, frames, report })
+}
