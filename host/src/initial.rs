@@ -14,6 +14,7 @@ mod homography;
 mod intrinsics;
 mod neighbour_vote;
 mod pose;
+mod refit;
 mod report;
 mod rotation_gate;
 mod settings;
@@ -30,7 +31,7 @@ use rayon::prelude::*;
 use crate::board::Board;
 use crate::reference_frame::{ObservedCircle, ReferenceFrame};
 use bundle::{Bundle, BundleView, bundle};
-use cross_validation::{Frame, PixelRows, ProjectedCircle, Rejection, refit_circle};
+use cross_validation::cross_validate;
 use intrinsics::{native_start, opencv_start};
 use pose::{FramePose, PoseError, robust_pose, settle_pose};
 use rotation_gate::rotation_gate;
@@ -182,7 +183,12 @@ fn accepted_sightings(
 }
 
 /// Bundle refinement of a camera on the views that get a pose with it.
-fn refine_start(camera: &Camera<f64>, views: &[&[BoardPoint]], settings: &InitialSettings) -> Option<(usize, Bundle)> {
+fn refine_start(
+    camera: &Camera<f64>,
+    views: &[&[BoardPoint]],
+    sensor: (u16, u16),
+    settings: &InitialSettings,
+) -> Option<(usize, Bundle)> {
     let posed: Vec<(Vec<BoardPoint>, Isometry3<f64>)> = views
         .par_iter()
         .map(|points| {
@@ -199,7 +205,7 @@ fn refine_start(camera: &Camera<f64>, views: &[&[BoardPoint]], settings: &Initia
     }
     let views = posed.iter().map(|(points, pose)| BundleView { points, pose: *pose }).collect();
     let free = vec![true; camera.kind().parameter_names().len()];
-    Some((posed.len(), bundle(camera, views, &free, settings.huber)?))
+    Some((posed.len(), bundle(camera, views, &free, sensor, settings.huber)?))
 }
 
 /// The camera from a diverse subset of the sightings: OpenCV's, refined, unless the native start
@@ -213,16 +219,17 @@ fn first_camera(
     report: &mut InitialReport,
 ) -> Result<Bundle, InitialError> {
     let all: Vec<&[BoardPoint]> = sightings.iter().map(|sighting| sighting.points.as_slice()).collect();
-    let views: Vec<&[BoardPoint]> = select_views(&all, board, sensor, settings.start_views)
+    let views: Vec<&[BoardPoint]> = select_views(&all, board, sensor, settings.first_bundle_views)
         .into_iter()
         .filter_map(|position| all.get(position).copied())
         .collect();
-    let (camera, start) = opencv_start(kind, &views, sensor, settings);
-    let mut best = camera.and_then(|camera| refine_start(&camera, &views, settings));
+    let start_views = views.get(..settings.start_views).unwrap_or(&views);
+    let (camera, start) = opencv_start(kind, start_views, sensor, settings);
+    let mut best = camera.and_then(|camera| refine_start(&camera, &views, sensor, settings));
     let good = |candidate: &Option<(usize, Bundle)>| {
-        candidate.as_ref().is_some_and(|(posed, bundle)| {
-            2 * posed > views.len() && bundle.rms <= settings.max_start_rms
-        })
+        candidate
+            .as_ref()
+            .is_some_and(|(posed, bundle)| 2 * posed > views.len() && bundle.rms <= settings.max_start_rms)
     };
     let opencv = start.failure.clone().unwrap_or_else(|| match start.rms {
         Some(rms) => format!("rms {rms:.1} px on {} views", start.views.1),
@@ -230,8 +237,8 @@ fn first_camera(
     });
     report.opencv = Some(start);
     if !good(&best) {
-        let native = native_start(kind, &views, sensor, settings)
-            .and_then(|start| refine_start(&start.camera, &views, settings));
+        let native = native_start(kind, start_views, sensor, settings)
+            .and_then(|start| refine_start(&start.camera, &views, sensor, settings));
         let merit = |candidate: &Option<(usize, Bundle)>| {
             candidate.as_ref().map_or((0, f64::NEG_INFINITY), |(posed, bundle)| (*posed, -bundle.rms))
         };
@@ -293,126 +300,6 @@ fn settled(
     posed
 }
 
-/// What the cross-validation makes of one frame.
-struct Validated {
-    sighting: Sighting,
-    counts: CircleCounts,
-    confirmed: bool,
-}
-
-/// Finds the circles again in the events of their frames, and refines the poses on them.
-fn cross_validate(
-    frames: &[ReferenceFrame],
-    posed: Vec<Posed>,
-    camera: &Camera<f64>,
-    board: &Board,
-    sensor: (u16, u16),
-    settings: &InitialSettings,
-    report: &mut InitialReport,
-) -> Vec<Posed> {
-    let validated: Vec<(Validated, Result<FramePose, PoseError>)> = posed
-        .par_iter()
-        .enumerate()
-        .map(|(position, here)| {
-            let frame = frames.get(here.sighting.frame).filter(|frame| !frame.pixels.is_empty());
-            let validated = match frame {
-                Some(frame) => {
-                    let motion = motion(&posed, position, frame.end - frame.start, settings);
-                    let pixels = PixelRows::new(&frame.pixels);
-                    let view = Frame { camera, pose: here.pose, motion, sensor, pixels: &pixels };
-                    confirm(&view, &here.sighting, board, settings)
-                }
-                None => perspective_corrected(camera, here, board),
-            };
-            let pose = settle_pose(camera, &validated.sighting.points, &here.pose, settings);
-            (validated, pose)
-        })
-        .collect();
-    let mut results = Vec::with_capacity(validated.len());
-    for (Validated { sighting, counts, confirmed }, pose) in validated {
-        report.circles.seen += counts.seen;
-        report.circles.outside_sensor += counts.outside_sensor;
-        report.circles.too_few_events += counts.too_few_events;
-        report.circles.disagree += counts.disagree;
-        report.circles.added += counts.added;
-        if confirmed {
-            results.push((sighting, pose));
-        } else {
-            drop_frame(report, sighting.frame, DropReason::Unconfirmed);
-        }
-    }
-    settled(results.into_iter(), report)
-}
-
-/// Poses of the neighbours of a frame and the part of the way between them that `duration` spans.
-fn motion(
-    posed: &[Posed],
-    position: usize,
-    duration: f64,
-    settings: &InitialSettings,
-) -> Option<(Isometry3<f64>, Isometry3<f64>, f64)> {
-    let here = posed.get(position)?;
-    let near = |position: Option<usize>| {
-        position.and_then(|position| posed.get(position)).filter(|other| {
-            other.sighting.recording == here.sighting.recording
-                && (other.sighting.t - here.sighting.t).abs() <= settings.max_motion_gap
-        })
-    };
-    let before = near(position.checked_sub(1)).unwrap_or(here);
-    let after = near(Some(position + 1)).unwrap_or(here);
-    let elapsed = after.sighting.t - before.sighting.t;
-    (elapsed > 0.0).then_some((before.pose, after.pose, duration / elapsed))
-}
-
-/// The circles of a frame as its events confirm them.
-fn confirm(view: &Frame<'_>, sighting: &Sighting, board: &Board, settings: &InitialSettings) -> Validated {
-    let mut counts = CircleCounts { seen: sighting.circles.len(), ..CircleCounts::default() };
-    let mut inside = 0_u32;
-    let mut circles = Vec::with_capacity(board.circle_count());
-    for index in 0..board.circle_count() {
-        let seen = sighting.circles.iter().any(|circle| circle.index == index);
-        let refit = refit_circle(view, board, index, &settings.cross_validation);
-        inside += u32::from(refit != Err(Rejection::OutsideSensor));
-        match refit {
-            Ok(refit) => {
-                counts.added += usize::from(!seen);
-                circles.push(ObservedCircle {
-                    index,
-                    t: sighting.t,
-                    center: refit.center,
-                    radius: Some(refit.radius),
-                    velocity: None,
-                });
-            }
-            Err(_) if !seen => {}
-            Err(Rejection::OutsideSensor) => counts.outside_sensor += 1,
-            Err(Rejection::TooFewEvents) => counts.too_few_events += 1,
-            Err(Rejection::Disagrees) => counts.disagree += 1,
-        }
-    }
-    let enough = settings.cross_validation.min_fraction * f64::from(inside);
-    let confirmed = circles.len() >= settings.min_circles && circles.len() as f64 >= enough;
-    let points = circles
-        .iter()
-        .map(|circle| BoardPoint { object: board.circle_center(circle.index), image: circle.center })
-        .collect();
-    Validated { sighting: Sighting { circles, points, ..*sighting }, counts, confirmed }
-}
-
-/// A frame without events: its circles are centres of ellipses and become images of the centres.
-fn perspective_corrected(camera: &Camera<f64>, posed: &Posed, board: &Board) -> Validated {
-    let mut sighting = posed.sighting.clone();
-    for (circle, point) in sighting.circles.iter_mut().zip(&mut sighting.points) {
-        if let Some(projected) = ProjectedCircle::new(camera, &posed.pose, point.object, board.radius) {
-            let offset = projected.center - projected.middle;
-            circle.center += offset;
-            point.image += offset;
-        }
-    }
-    let counts = CircleCounts { seen: sighting.circles.len(), ..CircleCounts::default() };
-    Validated { sighting, counts, confirmed: true }
-}
-
 /// The camera once more, from a diverse subset of the posed frames.
 fn refine(
     camera: &Camera<f64>,
@@ -431,7 +318,7 @@ fn refine(
     let free = vec![true; camera.kind().parameter_names().len()];
     report.bundle_views = views.len();
     let count = views.len();
-    let refined = bundle(camera, views, &free, settings.huber)
+    let refined = bundle(camera, views, &free, sensor, settings.huber)
         .ok_or_else(|| InitialError::NoCamera { views: count, opencv: "was refined, then diverged".to_owned() })?;
     report.bundle_steps = refined.steps;
     views_differ(&refined, settings)?;
@@ -446,10 +333,8 @@ fn finish(
     mut report: InitialReport,
 ) -> Result<InitialModel, InitialError> {
     let camera = refined.camera;
-    let found: Vec<Result<FramePose, PoseError>> = posed
-        .par_iter()
-        .map(|posed| settle_pose(&camera, &posed.sighting.points, &posed.pose, settings))
-        .collect();
+    let found: Vec<Result<FramePose, PoseError>> =
+        posed.par_iter().map(|posed| settle_pose(&camera, &posed.sighting.points, &posed.pose, settings)).collect();
     let sightings = posed.into_iter().map(|posed| posed.sighting);
     let mut posed = settled(sightings.zip(found), &mut report);
     let mut sorted: Vec<f64> = posed.iter().map(|posed| posed.rms).collect();

@@ -81,7 +81,8 @@ mod tests {
 
     #[test]
     fn points_in_one_line_have_no_homography() {
-        let line: Vec<Vector2<f64>> = (0..8).map(|index| Vector2::new(f64::from(index), 2.0 * f64::from(index))).collect();
+        let line: Vec<Vector2<f64>> =
+            (0..8).map(|index| Vector2::new(f64::from(index), 2.0 * f64::from(index))).collect();
         assert_eq!(homography(&line, &line), None);
         assert_eq!(homography(&line[..3], &line[..3]), None);
         let same = vec![Vector2::new(1.0, 1.0); 8];

@@ -109,7 +109,7 @@ pub fn opencv_start(
         let mut sorted = calibration.view_rms.clone();
         sorted.sort_by(f64::total_cmp);
         // Half of the views are always kept, or a wrong calibration would choose its own evidence.
-        let bound = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0).mul_add(1.5, 0.0);
+        let bound = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0) * 1.5;
         let kept: Vec<View> = calibration
             .views
             .iter()
@@ -180,23 +180,20 @@ pub fn native_start(
     let (start, _) = scan.iter().zip(&scores).min_by(|a, b| a.1.total_cmp(b.1))?;
     let fits: Vec<_> =
         views.par_iter().map(|points| homography_pose(start, points, settings.huber)).collect::<Vec<_>>();
-    let mut bundle_views: Vec<BundleView<'_>> = views
-        .iter()
-        .zip(fits)
-        .filter_map(|(points, fit)| Some(BundleView { points, pose: fit?.pose }))
-        .collect();
+    let mut bundle_views: Vec<BundleView<'_>> =
+        views.iter().zip(fits).filter_map(|(points, fit)| Some(BundleView { points, pose: fit?.pose })).collect();
     if bundle_views.len() < settings.min_frames {
         return None;
     }
     let mut camera = *start;
     let mut result = None;
     for free in passes(count) {
-        let refined = bundle(&camera, bundle_views.clone(), &free, settings.huber)?;
+        let refined = bundle(&camera, bundle_views.clone(), &free, sensor, settings.huber)?;
         camera = refined.camera;
         for (view, pose) in bundle_views.iter_mut().zip(&refined.poses) {
             view.pose = *pose;
         }
         result = Some(refined);
     }
-    result.filter(|result| plausible(&result.camera, sensor))
+    result
 }

@@ -14,6 +14,9 @@ const MAX_STEPS: usize = 20;
 /// Smallest z of a bearing whose x/z, y/z PnP can work with (84° from the optical axis).
 const MIN_BEARING_Z: f64 = 0.1;
 
+/// Cost, as a multiple of the better one's, up to which IPPE's second solution is followed too.
+const RIVAL_COST: f64 = 5.0;
+
 /// Huber's loss of a distance whose square is given: the square itself up to `huber`, linear beyond.
 pub fn huber_cost(squared: f64, huber: f64) -> f64 {
     if squared <= huber * huber { squared } else { 2.0 * huber * squared.sqrt() - huber * huber }
@@ -177,15 +180,17 @@ pub fn robust_pose(
         .ok()
         .flatten()
         .ok_or(PoseError::NotFound)?;
-    let agreeing: Vec<BoardPoint> = planar
-        .inliers
-        .iter()
-        .filter_map(|&inlier| points.get(normalised.get(inlier)?.0).copied())
-        .collect();
+    let agreeing: Vec<BoardPoint> =
+        planar.inliers.iter().filter_map(|&inlier| points.get(normalised.get(inlier)?.0).copied()).collect();
+    // The second solution of IPPE counts only where it explains the images almost as well.
+    let costs: Vec<f64> = planar.solutions.iter().map(|start| cost(camera, start, &agreeing, settings.huber)).collect();
+    let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
     let refined = planar
         .solutions
         .iter()
-        .filter_map(|start| refine_pose(camera, &agreeing, start, settings.huber))
+        .zip(&costs)
+        .filter(|(_, cost)| **cost <= RIVAL_COST * least)
+        .filter_map(|(start, _)| refine_pose(camera, &agreeing, start, settings.huber))
         .min_by(|a, b| a.cost.total_cmp(&b.cost))
         .ok_or(PoseError::NotFound)?;
     settle_pose(camera, points, &refined.pose, settings)
@@ -230,5 +235,62 @@ pub fn settle_pose(
         Ok(FramePose { pose, inliers, rms })
     } else {
         Err(PoseError::LargeError)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use evcal_core::camera::ModelKind;
+
+    fn camera() -> Camera<f64> {
+        Camera::from_parameters(ModelKind::Radtan4, &[345.0, 344.0, 170.0, 127.0, -0.3, 0.09, 1e-3, -5e-4]).unwrap()
+    }
+
+    #[test]
+    fn jacobians_equal_difference_quotients() {
+        let pose = Isometry3::new(Vector3::new(-0.1, -0.2, 0.7), Vector3::new(0.3, -0.4, 0.9));
+        let point = BoardPoint { object: Vector2::new(0.11, 0.23), image: Vector2::new(170.0, 127.0) };
+        let exact = residual(&camera(), &pose, &point).unwrap();
+        for index in 0..6 {
+            let at = |step: f64| {
+                let mut direction = Vector6::zeros();
+                direction[index] = step;
+                residual(&camera(), &step_pose(&pose, &direction), &point).unwrap().error
+            };
+            let numeric = (at(1e-6) - at(-1e-6)) / 2e-6;
+            assert!((numeric - exact.by_pose.column(index)).norm() < 1e-5 * exact.by_pose.norm(), "{index}");
+        }
+    }
+
+    #[test]
+    fn outliers_do_not_move_the_pose() {
+        let camera = camera();
+        let truth = Isometry3::new(Vector3::new(-0.1, -0.2, 0.7), Vector3::new(0.3, -0.4, 0.9));
+        let points: Vec<BoardPoint> = (0..36)
+            .map(|index| {
+                let object = Vector2::new(f64::from(index % 6) * 0.04, f64::from(index / 6) * 0.04);
+                let seen = truth * Point3::new(object.x, object.y, 0.0);
+                let displaced = if index % 5 == 0 { 15.0 + f64::from(index) } else { 0.0 };
+                BoardPoint { object, image: camera.project(&seen.coords).unwrap() + Vector2::new(displaced, 0.0) }
+            })
+            .collect();
+        let found = robust_pose(&camera, &points, &InitialSettings::default()).unwrap();
+        assert!((found.pose.to_homogeneous() - truth.to_homogeneous()).norm() < 1e-6);
+        for (index, inlier) in found.inliers.iter().enumerate() {
+            assert_eq!(*inlier, index % 5 != 0);
+        }
+    }
+
+    #[test]
+    fn a_frame_of_noise_has_no_pose() {
+        let points: Vec<BoardPoint> = (0..36)
+            .map(|index| BoardPoint {
+                object: Vector2::new(f64::from(index % 6) * 0.04, f64::from(index / 6) * 0.04),
+                image: Vector2::new(f64::from(index * 7919 % 346), f64::from(index * 104_729 % 260)),
+            })
+            .collect();
+        assert!(robust_pose(&camera(), &points, &InitialSettings::default()).is_err());
+        assert_eq!(robust_pose(&camera(), &points[..3], &InitialSettings::default()), Err(PoseError::NotFound));
     }
 }

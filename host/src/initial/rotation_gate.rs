@@ -19,8 +19,7 @@ use crate::reference_frame::ObservedCircle;
 /// For each turn of the board in its plane that maps it onto itself: the new index of every circle.
 /// The first turn is none.
 pub fn board_turns(pattern: Pattern) -> Vec<Vec<usize>> {
-    let positions: Vec<(i32, i32)> =
-        (0..pattern.circle_count()).map(|index| pattern.lattice_position(index)).collect();
+    let positions: Vec<(i32, i32)> = (0..pattern.circle_count()).map(|index| pattern.lattice_position(index)).collect();
     let width = positions.iter().map(|position| position.0).max().unwrap_or(0);
     let height = positions.iter().map(|position| position.1).max().unwrap_or(0);
     let turn = |quarters: usize| -> Option<Vec<usize>> {

@@ -19,9 +19,11 @@ pub struct InitialSettings {
     pub max_row_rate: f64,
     /// Rotation gate: turn of a row that noise and perspective explain at any rate, in rad.
     pub row_angle_floor: f64,
-    /// Views handed to OpenCV.
+    /// Views of the first calibration (OpenCV's, or the native one).
     pub start_views: usize,
-    /// Views of the native refinement.
+    /// Views of the bundle refinement that follows the first calibration.
+    pub first_bundle_views: usize,
+    /// Views of the last bundle refinement.
     pub bundle_views: usize,
     /// Largest root mean square error of OpenCV's calibration in pixels; above it, the worst views
     /// are left out.
@@ -55,6 +57,9 @@ pub struct InitialSettings {
     pub max_acceleration: f64,
     /// Velocity gate: largest angular acceleration, in rad/s².
     pub max_angular_acceleration: f64,
+    /// Velocity gate: largest acceleration and angular acceleration as a multiple of the recording's
+    /// median.
+    pub max_acceleration_ratio: f64,
     /// Longest time in seconds between two frames over which their motion is judged.
     pub max_motion_gap: f64,
     /// Cross-validation.
@@ -70,8 +75,9 @@ impl Default for InitialSettings {
             voters: 3,
             max_row_rate: 20.0,
             row_angle_floor: 0.1,
-            start_views: 40,
-            bundle_views: 150,
+            start_views: 24,
+            first_bundle_views: 80,
+            bundle_views: 400,
             max_start_rms: 1.0,
             start_retries: 3,
             huber: 0.5,
@@ -87,6 +93,7 @@ impl Default for InitialSettings {
             angle_floor: 0.05,
             max_acceleration: 60.0,
             max_angular_acceleration: 300.0,
+            max_acceleration_ratio: 4.0,
             max_motion_gap: 0.1,
             cross_validation: CrossValidationSettings::default(),
         }

@@ -48,12 +48,8 @@ fn valid_circles(frame: &ReferenceFrame, board: &Board) -> Vec<ObservedCircle> {
             && circle.center.iter().all(|value| value.is_finite())
             && circle.velocity.is_none_or(|velocity| velocity.iter().all(|value| value.is_finite()))
     };
-    let mut circles: Vec<_> = frame
-        .circles
-        .iter()
-        .filter(|circle| circle.index < board.circle_count() && finite(circle))
-        .copied()
-        .collect();
+    let mut circles: Vec<_> =
+        frame.circles.iter().filter(|circle| circle.index < board.circle_count() && finite(circle)).copied().collect();
     circles.sort_by_key(|circle| circle.index);
     circles.dedup_by_key(|circle| circle.index);
     circles
@@ -90,11 +86,7 @@ pub fn estimate_velocities(sightings: &mut [Sighting], max_gap: f64) {
         let recording = sighting.recording;
         let seen = |position: Option<usize>, circle: &ObservedCircle| {
             let position = position.filter(|&position| recordings.get(position) == Some(&recording))?;
-            tracks
-                .get(position)?
-                .get(&circle.index)
-                .filter(|(other, _)| (other - circle.t).abs() <= max_gap)
-                .copied()
+            tracks.get(position)?.get(&circle.index).filter(|(other, _)| (other - circle.t).abs() <= max_gap).copied()
         };
         for circle in sighting.circles.iter_mut().filter(|circle| circle.velocity.is_none() && circle.t != t) {
             let own = (circle.t, circle.center);
@@ -113,8 +105,7 @@ pub fn pair_points(sightings: &mut [Sighting], board: &Board) -> usize {
     let mut without_velocity = 0;
     for sighting in sightings {
         let t = sighting.t;
-        without_velocity +=
-            sighting.circles.iter().filter(|circle| circle.t != t && circle.velocity.is_none()).count();
+        without_velocity += sighting.circles.iter().filter(|circle| circle.t != t && circle.velocity.is_none()).count();
         sighting.points = sighting
             .circles
             .iter()
@@ -149,10 +140,11 @@ mod tests {
     fn circles_reach_the_time_of_their_frame_by_the_motion_between_neighbours() {
         let board: Board = "circles:3x6:40mm:r10mm".parse().unwrap();
         // Circle 1 moves at 100 px/s; circle 2 is seen once.
-        let frames =
-            [frame(0.00, &[(1, 0.001, 10.1)]), frame(0.02, &[(1, 0.022, 12.2), (2, 0.02, 5.0)]), frame(0.04, &[(
-                1, 0.04, 14.0,
-            )])];
+        let frames = [
+            frame(0.00, &[(1, 0.001, 10.1)]),
+            frame(0.02, &[(1, 0.022, 12.2), (2, 0.02, 5.0)]),
+            frame(0.04, &[(1, 0.04, 14.0)]),
+        ];
         let mut sightings = sightings(&frames, &board);
         estimate_velocities(&mut sightings, 0.1);
         assert_eq!(pair_points(&mut sightings, &board), 0);
