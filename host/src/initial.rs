@@ -29,6 +29,7 @@ use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 use crate::board::Board;
+use crate::opencv::MINIMUM_POINTS;
 use crate::reference_frame::{ObservedCircle, ReferenceFrame};
 use bundle::{Bundle, BundleView, bundle};
 use cross_validation::cross_validate;
@@ -116,6 +117,9 @@ pub fn initial_model(
     settings: &InitialSettings,
 ) -> Result<InitialModel, InitialError> {
     let mut report = InitialReport { frames_in: frames.len(), ..InitialReport::default() };
+    // Small boards may be used when they are complete.
+    let min_circles = settings.min_circles.min(board.circle_count()).max(MINIMUM_POINTS);
+    let settings = &InitialSettings { min_circles, ..settings.clone() };
     let sightings = accepted_sightings(frames, board, settings, &mut report)?;
     let camera = first_camera(&sightings, board, sensor, kind, settings, &mut report)?.camera;
 
@@ -231,9 +235,9 @@ fn first_camera(
             .as_ref()
             .is_some_and(|(posed, bundle)| 2 * posed > views.len() && bundle.rms <= settings.max_start_rms)
     };
-    let opencv = start.failure.clone().unwrap_or_else(|| match start.rms {
-        Some(rms) => format!("rms {rms:.1} px on {} views", start.views.1),
-        None => "no result".to_owned(),
+    let reason = start.failure.clone().unwrap_or_else(|| match start.rms {
+        Some(rms) => format!("OpenCV: rms {rms:.1} px on {} views", start.views.1),
+        None => "no result from OpenCV".to_owned(),
     });
     report.opencv = Some(start);
     if !good(&best) {
@@ -247,7 +251,7 @@ fn first_camera(
             report.native_start = true;
         }
     }
-    let (_, bundle) = best.ok_or(InitialError::NoCamera { views: views.len(), opencv })?;
+    let (_, bundle) = best.ok_or(InitialError::NoCamera { views: views.len(), reason })?;
     views_differ(&bundle, settings)?;
     Ok(bundle)
 }
@@ -319,7 +323,7 @@ fn refine(
     report.bundle_views = views.len();
     let count = views.len();
     let refined = bundle(camera, views, &free, sensor, settings.huber)
-        .ok_or_else(|| InitialError::NoCamera { views: count, opencv: "was refined, then diverged".to_owned() })?;
+        .ok_or_else(|| InitialError::NoCamera { views: count, reason: "the refinement diverged".to_owned() })?;
     report.bundle_steps = refined.steps;
     views_differ(&refined, settings)?;
     Ok(refined)

@@ -183,16 +183,16 @@ pub enum InitialError {
         /// Frames that came in.
         found: usize,
     },
-    /// Neither OpenCV nor the native start gave a camera.
+    /// Neither OpenCV nor the native start gave a camera, or its refinement diverged.
     #[error(
-        "no camera fits the {views} selected views (OpenCV: {opencv}): check rows, columns and spacing of --board, and \
+        "no camera fits the {views} selected views ({reason}): check rows, columns and spacing of --board, and \
          the camera model"
     )]
     NoCamera {
         /// Views that were tried.
         views: usize,
-        /// What OpenCV said.
-        opencv: String,
+        /// What went wrong.
+        reason: String,
     },
     /// The views do not fix the focal length.
     #[error(

@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InitialSettings {
-    /// Fewest circles of a frame that may be used, and fewest that must agree with its pose.
+    /// Fewest circles of a frame that may be used, and fewest that must agree with its pose; never
+    /// less than 4, never more than the board has.
     pub min_circles: usize,
     /// Fewest frames from which a camera is estimated.
     pub min_frames: usize,

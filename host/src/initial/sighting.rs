@@ -7,6 +7,14 @@ use nalgebra::Vector2;
 use crate::board::Board;
 use crate::reference_frame::{ObservedCircle, ReferenceFrame};
 
+/// Circles whose time differs from their frame's by less than this many seconds are not moved: no
+/// event has a finer time.
+const SAME_TIME: f64 = 1e-6;
+
+fn has_own_time(circle: &ObservedCircle, frame_t: f64) -> bool {
+    (circle.t - frame_t).abs() >= SAME_TIME
+}
+
 /// A point of the board and its image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardPoint {
@@ -88,7 +96,8 @@ pub fn estimate_velocities(sightings: &mut [Sighting], max_gap: f64) {
             let position = position.filter(|&position| recordings.get(position) == Some(&recording))?;
             tracks.get(position)?.get(&circle.index).filter(|(other, _)| (other - circle.t).abs() <= max_gap).copied()
         };
-        for circle in sighting.circles.iter_mut().filter(|circle| circle.velocity.is_none() && circle.t != t) {
+        for circle in sighting.circles.iter_mut().filter(|circle| circle.velocity.is_none() && has_own_time(circle, t))
+        {
             let own = (circle.t, circle.center);
             let (t0, center0) = seen(position.checked_sub(1), circle).unwrap_or(own);
             let (t1, center1) = seen(Some(position + 1), circle).unwrap_or(own);
@@ -105,7 +114,8 @@ pub fn pair_points(sightings: &mut [Sighting], board: &Board) -> usize {
     let mut without_velocity = 0;
     for sighting in sightings {
         let t = sighting.t;
-        without_velocity += sighting.circles.iter().filter(|circle| circle.t != t && circle.velocity.is_none()).count();
+        without_velocity +=
+            sighting.circles.iter().filter(|circle| circle.velocity.is_none() && has_own_time(circle, t)).count();
         sighting.points = sighting
             .circles
             .iter()
