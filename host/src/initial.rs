@@ -1,1 +1,368 @@
-//! (under construction)
+//! Initial model (stages 6 and 7): from reference frames to a camera and a pose for every good frame.
+//!
+//! Frames pass the rotation gate, a camera is calibrated from a diverse subset (OpenCV, refined by a
+//! robust bundle adjustment; a native start where OpenCV fails), every frame gets a pose by PnP in
+//! RANSAC, the velocity gate and the cross-validation of the circles against the events drop what
+//! does not fit, and camera and poses are refined once more on what is left.
+//!
+//! What it guarantees: no frame is trusted because it came first, what is dropped is in the report
+//! with its reason, and the result depends on frames and settings only, not on the number of threads.
+
+mod bundle;
+mod cross_validation;
+mod homography;
+mod intrinsics;
+mod neighbour_vote;
+mod pose;
+mod refit;
+mod report;
+mod rotation_gate;
+mod settings;
+mod sighting;
+#[cfg(test)]
+mod tests;
+mod velocity_gate;
+mod view_selection;
+
+use evcal_core::camera::{Camera, ModelKind};
+use nalgebra::Isometry3;
+use rayon::prelude::*;
+
+use crate::board::Board;
+use crate::opencv::MINIMUM_POINTS;
+use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+use bundle::{Bundle, BundleView, bundle};
+use cross_validation::cross_validate;
+use intrinsics::{native_start, opencv_start};
+use pose::{FramePose, PoseError, robust_pose, settle_pose};
+use rotation_gate::rotation_gate;
+use sighting::{BoardPoint, Sighting};
+use velocity_gate::{Waypoint, velocity_gate};
+use view_selection::select_views;
+
+pub use intrinsics::OpencvStart;
+pub use report::{CircleCounts, DropReason, DroppedFrame, InitialError, InitialReport, Step};
+pub use settings::{CrossValidationSettings, InitialSettings};
+
+/// A reference frame with its pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PosedFrame {
+    /// Index of the frame in the input.
+    pub frame: usize,
+    /// `T_world_camera` at the frame's time.
+    pub pose: Isometry3<f64>,
+    /// The circles that agree with the pose, ordered by board index.
+    ///
+    /// `center` is the image of the circle's centre at the circle's own time `t`, which is not quite
+    /// the centre of its elliptic image. Circles that were found again in the frame's events have the
+    /// frame's time and a radius; the others keep their own time and get the velocity that brings
+    /// them to the frame's time.
+    pub circles: Vec<ObservedCircle>,
+    /// Root mean square distance between circles and their projections, in pixels.
+    pub rms: f64,
+}
+
+/// A camera and the frames that it explains.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InitialModel {
+    /// The camera.
+    pub camera: Camera<f64>,
+    /// Standard deviation of each of its parameters from the residuals of the circle centres.
+    pub sigma: Vec<f64>,
+    /// The frames in the order of recording and time.
+    pub frames: Vec<PosedFrame>,
+    /// How it came about.
+    pub report: InitialReport,
+}
+
+/// A sighting with its pose.
+#[derive(Clone, Debug)]
+struct Posed {
+    sighting: Sighting,
+    /// `T_camera_world`.
+    pose: Isometry3<f64>,
+    rms: f64,
+}
+
+impl From<PoseError> for DropReason {
+    fn from(error: PoseError) -> Self {
+        match error {
+            PoseError::NotFound => Self::NoPose,
+            PoseError::TooFewInliers => Self::TooFewInliers,
+            PoseError::BehindBoard => Self::BehindBoard,
+            PoseError::LargeError => Self::LargeError,
+        }
+    }
+}
+
+/// Keeps the elements whose flag is set and calls `drop` for the others.
+fn retain<T>(elements: &mut Vec<T>, keep: &[bool], mut drop: impl FnMut(&T)) {
+    let mut flags = keep.iter();
+    elements.retain(|element| {
+        let keep = flags.next().copied().unwrap_or(false);
+        if !keep {
+            drop(element);
+        }
+        keep
+    });
+}
+
+/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from `frames`, and gives
+/// every frame that can be trusted its pose.
+pub fn initial_model(
+    frames: &[ReferenceFrame],
+    board: &Board,
+    sensor: (u16, u16),
+    kind: ModelKind,
+    settings: &InitialSettings,
+) -> Result<InitialModel, InitialError> {
+    let mut report = InitialReport { frames_in: frames.len(), ..InitialReport::default() };
+    // Small boards may be used when they are complete.
+    let min_circles = settings.min_circles.min(board.circle_count()).max(MINIMUM_POINTS);
+    let settings = &InitialSettings { min_circles, ..settings.clone() };
+    let sightings = accepted_sightings(frames, board, settings, &mut report)?;
+    let camera = first_camera(&sightings, board, sensor, kind, settings, &mut report)?.camera;
+
+    let mut posed = poses(&camera, sightings, settings, &mut report);
+    let waypoints: Vec<Waypoint> = posed
+        .iter()
+        .map(|posed| Waypoint { recording: posed.sighting.recording, t: posed.sighting.t, pose: posed.pose })
+        .collect();
+    let kept = velocity_gate(&waypoints, board, settings);
+    retain(&mut posed, &kept, |posed| drop_frame(&mut report, posed.sighting.frame, DropReason::PoseJumps));
+    enough(posed.len(), settings, &mut report)?;
+
+    let posed = cross_validate(frames, posed, &camera, board, sensor, settings, &mut report);
+    enough(posed.len(), settings, &mut report)?;
+    let refined = refine(&camera, &posed, board, sensor, settings, &mut report)?;
+    finish(refined, posed, settings, report)
+}
+
+fn drop_frame(report: &mut InitialReport, frame: usize, reason: DropReason) {
+    report.dropped.push(DroppedFrame { frame, reason });
+}
+
+fn enough(left: usize, settings: &InitialSettings, report: &mut InitialReport) -> Result<(), InitialError> {
+    if left >= settings.min_frames.max(1) {
+        return Ok(());
+    }
+    let mirrored = report.dropped.iter().filter(|dropped| dropped.reason == DropReason::Mirrored).count();
+    if 2 * mirrored > report.frames_in {
+        return Err(InitialError::Mirrored { mirrored, found: report.frames_in });
+    }
+    Err(InitialError::TooFewFrames {
+        found: report.frames_in,
+        left,
+        needed: settings.min_frames.max(1),
+        reasons: report.reasons(),
+    })
+}
+
+/// The frames with enough circles that pass the rotation gate, with their point pairs.
+fn accepted_sightings(
+    frames: &[ReferenceFrame],
+    board: &Board,
+    settings: &InitialSettings,
+    report: &mut InitialReport,
+) -> Result<Vec<Sighting>, InitialError> {
+    let mut sightings = sighting::sightings(frames, board);
+    let kept: Vec<bool> = sightings
+        .iter()
+        .map(|sighting| sighting.t.is_finite() && sighting.circles.len() >= settings.min_circles)
+        .collect();
+    retain(&mut sightings, &kept, |sighting| drop_frame(report, sighting.frame, DropReason::TooFewCircles));
+    let gate = rotation_gate(&mut sightings, board, settings);
+    report.turned = gate.turned;
+    for (sighting, verdict) in sightings.iter().zip(&gate.verdicts) {
+        if let Some(reason) = verdict {
+            drop_frame(report, sighting.frame, *reason);
+        }
+    }
+    let kept: Vec<bool> = gate.verdicts.iter().map(Option::is_none).collect();
+    retain(&mut sightings, &kept, |_| ());
+    enough(sightings.len(), settings, report)?;
+    sighting::estimate_velocities(&mut sightings, settings.max_interpolation_gap);
+    report.without_velocity = sighting::pair_points(&mut sightings, board);
+    Ok(sightings)
+}
+
+/// Bundle refinement of a camera on the views that get a pose with it.
+fn refine_start(
+    camera: &Camera<f64>,
+    views: &[&[BoardPoint]],
+    sensor: (u16, u16),
+    settings: &InitialSettings,
+) -> Option<(usize, Bundle)> {
+    let posed: Vec<(Vec<BoardPoint>, Isometry3<f64>)> = views
+        .par_iter()
+        .map(|points| {
+            let found = robust_pose(camera, points, settings).ok()?;
+            let agreeing = points.iter().zip(&found.inliers).filter(|(_, inlier)| **inlier).map(|(point, _)| *point);
+            Some((agreeing.collect(), found.pose))
+        })
+        .collect::<Vec<_>>()
+        .into_iter()
+        .flatten()
+        .collect();
+    if posed.len() < settings.min_frames {
+        return None;
+    }
+    let views = posed.iter().map(|(points, pose)| BundleView { points, pose: *pose }).collect();
+    let free = vec![true; camera.kind().parameter_names().len()];
+    Some((posed.len(), bundle(camera, views, &free, sensor, settings.huber)?))
+}
+
+/// The camera from a diverse subset of the sightings: OpenCV's, refined, unless the native start
+/// explains more views.
+fn first_camera(
+    sightings: &[Sighting],
+    board: &Board,
+    sensor: (u16, u16),
+    kind: ModelKind,
+    settings: &InitialSettings,
+    report: &mut InitialReport,
+) -> Result<Bundle, InitialError> {
+    let all: Vec<&[BoardPoint]> = sightings.iter().map(|sighting| sighting.points.as_slice()).collect();
+    let views: Vec<&[BoardPoint]> = select_views(&all, board, sensor, settings.first_bundle_views)
+        .into_iter()
+        .filter_map(|position| all.get(position).copied())
+        .collect();
+    let start_views = views.get(..settings.start_views).unwrap_or(&views);
+    let (camera, start) = opencv_start(kind, start_views, sensor, settings);
+    let mut best = camera.and_then(|camera| refine_start(&camera, &views, sensor, settings));
+    let good = |candidate: &Option<(usize, Bundle)>| {
+        candidate
+            .as_ref()
+            .is_some_and(|(posed, bundle)| 2 * posed > views.len() && bundle.rms <= settings.max_start_rms)
+    };
+    let reason = start.failure.clone().unwrap_or_else(|| match start.rms {
+        Some(rms) => format!("OpenCV: rms {rms:.1} px on {} views", start.views.1),
+        None => "no result from OpenCV".to_owned(),
+    });
+    report.opencv = Some(start);
+    if !good(&best) {
+        let native = native_start(kind, start_views, sensor, settings)
+            .and_then(|start| refine_start(&start.camera, &views, sensor, settings));
+        let merit = |candidate: &Option<(usize, Bundle)>| {
+            candidate.as_ref().map_or((0, f64::NEG_INFINITY), |(posed, bundle)| (*posed, -bundle.rms))
+        };
+        if merit(&native) > merit(&best) {
+            best = native;
+            report.native_start = true;
+        }
+    }
+    let (_, bundle) = best.ok_or(InitialError::NoCamera { views: views.len(), reason })?;
+    views_differ(&bundle, settings)?;
+    Ok(bundle)
+}
+
+/// Whether the views fix the focal lengths.
+fn views_differ(bundle: &Bundle, settings: &InitialSettings) -> Result<(), InitialError> {
+    let relative = bundle
+        .camera
+        .parameters()
+        .iter()
+        .zip(&bundle.sigma)
+        .take(2)
+        .map(|(focal, sigma)| sigma / focal)
+        .fold(0.0, f64::max);
+    if relative <= settings.max_focal_deviation {
+        Ok(())
+    } else {
+        Err(InitialError::ViewsAlike { percent: 100.0 * relative })
+    }
+}
+
+/// Pose of every sighting; circles that disagree with it are left out.
+fn poses(
+    camera: &Camera<f64>,
+    sightings: Vec<Sighting>,
+    settings: &InitialSettings,
+    report: &mut InitialReport,
+) -> Vec<Posed> {
+    let found: Vec<Result<FramePose, PoseError>> =
+        sightings.par_iter().map(|sighting| robust_pose(camera, &sighting.points, settings)).collect();
+    settled(sightings.into_iter().zip(found), report)
+}
+
+/// Takes the sightings that got a pose, without the circles that disagree with it.
+fn settled(
+    results: impl Iterator<Item = (Sighting, Result<FramePose, PoseError>)>,
+    report: &mut InitialReport,
+) -> Vec<Posed> {
+    let mut posed = Vec::new();
+    for (mut sighting, found) in results {
+        match found {
+            Ok(FramePose { pose, inliers, rms }) => {
+                report.circles.outliers += inliers.iter().filter(|inlier| !**inlier).count();
+                sighting.retain(&inliers);
+                posed.push(Posed { sighting, pose, rms });
+            }
+            Err(error) => drop_frame(report, sighting.frame, error.into()),
+        }
+    }
+    posed
+}
+
+/// The camera once more, from a diverse subset of the posed frames.
+fn refine(
+    camera: &Camera<f64>,
+    posed: &[Posed],
+    board: &Board,
+    sensor: (u16, u16),
+    settings: &InitialSettings,
+    report: &mut InitialReport,
+) -> Result<Bundle, InitialError> {
+    let all: Vec<&[BoardPoint]> = posed.iter().map(|posed| posed.sighting.points.as_slice()).collect();
+    let views: Vec<BundleView<'_>> = select_views(&all, board, sensor, settings.bundle_views)
+        .into_iter()
+        .filter_map(|position| posed.get(position))
+        .map(|posed| BundleView { points: &posed.sighting.points, pose: posed.pose })
+        .collect();
+    let free = vec![true; camera.kind().parameter_names().len()];
+    report.bundle_views = views.len();
+    let count = views.len();
+    let refined = bundle(camera, views, &free, sensor, settings.huber)
+        .ok_or_else(|| InitialError::NoCamera { views: count, reason: "the refinement diverged".to_owned() })?;
+    report.bundle_steps = refined.steps;
+    views_differ(&refined, settings)?;
+    Ok(refined)
+}
+
+/// Last poses of all frames with the refined camera.
+fn finish(
+    refined: Bundle,
+    posed: Vec<Posed>,
+    settings: &InitialSettings,
+    mut report: InitialReport,
+) -> Result<InitialModel, InitialError> {
+    let camera = refined.camera;
+    let found: Vec<Result<FramePose, PoseError>> =
+        posed.par_iter().map(|posed| settle_pose(&camera, &posed.sighting.points, &posed.pose, settings)).collect();
+    let sightings = posed.into_iter().map(|posed| posed.sighting);
+    let mut posed = settled(sightings.zip(found), &mut report);
+    let mut sorted: Vec<f64> = posed.iter().map(|posed| posed.rms).collect();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    // Errors below the scale of the loss are no reason to drop a frame, however good the others are.
+    let bound = (settings.max_frame_rms_ratio * median).max(settings.huber);
+    let kept: Vec<bool> = posed.iter().map(|posed| posed.rms <= bound).collect();
+    retain(&mut posed, &kept, |posed| drop_frame(&mut report, posed.sighting.frame, DropReason::LargeError));
+    enough(posed.len(), settings, &mut report)?;
+
+    report.dropped.sort_by_key(|dropped| dropped.frame);
+    report.frames_out = posed.len();
+    report.circles.used = posed.iter().map(|posed| posed.sighting.circles.len()).sum();
+    let squares: f64 = posed.iter().map(|posed| posed.rms * posed.rms * posed.sighting.circles.len() as f64).sum();
+    report.rms = (squares / report.circles.used as f64).sqrt();
+    let frames = posed
+        .into_iter()
+        .map(|posed| PosedFrame {
+            frame: posed.sighting.frame,
+            pose: posed.pose.inverse(),
+            circles: posed.sighting.circles,
+            rms: posed.rms,
+        })
+        .collect();
+    Ok(InitialModel { camera, sigma: refined.sigma, frames, report })
+}

@@ -1,0 +1,206 @@
+//! What happened to the frames on their way to the initial model, and why it failed.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::Serialize;
+
+use super::intrinsics::OpencvStart;
+
+/// Why a reference frame is not part of the initial model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DropReason {
+    /// Fewer circles than [`super::InitialSettings::min_circles`].
+    TooFewCircles,
+    /// The circles are seen as in a mirror.
+    Mirrored,
+    /// Rotation gate: the rows point elsewhere than in the neighbouring frames.
+    RowsTurned,
+    /// PnP found no pose.
+    NoPose,
+    /// Too few circles agree with the best pose.
+    TooFewInliers,
+    /// The camera would be behind the board.
+    BehindBoard,
+    /// The circles are too far from their projections.
+    LargeError,
+    /// Velocity gate: the pose does not follow from the neighbouring frames.
+    PoseJumps,
+    /// Cross-validation: too few circles were confirmed by events.
+    Unconfirmed,
+}
+
+impl DropReason {
+    /// The step that drops for this reason.
+    pub fn step(self) -> Step {
+        match self {
+            Self::TooFewCircles => Step::Circles,
+            Self::Mirrored | Self::RowsTurned => Step::RotationGate,
+            Self::NoPose | Self::TooFewInliers | Self::BehindBoard | Self::LargeError => Step::Pose,
+            Self::PoseJumps => Step::VelocityGate,
+            Self::Unconfirmed => Step::CrossValidation,
+        }
+    }
+}
+
+impl fmt::Display for DropReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::TooFewCircles => "too few circles",
+            Self::Mirrored => "mirrored board",
+            Self::RowsTurned => "rows turned too fast",
+            Self::NoPose => "no pose",
+            Self::TooFewInliers => "too few circles agree with the pose",
+            Self::BehindBoard => "camera behind the board",
+            Self::LargeError => "circles far from their projections",
+            Self::PoseJumps => "pose jumps",
+            Self::Unconfirmed => "too few circles confirmed by events",
+        })
+    }
+}
+
+/// Steps that drop frames, in their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Step {
+    /// Enough circles.
+    Circles,
+    /// Rotation gate.
+    RotationGate,
+    /// Pose of each frame.
+    Pose,
+    /// Velocity gate.
+    VelocityGate,
+    /// Feature cross-validation.
+    CrossValidation,
+}
+
+/// A frame that is not part of the initial model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct DroppedFrame {
+    /// Index of the frame in the input.
+    pub frame: usize,
+    /// Why.
+    pub reason: DropReason,
+}
+
+/// What happened to single circles in the frames that stay.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct CircleCounts {
+    /// Circles of the frames that came to the cross-validation, or stay without events to check them.
+    pub seen: usize,
+    /// Circles that do not agree with their frame's pose.
+    pub outliers: usize,
+    /// Circles whose rim is not wholly on the sensor.
+    pub outside_sensor: usize,
+    /// Circles without enough events of both polarities near their rim.
+    pub too_few_events: usize,
+    /// Circles whose events disagree with the projection.
+    pub disagree: usize,
+    /// Circles that the grid stage had missed.
+    pub added: usize,
+    /// Circles in the result.
+    pub used: usize,
+}
+
+/// How the initial model came about.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct InitialReport {
+    /// Frames that came in.
+    pub frames_in: usize,
+    /// Frames that are part of the model.
+    pub frames_out: usize,
+    /// The other frames, ordered by index.
+    pub dropped: Vec<DroppedFrame>,
+    /// What happened to single circles.
+    pub circles: CircleCounts,
+    /// Frames of a symmetric board whose circles were renamed by a turn of the board.
+    pub turned: usize,
+    /// Circles that belong to another time than their frame but whose velocity is unknown.
+    pub without_velocity: usize,
+    /// OpenCV's calibration.
+    pub opencv: Option<OpencvStart>,
+    /// Whether the camera started from the native estimate instead of OpenCV's.
+    pub native_start: bool,
+    /// Views of the last bundle refinement.
+    pub bundle_views: usize,
+    /// Steps of the last bundle refinement.
+    pub bundle_steps: usize,
+    /// Root mean square distance between circles and their projections over all frames, in pixels.
+    pub rms: f64,
+}
+
+impl InitialReport {
+    /// For each step, in order, how many frames it dropped and why.
+    pub fn dropped_by_step(&self) -> BTreeMap<Step, BTreeMap<DropReason, usize>> {
+        let mut steps: BTreeMap<Step, BTreeMap<DropReason, usize>> = BTreeMap::new();
+        for dropped in &self.dropped {
+            *steps.entry(dropped.reason.step()).or_default().entry(dropped.reason).or_default() += 1;
+        }
+        steps
+    }
+
+    /// The reasons for dropped frames in words, most frequent first.
+    pub fn reasons(&self) -> String {
+        let mut counts: BTreeMap<DropReason, usize> = BTreeMap::new();
+        for dropped in &self.dropped {
+            *counts.entry(dropped.reason).or_default() += 1;
+        }
+        let mut counts: Vec<_> = counts.into_iter().collect();
+        counts.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
+        let words: Vec<String> = counts.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+        if words.is_empty() { "none was dropped".to_owned() } else { words.join(", ") }
+    }
+}
+
+/// Why there is no initial model, and what to do.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InitialError {
+    /// Too few frames are left.
+    #[error(
+        "only {left} of {found} frames with the board can be used, {needed} are needed ({reasons}): record longer, \
+         or move the board more slowly and keep it wholly in view"
+    )]
+    TooFewFrames {
+        /// Frames that came in.
+        found: usize,
+        /// Frames that are left.
+        left: usize,
+        /// Frames that are needed.
+        needed: usize,
+        /// Why the others fell away.
+        reasons: String,
+    },
+    /// Most frames show the board mirrored.
+    #[error(
+        "the board is seen mirrored in {mirrored} of {found} frames: the sensor's image is flipped, or the board is \
+         described with the wrong layout; flip x in the recording or correct --board"
+    )]
+    Mirrored {
+        /// Frames with a mirrored board.
+        mirrored: usize,
+        /// Frames that came in.
+        found: usize,
+    },
+    /// Neither OpenCV nor the native start gave a camera, or its refinement diverged.
+    #[error(
+        "no camera fits the {views} selected views ({reason}): check rows, columns and spacing of --board, and \
+         the camera model"
+    )]
+    NoCamera {
+        /// Views that were tried.
+        views: usize,
+        /// What went wrong.
+        reason: String,
+    },
+    /// The views do not fix the focal length.
+    #[error(
+        "the views are too much alike: the focal length is known to {percent:.0} % only; tilt the board by 20 to 50 \
+         degrees to all sides and vary its distance"
+    )]
+    ViewsAlike {
+        /// Standard deviation of the focal length in percent of it.
+        percent: f64,
+    },
+}
