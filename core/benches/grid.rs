@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use evcal_core::grid::{GridOptions, GridWorkspace, Ordering, find_grid, reorder, symmetry};
 use evcal_core::pattern::{Layout, Pattern};
-use grid_views::{Lens, Random, Setting, View, view};
+use grid_views::{SIZE, Lens, Random, Setting, View, view};
 
 const ASYMMETRIC: Pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
 const CLEAN: Setting =
@@ -59,7 +59,7 @@ fn print_table(views: usize) {
 fn line(setting: &Setting, count: usize) {
     let mut random = Random::new(1);
     let mut workspace = GridWorkspace::<f64, 128>::new();
-    let options = GridOptions::new(&setting.pattern);
+    let options = GridOptions::new(&setting.pattern, SIZE);
     let (mut right, mut wrong, mut used, mut visible) = (0, 0, 0, 0);
     let (mut total, mut longest) = (0.0, 0.0_f64);
     for _ in 0..count {
@@ -131,7 +131,7 @@ fn views(setting: &Setting) -> Vec<View> {
 fn call(bencher: divan::Bencher, clutter: usize) {
     let views = views(&Setting { clutter, ..CLEAN });
     let mut workspace = GridWorkspace::<f64, 128>::new();
-    let options = GridOptions::new(&ASYMMETRIC);
+    let options = GridOptions::new(&ASYMMETRIC, SIZE);
     let mut next = 0;
     bencher.bench_local(|| {
         next = (next + 1) % views.len();

@@ -29,9 +29,10 @@
 mod lattice;
 mod placement;
 mod points;
-mod reconcile;
 mod seed;
-mod smooth;
+mod select;
+mod settle;
+mod warp;
 
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
@@ -40,7 +41,7 @@ use crate::pattern::Pattern;
 use lattice::Lattice;
 use placement::Placement;
 use points::Points;
-use reconcile::Agreement;
+use settle::Settling;
 
 /// A detected circle that may be one of the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +56,8 @@ pub struct GridCandidate<T> {
 /// Which boards to accept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridOptions {
+    /// Width and height of the image in pixels: lens distortion is centred near its middle.
+    pub image_size: (f64, f64),
     /// Fewest circles of a board that is accepted.
     pub minimum_circles: usize,
     /// By how many circles a placement on the board must beat every other one.
@@ -68,9 +71,10 @@ pub struct GridOptions {
 
 impl GridOptions {
     /// Options for a pattern: at least 40 % of its circles (no fewer than 6), a margin of 2.
-    pub const fn new(pattern: &Pattern) -> Self {
+    pub const fn new(pattern: &Pattern, image_size: (f64, f64)) -> Self {
         let part = (pattern.circle_count() * 2).div_ceil(5);
         Self {
+            image_size,
             minimum_circles: if part < 6 { 6 } else { part },
             placement_margin: 2,
             maximum_outside: 2,
@@ -181,13 +185,13 @@ impl core::error::Error for GridError {}
 pub struct GridWorkspace<T, const N: usize> {
     points: Points<T, N>,
     lattice: Lattice<N>,
-    agreement: Agreement<T, N>,
+    settling: Settling<T, N>,
 }
 
 impl<T: RealField + Copy, const N: usize> GridWorkspace<T, N> {
     /// An empty workspace.
     pub const fn new() -> Self {
-        Self { points: Points::new(), lattice: Lattice::new(), agreement: Agreement::new() }
+        Self { points: Points::new(), lattice: Lattice::new(), settling: Settling::new() }
     }
 }
 
@@ -213,7 +217,7 @@ pub fn find_grid<T: RealField + Copy, const N: usize>(
     options: &GridOptions,
     workspace: &mut GridWorkspace<T, N>,
 ) -> Result<FoundGrid<T, N>, GridError> {
-    let GridWorkspace { points, lattice, agreement } = workspace;
+    let GridWorkspace { points, lattice, settling } = workspace;
     let needed = options.minimum_circles;
     if candidates.len() < needed {
         return Err(GridError::TooFewCandidates { usable: candidates.len(), needed });
@@ -242,15 +246,15 @@ pub fn find_grid<T: RealField + Copy, const N: usize>(
             failure = failure.max(GridError::TooFewCircles { found: lattice.len(), needed });
             continue;
         }
-        let scatter = agreement.settle(lattice, points);
-        for site in lattice.sites() {
-            if let Some(tried) = tried.get_mut(usize::from(site.point)) {
-                *tried = true;
-            }
-        }
+        let scatter = settling.settle(lattice, points, options.image_size);
         match judge(lattice, points, pattern, options, scatter) {
             Err(reason) => failure = failure.max(reason),
             Ok(found) => {
+                for site in lattice.sites() {
+                    if let Some(tried) = tried.get_mut(usize::from(site.point)) {
+                        *tried = true;
+                    }
+                }
                 let enough = found.circles.len() * 10 >= pattern.circle_count() * ENOUGH_TENTHS;
                 if best.as_ref().is_none_or(|best| found.circles.len() > best.circles.len()) {
                     best = Some(found);

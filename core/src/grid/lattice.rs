@@ -1,7 +1,7 @@
 //! A set of points with integer lattice coordinates, and its growth from neighbour to neighbour.
 
 use heapless::Vec;
-use nalgebra::{RealField, Vector2};
+use nalgebra::{Matrix2, RealField, Vector2};
 
 use super::points::{NONE, Points};
 
@@ -15,6 +15,23 @@ pub(super) struct Site {
     pub u: i8,
     pub v: i8,
     pub point: u16,
+}
+
+impl Site {
+    /// Lattice coordinates.
+    pub fn position<T: RealField + Copy>(&self) -> Vector2<T> {
+        Vector2::new(nalgebra::convert(f64::from(self.u)), nalgebra::convert(f64::from(self.v)))
+    }
+}
+
+/// An affine map from lattice to image coordinates.
+pub(super) struct Affine<T> {
+    /// Mean of the lattice coordinates.
+    pub mean_site: Vector2<T>,
+    /// Mean of the image coordinates.
+    pub mean_position: Vector2<T>,
+    /// Pixels per lattice step (columns: u, v).
+    pub steps: Matrix2<T>,
 }
 
 /// Points on lattice sites: at most one point a site, at most one site a point.
@@ -48,10 +65,6 @@ impl<const N: usize> Lattice<N> {
         self.sites.len()
     }
 
-    pub fn is_placed(&self, point: u16) -> bool {
-        self.placed.get(usize::from(point)).copied().unwrap_or(false)
-    }
-
     /// The point at a site.
     pub fn at(&self, u: i32, v: i32) -> Option<u16> {
         let column = usize::try_from(u + HALF).ok()?;
@@ -81,6 +94,29 @@ impl<const N: usize> Lattice<N> {
             .iter()
             .fold(start, |(a, b, c, d), site| (a.min(site.u), b.max(site.u), c.min(site.v), d.max(site.v)));
         Some((i32::from(a), i32::from(b), i32::from(c), i32::from(d)))
+    }
+
+    /// The affine map from lattice to image coordinates that fits best; none if all points are in
+    /// line.
+    pub fn affine<T: RealField + Copy>(&self, points: &Points<T, N>) -> Option<Affine<T>> {
+        let samples = || {
+            self.sites.iter().filter_map(|site| points.position(site.point).map(|place| (site.position(), place)))
+        };
+        let count: T = nalgebra::convert(self.sites.len().max(1) as f64);
+        let mut mean_site = Vector2::zeros();
+        let mut mean_position = Vector2::zeros();
+        for (site, position) in samples() {
+            mean_site += site / count;
+            mean_position += position / count;
+        }
+        let mut spread = Matrix2::<T>::zeros();
+        let mut mixed = Matrix2::<T>::zeros();
+        for (site, position) in samples() {
+            let site = site - mean_site;
+            spread += site * site.transpose();
+            mixed += (position - mean_position) * site.transpose();
+        }
+        Some(Affine { mean_site, mean_position, steps: mixed * spread.try_inverse()? })
     }
 
     /// Adds points next to the placed ones as long as any lies where its placed neighbours predict

@@ -16,6 +16,11 @@ use crate::pattern::{Layout, Pattern};
 const LARGEST_ENTRY: i32 = 2;
 /// The board's two image scales (across and along the slant) differ by at most this factor.
 const LARGEST_SLANT: f64 = 6.0;
+/// A placement whose slant is larger by this factor explains one point less than it seems: a
+/// sheared reading of a board seen from the front.
+const MORE_SLANTED: f64 = 1.25;
+/// Most changes of basis looked at.
+const RIVALS: usize = 64;
 /// Extent of a lattice in board units that can be handled.
 const EXTENT: usize = 192;
 
@@ -28,7 +33,7 @@ pub(super) struct Placement {
     pub inside: usize,
     /// Number of points that fall beside the board.
     pub outside: usize,
-    /// Number of points that the next best placement explains.
+    /// Number of points that the next best placement explains (one less if it is much more slanted).
     pub runner_up: usize,
 }
 
@@ -67,25 +72,56 @@ pub(super) fn place<T: RealField + Copy, const N: usize>(
     points: &Points<T, N>,
     pattern: &Pattern,
 ) -> Option<Placement> {
-    let image_steps = image_steps(lattice, points)?;
+    let image_steps = lattice.affine(points)?.steps;
     let turns = turns_of(pattern);
-    let mut best: Option<Placement> = None;
-    let mut runner_up = 0;
+    let mut rivals: Vec<Rival<T>, RIVALS> = Vec::new();
+    let mut least = 1;
     for axes in AxesIterator::new(pattern.layout) {
-        if !is_first_turn(&axes, turns) || !is_plausible(&axes, &image_steps) {
+        if !is_first_turn(&axes, turns) {
             continue;
         }
-        let least = runner_up.max(1);
-        count_shifts(lattice, pattern, &axes, least, |origin, inside| match &mut best {
-            Some(known) if inside <= known.inside => runner_up = runner_up.max(inside),
-            _ => {
-                runner_up = best.map_or(runner_up, |known| known.inside.max(runner_up));
-                best = Some(Placement { axes, origin, inside, outside: lattice.len() - inside, runner_up: 0 });
+        let Some(slant) = slant(&axes, &image_steps) else { continue };
+        let mut rival = Rival { axes, origin: (0, 0), inside: 0, next: 0, slant };
+        count_shifts(lattice, pattern, &axes, least, |origin, inside| {
+            if inside > rival.inside {
+                rival = Rival { origin, inside, next: rival.inside, ..rival };
+            } else {
+                rival.next = rival.next.max(inside);
             }
         });
+        if rival.inside > 0 && rivals.push(rival).is_err() {
+            break;
+        }
+        // Placements that explain half of the best are no rivals.
+        least = least.max(rival.inside / 2);
     }
-    let best = best.map(|best| Placement { runner_up, ..best })?;
-    Some(turned_to_top_left(best, pattern, turns, &image_steps))
+    let mut best = *rivals.first()?;
+    for rival in &rivals {
+        if rival.inside > best.inside || (rival.inside == best.inside && rival.slant < best.slant) {
+            best = *rival;
+        }
+    }
+    let malus = nalgebra::convert(MORE_SLANTED);
+    let runner_up = rivals.iter().fold(best.next, |most, rival| {
+        let explained = if rival.slant > best.slant * malus { rival.inside.saturating_sub(1) } else { rival.inside };
+        if rival.axes == best.axes { most } else { most.max(explained) }
+    });
+    let (axes, origin, inside) = (best.axes, best.origin, best.inside);
+    let placement = Placement { axes, origin, inside, outside: lattice.len() - inside, runner_up };
+    Some(turned_to_top_left(placement, pattern, turns, &image_steps))
+}
+
+/// The best placement with given axes.
+#[derive(Clone, Copy)]
+struct Rival<T> {
+    axes: [[i32; 2]; 2],
+    origin: (i32, i32),
+    /// Number of points explained.
+    inside: usize,
+    /// Number of points that the next best shift explains.
+    next: usize,
+    /// Ratio of the board's two image scales.
+    slant: T,
 }
 
 /// Calls `report` with the shift and the number of points inside, for every shift that may explain
@@ -148,39 +184,15 @@ fn windows(values: impl Iterator<Item = i32> + Clone, length: i32, least: usize)
     Some(starts)
 }
 
-/// Mean image step per lattice step (columns: u, v), by least squares.
-fn image_steps<T: RealField + Copy, const N: usize>(lattice: &Lattice<N>, points: &Points<T, N>) -> Option<Matrix2<T>> {
-    let samples = || {
-        lattice.sites().iter().filter_map(|site| {
-            let site_position =
-                Vector2::new(nalgebra::convert(f64::from(site.u)), nalgebra::convert(f64::from(site.v)));
-            points.position(site.point).map(|position| (site_position, position))
-        })
-    };
-    let count: T = nalgebra::convert(lattice.len() as f64);
-    let mut site_mean = Vector2::zeros();
-    let mut mean = Vector2::zeros();
-    for (site, position) in samples() {
-        site_mean += site / count;
-        mean += position / count;
-    }
-    let mut spread = Matrix2::<T>::zeros();
-    let mut mixed = Matrix2::<T>::zeros();
-    for (site, position) in samples() {
-        let site = site - site_mean;
-        spread += site * site.transpose();
-        mixed += (position - mean) * site.transpose();
-    }
-    Some(mixed * spread.try_inverse()?)
-}
-
-/// Whether a camera can see the board's axes like that.
-fn is_plausible<T: RealField + Copy>(axes: &[[i32; 2]; 2], image_steps: &Matrix2<T>) -> bool {
+/// The ratio s/t + t/s of the board's image scales s, t across and along the slant; none if no
+/// camera sees the board's axes like that.
+fn slant<T: RealField + Copy>(axes: &[[i32; 2]; 2], image_steps: &Matrix2<T>) -> Option<T> {
     let board = board_to_image(axes, image_steps);
     let limit: T = nalgebra::convert(LARGEST_SLANT + 1.0 / LARGEST_SLANT);
     let determinant = board.determinant();
-    // For singular values s ≥ t: (s² + t²) / (s t) = s/t + t/s.
-    determinant > T::zero() && board.norm_squared() <= limit * determinant
+    // For singular values s and t: (s² + t²) / (s t).
+    let ratio = board.norm_squared() / determinant;
+    (determinant > T::zero() && ratio <= limit).then_some(ratio)
 }
 
 fn board_to_image<T: RealField + Copy>(axes: &[[i32; 2]; 2], image_steps: &Matrix2<T>) -> Matrix2<T> {

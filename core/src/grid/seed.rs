@@ -146,10 +146,10 @@ fn cross<T: RealField + Copy, const N: usize>(
             misfit += nearest.distance_squared / (tolerance * tolerance);
         }
     }
-    // A point in the middle of the cell would make it a cell of every other lattice point only.
+    // A point halfway would make the cell one of every other lattice point only.
     let half: T = nalgebra::convert(0.5);
-    let middle = origin + (u_plus + v_plus - origin - origin) * half;
-    if points.nearest(&middle, tolerance * half).is_some() {
+    let halfway = [(u_plus + origin) * half, (v_plus + origin) * half, (u_plus + v_plus) * half];
+    if halfway.iter().any(|place| points.nearest(place, tolerance * half).is_some()) {
         return None;
     }
     (corners >= 2).then_some(Seed {

@@ -1,0 +1,356 @@
+//! From image to lattice coordinates: a homography behind a lens.
+//!
+//! A pixel (x, y), relative to the distortion centre and in units of half the image diagonal,
+//! stands for the ray (x, y, 1 + λ₁ s + λ₂ s²), s = x² + y² (the division model of Fitzgibbon, CVPR
+//! 2001, with a second term); a homography takes rays to lattice coordinates. Twelve parameters: eight of
+//! the homography, λ₁, λ₂ and the centre. Weak assumptions about the last six (moderate slant and
+//! distortion, centre near the middle of the image) let few points suffice. The map follows
+//! perspective and lenses up to fisheyes closely enough that what does not fit it is no circle of the board.
+
+use heapless::Vec;
+use nalgebra::{Matrix2, RealField, Vector2};
+
+use super::lattice::Lattice;
+use super::points::Points;
+use super::select::select;
+
+/// Number of parameters: a, b, c, d, e, f, g, h of the homography [a b c; d e f; g h 1], λ₁, λ₂,
+/// centre x, y.
+const COUNT: usize = 12;
+
+/// Standard deviations of what is assumed of the parameters (all around zero); zero: nothing.
+const SPREAD: [f64; COUNT] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.5, 0.25, 0.1, 0.1];
+/// Scatter of the points in pixels against which the assumptions are weighed.
+const NOMINAL_SCATTER: f64 = 0.5;
+/// Residuals well above this many times the median lose their weight.
+const CUT: f64 = 3.0;
+
+/// A map from the image to the lattice.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Warp<T> {
+    /// Middle of the image, pixels.
+    middle: Vector2<T>,
+    /// Half the image diagonal, pixels.
+    unit: T,
+    parameters: [T; COUNT],
+}
+
+/// The map at one pixel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Local<T> {
+    /// Lattice coordinates.
+    pub site: Vector2<T>,
+    /// Pixels per lattice step (columns: u, v).
+    pub steps: Matrix2<T>,
+    /// How the parameters move the image of a lattice point, in pixels, up to the sign.
+    slopes: [Vector2<T>; COUNT],
+}
+
+impl<T: RealField + Copy> Local<T> {
+    /// Offset in pixels from where the map puts lattice point `site`.
+    pub fn residual(&self, site: Vector2<T>) -> Vector2<T> {
+        self.steps * (self.site - site)
+    }
+
+    /// Distance to the nearest lattice neighbour in pixels, squared.
+    pub fn spacing_squared(&self) -> T {
+        let (u, v) = (self.steps.column(0), self.steps.column(1));
+        u.norm_squared().min(v.norm_squared()).min((u + v).norm_squared()).min((u - v).norm_squared())
+    }
+}
+
+impl<T: RealField + Copy> Warp<T> {
+    /// The affine map that fits a lattice best.
+    pub fn affine<const N: usize>(
+        lattice: &Lattice<N>,
+        points: &Points<T, N>,
+        image_size: (f64, f64),
+    ) -> Option<Self> {
+        let half: T = nalgebra::convert(0.5);
+        let size = Vector2::new(nalgebra::convert::<f64, T>(image_size.0), nalgebra::convert(image_size.1));
+        let middle = (size - Vector2::repeat(T::one())) * half;
+        let unit = size.norm() * half;
+        let affine = lattice.affine(points)?;
+        let back = affine.steps.try_inverse()?;
+        let offset = back * (middle - affine.mean_position) + affine.mean_site;
+        let mut parameters = [T::zero(); COUNT];
+        parameters[0] = back[(0, 0)] * unit;
+        parameters[1] = back[(0, 1)] * unit;
+        parameters[2] = offset.x;
+        parameters[3] = back[(1, 0)] * unit;
+        parameters[4] = back[(1, 1)] * unit;
+        parameters[5] = offset.y;
+        Some(Self { middle, unit, parameters })
+    }
+
+    /// The map at a pixel; none where it is not one to one and right side up.
+    pub fn at(&self, pixel: &Vector2<T>) -> Option<Local<T>> {
+        let [a, b, c, d, e, f, g, h, first, second, center_x, center_y] = self.parameters;
+        let two: T = nalgebra::convert(2.0);
+        let place = (pixel - self.middle) / self.unit - Vector2::new(center_x, center_y);
+        let (x, y) = (place.x, place.y);
+        let s = place.norm_squared();
+        let depth = T::one() + (first + second * s) * s;
+        let denominator = g * x + h * y + depth;
+        if denominator < nalgebra::convert(1e-3) {
+            return None;
+        }
+        let scale = T::one() / denominator;
+        let u = (a * x + b * y + c * depth) * scale;
+        let v = (d * x + e * y + f * depth) * scale;
+        let by_depth = Vector2::new(c - u, f - v) * scale;
+        let depth_slope = (first + second * s * two) * two;
+        let by_x = Vector2::new(a - u * g, d - v * g) * scale + by_depth * (depth_slope * x);
+        let by_y = Vector2::new(b - u * h, e - v * h) * scale + by_depth * (depth_slope * y);
+        let determinant = by_x.perp(&by_y);
+        if determinant <= T::zero() {
+            return None;
+        }
+        let factor = self.unit / determinant;
+        let steps = Matrix2::new(by_y.y, -by_y.x, -by_x.y, by_x.x) * factor;
+        let (along_u, along_v) = (steps.column(0).into_owned(), steps.column(1).into_owned());
+        let (x, y, depth) = (x * scale, y * scale, depth * scale);
+        let inward = -(along_u * u + along_v * v);
+        let deeper = steps * by_depth;
+        let slopes = [
+            along_u * x,
+            along_u * y,
+            along_u * depth,
+            along_v * x,
+            along_v * y,
+            along_v * depth,
+            inward * x,
+            inward * y,
+            deeper * s,
+            deeper * (s * s),
+            Vector2::new(-self.unit, T::zero()),
+            Vector2::new(T::zero(), -self.unit),
+        ];
+        Some(Local { site: Vector2::new(u, v), steps, slopes })
+    }
+}
+
+/// The precision of a fitted map, with which single points are judged.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Precision<T> {
+    /// Lower triangular factor of the normal matrix.
+    factor: [[T; COUNT]; COUNT],
+    /// Square of the distance at which a residual has half its weight.
+    cut_squared: T,
+}
+
+/// A point against the map fitted to the others.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Deviation<T> {
+    /// Squared distance in pixels.
+    pub distance_squared: T,
+    /// The same in units of its variance, if points scatter by 1 px along each axis.
+    pub normalized_squared: T,
+    /// Variance of the map there, both axes together, if points scatter by 1 px along each axis.
+    pub variance: T,
+}
+
+/// The normal equations of one Gauss-Newton step.
+struct System<T> {
+    normal: [[T; COUNT]; COUNT],
+    gradient: [T; COUNT],
+}
+
+impl<T: RealField + Copy> Warp<T> {
+    /// Fits the map to a lattice by at most `steps` Levenberg-Marquardt steps from where it is, with
+    /// little weight on points far off. `squares` is scratch.
+    pub fn fit<const N: usize>(
+        &mut self,
+        lattice: &Lattice<N>,
+        points: &Points<T, N>,
+        steps: usize,
+        squares: &mut Vec<T, N>,
+    ) -> Option<Precision<T>> {
+        let ten: T = nalgebra::convert(10.0);
+        let enough: T = nalgebra::convert(0.99);
+        let mut damping = T::zero();
+        let mut precision = None;
+        for _ in 0..steps {
+            let cut_squared = self.cut_squared(lattice, points, squares)?;
+            let before = self.cost(lattice, points, cut_squared);
+            let system = self.system(lattice, points, cut_squared);
+            let mut after = before;
+            for _ in 0..5 {
+                if let Some(factor) = cholesky(&system.normal, damping) {
+                    let mut trial = *self;
+                    let step = solve(&factor, system.gradient);
+                    for (parameter, step) in trial.parameters.iter_mut().zip(step) {
+                        *parameter -= step;
+                    }
+                    let cost = trial.cost(lattice, points, cut_squared);
+                    if cost < before {
+                        after = cost;
+                        *self = trial;
+                        damping /= ten;
+                        break;
+                    }
+                }
+                damping = (damping * ten).max(nalgebra::convert(1e-3));
+            }
+            precision = cholesky(&system.normal, T::zero()).map(|factor| Precision { factor, cut_squared });
+            if after >= before * enough {
+                break;
+            }
+        }
+        precision
+    }
+
+    /// Square of the distance at which a point has half its weight.
+    fn cut_squared<const N: usize>(
+        &self,
+        lattice: &Lattice<N>,
+        points: &Points<T, N>,
+        squares: &mut Vec<T, N>,
+    ) -> Option<T> {
+        squares.clear();
+        for (position, site) in members(lattice, points) {
+            let square = self.at(&position).map_or(self.unit * self.unit, |local| local.residual(site).norm_squared());
+            // As many as there are sites.
+            let _ = squares.push(square);
+        }
+        let rank = squares.len() / 2;
+        let floor: T = nalgebra::convert(1e-4);
+        Some((select(squares, rank)? * nalgebra::convert(CUT * CUT)).max(floor))
+    }
+
+    /// The robust cost (Cauchy's) with the assumptions.
+    fn cost<const N: usize>(&self, lattice: &Lattice<N>, points: &Points<T, N>, cut_squared: T) -> T {
+        let mut cost = T::zero();
+        for (position, site) in members(lattice, points) {
+            let square = self.at(&position).map_or(self.unit * self.unit, |local| local.residual(site).norm_squared());
+            cost += cut_squared * (square / cut_squared).ln_1p();
+        }
+        for (parameter, weight) in self.parameters.iter().zip(assumption_weights::<T>()) {
+            cost += *parameter * *parameter * weight;
+        }
+        cost
+    }
+
+    fn system<const N: usize>(&self, lattice: &Lattice<N>, points: &Points<T, N>, cut_squared: T) -> System<T> {
+        let mut normal = [[T::zero(); COUNT]; COUNT];
+        let mut gradient = [T::zero(); COUNT];
+        for (position, site) in members(lattice, points) {
+            let Some(local) = self.at(&position) else { continue };
+            let residual = local.residual(site);
+            let weight = cut_squared / (cut_squared + residual.norm_squared());
+            for row in 0..COUNT {
+                let slope = local.slopes[row] * weight;
+                for column in 0..=row {
+                    normal[row][column] += slope.dot(&local.slopes[column]);
+                }
+                gradient[row] += slope.dot(&residual);
+            }
+        }
+        for (index, weight) in assumption_weights::<T>().into_iter().enumerate() {
+            normal[index][index] += weight;
+            gradient[index] += self.parameters[index] * weight;
+        }
+        System { normal, gradient }
+    }
+}
+
+fn assumption_weights<T: RealField + Copy>() -> [T; COUNT] {
+    SPREAD.map(|spread| {
+        let ratio = if spread > 0.0 { NOMINAL_SCATTER / spread } else { 0.0 };
+        nalgebra::convert(ratio * ratio)
+    })
+}
+
+/// The points of a lattice in the image, with their lattice coordinates.
+fn members<'a, T: RealField + Copy, const N: usize>(
+    lattice: &'a Lattice<N>,
+    points: &'a Points<T, N>,
+) -> impl Iterator<Item = (Vector2<T>, Vector2<T>)> + 'a {
+    lattice.sites().iter().filter_map(|site| points.position(site.point).map(|position| (position, site.position())))
+}
+
+impl<T: RealField + Copy> Precision<T> {
+    /// How far a point is off the site that the map has for it. A `member` of the fitted lattice is
+    /// judged by the map without it.
+    pub fn deviation(&self, local: &Local<T>, site: Vector2<T>, member: bool) -> Deviation<T> {
+        let mut residual = local.residual(site);
+        let mut variance = self.variance(local);
+        if member {
+            let weight = self.cut_squared / (self.cut_squared + residual.norm_squared());
+            if let Some(inverse) = (Matrix2::identity() - variance * weight).try_inverse() {
+                residual = inverse * residual;
+                variance *= inverse;
+            }
+        }
+        let normalized = (Matrix2::identity() + variance).try_inverse().map_or(residual, |inverse| inverse * residual);
+        Deviation {
+            distance_squared: residual.norm_squared(),
+            normalized_squared: residual.dot(&normalized),
+            variance: variance.trace(),
+        }
+    }
+
+    /// Covariance of the map's image of a lattice point.
+    fn variance(&self, local: &Local<T>) -> Matrix2<T> {
+        let mut solved = local.slopes;
+        let mut variance = Matrix2::zeros();
+        for row in 0..COUNT {
+            let mut value = solved[row];
+            for column in 0..row {
+                value -= solved[column] * self.factor[row][column];
+            }
+            let value = value / self.factor[row][row];
+            solved[row] = value;
+            variance += value * value.transpose();
+        }
+        variance
+    }
+}
+
+/// Lower triangular factor of a matrix with its diagonal raised by `damping` × itself; none if it is
+/// not clearly positive definite.
+fn cholesky<T: RealField + Copy>(matrix: &[[T; COUNT]; COUNT], damping: T) -> Option<[[T; COUNT]; COUNT]> {
+    let mut matrix = *matrix;
+    let least: T = nalgebra::convert(1e-9);
+    for column in 0..COUNT {
+        let mut pivot = matrix[column][column] * (T::one() + damping);
+        let before = pivot;
+        for inner in 0..column {
+            pivot -= matrix[column][inner] * matrix[column][inner];
+        }
+        // Catches NaN, too.
+        if !(pivot > before * least) {
+            return None;
+        }
+        let root = pivot.sqrt();
+        let inverse = T::one() / root;
+        matrix[column][column] = root;
+        for row in column + 1..COUNT {
+            let mut value = matrix[row][column];
+            for inner in 0..column {
+                value -= matrix[row][inner] * matrix[column][inner];
+            }
+            matrix[row][column] = value * inverse;
+        }
+    }
+    Some(matrix)
+}
+
+/// Solves L Lᵀ x = b.
+fn solve<T: RealField + Copy>(factor: &[[T; COUNT]; COUNT], mut right: [T; COUNT]) -> [T; COUNT] {
+    for row in 0..COUNT {
+        let mut value = right[row];
+        for inner in 0..row {
+            value -= factor[row][inner] * right[inner];
+        }
+        right[row] = value / factor[row][row];
+    }
+    for row in (0..COUNT).rev() {
+        let mut value = right[row];
+        for inner in row + 1..COUNT {
+            value -= factor[inner][row] * right[inner];
+        }
+        right[row] = value / factor[row][row];
+    }
+    right
+}
