@@ -37,11 +37,12 @@ mod warp;
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
 
-use crate::pattern::Pattern;
+use crate::pattern::{Layout, Pattern};
 use lattice::Lattice;
 use placement::Placement;
 use points::Points;
 use settle::Settling;
+use warp::Warp;
 
 /// A detected circle that may be one of the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,11 +74,17 @@ impl GridOptions {
     /// Options for a pattern: at least 40 % of its circles (no fewer than 6), a margin of 2.
     pub const fn new(pattern: &Pattern, image_size: (f64, f64)) -> Self {
         let part = (pattern.circle_count() * 2).div_ceil(5);
+        let rows = match pattern.layout {
+            Layout::Asymmetric => pattern.rows / 2,
+            Layout::Symmetric => pattern.rows,
+        } as usize;
+        let columns = pattern.columns as usize;
+        let side = if rows < columns { rows } else { columns };
         Self {
             image_size,
             minimum_circles: if part < 6 { 6 } else { part },
             placement_margin: 2,
-            maximum_outside: 2,
+            maximum_outside: (if side < 2 { 2 } else { side }) - 1,
             maximum_scatter: 0.1,
         }
     }
@@ -246,8 +253,8 @@ pub fn find_grid<T: RealField + Copy, const N: usize>(
             failure = failure.max(GridError::TooFewCircles { found: lattice.len(), needed });
             continue;
         }
-        let scatter = settling.settle(lattice, points, options.image_size);
-        match judge(lattice, points, pattern, options, scatter) {
+        let settled = settling.settle(lattice, points, options.image_size);
+        match judge(lattice, points, pattern, options, settled) {
             Err(reason) => failure = failure.max(reason),
             Ok(found) => {
                 for site in lattice.sites() {
@@ -274,12 +281,12 @@ fn judge<T: RealField + Copy, const N: usize>(
     points: &Points<T, N>,
     pattern: &Pattern,
     options: &GridOptions,
-    scatter: Option<T>,
+    settled: Option<(Warp<T>, T)>,
 ) -> Result<FoundGrid<T, N>, GridError> {
     let needed = options.minimum_circles;
     let too_few = |found| GridError::TooFewCircles { found, needed };
-    let (Some(scatter), true) = (scatter, lattice.len() >= needed) else { return Err(too_few(lattice.len())) };
-    let Some(placement) = placement::place(lattice, points, pattern) else { return Err(too_few(0)) };
+    let (Some((warp, scatter)), true) = (settled, lattice.len() >= needed) else { return Err(too_few(lattice.len())) };
+    let Some(placement) = placement::place(lattice, points, &warp, pattern) else { return Err(too_few(0)) };
     if placement.inside < needed {
         return Err(too_few(placement.inside));
     }

@@ -85,23 +85,11 @@ impl<const N: usize> Lattice<N> {
         true
     }
 
-    /// Smallest and largest coordinates, `(u_min, u_max, v_min, v_max)`.
-    pub fn bounds(&self) -> Option<(i32, i32, i32, i32)> {
-        let first = self.sites.first()?;
-        let start = (first.u, first.u, first.v, first.v);
-        let (a, b, c, d) = self
-            .sites
-            .iter()
-            .fold(start, |(a, b, c, d), site| (a.min(site.u), b.max(site.u), c.min(site.v), d.max(site.v)));
-        Some((i32::from(a), i32::from(b), i32::from(c), i32::from(d)))
-    }
-
     /// The affine map from lattice to image coordinates that fits best; none if all points are in
     /// line.
     pub fn affine<T: RealField + Copy>(&self, points: &Points<T, N>) -> Option<Affine<T>> {
-        let samples = || {
-            self.sites.iter().filter_map(|site| points.position(site.point).map(|place| (site.position(), place)))
-        };
+        let samples =
+            || self.sites.iter().filter_map(|site| points.position(site.point).map(|place| (site.position(), place)));
         let count: T = nalgebra::convert(self.sites.len().max(1) as f64);
         let mut mean_site = Vector2::zeros();
         let mut mean_position = Vector2::zeros();

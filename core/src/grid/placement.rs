@@ -10,17 +10,14 @@ use nalgebra::{Matrix2, RealField, Vector2};
 
 use super::lattice::Lattice;
 use super::points::Points;
+use super::warp::Warp;
 use crate::pattern::{Layout, Pattern};
 
 /// Entries of the change of basis run from -this to this.
 const LARGEST_ENTRY: i32 = 2;
-/// The board's two image scales (across and along the slant) differ by at most this factor.
-const LARGEST_SLANT: f64 = 6.0;
-/// A placement whose slant is larger by this factor explains one point less than it seems: a
-/// sheared reading of a board seen from the front.
-const MORE_SLANTED: f64 = 1.25;
-/// Most changes of basis looked at.
-const RIVALS: usize = 64;
+/// The board's axes are those that make it a square lattice in space: its scales along two axes are
+/// equal but for this factor. For any other axes they differ by 2.6 or more.
+const LARGEST_SHEAR: f64 = 1.6;
 /// Extent of a lattice in board units that can be handled.
 const EXTENT: usize = 192;
 
@@ -33,7 +30,7 @@ pub(super) struct Placement {
     pub inside: usize,
     /// Number of points that fall beside the board.
     pub outside: usize,
-    /// Number of points that the next best placement explains (one less if it is much more slanted).
+    /// Number of points that the next best placement explains.
     pub runner_up: usize,
 }
 
@@ -70,58 +67,27 @@ pub(super) fn extent_of(pattern: &Pattern) -> (i32, i32) {
 pub(super) fn place<T: RealField + Copy, const N: usize>(
     lattice: &Lattice<N>,
     points: &Points<T, N>,
+    warp: &Warp<T>,
     pattern: &Pattern,
 ) -> Option<Placement> {
-    let image_steps = lattice.affine(points)?.steps;
     let turns = turns_of(pattern);
-    let mut rivals: Vec<Rival<T>, RIVALS> = Vec::new();
-    let mut least = 1;
+    let largest_shear = nalgebra::convert(LARGEST_SHEAR);
+    let mut best: Option<Placement> = None;
+    let mut runner_up = 0;
     for axes in AxesIterator::new(pattern.layout) {
-        if !is_first_turn(&axes, turns) {
+        if !is_first_turn(&axes, turns) || warp.shear(&axes).is_none_or(|shear| shear > largest_shear) {
             continue;
         }
-        let Some(slant) = slant(&axes, &image_steps) else { continue };
-        let mut rival = Rival { axes, origin: (0, 0), inside: 0, next: 0, slant };
-        count_shifts(lattice, pattern, &axes, least, |origin, inside| {
-            if inside > rival.inside {
-                rival = Rival { origin, inside, next: rival.inside, ..rival };
-            } else {
-                rival.next = rival.next.max(inside);
+        count_shifts(lattice, pattern, &axes, runner_up.max(1), |origin, inside| match best {
+            Some(known) if inside <= known.inside => runner_up = runner_up.max(inside),
+            _ => {
+                runner_up = best.map_or(runner_up, |known| known.inside.max(runner_up));
+                best = Some(Placement { axes, origin, inside, outside: lattice.len() - inside, runner_up: 0 });
             }
         });
-        if rival.inside > 0 && rivals.push(rival).is_err() {
-            break;
-        }
-        // Placements that explain half of the best are no rivals.
-        least = least.max(rival.inside / 2);
     }
-    let mut best = *rivals.first()?;
-    for rival in &rivals {
-        if rival.inside > best.inside || (rival.inside == best.inside && rival.slant < best.slant) {
-            best = *rival;
-        }
-    }
-    let malus = nalgebra::convert(MORE_SLANTED);
-    let runner_up = rivals.iter().fold(best.next, |most, rival| {
-        let explained = if rival.slant > best.slant * malus { rival.inside.saturating_sub(1) } else { rival.inside };
-        if rival.axes == best.axes { most } else { most.max(explained) }
-    });
-    let (axes, origin, inside) = (best.axes, best.origin, best.inside);
-    let placement = Placement { axes, origin, inside, outside: lattice.len() - inside, runner_up };
-    Some(turned_to_top_left(placement, pattern, turns, &image_steps))
-}
-
-/// The best placement with given axes.
-#[derive(Clone, Copy)]
-struct Rival<T> {
-    axes: [[i32; 2]; 2],
-    origin: (i32, i32),
-    /// Number of points explained.
-    inside: usize,
-    /// Number of points that the next best shift explains.
-    next: usize,
-    /// Ratio of the board's two image scales.
-    slant: T,
+    let best = best.map(|best| Placement { runner_up, ..best })?;
+    turned_to_top_left(best, lattice, points, pattern, turns)
 }
 
 /// Calls `report` with the shift and the number of points inside, for every shift that may explain
@@ -184,17 +150,6 @@ fn windows(values: impl Iterator<Item = i32> + Clone, length: i32, least: usize)
     Some(starts)
 }
 
-/// The ratio s/t + t/s of the board's image scales s, t across and along the slant; none if no
-/// camera sees the board's axes like that.
-fn slant<T: RealField + Copy>(axes: &[[i32; 2]; 2], image_steps: &Matrix2<T>) -> Option<T> {
-    let board = board_to_image(axes, image_steps);
-    let limit: T = nalgebra::convert(LARGEST_SLANT + 1.0 / LARGEST_SLANT);
-    let determinant = board.determinant();
-    // For singular values s and t: (s² + t²) / (s t).
-    let ratio = board.norm_squared() / determinant;
-    (determinant > T::zero() && ratio <= limit).then_some(ratio)
-}
-
 fn board_to_image<T: RealField + Copy>(axes: &[[i32; 2]; 2], image_steps: &Matrix2<T>) -> Matrix2<T> {
     let [[a, b], [c, d]] = axes.map(|row| row.map(f64::from));
     let determinant = a * d - b * c;
@@ -203,17 +158,19 @@ fn board_to_image<T: RealField + Copy>(axes: &[[i32; 2]; 2], image_steps: &Matri
 }
 
 /// Picks, of the turns that map the board onto itself, the one with the first circle at the top left.
-fn turned_to_top_left<T: RealField + Copy>(
+fn turned_to_top_left<T: RealField + Copy, const N: usize>(
     placement: Placement,
+    lattice: &Lattice<N>,
+    points: &Points<T, N>,
     pattern: &Pattern,
     turns: usize,
-    image_steps: &Matrix2<T>,
-) -> Placement {
+) -> Option<Placement> {
+    let image_steps = lattice.affine(points)?.steps;
     let (width, height) = extent_of(pattern);
     let toward = |placement: &Placement| {
         // From the first circle to the middle of the board; right and down is positive.
         let middle = Vector2::new(nalgebra::convert(f64::from(width)), nalgebra::convert(f64::from(height)));
-        (board_to_image(&placement.axes, image_steps) * middle).sum()
+        (board_to_image(&placement.axes, &image_steps) * middle).sum()
     };
     let mut best = placement;
     let mut turned = placement;
@@ -223,7 +180,7 @@ fn turned_to_top_left<T: RealField + Copy>(
             best = turned;
         }
     }
-    best
+    Some(best)
 }
 
 fn half_turn(placement: Placement, width: i32, height: i32) -> Placement {

@@ -11,12 +11,15 @@ use nalgebra::{RealField, Vector2};
 use super::lattice::Lattice;
 use super::points::Points;
 use super::select::select;
-use super::warp::{Precision, Warp};
+use super::warp::{Precision, Step, Warp};
 
 /// Most rounds.
 const ROUNDS: usize = 6;
-/// Steps of the first fit, and of every later one.
-const STEPS: (usize, usize) = (6, 3);
+/// Steps of the first fit.
+const FIRST_FIT: [Step; 8] =
+    [Step::Homography, Step::Homography, Step::All, Step::All, Step::Robust, Step::Robust, Step::Robust, Step::Robust];
+/// Steps of every later one.
+const LATER_FIT: [Step; 3] = [Step::Robust; 3];
 /// A point may be off by this many standard deviations.
 const DEVIATIONS: f64 = 4.5;
 /// A point never lies further from its place than this part of the spacing.
@@ -51,18 +54,18 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         Self { claims: Vec::new(), squares: Vec::new() }
     }
 
-    /// Returns the scatter of one point, as a standard deviation in pixels along one axis; none if
-    /// no map fits.
+    /// Returns the map, and the scatter of one point as a standard deviation in pixels along one axis;
+    /// none if no map fits.
     pub fn settle(
         &mut self,
         lattice: &mut Lattice<N>,
         points: &Points<T, N>,
         image_size: (f64, f64),
-    ) -> Option<T> {
+    ) -> Option<(Warp<T>, T)> {
         let mut warp = Warp::affine(lattice, points, image_size)?;
         let mut scatter = T::zero();
         for round in 0..ROUNDS {
-            let steps = if round == 0 { STEPS.0 } else { STEPS.1 };
+            let steps: &[Step] = if round == 0 { &FIRST_FIT } else { &LATER_FIT };
             let precision = warp.fit(lattice, points, steps, &mut self.squares)?;
             scatter = self.scatter(lattice, points, &warp, &precision)?;
             self.collect_claims(lattice, points, &warp, &precision, scatter);
@@ -70,7 +73,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
                 break;
             }
         }
-        Some(scatter)
+        Some((warp, scatter))
     }
 
     /// Standard deviation by the median of the residuals.
@@ -139,7 +142,8 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
     fn sink_last(&mut self) {
         let mut end = self.claims.len();
         while end >= 2 {
-            let Some([before, last]) = self.claims.get_mut(end - 2..end).and_then(|pair| pair.as_mut_array::<2>()) else {
+            let Some([before, last]) = self.claims.get_mut(end - 2..end).and_then(|pair| pair.as_mut_array::<2>())
+            else {
                 return;
             };
             if before.distance <= last.distance {
@@ -158,13 +162,14 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         let mut same = 0;
         for index in 0..self.claims.len() {
             let Some(claim) = self.claims.get(index).copied() else { break };
-            let rival = self.claims.iter().enumerate().find(|(other_index, other)| {
-                *other_index != index && (other.u, other.v) == (claim.u, claim.v)
-            });
+            let rival = self
+                .claims
+                .iter()
+                .enumerate()
+                .find(|(other_index, other)| *other_index != index && (other.u, other.v) == (claim.u, claim.v));
             // The first of several is the best; it keeps the site if the next is clearly worse.
-            let keeps = rival.is_none_or(|(other_index, other)| {
-                other_index > index && other.distance - claim.distance >= contest
-            });
+            let keeps = rival
+                .is_none_or(|(other_index, other)| other_index > index && other.distance - claim.distance >= contest);
             if keeps {
                 same += usize::from(lattice.at(i32::from(claim.u), i32::from(claim.v)) == Some(claim.point));
                 self.claims.swap(kept, index);

@@ -8,7 +8,7 @@
 //! perspective and lenses up to fisheyes closely enough that what does not fit it is no circle of the board.
 
 use heapless::Vec;
-use nalgebra::{Matrix2, RealField, Vector2};
+use nalgebra::{Matrix2, Matrix3, RealField, Vector2};
 
 use super::lattice::Lattice;
 use super::points::Points;
@@ -18,12 +18,33 @@ use super::select::select;
 /// centre x, y.
 const COUNT: usize = 12;
 
-/// Standard deviations of what is assumed of the parameters (all around zero); zero: nothing.
-const SPREAD: [f64; COUNT] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.5, 0.25, 0.1, 0.1];
+/// What is assumed of λ₁; of all others that they are around zero. From pinhole (0) to fisheye (-0.8).
+const ASSUMED: [f64; COUNT] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.35, 0.0, 0.0, 0.0];
+/// Standard deviations of what is assumed; zero: nothing is.
+const SPREAD: [f64; COUNT] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.4, 0.2, 0.1, 0.1];
 /// Scatter of the points in pixels against which the assumptions are weighed.
 const NOMINAL_SCATTER: f64 = 0.5;
 /// Residuals well above this many times the median lose their weight.
 const CUT: f64 = 3.0;
+
+/// Index of the first parameter of the lens.
+const FIRST_OF_LENS: usize = 8;
+/// Factor on the weight of what is assumed of the lens while the homography is sought.
+const FIRM: f64 = 1e6;
+/// Most attempts at a step, with ever more damping.
+const ATTEMPTS: usize = 5;
+
+/// What a step of a fit does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Step {
+    /// Moves the homography; the lens stays as assumed, without which the lens would take on what is
+    /// perspective. Points far off weigh as much as others.
+    Homography,
+    /// Moves all parameters.
+    All,
+    /// Moves all parameters, with little weight on points far off. Ends the fit when it gains nothing.
+    Robust,
+}
 
 /// A map from the image to the lattice.
 #[derive(Clone, Copy, Debug)]
@@ -61,11 +82,7 @@ impl<T: RealField + Copy> Local<T> {
 
 impl<T: RealField + Copy> Warp<T> {
     /// The affine map that fits a lattice best.
-    pub fn affine<const N: usize>(
-        lattice: &Lattice<N>,
-        points: &Points<T, N>,
-        image_size: (f64, f64),
-    ) -> Option<Self> {
+    pub fn affine<const N: usize>(lattice: &Lattice<N>, points: &Points<T, N>, image_size: (f64, f64)) -> Option<Self> {
         let half: T = nalgebra::convert(0.5);
         let size = Vector2::new(nalgebra::convert::<f64, T>(image_size.0), nalgebra::convert(image_size.1));
         let middle = (size - Vector2::repeat(T::one())) * half;
@@ -74,6 +91,7 @@ impl<T: RealField + Copy> Warp<T> {
         let back = affine.steps.try_inverse()?;
         let offset = back * (middle - affine.mean_position) + affine.mean_site;
         let mut parameters = [T::zero(); COUNT];
+        parameters[8] = nalgebra::convert(ASSUMED[8]);
         parameters[0] = back[(0, 0)] * unit;
         parameters[1] = back[(0, 1)] * unit;
         parameters[2] = offset.x;
@@ -130,6 +148,38 @@ impl<T: RealField + Copy> Warp<T> {
     }
 }
 
+/// Focal lengths tried by [`Warp::shear`], in units of half the image diagonal: from a fisheye to a
+/// telephoto lens.
+const FOCAL_LENGTHS: [f64; 7] = [0.5, 0.75, 1.1, 1.6, 2.4, 3.6, 5.4];
+
+impl<T: RealField + Copy> Warp<T> {
+    /// How far the map is from showing a square lattice in a plane if `axes` takes lattice to board
+    /// coordinates: the ratio of the board's two scales, at the focal length where it is least.
+    /// 1 for the right axes, as the convergence of lines belongs to the slant; at least 2.6, if all
+    /// is exact, for others. None if the map is degenerate.
+    pub fn shear(&self, axes: &[[i32; 2]; 2]) -> Option<T> {
+        let [a, b, c, d, e, f, g, h, ..] = self.parameters;
+        let to_ray = Matrix3::new(a, b, c, d, e, f, g, h, T::one()).try_inverse()?;
+        let axes = Matrix2::from_fn(|row, column| nalgebra::convert::<f64, T>(f64::from(axes[row][column])));
+        let rays = to_ray.fixed_columns::<2>(0) * axes.try_inverse()?;
+        let across = rays.fixed_rows::<2>(0).into_owned();
+        let along = rays.fixed_rows::<1>(2).into_owned();
+        let two: T = nalgebra::convert(2.0);
+        let mut least: Option<T> = None;
+        for focal_length in FOCAL_LENGTHS {
+            let squared: T = nalgebra::convert(focal_length * focal_length);
+            let metric = across.transpose() * across + along.transpose() * along * squared;
+            // For scales s ≥ t: (s² + t²) / (s t) = r + 1/r with r = s/t.
+            let half_sum = metric.trace() / metric.determinant().sqrt() / two;
+            let ratio = half_sum + (half_sum * half_sum - T::one()).max(T::zero()).sqrt();
+            if ratio.is_finite() {
+                least = Some(least.map_or(ratio, |known| known.min(ratio)));
+            }
+        }
+        least
+    }
+}
+
 /// The precision of a fitted map, with which single points are judged.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Precision<T> {
@@ -150,50 +200,47 @@ pub(super) struct Deviation<T> {
     pub variance: T,
 }
 
-/// The normal equations of one Gauss-Newton step.
-struct System<T> {
-    normal: [[T; COUNT]; COUNT],
-    gradient: [T; COUNT],
-}
-
 impl<T: RealField + Copy> Warp<T> {
-    /// Fits the map to a lattice by at most `steps` Levenberg-Marquardt steps from where it is, with
-    /// little weight on points far off. `squares` is scratch.
+    /// Fits the map to a lattice by Levenberg-Marquardt steps from where it is. `squares` is scratch.
     pub fn fit<const N: usize>(
         &mut self,
         lattice: &Lattice<N>,
         points: &Points<T, N>,
-        steps: usize,
+        schedule: &[Step],
         squares: &mut Vec<T, N>,
     ) -> Option<Precision<T>> {
         let ten: T = nalgebra::convert(10.0);
+        let tiny: T = nalgebra::convert(1e-4);
         let enough: T = nalgebra::convert(0.99);
         let mut damping = T::zero();
         let mut precision = None;
-        for _ in 0..steps {
-            let cut_squared = self.cut_squared(lattice, points, squares)?;
-            let before = self.cost(lattice, points, cut_squared);
-            let system = self.system(lattice, points, cut_squared);
+        for &step in schedule {
+            let cut_squared = match step {
+                Step::Homography | Step::All => self.unit * self.unit,
+                Step::Robust => self.cut_squared(lattice, points, squares)?,
+            };
+            let weights = assumption_weights(step);
+            let before = self.cost(lattice, points, cut_squared, &weights);
+            let (normal, gradient) = self.normal_equations(lattice, points, cut_squared, &weights);
             let mut after = before;
-            for _ in 0..5 {
-                if let Some(factor) = cholesky(&system.normal, damping) {
+            for _ in 0..ATTEMPTS {
+                if let Some(factor) = cholesky(&normal, damping) {
                     let mut trial = *self;
-                    let step = solve(&factor, system.gradient);
-                    for (parameter, step) in trial.parameters.iter_mut().zip(step) {
-                        *parameter -= step;
+                    for (parameter, change) in trial.parameters.iter_mut().zip(solve(&factor, gradient)) {
+                        *parameter -= change;
                     }
-                    let cost = trial.cost(lattice, points, cut_squared);
+                    let cost = trial.cost(lattice, points, cut_squared, &weights);
                     if cost < before {
                         after = cost;
                         *self = trial;
-                        damping /= ten;
+                        damping = if damping < tiny { T::zero() } else { damping / ten };
                         break;
                     }
                 }
-                damping = (damping * ten).max(nalgebra::convert(1e-3));
+                damping = (damping * ten).max(tiny * ten);
             }
-            precision = cholesky(&system.normal, T::zero()).map(|factor| Precision { factor, cut_squared });
-            if after >= before * enough {
+            precision = cholesky(&normal, T::zero()).map(|factor| Precision { factor, cut_squared });
+            if step == Step::Robust && after >= before * enough {
                 break;
             }
         }
@@ -219,19 +266,33 @@ impl<T: RealField + Copy> Warp<T> {
     }
 
     /// The robust cost (Cauchy's) with the assumptions.
-    fn cost<const N: usize>(&self, lattice: &Lattice<N>, points: &Points<T, N>, cut_squared: T) -> T {
+    fn cost<const N: usize>(
+        &self,
+        lattice: &Lattice<N>,
+        points: &Points<T, N>,
+        cut_squared: T,
+        weights: &[T; COUNT],
+    ) -> T {
         let mut cost = T::zero();
         for (position, site) in members(lattice, points) {
             let square = self.at(&position).map_or(self.unit * self.unit, |local| local.residual(site).norm_squared());
             cost += cut_squared * (square / cut_squared).ln_1p();
         }
-        for (parameter, weight) in self.parameters.iter().zip(assumption_weights::<T>()) {
-            cost += *parameter * *parameter * weight;
+        for ((&parameter, &weight), assumed) in self.parameters.iter().zip(weights).zip(ASSUMED) {
+            let offset = parameter - nalgebra::convert(assumed);
+            cost += offset * offset * weight;
         }
         cost
     }
 
-    fn system<const N: usize>(&self, lattice: &Lattice<N>, points: &Points<T, N>, cut_squared: T) -> System<T> {
+    /// Normal matrix (lower triangle) and gradient.
+    fn normal_equations<const N: usize>(
+        &self,
+        lattice: &Lattice<N>,
+        points: &Points<T, N>,
+        cut_squared: T,
+        weights: &[T; COUNT],
+    ) -> ([[T; COUNT]; COUNT], [T; COUNT]) {
         let mut normal = [[T::zero(); COUNT]; COUNT];
         let mut gradient = [T::zero(); COUNT];
         for (position, site) in members(lattice, points) {
@@ -246,18 +307,22 @@ impl<T: RealField + Copy> Warp<T> {
                 gradient[row] += slope.dot(&residual);
             }
         }
-        for (index, weight) in assumption_weights::<T>().into_iter().enumerate() {
-            normal[index][index] += weight;
-            gradient[index] += self.parameters[index] * weight;
+        for index in 0..COUNT {
+            normal[index][index] += weights[index];
+            gradient[index] += (self.parameters[index] - nalgebra::convert(ASSUMED[index])) * weights[index];
         }
-        System { normal, gradient }
+        (normal, gradient)
     }
 }
 
-fn assumption_weights<T: RealField + Copy>() -> [T; COUNT] {
-    SPREAD.map(|spread| {
+/// Weights of the assumptions.
+fn assumption_weights<T: RealField + Copy>(step: Step) -> [T; COUNT] {
+    let firmness = if step == Step::Homography { FIRM } else { 1.0 };
+    core::array::from_fn(|index| {
+        let spread = SPREAD[index];
         let ratio = if spread > 0.0 { NOMINAL_SCATTER / spread } else { 0.0 };
-        nalgebra::convert(ratio * ratio)
+        let firmness = if index < FIRST_OF_LENS { 1.0 } else { firmness };
+        nalgebra::convert(ratio * ratio * firmness)
     })
 }
 
