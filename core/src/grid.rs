@@ -41,6 +41,7 @@ use crate::pattern::{Layout, Pattern};
 use lattice::Lattice;
 use placement::Placement;
 use points::Points;
+use seed::Kind;
 use settle::Settling;
 use warp::Warp;
 
@@ -224,7 +225,7 @@ pub fn find_grid<T: RealField + Copy, const N: usize>(
     options: &GridOptions,
     workspace: &mut GridWorkspace<T, N>,
 ) -> Result<FoundGrid<T, N>, GridError> {
-    let GridWorkspace { points, lattice, settling } = workspace;
+    let points = &mut workspace.points;
     let needed = options.minimum_circles;
     if candidates.len() < needed {
         return Err(GridError::TooFewCandidates { usable: candidates.len(), needed });
@@ -237,11 +238,30 @@ pub fn find_grid<T: RealField + Copy, const N: usize>(
     }
     points.find_neighbours();
 
+    let mut failure = GridError::NoLattice;
+    for kind in [Kind::Cross, Kind::Border] {
+        match search(pattern, options, workspace, kind) {
+            Ok(found) => return Ok(found),
+            Err(reason) => failure = failure.max(reason),
+        }
+    }
+    Err(failure)
+}
+
+/// Grows a lattice from one seed after the other, until one is a board that is complete enough.
+fn search<T: RealField + Copy, const N: usize>(
+    pattern: &Pattern,
+    options: &GridOptions,
+    workspace: &mut GridWorkspace<T, N>,
+    kind: Kind,
+) -> Result<FoundGrid<T, N>, GridError> {
+    let GridWorkspace { points, lattice, settling } = workspace;
+    let needed = options.minimum_circles;
     let mut best: Option<FoundGrid<T, N>> = None;
     let mut failure = GridError::NoLattice;
-    let mut tried = [false; N];
-    for seed in &seed::find_seeds(points) {
-        if tried.get(usize::from(seed.center)).copied().unwrap_or(true) {
+    let mut used = [false; N];
+    for seed in &seed::find_seeds(points, kind) {
+        if used.get(usize::from(seed.center)).copied().unwrap_or(true) {
             continue;
         }
         seed.plant(lattice);
@@ -254,22 +274,23 @@ pub fn find_grid<T: RealField + Copy, const N: usize>(
             continue;
         }
         let settled = settling.settle(lattice, points, options.image_size);
-        match judge(lattice, points, pattern, options, settled) {
-            Err(reason) => failure = failure.max(reason),
-            Ok(found) => {
-                for site in lattice.sites() {
-                    if let Some(tried) = tried.get_mut(usize::from(site.point)) {
-                        *tried = true;
-                    }
-                }
-                let enough = found.circles.len() * 10 >= pattern.circle_count() * ENOUGH_TENTHS;
-                if best.as_ref().is_none_or(|best| found.circles.len() > best.circles.len()) {
-                    best = Some(found);
-                }
-                if enough {
-                    break;
-                }
+        let found = match judge(lattice, points, pattern, options, settled) {
+            Ok(found) => found,
+            Err(reason) => {
+                failure = failure.max(reason);
+                continue;
             }
+        };
+        if found.circles.len() * 10 >= pattern.circle_count() * ENOUGH_TENTHS {
+            return Ok(found);
+        }
+        for site in lattice.sites() {
+            if let Some(used) = used.get_mut(usize::from(site.point)) {
+                *used = true;
+            }
+        }
+        if best.as_ref().is_none_or(|best| found.circles.len() > best.circles.len()) {
+            best = Some(found);
         }
     }
     best.ok_or(failure)

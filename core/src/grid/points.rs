@@ -156,7 +156,10 @@ impl<T: RealField + Copy, const N: usize> Points<T, N> {
                 right += 1;
             }
             let Some(point) = self.points.get(at) else { break };
-            insert_sorted(&mut found, &mut distances, at as u16, (point.position - center).norm_squared());
+            let distance = (point.position - center).norm_squared();
+            if distance < distances[NEIGHBOURS - 1] {
+                insert_sorted(&mut found, &mut distances, at as u16, distance);
+            }
         }
         found
     }

@@ -61,35 +61,69 @@ impl<T: RealField + Copy> Seed<T> {
     }
 }
 
+/// Where to look for seeds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Points between two pairs of opposite neighbours, inside the board.
+    Cross,
+    /// Points between one pair, at its border: for boards of two rows, or with many circles missing.
+    Border,
+}
+
 /// The most lattice-like seeds, best first.
-pub(super) fn find_seeds<T: RealField + Copy, const N: usize>(points: &Points<T, N>) -> Vec<Seed<T>, SEEDS> {
+pub(super) fn find_seeds<T: RealField + Copy, const N: usize>(
+    points: &Points<T, N>,
+    kind: Kind,
+) -> Vec<Seed<T>, SEEDS> {
     let mut seeds = Vec::new();
     for center in 0..points.len() as u16 {
         let pairs = opposite_pairs(points, center);
-        let mut best: Option<Seed<T>> = None;
-        for (index, first) in pairs.iter().enumerate() {
-            for second in pairs.iter().skip(index + 1) {
-                if let Some(seed) = cross(points, center, first, second)
-                    && best.is_none_or(|best| seed.is_better_than(&best))
-                {
-                    best = Some(seed);
-                }
-            }
-        }
-        if best.is_none() {
-            for pair in &pairs {
-                if let Some(seed) = border(points, center, pair)
-                    && best.is_none_or(|best| seed.is_better_than(&best))
-                {
-                    best = Some(seed);
-                }
-            }
-        }
-        if let Some(seed) = best {
+        let seed = match kind {
+            Kind::Cross => best_cross(points, center, &pairs),
+            Kind::Border => best_border(points, center, &pairs),
+        };
+        if let Some(seed) = seed {
             insert(&mut seeds, seed);
         }
     }
     seeds
+}
+
+/// The pairs come shortest first: the first two that make a whole cell are the shortest lattice steps.
+fn best_cross<T: RealField + Copy, const N: usize>(
+    points: &Points<T, N>,
+    center: u16,
+    pairs: &[Pair<T>],
+) -> Option<Seed<T>> {
+    let mut best: Option<Seed<T>> = None;
+    for (index, second) in pairs.iter().enumerate() {
+        for first in pairs.iter().take(index) {
+            let Some(seed) = cross(points, center, first, second) else { continue };
+            if seed.corners == 4 {
+                return Some(seed);
+            }
+            if best.is_none_or(|best| seed.is_better_than(&best)) {
+                best = Some(seed);
+            }
+        }
+    }
+    best
+}
+
+fn best_border<T: RealField + Copy, const N: usize>(
+    points: &Points<T, N>,
+    center: u16,
+    pairs: &[Pair<T>],
+) -> Option<Seed<T>> {
+    let mut best: Option<Seed<T>> = None;
+    for pair in pairs {
+        if let Some(seed) = border(points, center, pair)
+            && best.is_none_or(|best| seed.is_better_than(&best))
+        {
+            best = Some(seed);
+        }
+    }
+    best
 }
 
 /// Pairs of neighbours on opposite sides of a point, shortest first.

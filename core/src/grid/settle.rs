@@ -21,7 +21,7 @@ const FIRST_FIT: [Step; 8] =
 /// Steps of every later one.
 const LATER_FIT: [Step; 3] = [Step::Robust; 3];
 /// A point may be off by this many standard deviations.
-const DEVIATIONS: f64 = 4.5;
+const DEVIATIONS: f64 = 4.0;
 /// A point never lies further from its place than this part of the spacing.
 const WIDEST: f64 = 0.25;
 /// The map's own uncertainty (two standard deviations) must be below this part of the spacing.

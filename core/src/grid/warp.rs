@@ -24,7 +24,7 @@ const ASSUMED: [f64; COUNT] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.35, 0.
 const SPREAD: [f64; COUNT] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.4, 0.2, 0.1, 0.1];
 /// Scatter of the points in pixels against which the assumptions are weighed.
 const NOMINAL_SCATTER: f64 = 0.5;
-/// Residuals well above this many times the median lose their weight.
+/// Points off by this many times the median keep a quarter of their weight.
 const CUT: f64 = 3.0;
 
 /// Index of the first parameter of the lens.
@@ -63,8 +63,12 @@ pub(super) struct Local<T> {
     pub site: Vector2<T>,
     /// Pixels per lattice step (columns: u, v).
     pub steps: Matrix2<T>,
-    /// How the parameters move the image of a lattice point, in pixels, up to the sign.
-    slopes: [Vector2<T>; COUNT],
+    /// The ray, divided by the denominator of the homography.
+    ray: [T; 3],
+    /// How the lattice coordinates depend on the third coordinate of the ray.
+    by_depth: Vector2<T>,
+    /// Squared distance from the distortion centre.
+    squared: T,
 }
 
 impl<T: RealField + Copy> Local<T> {
@@ -77,6 +81,33 @@ impl<T: RealField + Copy> Local<T> {
     pub fn spacing_squared(&self) -> T {
         let (u, v) = (self.steps.column(0), self.steps.column(1));
         u.norm_squared().min(v.norm_squared()).min((u + v).norm_squared()).min((u - v).norm_squared())
+    }
+
+    /// Derivatives of the residual with respect to the parameters: those of x, then those of y.
+    fn slopes(&self, unit: T) -> [[T; COUNT]; 2] {
+        let [x, y, depth] = self.ray;
+        let inward = -(self.steps * self.site);
+        let deeper = self.steps * self.by_depth;
+        let s = self.squared;
+        core::array::from_fn(|axis| {
+            let (along_u, along_v) = (self.steps[(axis, 0)], self.steps[(axis, 1)]);
+            let (inward, deeper) = (inward[axis], deeper[axis]);
+            let by_center = if axis == 0 { (-unit, T::zero()) } else { (T::zero(), -unit) };
+            [
+                along_u * x,
+                along_u * y,
+                along_u * depth,
+                along_v * x,
+                along_v * y,
+                along_v * depth,
+                inward * x,
+                inward * y,
+                deeper * s,
+                deeper * s * s,
+                by_center.0,
+                by_center.1,
+            ]
+        })
     }
 }
 
@@ -126,25 +157,13 @@ impl<T: RealField + Copy> Warp<T> {
         }
         let factor = self.unit / determinant;
         let steps = Matrix2::new(by_y.y, -by_y.x, -by_x.y, by_x.x) * factor;
-        let (along_u, along_v) = (steps.column(0).into_owned(), steps.column(1).into_owned());
-        let (x, y, depth) = (x * scale, y * scale, depth * scale);
-        let inward = -(along_u * u + along_v * v);
-        let deeper = steps * by_depth;
-        let slopes = [
-            along_u * x,
-            along_u * y,
-            along_u * depth,
-            along_v * x,
-            along_v * y,
-            along_v * depth,
-            inward * x,
-            inward * y,
-            deeper * s,
-            deeper * (s * s),
-            Vector2::new(-self.unit, T::zero()),
-            Vector2::new(T::zero(), -self.unit),
-        ];
-        Some(Local { site: Vector2::new(u, v), steps, slopes })
+        Some(Local {
+            site: Vector2::new(u, v),
+            steps,
+            ray: [x * scale, y * scale, depth * scale],
+            by_depth,
+            squared: s,
+        })
     }
 }
 
@@ -185,8 +204,9 @@ impl<T: RealField + Copy> Warp<T> {
 pub(super) struct Precision<T> {
     /// Lower triangular factor of the normal matrix.
     factor: [[T; COUNT]; COUNT],
-    /// Square of the distance at which a residual has half its weight.
+    /// Square of the distance at which a point has a quarter of its weight.
     cut_squared: T,
+    unit: T,
 }
 
 /// A point against the map fitted to the others.
@@ -211,22 +231,21 @@ impl<T: RealField + Copy> Warp<T> {
     ) -> Option<Precision<T>> {
         let ten: T = nalgebra::convert(10.0);
         let tiny: T = nalgebra::convert(1e-4);
-        let enough: T = nalgebra::convert(0.99);
+        let enough: T = nalgebra::convert(0.98);
         let mut damping = T::zero();
-        let mut precision = None;
+        let mut last = None;
         for &step in schedule {
             let cut_squared = match step {
                 Step::Homography | Step::All => self.unit * self.unit,
                 Step::Robust => self.cut_squared(lattice, points, squares)?,
             };
             let weights = assumption_weights(step);
-            let before = self.cost(lattice, points, cut_squared, &weights);
-            let (normal, gradient) = self.normal_equations(lattice, points, cut_squared, &weights);
+            let (system, before) = self.normal_equations(lattice, points, cut_squared, &weights);
             let mut after = before;
             for _ in 0..ATTEMPTS {
-                if let Some(factor) = cholesky(&normal, damping) {
+                if let Some(factor) = cholesky(&system.normal, damping) {
                     let mut trial = *self;
-                    for (parameter, change) in trial.parameters.iter_mut().zip(solve(&factor, gradient)) {
+                    for (parameter, change) in trial.parameters.iter_mut().zip(solve(&factor, system.gradient)) {
                         *parameter -= change;
                     }
                     let cost = trial.cost(lattice, points, cut_squared, &weights);
@@ -239,15 +258,16 @@ impl<T: RealField + Copy> Warp<T> {
                 }
                 damping = (damping * ten).max(tiny * ten);
             }
-            precision = cholesky(&normal, T::zero()).map(|factor| Precision { factor, cut_squared });
+            last = Some((system, cut_squared));
             if step == Step::Robust && after >= before * enough {
                 break;
             }
         }
-        precision
+        let (system, cut_squared) = last?;
+        cholesky(&system.normal, T::zero()).map(|factor| Precision { factor, cut_squared, unit: self.unit })
     }
 
-    /// Square of the distance at which a point has half its weight.
+    /// Square of the distance at which a point has a quarter of its weight.
     fn cut_squared<const N: usize>(
         &self,
         lattice: &Lattice<N>,
@@ -256,16 +276,20 @@ impl<T: RealField + Copy> Warp<T> {
     ) -> Option<T> {
         squares.clear();
         for (position, site) in members(lattice, points) {
-            let square = self.at(&position).map_or(self.unit * self.unit, |local| local.residual(site).norm_squared());
             // As many as there are sites.
-            let _ = squares.push(square);
+            let _ = squares.push(self.square(&position, site));
         }
         let rank = squares.len() / 2;
         let floor: T = nalgebra::convert(1e-4);
         Some((select(squares, rank)? * nalgebra::convert(CUT * CUT)).max(floor))
     }
 
-    /// The robust cost (Cauchy's) with the assumptions.
+    /// Squared residual of a point, in pixels; large where the map does not hold.
+    fn square(&self, position: &Vector2<T>, site: Vector2<T>) -> T {
+        self.at(position).map_or(self.unit * self.unit, |local| local.residual(site).norm_squared())
+    }
+
+    /// The robust cost (Geman and McClure's) with the assumptions.
     fn cost<const N: usize>(
         &self,
         lattice: &Lattice<N>,
@@ -275,9 +299,14 @@ impl<T: RealField + Copy> Warp<T> {
     ) -> T {
         let mut cost = T::zero();
         for (position, site) in members(lattice, points) {
-            let square = self.at(&position).map_or(self.unit * self.unit, |local| local.residual(site).norm_squared());
-            cost += cut_squared * (square / cut_squared).ln_1p();
+            let square = self.square(&position, site);
+            cost += square * cut_squared / (cut_squared + square);
         }
+        cost + self.cost_of_assumptions(weights)
+    }
+
+    fn cost_of_assumptions(&self, weights: &[T; COUNT]) -> T {
+        let mut cost = T::zero();
         for ((&parameter, &weight), assumed) in self.parameters.iter().zip(weights).zip(ASSUMED) {
             let offset = parameter - nalgebra::convert(assumed);
             cost += offset * offset * weight;
@@ -285,34 +314,50 @@ impl<T: RealField + Copy> Warp<T> {
         cost
     }
 
-    /// Normal matrix (lower triangle) and gradient.
+    /// The normal equations of the cost, and the cost.
     fn normal_equations<const N: usize>(
         &self,
         lattice: &Lattice<N>,
         points: &Points<T, N>,
         cut_squared: T,
         weights: &[T; COUNT],
-    ) -> ([[T; COUNT]; COUNT], [T; COUNT]) {
+    ) -> (System<T>, T) {
         let mut normal = [[T::zero(); COUNT]; COUNT];
         let mut gradient = [T::zero(); COUNT];
+        let mut cost = self.cost_of_assumptions(weights);
         for (position, site) in members(lattice, points) {
-            let Some(local) = self.at(&position) else { continue };
+            let Some(local) = self.at(&position) else {
+                let square = self.unit * self.unit;
+                cost += square * cut_squared / (cut_squared + square);
+                continue;
+            };
             let residual = local.residual(site);
-            let weight = cut_squared / (cut_squared + residual.norm_squared());
+            let square = residual.norm_squared();
+            let share = cut_squared / (cut_squared + square);
+            cost += square * share;
+            let weight = share * share;
+            let [by_x, by_y] = local.slopes(self.unit);
             for row in 0..COUNT {
-                let slope = local.slopes[row] * weight;
+                let (x, y) = (by_x[row] * weight, by_y[row] * weight);
                 for column in 0..=row {
-                    normal[row][column] += slope.dot(&local.slopes[column]);
+                    normal[row][column] += x * by_x[column] + y * by_y[column];
                 }
-                gradient[row] += slope.dot(&residual);
+                gradient[row] += x * residual.x + y * residual.y;
             }
         }
         for index in 0..COUNT {
             normal[index][index] += weights[index];
             gradient[index] += (self.parameters[index] - nalgebra::convert(ASSUMED[index])) * weights[index];
         }
-        (normal, gradient)
+        (System { normal, gradient }, cost)
     }
+}
+
+/// The normal equations of one Gauss-Newton step.
+struct System<T> {
+    /// Lower triangle.
+    normal: [[T; COUNT]; COUNT],
+    gradient: [T; COUNT],
 }
 
 /// Weights of the assumptions.
@@ -341,7 +386,8 @@ impl<T: RealField + Copy> Precision<T> {
         let mut residual = local.residual(site);
         let mut variance = self.variance(local);
         if member {
-            let weight = self.cut_squared / (self.cut_squared + residual.norm_squared());
+            let share = self.cut_squared / (self.cut_squared + residual.norm_squared());
+            let weight = share * share;
             if let Some(inverse) = (Matrix2::identity() - variance * weight).try_inverse() {
                 residual = inverse * residual;
                 variance *= inverse;
@@ -357,18 +403,22 @@ impl<T: RealField + Copy> Precision<T> {
 
     /// Covariance of the map's image of a lattice point.
     fn variance(&self, local: &Local<T>) -> Matrix2<T> {
-        let mut solved = local.slopes;
-        let mut variance = Matrix2::zeros();
+        let [mut by_x, mut by_y] = local.slopes(self.unit);
+        let (mut xx, mut xy, mut yy) = (T::zero(), T::zero(), T::zero());
         for row in 0..COUNT {
-            let mut value = solved[row];
+            let (mut x, mut y) = (by_x[row], by_y[row]);
             for column in 0..row {
-                value -= solved[column] * self.factor[row][column];
+                x -= by_x[column] * self.factor[row][column];
+                y -= by_y[column] * self.factor[row][column];
             }
-            let value = value / self.factor[row][row];
-            solved[row] = value;
-            variance += value * value.transpose();
+            let inverse = T::one() / self.factor[row][row];
+            (x, y) = (x * inverse, y * inverse);
+            (by_x[row], by_y[row]) = (x, y);
+            xx += x * x;
+            xy += x * y;
+            yy += y * y;
         }
-        variance
+        Matrix2::new(xx, xy, xy, yy)
     }
 }
 
