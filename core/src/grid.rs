@@ -15,8 +15,8 @@
 //!   mirrored order is returned. An asymmetric board with an even number of rows is not its own
 //!   mirror image, so a mirrored picture of it is refused. All others are: a mirrored picture of
 //!   such a board is a true picture of it from elsewhere, and points alone cannot tell.
-//! - Every other placement (shifted, turned) explains at least
-//!   [`GridOptions::placement_margin`] fewer points. So a board that is cut by the border of the
+//! - Every other placement (shifted, turned) explains at least [`GridOptions::placement_margin`]
+//!   fewer points, or one fewer if no candidate is left over. So a board that is cut by the border of the
 //!   image such that it might be shifted is refused ([`GridError::AmbiguousPlacement`]).
 //! - A board that a half or a quarter turn maps onto itself (all symmetric ones, asymmetric ones
 //!   with an even number of rows) is reported as [`Ordering::Ambiguous`]; the order returned is the
@@ -62,7 +62,8 @@ pub struct GridOptions {
     pub image_size: (f64, f64),
     /// Fewest circles of a board that is accepted.
     pub minimum_circles: usize,
-    /// By how many circles a placement on the board must beat every other one.
+    /// By how many circles a placement on the board must beat every other one. Where every candidate
+    /// is a circle of the board, one suffices.
     pub placement_margin: usize,
     /// Most points that continue the lattice beside the board. More mean that it is another board.
     pub maximum_outside: usize,
@@ -164,6 +165,13 @@ pub enum GridError {
     },
 }
 
+impl GridError {
+    /// Whether there is a lattice, and only its place on the board is in question.
+    const fn is_of_placement(&self) -> bool {
+        matches!(self, Self::WrongBoard { .. } | Self::AmbiguousPlacement { .. })
+    }
+}
+
 impl core::fmt::Display for GridError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
@@ -213,6 +221,8 @@ impl<T: RealField + Copy, const N: usize> Default for GridWorkspace<T, N> {
 const GROWTH_TOLERANCES: [f64; 2] = [0.18, 0.3];
 /// A board is good enough to stop the search with if it has this many tenths of its circles.
 const ENOUGH_TENTHS: usize = 9;
+/// Most lattices that are grown, settled and refused.
+const ATTEMPTS: usize = 10;
 
 /// Finds the board among the candidates.
 ///
@@ -244,6 +254,9 @@ pub fn find_grid<T: RealField + Copy, const N: usize>(
             Ok(found) => return Ok(found),
             Err(reason) => failure = failure.max(reason),
         }
+        if failure.is_of_placement() {
+            break;
+        }
     }
     Err(failure)
 }
@@ -259,6 +272,7 @@ fn search<T: RealField + Copy, const N: usize>(
     let needed = options.minimum_circles;
     let mut best: Option<FoundGrid<T, N>> = None;
     let mut failure = GridError::NoLattice;
+    let mut attempts = 0;
     let mut used = [false; N];
     for seed in &seed::find_seeds(points, kind) {
         if used.get(usize::from(seed.center)).copied().unwrap_or(true) {
@@ -273,27 +287,41 @@ fn search<T: RealField + Copy, const N: usize>(
             failure = failure.max(GridError::TooFewCircles { found: lattice.len(), needed });
             continue;
         }
+        let grown = lattice.len();
         let settled = settling.settle(lattice, points, options.image_size);
         let found = match judge(lattice, points, pattern, options, settled) {
             Ok(found) => found,
             Err(reason) => {
                 failure = failure.max(reason);
+                attempts += 1;
+                if attempts == ATTEMPTS {
+                    break;
+                }
+                // A lattice that lost many of its points while settling is not the last word.
+                if reason.is_of_placement() && lattice.len() * 10 >= grown * ENOUGH_TENTHS {
+                    mark(&mut used, lattice);
+                }
                 continue;
             }
         };
         if found.circles.len() * 10 >= pattern.circle_count() * ENOUGH_TENTHS {
             return Ok(found);
         }
-        for site in lattice.sites() {
-            if let Some(used) = used.get_mut(usize::from(site.point)) {
-                *used = true;
-            }
-        }
+        mark(&mut used, lattice);
         if best.as_ref().is_none_or(|best| found.circles.len() > best.circles.len()) {
             best = Some(found);
         }
     }
     best.ok_or(failure)
+}
+
+/// Marks the points of a lattice: a seed among them would only grow the same lattice again.
+fn mark<const N: usize>(used: &mut [bool; N], lattice: &Lattice<N>) {
+    for site in lattice.sites() {
+        if let Some(used) = used.get_mut(usize::from(site.point)) {
+            *used = true;
+        }
+    }
 }
 
 /// Places a lattice on the board and decides whether to accept it.
@@ -307,6 +335,9 @@ fn judge<T: RealField + Copy, const N: usize>(
     let needed = options.minimum_circles;
     let too_few = |found| GridError::TooFewCircles { found, needed };
     let (Some((warp, scatter)), true) = (settled, lattice.len() >= needed) else { return Err(too_few(lattice.len())) };
+    if scatter > spacing(lattice, points) * nalgebra::convert(options.maximum_scatter) {
+        return Err(GridError::NotSmooth);
+    }
     let Some(placement) = placement::place(lattice, points, &warp, pattern) else { return Err(too_few(0)) };
     if placement.inside < needed {
         return Err(too_few(placement.inside));
@@ -314,11 +345,10 @@ fn judge<T: RealField + Copy, const N: usize>(
     if placement.outside > options.maximum_outside {
         return Err(GridError::WrongBoard { outside: placement.outside });
     }
-    if placement.inside < placement.runner_up + options.placement_margin {
+    // With nothing left over there is no clutter that could pose as the one circle that decides.
+    let margin = if placement.inside == points.len() { 1 } else { options.placement_margin };
+    if placement.inside < placement.runner_up + margin {
         return Err(GridError::AmbiguousPlacement { best: placement.inside, runner_up: placement.runner_up });
-    }
-    if scatter > spacing(lattice, points) * nalgebra::convert(options.maximum_scatter) {
-        return Err(GridError::NotSmooth);
     }
     let ordering = match placement::turns_of(pattern) {
         1 => Ordering::Unique,

@@ -23,7 +23,7 @@ const LATER_FIT: [Step; 3] = [Step::Robust; 3];
 /// A point may be off by this many standard deviations.
 const DEVIATIONS: f64 = 4.0;
 /// A point never lies further from its place than this part of the spacing.
-const WIDEST: f64 = 0.25;
+const WIDEST: f64 = 0.35;
 /// The map's own uncertainty (two standard deviations) must be below this part of the spacing.
 const LEAST_CERTAIN: f64 = 0.2;
 /// Points scatter by at least this part of the spacing: the map is not exact.
