@@ -50,7 +50,9 @@ fn print_table(views: usize) {
         line(&Setting { cut: true, ..clean }, views);
         line(&Setting { cut: true, missing: 3, clutter: 8, noise: 0.5, ..clean }, views);
     }
-    if std::env::var_os("SHORT").is_some() { return; }
+    if std::env::var_os("SHORT").is_some() {
+        return;
+    }
     for (rows, columns, layout) in
         [(6, 3, Layout::Symmetric), (5, 5, Layout::Symmetric), (8, 11, Layout::Symmetric), (11, 4, Layout::Asymmetric)]
     {

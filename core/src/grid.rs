@@ -73,9 +73,12 @@ pub struct GridOptions {
 }
 
 impl GridOptions {
-    /// Options for a pattern: at least 40 % of its circles (no fewer than 6), a margin of 2.
+    /// Options for a pattern: at least 40 % of its circles and no fewer than 12 (below, chance makes
+    /// boards of clutter), a margin of 2.
     pub const fn new(pattern: &Pattern, image_size: (f64, f64)) -> Self {
-        let part = (pattern.circle_count() * 2).div_ceil(5);
+        let count = pattern.circle_count();
+        let part = (count * 2).div_ceil(5);
+        let enough = if part < 12 { 12 } else { part };
         let rows = match pattern.layout {
             Layout::Asymmetric => pattern.rows / 2,
             Layout::Symmetric => pattern.rows,
@@ -84,7 +87,7 @@ impl GridOptions {
         let side = if rows < columns { rows } else { columns };
         Self {
             image_size,
-            minimum_circles: if part < 6 { 6 } else { part },
+            minimum_circles: if enough < count { enough } else { count },
             placement_margin: 2,
             maximum_outside: (if side < 2 { 2 } else { side }) - 1,
             maximum_scatter: 0.1,
@@ -282,13 +285,13 @@ fn search<T: RealField + Copy, const N: usize>(
         for tolerance in GROWTH_TOLERANCES {
             lattice.grow(points, nalgebra::convert(tolerance));
         }
-        // What is far from enough does not become enough by the sites beyond holes.
+        // Settling adds the sites beyond holes, but they are few.
         if lattice.len() * 2 < needed {
             failure = failure.max(GridError::TooFewCircles { found: lattice.len(), needed });
             continue;
         }
         let grown = lattice.len();
-        let settled = settling.settle(lattice, points, options.image_size);
+        let settled = settling.settle(lattice, points, options);
         let found = match judge(lattice, points, pattern, options, settled) {
             Ok(found) => found,
             Err(reason) => {
@@ -335,9 +338,6 @@ fn judge<T: RealField + Copy, const N: usize>(
     let needed = options.minimum_circles;
     let too_few = |found| GridError::TooFewCircles { found, needed };
     let (Some((warp, scatter)), true) = (settled, lattice.len() >= needed) else { return Err(too_few(lattice.len())) };
-    if scatter > spacing(lattice, points) * nalgebra::convert(options.maximum_scatter) {
-        return Err(GridError::NotSmooth);
-    }
     let Some(placement) = placement::place(lattice, points, &warp, pattern) else { return Err(too_few(0)) };
     if placement.inside < needed {
         return Err(too_few(placement.inside));
@@ -347,7 +347,7 @@ fn judge<T: RealField + Copy, const N: usize>(
     }
     // With nothing left over there is no clutter that could pose as the one circle that decides.
     let margin = if placement.inside == points.len() { 1 } else { options.placement_margin };
-    if placement.inside < placement.runner_up + margin {
+    if placement.inside < placement.runner_up + placement.outside.saturating_sub(1) + margin {
         return Err(GridError::AmbiguousPlacement { best: placement.inside, runner_up: placement.runner_up });
     }
     let ordering = match placement::turns_of(pattern) {
@@ -355,22 +355,6 @@ fn judge<T: RealField + Copy, const N: usize>(
         turns => Ordering::Ambiguous(turns as u8),
     };
     Ok(FoundGrid { circles: circles(lattice, points, pattern, &placement), ordering, scatter })
-}
-
-/// Mean distance of lattice neighbours.
-fn spacing<T: RealField + Copy, const N: usize>(lattice: &Lattice<N>, points: &Points<T, N>) -> T {
-    let mut sum = T::zero();
-    let mut count = T::zero();
-    for site in lattice.sites() {
-        let (u, v) = (i32::from(site.u), i32::from(site.v));
-        for neighbour in [lattice.at(u + 1, v), lattice.at(u, v + 1)].into_iter().flatten() {
-            if let (Some(a), Some(b)) = (points.position(site.point), points.position(neighbour)) {
-                sum += (a - b).norm();
-                count += T::one();
-            }
-        }
-    }
-    if count > T::zero() { sum / count } else { T::zero() }
 }
 
 fn circles<T: RealField + Copy, const N: usize>(

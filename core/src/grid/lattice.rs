@@ -85,6 +85,22 @@ impl<const N: usize> Lattice<N> {
         true
     }
 
+    /// Mean distance of neighbours in pixels, zero if there are none.
+    pub fn spacing<T: RealField + Copy>(&self, points: &Points<T, N>) -> T {
+        let mut sum = T::zero();
+        let mut count = T::zero();
+        for site in &self.sites {
+            let (u, v) = (i32::from(site.u), i32::from(site.v));
+            for neighbour in [self.at(u + 1, v), self.at(u, v + 1)].into_iter().flatten() {
+                if let (Some(a), Some(b)) = (points.position(site.point), points.position(neighbour)) {
+                    sum += (a - b).norm();
+                    count += T::one();
+                }
+            }
+        }
+        if count > T::zero() { sum / count } else { T::zero() }
+    }
+
     /// The affine map from lattice to image coordinates that fits best; none if all points are in
     /// line.
     pub fn affine<T: RealField + Copy>(&self, points: &Points<T, N>) -> Option<Affine<T>> {

@@ -8,6 +8,7 @@
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
 
+use super::GridOptions;
 use super::lattice::Lattice;
 use super::points::Points;
 use super::select::select;
@@ -15,11 +16,10 @@ use super::warp::{Precision, Step, Warp};
 
 /// Most rounds.
 const ROUNDS: usize = 6;
-/// Steps of the first fit.
-const FIRST_FIT: [Step; 8] =
-    [Step::Homography, Step::Homography, Step::All, Step::All, Step::Robust, Step::Robust, Step::Robust, Step::Robust];
-/// Steps of every later one.
-const LATER_FIT: [Step; 3] = [Step::Robust; 3];
+/// Steps that bring the map near.
+const APPROACH: [Step; 4] = [Step::Homography, Step::Homography, Step::All, Step::All];
+/// Steps of every round; they end when they gain nothing.
+const FIT: [Step; 4] = [Step::Robust; 4];
 /// A point may be off by this many standard deviations.
 const DEVIATIONS: f64 = 4.0;
 /// A point never lies further from its place than this part of the spacing.
@@ -60,17 +60,29 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         &mut self,
         lattice: &mut Lattice<N>,
         points: &Points<T, N>,
-        image_size: (f64, f64),
+        options: &GridOptions,
     ) -> Option<(Warp<T>, T)> {
-        let mut warp = Warp::affine(lattice, points, image_size)?;
+        let mut warp = Warp::affine(lattice, points, options.image_size)?;
+        warp.fit(lattice, points, &APPROACH, &mut self.squares)?;
+        let limit = |lattice: &Lattice<N>| lattice.spacing(points) * nalgebra::convert(options.maximum_scatter);
+        // Most candidates are no board: see it early.
+        let median = warp.median_square(lattice, points, &mut self.squares)?;
+        if deviation_of(median) > limit(lattice) {
+            return None;
+        }
         let mut scatter = T::zero();
-        for round in 0..ROUNDS {
-            let steps: &[Step] = if round == 0 { &FIRST_FIT } else { &LATER_FIT };
-            let precision = warp.fit(lattice, points, steps, &mut self.squares)?;
+        for _ in 0..ROUNDS {
+            let precision = warp.fit(lattice, points, &FIT, &mut self.squares)?;
             scatter = self.scatter(lattice, points, &warp, &precision)?;
+            if scatter > limit(lattice) {
+                return None;
+            }
             self.collect_claims(lattice, points, &warp, &precision, scatter);
             if !self.redistribute(lattice) {
                 break;
+            }
+            if lattice.len() * 2 < options.minimum_circles {
+                return None;
             }
         }
         Some((warp, scatter))
@@ -94,10 +106,8 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
             least = least.max(local.spacing_squared());
         }
         let rank = self.squares.len() / 2;
-        // The squared length of a normal 2-vector has the median 2 ln 2.
-        let median: T = nalgebra::convert(2.0 * core::f64::consts::LN_2);
         let floor = least.sqrt() * nalgebra::convert(LEAST_SCATTER);
-        Some((select(&mut self.squares, rank)? / median).sqrt().max(floor))
+        Some(deviation_of(select(&mut self.squares, rank)?).max(floor))
     }
 
     /// Lists the points that fit a site, the best first.
@@ -185,6 +195,12 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         }
         true
     }
+}
+
+/// The standard deviation along one axis that belongs to a median of squared distances.
+fn deviation_of<T: RealField + Copy>(median_square: T) -> T {
+    // The squared length of a normal 2-vector has the median 2 ln 2.
+    (median_square / nalgebra::convert(2.0 * core::f64::consts::LN_2)).sqrt()
 }
 
 fn nearest_site<T: RealField + Copy>(place: &Vector2<T>) -> Option<(i8, i8)> {

@@ -237,7 +237,10 @@ impl<T: RealField + Copy> Warp<T> {
         for &step in schedule {
             let cut_squared = match step {
                 Step::Homography | Step::All => self.unit * self.unit,
-                Step::Robust => self.cut_squared(lattice, points, squares)?,
+                Step::Robust => {
+                    let median = self.median_square(lattice, points, squares)?;
+                    (median * nalgebra::convert(CUT * CUT)).max(tiny)
+                }
             };
             let weights = assumption_weights(step);
             let (system, before) = self.normal_equations(lattice, points, cut_squared, &weights);
@@ -267,8 +270,8 @@ impl<T: RealField + Copy> Warp<T> {
         cholesky(&system.normal, T::zero()).map(|factor| Precision { factor, cut_squared, unit: self.unit })
     }
 
-    /// Square of the distance at which a point has a quarter of its weight.
-    fn cut_squared<const N: usize>(
+    /// Median of the squared distances of the lattice's points from their places, in pixels.
+    pub fn median_square<const N: usize>(
         &self,
         lattice: &Lattice<N>,
         points: &Points<T, N>,
@@ -280,8 +283,7 @@ impl<T: RealField + Copy> Warp<T> {
             let _ = squares.push(self.square(&position, site));
         }
         let rank = squares.len() / 2;
-        let floor: T = nalgebra::convert(1e-4);
-        Some((select(squares, rank)? * nalgebra::convert(CUT * CUT)).max(floor))
+        select(squares, rank)
     }
 
     /// Squared residual of a point, in pixels; large where the map does not hold.

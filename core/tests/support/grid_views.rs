@@ -169,10 +169,11 @@ fn try_view(setting: &Setting, random: &mut Random) -> Option<View> {
         }
         dots.push(inside);
     }
-    // Dots must be apart: a detector needs a few pixels for a circle.
+    // Dots must be apart: a detector needs a few pixels for a circle, more if it is to be this noisy.
+    let closest = f64::max(5.0, 8.0 * setting.noise);
     let seen: Vec<Vector2<f64>> = dots.iter().flatten().copied().collect();
     for (index, a) in seen.iter().enumerate() {
-        if seen.iter().skip(index + 1).any(|b| (a - b).norm() < 5.0) {
+        if seen.iter().skip(index + 1).any(|b| (a - b).norm() < closest) {
             return None;
         }
     }
