@@ -1,0 +1,58 @@
+//! Order statistics without sorting.
+
+use nalgebra::RealField;
+
+/// The value that sorting would put at `rank` (quickselect); reorders the values.
+pub(super) fn select<T: RealField + Copy>(values: &mut [T], rank: usize) -> Option<T> {
+    let mut rest = values;
+    let mut rank = rank;
+    loop {
+        let pivot = *rest.get(rest.len() / 2)?;
+        let (mut below, mut equal) = (0, 0);
+        // Three-way partition: below the pivot, equal to it, above it.
+        for index in 0..rest.len() {
+            let value = *rest.get(index)?;
+            if value < pivot {
+                rest.swap(index, below + equal);
+                rest.swap(below + equal, below);
+                below += 1;
+            } else if value == pivot {
+                rest.swap(index, below + equal);
+                equal += 1;
+            }
+        }
+        if rank < below {
+            rest = rest.get_mut(..below)?;
+        } else if rank < below + equal {
+            return Some(pivot);
+        } else if equal == 0 {
+            // Only if values cannot be ordered (NaN).
+            return None;
+        } else {
+            rank -= below + equal;
+            rest = rest.get_mut(below + equal..)?;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn agrees_with_sorting(values in prop::collection::vec(0_u8..20, 1..40), rank in 0_usize..40) {
+            let mut values: std::vec::Vec<f64> = values.into_iter().map(f64::from).collect();
+            let mut sorted = values.clone();
+            sorted.sort_by(f64::total_cmp);
+            prop_assert_eq!(select(&mut values, rank), sorted.get(rank).copied());
+        }
+    }
+
+    #[test]
+    fn values_without_order_end_the_search() {
+        assert_eq!(select(&mut [f64::NAN, 1.0, f64::NAN], 1).filter(|value| value.is_nan()), None);
+        assert_eq!(select::<f64>(&mut [], 0), None);
+    }
+}

@@ -1,0 +1,357 @@
+//! The grid finder on random views of boards, against the truth.
+
+#[path = "support/grid_views.rs"]
+mod grid_views;
+
+use evcal_core::grid::{
+    FoundGrid, GridCandidate, GridError, GridOptions, GridWorkspace, Ordering, find_grid, reorder, symmetry,
+};
+use evcal_core::pattern::{Layout, Pattern};
+use grid_views::{Lens, Random, SIZE, Setting, View, view};
+use nalgebra::Vector2;
+use proptest::prelude::*;
+
+const BOARD: Pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
+const LENSES: [Lens; 2] = [Lens::Radtan, Lens::Fisheye];
+
+fn asymmetric(rows: u8, columns: u8) -> Pattern {
+    Pattern { layout: Layout::Asymmetric, rows, columns }
+}
+
+fn symmetric(rows: u8, columns: u8) -> Pattern {
+    Pattern { layout: Layout::Symmetric, rows, columns }
+}
+
+fn clean(pattern: Pattern, lens: Lens) -> Setting {
+    Setting { pattern, lens, tilt: 60.0, noise: 0.2, clutter: 0, missing: 0, cut: false }
+}
+
+fn find(candidates: &[GridCandidate<f64>], pattern: &Pattern) -> Result<FoundGrid<f64, 128>, GridError> {
+    find_grid(candidates, pattern, &GridOptions::new(pattern, SIZE), &mut GridWorkspace::<f64, 128>::new())
+}
+
+#[derive(Debug, PartialEq, Eq)]
+enum Outcome {
+    Right,
+    /// A candidate that is no dot took the place of a missing one.
+    Intruder,
+    WrongOrder,
+    Refused,
+}
+
+fn outcome(view: &View, pattern: &Pattern) -> Outcome {
+    let Ok(found) = find(&view.candidates, pattern) else { return Outcome::Refused };
+    let truth = |candidate: u16| view.truth[usize::from(candidate)];
+    let in_order = (0..symmetry(pattern)).any(|turn| {
+        found.circles.iter().all(|circle| {
+            let index = truth(circle.candidate);
+            index.is_none() || index == reorder(pattern, usize::from(circle.board), turn)
+        })
+    });
+    if !in_order {
+        Outcome::WrongOrder
+    } else if found.circles.iter().any(|circle| truth(circle.candidate).is_none()) {
+        Outcome::Intruder
+    } else {
+        Outcome::Right
+    }
+}
+
+/// Counts the outcomes of `count` views: right, intruder, wrong order, refused.
+fn count(setting: &Setting, count: usize) -> [usize; 4] {
+    let mut random = Random::new(11);
+    let mut counts = [0; 4];
+    for _ in 0..count {
+        counts[outcome(&view(setting, &mut random), &setting.pattern) as usize] += 1;
+    }
+    counts
+}
+
+#[test]
+fn clutter_neither_hides_nor_turns_the_board() {
+    for lens in LENSES {
+        for (clutter, least) in [(0, 495), (4, 490), (8, 485), (16, 475)] {
+            let [right, _, wrong, _] = count(&Setting { clutter, ..clean(BOARD, lens) }, 500);
+            assert!(right >= least, "{lens:?} with {clutter}: {right} of 500 right");
+            assert_eq!(wrong, 0, "{lens:?} with {clutter}");
+        }
+    }
+}
+
+#[test]
+fn missing_dots_do_not_hide_the_board() {
+    for lens in LENSES {
+        for (missing, clutter, least) in [(3, 0, 490), (6, 0, 475), (6, 8, 450)] {
+            let [right, intruder, wrong, _] = count(&Setting { missing, clutter, ..clean(BOARD, lens) }, 500);
+            assert!(right >= least, "{lens:?} -{missing} +{clutter}: {right} of 500 right");
+            assert!(intruder <= 10, "{lens:?} -{missing} +{clutter}: {intruder} intruders");
+            assert_eq!(wrong, 0, "{lens:?} -{missing} +{clutter}");
+        }
+    }
+}
+
+#[test]
+fn hard_views_are_refused_rather_than_misread() {
+    for lens in LENSES {
+        for setting in [
+            Setting { missing: 20, ..clean(BOARD, lens) },
+            Setting { missing: 12, clutter: 16, ..clean(BOARD, lens) },
+            Setting { noise: 1.0, missing: 4, clutter: 8, ..clean(BOARD, lens) },
+            Setting { cut: true, missing: 3, clutter: 8, noise: 0.5, ..clean(BOARD, lens) },
+        ] {
+            let [_, _, wrong, _] = count(&setting, 500);
+            assert!(wrong <= 1, "{setting:?}: {wrong} of 500 wrong");
+        }
+    }
+}
+
+#[test]
+fn symmetric_boards_are_found_up_to_their_turns() {
+    for (pattern, turns) in [(symmetric(6, 3), 2), (symmetric(5, 5), 4), (asymmetric(8, 5), 2)] {
+        assert_eq!(symmetry(&pattern), turns);
+        let mut random = Random::new(5);
+        let mut right = 0;
+        for _ in 0..200 {
+            let view = view(&Setting { clutter: 3, ..clean(pattern, Lens::Radtan) }, &mut random);
+            right += usize::from(outcome(&view, &pattern) == Outcome::Right);
+            let Ok(found) = find(&view.candidates, &pattern) else { continue };
+            assert_eq!(found.ordering, Ordering::Ambiguous(turns as u8));
+        }
+        assert!(right >= 194, "{pattern:?}: {right} of 200");
+    }
+}
+
+#[test]
+fn the_first_circle_of_an_ambiguous_board_is_at_the_top_left() {
+    let pattern = symmetric(6, 3);
+    let mut candidates = Vec::new();
+    for index in 0..pattern.circle_count() {
+        let (x, y) = pattern.lattice_position(index);
+        // Listed from the last to the first, the board lying on its side: rows run to the right.
+        let center = Vector2::new(40.0 + 30.0 * f64::from(y), 200.0 - 30.0 * f64::from(x));
+        candidates.insert(0, GridCandidate { center, radius: 8.0 });
+    }
+    let found = find(&candidates, &pattern).unwrap();
+    assert_eq!(found.circles.len(), 18);
+    // Of the two corners that a first circle can have, (40, 200) and (190, 140), with x + y = 240
+    // and 330, the former is nearer to the top left.
+    let first = candidates[usize::from(found.circles[0].candidate)].center;
+    assert_eq!(first, Vector2::new(40.0, 200.0));
+    let second = candidates[usize::from(found.circles[1].candidate)].center;
+    assert_eq!(second, Vector2::new(40.0, 170.0));
+}
+
+#[test]
+fn a_mirrored_chiral_board_is_refused() {
+    let pattern = asymmetric(8, 5);
+    let mut random = Random::new(3);
+    for lens in LENSES {
+        for clutter in [0, 4] {
+            for _ in 0..150 {
+                let view = view(&Setting { clutter, ..clean(pattern, lens) }, &mut random).mirrored();
+                assert_eq!(outcome(&view, &pattern), Outcome::Refused);
+            }
+        }
+    }
+}
+
+/// A board that is its own mirror image cannot be refused: its picture in a mirror is a true picture
+/// of it from elsewhere. The order returned must be the one of that picture.
+#[test]
+fn orders_keep_the_sense_of_rotation() {
+    for pattern in [BOARD, symmetric(6, 3), symmetric(5, 5)] {
+        let mut random = Random::new(4);
+        let mut found_boards = 0;
+        for round in 0..200 {
+            let mut view = view(&clean(pattern, Lens::Radtan), &mut random);
+            if round % 2 == 1 {
+                view = view.mirrored();
+            }
+            let Ok(found) = find(&view.candidates, &pattern) else { continue };
+            found_boards += 1;
+            let place = |index: usize| {
+                let circle = found.circles.iter().find(|circle| usize::from(circle.board) == index)?;
+                Some(view.candidates[usize::from(circle.candidate)].center)
+            };
+            let columns = usize::from(pattern.columns);
+            for row in 0..usize::from(pattern.rows) - 2 {
+                // Two circles of a row, and the first two rows further down.
+                let (Some(here), Some(right), Some(down)) =
+                    (place(row * columns), place(row * columns + 1), place((row + 2) * columns))
+                else {
+                    continue;
+                };
+                assert!((right - here).perp(&(down - here)) > 0.0);
+            }
+        }
+        assert!(found_boards >= 195, "{pattern:?}: {found_boards} of 200");
+    }
+}
+
+#[test]
+fn other_boards_are_refused() {
+    for (shown, sought) in [
+        (asymmetric(7, 3), BOARD),
+        (BOARD, asymmetric(11, 4)),
+        (asymmetric(11, 4), BOARD),
+        (asymmetric(10, 4), BOARD),
+        (asymmetric(9, 5), BOARD),
+        (BOARD, asymmetric(9, 6)),
+        (symmetric(6, 6), BOARD),
+        (BOARD, symmetric(6, 6)),
+        (symmetric(5, 4), symmetric(6, 5)),
+        (symmetric(7, 6), symmetric(6, 6)),
+    ] {
+        let mut random = Random::new(9);
+        let accepted = (0..200)
+            .filter(|_| find(&view(&clean(shown, Lens::Radtan), &mut random).candidates, &sought).is_ok())
+            .count();
+        assert_eq!(accepted, 0, "{shown:?} taken for {sought:?}");
+    }
+}
+
+#[test]
+fn no_board_is_seen_in_random_points() {
+    let mut random = Random::new(2);
+    for count in [20, 36, 60, 100, 128] {
+        for _ in 0..100 {
+            let candidates: Vec<_> = (0..count)
+                .map(|_| {
+                    let center = Vector2::new(random.uniform(0.0, SIZE.0), random.uniform(0.0, SIZE.1));
+                    GridCandidate { center, radius: 0.0 }
+                })
+                .collect();
+            for pattern in [BOARD, symmetric(6, 3), symmetric(5, 5)] {
+                assert!(find(&candidates, &pattern).is_err(), "{count} random points taken for {pattern:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_order_of_the_candidates_does_not_matter() {
+    let mut random = Random::new(6);
+    for _ in 0..50 {
+        let view = view(&Setting { clutter: 8, missing: 3, ..clean(BOARD, Lens::Radtan) }, &mut random);
+        let mut shuffled = view.candidates.clone();
+        random.shuffle(&mut shuffled);
+        let places = |candidates: &[GridCandidate<f64>]| {
+            find(candidates, &BOARD).map(|found| {
+                let circle = |circle: &evcal_core::grid::GridCircle| {
+                    (circle.board, candidates[usize::from(circle.candidate)].center)
+                };
+                found.circles.iter().map(circle).collect::<Vec<_>>()
+            })
+        };
+        assert_eq!(places(&view.candidates), places(&shuffled));
+    }
+}
+
+#[test]
+fn single_precision_finds_the_same_boards() {
+    let mut random = Random::new(8);
+    let mut workspace = GridWorkspace::<f32, 64>::new();
+    let mut same = 0;
+    for index in 0..200 {
+        let setting = Setting { clutter: 8, missing: 2, ..clean(BOARD, LENSES[index % 2]) };
+        let view = view(&setting, &mut random);
+        let single: Vec<_> = view
+            .candidates
+            .iter()
+            .map(|candidate| GridCandidate { center: candidate.center.cast::<f32>(), radius: 0.0 })
+            .collect();
+        let found = find_grid(&single, &BOARD, &GridOptions::new(&BOARD, SIZE), &mut workspace);
+        match (found, find(&view.candidates, &BOARD)) {
+            (Ok(single), Ok(double)) => {
+                same += 1;
+                for circle in &single.circles {
+                    let other = double.circles.iter().find(|other| other.board == circle.board);
+                    assert!(other.is_none_or(|other| other.candidate == circle.candidate));
+                }
+            }
+            (Err(_), Err(_)) => same += 1,
+            _ => {}
+        }
+    }
+    assert!(same >= 196, "{same} of 200");
+}
+
+#[test]
+fn sets_without_a_board_get_their_reason() {
+    let at = |x: f64, y: f64| GridCandidate { center: Vector2::new(x, y), radius: 0.0 };
+    assert_eq!(find(&[], &BOARD), Err(GridError::TooFewCandidates { usable: 0, needed: 15 }));
+    let line: Vec<_> = (0..36).map(|index| at(f64::from(index) * 7.0, 20.0 + f64::from(index))).collect();
+    assert_eq!(find(&line, &BOARD), Err(GridError::NoLattice));
+    let twins = vec![at(100.0, 100.0); 60];
+    assert_eq!(find(&twins, &BOARD), Err(GridError::TooFewCandidates { usable: 1, needed: 15 }));
+    let broken: Vec<_> = (0..60).map(|index| at(f64::NAN, f64::from(index))).collect();
+    assert_eq!(find(&broken, &BOARD), Err(GridError::TooFewCandidates { usable: 0, needed: 15 }));
+    let many: Vec<_> = (0..129).map(|index| at(f64::from(index), f64::from(index * index % 97))).collect();
+    assert_eq!(find(&many, &BOARD), Err(GridError::TooManyCandidates { count: 129, capacity: 128 }));
+}
+
+#[test]
+fn a_board_among_broken_and_doubled_candidates_is_found() {
+    let mut random = Random::new(12);
+    let mut view = view(&clean(BOARD, Lens::Radtan), &mut random);
+    for index in 0..20 {
+        let center = match index % 3 {
+            0 => Vector2::new(f64::NAN, 5.0),
+            1 => Vector2::new(5.0, f64::INFINITY),
+            _ => view.candidates[index].center,
+        };
+        view.candidates.push(GridCandidate { center, radius: f64::NAN });
+        let twin = if index % 3 == 2 { view.truth[index] } else { None };
+        view.truth.push(twin);
+    }
+    assert_eq!(outcome(&view, &BOARD), Outcome::Right);
+}
+
+proptest! {
+    /// Whatever the candidates: no panic, and no index twice.
+    #[test]
+    fn any_input_is_answered(
+        centers in prop::collection::vec((any::<f64>(), any::<f64>()), 0..40),
+        lattice in prop::collection::vec((0_i32..9, 0_i32..9), 0..60),
+        scale in prop_oneof![Just(0.0), Just(1e-300), Just(1e-3), Just(20.0), Just(1e150), Just(1e300)],
+        rows in 0_u8..12,
+        columns in 0_u8..12,
+        layout in prop_oneof![Just(Layout::Asymmetric), Just(Layout::Symmetric)],
+        minimum_circles in 0_usize..20,
+        placement_margin in 0_usize..3,
+    ) {
+        let points = centers.into_iter().chain(
+            lattice.into_iter().map(|(x, y)| (f64::from(x) * scale, f64::from(y) * scale)),
+        );
+        let candidates: Vec<_> =
+            points.map(|(x, y)| GridCandidate { center: Vector2::new(x, y), radius: x }).collect();
+        let pattern = Pattern { layout, rows, columns };
+        let options = GridOptions { minimum_circles, placement_margin, ..GridOptions::new(&pattern, SIZE) };
+        let mut workspace = GridWorkspace::<f64, 128>::new();
+        if let Ok(found) = find_grid(&candidates, &pattern, &options, &mut workspace) {
+            let mut boards: Vec<_> = found.circles.iter().map(|circle| circle.board).collect();
+            prop_assert!(boards.is_sorted());
+            boards.dedup();
+            prop_assert_eq!(boards.len(), found.circles.len());
+            prop_assert!(boards.iter().all(|&board| usize::from(board) < pattern.circle_count()));
+            let mut used: Vec<_> = found.circles.iter().map(|circle| circle.candidate).collect();
+            used.sort_unstable();
+            used.dedup();
+            prop_assert_eq!(used.len(), found.circles.len());
+        }
+    }
+
+    /// Turning a board all the way round changes nothing, and every turn is a permutation.
+    #[test]
+    fn turns_permute_the_board(rows in 2_u8..12, columns in 2_u8..12, asymmetric_layout: bool, turn in 0_usize..4) {
+        let layout = if asymmetric_layout { Layout::Asymmetric } else { Layout::Symmetric };
+        let pattern = Pattern { layout, rows, columns };
+        let mut turned: Vec<_> = (0..pattern.circle_count()).map(|index| reorder(&pattern, index, turn)).collect();
+        turned.sort_unstable();
+        prop_assert!(turned.iter().enumerate().all(|(index, turned)| *turned == Some(index)));
+        for index in 0..pattern.circle_count() {
+            let there = reorder(&pattern, index, turn).and_then(|there| reorder(&pattern, there, 4 - turn));
+            prop_assert_eq!(there, Some(index));
+        }
+    }
+}
