@@ -21,6 +21,7 @@ const TABLE_POSITION_FIELD: u64 = MAGIC.len() as u64 + 32;
 
 /// One row of the closing table.
 struct TableRow {
+    /// Offset of the content of the packet, behind its head.
     byte: u64,
     size: i32,
     events: i64,
@@ -62,7 +63,7 @@ impl<W: Write + Seek> Encoder<W> {
         self.output.write_all(&0i32.to_le_bytes())?;
         self.output.write_all(&size.to_le_bytes())?;
         self.output.write_all(&packed)?;
-        self.table.push(TableRow { byte: self.position, size, events: self.packet.len() as i64, first, last });
+        self.table.push(TableRow { byte: self.position + 8, size, events: self.packet.len() as i64, first, last });
         self.position += 8 + packed.len() as u64;
         self.packet.clear();
         Ok(())
