@@ -1,0 +1,163 @@
+//! AEDAT4, the format of DV and dv-processing.
+//!
+//! A header ([`header`]), then packets of several streams ([`packets`]). A packet of an event stream
+//! is the FlatBuffer `EVTS { elements: [Event] }`, where an event has 16 bytes: i64 time in µs since
+//! 1970, i16 x, i16 y, u8 ON, 3 bytes unused, all little-endian.
+
+pub mod header;
+pub mod packets;
+pub mod write;
+
+mod flatbuffer;
+
+use std::path::Path;
+
+use evcal_core::event::{Event, Polarity};
+use flatbuffer::Malformed;
+use header::{Header, MAGIC, Stream};
+use packets::{PacketHead, PacketReader};
+
+use super::{
+    Damage, Decode, Format, MAX_SENSOR_SIZE, ReadReport, SourceError, SourceErrorKind, SourceInformation, SourceOptions,
+};
+
+/// AEDAT4.
+pub const FORMAT: Format = Format {
+    name: "AEDAT4",
+    recognise: |head| head.bytes.starts_with(MAGIC),
+    open: |path, options| Ok(Box::new(EventDecoder::open(path, options)?)),
+};
+
+/// A batch is handed out as soon as it has this many events.
+const BATCH: usize = 16_384;
+
+struct EventDecoder {
+    packets: PacketReader,
+    stream: i32,
+    names: Vec<(i32, String)>,
+    damage: Damage,
+    information: SourceInformation,
+}
+
+impl EventDecoder {
+    fn open(path: &Path, options: &SourceOptions) -> Result<Self, SourceError> {
+        let packets = PacketReader::open(path)?;
+        let header = packets.header();
+        let mut notes = Vec::new();
+        let error = |kind| SourceError::new(path, kind);
+        let stream = choose_stream(header, options.stream.as_deref(), &mut notes).map_err(error)?;
+        if header.table_position.is_none() {
+            notes.push("the recording was not closed (it has no table of packets); it is read packet by packet".into());
+        }
+        let sensor = sensor_size(stream).map_err(error)?;
+        let names = header.streams.iter().map(|stream| (stream.id, describe(stream))).collect();
+        let camera_name = stream.source.clone();
+        let information = SourceInformation { format: FORMAT.name, sensor, camera_name, notes };
+        Ok(Self { stream: stream.id, names, damage: options.damage, information, packets })
+    }
+
+    /// Appends the events of the packet `head`.
+    fn decode_packet(&mut self, head: &PacketHead, batch: &mut Vec<Event>) -> Result<(), SourceError> {
+        let content = self.packets.content(head)?;
+        match events(content, head.cut_off) {
+            Ok(events) => {
+                batch.extend(events.iter().map(event));
+                Ok(())
+            }
+            // Not even the beginning of the packet is there; the reader has noted it.
+            Err(_) if head.cut_off => Ok(()),
+            Err(Malformed(what)) => Err(self.packets.damaged(head, what)),
+        }
+    }
+}
+
+impl Decode for EventDecoder {
+    fn information(&self) -> &SourceInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
+        while batch.len() < BATCH {
+            let Some(head) = self.packets.next_packet()? else {
+                report.truncated = self.packets.truncated().cloned();
+                return Ok(false);
+            };
+            if head.stream != self.stream {
+                let known = self.names.iter().find(|(id, _)| *id == head.stream);
+                let name = known.map_or("streams that the header does not name", |(_, name)| name.as_str());
+                *report.other_packets.entry(name.to_owned()).or_default() += 1;
+                continue;
+            }
+            match (self.decode_packet(&head, batch), self.damage) {
+                (Ok(()), _) => {}
+                (Err(SourceError { kind: SourceErrorKind::Damaged { .. }, .. }), Damage::Skip) => {
+                    report.damaged_packets += 1;
+                }
+                (Err(error), _) => return Err(error),
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// The structs of a packet of events.
+fn events(content: &[u8], cut_off: bool) -> Result<&[[u8; 16]], Malformed> {
+    let vector = flatbuffer::root(content, b"EVTS")?.vector(0)?;
+    if cut_off { Ok(vector.first_elements()) } else { vector.elements() }
+}
+
+fn event(bytes: &[u8; 16]) -> Event {
+    let &[t0, t1, t2, t3, t4, t5, t6, t7, x0, x1, y0, y1, on, ..] = bytes;
+    Event {
+        t: i64::from_le_bytes([t0, t1, t2, t3, t4, t5, t6, t7]),
+        // Negative coordinates become large ones, which the reader drops as out of range.
+        x: u16::from_le_bytes([x0, x1]),
+        y: u16::from_le_bytes([y0, y1]),
+        polarity: if on == 0 { Polarity::Off } else { Polarity::On },
+    }
+}
+
+fn describe(stream: &Stream) -> String {
+    format!("{} {} ({})", stream.id, stream.name, stream.type_identifier)
+}
+
+fn describe_all<'a>(streams: impl Iterator<Item = &'a Stream>) -> String {
+    let all: Vec<String> = streams.map(describe).collect();
+    if all.is_empty() { "none".to_owned() } else { all.join(", ") }
+}
+
+fn choose_stream<'a>(
+    header: &'a Header,
+    wanted: Option<&str>,
+    notes: &mut Vec<String>,
+) -> Result<&'a Stream, SourceErrorKind> {
+    let of_events = || header.streams.iter().filter(|stream| stream.type_identifier == "EVTS");
+    let Some(first) = of_events().next() else {
+        return Err(SourceErrorKind::NoEventStream(describe_all(header.streams.iter())));
+    };
+    match wanted {
+        Some(wanted) => {
+            of_events().find(|stream| stream.name == wanted || stream.id.to_string() == wanted).ok_or_else(|| {
+                SourceErrorKind::NoSuchStream { wanted: wanted.to_owned(), available: describe_all(of_events()) }
+            })
+        }
+        None => {
+            if of_events().count() > 1 {
+                let all = describe_all(of_events());
+                notes.push(format!("the recording has several event streams: {all}; the first is read"));
+            }
+            Ok(first)
+        }
+    }
+}
+
+fn sensor_size(stream: &Stream) -> Result<Option<(u16, u16)>, SourceErrorKind> {
+    let Some((width, height)) = stream.size else {
+        return Ok(None);
+    };
+    let side = |size: i64| u16::try_from(size).ok().filter(|side| (1..=MAX_SENSOR_SIZE).contains(side));
+    match side(width).zip(side(height)) {
+        Some(sensor) => Ok(Some(sensor)),
+        None => Err(SourceErrorKind::SensorSize { width, height }),
+    }
+}

@@ -1,0 +1,105 @@
+//! The header of an AEDAT4 file: compression, streams, and where its table of packets is.
+//!
+//! ```text
+//! "#!AER-DAT4.0\r\n"
+//! u32 size, FlatBuffer "IOHE" { compression: i32, dataTablePosition: i64 = -1, infoNode: string }
+//! ```
+//! `infoNode` is XML: below the node `outInfo` one node per stream, named by its number, with the
+//! attributes `typeIdentifier` (EVTS, FRME, IMUS, TRIG) and `originalOutputName`, and a node `info`
+//! with `sizeX`, `sizeY` and `source` (the camera).
+
+use super::flatbuffer::{self, Malformed};
+
+/// The first bytes of every AEDAT4 file.
+pub const MAGIC: &[u8; 14] = b"#!AER-DAT4.0\r\n";
+
+/// How packets are compressed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Compression {
+    /// Not at all.
+    None,
+    /// Each packet is an LZ4 frame.
+    Lz4,
+    /// Each packet is a Zstandard frame.
+    Zstd,
+}
+
+/// One stream of packets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stream {
+    /// Number that its packets carry.
+    pub id: i32,
+    /// Name of the output that was recorded, for example `events`.
+    pub name: String,
+    /// What its packets hold: EVTS events, FRME frames, IMUS inertial samples, TRIG triggers.
+    pub type_identifier: String,
+    /// Width and height in pixels, where the stream has them.
+    pub size: Option<(i64, i64)>,
+    /// Model and serial number of the camera.
+    pub source: Option<String>,
+}
+
+/// The header.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Header {
+    /// How packets are compressed.
+    pub compression: Compression,
+    /// Offset of the table of packets that closes the file; `None` when the recording was not closed.
+    pub table_position: Option<u64>,
+    /// The streams, by number.
+    pub streams: Vec<Stream>,
+}
+
+/// Parses the FlatBuffer of the header, without its size prefix.
+pub fn parse(bytes: &[u8]) -> Result<Header, String> {
+    let parse = || {
+        let root = flatbuffer::root(bytes, b"IOHE")?;
+        Ok((root.i32(0, 0)?, root.i64(1, -1)?, root.string(2)?))
+    };
+    let (compression, table_position, information) =
+        parse().map_err(|Malformed(what)| format!("the header cannot be read: {what}"))?;
+    let compression = match compression {
+        0 => Compression::None,
+        1 | 2 => Compression::Lz4,
+        3 | 4 => Compression::Zstd,
+        other => return Err(format!("the header names compression {other}; 0 to 4 are known")),
+    };
+    Ok(Header { compression, table_position: u64::try_from(table_position).ok(), streams: streams(information)? })
+}
+
+fn streams(information: &str) -> Result<Vec<Stream>, String> {
+    let document = roxmltree::Document::parse(information)
+        .map_err(|error| format!("the header's description of the streams is no XML: {error}"))?;
+    let outputs = document
+        .descendants()
+        .find(|node| node.has_tag_name("node") && node.attribute("name") == Some("outInfo"))
+        .ok_or("the header describes no streams (no node outInfo)")?;
+    let mut streams: Vec<Stream> = outputs
+        .children()
+        .filter(|node| node.has_tag_name("node"))
+        .filter_map(|node| {
+            let id = node.attribute("name")?.parse().ok()?;
+            let info = node.children().find(|child| child.attribute("name") == Some("info"));
+            let of_info = |key| info.and_then(|info| attribute(info, key));
+            Some(Stream {
+                id,
+                name: attribute(node, "originalOutputName").unwrap_or_default().to_owned(),
+                type_identifier: attribute(node, "typeIdentifier").unwrap_or_default().to_owned(),
+                size: of_info("sizeX")
+                    .zip(of_info("sizeY"))
+                    .and_then(|(x, y)| Some((x.parse().ok()?, y.parse().ok()?))),
+                source: of_info("source").map(str::to_owned),
+            })
+        })
+        .collect();
+    streams.sort_by_key(|stream| stream.id);
+    Ok(streams)
+}
+
+/// The text of the child `<attr key="KEY">`.
+fn attribute<'a>(node: roxmltree::Node<'a, '_>, key: &str) -> Option<&'a str> {
+    node.children()
+        .find(|child| child.has_tag_name("attr") && child.attribute("key") == Some(key))
+        .and_then(|child| child.text())
+        .map(str::trim)
+}

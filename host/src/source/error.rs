@@ -1,0 +1,104 @@
+//! What can go wrong with a recording.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a recording could not be read.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {kind}", path.display())]
+pub struct SourceError {
+    /// The file.
+    pub path: PathBuf,
+    /// What happened.
+    #[source]
+    pub kind: SourceErrorKind,
+}
+
+/// What happened to a recording.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceErrorKind {
+    /// The operating system refused.
+    #[error("cannot be read: {0}")]
+    Io(io::Error),
+    /// A directory, pipe or device.
+    #[error("is not an ordinary file; recordings are read several times, so a pipe has to be saved to a file first")]
+    NotAFile,
+    /// No byte in it.
+    #[error("is empty")]
+    Empty,
+    /// A circle-track file where events are needed.
+    #[error("holds circles, not events; `evcal calibrate` takes it as it is, other commands need the recording itself")]
+    CircleTrack,
+    /// A format that others read.
+    #[error("is a {format} file, which is not supported; {advice}")]
+    Unsupported {
+        /// Its name.
+        format: &'static str,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// Nothing that we know.
+    #[error(
+        "is in no format known here (known: AEDAT4, text with a line `t x y p` per event, EventCalib binary); \
+         was it cut off at its beginning?"
+    )]
+    UnknownFormat,
+    /// A header, packet or record that breaks its format.
+    #[error("byte {byte}: {what}; {advice}")]
+    Damaged {
+        /// Offset of the damaged part from the start of the file.
+        byte: u64,
+        /// What is wrong with it.
+        what: String,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// A line of text that is no event.
+    #[error("line {line}: {what}")]
+    Line {
+        /// Number of the line, from 1.
+        line: u64,
+        /// What is wrong with it, and what to do.
+        what: String,
+    },
+    /// An event that no camera sends.
+    #[error("event {event}: {what}")]
+    Event {
+        /// Number of the event, from 1.
+        event: u64,
+        /// What is wrong with it, and what to do.
+        what: String,
+    },
+    /// A sensor larger than any event camera.
+    #[error("says that its sensor has {width} x {height} pixels; 1 to 32767 each can be read; is the header damaged?")]
+    SensorSize {
+        /// Width in pixels.
+        width: i64,
+        /// Height in pixels.
+        height: i64,
+    },
+    /// No stream of events.
+    #[error("holds no stream of events; its streams: {0}")]
+    NoEventStream(String),
+    /// The stream asked for is not there.
+    #[error("has no event stream {wanted:?}; its event streams: {available}")]
+    NoSuchStream {
+        /// Name or number asked for.
+        wanted: String,
+        /// Those that exist.
+        available: String,
+    },
+    /// The options contradict the content, or it cannot be understood without them.
+    #[error("{0}")]
+    Layout(String),
+}
+
+impl SourceError {
+    pub(crate) fn new(path: &Path, kind: SourceErrorKind) -> Self {
+        Self { path: path.to_owned(), kind }
+    }
+
+    pub(crate) fn io(path: &Path, error: io::Error) -> Self {
+        Self::new(path, SourceErrorKind::Io(error))
+    }
+}

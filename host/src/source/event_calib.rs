@@ -1,0 +1,168 @@
+//! The binary format of EventCalib, the code of the paper's authors.
+//!
+//! No header; one record of 25 bytes per event, little-endian: f64 time in seconds, f64 x, f64 y
+//! (pixels), u8 polarity (0 or 1). Recognised by its first records making sense.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Write};
+use std::path::PathBuf;
+
+use evcal_core::event::{Event, Polarity};
+
+use super::write::{Encode, WriteError};
+use super::{
+    Decode, Format, Head, MAX_SENSOR_SIZE, ReadReport, SourceError, SourceErrorKind, SourceInformation, Truncation,
+};
+
+/// EventCalib binary.
+pub const FORMAT: Format = Format {
+    name: "EventCalib binary",
+    recognise,
+    open: |path, _| {
+        let file = File::open(path).map_err(|error| SourceError::io(path, error))?;
+        let information = SourceInformation {
+            format: FORMAT.name,
+            sensor: None,
+            camera_name: None,
+            notes: vec!["the file has no header: taken for EventCalib records (seconds, x, y, polarity)".to_owned()],
+        };
+        let file = BufReader::with_capacity(1 << 18, file);
+        Ok(Box::new(Decoder { path: path.to_owned(), file, information, records: 0 }))
+    },
+};
+
+const RECORD: usize = 25;
+const BATCH: usize = 32_768;
+/// How many records must make sense.
+const SAMPLE: usize = 64;
+/// Seconds; times beyond it (3000 years) are none.
+const MAX_TIME: f64 = 1e11;
+
+/// A record whose fields have been told apart.
+struct Record {
+    t: f64,
+    x: f64,
+    y: f64,
+    polarity: u8,
+}
+
+fn record(bytes: &[u8; RECORD]) -> Record {
+    let field = |index: usize| {
+        let mut field = [0; 8];
+        field.copy_from_slice(&bytes[8 * index..8 * index + 8]);
+        f64::from_le_bytes(field)
+    };
+    Record { t: field(0), x: field(1), y: field(2), polarity: bytes[24] }
+}
+
+fn recognise(head: &Head) -> bool {
+    let (records, _) = head.bytes.as_chunks::<RECORD>();
+    let whole_pixel = |value: f64| (0.0..=f64::from(MAX_SENSOR_SIZE)).contains(&value) && value.fract() == 0.0;
+    let mut latest = f64::NEG_INFINITY;
+    !records.is_empty()
+        && records.iter().take(SAMPLE).map(record).all(|record| {
+            let in_order = record.t >= latest - 0.1;
+            latest = record.t;
+            in_order
+                && record.t.abs() < MAX_TIME
+                // Zeros and tiny numbers are what other binary files look like when read as f64.
+                && (record.t == 0.0 || record.t.abs() > 1e-9)
+                && whole_pixel(record.x)
+                && whole_pixel(record.y)
+                && record.polarity <= 1
+        })
+        && records.iter().take(SAMPLE).any(|bytes| bytes.iter().any(|&byte| byte != 0))
+}
+
+struct Decoder {
+    path: PathBuf,
+    file: BufReader<File>,
+    information: SourceInformation,
+    records: u64,
+}
+
+impl Decoder {
+    /// The next record; `None` at the end of the file.
+    fn next_record(&mut self, report: &mut ReadReport) -> Result<Option<[u8; RECORD]>, SourceError> {
+        let mut bytes = [0; RECORD];
+        let mut length = 0;
+        while let Some(rest) = bytes.get_mut(length..).filter(|rest| !rest.is_empty()) {
+            match self.file.read(rest) {
+                Ok(0) => {
+                    if length > 0 {
+                        let byte = self.records * RECORD as u64;
+                        let lost = format!("{length} of {RECORD} bytes of an event are left");
+                        report.truncated = Some(Truncation { byte, lost });
+                    }
+                    return Ok(None);
+                }
+                Ok(count) => length += count,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(SourceError::io(&self.path, error)),
+            }
+        }
+        self.records += 1;
+        Ok(Some(bytes))
+    }
+
+    fn event(&self, record: &Record) -> Result<Event, SourceError> {
+        let error = |what: String| SourceError::new(&self.path, SourceErrorKind::Event { event: self.records, what });
+        // NaN fails these comparisons too.
+        if !(record.t.abs() < MAX_TIME) {
+            return Err(error(format!("its time, {} s, is no time; the file is damaged there", record.t)));
+        }
+        let pixel = |name, value: f64| {
+            if !(value.is_finite() && value.fract() == 0.0) {
+                return Err(error(format!(
+                    "its {name}, {value}, is no whole pixel; raw events are needed, not undistorted ones"
+                )));
+            }
+            // Out of u16 saturates, and the reader drops it as out of range.
+            Ok(if value < 0.0 { u16::MAX } else { value as u16 })
+        };
+        let polarity = match record.polarity {
+            0 => Polarity::Off,
+            1 => Polarity::On,
+            other => return Err(error(format!("its polarity is {other}, not 0 or 1; the file is damaged there"))),
+        };
+        let t = (record.t * 1e6).round() as i64;
+        Ok(Event { t, x: pixel("x", record.x)?, y: pixel("y", record.y)?, polarity })
+    }
+}
+
+impl Decode for Decoder {
+    fn information(&self) -> &SourceInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
+        while batch.len() < BATCH {
+            let Some(bytes) = self.next_record(report)? else {
+                return Ok(false);
+            };
+            batch.push(self.event(&record(&bytes))?);
+        }
+        Ok(true)
+    }
+}
+
+/// Writes EventCalib records.
+pub(super) struct Encoder<W>(pub(super) W);
+
+impl<W: Write> Encode for Encoder<W> {
+    fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
+        for event in events {
+            let mut bytes = [0; RECORD];
+            bytes[..8].copy_from_slice(&(event.t as f64 / 1e6).to_le_bytes());
+            bytes[8..16].copy_from_slice(&f64::from(event.x).to_le_bytes());
+            bytes[16..24].copy_from_slice(&f64::from(event.y).to_le_bytes());
+            bytes[24] = event.polarity.index() as u8;
+            self.0.write_all(&bytes)?;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), WriteError> {
+        Ok(self.0.flush()?)
+    }
+}

@@ -1,0 +1,28 @@
+//! Formats of others that are recognised only to say what to do about them.
+
+const CONVERT: &str = "convert it to AEDAT4 or to text with a line `t x y p` per event first";
+
+/// How a file begins, the name of its format, and advice.
+const FOREIGN: &[(&[u8], &str, &str)] = &[
+    (b"#!AER-DAT2", "AEDAT 2 (jAER)", "open it in jAER or DV and export it as AEDAT4"),
+    (b"#!AER-DAT3", "AEDAT 3", "open it in DV and export it as AEDAT4"),
+    (b"#ROSBAG", "ROS bag", CONVERT),
+    (b"\x89MCAP0", "MCAP", CONVERT),
+    (b"\x89HDF", "HDF5", CONVERT),
+    (b"SQLite format 3", "ROS 2 bag (SQLite)", CONVERT),
+    (b"Event Stream", "Event Stream (.es)", CONVERT),
+    (b"% evt", "Prophesee RAW", "convert it with metavision_file_to_csv"),
+    (b"% date", "Prophesee RAW or DAT", "convert it with metavision_file_to_csv"),
+    (b"% Data file containing", "Prophesee DAT", "convert it with metavision_file_to_csv"),
+    (b"\x93NUMPY", "NumPy array", "save it as text with numpy.savetxt"),
+    (b"PK\x03\x04", "ZIP", "unpack it first"),
+    (b"\x1f\x8b", "gzip", "unpack it with gunzip first"),
+    (b"\xfd7zXZ", "xz", "unpack it with unxz first"),
+    (b"\x28\xb5\x2f\xfd", "Zstandard", "unpack it with unzstd first"),
+    (b"BZh", "bzip2", "unpack it with bunzip2 first"),
+];
+
+/// Name of the format and advice, if `bytes` begin like a format that is known but not read.
+pub fn recognise(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
+    FOREIGN.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|&(_, name, advice)| (name, advice))
+}

@@ -1,0 +1,227 @@
+//! One pass through a recording, whatever its format: the checks that every event must pass.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use evcal_core::event::Event;
+
+use super::{MAX_SENSOR_SIZE, SourceError, SourceErrorKind, SourceInformation, SourceOptions};
+
+/// A step back of at most this many microseconds is jitter; a larger one is a clock that was reset.
+const LARGEST_JITTER: i64 = 100_000;
+/// After a reset, time goes on this many microseconds after the latest event.
+const PAUSE_AFTER_RESET: i64 = 1_000_000;
+/// More resets than this mean that the events are not in the order of time.
+const MAX_RESETS: u64 = 16;
+/// Times beyond ±2⁵⁵ µs (1100 years) are no times; with at most [`MAX_RESETS`] shifts of twice that,
+/// no time handed out exceeds 2⁶¹ µs.
+const MAX_TIME: i64 = 1 << 55;
+
+/// Turns the bytes of one format into events, in the order of the file.
+pub trait Decode: Send {
+    /// What the header of the file says.
+    fn information(&self) -> &SourceInformation;
+
+    /// Appends the next events to `batch`, which is empty, and counts in `report` whatever was not
+    /// an event. Returns false when the file has ended.
+    ///
+    /// # Errors
+    /// Events that were decoded before an error are in `batch` and count.
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError>;
+}
+
+/// Where a file ends although more should follow.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Truncation {
+    /// Offset of the first byte that could not be used.
+    pub byte: u64,
+    /// What was cut off.
+    pub lost: String,
+}
+
+impl fmt::Display for Truncation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the file is cut off: from byte {} on, {}", self.byte, self.lost)
+    }
+}
+
+/// What was met in one pass through a recording.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct ReadReport {
+    /// Events handed out.
+    pub events: u64,
+    /// Events dropped because they lie outside the sensor (or, when its size is not known, beyond
+    /// column or row 32766).
+    pub out_of_range: u64,
+    /// Events earlier than one before them by at most 0.1 s: handed out with the time of the latest.
+    pub steps_back: u64,
+    /// The largest of these steps, in microseconds.
+    pub largest_step_back: i64,
+    /// Steps back by more than 0.1 s: the clock was reset. Times go on 1 s after the latest event.
+    pub clock_resets: u64,
+    /// Packets left out because they could not be decoded.
+    pub damaged_packets: u64,
+    /// Packets of other streams that were passed over, by stream.
+    pub other_packets: BTreeMap<String, u64>,
+    /// Set when the file ends too early.
+    pub truncated: Option<Truncation>,
+}
+
+/// One pass through a recording.
+pub struct EventReader {
+    path: PathBuf,
+    decoder: Box<dyn Decode>,
+    information: SourceInformation,
+    report: ReadReport,
+    clock: Option<Clock>,
+    decoded: u64,
+    ended: bool,
+    pending: Option<SourceError>,
+}
+
+/// The state that makes times non-decreasing.
+struct Clock {
+    latest: i64,
+    /// Added to the times of the file since the latest reset.
+    shift: i64,
+}
+
+impl EventReader {
+    pub(super) fn new(path: &Path, decoder: Box<dyn Decode>, options: &SourceOptions) -> Result<Self, SourceError> {
+        let mut information = decoder.information().clone();
+        if let Some(sensor) = options.sensor {
+            if let Some((width, height)) = information.sensor.filter(|&own| own != sensor) {
+                information.notes.push(format!(
+                    "the file says that the sensor has {width} x {height} pixels; {} x {} was asked for and is used",
+                    sensor.0, sensor.1
+                ));
+            }
+            information.sensor = Some(sensor);
+        }
+        if let Some((width, height)) = information.sensor
+            && !((1..=MAX_SENSOR_SIZE).contains(&width) && (1..=MAX_SENSOR_SIZE).contains(&height))
+        {
+            let kind = SourceErrorKind::SensorSize { width: width.into(), height: height.into() };
+            return Err(SourceError::new(path, kind));
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            decoder,
+            information,
+            report: ReadReport::default(),
+            clock: None,
+            decoded: 0,
+            ended: false,
+            pending: None,
+        })
+    }
+
+    /// What is known of the recording.
+    pub fn information(&self) -> &SourceInformation {
+        &self.information
+    }
+
+    /// What was met so far; complete once [`Self::next_batch`] has returned `Ok(false)`.
+    pub fn report(&self) -> &ReadReport {
+        &self.report
+    }
+
+    /// Replaces the content of `events` by the next events, at least one; false at the end, and
+    /// then `events` is empty.
+    ///
+    /// Times are in microseconds as in the file, and never decrease within a pass: an event that is
+    /// up to 0.1 s earlier than one before it gets the time of that one. A larger step back is taken
+    /// for a clock that was reset: from there on all times are shifted so that they go on 1 s after
+    /// the latest event. Events outside the sensor are dropped. All of this is counted in
+    /// [`Self::report`].
+    ///
+    /// # Errors
+    /// After an error, the events before it have been handed out, and no more follow.
+    pub fn next_batch(&mut self, events: &mut Vec<Event>) -> Result<bool, SourceError> {
+        events.clear();
+        while events.is_empty() {
+            if let Some(error) = self.pending.take() {
+                return Err(error);
+            }
+            if self.ended {
+                return Ok(false);
+            }
+            match self.decoder.decode(events, &mut self.report) {
+                Ok(more) => self.ended = !more,
+                Err(error) => {
+                    self.ended = true;
+                    self.pending = Some(error);
+                }
+            }
+            if let Err(kind) = self.check(events) {
+                self.ended = true;
+                self.pending = Some(SourceError::new(&self.path, kind));
+            }
+        }
+        Ok(true)
+    }
+
+    /// Puts times in order and drops what is out of range; on an error, `events` are those before it.
+    fn check(&mut self, events: &mut Vec<Event>) -> Result<(), SourceErrorKind> {
+        let (width, height) = self.information.sensor.unwrap_or((MAX_SENSOR_SIZE, MAX_SENSOR_SIZE));
+        let mut result = Ok(());
+        let mut kept = 0;
+        for index in 0..events.len() {
+            let mut event = events[index];
+            self.decoded += 1;
+            if event.x >= width || event.y >= height {
+                self.report.out_of_range += 1;
+                continue;
+            }
+            match self.order(event.t) {
+                Ok(t) => event.t = t,
+                Err(kind) => {
+                    result = Err(kind);
+                    break;
+                }
+            }
+            events[kept] = event;
+            kept += 1;
+        }
+        events.truncate(kept);
+        self.report.events += kept as u64;
+        result
+    }
+
+    /// The time to hand out for an event whose time in the file is `t`.
+    fn order(&mut self, t: i64) -> Result<i64, SourceErrorKind> {
+        if !(-MAX_TIME..=MAX_TIME).contains(&t) {
+            let what =
+                format!("its time, {t} us, is out of range; is the recording damaged, or its time unit another one?");
+            return Err(SourceErrorKind::Event { event: self.decoded, what });
+        }
+        let Some(clock) = &mut self.clock else {
+            self.clock = Some(Clock { latest: t, shift: 0 });
+            return Ok(t);
+        };
+        let shifted = t + clock.shift;
+        if shifted >= clock.latest {
+            clock.latest = shifted;
+            return Ok(shifted);
+        }
+        let step = clock.latest - shifted;
+        if step <= LARGEST_JITTER {
+            self.report.steps_back += 1;
+            self.report.largest_step_back = self.report.largest_step_back.max(step);
+            return Ok(clock.latest);
+        }
+        self.report.clock_resets += 1;
+        if self.report.clock_resets > MAX_RESETS {
+            let what = format!(
+                "time goes back by more than 0.1 s for the {}th time; the events are not in the order of time: \
+                 sort them, or check the column and the unit of the time",
+                self.report.clock_resets
+            );
+            return Err(SourceErrorKind::Event { event: self.decoded, what });
+        }
+        clock.latest += PAUSE_AFTER_RESET;
+        clock.shift = clock.latest - t;
+        Ok(clock.latest)
+    }
+}

@@ -1,0 +1,235 @@
+//! Text and CSV: one event per line.
+//!
+//! Fields are separated by spaces, tabs, commas or semicolons. Lines that begin with `#` or `%` are
+//! comments. What the columns are is taken from, in this order: [`SourceOptions::columns`], a line of
+//! names at the top (also inside the last comment), the values of the first lines. The unit of time
+//! comes from [`SourceOptions::time_unit`], the name of the column (`t_us`, `time [s]`…), or the
+//! values: with decimals, seconds; whole numbers, microseconds unless all are multiples of 1000 or
+//! beyond 10¹⁷, then nanoseconds. Whatever was guessed is in [`SourceInformation::notes`].
+//!
+//! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`. Before the first event a line with
+//! two whole numbers may give the width and height of the sensor.
+
+mod layout;
+mod number;
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+
+use evcal_core::event::{Event, Polarity};
+use layout::Layout;
+
+use super::write::{Encode, WriteError};
+use super::{
+    Column, Decode, Format, Head, ReadReport, SourceError, SourceErrorKind, SourceInformation, SourceOptions,
+    Truncation,
+};
+
+/// Text or CSV.
+pub const FORMAT: Format = Format {
+    name: "text",
+    recognise: |head| head.text().is_some_and(|text| text.bytes().any(|byte| byte.is_ascii_digit())),
+    open: |path, options| Ok(Box::new(Decoder::open(path, options)?)),
+};
+
+const BATCH: usize = 32_768;
+/// No line with an event is longer.
+const MAX_LINE: u64 = 4096;
+/// More fields than this are not looked at.
+const MAX_FIELDS: usize = 16;
+
+struct Decoder {
+    path: PathBuf,
+    file: BufReader<File>,
+    layout: Layout,
+    information: SourceInformation,
+    line: Vec<u8>,
+    /// Number of the line that was read last, from 1.
+    number: u64,
+    /// Offset of the next line.
+    byte: u64,
+    /// Length of the last field of the line before.
+    last_field: usize,
+}
+
+/// What a line turned out to be.
+enum Line {
+    End,
+    Nothing,
+    Event(Event),
+}
+
+impl Decoder {
+    fn open(path: &Path, options: &SourceOptions) -> Result<Self, SourceError> {
+        let head = Head::read(path)?;
+        let layout = head.text().ok_or_else(|| "is no text".to_owned()).and_then(|text| layout::find(text, options));
+        let layout = layout.map_err(|what| SourceError::new(path, SourceErrorKind::Layout(what)))?;
+        let file = File::open(path).map_err(|error| SourceError::io(path, error))?;
+        let file = BufReader::with_capacity(1 << 18, file);
+        let information = SourceInformation {
+            format: FORMAT.name,
+            sensor: layout.sensor,
+            camera_name: None,
+            notes: layout.notes.clone(),
+        };
+        let path = path.to_owned();
+        Ok(Self { path, file, layout, information, line: Vec::new(), number: 0, byte: 0, last_field: 0 })
+    }
+
+    fn next_line(&mut self, report: &mut ReadReport) -> Result<Line, SourceError> {
+        self.line.clear();
+        let read = self.file.by_ref().take(MAX_LINE).read_until(b'\n', &mut self.line);
+        let length = read.map_err(|error| SourceError::io(&self.path, error))?;
+        if length == 0 {
+            return Ok(Line::End);
+        }
+        let start = self.byte;
+        self.byte += length as u64;
+        self.number += 1;
+        let whole = self.line.ends_with(b"\n");
+        if !whole && length as u64 == MAX_LINE {
+            return Err(self.error(format!("is longer than {MAX_LINE} characters; is this a text file?")));
+        }
+        if self.number <= self.layout.first_line {
+            return Ok(Line::Nothing);
+        }
+        let mut fields = [&[][..]; MAX_FIELDS];
+        let line = self.line.trim_ascii();
+        if is_comment(line) {
+            return Ok(Line::Nothing);
+        }
+        let count = split(line, &mut fields);
+        let last_field = fields.get(count.saturating_sub(1)).map_or(0, |field| field.len());
+        let event = event(&fields, count, &self.layout);
+        // Without its end, a line may have lost digits of its last field; that of a polarity has none to lose.
+        let ends_in_polarity = self.layout.columns.as_slice().last() == Some(&Column::P);
+        let shorter = !ends_in_polarity && last_field < self.last_field;
+        self.last_field = last_field;
+        match event {
+            Ok(event) if whole || !shorter => Ok(Line::Event(event)),
+            Ok(_) | Err(_) if !whole => {
+                let lost = format!("line {} is not whole ({length} bytes)", self.number);
+                report.truncated = Some(Truncation { byte: start, lost });
+                Ok(Line::End)
+            }
+            Ok(event) => Ok(Line::Event(event)),
+            Err(what) => Err(self.error(what)),
+        }
+    }
+
+    fn error(&self, what: String) -> SourceError {
+        SourceError::new(&self.path, SourceErrorKind::Line { line: self.number, what })
+    }
+}
+
+impl Decode for Decoder {
+    fn information(&self) -> &SourceInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
+        while batch.len() < BATCH {
+            match self.next_line(report)? {
+                Line::End => return Ok(false),
+                Line::Nothing => {}
+                Line::Event(event) => batch.push(event),
+            }
+        }
+        Ok(true)
+    }
+}
+
+fn is_comment(line: &[u8]) -> bool {
+    matches!(line.first(), None | Some(b'#' | b'%'))
+}
+
+/// Puts the fields of `line` into `fields` and returns how many there are, also those that do not fit.
+/// Spaces and tabs separate; so does one comma or semicolon, with or without spaces around it.
+fn split<'a>(line: &'a [u8], fields: &mut [&'a [u8]]) -> usize {
+    let is_space = |byte: &u8| matches!(byte, b' ' | b'\t');
+    let is_separator = |byte: &u8| matches!(byte, b' ' | b'\t' | b',' | b';');
+    let mut rest = line.trim_ascii();
+    let mut count = 0;
+    while !rest.is_empty() {
+        let end = rest.iter().position(is_separator).unwrap_or(rest.len());
+        let (field, after) = rest.split_at(end);
+        if let Some(slot) = fields.get_mut(count) {
+            *slot = field;
+        }
+        count += 1;
+        let spaces = after.iter().take_while(|byte| is_space(byte)).count();
+        rest = after.get(spaces..).unwrap_or_default();
+        if let Some((b',' | b';', after)) = rest.split_first() {
+            rest = after.trim_ascii_start();
+            if rest.is_empty() {
+                // A separator at the end of the line: one more, empty field.
+                if let Some(slot) = fields.get_mut(count) {
+                    *slot = rest;
+                }
+                count += 1;
+            }
+        }
+    }
+    count
+}
+
+/// The event of a line with these fields.
+fn event(fields: &[&[u8]], count: usize, layout: &Layout) -> Result<Event, String> {
+    let columns = layout.columns.as_slice();
+    if count != columns.len() {
+        return Err(format!("has {count} fields, not {} ({})", columns.len(), layout.columns));
+    }
+    let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
+    for (column, field) in columns.iter().zip(fields) {
+        let shown = || String::from_utf8_lossy(field).into_owned();
+        match column {
+            Column::T => {
+                event.t = number::microseconds(field, layout.time_unit)
+                    .ok_or_else(|| format!("{:?} is no time in {}", shown(), layout.time_unit))?;
+            }
+            Column::X => event.x = number::pixel(field).ok_or_else(|| pixel_error("x", shown()))?,
+            Column::Y => event.y = number::pixel(field).ok_or_else(|| pixel_error("y", shown()))?,
+            Column::P => {
+                event.polarity = number::polarity(field)
+                    .ok_or_else(|| format!("{:?} is no polarity (1 for ON, 0 or -1 for OFF)", shown()))?;
+            }
+            Column::Ignored => {}
+        }
+    }
+    Ok(event)
+}
+
+fn pixel_error(name: &str, shown: String) -> String {
+    format!("{shown:?} is no whole pixel in {name}; raw events are needed, not undistorted ones")
+}
+
+/// Writes a line of names and one line `t x y p` per event, times in microseconds.
+pub(super) struct Encoder<W> {
+    output: W,
+    line: String,
+}
+
+impl<W: Write> Encoder<W> {
+    pub(super) fn new(mut output: W, sensor: (u16, u16)) -> Result<Self, WriteError> {
+        writeln!(output, "# sensor {} x {}\nt_us,x,y,p", sensor.0, sensor.1)?;
+        Ok(Self { output, line: String::new() })
+    }
+}
+
+impl<W: Write> Encode for Encoder<W> {
+    fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
+        use std::fmt::Write as _;
+        for event in events {
+            self.line.clear();
+            // Writing into a String cannot fail.
+            let _ = writeln!(self.line, "{},{},{},{}", event.t, event.x, event.y, event.polarity.index());
+            self.output.write_all(self.line.as_bytes())?;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), WriteError> {
+        Ok(self.output.flush()?)
+    }
+}
