@@ -6,6 +6,7 @@
 
 pub mod board;
 pub mod circle_track;
+pub mod evaluate;
 pub mod event_pixel;
 pub mod initial;
 pub mod opencv;
@@ -13,3 +14,4 @@ pub mod reference_frame;
 pub mod simulate;
 pub mod source;
 pub mod trajectory;
+pub mod tum;
