@@ -1,5 +1,6 @@
 //! What every pixel looks at: its bearing and how the bearing turns from pixel to pixel.
 
+use evcal_core::camera::Camera;
 use nalgebra::{Vector2, Vector3};
 
 /// The ray of one pixel, in camera coordinates.
@@ -21,24 +22,17 @@ pub struct Rays {
     rays: Vec<Option<Ray>>,
 }
 
-/// Half the distance in pixels over which bearings are differenced.
-const DIFFERENCE: f64 = 1e-2;
-
 impl Rays {
-    /// The rays of a `width` × `height` sensor behind a lens that maps a pixel to its unit bearing.
-    /// A pixel at or beside which the lens has no bearing has no ray: it sees constant light.
-    pub fn new(width: u16, height: u16, unproject: impl Fn(&Vector2<f64>) -> Option<Vector3<f64>>) -> Self {
+    /// The rays of a `width` × `height` sensor behind the lens `camera`. A pixel outside the lens
+    /// model's domain has no ray: it sees constant light.
+    pub fn new(camera: &Camera<f64>, width: u16, height: u16) -> Self {
         let ray = |x: u16, y: u16| {
-            let pixel = Vector2::new(f64::from(x), f64::from(y));
-            let derivative = |offset: Vector2<f64>| {
-                Some((unproject(&(pixel + offset))? - unproject(&(pixel - offset))?) / (2.0 * DIFFERENCE))
-            };
-            let ray = Ray {
-                bearing: unproject(&pixel)?,
-                along_x: derivative(Vector2::new(DIFFERENCE, 0.0))?,
-                along_y: derivative(Vector2::new(0.0, DIFFERENCE))?,
-            };
-            [ray.bearing, ray.along_x, ray.along_y].iter().all(|v| v.iter().all(|c| c.is_finite())).then_some(ray)
+            let seen = camera.unproject_with_jacobians(&Vector2::new(f64::from(x), f64::from(y)))?;
+            Some(Ray {
+                bearing: seen.bearing,
+                along_x: seen.by_pixel.column(0).into_owned(),
+                along_y: seen.by_pixel.column(1).into_owned(),
+            })
         };
         let rays = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| ray(x, y)).collect();
         Self { width, height, rays }

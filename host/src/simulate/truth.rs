@@ -1,5 +1,6 @@
 //! What is known of a simulated recording, beside its events and its trajectory.
 
+use evcal_core::camera::Camera;
 use serde::{Deserialize, Serialize};
 
 use super::{EventCounts, Simulation, SimulationSettings};
@@ -34,15 +35,30 @@ pub struct Truth {
     pub events: [u64; 2],
 }
 
+impl TrueCamera {
+    /// The lens `camera` before a `width` × `height` sensor.
+    pub fn new(camera: &Camera<f64>, width: u16, height: u16) -> Self {
+        let kind = camera.kind();
+        Self {
+            model: kind.name().to_owned(),
+            width,
+            height,
+            parameter_names: kind.parameter_names().iter().map(|&name| name.to_owned()).collect(),
+            parameters: camera.parameters().to_vec(),
+        }
+    }
+}
+
 impl Truth {
-    /// The truth of `simulation` with this `camera`, which gave these `counts`.
-    pub fn new(camera: TrueCamera, simulation: &Simulation, counts: EventCounts) -> Self {
+    /// The truth of `simulation` through the lens `camera`, which gave these `counts`.
+    pub fn new(camera: &Camera<f64>, simulation: &Simulation, counts: EventCounts) -> Self {
         let settings = simulation.settings().clone();
         let board = simulation.scene().board();
+        let rays = simulation.rays();
         Self {
-            camera,
+            camera: TrueCamera::new(camera, rays.width(), rays.height()),
             board: board.to_string(),
-            mean_speed: simulation.motion().mean_speed(board, simulation.rays(), settings.duration),
+            mean_speed: simulation.motion().mean_speed(board, rays, settings.duration),
             events: [counts.off, counts.on],
             settings,
         }
