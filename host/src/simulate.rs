@@ -9,7 +9,7 @@
 //!
 //! Time runs in slices that bound the memory, slices in ticks at which poses are known. A pixel
 //! looks only at the ticks it needs: few while no edge is near, and where an edge passes so many
-//! that it moves [`STEP`] of a pixel in between.
+//! that it moves a fifth of a pixel in between.
 
 use std::collections::BTreeSet;
 
@@ -21,7 +21,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::arbiter::Bus;
-use self::motion::{Motion, MotionSettings};
+use self::motion::{Motion, MotionSettings, SPEED_GRID};
 use self::pixel::{Pixel, RowOutput};
 use self::random::uniform;
 use self::rays::Rays;
@@ -44,16 +44,10 @@ pub mod truth;
 const TICK: f64 = 50.0;
 /// Ticks in a slice.
 const SLICE_TICKS: usize = 500;
-/// Distance in pixels that an edge moves between two looks of a pixel that sees it.
-const STEP: f64 = 0.15;
-/// Longest time between two looks of a pixel that sees an edge, in ticks.
-const LONGEST_STEP: usize = 40;
-/// Longest time between two looks of a pixel far from any edge, in ticks.
-const LONGEST_SKIP: usize = 160;
 /// Distance in pixels up to which the pixel's linear map is trusted to tell how far an edge is.
 const TRUSTED_DISTANCE: f64 = 30.0;
 /// What the linear map and the sampled speeds may be wrong by, as a factor on a skip.
-const SKIP_SAFETY: f64 = 0.5;
+const SKIP_SAFETY: f64 = 0.75;
 
 /// What to simulate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -110,9 +104,16 @@ pub struct Simulation {
 
 #[derive(Clone, Copy, Debug)]
 struct Stepping {
+    /// Distance in pixels that an edge moves between two looks of a pixel that sees it.
+    step: f64,
+    /// Longest time between two looks of a pixel that sees an edge, in ticks.
     longest_step: usize,
+    /// Longest time between two looks of a pixel far from any edge, in ticks.
     longest_skip: usize,
 }
+
+/// How finely pixels look, unless a test looks closer.
+const STEPPING: Stepping = Stepping { step: 0.2, longest_step: 40, longest_skip: 160 };
 
 impl Simulation {
     /// A camera with the given `rays` before `board`.
@@ -121,8 +122,7 @@ impl Simulation {
         let motion = Motion::new(&settings.motion, &board, &rays, settings.duration, settings.seed)
             .ok_or(SimulationError::NoFieldOfView)?;
         let scene = Scene::new(board, settings.scene, settings.sensor.point_spread);
-        let stepping = Stepping { longest_step: LONGEST_STEP, longest_skip: LONGEST_SKIP };
-        Ok(Self { rays, scene, motion, settings, stepping })
+        Ok(Self { rays, scene, motion, settings, stepping: STEPPING })
     }
 
     /// What is simulated.
@@ -250,19 +250,45 @@ const HOT_PIXEL_STREAM: u64 = u64::MAX - 1;
 struct Slice {
     first_tick: usize,
     views: Vec<View>,
-    /// Bound of the image speed in pixels per tick.
-    speed: f64,
+    /// Bounds of the image speed in the cells of [`SPEED_GRID`], in pixels per tick.
+    speeds: Vec<f64>,
 }
 
 impl Slice {
     fn new(motion: &Motion, rays: &Rays, first: usize, last: usize) -> Self {
-        const SPEED_LOOKS: usize = 5;
+        const LOOKS: usize = 5;
         let seconds = |tick: usize| tick as f64 * TICK * 1e-6;
         let views = (first..=last).map(|tick| View::new(&motion.pose(seconds(tick)))).collect();
-        let speed = (0..=SPEED_LOOKS)
-            .map(|look| motion.highest_speed(rays, seconds(first + (last - first) * look / SPEED_LOOKS)))
-            .fold(0.0, f64::max);
-        Self { first_tick: first, views, speed: (speed * TICK * 1e-6).max(1e-9) }
+        let mut fastest: Vec<f64> = Vec::new();
+        for look in 0..=LOOKS {
+            let speeds = motion.image_speeds(rays, seconds(first + (last - first) * look / LOOKS));
+            fastest.resize(speeds.len(), 0.0);
+            for (fastest, speed) in fastest.iter_mut().zip(speeds) {
+                *fastest = speed.map_or(*fastest, |(_, speed)| fastest.max(speed * TICK * 1e-6));
+            }
+        }
+        // A cell takes the greatest speed of its neighbours too: speed varies within cells.
+        let (columns, rows) = (usize::from(SPEED_GRID.0), usize::from(SPEED_GRID.1));
+        let around = |cell: usize| {
+            let (column, row) = (cell % columns, cell / columns);
+            (row.saturating_sub(1)..=(row + 1).min(rows - 1))
+                .flat_map(|row| {
+                    (column.saturating_sub(1)..=(column + 1).min(columns - 1)).map(move |column| (row, column))
+                })
+                .filter_map(|(row, column)| fastest.get(row * columns + column))
+                .fold(1e-9, |most: f64, &speed| most.max(speed))
+        };
+        let speeds = (0..columns * rows).map(around).collect();
+        Self { first_tick: first, views, speeds }
+    }
+
+    /// Bound of the image speed at pixel (x, y), in pixels per tick.
+    fn speed(&self, rays: &Rays, x: u16, y: u16) -> f64 {
+        let cell =
+            |position: u16, size: u16, cells: u16| usize::from(position) * usize::from(cells) / usize::from(size);
+        let (columns, rows) = SPEED_GRID;
+        let index = cell(y, rays.height(), rows) * usize::from(columns) + cell(x, rays.width(), columns);
+        self.speeds.get(index).copied().unwrap_or(1.0)
     }
 
     fn time(&self, index: usize) -> f64 {
@@ -282,14 +308,14 @@ struct Site {
 
 impl Site {
     /// Ticks until the next look.
-    fn step(&self, reach: f64, slice: &Slice, stepping: Stepping) -> usize {
+    fn step(&self, reach: f64, fastest: f64, stepping: Stepping) -> usize {
         let distance = self.edge.abs();
         if distance > reach {
             let clear = distance.min(TRUSTED_DISTANCE) - reach;
-            let skip = ((clear * SKIP_SAFETY).max(STEP) / slice.speed) as usize;
+            let skip = ((clear * SKIP_SAFETY).max(stepping.step) / fastest) as usize;
             skip.clamp(1, stepping.longest_skip)
         } else {
-            ((STEP / self.speed.min(slice.speed)) as usize).clamp(1, stepping.longest_step)
+            ((stepping.step / self.speed.min(fastest)) as usize).clamp(1, stepping.longest_step)
         }
     }
 }
@@ -310,15 +336,16 @@ impl Row {
         let last = slice.views.len().saturating_sub(1);
         let mut out = RowOutput { rng: &mut self.rng, events: &mut self.events };
         for (x, site) in self.sites.iter_mut().enumerate() {
+            let x = x as u16;
+            let fastest = slice.speed(&simulation.rays, x, self.y);
             let mut index = 0;
             let mut previous_step = usize::MAX;
             while index < last {
-                let step = site.step(reach, slice, simulation.stepping).min(previous_step.saturating_mul(2));
+                let step = site.step(reach, fastest, simulation.stepping).min(previous_step.saturating_mul(2));
                 let next = (index + step).min(last);
                 let Some(view) = slice.views.get(next) else { break };
-                let sample = simulation.look(view, x as u16, self.y);
-                let input = site.pixel.input_at(sensor, sample.radiance);
-                site.pixel.respond(sensor, slice.time(index), slice.time(next), input, &mut out);
+                let sample = simulation.look(view, x, self.y);
+                site.pixel.see(sensor, slice.time(index), slice.time(next), sample.radiance, &mut out);
                 let seen = site.edge.abs() <= reach && sample.edge.abs() <= reach;
                 site.speed = if seen { (sample.edge - site.edge).abs() / (next - index) as f64 } else { f64::INFINITY };
                 previous_step = if seen { next - index } else { usize::MAX };

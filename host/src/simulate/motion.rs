@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use super::clock::{Interval, Ramps};
 use super::random::{uniform, uniform_in};
-use super::rays::Rays;
-use super::scene::{Footprint, View};
+use super::rays::{Ray, Rays};
+use super::scene::View;
 use crate::board::Board;
 
 /// How the camera moves.
@@ -86,8 +86,8 @@ const PAUSE_RAMP: f64 = 0.2;
 const ABSENCE_RAMP: f64 = 0.8;
 /// Frequency of the rise and fall of the speed in hertz.
 const VARIATION_FREQUENCY: f64 = 0.5;
-/// Grid of rays on which image speeds are measured.
-const SPEED_GRID: (u16, u16) = (9, 7);
+/// Columns and rows of the cells of the sensor in which image speeds are measured.
+pub const SPEED_GRID: (u16, u16) = (9, 7);
 
 /// A sum of two sinusoids, between -1 and 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -226,34 +226,32 @@ impl Motion {
             if self.pauses.level(t) > 0.0 || self.absences.level(t) > 0.0 {
                 continue;
             }
-            let area = |footprint: &Footprint| {
-                let offset = footprint.point - board.middle();
-                offset.x.abs() < self.half_size.x && offset.y.abs() < self.half_size.y
-            };
-            for speed in self.image_speeds(rays, t).filter(|(footprint, _)| area(footprint)).map(|(_, speed)| speed) {
-                sum += speed;
-                count += 1;
+            for (point, speed) in self.image_speeds(rays, t).into_iter().flatten() {
+                let offset = point - board.middle();
+                if offset.x.abs() < self.half_size.x && offset.y.abs() < self.half_size.y {
+                    sum += speed;
+                    count += 1;
+                }
             }
         }
         if count == 0 { 0.0 } else { sum / f64::from(count) }
     }
 
-    /// Highest speed in pixels per second at time `t` with which the board plane passes the sensor.
-    pub fn highest_speed(&self, rays: &Rays, t: f64) -> f64 {
-        self.image_speeds(rays, t).map(|(_, speed)| speed).fold(0.0, f64::max)
-    }
-
-    fn image_speeds(&self, rays: &Rays, t: f64) -> impl Iterator<Item = (Footprint, f64)> {
+    /// How fast the board plane passes the image at time `t`, in pixels per second, and at which of
+    /// its points: in the middle of each cell of [`SPEED_GRID`], row by row. `None` where a pixel
+    /// does not look at the plane.
+    pub fn image_speeds(&self, rays: &Rays, t: f64) -> Vec<Option<(Vector2<f64>, f64)>> {
         const STEP: f64 = 1e-4;
         let before = View::new(&self.pose(t - STEP));
         let after = View::new(&self.pose(t + STEP));
         let (columns, rows) = SPEED_GRID;
-        rays.grid(columns, rows).filter_map(move |ray| {
-            let from = before.footprint(ray)?;
-            let to = after.footprint(ray)?;
-            let motion = from.jacobian.try_inverse()? * (to.point - from.point);
-            Some((from, motion.norm() / (2.0 * STEP)))
-        })
+        let speed = |ray: &Ray| {
+            let from = before.gaze(ray)?;
+            let to = after.gaze(ray)?;
+            let motion = before.jacobian(ray, &from).try_inverse()? * (to.point - from.point);
+            Some((from.point, motion.norm() / (2.0 * STEP)))
+        };
+        rays.grid(columns, rows).map(|ray| speed(ray?)).collect()
     }
 }
 

@@ -10,16 +10,18 @@ use super::sensor::SensorModel;
 const RELAXATION_STEP: f64 = 0.3;
 /// Departure from steady tracking, in log intensity, below which no sub-steps are needed.
 const RELAXATION_TOLERANCE: f64 = 0.02;
+/// Distance of the photoreceptor from its input, in log intensity, at which it has arrived.
+const SETTLED: f64 = 1e-5;
 /// Smallest threshold that mismatch can leave.
 const LEAST_THRESHOLD: f64 = 0.05;
 
 /// Log intensity at the input of a pixel, and how fast the photoreceptor follows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Input {
+struct Input {
     /// Natural logarithm of the intensity.
-    pub log_intensity: f64,
+    log_intensity: f64,
     /// Cut-off of the photoreceptor in radians per microsecond; infinite for none.
-    pub rate: f64,
+    rate: f64,
 }
 
 /// One pixel. Times are in microseconds since the start of the simulation.
@@ -33,6 +35,7 @@ pub struct Pixel {
     leak: f64,
     noise_interval: f64,
     next_noise: f64,
+    radiance: f64,
     input: Input,
     output: f64,
     memory: f64,
@@ -74,6 +77,7 @@ impl Pixel {
             leak: sensor.leak_rate * 1e-6 * on,
             noise_interval,
             next_noise: noise_interval * exponential(rng),
+            radiance,
             input: Input { log_intensity: 0.0, rate: f64::INFINITY },
             output: 0.0,
             memory: 0.0,
@@ -87,9 +91,20 @@ impl Pixel {
         pixel
     }
 
-    /// The pixel's input under `radiance`.
+    /// Lets the light go to `radiance` from `start` to `end` (log intensity in a straight line), and
+    /// fires.
     #[inline]
-    pub fn input_at(&self, sensor: &SensorModel, radiance: f64) -> Input {
+    pub fn see(&mut self, sensor: &SensorModel, start: f64, end: f64, radiance: f64, out: &mut RowOutput<'_>) {
+        if radiance == self.radiance && (self.output - self.input.log_intensity).abs() < SETTLED {
+            self.compare(sensor, start, end, self.output, out);
+            return;
+        }
+        self.radiance = radiance;
+        let input = self.input_at(sensor, radiance);
+        self.respond(sensor, start, end, input, out);
+    }
+
+    fn input_at(&self, sensor: &SensorModel, radiance: f64) -> Input {
         let intensity = self.gain * radiance + sensor.dark;
         let rate = match sensor.photoreceptor {
             Some(photoreceptor) => {
@@ -101,9 +116,8 @@ impl Pixel {
         Input { log_intensity: libm::log(intensity), rate }
     }
 
-    /// Lets the input go to `input` in a straight line from `start` to `end`, and fires.
     #[inline]
-    pub fn respond(&mut self, sensor: &SensorModel, start: f64, end: f64, input: Input, out: &mut RowOutput<'_>) {
+    fn respond(&mut self, sensor: &SensorModel, start: f64, end: f64, input: Input, out: &mut RowOutput<'_>) {
         let from = std::mem::replace(&mut self.input, input);
         if input.rate.is_infinite() {
             self.compare(sensor, start, end, input.log_intensity, out);
@@ -112,29 +126,46 @@ impl Pixel {
         // First-order low-pass of a ramp, exact for a constant rate: the output tracks the ramp
         // behind by its slope over the rate, plus a transient that dies out.
         let rate = 0.5 * (from.rate + input.rate);
-        let slope = (input.log_intensity - from.log_intensity) / (end - start);
-        let lag = slope / rate;
+        let rise = input.log_intensity - from.log_intensity;
+        let mut rest = rate * (end - start);
+        let lag = rise / rest;
+        let mut transient = self.output - from.log_intensity + lag;
         let mut time = start;
-        loop {
-            let tracked = from.log_intensity + slope * (time - start) - lag;
-            let transient = self.output - tracked;
-            let rest = end - time;
-            if rate * rest <= RELAXATION_STEP || transient.abs() <= RELAXATION_TOLERANCE {
-                let output = input.log_intensity - lag + transient * libm::exp(-rate * rest);
-                self.compare(sensor, time, end, output, out);
-                return;
-            }
-            let step = RELAXATION_STEP / rate;
-            let output = tracked + slope * step + transient * DECAY;
-            self.compare(sensor, time, time + step, output, out);
-            time += step;
+        while rest > RELAXATION_STEP && transient.abs() > RELAXATION_TOLERANCE {
+            rest -= RELAXATION_STEP;
+            transient *= DECAY;
+            let output = input.log_intensity - lag * (1.0 + rest) + transient;
+            let next = time + RELAXATION_STEP / rate;
+            self.compare(sensor, time, next, output, out);
+            time = next;
         }
+        let output = input.log_intensity - lag + transient * libm::exp(-rest);
+        self.compare(sensor, time, end, output, out);
     }
 
     /// Lets the photoreceptor's output go to `output` in a straight line, and fires at thresholds.
     #[inline]
     fn compare(&mut self, sensor: &SensorModel, start: f64, end: f64, output: f64, out: &mut RowOutput<'_>) {
         let from = std::mem::replace(&mut self.output, output);
+        if self.reset_until == f64::NEG_INFINITY {
+            let leaked = self.memory - self.leak * (end - start);
+            let change = output - leaked;
+            let [off, on] = self.next_thresholds;
+            if change < on && change > -off {
+                self.memory = leaked;
+                return;
+            }
+        }
+        self.fire_between(sensor, (start, from), (end, output), out);
+    }
+
+    fn fire_between(
+        &mut self,
+        sensor: &SensorModel,
+        (start, from): (f64, f64),
+        (end, output): (f64, f64),
+        out: &mut RowOutput<'_>,
+    ) {
         let slope = (output - from) / (end - start);
         let at = |time: f64| from + slope * (time - start);
         let mut time = start;
@@ -148,10 +179,11 @@ impl Pixel {
         let rise = slope + self.leak;
         loop {
             let change = at(time) - self.memory;
+            let [off, on] = self.next_thresholds;
             let (polarity, wait) = if rise > 0.0 {
-                (Polarity::On, (self.next_thresholds[1] - change) / rise)
+                (Polarity::On, (on - change) / rise)
             } else if rise < 0.0 {
-                (Polarity::Off, (self.next_thresholds[0] + change) / -rise)
+                (Polarity::Off, (off + change) / -rise)
             } else {
                 return;
             };

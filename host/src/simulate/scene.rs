@@ -12,6 +12,7 @@
 //! circles of 5 px radius and more, and to 0.015 down to 2 px, tilted or not (a test holds it to
 //! that). Corners of the sheet are taken as right-angled in the image.
 
+use evcal_core::pattern::Layout;
 use nalgebra::{Isometry3, Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -56,7 +57,7 @@ impl View {
 
     /// Where a ray meets the board plane; `None` when it looks along it or away from it.
     #[inline]
-    pub fn footprint(&self, ray: &Ray) -> Option<Footprint> {
+    pub fn gaze(&self, ray: &Ray) -> Option<Gaze> {
         let direction = self.rotation * ray.bearing;
         // A camera in front of the board is at z < 0 and looks towards positive z.
         if direction.z * -self.position.z.signum() < GRAZING {
@@ -64,26 +65,41 @@ impl View {
         }
         let inverse = 1.0 / direction.z;
         let slope = Vector2::new(direction.x * inverse, direction.y * inverse);
-        let depth = -self.position.z * inverse;
         let point = self.position.xy() - self.position.z * slope;
+        Some(Gaze { point, slope, distance: -self.position.z * inverse })
+    }
+
+    /// Derivative of the point that a ray meets by the pixel, in metres per pixel.
+    #[inline]
+    pub fn jacobian(&self, ray: &Ray, gaze: &Gaze) -> Matrix2<f64> {
         let column = |along: &Vector3<f64>| {
             let turned = self.rotation * along;
-            (turned.xy() - slope * turned.z) * depth
+            (turned.xy() - gaze.slope * turned.z) * gaze.distance
         };
-        Some(Footprint { point, jacobian: Matrix2::from_columns(&[column(&ray.along_x), column(&ray.along_y)]) })
+        Matrix2::from_columns(&[column(&ray.along_x), column(&ray.along_y)])
     }
 }
 
 /// Sine of the angle to the board plane below which a ray does not count as meeting it.
 const GRAZING: f64 = 0.02;
 
-/// Where a pixel looks on the board plane.
+/// Where a ray meets the board plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Footprint {
+pub struct Gaze {
     /// Point on the board plane in metres.
     pub point: Vector2<f64>,
-    /// Derivative of the point by the pixel, in metres per pixel.
-    pub jacobian: Matrix2<f64>,
+    /// Metres along the plane for each metre along its normal.
+    slope: Vector2<f64>,
+    /// Distance from the camera in metres.
+    distance: f64,
+}
+
+impl Gaze {
+    /// Bound of how fast the point moves over the board, in metres per pixel.
+    #[inline]
+    fn metres_per_pixel(&self, ray: &Ray) -> f64 {
+        self.distance * ray.turn * (1.0 + self.slope.norm_squared()).sqrt()
+    }
 }
 
 /// What a pixel sees at one time.
@@ -105,6 +121,9 @@ pub struct Scene {
     upper: Vector2<f64>,
     point_spread: f64,
     profile: EdgeProfile,
+    per_point_spread: f64,
+    per_spacing: f64,
+    per_radius: f64,
     free_distance: f64,
 }
 
@@ -122,6 +141,9 @@ impl Scene {
             upper: corner + margin,
             point_spread,
             profile: EdgeProfile::new(),
+            per_point_spread: 1.0 / point_spread,
+            per_spacing: 1.0 / board.spacing,
+            per_radius: 1.0 / board.radius,
             free_distance: 0.5 * board.neighbour_distance() - board.radius,
         }
     }
@@ -146,19 +168,52 @@ impl Scene {
         point >= &self.lower && point <= &self.upper
     }
 
-    /// What a pixel sees from `view`. A pixel without footprint sees the background.
+    /// What a pixel sees from `view`. A pixel that does not look at the board plane sees the
+    /// background.
     #[inline]
     pub fn sample(&self, view: &View, ray: &Ray) -> Sample {
-        match view.footprint(ray) {
-            Some(footprint) => self.sample_footprint(&footprint),
-            None => Sample { radiance: self.settings.background, edge: f64::NEG_INFINITY },
+        let SceneSettings { white, black, background, .. } = self.settings;
+        let Some(gaze) = view.gaze(ray) else {
+            return Sample { radiance: background, edge: f64::NEG_INFINITY };
+        };
+        let metres_per_pixel = gaze.metres_per_pixel(ray);
+        let reach = self.reach() * metres_per_pixel;
+        let sheet = self.sheet_depth(&gaze.point);
+        if sheet < -reach {
+            return Sample { radiance: background, edge: sheet / metres_per_pixel };
+        }
+        let nearest = self.nearest_center(&gaze.point).map(|center| gaze.point - center);
+        let distance = nearest.map(|offset| offset.norm());
+        let circle = distance.map_or(-self.free_distance, |distance| self.board.radius - distance);
+        if sheet > reach && circle.abs() > reach {
+            let radiance = if circle > 0.0 { black } else { white };
+            return Sample { radiance, edge: sheet.min(circle.abs()) / metres_per_pixel };
+        }
+        let jacobian = view.jacobian(ray, &gaze);
+        let (white_share, sheet_edge) =
+            if sheet > reach { (1.0, sheet / metres_per_pixel) } else { self.sheet(&gaze.point, &jacobian) };
+        let (black_share, circle_edge) = match (nearest, distance) {
+            (Some(offset), Some(distance)) if circle > -reach => self.circle(&offset, distance, &jacobian),
+            _ => (0.0, circle / metres_per_pixel),
+        };
+        Sample {
+            radiance: background + (white - background) * white_share - (white - black) * black_share,
+            edge: if circle_edge.abs() < sheet_edge.abs() { circle_edge } else { sheet_edge },
         }
     }
 
+    /// Distance of `point` from the sheet's edge in metres, positive on the sheet; outside it a
+    /// lower bound.
     #[inline]
-    fn sample_footprint(&self, footprint: &Footprint) -> Sample {
-        let Footprint { point, jacobian } = footprint;
-        let reach = self.reach();
+    fn sheet_depth(&self, point: &Vector2<f64>) -> f64 {
+        let low = point - self.lower;
+        let high = self.upper - point;
+        low.x.min(high.x).min(low.y.min(high.y))
+    }
+
+    /// Share of the pixel that the sheet covers, and the signed distance to its edge in pixels.
+    #[inline]
+    fn sheet(&self, point: &Vector2<f64>, jacobian: &Matrix2<f64>) -> (f64, f64) {
         let scale_x = 1.0 / jacobian.row(0).norm();
         let scale_y = 1.0 / jacobian.row(1).norm();
         let sides = [
@@ -167,58 +222,59 @@ impl Scene {
             (point.y - self.lower.y) * scale_y,
             (self.upper.y - point.y) * scale_y,
         ];
-        let sheet_edge = sides.iter().copied().fold(f64::INFINITY, f64::min);
-        let white_share = match sheet_edge {
-            edge if edge > reach => 1.0,
-            edge if edge < -reach => 0.0,
-            _ => sides.iter().map(|&side| self.blurred(side)).product(),
-        };
-        let (black_share, circle_edge) =
-            if sheet_edge < -reach { (0.0, f64::NEG_INFINITY) } else { self.circle(point, jacobian) };
-        let SceneSettings { white, black, background, .. } = self.settings;
-        Sample {
-            radiance: background + (white - background) * white_share - (white - black) * black_share,
-            edge: if circle_edge.abs() < sheet_edge.abs() { circle_edge } else { sheet_edge },
-        }
+        let edge = sides.iter().copied().fold(f64::INFINITY, f64::min);
+        (sides.iter().map(|&side| self.blurred(side)).product(), edge)
     }
 
-    /// Share of the pixel that the nearest circle covers, and the signed distance to its rim.
+    /// Share of the pixel that a circle covers, and the signed distance to its rim in pixels.
+    /// `offset` is the pixel's point relative to the circle's centre, `distance` its length.
     #[inline]
-    fn circle(&self, point: &Vector2<f64>, jacobian: &Matrix2<f64>) -> (f64, f64) {
-        let Some(index) = self.board.nearest_circle(*point) else {
-            return (0.0, -self.free_distance / jacobian.norm());
-        };
+    fn circle(&self, offset: &Vector2<f64>, distance: f64, jacobian: &Matrix2<f64>) -> (f64, f64) {
         let radius = self.board.radius;
-        let offset = point - self.board.circle_center(index);
-        let distance = offset.norm();
-        let inside = radius - distance;
-        let far = inside / jacobian.norm();
-        let reach = self.reach();
-        if far < -reach {
-            return (0.0, far);
+        if distance < 1e-9 * radius {
+            return (1.0, radius / jacobian.norm());
         }
-        if far > reach || distance < 1e-9 * radius {
-            return (1.0, far.max(reach));
-        }
-        let normal = offset / distance;
+        let normal = offset * (1.0 / distance);
         let tangent = Vector2::new(-normal.y, normal.x);
         let gradient = jacobian.tr_mul(&normal);
-        let slope = gradient.norm();
-        let first_order = inside / slope;
+        let per_slope = 1.0 / gradient.norm();
+        let first_order = (radius - distance) * per_slope;
         // Moving along the image gradient slides along the rim too, which bends away.
-        let slide = tangent.dot(&(jacobian * gradient)) / slope;
-        let edge = first_order - 0.5 * slide * slide / (radius * slope) * first_order * first_order;
-        let determinant = jacobian.determinant();
-        let curvature = determinant * determinant / (slope * slope * slope * radius);
+        let slide = tangent.dot(&(jacobian * gradient)) * per_slope;
+        let bend_per_slope = 0.5 * per_slope * self.per_radius;
+        let edge = first_order - slide * slide * bend_per_slope * first_order * first_order;
         // A Gaussian spread along the rim sees it bend away by half curvature × variance.
-        let bend = 0.5 * curvature * self.point_spread * self.point_spread;
-        (self.blurred(edge - bend), edge)
+        let stretch = jacobian.determinant() * per_slope * self.point_spread;
+        (self.blurred(edge - stretch * stretch * bend_per_slope), edge)
+    }
+
+    /// Centre of the circle nearest to `point`, if there is one within about a spacing.
+    #[inline]
+    fn nearest_center(&self, point: &Vector2<f64>) -> Option<Vector2<f64>> {
+        let place = point * self.per_spacing;
+        let (x, y) = match self.board.pattern.layout {
+            Layout::Symmetric => (nearest(place.x), nearest(place.y)),
+            Layout::Asymmetric => {
+                let diagonal = nearest(0.5 * (place.x + place.y));
+                let antidiagonal = nearest(0.5 * (place.x - place.y));
+                (diagonal + antidiagonal, diagonal - antidiagonal)
+            }
+        };
+        self.board.pattern.index_at(x, y)?;
+        Some(Vector2::new(f64::from(x), f64::from(y)) * self.board.spacing)
     }
 
     #[inline]
     fn blurred(&self, edge: f64) -> f64 {
-        self.profile.share(edge / self.point_spread)
+        self.profile.share(edge * self.per_point_spread)
     }
+}
+
+/// The integer nearest to `value`, without the call that rounding takes on older processors.
+#[inline]
+fn nearest(value: f64) -> i32 {
+    const OFFSET: i32 = 1 << 20;
+    (value + (f64::from(OFFSET) + 0.5)) as i32 - OFFSET
 }
 
 /// The normal distribution function from a table: the profile of a straight edge under a Gaussian

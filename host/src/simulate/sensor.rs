@@ -110,8 +110,8 @@ impl SensorModel {
     pub fn ideal() -> Self {
         Self {
             point_spread: 0.6,
-            threshold_on: 0.42,
-            threshold_off: 0.42,
+            threshold_on: 0.4,
+            threshold_off: 0.4,
             threshold_mismatch: 0.0,
             threshold_jitter: 0.0,
             photoreceptor: None,
