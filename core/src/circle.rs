@@ -7,6 +7,10 @@
 //! - [`Method::Soft`] takes the line between the centres of a pair as the diameter: for noisy input
 //!   and for inclined views, in which a dot is an ellipse.
 //!
+//! Beyond the paper, both methods want the arcs to be curved around each other: the ON arc of a dot
+//! and the OFF arc of the next one are near too, but back to back. The third moments of a cluster
+//! tell.
+//!
 //! Either way a pair counts only if each cluster is the other's best partner. Every pair that falls
 //! away is counted by its reason in [`CircleCounts`]. Nothing here panics.
 
@@ -34,6 +38,9 @@ pub struct ExtractionSettings<T> {
     pub method: Method,
     /// Number of nearest clusters of the other polarity tried for each cluster (hard; soft takes one).
     pub neighbours: u8,
+    /// Smallest cosine of the angle between the direction in which an arc is curved and that to its
+    /// partner.
+    pub min_facing: T,
     /// Smallest radius in pixels.
     pub min_radius: T,
     /// Largest radius in pixels. Clusters wider or higher than twice this are no arcs of a dot.
@@ -58,13 +65,14 @@ impl<T: RealField + Copy> Default for ExtractionSettings<T> {
         Self {
             method: Method::Hard,
             neighbours: 3,
+            min_facing: nalgebra::convert(0.5),
             min_radius: nalgebra::convert(2.0),
             max_radius: nalgebra::convert(32.0),
             max_radius_ratio: nalgebra::convert(2.0),
-            min_radius_ratio: nalgebra::convert(0.8),
-            max_center_offset: nalgebra::convert(0.4),
-            max_error: nalgebra::convert(0.75),
-            max_relative_error: nalgebra::convert(0.05),
+            min_radius_ratio: nalgebra::convert(0.75),
+            max_center_offset: nalgebra::convert(0.5),
+            max_error: nalgebra::convert(1.0),
+            max_relative_error: nalgebra::convert(0.2),
             max_soft_error: nalgebra::convert(0.35),
         }
     }

@@ -45,7 +45,7 @@ pub struct ClusterSettings {
 
 impl Default for ClusterSettings {
     fn default() -> Self {
-        Self { epsilon: 2.0, min_points: 3, min_pixels: 5 }
+        Self { epsilon: 2.5, min_points: 3, min_pixels: 5 }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Pairs of clusters to circle candidates.
 
-use super::fit::{Circle, fit_circle, total_deviation};
+use super::fit::{Circle, fit_circle, total_deviation, toward_center};
 use super::{CircleCandidate, ExtractionSettings, Method};
 use crate::cluster::{Cluster, PixelRun};
 use heapless::Vec;
@@ -16,6 +16,8 @@ pub struct CircleCounts {
     pub clusters_too_large: u32,
     /// Pairs tried.
     pub pairs: u32,
+    /// Pairs of which one arc is curved away from the other.
+    pub back_to_back: u32,
     /// Pairs with a radius out of bounds, or whose pixels lie on a line.
     pub radius_out_of_bounds: u32,
     /// Pairs whose fitted radius disagrees with the distance of their centres.
@@ -35,6 +37,7 @@ pub struct CircleCounts {
 /// Why a pair is no circle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Rejection {
+    Facing,
     Radius,
     Distance,
     Midpoint,
@@ -52,8 +55,8 @@ pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS
     circles: &mut Vec<CircleCandidate<T>, CLUSTERS>,
 ) -> CircleCounts {
     circles.clear();
-    let mut counts = CircleCounts::default();
-    counts.clusters_too_large = on.iter().chain(off).map(|cluster| u32::from(!may_be_arc(cluster, settings))).sum();
+    let too_large = on.iter().chain(off).map(|cluster| u32::from(!may_be_arc(cluster, settings))).sum();
+    let mut counts = CircleCounts { clusters_too_large: too_large, ..CircleCounts::default() };
     for (on_index, on_cluster) in (0_u16..).zip(on) {
         if !may_be_arc(on_cluster, settings) {
             continue;
@@ -80,6 +83,7 @@ pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS
                         counts.pairs_over_capacity += 1;
                     }
                 }
+                Err(Rejection::Facing) => counts.back_to_back += 1,
                 Err(Rejection::Radius) => counts.radius_out_of_bounds += 1,
                 Err(Rejection::Distance) => counts.radius_against_distance += 1,
                 Err(Rejection::Midpoint) => counts.center_against_midpoint += 1,
@@ -130,6 +134,15 @@ fn nearest<T: RealField + Copy>(
     found
 }
 
+/// True if the arc `cluster` is curved around `other`: their dot lies between them.
+fn faces<T: RealField + Copy>(cluster: &Cluster<T>, other: &Cluster<T>, settings: &ExtractionSettings<T>) -> bool {
+    let inward = toward_center(&cluster.moments);
+    let across = other.center - cluster.center;
+    let along = inward.dot(&across);
+    along > T::zero()
+        && along * along >= settings.min_facing * settings.min_facing * inward.norm_squared() * across.norm_squared()
+}
+
 /// The circle fitted to a pair and its mean deviation, if it passes the tests.
 fn hard<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     on: &Cluster<T>,
@@ -137,6 +150,9 @@ fn hard<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     runs: &impl Fn(&Cluster<T>) -> R,
     settings: &ExtractionSettings<T>,
 ) -> Result<(Circle<T>, T), Rejection> {
+    if !faces(on, off, settings) || !faces(off, on, settings) {
+        return Err(Rejection::Facing);
+    }
     let moments = on.moments.joined(&off.moments);
     let circle = fit_circle(&moments).ok_or(Rejection::Radius)?;
     if !within(circle.radius, settings) {
@@ -184,14 +200,16 @@ fn within<T: RealField + Copy>(radius: T, settings: &ExtractionSettings<T>) -> b
     radius >= settings.min_radius && radius <= settings.max_radius
 }
 
-/// Keeps the pairs that are the best of both their clusters: by relative error of the fit (hard), by
-/// distance (soft). Of equals the earlier counts.
+/// Keeps the pairs that are the best of both their clusters; of equals the earlier counts.
+///
+/// Hard: the least area between pixels and circle (error × radius). The error relative to the radius
+/// would let a large circle through the arcs of two dots win. Soft: the least distance.
 fn keep_mutual<T: RealField + Copy, const CLUSTERS: usize>(
     method: Method,
     circles: &mut Vec<CircleCandidate<T>, CLUSTERS>,
 ) {
     let badness = |circle: &CircleCandidate<T>| match method {
-        Method::Hard => circle.error / circle.radius,
+        Method::Hard => circle.error * circle.radius,
         Method::Soft => circle.radius,
     };
     let mut best_of_on: [Option<(u16, T)>; CLUSTERS] = [None; CLUSTERS];

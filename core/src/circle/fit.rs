@@ -22,13 +22,19 @@ pub fn fit_circle<T: RealField + Copy>(moments: &CentralMoments<T>) -> Option<Ci
     let trace = uu + vv;
     // Smallest over largest eigenvalue of the scatter is about determinant / trace².
     let smallest = trace * trace * nalgebra::convert(1e-4);
-    if !(determinant > smallest) {
+    if determinant <= smallest {
         return None;
     }
     let scale = (determinant + determinant).recip();
     let offset = Vector2::new((uz * vv - vz * uv) * scale, (vz * uu - uz * uv) * scale);
     let radius = (offset.norm_squared() + trace / n).sqrt();
     Some(Circle { center: Vector2::new(mean_x, mean_y) + offset, radius })
+}
+
+/// The direction from the mean of the pixels to the centre of the circle through them, of any length.
+pub(super) fn toward_center<T: RealField + Copy>(moments: &CentralMoments<T>) -> Vector2<T> {
+    let CentralMoments { uu, uv, vv, uz, vz, .. } = *moments;
+    Vector2::new(uz * vv - vz * uv, vz * uu - uz * uv)
 }
 
 /// Sum over the pixels of `runs` of their absolute distance from `circle`.
