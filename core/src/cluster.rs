@@ -106,3 +106,6 @@ impl<T: RealField + Copy> Cluster<T> {
         [width, height]
     }
 }
+
+#[cfg(test)]
+mod tests;

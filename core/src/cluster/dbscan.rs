@@ -244,10 +244,14 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
                     let (core_x, core_y) = ((core_bit % row_bits) as u16, (core_bit / row_bits).wrapping_sub(1) as u16);
                     let core_runs = self.runs.get(first_run..last_run).unwrap_or(&[]);
                     let after = core_runs.partition_point(|run| (run.y, run.x) <= (core_y, core_x));
-                    let Some(run) = after.checked_sub(1).and_then(|before| core_runs.get(before)) else { continue };
-                    let border = Run { x: (bit - row_bit + index) as u16, y, length: 1, label: run.label, next: NONE };
-                    // The core pixel itself may have been lost to the capacity.
-                    if run.y == core_y && run.last() >= core_x && self.runs.push(border).is_ok() {
+                    // The core pixel itself may have been lost for want of room.
+                    let core_run = after
+                        .checked_sub(1)
+                        .and_then(|before| core_runs.get(before))
+                        .filter(|run| run.y == core_y && run.last() >= core_x);
+                    let x = (bit - row_bit + index) as u16;
+                    let border = core_run.map(|run| Run { x, y, length: 1, label: run.label, next: NONE });
+                    if border.is_some_and(|border| self.runs.push(border).is_ok()) {
                         *of_mut(&mut counts.border_pixels, polarity) += 1;
                     } else {
                         counts.pixels_over_capacity += 1;
