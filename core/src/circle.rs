@@ -45,6 +45,8 @@ pub struct ExtractionSettings<T> {
     pub min_radius: T,
     /// Largest radius in pixels. Clusters wider or higher than twice this are no arcs of a dot.
     pub max_radius: T,
+    /// Fewest pixels of each cluster, in radii: an arc of one radian has about one pixel per radius.
+    pub min_arc: T,
     /// Largest ratio of the fitted radius to half the distance of the cluster centres (hard).
     pub max_radius_ratio: T,
     /// Smallest such ratio (hard).
@@ -68,6 +70,7 @@ impl<T: RealField + Copy> Default for ExtractionSettings<T> {
             min_facing: nalgebra::convert(0.5),
             min_radius: nalgebra::convert(2.0),
             max_radius: nalgebra::convert(32.0),
+            min_arc: nalgebra::convert(0.7),
             max_radius_ratio: nalgebra::convert(2.0),
             min_radius_ratio: nalgebra::convert(0.75),
             max_center_offset: nalgebra::convert(0.5),

@@ -2,7 +2,7 @@
 
 use super::fit::{Circle, fit_circle, total_deviation, toward_center};
 use super::{CircleCandidate, ExtractionSettings, Method};
-use crate::cluster::{Cluster, PixelRun};
+use crate::cluster::{CentralMoments, Cluster, PixelRun};
 use heapless::Vec;
 use nalgebra::RealField;
 
@@ -20,6 +20,8 @@ pub struct CircleCounts {
     pub back_to_back: u32,
     /// Pairs with a radius out of bounds, or whose pixels lie on a line.
     pub radius_out_of_bounds: u32,
+    /// Pairs of which one arc has too few pixels for the radius.
+    pub arc_too_short: u32,
     /// Pairs whose fitted radius disagrees with the distance of their centres.
     pub radius_against_distance: u32,
     /// Pairs whose fitted centre disagrees with the midpoint of their centres.
@@ -37,7 +39,7 @@ pub struct CircleCounts {
 /// Why a pair is no circle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Rejection {
-    Facing,
+    Arc,
     Radius,
     Distance,
     Midpoint,
@@ -64,6 +66,10 @@ pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS
         for (_, off_index) in nearest(on_cluster, off, settings) {
             let Some(off_cluster) = off.get(usize::from(off_index)) else { continue };
             counts.pairs += 1;
+            if !faces(on_cluster, off_cluster, settings) || !faces(off_cluster, on_cluster, settings) {
+                counts.back_to_back += 1;
+                continue;
+            }
             let found = match settings.method {
                 Method::Hard => hard(on_cluster, off_cluster, &runs, settings),
                 Method::Soft => soft(on_cluster, off_cluster, &runs, settings),
@@ -83,7 +89,7 @@ pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS
                         counts.pairs_over_capacity += 1;
                     }
                 }
-                Err(Rejection::Facing) => counts.back_to_back += 1,
+                Err(Rejection::Arc) => counts.arc_too_short += 1,
                 Err(Rejection::Radius) => counts.radius_out_of_bounds += 1,
                 Err(Rejection::Distance) => counts.radius_against_distance += 1,
                 Err(Rejection::Midpoint) => counts.center_against_midpoint += 1,
@@ -111,10 +117,7 @@ fn nearest<T: RealField + Copy>(
     others: &[Cluster<T>],
     settings: &ExtractionSettings<T>,
 ) -> Vec<(T, u16), MAX_NEIGHBOURS> {
-    let limit = match settings.method {
-        Method::Hard => usize::from(settings.neighbours).clamp(1, MAX_NEIGHBOURS),
-        Method::Soft => 1,
-    };
+    let limit = usize::from(settings.neighbours).clamp(1, MAX_NEIGHBOURS);
     let diameter = settings.max_radius + settings.max_radius;
     let mut bound = diameter * diameter;
     let mut found = Vec::new();
@@ -150,24 +153,17 @@ fn hard<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     runs: &impl Fn(&Cluster<T>) -> R,
     settings: &ExtractionSettings<T>,
 ) -> Result<(Circle<T>, T), Rejection> {
-    if !faces(on, off, settings) || !faces(off, on, settings) {
-        return Err(Rejection::Facing);
-    }
     let moments = on.moments.joined(&off.moments);
     let circle = fit_circle(&moments).ok_or(Rejection::Radius)?;
-    if !within(circle.radius, settings) {
-        return Err(Rejection::Radius);
-    }
-    let half: T = nalgebra::convert(0.5);
-    let half_distance = (on.center - off.center).norm() * half;
-    if circle.radius < settings.min_radius_ratio * half_distance
-        || circle.radius > settings.max_radius_ratio * half_distance
+    test_size(&circle, on, off, settings)?;
+    let expected = circle_between(on, off);
+    if circle.radius < settings.min_radius_ratio * expected.radius
+        || circle.radius > settings.max_radius_ratio * expected.radius
     {
         return Err(Rejection::Distance);
     }
-    let midpoint = (on.center + off.center) * half;
     let largest_offset = settings.max_center_offset * circle.radius;
-    if (circle.center - midpoint).norm_squared() > largest_offset * largest_offset {
+    if (circle.center - expected.center).norm_squared() > largest_offset * largest_offset {
         return Err(Rejection::Midpoint);
     }
     let error = total_deviation(&circle, runs(on).chain(runs(off))) / moments.n;
@@ -177,18 +173,15 @@ fn hard<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     Ok((circle, error))
 }
 
-/// The circle over the line between the centres of a pair and its mean deviation, if it passes the tests.
+/// The circle over the line between a pair and its mean deviation, if it passes the tests.
 fn soft<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     on: &Cluster<T>,
     off: &Cluster<T>,
     runs: &impl Fn(&Cluster<T>) -> R,
     settings: &ExtractionSettings<T>,
 ) -> Result<(Circle<T>, T), Rejection> {
-    let half: T = nalgebra::convert(0.5);
-    let circle = Circle { center: (on.center + off.center) * half, radius: (on.center - off.center).norm() * half };
-    if !within(circle.radius, settings) {
-        return Err(Rejection::Radius);
-    }
+    let circle = circle_between(on, off);
+    test_size(&circle, on, off, settings)?;
     let error = total_deviation(&circle, runs(on).chain(runs(off))) / (on.moments.n + off.moments.n);
     if error > settings.max_soft_error * circle.radius {
         return Err(Rejection::Error);
@@ -196,8 +189,43 @@ fn soft<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     Ok((circle, error))
 }
 
-fn within<T: RealField + Copy>(radius: T, settings: &ExtractionSettings<T>) -> bool {
-    radius >= settings.min_radius && radius <= settings.max_radius
+/// The circle whose diameter is the line between the tops of two arcs.
+///
+/// The mean of an arc of half-angle α lies at r sin α / α from the centre, not on the circle. With the
+/// variance v of its pixels across the line, r is d + v / (2 d) for a mean at d, to 1 % up to
+/// α = 75° and 3 % for a half circle.
+fn circle_between<T: RealField + Copy>(on: &Cluster<T>, off: &Cluster<T>) -> Circle<T> {
+    let half: T = nalgebra::convert(0.5);
+    let line = off.center - on.center;
+    let distance_squared = line.norm_squared();
+    // In units of the line: v / (2 d) for d half the line.
+    let rise = |cluster: &Cluster<T>| {
+        let CentralMoments { n, uu, uv, vv, .. } = cluster.moments;
+        let across = uu * line.y * line.y - (uv + uv) * line.x * line.y + vv * line.x * line.x;
+        across / (n * distance_squared * distance_squared)
+    };
+    let (on_rise, off_rise) = (rise(on), rise(off));
+    let half_line = half + (on_rise + off_rise) * half;
+    Circle {
+        center: (on.center + off.center) * half + line * ((off_rise - on_rise) * half),
+        radius: distance_squared.sqrt() * half_line,
+    }
+}
+
+fn test_size<T: RealField + Copy>(
+    circle: &Circle<T>,
+    on: &Cluster<T>,
+    off: &Cluster<T>,
+    settings: &ExtractionSettings<T>,
+) -> Result<(), Rejection> {
+    if circle.radius < settings.min_radius || circle.radius > settings.max_radius {
+        return Err(Rejection::Radius);
+    }
+    let fewest = settings.min_arc * circle.radius;
+    if on.moments.n < fewest || off.moments.n < fewest {
+        return Err(Rejection::Arc);
+    }
+    Ok(())
 }
 
 /// Keeps the pairs that are the best of both their clusters; of equals the earlier counts.
