@@ -1,1 +1,111 @@
-//! (under construction)
+//! DBSCAN (Ester, Kriegel, Sander, Xu, KDD 1996) of the events of a window, per polarity, on a bitmap.
+//!
+//! Events lie on a pixel grid, so the neighbours of a pixel are a look-up of a few bits per row, and
+//! clusters grow by joining runs of pixels (union-find), row by row.
+//!
+//! - A window counts once per pixel and polarity, however many events the pixel gave.
+//! - A pixel that gave events of both polarities counts for neither. In a window of a few
+//!   milliseconds these are the points where the edge slides along itself, and hot or flickering
+//!   pixels: their polarity says nothing about the side of the dot, and left in they would join the
+//!   two arcs' ends to noise.
+//! - A pixel is a *core* pixel if at least [`ClusterSettings::min_points`] pixels of its polarity,
+//!   itself included, lie within the Euclidean distance [`ClusterSettings::epsilon`] (as in the
+//!   original paper; both bounds are inclusive).
+//! - Core pixels within ε of each other share a cluster. A pixel that is not core but lies within ε of
+//!   a core pixel is a *border* pixel; it joins the cluster of the first such core pixel in reading
+//!   order (top to bottom, left to right). The original leaves this to the order of the data.
+//! - Clusters are numbered by their first core pixel in reading order.
+//!
+//! Storage is lent or const generic and of fixed capacity; what does not fit is counted in
+//! [`ClusterCounts`]. Nothing here panics.
+
+mod bitmap;
+mod dbscan;
+mod moments;
+mod neighbourhood;
+mod runs;
+
+pub use bitmap::{row_bytes, row_count};
+pub use dbscan::{ClusterCounts, Clusterer, PixelRuns, SensorTooLarge};
+pub use moments::{CentralMoments, PixelSums};
+
+use nalgebra::{RealField, Vector2};
+
+/// Settings of the clustering.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClusterSettings {
+    /// Neighbourhood radius ε in pixels, from 1 to below 7. Must stay below the gap between the arcs
+    /// of neighbouring dots.
+    pub epsilon: f32,
+    /// Pixels within ε, the pixel itself included, that make it a core pixel (`MinPts`).
+    pub min_points: u16,
+    /// Clusters of fewer pixels are dropped as noise.
+    pub min_pixels: u16,
+}
+
+impl Default for ClusterSettings {
+    fn default() -> Self {
+        Self { epsilon: 2.5, min_points: 3, min_pixels: 5 }
+    }
+}
+
+/// A sensor's number of columns and rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SensorSize {
+    /// Columns in pixels.
+    pub width: u16,
+    /// Rows in pixels.
+    pub height: u16,
+}
+
+/// A run of neighbouring pixels in a row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PixelRun {
+    /// Leftmost column.
+    pub x: u16,
+    /// Row.
+    pub y: u16,
+    /// Number of pixels, at least 1.
+    pub length: u16,
+}
+
+impl PixelRun {
+    /// Rightmost column.
+    pub const fn last(&self) -> u16 {
+        self.x.saturating_add(self.length.saturating_sub(1))
+    }
+
+    /// The pixels (column, row) of the run.
+    pub fn pixels(&self) -> impl Iterator<Item = (u16, u16)> {
+        let y = self.y;
+        (self.x..=self.last()).map(move |x| (x, y))
+    }
+}
+
+/// A cluster of pixels of one polarity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cluster<T> {
+    /// Moments of its pixels.
+    pub moments: CentralMoments<T>,
+    /// Centre in pixels: the median of the columns and the median of the rows.
+    pub center: Vector2<T>,
+    /// Leftmost and topmost column and row.
+    pub min: [u16; 2],
+    /// Rightmost and bottommost column and row.
+    pub max: [u16; 2],
+    /// Number of pixels.
+    pub pixels: u32,
+    first_run: u16,
+}
+
+impl<T: RealField + Copy> Cluster<T> {
+    /// Width and height of the bounding box in pixels, each at least 1.
+    pub const fn extent(&self) -> [u16; 2] {
+        let width = self.max[0].saturating_sub(self.min[0]).saturating_add(1);
+        let height = self.max[1].saturating_sub(self.min[1]).saturating_add(1);
+        [width, height]
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -12,6 +12,7 @@
 //! | [`window`] | events | time windows worth looking at |
 //! | [`cluster`] | events of one polarity | DBSCAN clusters |
 //! | [`circle`] | clusters of both polarities | circle candidates |
+//! | [`detector`] | events of a window | circle candidates: the two stages above in one object |
 //! | [`grid`] | circle candidates | the ordered board |
 //! | [`spline`] | control points | poses at any time |
 //! | [`camera`] | points | pixels, and back |
@@ -27,6 +28,7 @@ extern crate std;
 pub mod camera;
 pub mod circle;
 pub mod cluster;
+pub mod detector;
 pub mod event;
 pub mod grid;
 pub mod pattern;

@@ -1,0 +1,264 @@
+//! Pairs of clusters to circle candidates.
+
+use super::fit::{Circle, fit_circle, total_deviation, toward_center};
+use super::{CircleCandidate, ExtractionSettings, Method};
+use crate::cluster::{CentralMoments, Cluster, PixelRun};
+use heapless::Vec;
+use nalgebra::RealField;
+
+/// Largest number of neighbours tried for a cluster.
+const MAX_NEIGHBOURS: usize = 8;
+
+/// How many pairs were looked at, and why the rest fell away.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CircleCounts {
+    /// Clusters too wide or high for the arc of a dot.
+    pub clusters_too_large: u32,
+    /// Pairs tried.
+    pub pairs: u32,
+    /// Pairs of which one arc is curved away from the other.
+    pub back_to_back: u32,
+    /// Pairs with a radius out of bounds, or whose pixels lie on a line.
+    pub radius_out_of_bounds: u32,
+    /// Pairs of which one arc has too few pixels for the radius.
+    pub arc_too_short: u32,
+    /// Pairs whose fitted radius disagrees with the distance of their centres.
+    pub radius_against_distance: u32,
+    /// Pairs whose fitted centre disagrees with the midpoint of their centres.
+    pub center_against_midpoint: u32,
+    /// Pairs whose pixels lie too far from the circle.
+    pub error_too_large: u32,
+    /// Pairs lost because there was no room for another one that passed the tests.
+    pub pairs_over_capacity: u32,
+    /// Pairs that passed the tests but are not each other's best.
+    pub not_mutual: u32,
+    /// Circles found.
+    pub circles: u32,
+}
+
+/// Why a pair is no circle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Rejection {
+    Arc,
+    Radius,
+    Distance,
+    Midpoint,
+    Error,
+}
+
+/// Finds the circles among `on` and `off` clusters; `runs` gives the pixels of a cluster.
+///
+/// Replaces what was in `circles`. They come in the order of their ON clusters.
+pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS: usize>(
+    on: &[Cluster<T>],
+    off: &[Cluster<T>],
+    runs: impl Fn(&Cluster<T>) -> R,
+    settings: &ExtractionSettings<T>,
+    circles: &mut Vec<CircleCandidate<T>, CLUSTERS>,
+) -> CircleCounts {
+    circles.clear();
+    let too_large = on.iter().chain(off).map(|cluster| u32::from(!may_be_arc(cluster, settings))).sum();
+    let mut counts = CircleCounts { clusters_too_large: too_large, ..CircleCounts::default() };
+    for (on_index, on_cluster) in (0_u16..).zip(on) {
+        if !may_be_arc(on_cluster, settings) {
+            continue;
+        }
+        for (_, off_index) in nearest(on_cluster, off, settings) {
+            let Some(off_cluster) = off.get(usize::from(off_index)) else { continue };
+            counts.pairs += 1;
+            if !faces(on_cluster, off_cluster, settings) || !faces(off_cluster, on_cluster, settings) {
+                counts.back_to_back += 1;
+                continue;
+            }
+            let found = match settings.method {
+                Method::Hard => hard(on_cluster, off_cluster, &runs, settings),
+                Method::Soft => soft(on_cluster, off_cluster, &runs, settings),
+            };
+            match found {
+                Ok((circle, error)) => {
+                    let candidate = CircleCandidate {
+                        center: circle.center,
+                        radius: circle.radius,
+                        error,
+                        on_cluster: on_index,
+                        off_cluster: off_index,
+                        on_pixels: on_cluster.pixels.min(u32::from(u16::MAX)) as u16,
+                        off_pixels: off_cluster.pixels.min(u32::from(u16::MAX)) as u16,
+                    };
+                    if circles.push(candidate).is_err() {
+                        counts.pairs_over_capacity += 1;
+                    }
+                }
+                Err(Rejection::Arc) => counts.arc_too_short += 1,
+                Err(Rejection::Radius) => counts.radius_out_of_bounds += 1,
+                Err(Rejection::Distance) => counts.radius_against_distance += 1,
+                Err(Rejection::Midpoint) => counts.center_against_midpoint += 1,
+                Err(Rejection::Error) => counts.error_too_large += 1,
+            }
+        }
+    }
+    let passed = circles.len();
+    keep_mutual(settings.method, circles);
+    counts.circles = circles.len() as u32;
+    counts.not_mutual = (passed - circles.len()) as u32;
+    counts
+}
+
+/// The arc of a dot is no wider or higher than the dot.
+fn may_be_arc<T: RealField + Copy>(cluster: &Cluster<T>, settings: &ExtractionSettings<T>) -> bool {
+    let [width, height] = cluster.extent();
+    let diameter = settings.max_radius + settings.max_radius;
+    T::from_u16(width.max(height)).is_some_and(|extent| extent <= diameter)
+}
+
+/// The nearest clusters of the other polarity that are near enough for a dot: squared distance, index.
+fn nearest<T: RealField + Copy>(
+    cluster: &Cluster<T>,
+    others: &[Cluster<T>],
+    settings: &ExtractionSettings<T>,
+) -> Vec<(T, u16), MAX_NEIGHBOURS> {
+    let limit = usize::from(settings.neighbours).clamp(1, MAX_NEIGHBOURS);
+    let diameter = settings.max_radius + settings.max_radius;
+    let mut bound = diameter * diameter;
+    let mut found = Vec::new();
+    for (index, other) in (0_u16..).zip(others) {
+        let distance_squared = (other.center - cluster.center).norm_squared();
+        if distance_squared < bound && may_be_arc(other, settings) {
+            if found.len() == limit {
+                found.pop();
+            }
+            let place = found.iter().rposition(|&(nearer, _)| nearer <= distance_squared).map_or(0, |last| last + 1);
+            // There is room: `limit` is at most the capacity.
+            if found.insert(place, (distance_squared, index)).is_ok() && found.len() == limit {
+                bound = found.last().map_or(bound, |&(furthest, _)| furthest);
+            }
+        }
+    }
+    found
+}
+
+/// True if the arc `cluster` is curved around `other`: their dot lies between them.
+fn faces<T: RealField + Copy>(cluster: &Cluster<T>, other: &Cluster<T>, settings: &ExtractionSettings<T>) -> bool {
+    let inward = toward_center(&cluster.moments);
+    let across = other.center - cluster.center;
+    let along = inward.dot(&across);
+    along > T::zero()
+        && along * along >= settings.min_facing * settings.min_facing * inward.norm_squared() * across.norm_squared()
+}
+
+/// The circle fitted to a pair and its mean deviation, if it passes the tests.
+fn hard<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
+    on: &Cluster<T>,
+    off: &Cluster<T>,
+    runs: &impl Fn(&Cluster<T>) -> R,
+    settings: &ExtractionSettings<T>,
+) -> Result<(Circle<T>, T), Rejection> {
+    let moments = on.moments.joined(&off.moments);
+    let circle = fit_circle(&moments).ok_or(Rejection::Radius)?;
+    test_size(&circle, on, off, settings)?;
+    let expected = circle_between(on, off);
+    if circle.radius < settings.min_radius_ratio * expected.radius
+        || circle.radius > settings.max_radius_ratio * expected.radius
+    {
+        return Err(Rejection::Distance);
+    }
+    let largest_offset = settings.max_center_offset * circle.radius;
+    if (circle.center - expected.center).norm_squared() > largest_offset * largest_offset {
+        return Err(Rejection::Midpoint);
+    }
+    let error = total_deviation(&circle, runs(on).chain(runs(off))) / moments.n;
+    if error > settings.max_error + settings.max_relative_error * circle.radius {
+        return Err(Rejection::Error);
+    }
+    Ok((circle, error))
+}
+
+/// The circle over the line between a pair and its mean deviation, if it passes the tests.
+fn soft<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
+    on: &Cluster<T>,
+    off: &Cluster<T>,
+    runs: &impl Fn(&Cluster<T>) -> R,
+    settings: &ExtractionSettings<T>,
+) -> Result<(Circle<T>, T), Rejection> {
+    let circle = circle_between(on, off);
+    test_size(&circle, on, off, settings)?;
+    let error = total_deviation(&circle, runs(on).chain(runs(off))) / (on.moments.n + off.moments.n);
+    if error > settings.max_soft_error * circle.radius {
+        return Err(Rejection::Error);
+    }
+    Ok((circle, error))
+}
+
+/// The circle whose diameter is the line between the tops of two arcs.
+///
+/// The mean of an arc of half-angle α lies at r sin α / α from the centre, not on the circle. With the
+/// variance v of its pixels across the line, r is d + v / (2 d) for a mean at d, to 1 % up to
+/// α = 75° and 3 % for a half circle.
+fn circle_between<T: RealField + Copy>(on: &Cluster<T>, off: &Cluster<T>) -> Circle<T> {
+    let half: T = nalgebra::convert(0.5);
+    let line = off.center - on.center;
+    let distance_squared = line.norm_squared();
+    // In units of the line: v / (2 d) for d half the line.
+    let rise = |cluster: &Cluster<T>| {
+        let CentralMoments { n, uu, uv, vv, .. } = cluster.moments;
+        let across = uu * line.y * line.y - (uv + uv) * line.x * line.y + vv * line.x * line.x;
+        across / (n * distance_squared * distance_squared)
+    };
+    let (on_rise, off_rise) = (rise(on), rise(off));
+    let half_line = half + (on_rise + off_rise) * half;
+    Circle {
+        center: (on.center + off.center) * half + line * ((off_rise - on_rise) * half),
+        radius: distance_squared.sqrt() * half_line,
+    }
+}
+
+fn test_size<T: RealField + Copy>(
+    circle: &Circle<T>,
+    on: &Cluster<T>,
+    off: &Cluster<T>,
+    settings: &ExtractionSettings<T>,
+) -> Result<(), Rejection> {
+    if circle.radius < settings.min_radius || circle.radius > settings.max_radius {
+        return Err(Rejection::Radius);
+    }
+    let fewest = settings.min_arc * circle.radius;
+    if on.moments.n < fewest || off.moments.n < fewest {
+        return Err(Rejection::Arc);
+    }
+    Ok(())
+}
+
+/// Keeps the pairs that are the best of both their clusters; of equals the earlier counts.
+///
+/// Hard: the least area between pixels and circle (error × radius). The error relative to the radius
+/// would let a large circle through the arcs of two dots win. Soft: the least distance.
+fn keep_mutual<T: RealField + Copy, const CLUSTERS: usize>(
+    method: Method,
+    circles: &mut Vec<CircleCandidate<T>, CLUSTERS>,
+) {
+    let badness = |circle: &CircleCandidate<T>| match method {
+        Method::Hard => circle.error * circle.radius,
+        Method::Soft => circle.radius,
+    };
+    let mut best_of_on: [Option<(u16, T)>; CLUSTERS] = [None; CLUSTERS];
+    let mut best_of_off = best_of_on;
+    for (index, circle) in (0_u16..).zip(circles.iter()) {
+        let badness = badness(circle);
+        for (best, cluster) in [(&mut best_of_on, circle.on_cluster), (&mut best_of_off, circle.off_cluster)] {
+            if let Some(best) = best.get_mut(usize::from(cluster))
+                && best.is_none_or(|(_, least)| badness < least)
+            {
+                *best = Some((index, badness));
+            }
+        }
+    }
+    let is_best = |best: &[Option<(u16, T)>; CLUSTERS], cluster: u16, index: u16| {
+        best.get(usize::from(cluster)).copied().flatten().is_some_and(|(best, _)| best == index)
+    };
+    let mut index = 0;
+    circles.retain(|circle| {
+        let keep = is_best(&best_of_on, circle.on_cluster, index) && is_best(&best_of_off, circle.off_cluster, index);
+        index += 1;
+        keep
+    });
+}

@@ -1,0 +1,199 @@
+//! One bit per pixel, with rows that can be read at any bit.
+
+/// Columns that stay empty at the right of every row, so that a neighbourhood never reaches into the
+/// pixels of the next row. Bounds the half-width of a neighbourhood.
+pub(super) const MARGIN: usize = 6;
+
+/// Bytes per row of a bitmap for a sensor `width` pixels wide.
+///
+/// A multiple of four: rows are walked in words of 32 pixels.
+pub const fn row_bytes(width: usize) -> usize {
+    (width + MARGIN).div_ceil(32) * 4
+}
+
+/// Rows of a bitmap for a sensor `height` pixels high: one empty row above and below.
+pub const fn row_count(height: usize) -> usize {
+    height + 2
+}
+
+/// A bitmap of up to `ROW_BYTES * 8 - 6` columns and `ROWS - 2` rows.
+///
+/// A pixel is addressed by its *bit*: `ROW_BYTES * 8 * (y + 1) + x`.
+#[derive(Debug)]
+pub(super) struct Bitmap<const ROW_BYTES: usize, const ROWS: usize> {
+    rows: [[u8; ROW_BYTES]; ROWS],
+}
+
+impl<const ROW_BYTES: usize, const ROWS: usize> Bitmap<ROW_BYTES, ROWS> {
+    /// Bits from a pixel to the one below it.
+    pub(super) const ROW_BITS: usize = ROW_BYTES * 8;
+    /// Largest sensor that fits: width, height.
+    pub(super) const CAPACITY: (usize, usize) = (Self::ROW_BITS.saturating_sub(MARGIN), ROWS.saturating_sub(2));
+
+    pub(super) const fn new() -> Self {
+        Self { rows: [[0; ROW_BYTES]; ROWS] }
+    }
+
+    /// The bit of pixel (x, y), which must lie within [`CAPACITY`](Self::CAPACITY).
+    pub(super) const fn bit(x: usize, y: usize) -> usize {
+        (y + 1) * Self::ROW_BITS + x
+    }
+
+    pub(super) fn set(&mut self, bit: usize) {
+        if let Some(byte) = self.rows.as_flattened_mut().get_mut(bit / 8) {
+            *byte |= 1 << (bit % 8);
+        }
+    }
+
+    /// The pixels from `bit` to the right, lowest bit first: at least 25 of them are valid.
+    ///
+    /// Outside of the bitmap there are no pixels.
+    #[inline(always)]
+    pub(super) fn at(&self, bit: usize) -> u32 {
+        let bytes = self.rows.as_flattened().get(bit / 8..).and_then(|bytes| bytes.first_chunk::<4>());
+        match bytes {
+            Some(bytes) => u32::from_le_bytes(*bytes) >> (bit % 8),
+            None => 0,
+        }
+    }
+
+    /// The 32 pixels from `bit`, a multiple of 32.
+    #[inline(always)]
+    pub(super) fn word(&self, bit: usize) -> u32 {
+        self.at(bit)
+    }
+
+    /// Replaces the 32 pixels from `bit`, a multiple of 32.
+    #[inline(always)]
+    pub(super) fn set_word(&mut self, bit: usize, word: u32) {
+        let bytes = self.rows.as_flattened_mut().get_mut(bit / 8..).and_then(|bytes| bytes.first_chunk_mut::<4>());
+        if let Some(bytes) = bytes {
+            *bytes = word.to_le_bytes();
+        }
+    }
+}
+
+/// Which words of a bitmap may hold pixels: a bit per group of words, a mask per row.
+#[derive(Debug)]
+pub(super) struct Touched<const ROW_BYTES: usize, const ROWS: usize> {
+    rows: [u32; ROWS],
+}
+
+impl<const ROW_BYTES: usize, const ROWS: usize> Touched<ROW_BYTES, ROWS> {
+    /// A group is 2^this words, so that 32 groups cover a row.
+    const GROUP_SHIFT: u32 = (ROW_BYTES / 4).div_ceil(32).next_power_of_two().ilog2();
+
+    pub(super) const fn new() -> Self {
+        Self { rows: [0; ROWS] }
+    }
+
+    pub(super) fn mark(&mut self, x: usize, y: usize) {
+        if let Some(row) = self.rows.get_mut(y + 1) {
+            *row |= 1 << ((x / 32) >> Self::GROUP_SHIFT & 31);
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.rows = [0; ROWS];
+    }
+
+    /// The bits at which the touched words of row y start, from left to right.
+    #[inline(always)]
+    pub(super) fn words(&self, y: usize) -> TouchedWords {
+        let row_bit = (y + 1) * ROW_BYTES * 8;
+        TouchedWords {
+            groups: self.rows.get(y + 1).copied().unwrap_or(0),
+            group_shift: Self::GROUP_SHIFT,
+            row_bit,
+            next: 0,
+            end: 0,
+        }
+    }
+}
+
+/// Iterator over the touched words of a row.
+pub(super) struct TouchedWords {
+    groups: u32,
+    group_shift: u32,
+    row_bit: usize,
+    next: usize,
+    end: usize,
+}
+
+impl Iterator for TouchedWords {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        if self.next == self.end {
+            if self.groups == 0 {
+                return None;
+            }
+            let group = self.groups.trailing_zeros() as usize;
+            self.groups &= self.groups - 1;
+            self.next = self.row_bit + ((group * 32) << self.group_shift);
+            self.end = self.next + (32 << self.group_shift);
+        }
+        let bit = self.next;
+        self.next += 32;
+        Some(bit)
+    }
+}
+
+/// The indices of the set bits of a word, from the lowest.
+#[inline(always)]
+pub(super) fn ones(mut word: u32) -> impl Iterator<Item = usize> {
+    core::iter::from_fn(move || {
+        if word == 0 {
+            return None;
+        }
+        let index = word.trailing_zeros() as usize;
+        word &= word - 1;
+        Some(index)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    type Small = Bitmap<{ row_bytes(60) }, { row_count(3) }>;
+
+    #[test]
+    fn capacity_covers_the_sensor_it_was_sized_for() {
+        assert_eq!(Bitmap::<{ row_bytes(346) }, { row_count(260) }>::CAPACITY, (346, 260));
+        let (width, height) = Bitmap::<{ row_bytes(320) }, { row_count(320) }>::CAPACITY;
+        assert!(width >= 320 && height == 320);
+    }
+
+    #[test]
+    fn reads_at_any_bit_and_sees_nothing_outside() {
+        let mut bitmap = Small::new();
+        for x in 0..Small::CAPACITY.0 {
+            bitmap.set(Small::bit(x, 1));
+            assert_eq!(bitmap.at(Small::bit(x, 1)) & 1, 1);
+            assert_eq!(bitmap.at(Small::bit(0, 0)), 0);
+            assert_eq!(bitmap.at(Small::bit(0, 2)), 0);
+        }
+        let beyond = Small::bit(Small::CAPACITY.0, 1);
+        assert_eq!(bitmap.at(beyond) & ((1 << MARGIN) - 1), 0, "the margin stays empty");
+        assert_eq!(bitmap.at(usize::MAX), 0);
+        assert_eq!(bitmap.at(0_usize.wrapping_sub(Small::ROW_BITS)), 0);
+    }
+
+    #[test]
+    fn touched_words_are_those_marked() {
+        let mut touched = Touched::<{ row_bytes(1280) }, { row_count(4) }>::new();
+        for x in [0, 31, 32, 700, 1279] {
+            touched.mark(x, 2);
+        }
+        let words: Vec<usize> = touched.words(2).collect();
+        let row_bit = 3 * row_bytes(1280) * 8;
+        for x in [0, 32, 700, 1279] {
+            assert!(words.contains(&(row_bit + x / 32 * 32)), "the word of column {x}");
+        }
+        assert!(words.is_sorted());
+        assert_eq!(touched.words(1).count(), 0);
+    }
+}

@@ -1,0 +1,400 @@
+//! The clustering itself: pixels to runs, runs to clusters.
+
+use super::bitmap::{Bitmap, Touched, ones};
+use super::neighbourhood::Neighbourhood;
+use super::runs::{NONE, RecentRows, Run, push_core_runs};
+use super::{CentralMoments, Cluster, ClusterSettings, PixelRun, PixelSums, SensorSize};
+use crate::event::{Event, Polarity};
+use heapless::Vec;
+use nalgebra::{RealField, Vector2};
+
+/// How many went in, how many came out, and why the rest fell away.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ClusterCounts {
+    /// Events in.
+    pub events: u32,
+    /// Events outside of the sensor.
+    pub outside_sensor: u32,
+    /// Pixels with events of both polarities, which count for neither.
+    pub both_polarities: u32,
+    /// Pixels with events of one polarity only: OFF, ON.
+    pub pixels: [u32; 2],
+    /// Core pixels: OFF, ON.
+    pub core_pixels: [u32; 2],
+    /// Border pixels: OFF, ON.
+    pub border_pixels: [u32; 2],
+    /// Clusters kept: OFF, ON.
+    pub clusters: [u32; 2],
+    /// Clusters with fewer than [`ClusterSettings::min_pixels`] pixels: OFF, ON.
+    pub clusters_too_small: [u32; 2],
+    /// Core or border pixels lost because there was no room for another run.
+    pub pixels_over_capacity: u32,
+    /// Clusters lost because there was no room for another one.
+    pub clusters_over_capacity: u32,
+}
+
+impl ClusterCounts {
+    /// Number of distinct pixels with events of one polarity.
+    pub const fn unique_pixels(&self) -> u32 {
+        self.pixels[0].saturating_add(self.pixels[1])
+    }
+}
+
+/// The sensor does not fit into the bitmaps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SensorTooLarge {
+    /// The sensor.
+    pub sensor: SensorSize,
+    /// Largest sensor that fits.
+    pub capacity: SensorSize,
+}
+
+impl core::fmt::Display for SensorTooLarge {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { sensor, capacity } = self;
+        write!(
+            formatter,
+            "a sensor of {}x{} pixels does not fit into bitmaps for {}x{}: enlarge ROW_BYTES or ROWS",
+            sensor.width, sensor.height, capacity.width, capacity.height
+        )
+    }
+}
+
+impl core::error::Error for SensorTooLarge {}
+
+/// Bitmaps, runs and clusters of one window, of fixed capacity.
+///
+/// `ROW_BYTES` and `ROWS` follow from the sensor by [`row_bytes`](super::row_bytes) and
+/// [`row_count`](super::row_count); `RUNS` bounds the runs of clustered pixels of both polarities
+/// (below 65535; on real windows about half the number of events is enough), `CLUSTERS` the
+/// clusters of each polarity. The initial value is all zeros, so that a static of it costs no flash.
+#[derive(Debug)]
+pub struct Clusterer<T, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize> {
+    pixels: [Bitmap<ROW_BYTES, ROWS>; 2],
+    core: Bitmap<ROW_BYTES, ROWS>,
+    touched: Touched<ROW_BYTES, ROWS>,
+    runs: Vec<Run, RUNS>,
+    clusters: [Vec<Cluster<T>, CLUSTERS>; 2],
+    height: u16,
+}
+
+impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize>
+    Clusterer<T, ROW_BYTES, ROWS, RUNS, CLUSTERS>
+{
+    /// Empty storage.
+    pub const fn new() -> Self {
+        const { assert!(RUNS < NONE as usize && CLUSTERS < NONE as usize, "runs and clusters are numbered in 16 bits") };
+        Self {
+            pixels: [Bitmap::new(), Bitmap::new()],
+            core: Bitmap::new(),
+            touched: Touched::new(),
+            runs: Vec::new(),
+            clusters: [Vec::new(), Vec::new()],
+            height: 0,
+        }
+    }
+
+    /// Clusters the events of a window; what earlier windows left is forgotten.
+    pub fn cluster(
+        &mut self,
+        sensor: SensorSize,
+        events: impl IntoIterator<Item = Event>,
+        settings: &ClusterSettings,
+    ) -> Result<ClusterCounts, SensorTooLarge> {
+        let (width, height) = Bitmap::<ROW_BYTES, ROWS>::CAPACITY;
+        if usize::from(sensor.width) > width || usize::from(sensor.height) > height {
+            let capacity = SensorSize {
+                width: width.min(usize::from(u16::MAX)) as u16,
+                height: height.min(usize::from(u16::MAX)) as u16,
+            };
+            return Err(SensorTooLarge { sensor, capacity });
+        }
+        self.clear();
+        self.height = sensor.height;
+        let mut counts = ClusterCounts::default();
+        self.insert(sensor, events, &mut counts);
+        self.drop_both_polarities(&mut counts);
+        let neighbourhood = Neighbourhood::new(settings);
+        for polarity in [Polarity::Off, Polarity::On] {
+            let first_run = self.runs.len();
+            self.find_core_runs(polarity, &neighbourhood, settings, &mut counts);
+            self.find_border_runs(polarity, &neighbourhood, first_run, &mut counts);
+            self.collect_clusters(polarity, first_run, settings, &mut counts);
+        }
+        Ok(counts)
+    }
+
+    /// The clusters of one polarity, by their first core pixel in reading order.
+    pub fn clusters(&self, polarity: Polarity) -> &[Cluster<T>] {
+        of(&self.clusters, polarity).as_slice()
+    }
+
+    /// The pixels of a cluster, as runs in no particular order.
+    pub fn runs<'a>(&'a self, cluster: &Cluster<T>) -> PixelRuns<'a> {
+        PixelRuns { runs: &self.runs, next: cluster.first_run }
+    }
+
+    fn clear(&mut self) {
+        for y in 0..usize::from(self.height) {
+            for bit in self.touched.words(y) {
+                for bitmap in &mut self.pixels {
+                    bitmap.set_word(bit, 0);
+                }
+                self.core.set_word(bit, 0);
+            }
+        }
+        self.touched.clear();
+        self.runs.clear();
+        for clusters in &mut self.clusters {
+            clusters.clear();
+        }
+    }
+
+    fn insert(&mut self, sensor: SensorSize, events: impl IntoIterator<Item = Event>, counts: &mut ClusterCounts) {
+        let [off, on] = &mut self.pixels;
+        for event in events {
+            counts.events += 1;
+            if event.x >= sensor.width || event.y >= sensor.height {
+                counts.outside_sensor += 1;
+                continue;
+            }
+            let (x, y) = (usize::from(event.x), usize::from(event.y));
+            self.touched.mark(x, y);
+            let bit = Bitmap::<ROW_BYTES, ROWS>::bit(x, y);
+            match event.polarity {
+                Polarity::Off => off.set(bit),
+                Polarity::On => on.set(bit),
+            }
+        }
+    }
+
+    fn drop_both_polarities(&mut self, counts: &mut ClusterCounts) {
+        let [off, on] = &mut self.pixels;
+        for y in 0..usize::from(self.height) {
+            for bit in self.touched.words(y) {
+                let (off_word, on_word) = (off.word(bit), on.word(bit));
+                let both = off_word & on_word;
+                if both != 0 {
+                    counts.both_polarities += both.count_ones();
+                    off.set_word(bit, off_word & !both);
+                    on.set_word(bit, on_word & !both);
+                }
+            }
+        }
+    }
+
+    /// Marks the core pixels and joins their runs to clusters. Removes pixels without any neighbour.
+    fn find_core_runs(
+        &mut self,
+        polarity: Polarity,
+        neighbourhood: &Neighbourhood,
+        settings: &ClusterSettings,
+        counts: &mut ClusterCounts,
+    ) {
+        let pixels = of_mut(&mut self.pixels, polarity);
+        let enough = u32::from(settings.min_points);
+        let (mut pixel_count, mut core_count, mut lost) = (0, 0, 0);
+        let mut recent_rows = RecentRows::default();
+        for y in 0..self.height {
+            let row_bit = Bitmap::<ROW_BYTES, ROWS>::bit(0, usize::from(y));
+            let first = self.runs.len();
+            for bit in self.touched.words(usize::from(y)) {
+                let word = pixels.word(bit);
+                let (mut core, mut alone) = (0, 0);
+                for index in ones(word) {
+                    let count = neighbourhood.count(pixels, bit + index, enough);
+                    pixel_count += 1;
+                    if count >= enough {
+                        core |= 1 << index;
+                    } else if count == 1 {
+                        alone |= 1 << index;
+                    }
+                }
+                // A pixel without neighbours is in no neighbourhood but its own: noise.
+                if alone != 0 {
+                    pixels.set_word(bit, word & !alone);
+                }
+                self.core.set_word(bit, core);
+                core_count += core.count_ones();
+                lost += push_core_runs(&mut self.runs, first, (bit - row_bit, y), core, neighbourhood.half_width(0));
+            }
+            recent_rows.join(&mut self.runs, y, first, neighbourhood);
+        }
+        *of_mut(&mut counts.pixels, polarity) = pixel_count;
+        *of_mut(&mut counts.core_pixels, polarity) = core_count;
+        counts.pixels_over_capacity += lost;
+    }
+
+    /// Adds the border pixels to the clusters; `first_run` is the first run of this polarity.
+    fn find_border_runs(
+        &mut self,
+        polarity: Polarity,
+        neighbourhood: &Neighbourhood,
+        first_run: usize,
+        counts: &mut ClusterCounts,
+    ) {
+        let pixels = of(&self.pixels, polarity);
+        let row_bits = Bitmap::<ROW_BYTES, ROWS>::ROW_BITS;
+        let last_run = self.runs.len();
+        for y in 0..self.height {
+            let row_bit = Bitmap::<ROW_BYTES, ROWS>::bit(0, usize::from(y));
+            for bit in self.touched.words(usize::from(y)) {
+                for index in ones(pixels.word(bit) & !self.core.word(bit)) {
+                    let Some(core_bit) = neighbourhood.first(&self.core, bit + index) else { continue };
+                    let (core_x, core_y) = ((core_bit % row_bits) as u16, (core_bit / row_bits).wrapping_sub(1) as u16);
+                    let core_runs = self.runs.get(first_run..last_run).unwrap_or(&[]);
+                    let after = core_runs.partition_point(|run| (run.y, run.x) <= (core_y, core_x));
+                    // The core pixel itself may have been lost for want of room.
+                    let core_run = after
+                        .checked_sub(1)
+                        .and_then(|before| core_runs.get(before))
+                        .filter(|run| run.y == core_y && run.last() >= core_x);
+                    let x = (bit - row_bit + index) as u16;
+                    let border = core_run.map(|run| Run { x, y, length: 1, label: run.label, next: NONE });
+                    if border.is_some_and(|border| self.runs.push(border).is_ok()) {
+                        *of_mut(&mut counts.border_pixels, polarity) += 1;
+                    } else {
+                        counts.pixels_over_capacity += 1;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Numbers the clusters, drops the small ones, and sums up their pixels.
+    fn collect_clusters(
+        &mut self,
+        polarity: Polarity,
+        first_run: usize,
+        settings: &ClusterSettings,
+        counts: &mut ClusterCounts,
+    ) {
+        let runs = self.runs.as_mut_slice();
+        let clusters = of_mut(&mut self.clusters, polarity);
+        for index in first_run..runs.len() {
+            let Some(&Run { label, length, .. }) = runs.get(index) else { continue };
+            // Labels point backwards, so that the run pointed to knows its first run already.
+            let first = runs.get(usize::from(label)).map_or(label, |run| run.label);
+            if let Some(run) = runs.get_mut(index) {
+                run.label = first;
+                run.next = 0;
+            }
+            if let Some(run) = runs.get_mut(usize::from(first)) {
+                run.next = run.next.saturating_add(length);
+            }
+        }
+        for index in first_run..runs.len() {
+            let Some(&run) = runs.get(index) else { continue };
+            let number = if usize::from(run.label) != index {
+                runs.get(usize::from(run.label)).map_or(NONE, |first| first.label)
+            } else if run.next < settings.min_pixels {
+                *of_mut(&mut counts.clusters_too_small, polarity) += 1;
+                NONE
+            } else if clusters.push(Cluster::empty()).is_ok() {
+                (clusters.len() - 1) as u16
+            } else {
+                counts.clusters_over_capacity += 1;
+                NONE
+            };
+            let mut next = NONE;
+            if let Some(cluster) = clusters.get_mut(usize::from(number)) {
+                next = cluster.first_run;
+                cluster.first_run = index as u16;
+            }
+            if let Some(run) = runs.get_mut(index) {
+                run.label = number;
+                run.next = next;
+            }
+        }
+        for cluster in clusters.iter_mut() {
+            cluster.measure(PixelRuns { runs, next: cluster.first_run });
+        }
+        *of_mut(&mut counts.clusters, polarity) = clusters.len() as u32;
+    }
+}
+
+impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize> Default
+    for Clusterer<T, ROW_BYTES, ROWS, RUNS, CLUSTERS>
+{
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<T: RealField + Copy> Cluster<T> {
+    fn empty() -> Self {
+        let zero = T::zero();
+        Self {
+            moments: CentralMoments {
+                n: zero,
+                mean_x: zero,
+                mean_y: zero,
+                uu: zero,
+                uv: zero,
+                vv: zero,
+                uz: zero,
+                vz: zero,
+            },
+            center: Vector2::new(zero, zero),
+            min: [0; 2],
+            max: [0; 2],
+            pixels: 0,
+            first_run: NONE,
+        }
+    }
+
+    /// Fills in what follows from the pixels.
+    fn measure(&mut self, runs: PixelRuns<'_>) {
+        let Some(origin) = runs.clone().next() else { return };
+        let (origin_x, origin_y) = (i32::from(origin.x), i32::from(origin.y));
+        let mut sums = PixelSums::default();
+        let mut min = [origin.x, origin.y];
+        let mut max = min;
+        for run in runs {
+            sums.add_run(i32::from(run.x) - origin_x, i32::from(run.y) - origin_y, run.length);
+            min = [min[0].min(run.x), min[1].min(run.y)];
+            max = [max[0].max(run.last()), max[1].max(run.y)];
+        }
+        if let Some(moments) = CentralMoments::new(&sums, origin_x, origin_y) {
+            self.center = Vector2::new(moments.mean_x, moments.mean_y);
+            self.moments = moments;
+        }
+        self.pixels = sums.n.unsigned_abs();
+        self.min = min;
+        self.max = max;
+    }
+}
+
+/// The pixels of a cluster, as runs in no particular order.
+#[derive(Clone, Debug)]
+pub struct PixelRuns<'a> {
+    runs: &'a [Run],
+    next: u16,
+}
+
+impl Iterator for PixelRuns<'_> {
+    type Item = PixelRun;
+
+    #[inline]
+    fn next(&mut self) -> Option<PixelRun> {
+        let run = self.runs.get(usize::from(self.next))?;
+        self.next = run.next;
+        Some(PixelRun { x: run.x, y: run.y, length: run.length })
+    }
+}
+
+fn of<V>(pair: &[V; 2], polarity: Polarity) -> &V {
+    let [off, on] = pair;
+    match polarity {
+        Polarity::Off => off,
+        Polarity::On => on,
+    }
+}
+
+fn of_mut<V>(pair: &mut [V; 2], polarity: Polarity) -> &mut V {
+    let [off, on] = pair;
+    match polarity {
+        Polarity::Off => off,
+        Polarity::On => on,
+    }
+}

@@ -1,0 +1,126 @@
+//! Events of a window to circle candidates, with all the storage that takes.
+//!
+//! ```
+//! use evcal_core::cluster::{SensorSize, row_bytes, row_count};
+//! use evcal_core::detector::{Detector, DetectorSettings};
+//! use evcal_core::event::{Event, Polarity};
+//!
+//! // Room for a sensor of 346×260 pixels, 2048 runs of pixels, 128 clusters of each polarity.
+//! type Detector346 = Detector<f32, { row_bytes(346) }, { row_count(260) }, 2048, 128>;
+//!
+//! let mut detector = Detector346::new();
+//! let sensor = SensorSize { width: 346, height: 260 };
+//! // A dot of radius 8 px at (100, 100) that moves to the right.
+//! let events = (-60..=60).flat_map(|degrees| {
+//!     let (sin, cos) = f32::from(degrees as i16).to_radians().sin_cos();
+//!     let y = (100.0 + 8.0 * sin).round() as u16;
+//!     let on = Event { t: 0, x: (100.0 - 8.0 * cos).round() as u16, y, polarity: Polarity::On };
+//!     let off = Event { t: 0, x: (100.0 + 8.0 * cos).round() as u16, y, polarity: Polarity::Off };
+//!     [on, off]
+//! });
+//! let detection = detector.detect(sensor, events, &DetectorSettings::default())?;
+//! assert_eq!(detection.circles.circles, 1);
+//! let circle = detector.circles()[0];
+//! assert!((circle.center.x - 100.0).abs() < 0.1 && (circle.radius - 8.0).abs() < 0.3);
+//! # Ok::<(), evcal_core::cluster::SensorTooLarge>(())
+//! ```
+
+use crate::circle::{CircleCandidate, CircleCounts, ExtractionSettings, extract};
+use crate::cluster::{Cluster, ClusterCounts, ClusterSettings, Clusterer, PixelRuns, SensorSize, SensorTooLarge};
+use crate::event::{Event, Polarity};
+use heapless::Vec;
+use nalgebra::RealField;
+
+/// Settings of the stages from events to circles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DetectorSettings<T> {
+    /// Events to clusters.
+    pub cluster: ClusterSettings,
+    /// Clusters to circles.
+    pub extraction: ExtractionSettings<T>,
+}
+
+impl<T: RealField + Copy> Default for DetectorSettings<T> {
+    fn default() -> Self {
+        Self { cluster: ClusterSettings::default(), extraction: ExtractionSettings::default() }
+    }
+}
+
+/// How many went into each stage, how many came out, and why the rest fell away.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Detection {
+    /// Events to clusters.
+    pub clusters: ClusterCounts,
+    /// Clusters to circles.
+    pub circles: CircleCounts,
+}
+
+impl Detection {
+    /// True if anything was lost for want of capacity.
+    pub const fn overflowed(&self) -> bool {
+        self.clusters.pixels_over_capacity > 0
+            || self.clusters.clusters_over_capacity > 0
+            || self.circles.pairs_over_capacity > 0
+    }
+}
+
+/// Finds circle candidates in the events of a window.
+///
+/// The capacities are those of [`Clusterer`]; there can be as many circles as ON clusters. The
+/// initial value is all zeros, so that a static of it costs no flash.
+#[derive(Debug)]
+pub struct Detector<T, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize> {
+    clusterer: Clusterer<T, ROW_BYTES, ROWS, RUNS, CLUSTERS>,
+    circles: Vec<CircleCandidate<T>, CLUSTERS>,
+}
+
+impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize>
+    Detector<T, ROW_BYTES, ROWS, RUNS, CLUSTERS>
+{
+    /// Empty storage.
+    pub const fn new() -> Self {
+        Self { clusterer: Clusterer::new(), circles: Vec::new() }
+    }
+
+    /// Finds the circles among the events of a window; what earlier windows left is forgotten.
+    pub fn detect(
+        &mut self,
+        sensor: SensorSize,
+        events: impl IntoIterator<Item = Event>,
+        settings: &DetectorSettings<T>,
+    ) -> Result<Detection, SensorTooLarge> {
+        self.circles.clear();
+        let clusters = self.clusterer.cluster(sensor, events, &settings.cluster)?;
+        let circles = extract(
+            self.clusterer.clusters(Polarity::On),
+            self.clusterer.clusters(Polarity::Off),
+            |cluster| self.clusterer.runs(cluster),
+            &settings.extraction,
+            &mut self.circles,
+        );
+        Ok(Detection { clusters, circles })
+    }
+
+    /// The circles of the last window, in the order of their ON clusters.
+    pub fn circles(&self) -> &[CircleCandidate<T>] {
+        &self.circles
+    }
+
+    /// The clusters of the last window of one polarity, by their first core pixel in reading order.
+    pub fn clusters(&self, polarity: Polarity) -> &[Cluster<T>] {
+        self.clusterer.clusters(polarity)
+    }
+
+    /// The pixels of a cluster of the last window, as runs in no particular order.
+    pub fn runs<'a>(&'a self, cluster: &Cluster<T>) -> PixelRuns<'a> {
+        self.clusterer.runs(cluster)
+    }
+}
+
+impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize> Default
+    for Detector<T, ROW_BYTES, ROWS, RUNS, CLUSTERS>
+{
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,226 @@
+//! The window policy fed event by event, with storage of fixed capacity.
+
+use super::{Outcome, Window, WindowPolicy, WindowState};
+use crate::event::{Event, Polarity};
+use heapless::Deque;
+
+/// Room for the events of a window, `N` at most, eight bytes each.
+///
+/// Its initial value is all zeros, so that a static of it costs no flash.
+#[derive(Debug)]
+pub struct EventStorage<const N: usize> {
+    events: Deque<PackedEvent, N>,
+}
+
+impl<const N: usize> EventStorage<N> {
+    /// Empty storage.
+    pub const fn new() -> Self {
+        Self { events: Deque::new() }
+    }
+}
+
+impl<const N: usize> Default for EventStorage<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Whether there is a window to look at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// The window is still open: push more events.
+    Collecting,
+    /// The window is complete: look for the pattern in [`WindowBuffer::events`], then
+    /// [`WindowBuffer::report`] what came of it.
+    Complete,
+}
+
+/// Events that never made it into a window, and windows that were not tried.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BufferCounts {
+    /// Events dropped because the storage was full.
+    pub overflow: u32,
+    /// Events dropped because they came before the start of the window: in the gap after a success.
+    pub before_start: u32,
+    /// Events older than the one before them; they count as simultaneous with it.
+    pub out_of_order: u32,
+    /// Windows that were not worth a try: fewer events than the policy's floor.
+    pub too_few_events: u32,
+}
+
+/// Collects the events of the current window.
+///
+/// ```
+/// use evcal_core::event::{Event, Polarity};
+/// use evcal_core::window::{EventStorage, Outcome, Progress, WindowBuffer, WindowPolicy};
+///
+/// let mut storage = EventStorage::<4096>::new();
+/// let mut windows = WindowBuffer::new(WindowPolicy::default(), 0, &mut storage);
+/// for t in 0..10_000 {
+///     let mut progress = windows.push(Event { t, x: 1, y: 2, polarity: Polarity::On });
+///     while progress == Progress::Complete {
+///         let unique_pixels = windows.events().count() as u32;
+///         progress = windows.report(Outcome::NotFound { unique_pixels });
+///     }
+/// }
+/// assert_eq!(windows.counts().overflow, 0);
+/// ```
+#[derive(Debug)]
+pub struct WindowBuffer<'a, const N: usize> {
+    state: WindowState,
+    /// Events at or after the start of the window, by time. After a failure some may lie behind its end.
+    events: &'a mut Deque<PackedEvent, N>,
+    /// How many of `events` lie in the window.
+    in_window: usize,
+    /// The event that closed the window, if it is not among `events`.
+    pending: Option<Event>,
+    newest_us: i64,
+    counts: BufferCounts,
+}
+
+impl<'a, const N: usize> WindowBuffer<'a, N> {
+    /// An empty window that starts at `start_us`. What `storage` held is forgotten.
+    pub fn new(policy: WindowPolicy, start_us: i64, storage: &'a mut EventStorage<N>) -> Self {
+        storage.events.clear();
+        Self {
+            state: WindowState::new(policy, start_us),
+            events: &mut storage.events,
+            in_window: 0,
+            pending: None,
+            newest_us: i64::MIN,
+            counts: BufferCounts::default(),
+        }
+    }
+
+    /// Takes the next event.
+    ///
+    /// While a window is complete and not reported, further events are dropped and counted as
+    /// overflow, so report first.
+    pub fn push(&mut self, event: Event) -> Progress {
+        if self.pending.is_some() || self.in_window < self.events.len() {
+            self.counts.overflow = self.counts.overflow.saturating_add(1);
+            return Progress::Complete;
+        }
+        if event.t < self.newest_us {
+            self.counts.out_of_order = self.counts.out_of_order.saturating_add(1);
+        }
+        self.newest_us = self.newest_us.max(event.t);
+        self.pending = Some(Event { t: self.newest_us, ..event });
+        self.settle()
+    }
+
+    /// Tells what came of the complete window, and moves on to the next.
+    ///
+    /// The events at hand may complete the next window too.
+    pub fn report(&mut self, outcome: Outcome) -> Progress {
+        self.move_on(outcome);
+        self.settle()
+    }
+
+    /// The events of the window, by time.
+    pub fn events(&self) -> impl Iterator<Item = Event> + Clone + '_ {
+        let start_us = self.state.start_us();
+        let (front, back) = self.events.as_slices();
+        front.iter().chain(back).take(self.in_window).map(move |packed| packed.unpack(start_us))
+    }
+
+    /// Bounds of the window; the indices count [`events`](Self::events) from 0.
+    pub const fn window(&self) -> Window {
+        Window { start_us: self.state.start_us(), end_us: self.state.end_us(), first: 0, last: self.in_window }
+    }
+
+    /// What was dropped or passed over so far.
+    pub const fn counts(&self) -> &BufferCounts {
+        &self.counts
+    }
+
+    /// Finds the next complete window among the events at hand, if there is one.
+    fn settle(&mut self) -> Progress {
+        loop {
+            if self.in_window == self.events.len() && !self.place_pending() {
+                return Progress::Collecting;
+            }
+            if self.in_window == 0 {
+                // Nothing until the next event: no window before it can hold anything.
+                let start_us = self.state.start_us();
+                let next = self.events.front().map(|packed| packed.unpack(start_us)).or(self.pending);
+                let Some(next) = next else { return Progress::Collecting };
+                self.state.skip_to(next.t);
+                self.trim();
+                continue;
+            }
+            match self.state.outcome_without_trying(self.in_window) {
+                None => return Progress::Complete,
+                Some(outcome) => {
+                    self.counts.too_few_events = self.counts.too_few_events.saturating_add(1);
+                    self.move_on(outcome);
+                }
+            }
+        }
+    }
+
+    /// Puts the pending event into the window or drops it; true if it lies behind the window.
+    fn place_pending(&mut self) -> bool {
+        let Some(event) = self.pending else { return false };
+        if event.t >= self.state.end_us() {
+            return true;
+        }
+        self.pending = None;
+        if event.t < self.state.start_us() {
+            self.counts.before_start = self.counts.before_start.saturating_add(1);
+        } else if self.events.push_back(PackedEvent::pack(event)).is_ok() {
+            self.in_window += 1;
+        } else {
+            self.counts.overflow = self.counts.overflow.saturating_add(1);
+        }
+        false
+    }
+
+    fn move_on(&mut self, outcome: Outcome) {
+        let old_start_us = self.state.start_us();
+        self.state.report(outcome);
+        let start_us = self.state.start_us();
+        while self.events.front().is_some_and(|packed| packed.unpack(old_start_us).t < start_us) {
+            self.events.pop_front();
+        }
+        self.trim();
+    }
+
+    /// Counts the events that lie in the window.
+    fn trim(&mut self) {
+        let (start_us, end_us) = (self.state.start_us(), self.state.end_us());
+        let (front, back) = self.events.as_slices();
+        let before_end = |packed: &PackedEvent| packed.unpack(start_us).t < end_us;
+        self.in_window = front.partition_point(before_end);
+        if self.in_window == front.len() {
+            self.in_window += back.partition_point(before_end);
+        }
+    }
+}
+
+/// An event in eight bytes: the low 32 bits of its time, and the polarity above the row.
+#[derive(Clone, Copy, Debug)]
+struct PackedEvent {
+    t: u32,
+    x: u16,
+    y_and_polarity: u16,
+}
+
+impl PackedEvent {
+    /// Rows beyond 32767 are stored as 32767, which no sensor has.
+    fn pack(event: Event) -> Self {
+        let polarity = (event.polarity.index() as u16) << 15;
+        Self { t: event.t as u32, x: event.x, y_and_polarity: event.y.min(0x7fff) | polarity }
+    }
+
+    /// The event again, given a time at most 2^32 µs before it.
+    fn unpack(self, start_us: i64) -> Event {
+        let elapsed_us = self.t.wrapping_sub(start_us as u32);
+        Event {
+            t: start_us.saturating_add(i64::from(elapsed_us)),
+            x: self.x,
+            y: self.y_and_polarity & 0x7fff,
+            polarity: if self.y_and_polarity >> 15 == 0 { Polarity::Off } else { Polarity::On },
+        }
+    }
+}

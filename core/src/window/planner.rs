@@ -1,0 +1,91 @@
+//! The window policy over a slice of time-sorted events.
+
+use super::{Outcome, Window, WindowPolicy, WindowState};
+use crate::event::Event;
+
+/// Yields the windows of `[start, end)` one by one, over a slice of events sorted by time.
+///
+/// Call [`next`](Self::next), look for the pattern, [`report`](Self::report) what came of it, and so
+/// on until `next` returns `None`. Every call must be given the same slice.
+///
+/// ```
+/// use evcal_core::event::Event;
+/// use evcal_core::window::{Outcome, WindowPlanner, WindowPolicy};
+///
+/// let events: &[Event] = &[];
+/// let mut planner = WindowPlanner::new(WindowPolicy::default(), 0, 1_000_000);
+/// while let Some(window) = planner.next(events) {
+///     let _events = &events[window.first..window.last];
+///     planner.report(Outcome::NotFound { unique_pixels: 0 });
+/// }
+/// ```
+#[derive(Clone, Debug)]
+pub struct WindowPlanner {
+    state: WindowState,
+    end_us: i64,
+    first: usize,
+    last: usize,
+    too_few_events: u32,
+}
+
+impl WindowPlanner {
+    /// Plans windows that lie within `[start_us, end_us)`.
+    pub const fn new(policy: WindowPolicy, start_us: i64, end_us: i64) -> Self {
+        Self { state: WindowState::new(policy, start_us), end_us, first: 0, last: 0, too_few_events: 0 }
+    }
+
+    /// The next window worth a try, or `None` when the next one would end after the planned time.
+    ///
+    /// Without a [`report`](Self::report) in between the same window is returned again.
+    pub fn next(&mut self, events: &[Event]) -> Option<Window> {
+        loop {
+            let (start_us, end_us) = (self.state.start_us(), self.state.end_us());
+            if end_us > self.end_us || end_us <= start_us {
+                return None;
+            }
+            self.first = first_not_before(events, self.first, start_us);
+            self.last = first_not_before(events, self.last.max(self.first), end_us);
+            let count = self.last - self.first;
+            if count == 0 {
+                // Nothing until the next event: no window before it can hold anything.
+                self.state.skip_to(events.get(self.last)?.t);
+                continue;
+            }
+            match self.state.outcome_without_trying(count) {
+                None => return Some(Window { start_us, end_us, first: self.first, last: self.last }),
+                Some(outcome) => {
+                    self.too_few_events += 1;
+                    self.report(outcome);
+                }
+            }
+        }
+    }
+
+    /// Tells what came of the window that [`next`](Self::next) returned last.
+    pub fn report(&mut self, outcome: Outcome) {
+        self.state.report(outcome);
+        // A new start comes with a shorter window, whose end may lie before the last one.
+        self.last = self.first;
+    }
+
+    /// The state machine behind the planner.
+    pub const fn state(&self) -> &WindowState {
+        &self.state
+    }
+
+    /// Number of windows so far that were not worth a try: fewer events than the policy's floor.
+    pub const fn too_few_events(&self) -> u32 {
+        self.too_few_events
+    }
+}
+
+/// Index of the first event at or after `time_us`, searched from `from` in growing strides.
+fn first_not_before(events: &[Event], from: usize, time_us: i64) -> usize {
+    let Some(rest) = events.get(from..) else { return events.len() };
+    let mut bound = 1;
+    while rest.get(bound - 1).is_some_and(|event| event.t < time_us) {
+        bound = bound.saturating_mul(2);
+    }
+    let near = rest.get(..bound.min(rest.len())).unwrap_or(rest);
+    from + near.partition_point(|event| event.t < time_us)
+}

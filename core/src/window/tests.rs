@@ -1,0 +1,196 @@
+use super::*;
+use crate::event::{Event, Polarity};
+use proptest::prelude::*;
+use std::vec::Vec;
+
+const NOTHING: Outcome = Outcome::NotFound { unique_pixels: 0 };
+
+fn policy() -> WindowPolicy {
+    WindowPolicy {
+        step_us: 500,
+        minimum: 3,
+        maximum: 9,
+        gap: 5,
+        event_cap: 1000,
+        event_floor: 0,
+        advance: Advance::Steps(1),
+    }
+}
+
+/// Windows tried over `events` by the planner, judged by `judge`.
+fn planned(
+    policy: WindowPolicy,
+    events: &[Event],
+    end_us: i64,
+    judge: impl Fn(i64, &[Event]) -> Outcome,
+) -> Vec<(i64, i64, Vec<Event>)> {
+    let mut planner = WindowPlanner::new(policy, 0, end_us);
+    let mut tried = Vec::new();
+    while let Some(window) = planner.next(events) {
+        let inside = &events[window.first..window.last];
+        tried.push((window.start_us, window.end_us, inside.to_vec()));
+        planner.report(judge(window.end_us, inside));
+    }
+    tried
+}
+
+/// The same by the buffer, one event after the other.
+fn buffered(
+    policy: WindowPolicy,
+    events: &[Event],
+    judge: impl Fn(i64, &[Event]) -> Outcome,
+) -> Vec<(i64, i64, Vec<Event>)> {
+    let mut storage = EventStorage::<512>::new();
+    let mut windows = WindowBuffer::new(policy, 0, &mut storage);
+    let mut tried = Vec::new();
+    for &event in events {
+        let mut progress = windows.push(event);
+        while progress == Progress::Complete {
+            let inside: Vec<Event> = windows.events().collect();
+            let window = windows.window();
+            assert_eq!(window.len(), inside.len());
+            tried.push((window.start_us, window.end_us, inside.clone()));
+            progress = windows.report(judge(window.end_us, &inside));
+        }
+    }
+    assert_eq!(windows.counts().overflow, 0);
+    tried
+}
+
+fn event(t: i64) -> Event {
+    Event {
+        t,
+        x: (t % 346) as u16,
+        y: (t % 260) as u16,
+        polarity: if t % 2 == 0 { Polarity::On } else { Polarity::Off },
+    }
+}
+
+#[test]
+fn lengths_grow_from_minimum_to_maximum_then_the_start_advances() {
+    let events: Vec<Event> = (0..200).map(|i| event(i * 50)).collect();
+    let tried = planned(policy(), &events, 6000, |_, _| NOTHING);
+    let lengths: Vec<(i64, i64)> = tried.iter().take(9).map(|w| (w.0, (w.1 - w.0) / 500)).collect();
+    let expected: Vec<(i64, i64)> = (3..=9).map(|n| (0, n)).chain([(500, 3), (500, 4)]).collect();
+    assert_eq!(lengths, expected);
+}
+
+#[test]
+fn half_the_failed_window_is_the_default_advance() {
+    let mut state = WindowState::new(WindowPolicy { advance: Advance::HalfWindow, ..policy() }, 100);
+    for _ in 3..=9 {
+        assert_eq!(state.start_us(), 100);
+        state.report(NOTHING);
+    }
+    assert_eq!((state.start_us(), state.length()), (100 + 9 * 500 / 2, 3));
+}
+
+#[test]
+fn success_leaves_a_gap() {
+    let mut state = WindowState::new(policy(), 0);
+    state.report(NOTHING);
+    assert_eq!(state.end_us(), 2000);
+    state.report(Outcome::Found);
+    assert_eq!((state.start_us(), state.end_us()), (2000 + 2500, 2000 + 2500 + 1500));
+}
+
+#[test]
+fn a_window_at_the_cap_does_not_grow() {
+    let mut state = WindowState::new(policy(), 0);
+    state.report(Outcome::NotFound { unique_pixels: 999 });
+    assert_eq!((state.start_us(), state.length()), (0, 4));
+    state.report(Outcome::NotFound { unique_pixels: 1000 });
+    assert_eq!((state.start_us(), state.length()), (500, 3));
+}
+
+#[test]
+fn degenerate_policies_still_move_on() {
+    let zero = WindowPolicy {
+        step_us: 0,
+        minimum: 0,
+        maximum: 0,
+        gap: 0,
+        event_cap: 0,
+        event_floor: 0,
+        advance: Advance::Steps(0),
+    };
+    let events: Vec<Event> = (0..40).map(event).collect();
+    let tried = planned(zero, &events, 39, |_, _| NOTHING);
+    assert_eq!(tried.len(), 39);
+    assert_eq!(tried, buffered(zero, &events, |_, _| NOTHING));
+
+    let last = [Event { t: i64::MAX, ..event(0) }];
+    assert!(planned(policy(), &last, i64::MAX, |_, _| NOTHING).len() <= 1);
+}
+
+#[test]
+fn silence_is_skipped() {
+    let events: Vec<Event> =
+        (0..100).map(|i| event(i * 10)).chain((0..400).map(|i| event(60_000_000 + i * 10))).collect();
+    let tried = planned(policy(), &events, i64::MAX, |_, _| NOTHING);
+    // Starts at 0 and 500 µs for the burst of 1 ms and at eight times for the one of 4 ms, each with
+    // seven lengths.
+    assert_eq!(tried.len(), (2 + 8) * 7);
+    assert!(tried.iter().any(|window| window.0 == 60_000_000));
+}
+
+#[test]
+fn the_floor_passes_over_windows_and_counts_them() {
+    let events: Vec<Event> = (0..100).map(|i| event(i * 100)).collect();
+    let mut planner = WindowPlanner::new(WindowPolicy { event_floor: 30, ..policy() }, 0, 10_000);
+    let window = planner.next(&events).unwrap();
+    assert_eq!((window.start_us, window.end_us, window.len()), (0, 3000, 30));
+    assert_eq!(planner.too_few_events(), 3);
+}
+
+#[test]
+fn a_full_buffer_drops_and_counts() {
+    let mut storage = EventStorage::<8>::new();
+    let mut windows = WindowBuffer::new(policy(), 0, &mut storage);
+    for t in 0..20 {
+        assert_eq!(windows.push(event(t)), Progress::Collecting);
+    }
+    assert_eq!(windows.counts().overflow, 12);
+    assert_eq!(windows.push(event(1500)), Progress::Complete);
+    assert_eq!(windows.events().collect::<Vec<_>>(), (0..8).map(event).collect::<Vec<_>>());
+    windows.push(event(1501));
+    assert_eq!(windows.counts().overflow, 13, "an unreported window takes no event");
+}
+
+#[test]
+fn events_that_step_back_in_time_are_counted() {
+    let mut storage = EventStorage::<8>::new();
+    let mut windows = WindowBuffer::new(policy(), 0, &mut storage);
+    for t in [10, 30, 20] {
+        windows.push(event(t));
+    }
+    windows.push(event(5000));
+    assert_eq!(windows.counts().out_of_order, 1);
+    assert_eq!(windows.events().map(|event| event.t).collect::<Vec<_>>(), [10, 30, 30]);
+}
+
+proptest! {
+    #[test]
+    fn planner_and_buffer_try_the_same_windows(
+        gaps in prop::collection::vec(prop_oneof![20 => 0_i64..40, 1 => 0_i64..20_000], 1..400),
+        offset in prop_oneof![Just(0_i64), Just(u32::MAX as i64 - 3000)],
+        minimum in 1_u16..4,
+        growth in 0_u16..6,
+        gap in 0_u16..7,
+        event_floor in 0_u32..40,
+        event_cap in 20_u32..200,
+        half in any::<bool>(),
+        luck in 1_i64..9,
+    ) {
+        let mut t = offset;
+        let events: Vec<Event> = gaps.iter().map(|gap| { t += gap; event(t) }).collect();
+        let policy = WindowPolicy {
+            step_us: 100, minimum, maximum: minimum + growth, gap, event_cap, event_floor,
+            advance: if half { Advance::HalfWindow } else { Advance::Steps(1) },
+        };
+        let judge = |end_us: i64, inside: &[Event]| {
+            if (end_us / 100) % 9 < luck / 2 { Outcome::Found } else { Outcome::NotFound { unique_pixels: inside.len() as u32 } }
+        };
+        prop_assert_eq!(planned(policy, &events, t, judge), buffered(policy, &events, judge));
+    }
+}
