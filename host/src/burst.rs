@@ -67,10 +67,8 @@ mod tests {
     fn a_burst_ends_with_the_polarity_or_a_pause() {
         let mut tracker = BurstTracker::new((4, 3), 1000);
         let events = [(0, Off), (10, Off), (20, On), (30, On), (40, On), (50, On), (60, On), (2000, On), (2001, Off)];
-        let ranks: Vec<u8> = events
-            .iter()
-            .map(|&(t, polarity)| tracker.rank(&Event { t, x: 3, y: 2, polarity }).unwrap())
-            .collect();
+        let ranks: Vec<u8> =
+            events.iter().map(|&(t, polarity)| tracker.rank(&Event { t, x: 3, y: 2, polarity }).unwrap()).collect();
         assert_eq!(ranks, [0, 1, 0, 1, 2, 3, 3, 0, 0]);
         assert_eq!(tracker.rank(&Event { t: 3000, x: 4, y: 0, polarity: On }), None);
         assert_eq!(tracker.rank(&Event { t: 3000, x: 0, y: 3, polarity: On }), None);

@@ -45,7 +45,9 @@ pub enum CameraFileError {
         error: std::io::Error,
     },
     /// The text is not JSON of the expected shape.
-    #[error("{file}: {error}; a camera file is JSON with \"sensor\": {{\"width\", \"height\"}} and \"camera\": {{\"model\", \"parameters\"}}, such as calibration.json")]
+    #[error(
+        "{file}: {error}; a camera file is JSON with \"sensor\": {{\"width\", \"height\"}} and \"camera\": {{\"model\", \"parameters\"}}, such as calibration.json"
+    )]
     Parse {
         /// The file.
         file: String,
@@ -94,8 +96,7 @@ impl CameraDescription {
 /// [`CameraFileError`].
 pub fn read(path: &Path) -> Result<(Camera<f64>, SensorSize), CameraFileError> {
     let file = path.display().to_string();
-    let text =
-        std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
+    let text = std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
     let parsed: CameraFile =
         serde_json::from_str(&text).map_err(|error| CameraFileError::Parse { file: file.clone(), error })?;
     let camera = parsed.camera.camera().map_err(|reason| CameraFileError::Model { file, reason })?;

@@ -234,12 +234,7 @@ fn problem<E>(
 }
 
 /// Spread, and as a start the offset, of each class from the residuals at `state`.
-fn updated_bias(
-    problem: &Problem,
-    state: &State,
-    bearings: &BearingTable,
-    settings: &RefinementSettings,
-) -> EventBias {
+fn updated_bias(problem: &Problem, state: &State, bearings: &BearingTable, settings: &RefinementSettings) -> EventBias {
     let mut residuals: Vec<Vec<f32>> = vec![Vec::new(); CLASS_COUNT];
     for segment in 0..problem.segments.len() {
         visit_residuals(problem, state, bearings, segment, |event| {

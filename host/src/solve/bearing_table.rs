@@ -49,6 +49,8 @@ fn pixel_bearing(camera: &Camera<f64>, x: f64, y: f64) -> Option<PixelBearing> {
     Some(PixelBearing {
         bearing: unprojection.bearing.into(),
         by_pixel: [by_pixel(0), by_pixel(1)],
-        by_parameter: std::array::from_fn(|row| std::array::from_fn(|column| unprojection.by_parameters[(row, column)])),
+        by_parameter: std::array::from_fn(|row| {
+            std::array::from_fn(|column| unprojection.by_parameters[(row, column)])
+        }),
     })
 }

@@ -98,8 +98,7 @@ fn bearing_distance(
         return None;
     }
     let (normal_x, normal_y) = (x / distance, y / distance);
-    let by_translation =
-        [normal_x, normal_y, -(normal_x * direction[0] + normal_y * direction[1]) * inverse];
+    let by_translation = [normal_x, normal_y, -(normal_x * direction[0] + normal_y * direction[1]) * inverse];
     let by_direction = by_translation.map(|value| depth * value);
     let by_bearing = pose.to_camera(&by_direction);
     let by_rotation = cross(&bearing, &by_bearing);
@@ -173,7 +172,11 @@ pub fn plane_residual<'a>(
 ) -> Option<EdgeResidual<'a>> {
     let bearing = bearings.get(x, y)?;
     let distance = edge_distance(pose, moved, bearing, center, radius)?;
-    Some(EdgeResidual { pixels: distance.metres / mean_scale, distance: EdgeDistance { scale: mean_scale, ..distance }, bearing })
+    Some(EdgeResidual {
+        pixels: distance.metres / mean_scale,
+        distance: EdgeDistance { scale: mean_scale, ..distance },
+        bearing,
+    })
 }
 
 /// Fills the row of one event: derivatives and `residual` (the distance in pixels without the
@@ -280,12 +283,10 @@ mod tests {
         for axis in 0..3 {
             let mut delta = Vector3::zeros();
             delta[axis] = STEP;
-            let at = |delta: Vector3<f64>| {
-                residual(&reference, &pose(rotation * Rotation3::new(delta), translation), 0.0).0
-            };
-            assert_close(row[axis], difference(at(delta), at(-delta)), "rotation");
             let at =
-                |delta: Vector3<f64>| residual(&reference, &pose(rotation, translation + delta), 0.0).0;
+                |delta: Vector3<f64>| residual(&reference, &pose(rotation * Rotation3::new(delta), translation), 0.0).0;
+            assert_close(row[axis], difference(at(delta), at(-delta)), "rotation");
+            let at = |delta: Vector3<f64>| residual(&reference, &pose(rotation, translation + delta), 0.0).0;
             assert_close(row[3 + axis], difference(at(delta), at(-delta)), "translation");
         }
         for parameter in 0..PARAMETERS.len() {

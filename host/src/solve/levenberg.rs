@@ -73,10 +73,8 @@ pub fn solve(problem: &Problem, mut state: State) -> Result<(State, SolveReport)
 
 fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> System {
     let bearings = BearingTable::new(&state.camera, problem.sensor);
-    let equations: Vec<(Stretch, StretchEquations)> = stretches
-        .par_iter()
-        .map(|stretch| (stretch.clone(), linearise(problem, state, &bearings, stretch)))
-        .collect();
+    let equations: Vec<(Stretch, StretchEquations)> =
+        stretches.par_iter().map(|stretch| (stretch.clone(), linearise(problem, state, &bearings, stretch))).collect();
     let control_points: Vec<usize> = state.trajectories.iter().map(|t| t.control_point_count()).collect();
     System::merge(&control_points, &equations)
 }

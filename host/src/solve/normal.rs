@@ -124,7 +124,8 @@ impl BinEquations {
     /// Adds the rows of one event class; `product` is cleared.
     pub fn add_class(&mut self, product: &mut RowProduct, class: usize, equations: &mut StretchEquations) {
         self.empty = false;
-        let at = |line: usize, column: usize| if line >= column { product[line][column] } else { product[column][line] };
+        let at =
+            |line: usize, column: usize| if line >= column { product[line][column] } else { product[column][line] };
         for line in 0..6 {
             for column in 0..=line {
                 self.pose[(line, column)] += at(line, column);

@@ -124,8 +124,7 @@ impl System {
     /// the undamped Schur complement.
     pub fn global_covariance(&self, free: &[bool; GLOBAL_COUNT]) -> Result<DMatrix<f64>, NotPositiveDefinite> {
         let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
-        let mut schur =
-            DMatrix::from_fn(free.len(), free.len(), |row, column| self.corner[(free[row], free[column])]);
+        let mut schur = DMatrix::from_fn(free.len(), free.len(), |row, column| self.corner[(free[row], free[column])]);
         for segment in &self.segments {
             schur -= segment.eliminate(0.0, &free)?.schur;
         }
@@ -192,7 +191,9 @@ impl SegmentSystem {
         band.solve_in_place(&mut gradient);
         let border: Vec<Vec<f64>> = free
             .iter()
-            .map(|&global| self.border.iter().flat_map(|block| block.column(global).iter().copied().collect::<Vec<_>>()).collect())
+            .map(|&global| {
+                self.border.iter().flat_map(|block| block.column(global).iter().copied().collect::<Vec<_>>()).collect()
+            })
             .collect();
         let mut columns = border.clone();
         for column in &mut columns {
