@@ -75,3 +75,11 @@ pub fn run() -> ExitCode {
         }
     }
 }
+
+/// Reads WIDTHxHEIGHT.
+fn sensor(text: &str) -> Result<(u16, u16), &'static str> {
+    text.split_once('x')
+        .and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)))
+        .filter(|&(width, height): &(u16, u16)| width > 0 && height > 0)
+        .ok_or("write WIDTHxHEIGHT in pixels, for example 346x260")
+}

@@ -1,10 +1,110 @@
 //! `evcal calibrate`.
 
+use std::path::PathBuf;
+
+use evcal::board::Board;
+use evcal::calibrate::{Input, Task, calibrate};
+use evcal::output::write_folder;
+use evcal::settings::{Extraction, Grid, Settings};
+use evcal::source::SourceOptions;
+use evcal::trajectory::RotationSpline;
+use evcal_core::camera::ModelKind;
+
+use super::progress::spinner;
+
 /// Arguments of `evcal calibrate`.
 #[derive(clap::Args)]
-pub struct Arguments {}
+pub struct Arguments {
+    /// Recordings of one camera: AEDAT4, CSV or text, EventCalib binary, or circle-track files
+    #[arg(required = true)]
+    recordings: Vec<PathBuf>,
+    /// Board, for example acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius)
+    #[arg(long)]
+    board: Board,
+    /// Camera model: radtan4, radtan, radtan8, kannala-brandt or inverse-radial
+    #[arg(long, default_value = "radtan", value_parser = model)]
+    model: ModelKind,
+    /// Circle extraction: hard or soft [default: hard]
+    #[arg(long, value_parser = extraction)]
+    extraction: Option<Extraction>,
+    /// Spline of the rotation: quaternion or so3 [default: quaternion]
+    #[arg(long)]
+    rotation: Option<RotationSpline>,
+    /// Grid finder: lattice or opencv [default: lattice]
+    #[arg(long, value_parser = grid)]
+    grid: Option<Grid>,
+    /// Settings file (TOML); names and defaults are in docs/settings.md
+    #[arg(long, value_name = "FILE")]
+    settings: Option<PathBuf>,
+    /// Sensor size, where a recording does not tell it, for example 346x260
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
+    sensor: Option<(u16, u16)>,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Print the calibration as JSON
+    #[arg(long)]
+    json: bool,
+    /// Print the stage report
+    #[arg(short, long)]
+    verbose: bool,
+}
+
+fn model(text: &str) -> Result<ModelKind, String> {
+    ModelKind::from_name(text).ok_or_else(|| {
+        let known: Vec<&str> = ModelKind::ALL.iter().map(|kind| kind.name()).collect();
+        format!("known models are {}", known.join(", "))
+    })
+}
+
+pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
+    match text {
+        "hard" => Ok(Extraction::Hard),
+        "soft" => Ok(Extraction::Soft),
+        _ => Err("write hard or soft"),
+    }
+}
+
+fn grid(text: &str) -> Result<Grid, &'static str> {
+    match text {
+        "lattice" => Ok(Grid::Lattice),
+        "opencv" => Ok(Grid::Opencv),
+        _ => Err("write lattice or opencv"),
+    }
+}
 
 /// Runs `evcal calibrate`.
-pub fn run(_arguments: &Arguments) -> super::Outcome {
-    Err("not built yet".into())
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let mut settings = arguments.settings.as_deref().map(Settings::read).transpose()?.unwrap_or_default();
+    settings.detection.extraction = arguments.extraction.unwrap_or(settings.detection.extraction);
+    settings.detection.grid = arguments.grid.unwrap_or(settings.detection.grid);
+    settings.spline.rotation = arguments.rotation.unwrap_or(settings.spline.rotation);
+    let options = SourceOptions { sensor: arguments.sensor, ..SourceOptions::default() };
+    let inputs = arguments
+        .recordings
+        .iter()
+        .map(|path| Input::open(path, &options, &arguments.board))
+        .collect::<Result<Vec<Input>, _>>()?;
+    let task = Task {
+        inputs: &inputs,
+        board: &arguments.board,
+        model: arguments.model,
+        sensor: arguments.sensor,
+        settings: &settings,
+    };
+    let bar = spinner(arguments.json);
+    let calibrated = calibrate(&task, |message| bar.set_message(message.to_owned()))?;
+    bar.set_message("writing results");
+    let written = write_folder(&arguments.output, &calibrated, &task)?;
+    bar.finish_and_clear();
+    if arguments.json {
+        println!("{}", written.json);
+    } else {
+        println!("{}", written.summary);
+        if arguments.verbose {
+            println!("\n{}", written.stage_report);
+        }
+        println!("\nwritten to {}", arguments.output.display());
+    }
+    Ok(())
 }

@@ -1,0 +1,451 @@
+//! The whole calibration: stages 1 to 11 in their order.
+
+use std::path::PathBuf;
+
+use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::event::Event;
+use serde::Serialize;
+
+use crate::board::Board;
+use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
+use crate::event_bias::unknown;
+use crate::initial::{InitialError, InitialModel, InitialReport, initial_model};
+use crate::reference_frame::ReferenceFrame;
+use crate::refinement::{Refined, RefinementError, RefinementInput, RoundReport, StageSettings, refine};
+use crate::segment::{SegmentReport, segment};
+use crate::settings::Settings;
+use crate::solve::observation::PointObservation;
+use crate::solve::{SolveError, State};
+use crate::source::{ReadReport, Recording, SourceError};
+use crate::trajectory::fit::{TimedPose, TrajectoryShape, fit};
+use crate::trajectory::{Trajectory, TrajectoryError};
+
+/// One input: events or circles.
+pub enum Input {
+    /// A recording of events.
+    Events(Recording),
+    /// Reference frames from a circle-track file, times from `start`.
+    Circles {
+        /// The file.
+        path: PathBuf,
+        /// Its frames; their recording number is set by the calibration.
+        frames: Vec<ReferenceFrame>,
+        /// Time in the file at which the frames' times count from, in seconds.
+        start: f64,
+    },
+}
+
+/// What is calibrated, from what.
+pub struct Task<'a> {
+    /// Recordings of one camera.
+    pub inputs: &'a [Input],
+    /// The board in front of it.
+    pub board: &'a Board,
+    /// The camera model wanted.
+    pub model: ModelKind,
+    /// Sensor size where the recordings do not tell it.
+    pub sensor: Option<(u16, u16)>,
+    /// Thresholds.
+    pub settings: &'a Settings,
+}
+
+/// A calibrated camera and how it came about.
+pub struct Calibrated {
+    /// Sensor size in pixels.
+    pub sensor: (u16, u16),
+    /// Camera, event biases and trajectories.
+    pub refined: Refined,
+    /// The model that the joint solve started from.
+    pub initial: InitialModel,
+    /// All reference frames found, also those that fell away later.
+    pub frames: Vec<ReferenceFrame>,
+    /// For each input the time of its first event or circle in the file [s].
+    pub starts: Vec<f64>,
+    /// Stage reports.
+    pub reports: StageReports,
+}
+
+/// What every stage took in and gave out.
+#[derive(Clone, Debug, Serialize)]
+pub struct StageReports {
+    /// What each recording held.
+    pub recordings: Vec<RecordingReport>,
+    /// Stages 2 to 5.
+    pub detection: DetectionReport,
+    /// Stages 6 and 7.
+    pub initial: InitialReport,
+    /// Stage 8.
+    pub segments: SegmentReport,
+    /// Segments whose spline could not be fitted.
+    pub segments_without_spline: usize,
+    /// Stages 10 and 11, one entry a round.
+    pub rounds: Vec<RoundReport>,
+}
+
+/// What was read of a recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct RecordingReport {
+    /// Events or circles read.
+    pub count: u64,
+    /// Duration in seconds.
+    pub duration: f64,
+    /// What was assumed, repaired or lost, in sentences.
+    pub notes: Vec<String>,
+}
+
+/// Why a calibration failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrateError {
+    /// A recording could not be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The sensor size is not known.
+    #[error("{file} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT")]
+    SensorUnknown {
+        /// The file.
+        file: String,
+    },
+    /// The sensor is too large.
+    #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.0, .sensor.1, LARGEST_SENSOR.0, LARGEST_SENSOR.1)]
+    SensorTooLarge {
+        /// The file.
+        file: String,
+        /// Its size.
+        sensor: (u16, u16),
+    },
+    /// The recordings are of different sensors.
+    #[error("{file} is of a sensor with {} x {} pixels, the recordings before it of one with {} x {}: calibrate one camera at a time", .sensor.0, .sensor.1, .before.0, .before.1)]
+    SensorsDiffer {
+        /// The file.
+        file: String,
+        /// Its sensor.
+        sensor: (u16, u16),
+        /// The sensor of the recordings before it.
+        before: (u16, u16),
+    },
+    /// There are no events.
+    #[error("{file} holds no events")]
+    Empty {
+        /// The file.
+        file: String,
+    },
+    /// The board was not found.
+    #[error("{0}")]
+    NoPattern(String),
+    /// No initial model.
+    #[error(transparent)]
+    Initial(#[from] InitialError),
+    /// No segment is long enough.
+    #[error(
+        "the board was found in {frames} windows, but never often enough in a row for a trajectory ({too_few} groups of fewer than {fewest}): keep the whole board in view and moving"
+    )]
+    NoSegment {
+        /// Reference frames.
+        frames: usize,
+        /// Groups that were too short.
+        too_few: usize,
+        /// Frames needed.
+        fewest: usize,
+    },
+    /// No segment has a spline.
+    #[error("no trajectory could be fitted: {0}")]
+    Trajectory(TrajectoryError),
+    /// The joint solve failed.
+    #[error(transparent)]
+    Solve(SolveError),
+}
+
+/// Calibrates a camera. `progress` is told what is going on, in words.
+///
+/// # Errors
+/// [`CalibrateError`] says which stage found nothing to go on with, and what to do.
+pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
+    let settings = task.settings;
+    let detected = detect_all(task, &mut progress)?;
+    let Detected { sensor, frames, starts, recordings, detection, events } = detected;
+    if frames.is_empty() {
+        return Err(CalibrateError::NoPattern(no_pattern(&detection, settings)));
+    }
+    progress(&format!("initial model from {} reference frames", frames.len()));
+    let initial = initial_model(&frames, task.board, sensor, task.model, &settings.initial)?;
+
+    progress("trajectory");
+    let times: Vec<(usize, f64)> = initial
+        .frames
+        .iter()
+        .filter_map(|posed| frames.get(posed.frame).map(|frame| (frame.recording, frame.t())))
+        .collect();
+    let (ranges, segments) = segment(&times, settings.spline.degree, &settings.segment);
+    if ranges.is_empty() {
+        let fewest = settings.segment.fewest_frames.max(settings.spline.degree + 1);
+        let too_few = segments.too_few_frames + segments.too_short;
+        return Err(CalibrateError::NoSegment { frames: segments.frames_in, too_few, fewest });
+    }
+    let shape = TrajectoryShape {
+        degree: settings.spline.degree,
+        rotation: settings.spline.rotation,
+        knot_spacing: settings.spline.knot_spacing,
+    };
+    let mut trajectories: Vec<Trajectory> = Vec::new();
+    let mut points: Vec<Vec<PointObservation>> = Vec::new();
+    let mut failure = None;
+    for range in &ranges {
+        match fit_segment(&initial, &frames, range.clone(), &shape) {
+            Ok((trajectory, observations)) => {
+                trajectories.push(trajectory);
+                points.push(observations);
+            }
+            Err(error) => failure = Some(error),
+        }
+    }
+    let segments_without_spline = ranges.len() - trajectories.len();
+    if let (true, Some(error)) = (trajectories.is_empty(), failure) {
+        return Err(CalibrateError::Trajectory(error));
+    }
+
+    let read = |index: usize, visit: &mut dyn FnMut(&[Event])| read_events(task.inputs, index, visit).map(|_| ());
+    let input = RefinementInput {
+        board: task.board,
+        sensor,
+        recordings: task.inputs.len(),
+        events,
+        read: &read,
+        points,
+        point_sigma: initial.report.rms.max(0.02),
+    };
+    let state = State { camera: initial.camera, bias: unknown(settings.refinement.first_sigma), trajectories };
+    let stage =
+        StageSettings { refinement: &settings.refinement, association: &settings.association, solve: &settings.solve };
+    let refined = refine(&input, state, stage, |round| progress(&format!("joint solve, round {}", round + 1)))
+        .map_err(|error| match error {
+            RefinementError::Read(error) => CalibrateError::Source(error),
+            RefinementError::Solve(error) => CalibrateError::Solve(error),
+        })?;
+    let reports = StageReports {
+        recordings,
+        detection,
+        initial: initial.report.clone(),
+        segments,
+        segments_without_spline,
+        rounds: refined.rounds.clone(),
+    };
+    Ok(Calibrated { sensor, refined, initial, frames, starts, reports })
+}
+
+/// The spline of one segment, and its circle centres where there are no events.
+fn fit_segment(
+    initial: &InitialModel,
+    frames: &[ReferenceFrame],
+    range: std::ops::Range<usize>,
+    shape: &TrajectoryShape,
+) -> Result<(Trajectory, Vec<PointObservation>), TrajectoryError> {
+    let posed = initial.frames.get(range).unwrap_or_default();
+    let in_frames = |index: usize| frames.get(index);
+    let poses: Vec<TimedPose> = posed
+        .iter()
+        .filter_map(|posed| in_frames(posed.frame).map(|frame| TimedPose { t: frame.t(), pose: posed.pose }))
+        .collect();
+    let spans: Vec<(f64, f64)> =
+        posed.iter().filter_map(|posed| in_frames(posed.frame)).map(|frame| (frame.start, frame.end)).collect();
+    let from_circles = posed.iter().filter_map(|posed| in_frames(posed.frame)).all(|frame| frame.pixels.is_empty());
+    let mut points: Vec<PointObservation> = Vec::new();
+    if from_circles {
+        points.extend(posed.iter().flat_map(|posed| &posed.circles).map(|circle| PointObservation {
+            t: circle.t,
+            pixel: circle.center,
+            circle: circle.index,
+        }));
+        points.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.circle.cmp(&b.circle)));
+    }
+    let first = points.first().map_or(f64::INFINITY, |point| point.t);
+    let last = points.last().map_or(f64::NEG_INFINITY, |point| point.t);
+    let start = spans.iter().fold(first, |start, span| start.min(span.0));
+    let end = spans.iter().fold(last, |end, span| end.max(span.1));
+    let recording = posed.first().and_then(|posed| in_frames(posed.frame)).map_or(0, |frame| frame.recording);
+    Ok((fit(recording, &poses, start, end, shape)?, points))
+}
+
+struct Detected {
+    sensor: (u16, u16),
+    frames: Vec<ReferenceFrame>,
+    starts: Vec<f64>,
+    recordings: Vec<RecordingReport>,
+    detection: DetectionReport,
+    events: u64,
+}
+
+fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, CalibrateError> {
+    let mut all = Detected {
+        sensor: (0, 0),
+        frames: Vec::new(),
+        starts: Vec::new(),
+        recordings: Vec::new(),
+        detection: DetectionReport::default(),
+        events: 0,
+    };
+    for (index, input) in task.inputs.iter().enumerate() {
+        let sensor = sensor_of(input, task.sensor)?;
+        if index > 0 && sensor != all.sensor {
+            let file = file_of(input);
+            return Err(CalibrateError::SensorsDiffer { file, sensor, before: all.sensor });
+        }
+        all.sensor = sensor;
+        progress(&format!("looking for the board in {}", file_of(input)));
+        match input {
+            Input::Events(_) => {
+                let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
+                let pass = read_events(task.inputs, index, &mut |events| stage.push(events))?;
+                if pass.count == 0 {
+                    return Err(CalibrateError::Empty { file: file_of(input) });
+                }
+                let (frames, report) = stage.into_frames();
+                all.frames.extend(frames);
+                all.detection.add(&report);
+                all.events += pass.count;
+                all.starts.push(pass.first as f64 * 1e-6);
+                all.recordings.push(pass.into_report());
+            }
+            Input::Circles { frames, start, .. } => {
+                let count = frames.iter().map(|frame| frame.circles.len() as u64).sum();
+                let duration = frames.last().map_or(0.0, |last| last.end) - frames.first().map_or(0.0, |f| f.start);
+                all.frames.extend(frames.iter().cloned().map(|frame| ReferenceFrame { recording: index, ..frame }));
+                all.starts.push(*start);
+                all.recordings.push(RecordingReport { count, duration, notes: Vec::new() });
+            }
+        }
+    }
+    Ok(all)
+}
+
+fn file_of(input: &Input) -> String {
+    match input {
+        Input::Events(recording) => recording.path().display().to_string(),
+        Input::Circles { path, .. } => path.display().to_string(),
+    }
+}
+
+fn sensor_of(input: &Input, given: Option<(u16, u16)>) -> Result<(u16, u16), CalibrateError> {
+    let sensor = match input {
+        Input::Events(recording) => recording.open()?.information().sensor.or(given),
+        Input::Circles { .. } => given,
+    };
+    let sensor = sensor.ok_or_else(|| CalibrateError::SensorUnknown { file: file_of(input) })?;
+    if sensor.0 > LARGEST_SENSOR.0 || sensor.1 > LARGEST_SENSOR.1 {
+        return Err(CalibrateError::SensorTooLarge { file: file_of(input), sensor });
+    }
+    Ok(sensor)
+}
+
+/// What one pass through a recording met.
+pub struct Pass {
+    /// Events handed out.
+    pub count: u64,
+    /// Time of the first event in the file [µs].
+    pub first: i64,
+    /// Time of the last event in the file [µs].
+    pub last: i64,
+    /// What the reader assumed.
+    pub assumptions: Vec<String>,
+    /// What the reader met.
+    pub report: ReadReport,
+}
+
+impl Pass {
+    /// The pass as a report.
+    pub fn into_report(self) -> RecordingReport {
+        let mut notes = self.assumptions;
+        let report = &self.report;
+        if let Some(truncation) = &report.truncated {
+            notes.push(truncation.to_string());
+        }
+        let mut note = |count: u64, what: &str| {
+            if count > 0 {
+                notes.push(format!("{count} {what}"));
+            }
+        };
+        note(report.out_of_range, "events outside the sensor dropped");
+        note(report.steps_back, "steps back in time put in order");
+        note(report.clock_resets, "clock resets bridged");
+        note(report.damaged_packets, "damaged packets left out");
+        RecordingReport { count: self.count, duration: (self.last - self.first) as f64 * 1e-6, notes }
+    }
+}
+
+/// Hands all events of an input to `visit`, with times from its first event; nothing for circles.
+///
+/// # Errors
+/// [`SourceError`] when the recording cannot be read.
+pub fn read_events(inputs: &[Input], index: usize, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, SourceError> {
+    let Some(Input::Events(recording)) = inputs.get(index) else {
+        let report = ReadReport::default();
+        return Ok(Pass { count: 0, first: 0, last: 0, assumptions: Vec::new(), report });
+    };
+    read_recording(recording, visit)
+}
+
+/// Hands all events of a recording to `visit`, with times from its first event.
+///
+/// # Errors
+/// [`SourceError`] when the recording cannot be read.
+pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, SourceError> {
+    let mut reader = recording.open()?;
+    let mut events = Vec::new();
+    let (mut count, mut first, mut last) = (0, None, 0);
+    while reader.next_batch(&mut events)? {
+        let start = *first.get_or_insert_with(|| events.first().map_or(0, |event| event.t));
+        last = events.last().map_or(last, |event| event.t);
+        count += events.len() as u64;
+        for event in &mut events {
+            event.t -= start;
+        }
+        visit(&events);
+    }
+    let assumptions = reader.information().notes.clone();
+    Ok(Pass { count, first: first.unwrap_or(0), last, assumptions, report: reader.report().clone() })
+}
+
+/// Why no window held the board, and what to do about it.
+fn no_pattern(report: &DetectionReport, settings: &Settings) -> String {
+    let total = report.windows + report.too_few_events;
+    let mut text = format!("no pattern found in {total} windows");
+    let mut reasons: Vec<(&str, u64)> = report.grids_refused.iter().map(|(reason, count)| (*reason, *count)).collect();
+    reasons.push(("too few events", report.too_few_events));
+    reasons.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
+    let Some(&(reason, count)) = reasons.first().filter(|reason| reason.1 > 0) else { return text };
+    let advice = match reason {
+        "too few events" => {
+            format!(
+                "move faster or raise detection.window.max_interval (now {})",
+                settings.detection.window.max_interval
+            )
+        }
+        "too few circles" => {
+            "is the board in view, moving and in focus? Try --extraction soft, or move faster".to_owned()
+        }
+        "circles beside the board" | "too few circles of a board" | "place on the board not certain" => {
+            "is --board right: rows and columns, acircles or circles?".to_owned()
+        }
+        _ => "is the board in view and flat, and is --board right?".to_owned(),
+    };
+    text += &format!(": {count} had {reason}: {advice}");
+    text
+}
+
+/// The parameters of `camera` by name.
+pub fn parameters_by_name(camera: &Camera<f64>) -> Vec<(&'static str, f64)> {
+    camera.kind().parameter_names().iter().copied().zip(camera.parameters()).collect()
+}
+
+impl Input {
+    /// Opens a recording or a circle-track file, whichever `path` is.
+    ///
+    /// # Errors
+    /// [`SourceError`] when it is neither, or cannot be read.
+    pub fn open(
+        path: &std::path::Path,
+        options: &crate::source::SourceOptions,
+        _board: &Board,
+    ) -> Result<Self, SourceError> {
+        Ok(Self::Events(Recording::new(path, options.clone())?))
+    }
+}

@@ -1,0 +1,379 @@
+//! Stages 2 to 5: from events to reference frames.
+//!
+//! A recording is cut into chunks of fixed length, and each chunk is searched by itself (windows →
+//! clusters → circles → grid), so that chunks run in parallel and the result does not depend on the
+//! number of threads.
+
+use std::collections::BTreeMap;
+
+use evcal_core::circle::CircleCounts;
+use evcal_core::cluster::{SensorSize, row_bytes, row_count};
+use evcal_core::detector::Detector;
+use evcal_core::event::Event;
+use evcal_core::grid::{GridCandidate, GridError, GridOptions, GridWorkspace, find_grid};
+use evcal_core::pattern::Pattern;
+use evcal_core::window::{Outcome, Window, WindowPlanner};
+use nalgebra::Vector2;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::event_pixel::EventPixel;
+use crate::opencv::find_circles_grid;
+use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::settings::{DetectionSettings, Grid};
+
+/// Largest sensor that the detector has room for.
+pub const LARGEST_SENSOR: (u16, u16) = (1280, 800);
+/// Runs of pixels in a window.
+const RUNS: usize = 16_384;
+/// Clusters of one polarity in a window.
+const CLUSTERS: usize = 512;
+/// Circle candidates that the grid finder has room for.
+const CANDIDATES: usize = 256;
+
+/// The detector with room for the largest sensor; single precision, as on a microcontroller.
+type HostDetector =
+    Detector<f32, { row_bytes(LARGEST_SENSOR.0 as usize) }, { row_count(LARGEST_SENSOR.1 as usize) }, RUNS, CLUSTERS>;
+
+/// What the detection took in and gave out.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct DetectionReport {
+    /// Events that came in.
+    pub events: u64,
+    /// Windows with too few events to be worth a try.
+    pub too_few_events: u64,
+    /// Windows tried.
+    pub windows: u64,
+    /// Windows in which the board was found.
+    pub found: u64,
+    /// Circles found in all windows.
+    pub circles: u64,
+    /// Pairs of clusters that were refused, by reason.
+    pub pairs_refused: BTreeMap<&'static str, u64>,
+    /// Windows without a board, by reason.
+    pub grids_refused: BTreeMap<&'static str, u64>,
+    /// Windows in which something did not fit the detector's capacity.
+    pub overflowed: u64,
+    /// Circles of the frames found.
+    pub board_circles: u64,
+}
+
+impl DetectionReport {
+    /// Adds the counts of another part.
+    pub fn add(&mut self, other: &Self) {
+        self.events += other.events;
+        self.too_few_events += other.too_few_events;
+        self.windows += other.windows;
+        self.found += other.found;
+        self.circles += other.circles;
+        self.overflowed += other.overflowed;
+        self.board_circles += other.board_circles;
+        for (reason, count) in &other.pairs_refused {
+            *self.pairs_refused.entry(reason).or_default() += count;
+        }
+        for (reason, count) in &other.grids_refused {
+            *self.grids_refused.entry(reason).or_default() += count;
+        }
+    }
+
+    fn count_pairs(&mut self, counts: &CircleCounts) {
+        self.circles += u64::from(counts.circles);
+        for (reason, count) in [
+            ("back to back", counts.back_to_back),
+            ("radius out of bounds", counts.radius_out_of_bounds),
+            ("arc too short", counts.arc_too_short),
+            ("radius against distance", counts.radius_against_distance),
+            ("centre against midpoint", counts.center_against_midpoint),
+            ("fit error", counts.error_too_large),
+            ("not mutual", counts.not_mutual),
+        ] {
+            if count > 0 {
+                *self.pairs_refused.entry(reason).or_default() += u64::from(count);
+            }
+        }
+    }
+}
+
+/// Circles found in one window, without a board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CircleWindow {
+    /// Start of the window in seconds since the start of the recording.
+    pub start: f64,
+    /// End of the window.
+    pub end: f64,
+    /// Centre and radius in pixels.
+    pub circles: Vec<(Vector2<f64>, f64)>,
+    /// The events of the window, one entry per pixel and polarity.
+    pub pixels: Vec<EventPixel>,
+}
+
+/// What is looked for in a window.
+#[derive(Clone, Copy, Debug)]
+enum Wanted {
+    /// The board.
+    Board(Pattern),
+    /// Any circles, at least this many.
+    Circles(usize),
+}
+
+/// A window in which something was found.
+enum Finding {
+    Frame(ReferenceFrame),
+    Circles(CircleWindow),
+}
+
+/// Searches a recording, batch by batch, for the board or for circles.
+pub struct DetectionStage<'a> {
+    settings: &'a DetectionSettings,
+    sensor: SensorSize,
+    wanted: Wanted,
+    recording: usize,
+    chunk: Vec<Event>,
+    chunk_index: i64,
+    waiting: Vec<(i64, Vec<Event>)>,
+    findings: Vec<Finding>,
+    report: DetectionReport,
+}
+
+/// Chunks that are searched in one go.
+const CHUNKS_TOGETHER: usize = 16;
+
+impl<'a> DetectionStage<'a> {
+    /// Looks for a board of `pattern`.
+    pub fn for_board(settings: &'a DetectionSettings, sensor: (u16, u16), pattern: Pattern, recording: usize) -> Self {
+        Self::new(settings, sensor, Wanted::Board(pattern), recording)
+    }
+
+    /// Looks for windows with at least `fewest` circles.
+    pub fn for_circles(settings: &'a DetectionSettings, sensor: (u16, u16), fewest: usize) -> Self {
+        Self::new(settings, sensor, Wanted::Circles(fewest), 0)
+    }
+
+    fn new(settings: &'a DetectionSettings, sensor: (u16, u16), wanted: Wanted, recording: usize) -> Self {
+        Self {
+            settings,
+            sensor: SensorSize { width: sensor.0, height: sensor.1 },
+            wanted,
+            recording,
+            chunk: Vec::new(),
+            chunk_index: 0,
+            waiting: Vec::new(),
+            findings: Vec::new(),
+            report: DetectionReport::default(),
+        }
+    }
+
+    /// Takes the next events in time order; their times count from the start of the recording in
+    /// microseconds.
+    pub fn push(&mut self, mut events: &[Event]) {
+        self.report.events += events.len() as u64;
+        let length = self.chunk_length();
+        while let Some(first) = events.first() {
+            let index = first.t.div_euclid(length);
+            if index != self.chunk_index {
+                self.close_chunk();
+                self.chunk_index = index;
+            }
+            let end = events.partition_point(|event| event.t.div_euclid(length) <= index).max(1);
+            let (now, later) = events.split_at(end);
+            self.chunk.extend_from_slice(now);
+            events = later;
+        }
+    }
+
+    fn chunk_length(&self) -> i64 {
+        ((self.settings.chunk * 1e6) as i64).max(1)
+    }
+
+    fn close_chunk(&mut self) {
+        if !self.chunk.is_empty() {
+            self.waiting.push((self.chunk_index, std::mem::take(&mut self.chunk)));
+        }
+        if self.waiting.len() >= CHUNKS_TOGETHER {
+            self.search();
+        }
+    }
+
+    fn search(&mut self) {
+        let waiting = std::mem::take(&mut self.waiting);
+        let length = self.chunk_length();
+        let parts: Vec<(Vec<Finding>, DetectionReport)> = waiting
+            .par_iter()
+            .map_init(
+                || (Box::new(HostDetector::new()), Box::new(GridWorkspace::<f32, CANDIDATES>::new())),
+                |(detector, workspace), (index, events)| {
+                    let span = (index * length, (index + 1) * length);
+                    self.search_chunk(detector, workspace, events, span)
+                },
+            )
+            .collect();
+        for (findings, report) in parts {
+            self.report.add(&report);
+            self.findings.extend(findings);
+        }
+    }
+
+    fn search_chunk(
+        &self,
+        detector: &mut HostDetector,
+        workspace: &mut GridWorkspace<f32, CANDIDATES>,
+        events: &[Event],
+        span: (i64, i64),
+    ) -> (Vec<Finding>, DetectionReport) {
+        let mut findings = Vec::new();
+        let mut report = DetectionReport::default();
+        let start = events.first().map_or(span.0, |event| event.t);
+        let mut planner = WindowPlanner::new(self.settings.window.policy(), start, span.1);
+        let detector_settings = self.settings.detector();
+        while let Some(window) = planner.next(events) {
+            let inside = events.get(window.first..window.last).unwrap_or_default();
+            report.windows += 1;
+            // The sensor was checked against the detector's room when the recording was opened.
+            let Ok(detection) = detector.detect(self.sensor, inside.iter().copied(), &detector_settings) else { break };
+            report.overflowed += u64::from(detection.overflowed());
+            report.count_pairs(&detection.circles);
+            let finding = match self.wanted {
+                Wanted::Board(pattern) => self
+                    .find_board(detector, workspace, pattern)
+                    .map(|circles| Finding::Frame(self.frame(&window, inside, circles))),
+                Wanted::Circles(fewest) => Some(detector.circles())
+                    .filter(|circles| circles.len() >= fewest)
+                    .map(|circles| {
+                        let circles = circles.iter().map(|circle| (circle.center.cast(), f64::from(circle.radius)));
+                        Finding::Circles(CircleWindow {
+                            start: window.start_us as f64 * 1e-6,
+                            end: window.end_us as f64 * 1e-6,
+                            circles: circles.collect(),
+                            pixels: unique_pixels(inside),
+                        })
+                    })
+                    .ok_or("too few circles"),
+            };
+            match finding {
+                Ok(finding) => {
+                    report.found += 1;
+                    if let Finding::Frame(frame) = &finding {
+                        report.board_circles += frame.circles.len() as u64;
+                    }
+                    findings.push(finding);
+                    planner.report(Outcome::Found);
+                }
+                Err(reason) => {
+                    *report.grids_refused.entry(reason).or_default() += 1;
+                    let unique_pixels = detection.clusters.events.saturating_sub(detection.clusters.both_polarities);
+                    planner.report(Outcome::NotFound { unique_pixels });
+                }
+            }
+        }
+        report.too_few_events += u64::from(planner.too_few_events());
+        (findings, report)
+    }
+
+    /// Board index, centre and radius of each circle, or why there is no board.
+    fn find_board(
+        &self,
+        detector: &HostDetector,
+        workspace: &mut GridWorkspace<f32, CANDIDATES>,
+        pattern: Pattern,
+    ) -> Result<Vec<(usize, Vector2<f64>, f64)>, &'static str> {
+        let circles = detector.circles();
+        match self.settings.grid {
+            Grid::Lattice => {
+                let candidates: Vec<GridCandidate<f32>> = circles
+                    .iter()
+                    .take(CANDIDATES)
+                    .map(|circle| GridCandidate { center: circle.center, radius: circle.radius })
+                    .collect();
+                let options = GridOptions {
+                    minimum_circles: self.settings.fewest_circles(&pattern),
+                    ..GridOptions::new(&pattern, (f64::from(self.sensor.width), f64::from(self.sensor.height)))
+                };
+                let found = find_grid(&candidates, &pattern, &options, workspace).map_err(grid_reason)?;
+                Ok(found
+                    .circles
+                    .iter()
+                    .filter_map(|pair| {
+                        let circle = circles.get(usize::from(pair.candidate))?;
+                        Some((usize::from(pair.board), circle.center.cast(), f64::from(circle.radius)))
+                    })
+                    .collect())
+            }
+            Grid::Opencv => {
+                if circles.len() < pattern.circle_count() {
+                    return Err("too few circles");
+                }
+                let centers: Vec<Vector2<f64>> = circles.iter().map(|circle| circle.center.cast()).collect();
+                let order =
+                    find_circles_grid(&centers, pattern).map_err(|_| "OpenCV failed")?.ok_or("OpenCV found no grid")?;
+                Ok(order
+                    .iter()
+                    .enumerate()
+                    .filter_map(|(index, &candidate)| {
+                        let circle = circles.get(candidate)?;
+                        Some((index, circle.center.cast(), f64::from(circle.radius)))
+                    })
+                    .collect())
+            }
+        }
+    }
+
+    fn frame(&self, window: &Window, events: &[Event], circles: Vec<(usize, Vector2<f64>, f64)>) -> ReferenceFrame {
+        let (start, end) = (window.start_us as f64 * 1e-6, window.end_us as f64 * 1e-6);
+        let circles = circles
+            .into_iter()
+            .map(|(index, center, radius)| ObservedCircle {
+                index,
+                t: 0.5 * (start + end),
+                center,
+                radius: Some(radius),
+                velocity: None,
+            })
+            .collect();
+        ReferenceFrame { recording: self.recording, start, end, circles, pixels: unique_pixels(events) }
+    }
+
+    fn finish(mut self) -> (Vec<Finding>, DetectionReport) {
+        self.close_chunk();
+        self.search();
+        (self.findings, self.report)
+    }
+
+    /// The reference frames in order of time, and the report.
+    pub fn into_frames(self) -> (Vec<ReferenceFrame>, DetectionReport) {
+        let (findings, report) = self.finish();
+        let frames = findings.into_iter().filter_map(|finding| match finding {
+            Finding::Frame(frame) => Some(frame),
+            Finding::Circles(_) => None,
+        });
+        (frames.collect(), report)
+    }
+
+    /// The windows with circles in order of time, and the report.
+    pub fn into_circles(self) -> (Vec<CircleWindow>, DetectionReport) {
+        let (findings, report) = self.finish();
+        let windows = findings.into_iter().filter_map(|finding| match finding {
+            Finding::Circles(window) => Some(window),
+            Finding::Frame(_) => None,
+        });
+        (windows.collect(), report)
+    }
+}
+
+fn unique_pixels(events: &[Event]) -> Vec<EventPixel> {
+    let mut pixels: Vec<EventPixel> = events.iter().map(EventPixel::new).collect();
+    pixels.sort_unstable();
+    pixels.dedup();
+    pixels
+}
+
+fn grid_reason(error: GridError) -> &'static str {
+    match error {
+        GridError::TooManyCandidates { .. } => "too many circles",
+        GridError::TooFewCandidates { .. } => "too few circles",
+        GridError::NoLattice => "circles form no lattice",
+        GridError::TooFewCircles { .. } => "too few circles of a board",
+        GridError::NotSmooth => "circles scatter too much",
+        GridError::WrongBoard { .. } => "circles beside the board",
+        GridError::AmbiguousPlacement { .. } => "place on the board not certain",
+    }
+}

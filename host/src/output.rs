@@ -1,0 +1,171 @@
+//! The folder that a calibration writes.
+
+use std::fmt::Write as _;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::calibrate::{Calibrated, Task};
+use crate::export::opencv_yaml::opencv_yaml;
+use crate::result::Calibration;
+use crate::tum;
+
+/// Rate at which trajectories are written [Hz].
+pub const TRAJECTORY_RATE: f64 = 200.0;
+
+/// What was written, for the terminal.
+pub struct Written {
+    /// The content of `calibration.json`.
+    pub json: String,
+    /// A few lines with the result.
+    pub summary: String,
+    /// What every stage took in and gave out.
+    pub stage_report: String,
+}
+
+/// A result file could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{file}: {error}")]
+pub struct OutputError {
+    file: String,
+    error: io::Error,
+}
+
+/// Writes `calibration.json`, `camera.yaml`, `trajectory.txt`, `settings.toml`, `circles.csv`,
+/// `stages.txt` and pictures of a good and a bad reference frame into `folder`, which is created.
+///
+/// # Errors
+/// [`OutputError`] names the file that could not be written.
+pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<Written, OutputError> {
+    let put = |path: PathBuf, content: &[u8]| {
+        std::fs::write(&path, content).map_err(|error| OutputError { file: path.display().to_string(), error })
+    };
+    std::fs::create_dir_all(folder).map_err(|error| OutputError { file: folder.display().to_string(), error })?;
+    let calibration = Calibration::new(calibrated, task.board);
+    let json = serde_json::to_string_pretty(&calibration)
+        .map_err(|error| OutputError { file: "calibration.json".to_owned(), error: error.into() })?;
+    let stage_report = stage_report(calibrated);
+    let summary = summary(&calibration);
+    put(folder.join("calibration.json"), json.as_bytes())?;
+    put(folder.join("settings.toml"), task.settings.to_toml().as_bytes())?;
+    put(folder.join("stages.txt"), stage_report.as_bytes())?;
+    let poses = trajectory(calibrated).map_err(|error| OutputError { file: "trajectory.txt".to_owned(), error })?;
+    put(folder.join("trajectory.txt"), &poses)?;
+    if let Some(yaml) = opencv_yaml(&calibrated.refined.state.camera, calibrated.sensor, calibration.residuals.rms) {
+        put(folder.join("camera.yaml"), yaml.as_bytes())?;
+    }
+    Ok(Written { json, summary, stage_report })
+}
+
+fn trajectory(calibrated: &Calibrated) -> io::Result<Vec<u8>> {
+    let mut poses = Vec::new();
+    for trajectory in &calibrated.refined.state.trajectories {
+        let start = calibrated.starts.get(trajectory.recording).copied().unwrap_or(0.0);
+        let first = (trajectory.start() * TRAJECTORY_RATE).ceil() as i64;
+        let last = (trajectory.end() * TRAJECTORY_RATE).floor() as i64;
+        poses.extend((first..=last).filter_map(|step| {
+            let t = step as f64 / TRAJECTORY_RATE;
+            trajectory.pose(t).map(|pose| tum::TimedPose { t: t + start, pose })
+        }));
+    }
+    let mut text = Vec::new();
+    tum::write(&mut text, &poses)?;
+    Ok(text)
+}
+
+fn summary(calibration: &Calibration) -> String {
+    let mut text = String::new();
+    let sensor = calibration.sensor;
+    let _ = writeln!(text, "camera {} on {} x {} pixels", calibration.camera.model, sensor.width, sensor.height);
+    for name in ordered_names(&calibration.camera.model) {
+        let value = calibration.camera.parameters.get(name).copied().unwrap_or(f64::NAN);
+        let sigma = calibration.sigma.parameters.get(name).copied().unwrap_or(f64::NAN);
+        let _ = writeln!(text, "  {name:<3} {value:>12.5} ± {sigma:.5}");
+    }
+    let residuals = calibration.residuals;
+    let _ = write!(
+        text,
+        "residual ({}): median {:.3} px, rms {:.3} px, {} observations in {} segments",
+        residuals.measure,
+        residuals.median,
+        residuals.rms,
+        residuals.count,
+        calibration.segments.len()
+    );
+    text
+}
+
+fn ordered_names(model: &str) -> Vec<&'static str> {
+    evcal_core::camera::ModelKind::from_name(model).map_or_else(Vec::new, |kind| kind.parameter_names().to_vec())
+}
+
+fn stage_report(calibrated: &Calibrated) -> String {
+    let reports = &calibrated.reports;
+    let mut text = String::new();
+    for recording in &reports.recordings {
+        let _ = writeln!(text, "recording      {} events or circles in {:.3} s", recording.count, recording.duration);
+        for note in &recording.notes {
+            let _ = writeln!(text, "               {note}");
+        }
+    }
+    let detection = &reports.detection;
+    let _ = writeln!(
+        text,
+        "windows        {} tried, {} held the board ({} more had too few events)",
+        detection.windows, detection.found, detection.too_few_events
+    );
+    for (reason, count) in &detection.grids_refused {
+        let _ = writeln!(text, "               {count} refused: {reason}");
+    }
+    let _ = writeln!(text, "circles        {} found, {} on boards", detection.circles, detection.board_circles);
+    for (reason, count) in &detection.pairs_refused {
+        let _ = writeln!(text, "               {count} pairs refused: {reason}");
+    }
+    let initial = &reports.initial;
+    let _ = writeln!(
+        text,
+        "initial model  {} frames in, {} kept",
+        calibrated.frames.len(),
+        calibrated.initial.frames.len()
+    );
+    if !initial.reasons().is_empty() {
+        let _ = writeln!(text, "               {}", initial.reasons());
+    }
+    let segments = &reports.segments;
+    let _ = writeln!(
+        text,
+        "segments       {} frames in, {} kept in {} segments of {:.3} s ({} too few frames, {} too short, {} without spline)",
+        segments.frames_in,
+        segments.frames_out,
+        segments.segments,
+        segments.duration,
+        segments.too_few_frames,
+        segments.too_short,
+        reports.segments_without_spline
+    );
+    for (index, round) in reports.rounds.iter().enumerate() {
+        let association = &round.association;
+        let _ = writeln!(
+            text,
+            "round {:<2}       {} events: {} outside segments, {} thinned, {} off the board, {} far from an edge, {} on a sliding edge, {} of wrong polarity, {} kept",
+            index + 1,
+            association.events,
+            association.outside_segments,
+            association.thinned,
+            association.off_board,
+            association.far_from_edge,
+            association.edge_slides,
+            association.wrong_polarity,
+            association.kept
+        );
+        let _ = writeln!(
+            text,
+            "               {} observations, {} iterations, cost {:.1} -> {:.1}, projection moved {:.4} px",
+            round.solve.observations,
+            round.solve.iterations,
+            round.solve.initial_cost,
+            round.solve.final_cost,
+            round.change
+        );
+    }
+    text
+}
