@@ -142,9 +142,10 @@ impl<'a> Design<'a> {
             .windows(degree)
             .map(|window| window.iter().sum::<f64>() / degree as f64)
             .collect();
-        let factors = greville.array_windows().enumerate().map(|(first, &[before, here, after])| {
-            let scale = 0.5 * (after - before) * SMOOTHNESS.sqrt();
-            (first, scale / (here - before), scale / (after - here))
+        let factors = greville.windows(3).enumerate().map(|(first, three)| {
+            let (before, after) = (three[1] - three[0], three[2] - three[1]);
+            let scale = 0.5 * (before + after) * SMOOTHNESS.sqrt();
+            (first, scale / before, scale / after)
         });
         factors.collect()
     }

@@ -38,8 +38,8 @@ pub fn from_times(
     if let Some(&t) = times.iter().find(|&&t| !(start <= t && t <= end)) {
         return Err(TrajectoryError::PoseOutside { t, start, end });
     }
-    let rising = |pair: &[f64; 2]| pair[0] < pair[1];
-    if let Some(index) = times.array_windows().position(|pair| !rising(pair)) {
+    let rises = |pair: &[f64]| pair[0] < pair[1];
+    if let Some(index) = times.windows(2).position(|pair| !rises(pair)) {
         return Err(TrajectoryError::TimesDoNotIncrease { index: index + 1, t: times[index + 1] });
     }
 
