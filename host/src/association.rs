@@ -49,7 +49,7 @@ impl Default for AssociationSettings {
             slowest_edge: 30.0,
             tangent: 0.4,
             burst_pause: 0.1,
-            most_events: 4_000_000,
+            most_events: 1_500_000,
         }
     }
 }
@@ -232,11 +232,11 @@ impl<'a> Associator<'a> {
             settings.first_band
         };
         // Also refuses NaN.
-        if !((edge.pixels - bias.offset).abs() < band) {
+        if !(edge.from_expected(bias).abs() < band) {
             report.far_from_edge += 1;
             return None;
         }
-        let normal_speed = edge.distance.normal_speed(pose);
+        let normal_speed = edge.normal_speed;
         let speed = board_velocity(pose, &moved, &pixel.bearing).norm() / edge.distance.scale;
         if normal_speed.abs() < settings.slowest_edge || normal_speed.abs() < settings.tangent * speed {
             report.edge_slides += 1;

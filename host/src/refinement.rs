@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::association::{AssociationContext, AssociationReport, AssociationSettings, Associator, robust_bias};
 use crate::board::Board;
-use crate::event_bias::{CLASS_COUNT, EventBias, unknown};
+use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, unknown};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::levenberg::solve;
 use crate::solve::observation::{PointObservation, SegmentObservations};
@@ -25,9 +25,9 @@ pub struct RefinementSettings {
     pub settled: f64,
     /// Most events in the rounds before the last ones.
     pub early_events: usize,
-    /// Fit an offset from the geometric edge for each event class.
+    /// Fit an offset from the geometric edge, and what curvature adds to it, for each event class.
     pub offsets: bool,
-    /// Fit a latency for each event class.
+    /// Fit a latency, and how it bends at high speed, for each event class.
     pub latencies: bool,
     /// Spread of the events while it is not known yet [px].
     pub first_sigma: f64,
@@ -214,7 +214,7 @@ fn problem<E>(
         point_sigma: input.point_sigma,
         associated_latencies: state.bias.map(|bias| bias.latency),
         segments,
-        free: FreeParameters { intrinsics: 0, offsets: [false; CLASS_COUNT], latencies: [false; CLASS_COUNT] },
+        free: FreeParameters { intrinsics: 0, biases: [[false; BIAS_COUNT]; CLASS_COUNT] },
         settings: settings.solve.clone(),
     };
     // Scales of the pixel residual, whatever the solve itself will use.
@@ -263,15 +263,16 @@ fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &Refinemen
             *count += 1;
         }
     }
-    let mut offsets = counts.map(|count| settings.offsets && count >= FEWEST);
-    let mut latencies = counts.map(|count| settings.latencies && count >= FEWEST);
-    latencies[0] = false;
-    if problem.settings.residual == Residual::Plane {
+    let mut biases = counts.map(|count| {
         // The paper's residual knows no biases.
-        offsets = [false; CLASS_COUNT];
-        latencies = [false; CLASS_COUNT];
-    }
-    FreeParameters { intrinsics: camera.parameters().len(), offsets, latencies }
+        let enough = count >= FEWEST && problem.settings.residual == Residual::Pixel;
+        let (offset, latency) = (enough && settings.offsets, enough && settings.latencies);
+        [offset, latency, latency, offset]
+    });
+    // What delays all events alike cannot be told from a shift of the clock.
+    biases[0][1] = false;
+    biases[0][2] = false;
+    FreeParameters { intrinsics: camera.parameters().len(), biases }
 }
 
 fn statistics(problem: &Problem, state: &State, bearings: &BearingTable) -> ResidualStatistics {

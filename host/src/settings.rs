@@ -179,7 +179,7 @@ impl Default for WindowSettings {
             step: policy.step_us,
             min_interval: policy.minimum,
             max_interval: policy.maximum,
-            gap: policy.gap,
+            gap: 10,
             most_events: policy.event_cap,
             fewest_events: policy.event_floor,
         }

@@ -19,17 +19,17 @@ pub mod system;
 use evcal_core::camera::Camera;
 use serde::{Deserialize, Serialize};
 
-use crate::event_bias::{CLASS_COUNT, EventBias};
+use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias};
 use crate::trajectory::Trajectory;
 use evcal_core::camera::MAX_PARAMETERS;
 use observation::SegmentObservations;
 
-/// Number of global parameters: intrinsics, then an offset and a latency for each event class.
-pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + 2 * CLASS_COUNT;
+/// Number of global parameters: intrinsics, then the biases of each event class.
+pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + BIAS_COUNT * CLASS_COUNT;
 
-/// Index of the offset of `class` among the global parameters; its latency follows.
-pub const fn offset_index(class: usize) -> usize {
-    MAX_PARAMETERS + 2 * class
+/// Index of the first bias of `class` among the global parameters.
+pub const fn bias_index(class: usize) -> usize {
+    MAX_PARAMETERS + BIAS_COUNT * class
 }
 
 /// What the residual of an event measures.
@@ -48,10 +48,8 @@ pub enum Residual {
 pub struct FreeParameters {
     /// Number of intrinsics of the camera model; the rest of [`MAX_PARAMETERS`] stays unused.
     pub intrinsics: usize,
-    /// Whether the offset of each event class is free.
-    pub offsets: [bool; CLASS_COUNT],
-    /// Whether the latency of each event class is free.
-    pub latencies: [bool; CLASS_COUNT],
+    /// Which biases of each event class are free.
+    pub biases: [[bool; BIAS_COUNT]; CLASS_COUNT],
 }
 
 impl FreeParameters {
@@ -61,9 +59,10 @@ impl FreeParameters {
         for flag in mask.iter_mut().take(self.intrinsics.min(MAX_PARAMETERS)) {
             *flag = true;
         }
-        for class in 0..CLASS_COUNT {
-            mask[offset_index(class)] = self.offsets[class];
-            mask[offset_index(class) + 1] = self.latencies[class];
+        for (class, biases) in self.biases.iter().enumerate() {
+            for (bias, &free) in biases.iter().enumerate() {
+                mask[bias_index(class) + bias] = free;
+            }
         }
         mask
     }

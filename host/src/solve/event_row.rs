@@ -10,15 +10,18 @@
 //!
 //! The residual is the distance in pixels from the event's pixel m to the projected edge, minus the
 //! offset of its class. One Newton step from m gives a point m' on the edge; there f, its gradient
-//! and all derivatives are taken: r = n'·(m − m') + f(m') / s(m') − offset, with n' the unit normal.
+//! and all derivatives are taken: r = n'·(m − m') + f(m') / s(m') − expected distance, with n' the unit normal.
 //! Derivatives taken at m instead would leave out how the scale itself answers to the parameters,
 //! which is of the same order as the weakest combinations of parameters. For the paper's plane
 //! residual, r = f(m) over a constant scale.
 //!
-//! ∂r/∂offset = −1, ∂r/∂latency = −dr/dt.
+//! ∂r/∂offset = −1, ∂r/∂latency = −v, ∂r/∂bend = −v², ∂r/∂curvature = −1/ρ, with the normal speed
+//! v = dr/dt and the dot's radius ρ in pixels (see [`crate::event_bias`]).
 
 use evcal_core::camera::MAX_PARAMETERS;
 use nalgebra::Vector2;
+
+use crate::event_bias::{BIAS_COUNT, ClassBias};
 
 use super::bearing_table::{BearingTable, PixelBearing};
 use super::pose_bin::{MovedPose, PoseBin, cross, dot};
@@ -107,15 +110,15 @@ fn bearing_distance(
     Some(EdgeDistance { metres: distance - radius, scale, by_pixel, by_bearing, by_translation, by_rotation })
 }
 
-/// Length of a row: pose (rotation 3, translation 3), intrinsics, offset, latency, residual, and
+/// Length of a row: pose (rotation 3, translation 3), intrinsics, biases of the class, residual, and
 /// padding to a multiple of the vector width.
 pub const ROW: usize = 24;
 /// Where the intrinsics begin in a row.
 pub const ROW_INTRINSICS: usize = 6;
-/// Where the offset stands in a row; the latency follows.
+/// Where the biases of the class begin in a row.
 pub const ROW_OFFSET: usize = ROW_INTRINSICS + MAX_PARAMETERS;
 /// Where the residual stands in a row.
-pub const ROW_RESIDUAL: usize = ROW_OFFSET + 2;
+pub const ROW_RESIDUAL: usize = ROW_OFFSET + BIAS_COUNT;
 
 /// An event's distance from the projected edge.
 #[derive(Clone, Copy)]
@@ -126,6 +129,18 @@ pub struct EdgeResidual<'a> {
     pub distance: EdgeDistance,
     /// The bearing table's entry where derivatives are taken.
     pub bearing: &'a PixelBearing,
+    /// Normal speed of the edge in pixels per second, positive where pixels leave the dot.
+    pub normal_speed: f64,
+    /// One over the radius of the dot in pixels.
+    pub inverse_radius: f64,
+}
+
+impl EdgeResidual<'_> {
+    /// Distance in pixels from where the class's events are expected.
+    #[inline(always)]
+    pub fn from_expected(&self, bias: &ClassBias) -> f64 {
+        self.pixels - bias.distance(self.normal_speed, self.inverse_radius)
+    }
 }
 
 /// Distance in pixels of pixel (`x`, `y`) from the projected edge of a circle; `None` when the edge
@@ -155,7 +170,13 @@ pub fn pixel_residual<'a>(
     });
     let at_edge = bearing_distance(pose, moved, &bearing, &nearest.by_pixel, center, radius)?;
     let along = (at_edge.by_pixel[0] * step_x + at_edge.by_pixel[1] * step_y) / at_edge.scale;
-    Some(EdgeResidual { pixels: along + at_edge.metres / at_edge.scale, distance: at_edge, bearing: nearest })
+    Some(EdgeResidual {
+        pixels: along + at_edge.metres / at_edge.scale,
+        normal_speed: at_edge.normal_speed(pose),
+        inverse_radius: at_edge.scale / radius,
+        distance: at_edge,
+        bearing: nearest,
+    })
 }
 
 /// Distance on the board plane of the pixel's ray from the edge, in units of `mean_scale`: the
@@ -172,17 +193,20 @@ pub fn plane_residual<'a>(
 ) -> Option<EdgeResidual<'a>> {
     let bearing = bearings.get(x, y)?;
     let distance = edge_distance(pose, moved, bearing, center, radius)?;
+    let distance = EdgeDistance { scale: mean_scale, ..distance };
     Some(EdgeResidual {
         pixels: distance.metres / mean_scale,
-        distance: EdgeDistance { scale: mean_scale, ..distance },
+        normal_speed: distance.normal_speed(pose),
+        inverse_radius: mean_scale / radius,
+        distance,
         bearing,
     })
 }
 
-/// Fills the row of one event: derivatives and `residual` (the distance in pixels without the
-/// offset of its class), all times `weight`.
+/// Fills the row of one event: derivatives and `residual` (its distance from where its class is
+/// expected, in pixels), all times `weight`.
 #[inline(always)]
-pub fn fill_row(row: &mut [f64; ROW], edge: &EdgeResidual, pose: &PoseBin, residual: f64, weight: f64) {
+pub fn fill_row(row: &mut [f64; ROW], edge: &EdgeResidual, residual: f64, weight: f64) {
     let factor = weight / edge.distance.scale;
     let distance = &edge.distance;
     for axis in 0..3 {
@@ -196,7 +220,9 @@ pub fn fill_row(row: &mut [f64; ROW], edge: &EdgeResidual, pose: &PoseBin, resid
             + scaled[2] * edge.bearing.by_parameter[2][parameter];
     }
     row[ROW_OFFSET] = -weight;
-    row[ROW_OFFSET + 1] = -distance.normal_speed(pose) * weight;
+    row[ROW_OFFSET + 1] = -edge.normal_speed * weight;
+    row[ROW_OFFSET + 2] = -edge.normal_speed * edge.normal_speed * weight;
+    row[ROW_OFFSET + 3] = -edge.inverse_radius * weight;
     row[ROW_RESIDUAL] = residual * weight;
 }
 
@@ -265,7 +291,7 @@ mod tests {
         let edge = pixel_residual(pose, &pose.moved(dt), &table, at, CENTER, RADIUS).unwrap();
         let residual = edge.pixels - OFFSET;
         let mut row = [0.0; ROW];
-        fill_row(&mut row, &edge, pose, residual, 1.0);
+        fill_row(&mut row, &edge, residual, 1.0);
         (residual, row)
     }
 

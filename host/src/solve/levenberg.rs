@@ -6,8 +6,8 @@ use super::bearing_table::BearingTable;
 use super::normal::StretchEquations;
 use super::stretch::{Stretch, linearise, stretches};
 use super::system::System;
-use super::{GLOBAL_COUNT, Problem, SolveError, SolveReport, State, offset_index};
-use crate::event_bias::CLASS_COUNT;
+use super::{GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
+use crate::event_bias::{BIAS_COUNT, CLASS_COUNT};
 
 const FIRST_DAMPING: f64 = 1e-6;
 const SMALLEST_DAMPING: f64 = 1e-10;
@@ -86,8 +86,7 @@ fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<State>
     let camera = evcal_core::camera::Camera::from_parameters(state.camera.kind(), &parameters)?;
     let mut bias = state.bias;
     for (class, bias) in bias.iter_mut().enumerate().take(CLASS_COUNT) {
-        bias.offset += globals.get(offset_index(class))?;
-        bias.latency += globals.get(offset_index(class) + 1)?;
+        bias.update(*globals.get(bias_index(class)..)?.first_chunk::<BIAS_COUNT>()?);
     }
     let mut trajectories = state.trajectories.clone();
     for (trajectory, step) in trajectories.iter_mut().zip(segments) {

@@ -9,9 +9,11 @@ use evcal_core::camera::MAX_PARAMETERS;
 use multiversion::multiversion;
 use nalgebra::{Matrix3, SMatrix};
 
+use crate::event_bias::BIAS_COUNT;
+
 use super::event_row::{ROW, ROW_INTRINSICS, ROW_OFFSET, ROW_RESIDUAL};
 use super::pose_bin::PoseBin;
-use super::{GLOBAL_COUNT, offset_index};
+use super::{GLOBAL_COUNT, bias_index};
 
 /// Sum of outer products of rows; only the part at and left of the diagonal's block of eight
 /// columns is filled.
@@ -27,14 +29,14 @@ pub fn add_outer_products(product: &mut RowProduct, rows: &[[f64; ROW]]) {
     for quad in quads {
         add_columns::<8, 0, 8, 4>(product, quad);
         add_columns::<16, 8, 16, 4>(product, quad);
-        add_columns::<24, 16, 21, 4>(product, quad);
+        add_columns::<24, 16, 23, 4>(product, quad);
     }
     for row in rest {
         let single = std::slice::from_ref(row).as_array();
         if let Some(single) = single {
             add_columns::<8, 0, 8, 1>(product, single);
             add_columns::<16, 8, 16, 1>(product, single);
-            add_columns::<24, 16, 21, 1>(product, single);
+            add_columns::<24, 16, 23, 1>(product, single);
         }
     }
 }
@@ -133,8 +135,8 @@ impl BinEquations {
             for parameter in 0..MAX_PARAMETERS {
                 self.border[(line, parameter)] += at(ROW_INTRINSICS + parameter, line);
             }
-            for bias in 0..2 {
-                self.border[(line, offset_index(class) + bias)] += at(ROW_OFFSET + bias, line);
+            for bias in 0..BIAS_COUNT {
+                self.border[(line, bias_index(class) + bias)] += at(ROW_OFFSET + bias, line);
             }
             self.gradient[line] += at(ROW_RESIDUAL, line);
         }
@@ -146,13 +148,13 @@ impl BinEquations {
             }
             equations.corner_gradient[parameter] += at(ROW_RESIDUAL, line);
         }
-        for bias in 0..2 {
-            let global = offset_index(class) + bias;
+        for bias in 0..BIAS_COUNT {
+            let global = bias_index(class) + bias;
             for parameter in 0..MAX_PARAMETERS {
                 corner[(global, parameter)] += at(ROW_OFFSET + bias, ROW_INTRINSICS + parameter);
             }
             for other in 0..=bias {
-                corner[(global, offset_index(class) + other)] += at(ROW_OFFSET + bias, ROW_OFFSET + other);
+                corner[(global, bias_index(class) + other)] += at(ROW_OFFSET + bias, ROW_OFFSET + other);
             }
             equations.corner_gradient[global] += at(ROW_RESIDUAL, ROW_OFFSET + bias);
         }

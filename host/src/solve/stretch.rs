@@ -84,12 +84,12 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
                 let mut filled = 0;
                 for event in part {
                     let Some(edge) = edge_residual(problem, state, bearings, &pose, event) else { continue };
-                    let residual = edge.pixels - bias.offset;
+                    let residual = edge.from_expected(bias);
                     let (cost, root_weight) = huber(residual * inverse_sigma, problem.settings.huber);
                     equations.cost += cost;
                     equations.count += 1;
                     if let Some(row) = rows.get_mut(filled) {
-                        fill_row(row, &edge, &pose, residual, root_weight * inverse_sigma);
+                        fill_row(row, &edge, residual, root_weight * inverse_sigma);
                         filled += 1;
                     }
                 }
@@ -166,7 +166,7 @@ pub fn visit_residuals(
         for event in observations.events.get(bin.first..bin.end).unwrap_or_default() {
             let Some(edge) = edge_residual(problem, state, bearings, &pose, event) else { continue };
             let class = usize::from(event.class).min(CLASS_COUNT - 1);
-            let residual = edge.pixels - state.bias[class].offset;
+            let residual = edge.from_expected(&state.bias[class]);
             visit(EventResidual { class, residual, scale: edge.distance.scale });
         }
     }
