@@ -5,6 +5,7 @@
 //! 1970, i16 x, i16 y, u8 ON, 3 bytes unused, all little-endian.
 
 pub mod header;
+pub mod other_streams;
 pub mod packets;
 pub mod write;
 
@@ -26,7 +27,11 @@ pub const FORMAT: Format = Format {
     name: "AEDAT4",
     recognise: |head| head.bytes.starts_with(MAGIC),
     open: |path, options| Ok(Box::new(EventDecoder::open(path, options)?)),
+    streams: other_streams::summarise,
 };
+
+/// Type identifier of a stream of events.
+const EVENTS: &str = "EVTS";
 
 /// A batch is handed out as soon as it has this many events.
 const BATCH: usize = 16_384;
@@ -131,7 +136,7 @@ fn choose_stream<'a>(
     wanted: Option<&str>,
     notes: &mut Vec<String>,
 ) -> Result<&'a Stream, SourceErrorKind> {
-    let of_events = || header.streams.iter().filter(|stream| stream.type_identifier == "EVTS");
+    let of_events = || header.streams.iter().filter(|stream| stream.type_identifier == EVENTS);
     let Some(first) = of_events().next() else {
         return Err(SourceErrorKind::NoEventStream(describe_all(header.streams.iter())));
     };

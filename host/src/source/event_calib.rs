@@ -29,6 +29,7 @@ pub const FORMAT: Format = Format {
         let file = BufReader::with_capacity(1 << 18, file);
         Ok(Box::new(Decoder { path: path.to_owned(), file, information, records: 0 }))
     },
+    streams: |_| Ok(Vec::new()),
 };
 
 const RECORD: usize = 25;
@@ -164,5 +165,78 @@ impl<W: Write> Encode for Encoder<W> {
 
     fn finish(&mut self) -> Result<(), WriteError> {
         Ok(self.0.flush()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::{Recording, SourceOptions};
+
+    fn bytes(t: f64, x: f64, y: f64, polarity: u8) -> Vec<u8> {
+        [t.to_le_bytes(), x.to_le_bytes(), y.to_le_bytes()].concat().into_iter().chain([polarity]).collect()
+    }
+
+    fn read(content: &[u8]) -> (Vec<Event>, Option<String>) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("events.bin");
+        std::fs::write(&path, content).unwrap();
+        let opened = Recording::new(&path, SourceOptions::default()).and_then(|recording| recording.open());
+        let mut reader = match opened {
+            Ok(reader) => reader,
+            Err(error) => return (Vec::new(), Some(error.to_string())),
+        };
+        let (mut all, mut batch) = (Vec::new(), Vec::new());
+        loop {
+            match reader.next_batch(&mut batch) {
+                Ok(true) => all.extend_from_slice(&batch),
+                Ok(false) => return (all, None),
+                Err(error) => return (all, Some(error.to_string())),
+            }
+        }
+    }
+
+    #[test]
+    fn the_layout_is_that_of_the_published_code() {
+        // t = 1.5 s, x = 3, y = 260, ON, written out by hand.
+        let mut content = vec![0, 0, 0, 0, 0, 0, 0xf8, 0x3f, 0, 0, 0, 0, 0, 0, 0x08, 0x40];
+        content.extend_from_slice(&[0, 0, 0, 0, 0, 0x40, 0x70, 0x40, 1]);
+        assert_eq!(read(&content), (vec![Event { t: 1_500_000, x: 3, y: 260, polarity: Polarity::On }], None));
+    }
+
+    #[test]
+    fn a_record_that_is_no_event_is_named_and_those_before_it_are_kept() {
+        let good: Vec<u8> = (0..100).flat_map(|index| bytes(f64::from(index) * 1e-3, 1.0, 2.0, 0)).collect();
+        for (bad, part) in [
+            (bytes(f64::NAN, 1.0, 1.0, 0), "NaN"),
+            (bytes(f64::INFINITY, 1.0, 1.0, 0), "inf"),
+            (bytes(0.2, f64::NAN, 1.0, 0), "its x"),
+            (bytes(0.2, 1.0, 1.25, 0), "1.25"),
+            (bytes(0.2, 1.0, 1.0, 7), "polarity is 7"),
+        ] {
+            let (events, error) = read(&[good.as_slice(), &bad, &good].concat());
+            let error = error.unwrap();
+            assert_eq!(events.len(), 100);
+            assert!(error.contains("event 101") && error.contains(part), "{error}");
+        }
+    }
+
+    #[test]
+    fn other_binary_files_are_not_taken_for_it() {
+        let pseudorandom =
+            |seed: u32| (0..5000u32).map(move |index| ((index ^ seed).wrapping_mul(2_654_435_761) >> 24) as u8);
+        for content in [
+            vec![0; 2500],
+            vec![0xff; 2500],
+            pseudorandom(1).collect(),
+            bytes(f64::NAN, 1.0, 1.0, 0),
+            bytes(1.0, 1.5, 1.0, 0),
+            bytes(1.0, -1.0, 1.0, 0),
+            bytes(1.0, 1.0, 1.0, 3),
+            [bytes(9.0, 1.0, 1.0, 1), bytes(1.0, 1.0, 1.0, 1)].concat(),
+            bytes(1.0, 1.0, 1.0, 1)[..24].to_vec(),
+        ] {
+            assert!(read(&content).1.unwrap().contains("no format known"));
+        }
     }
 }
