@@ -353,24 +353,23 @@ mod tests {
 
     #[test]
     fn no_changed_byte_panics() {
-        let events = events(9);
+        let events = events(5);
         for output in OUTPUTS {
             let (_directory, path) = file(b"");
             write(&path, output, &events);
-            let whole = std::fs::read(&path).unwrap();
-            for position in 0..whole.len() {
-                for change in [0x01, 0x80, 0xff] {
-                    let mut changed = whole.clone();
-                    changed[position] ^= change;
-                    std::fs::write(&path, &changed).unwrap();
-                    for damage in [Damage::Refuse, Damage::Skip] {
-                        let (read, report, _) = read(&path, &SourceOptions { damage, ..SourceOptions::default() });
-                        assert_eq!(read.len() as u64, report.events);
-                        assert!(read.is_sorted_by_key(|event| event.t));
-                    }
-                    if let Ok(recording) = Recording::new(&path, SourceOptions::default()) {
-                        let _ = recording.streams();
-                    }
+            let mut changed = std::fs::read(&path).unwrap();
+            for position in 0..changed.len() {
+                let change = [0x01, 0x80, 0xff][position % 3];
+                changed[position] ^= change;
+                std::fs::write(&path, &changed).unwrap();
+                changed[position] ^= change;
+                for damage in [Damage::Refuse, Damage::Skip] {
+                    let (read, report, _) = read(&path, &SourceOptions { damage, ..SourceOptions::default() });
+                    assert_eq!(read.len() as u64, report.events);
+                    assert!(read.is_sorted_by_key(|event| event.t));
+                }
+                if let Ok(recording) = Recording::new(&path, SourceOptions::default()) {
+                    let _ = recording.streams();
                 }
             }
         }

@@ -165,3 +165,63 @@ fn tables(content: &[u8], identifier: &[u8; 4]) -> Result<(u64, Option<(i64, i64
     let time = |index| vector.table(index)?.i64(0, 0);
     Ok((vector.length as u64, Some((time(0)?, time(last)?))))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A FlatBuffer with one table of i64 fields 0 to 4, a format byte, four i16 and a vector of bytes.
+    fn frame_bytes(format: u8, [width, height, x, y]: [i16; 4], pixels: &[u8]) -> Vec<u8> {
+        let mut bytes = 40u32.to_le_bytes().to_vec();
+        bytes.extend_from_slice(b"FRME");
+        // vtable of 11 fields at 8, 26 bytes long: t, frame start and end (absent), exposure, format...
+        for entry in [26u16, 48, 4, 0, 0, 12, 20, 28, 30, 32, 34, 36, 40] {
+            bytes.extend_from_slice(&entry.to_le_bytes());
+        }
+        bytes.resize(40, 0);
+        bytes.extend_from_slice(&32i32.to_le_bytes());
+        for t in [1000i64, 900, 1100] {
+            bytes.extend_from_slice(&t.to_le_bytes());
+        }
+        bytes.extend_from_slice(&[format, 0]);
+        for value in [width, height, x, y] {
+            bytes.extend_from_slice(&value.to_le_bytes());
+        }
+        bytes.resize(40 + 40, 0);
+        bytes.extend_from_slice(&4u32.to_le_bytes());
+        bytes.extend_from_slice(&(pixels.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(pixels);
+        bytes
+    }
+
+    fn parse(bytes: &[u8]) -> Result<Frame, Malformed> {
+        flatbuffer::root(bytes, b"FRME").and_then(|table| frame(&table))
+    }
+
+    #[test]
+    fn a_frame_is_read() {
+        let expected = Frame {
+            t: 1000,
+            exposure: Some((900, 1100)),
+            size: (3, 2),
+            position: (5, 6),
+            channels: 1,
+            pixels: vec![1, 2, 3, 4, 5, 6],
+        };
+        assert_eq!(parse(&frame_bytes(0, [3, 2, 5, 6], &[1, 2, 3, 4, 5, 6])).unwrap(), expected);
+        assert_eq!(parse(&frame_bytes(16, [1, 1, 0, 0], &[1, 2, 3])).unwrap().channels, 3);
+    }
+
+    #[test]
+    fn a_frame_that_contradicts_itself_is_refused() {
+        for (format, size, pixels) in
+            [(0, [3, 2, 0, 0], 5), (0, [-3, 2, 0, 0], 6), (5, [3, 2, 0, 0], 6), (16, [3, 2, 0, 0], 6)]
+        {
+            assert!(parse(&frame_bytes(format, size, &vec![0; pixels])).is_err());
+        }
+        let bytes = frame_bytes(0, [3, 2, 0, 0], &[0; 6]);
+        for length in 0..bytes.len() {
+            assert!(parse(&bytes[..length]).is_err());
+        }
+    }
+}
