@@ -315,3 +315,72 @@ impl fmt::Display for Information {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::source::SourceOptions;
+    use crate::source::write::{EventWriter, OutputFormat};
+
+    fn of(path: &Path) -> Information {
+        gather(&Recording::new(path, SourceOptions::default()).unwrap()).unwrap()
+    }
+
+    /// 1000 events at 1 kev/s going round 100 pixels, 500 in 5 ms from 2 s on at (7, 7), and one at 3 s.
+    fn write(path: &Path, output: OutputFormat) {
+        let on = |index: i64| if index % 4 == 0 { Polarity::On } else { Polarity::Off };
+        let calm = (0..1000).map(|index| Event { t: index * 1000, x: index as u16 % 100, y: 9, polarity: on(index) });
+        let burst = (0..500).map(|index| Event { t: 2_000_000 + index * 10, x: 7, y: 7, polarity: on(index) });
+        let last = Event { t: 3_000_000, x: 345, y: 259, polarity: Polarity::Off };
+        let events: Vec<Event> = calm.chain(burst).chain([last]).collect();
+        let mut writer = EventWriter::create(path, output, (346, 260), "camera 1").unwrap();
+        writer.write(&events).unwrap();
+        writer.finish().unwrap();
+    }
+
+    #[test]
+    fn figures_are_those_of_the_events() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.aedat4");
+        write(&path, OutputFormat::from_extension(&path).unwrap());
+        let information = of(&path);
+        assert_eq!((information.events, information.times_us), (1501, Some((0, 3_000_000))));
+        assert_eq!(information.on_share, Some(375.0 / 1501.0));
+        assert_eq!(information.mean_rate, 1501.0 / 3.0);
+        assert_eq!(information.peak, Some(Peak { rate: 50_000.0, t_s: 2.0 }));
+        let gaps = [Gap { t_s: 0.999, duration_s: 1.001 }, Gap { t_s: 2.00499, duration_s: 0.99501 }];
+        assert_eq!((information.gap_count, information.longest_gaps.as_slice()), (2, gaps.as_slice()));
+        let hottest = [HotPixel { x: 7, y: 7, events: 500 }];
+        assert_eq!((information.active_pixels, information.hot_pixel_count), (102, 1));
+        assert_eq!(information.hottest_pixels, hottest);
+        assert_eq!(information.streams.len(), 1);
+        assert_eq!(information.streams[0].elements, 1501);
+        assert_eq!((information.sensor, information.likely_sensor), (Some((346, 260)), None));
+        let text = information.to_string();
+        for part in ["AEDAT4", "camera 1", "346 x 260", "25.0 % ON", "(7, 7): 500"] {
+            assert!(text.contains(part), "{text}");
+        }
+        assert!(serde_json::to_string(&information).unwrap().contains("\"gap_count\":2"));
+    }
+
+    #[test]
+    fn a_sensor_that_is_not_given_is_guessed() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.bin");
+        write(&path, OutputFormat::from_extension(&path).unwrap());
+        let information = of(&path);
+        assert_eq!((information.sensor, information.likely_sensor), (None, Some((346, 260))));
+    }
+
+    #[test]
+    fn an_error_keeps_what_was_read_before() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.csv");
+        std::fs::write(&path, "t_us,x,y,p\n1,2,3,1\n2,2,3,1\n3,2,3,nan\n").unwrap();
+        let information = of(&path);
+        assert_eq!(information.events, 2);
+        assert!(information.error.unwrap().contains("line 4"));
+    }
+}

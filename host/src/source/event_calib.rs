@@ -4,7 +4,7 @@
 //! (pixels), u8 polarity (0 or 1). Recognised by its first records making sense.
 
 use std::fs::File;
-use std::io::{self, BufReader, Read, Write};
+use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::PathBuf;
 
 use evcal_core::event::{Event, Polarity};
@@ -105,30 +105,37 @@ impl Decoder {
         self.records += 1;
         Ok(Some(bytes))
     }
+}
 
-    fn event(&self, record: &Record) -> Result<Event, SourceError> {
-        let error = |what: String| SourceError::new(&self.path, SourceErrorKind::Event { event: self.records, what });
-        // NaN fails these comparisons too.
-        if !(record.t.abs() < MAX_TIME) {
-            return Err(error(format!("its time, {} s, is no time; the file is damaged there", record.t)));
-        }
-        let pixel = |name, value: f64| {
-            if !(value.is_finite() && value.fract() == 0.0) {
-                return Err(error(format!(
-                    "its {name}, {value}, is no whole pixel; raw events are needed, not undistorted ones"
-                )));
-            }
-            // Out of u16 saturates, and the reader drops it as out of range.
-            Ok(if value < 0.0 { u16::MAX } else { value as u16 })
-        };
-        let polarity = match record.polarity {
-            0 => Polarity::Off,
-            1 => Polarity::On,
-            other => return Err(error(format!("its polarity is {other}, not 0 or 1; the file is damaged there"))),
-        };
-        let t = (record.t * 1e6).round() as i64;
-        Ok(Event { t, x: pixel("x", record.x)?, y: pixel("y", record.y)?, polarity })
+/// The event in record number `index`, from 0.
+fn event(record: &Record, index: u64) -> Result<Event, SourceErrorKind> {
+    let error = |what: String| SourceErrorKind::Event { event: index + 1, what };
+    // NaN fails the comparison too.
+    let is_time = record.t.abs() < MAX_TIME;
+    if !is_time {
+        return Err(error(format!("its time, {} s, is no time; the file is damaged there", record.t)));
     }
+    let pixel = |name, value: f64| {
+        // Out of u16 saturates.
+        let whole = value as u16;
+        if f64::from(whole) == value {
+            Ok(whole)
+        } else if value.is_finite() && value.fract() == 0.0 {
+            // No sensor has this one: the reader drops it as out of range.
+            Ok(u16::MAX)
+        } else {
+            Err(error(format!("its {name}, {value}, is no whole pixel; raw events are needed, not undistorted ones")))
+        }
+    };
+    let polarity = match record.polarity {
+        0 => Polarity::Off,
+        1 => Polarity::On,
+        other => return Err(error(format!("its polarity is {other}, not 0 or 1; the file is damaged there"))),
+    };
+    let microseconds = record.t * 1e6;
+    // Rounds half away from zero, without the library call of f64::round.
+    let t = (microseconds + 0.5f64.copysign(microseconds)) as i64;
+    Ok(Event { t, x: pixel("x", record.x)?, y: pixel("y", record.y)?, polarity })
 }
 
 impl Decode for Decoder {
@@ -138,10 +145,22 @@ impl Decode for Decoder {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
         while batch.len() < BATCH {
-            let Some(bytes) = self.next_record(report)? else {
-                return Ok(false);
-            };
-            batch.push(self.event(&record(&bytes))?);
+            let (records, _) = self.file.buffer().as_chunks();
+            let decoded = (self.records..).zip(records).map(|(index, bytes)| event(&record(bytes), index));
+            let before = batch.len();
+            let result = decoded.take(BATCH - before).try_for_each(|event| event.map(|event| batch.push(event)));
+            let count = batch.len() - before;
+            self.file.consume(count * RECORD);
+            self.records += count as u64;
+            // The buffer is empty or ends within a record, unless it holds an error or the batch is full.
+            result.map_err(|kind| SourceError::new(&self.path, kind))?;
+            if batch.len() < BATCH {
+                let index = self.records;
+                let Some(bytes) = self.next_record(report)? else {
+                    return Ok(false);
+                };
+                batch.push(event(&record(&bytes), index).map_err(|kind| SourceError::new(&self.path, kind))?);
+            }
         }
         Ok(true)
     }

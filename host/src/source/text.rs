@@ -12,6 +12,7 @@
 
 mod layout;
 mod number;
+mod plain;
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -78,6 +79,21 @@ impl Decoder {
         Ok(Self { path, file, layout, information, line: Vec::new(), number: 0, byte: 0, last_field: 0 })
     }
 
+    /// The event of the next line, if that is in the buffer as a whole and plain.
+    fn next_plain_line(&mut self) -> Option<Event> {
+        if self.number < self.layout.first_line {
+            return None;
+        }
+        let buffer = self.file.buffer();
+        let length = buffer.iter().position(|&byte| byte == b'\n')?;
+        let (event, last_field) = plain::event(buffer.get(..length)?, &self.layout)?;
+        self.file.consume(length + 1);
+        self.byte += length as u64 + 1;
+        self.number += 1;
+        self.last_field = last_field;
+        Some(event)
+    }
+
     fn next_line(&mut self, report: &mut ReadReport) -> Result<Line, SourceError> {
         self.line.clear();
         let read = self.file.by_ref().take(MAX_LINE).read_until(b'\n', &mut self.line);
@@ -131,6 +147,10 @@ impl Decode for Decoder {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
         while batch.len() < BATCH {
+            if let Some(event) = self.next_plain_line() {
+                batch.push(event);
+                continue;
+            }
             match self.next_line(report)? {
                 Line::End => return Ok(false),
                 Line::Nothing => {}
