@@ -90,7 +90,6 @@ pub struct CircleTrackError {
     /// The file.
     pub path: PathBuf,
     /// What happened.
-    #[source]
     pub kind: CircleTrackErrorKind,
 }
 

@@ -42,6 +42,9 @@ pub const MAX_SENSOR_SIZE: u16 = 32_767;
 /// How many bytes of a file are looked at to find its format.
 const HEAD_LENGTH: u64 = 65_536;
 
+/// A decoder at the beginning of its file.
+pub type Opened = Result<Box<dyn Decode>, SourceError>;
+
 /// A file format that holds events.
 pub struct Format {
     /// Name for the user.
@@ -49,7 +52,7 @@ pub struct Format {
     /// Whether a file that begins like this is of this format.
     pub recognise: fn(&Head) -> bool,
     /// Starts reading a file of this format from its beginning.
-    pub open: fn(&Path, &SourceOptions) -> Result<Box<dyn Decode>, SourceError>,
+    pub open: fn(&Path, &SourceOptions) -> Opened,
     /// Counts what the streams of such a file hold; empty where there is but one stream of events.
     pub streams: fn(&Path) -> Result<Vec<StreamSummary>, SourceError>,
 }
