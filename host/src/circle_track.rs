@@ -1,8 +1,397 @@
-//! (under construction)
+//! Circle tracks: what a detector found, as a CSV file.
+//!
+//! `evcal detect` writes such files and `evcal calibrate` reads them in place of a recording, so
+//! that a detector elsewhere (a microcontroller) can feed the calibration.
+//!
+//! One line per circle, below a line of names. Columns may stand in any order; separators are
+//! commas, semicolons or tabs; lines that begin with `#` are comments.
+//!
+//! | column | | meaning |
+//! |---|---|---|
+//! | `t_s` or `t_us` | required | time to which the centre belongs, in seconds or microseconds |
+//! | `x_px`, `y_px` | required | centre in pixels; (0, 0) is the centre of the top-left pixel |
+//! | `column` (or `col`), `row` | both or none | place on the board, from 0; the index of the circle is row · columns + column |
+//! | `frame` | optional | whole number that circles of one frame share |
+//! | `radius_px` | optional | radius in pixels |
+//! | `t_start_s`, `t_end_s` (or `_us`) | optional | time window in which the events of the circle lie |
+//! | `vx_px_per_s`, `vy_px_per_s` (or `_per_us`) | optional | velocity of the centre |
+//!
+//! Optional fields may be empty. Other columns are passed over and reported. Without `frame`, a new
+//! frame begins where the time differs from that of the line before by more than 5 ms, or where a
+//! place on the board occurs again. Without `column` and `row` the circles of a frame are in no
+//! order, and the grid finder has to put them in one.
+//!
+//! Times are those of the recording's clock less the origin, which the comment
+//! `# time_origin_us 1643243628737093` gives in microseconds (0 without it). Without that comment,
+//! times beyond 10⁶ s get the whole seconds of the first line as origin, because f64 seconds since
+//! 1970 resolve only 0.2 µs.
 
-/// Whether text begins with the header of a circle-track file.
-pub fn is_circle_track(text: &str) -> bool {
-    let header = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
-    let names: Vec<&str> = header.split(',').map(str::trim).collect();
-    names.contains(&"x_px") && names.contains(&"y_px") && (names.contains(&"t_s") || names.contains(&"t_us"))
+mod parse;
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use evcal_core::pattern::{Layout, Pattern};
+use nalgebra::Vector2;
+
+use crate::reference_frame::ReferenceFrame;
+pub use parse::{is_circle_track, parse};
+
+/// A circle whose place on the board is not known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnorderedCircle {
+    /// Time to which the centre belongs, in seconds since the origin.
+    pub t: f64,
+    /// Centre in pixels.
+    pub center: Vector2<f64>,
+    /// Radius in pixels, where the file gives it.
+    pub radius: Option<f64>,
+    /// Velocity of the centre in pixels per second, where the file gives it.
+    pub velocity: Option<Vector2<f64>>,
+}
+
+/// Circles that were seen together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnorderedFrame {
+    /// Start of the time window in seconds since the origin.
+    pub start: f64,
+    /// End of the time window.
+    pub end: f64,
+    /// The circles, in the order of the file.
+    pub circles: Vec<UnorderedCircle>,
+}
+
+/// The frames of a circle track, in the order of time.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CircleFrames {
+    /// The file gives the place of every circle on the board.
+    Ordered(Vec<ReferenceFrame>),
+    /// It does not.
+    Unordered(Vec<UnorderedFrame>),
+}
+
+/// A circle track.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CircleTrack {
+    /// The frames.
+    pub frames: CircleFrames,
+    /// Time of the recording's clock at which the times of the frames are 0, in microseconds.
+    pub time_origin_us: i64,
+    /// Number of circles.
+    pub circles: usize,
+    /// What was taken for granted, passed over or lost, in sentences for the user.
+    pub notes: Vec<String>,
+}
+
+/// Why a circle track could not be read.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {kind}", path.display())]
+pub struct CircleTrackError {
+    /// The file.
+    pub path: PathBuf,
+    /// What happened.
+    pub kind: CircleTrackErrorKind,
+}
+
+/// What is wrong with a circle track.
+#[derive(Debug, thiserror::Error)]
+pub enum CircleTrackErrorKind {
+    /// The operating system refused.
+    #[error("cannot be read: {0}")]
+    Io(#[from] io::Error),
+    /// Required columns are missing.
+    #[error(
+        "line {line}: no column {missing} among the names; \
+         a line of names such as `frame,t_s,x_px,y_px,column,row` must stand above the circles"
+    )]
+    Columns {
+        /// Number of the line of names, from 1.
+        line: u64,
+        /// The columns.
+        missing: &'static str,
+    },
+    /// A line that is no circle.
+    #[error("line {line}: {what}")]
+    Line {
+        /// Number of the line, from 1.
+        line: u64,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A circle that the board does not have.
+    #[error(
+        "line {line}: column {column}, row {row} is not on the board {board}; \
+         the file needs at least {rows}x{columns} (rows x columns): is it another board, or are rows and columns swapped?"
+    )]
+    OutsideBoard {
+        /// Number of the line, from 1.
+        line: u64,
+        /// Column on the board, from 0.
+        column: u32,
+        /// Row on the board, from 0.
+        row: u32,
+        /// The board that was expected, for example `circles 3x6`.
+        board: String,
+        /// Rows that the file needs.
+        rows: u64,
+        /// Columns that the file needs.
+        columns: u64,
+    },
+    /// No circle at all.
+    #[error("holds no circles")]
+    Empty,
+}
+
+/// Reads the circle track at `path`. The circles belong to a board of this pattern, and their frames
+/// to recording number `recording` of the camera.
+///
+/// # Errors
+/// When the file cannot be read, a line is no circle or lies outside the board. A last line that is
+/// not whole is left out and noted.
+pub fn read(path: &Path, pattern: &Pattern, recording: usize) -> Result<CircleTrack, CircleTrackError> {
+    let error = |kind| CircleTrackError { path: path.to_owned(), kind };
+    let bytes = std::fs::read(path).map_err(|io| error(io.into()))?;
+    parse(&bytes, pattern, recording).map_err(error)
+}
+
+/// Writes frames of a board of this pattern as a circle track. Every number is written so that it is
+/// read back as the same f64.
+///
+/// # Errors
+/// When the output refuses.
+pub fn write<'a>(
+    output: &mut impl Write,
+    frames: impl IntoIterator<Item = &'a ReferenceFrame>,
+    pattern: &Pattern,
+    time_origin_us: i64,
+) -> io::Result<()> {
+    let columns = usize::from(pattern.columns.max(1));
+    let optional = |value: Option<f64>| value.map(|value| value.to_string()).unwrap_or_default();
+    writeln!(output, "# circles of a board {}", describe(pattern))?;
+    writeln!(output, "# time_origin_us {time_origin_us}")?;
+    writeln!(output, "frame,t_s,t_start_s,t_end_s,column,row,x_px,y_px,radius_px,vx_px_per_s,vy_px_per_s")?;
+    for (number, frame) in frames.into_iter().enumerate() {
+        for circle in &frame.circles {
+            writeln!(
+                output,
+                "{number},{},{},{},{},{},{},{},{},{},{}",
+                circle.t,
+                frame.start,
+                frame.end,
+                circle.index % columns,
+                circle.index / columns,
+                circle.center.x,
+                circle.center.y,
+                optional(circle.radius),
+                optional(circle.velocity.map(|velocity| velocity.x)),
+                optional(circle.velocity.map(|velocity| velocity.y)),
+            )?;
+        }
+    }
+    output.flush()
+}
+
+/// Layout, rows and columns as in a board description.
+fn describe(pattern: &Pattern) -> String {
+    let layout = match pattern.layout {
+        Layout::Asymmetric => "acircles",
+        Layout::Symmetric => "circles",
+    };
+    format!("{layout}:{}x{}", pattern.rows, pattern.columns)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::reference_frame::ObservedCircle;
+
+    const PATTERN: Pattern = Pattern { layout: Layout::Symmetric, rows: 3, columns: 6 };
+
+    /// Two circles of one frame as EF-Calib's data has them: columns of another order, `col`, velocity per µs.
+    const FOREIGN: &str = "\
+frame,t_s,t_start_s,t_end_s,x_px,y_px,col,row,vx_px_per_us,vy_px_per_us
+0,0.445933,0.438582,0.450831,56.5709,114.0796,0,0,-0.000078590,-0.000273686
+0,0.446052,0.438663,0.450793,86.9169,113.3089,1,2,0.000010846,-0.000214650
+1,0.482107,0.470000,0.490000,57.0001,104.1,5,1,0,0
+";
+
+    fn ordered(text: &str) -> Vec<ReferenceFrame> {
+        match parse(text.as_bytes(), &PATTERN, 0).unwrap().frames {
+            CircleFrames::Ordered(frames) => frames,
+            CircleFrames::Unordered(_) => panic!("has column and row"),
+        }
+    }
+
+    fn failure(text: &str) -> String {
+        parse(text.as_bytes(), &PATTERN, 0).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_file_of_another_program_is_read() {
+        let frames = ordered(FOREIGN);
+        assert_eq!(frames.len(), 2);
+        let [first, second] = frames[0].circles[..] else { panic!("two circles") };
+        assert_eq!((frames[0].start, frames[0].end), (0.438582, 0.450831));
+        assert_eq!((first.index, second.index), (0, 13));
+        assert_eq!((second.t, second.center), (0.446052, Vector2::new(86.9169, 113.3089)));
+        assert!((second.velocity.unwrap() - Vector2::new(10.846, -214.65)).norm() < 1e-9);
+        assert_eq!(second.radius, None);
+        assert_eq!(frames[1].circles[0].index, 11);
+    }
+
+    #[test]
+    fn order_of_columns_and_separator_do_not_matter() {
+        let turned = |line: &str| {
+            let mut fields: Vec<&str> = line.split(',').collect();
+            fields.rotate_left(4);
+            fields.reverse();
+            fields.join("; ")
+        };
+        let text: String = FOREIGN.lines().map(|line| turned(line) + "\r\n").collect();
+        assert_eq!(ordered(&text), ordered(FOREIGN));
+    }
+
+    #[test]
+    fn without_frame_column_time_gaps_and_repeated_places_part_frames() {
+        let text = "\
+t_us,x_px,y_px,column,row
+1000,1,1,0,0
+1500,2,1,1,0
+6000,3,1,2,0
+11001,1,2,3,0
+11500,1,3,4,0
+11600,1,4,3,0
+";
+        let counts: Vec<usize> = ordered(text).iter().map(|frame| frame.circles.len()).collect();
+        assert_eq!(counts, [3, 2, 1]);
+        assert_eq!(ordered(text)[0].t(), 0.0035);
+    }
+
+    #[test]
+    fn without_places_circles_stay_unordered() {
+        let text = "x_px,y_px,t_us,frame,radius_px\n5,6,1000,7,2.5\n7,8,900,7,\n1,2,100,3,1\n";
+        let track = parse(text.as_bytes(), &PATTERN, 0).unwrap();
+        let CircleFrames::Unordered(frames) = track.frames else { panic!("no places") };
+        assert_eq!(track.circles, 3);
+        // In the order of time, whatever the numbers.
+        assert_eq!(frames.iter().map(|frame| frame.circles.len()).collect::<Vec<_>>(), [1, 2]);
+        assert_eq!((frames[1].start, frames[1].end), (0.0009, 0.001));
+        assert_eq!(frames[1].circles[0].radius, Some(2.5));
+        assert_eq!(frames[1].circles[1].radius, None);
+    }
+
+    #[test]
+    fn a_wrong_board_is_named_with_the_line() {
+        let board = Pattern { rows: 6, columns: 3, ..PATTERN };
+        let message = parse(FOREIGN.as_bytes(), &board, 0).unwrap_err().to_string();
+        assert!(message.contains("line 4") && message.contains("column 5, row 1"), "{message}");
+        assert!(message.contains("circles:6x3") && message.contains("at least 3x6"), "{message}");
+    }
+
+    #[test]
+    fn bad_lines_are_named() {
+        let head = "frame,t_s,x_px,y_px,column,row\n";
+        for (line, part) in [
+            ("0,nan,1,1,0,0\n", "nan"),
+            ("0,0,inf,1,0,0\n", "inf"),
+            ("0,0,1,1,0\n", "5 fields"),
+            ("0,0,1,1,0,-1\n", "-1"),
+            ("0,0,1,1,,0\n", "column"),
+            ("0,0,,1,0,0\n", "x_px"),
+            ("x,0,1,1,0,0\n", "frame"),
+            ("0,0,1,1,0,0\n0,0,2,2,0,0\n", "line 3: column 0, row 0 occurs twice in frame 0"),
+        ] {
+            let message = failure(&format!("{head}{line}"));
+            assert!(message.contains("line ") && message.contains(part), "{line:?}: {message}");
+        }
+        assert!(failure("frame,t_s,x_px,column,row\n0,0,1,0,0\n").contains("y_px"));
+        assert!(failure("frame,x_px,y_px\n0,1,0\n").contains("t_s"));
+        assert!(failure("t_s,x_px,y_px,row\n0,1,0,0\n").contains("column"));
+        assert!(failure("").contains("no circles"));
+        assert!(failure(head).contains("no circles"));
+    }
+
+    #[test]
+    fn a_last_line_that_is_not_whole_is_left_out_and_told() {
+        let cut = &FOREIGN[..FOREIGN.len() - 5];
+        let track = parse(cut.as_bytes(), &PATTERN, 0).unwrap();
+        assert_eq!(track.circles, 2);
+        assert!(track.notes.iter().any(|note| note.contains("line 4")), "{:?}", track.notes);
+    }
+
+    #[test]
+    fn no_cut_panics_or_changes_the_circles_before_it() {
+        let all = ordered(FOREIGN);
+        let first_line = FOREIGN.find('\n').unwrap();
+        for length in 0..FOREIGN.len() {
+            match parse(&FOREIGN.as_bytes()[..length], &PATTERN, 0) {
+                Ok(track) => {
+                    let CircleFrames::Ordered(frames) = track.frames else { panic!("has places") };
+                    let lines = FOREIGN[..length].lines().count() - 1;
+                    assert!(track.circles <= lines && track.circles + 1 >= lines);
+                    assert_eq!(frames[0].circles[0], all[0].circles[0]);
+                }
+                Err(_) => assert!(length < first_line + 80),
+            }
+        }
+    }
+
+    #[test]
+    fn times_since_1970_get_an_origin() {
+        let text = "t_us,x_px,y_px,column,row\n1643243628737093,1,1,0,0\n1643243628737593,2,1,1,0\n";
+        let track = parse(text.as_bytes(), &PATTERN, 0).unwrap();
+        assert_eq!(track.time_origin_us, 1_643_243_628_000_000);
+        let CircleFrames::Ordered(frames) = track.frames else { panic!("has places") };
+        assert_eq!(frames[0].circles[0].t, 0.737093);
+        assert!(track.notes.iter().any(|note| note.contains("1643243628")), "{:?}", track.notes);
+    }
+
+    fn number() -> impl Strategy<Value = f64> {
+        prop_oneof![-1e3f64..1e3, any::<f64>().prop_filter("finite", |value| value.is_finite() && value.abs() < 1e6)]
+    }
+
+    fn circle() -> impl Strategy<Value = ObservedCircle> {
+        let velocity = prop::option::of((number(), number()));
+        (0usize..18, number(), (number(), number()), prop::option::of(0.5f64..100.0), velocity).prop_map(
+            |(index, t, (x, y), radius, velocity)| ObservedCircle {
+                index,
+                t,
+                center: Vector2::new(x, y),
+                radius,
+                velocity: velocity.map(|(x, y)| Vector2::new(x, y)),
+            },
+        )
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_is_read_back(
+            frames in prop::collection::vec(prop::collection::vec(circle(), 1..18), 1..5), origin in any::<i64>()
+        ) {
+            let frames: Vec<ReferenceFrame> = frames
+                .into_iter()
+                .enumerate()
+                .map(|(number, mut circles)| {
+                    circles.sort_by_key(|circle| circle.index);
+                    circles.dedup_by_key(|circle| circle.index);
+                    let start = number as f64 * 0.1 + 0.01;
+                    ReferenceFrame { recording: 2, start, end: start + 0.03, circles, pixels: Vec::new() }
+                })
+                .collect();
+            let mut bytes = Vec::new();
+            write(&mut bytes, &frames, &PATTERN, origin).unwrap();
+            prop_assert!(is_circle_track(std::str::from_utf8(&bytes).unwrap()));
+            let track = parse(&bytes, &PATTERN, 2).unwrap();
+            prop_assert_eq!(track.frames, CircleFrames::Ordered(frames));
+            prop_assert_eq!((track.time_origin_us, track.notes), (origin, Vec::new()));
+        }
+
+        #[test]
+        fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..300), text in "[0-9,.;#\n e-]{0,200}") {
+            let _ = parse(&bytes, &PATTERN, 0);
+            let _ = parse(format!("t_s,x_px,y_px,column,row,frame\n{text}").as_bytes(), &PATTERN, 0);
+        }
+    }
 }

@@ -16,6 +16,7 @@ pub mod evaluate;
 pub mod event_bias;
 pub mod event_pixel;
 pub mod export;
+pub mod information;
 pub mod initial;
 pub mod opencv;
 pub mod output;

@@ -42,6 +42,9 @@ pub const MAX_SENSOR_SIZE: u16 = 32_767;
 /// How many bytes of a file are looked at to find its format.
 const HEAD_LENGTH: u64 = 65_536;
 
+/// A decoder at the beginning of its file.
+pub type Opened = Result<Box<dyn Decode>, SourceError>;
+
 /// A file format that holds events.
 pub struct Format {
     /// Name for the user.
@@ -49,7 +52,22 @@ pub struct Format {
     /// Whether a file that begins like this is of this format.
     pub recognise: fn(&Head) -> bool,
     /// Starts reading a file of this format from its beginning.
-    pub open: fn(&Path, &SourceOptions) -> Result<Box<dyn Decode>, SourceError>,
+    pub open: fn(&Path, &SourceOptions) -> Opened,
+    /// Counts what the streams of such a file hold; empty where there is but one stream of events.
+    pub streams: fn(&Path) -> Result<Vec<StreamSummary>, SourceError>,
+}
+
+/// How much one stream of a recording holds.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct StreamSummary {
+    /// Number, name and kind of the stream.
+    pub name: String,
+    /// Number of packets.
+    pub packets: u64,
+    /// Number of events, frames, samples or triggers.
+    pub elements: u64,
+    /// Times of the first and the last element in µs.
+    pub times_us: Option<(i64, i64)>,
 }
 
 /// The beginning of a file.
@@ -174,5 +192,227 @@ impl Recording {
     pub fn open(&self) -> Result<EventReader, SourceError> {
         let decoder = (self.format.open)(&self.path, &self.options)?;
         EventReader::new(&self.path, decoder, &self.options)
+    }
+
+    /// Counts what the streams of the recording hold; empty where there is but one stream of events.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn streams(&self) -> Result<Vec<StreamSummary>, SourceError> {
+        (self.format.streams)(&self.path)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::{Event, Polarity};
+    use proptest::prelude::*;
+    use tempfile::TempDir;
+
+    use super::aedat4::header::Compression;
+    use super::write::{EventWriter, OutputFormat};
+    use super::*;
+
+    const SENSOR: (u16, u16) = (346, 260);
+    const OUTPUTS: [OutputFormat; 5] = [
+        OutputFormat::Aedat4(Compression::None),
+        OutputFormat::Aedat4(Compression::Lz4),
+        OutputFormat::Aedat4(Compression::Zstd),
+        OutputFormat::Text,
+        OutputFormat::EventCalib,
+    ];
+
+    /// Events 5 ms apart, so that AEDAT4 puts two into a packet.
+    fn events(count: i64) -> Vec<Event> {
+        (0..count)
+            .map(|index| Event {
+                t: 1_643_243_628_737_093 + index * 5000,
+                x: (index * 37 % 346) as u16,
+                y: (index * 91 % 260) as u16,
+                polarity: if index % 3 == 0 { Polarity::On } else { Polarity::Off },
+            })
+            .collect()
+    }
+
+    fn write(path: &Path, output: OutputFormat, events: &[Event]) {
+        let mut writer = EventWriter::create(path, output, SENSOR, "DAVIS346 <&> 1").unwrap();
+        for part in events.chunks(7) {
+            writer.write(part).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+
+    /// The events, what the reader met, and the error that ended it.
+    fn read(path: &Path, options: &SourceOptions) -> (Vec<Event>, ReadReport, Option<SourceError>) {
+        let opened = Recording::new(path, options.clone()).and_then(|recording| recording.open());
+        let mut reader = match opened {
+            Ok(reader) => reader,
+            Err(error) => return (Vec::new(), ReadReport::default(), Some(error)),
+        };
+        let (mut all, mut batch) = (Vec::new(), Vec::new());
+        loop {
+            match reader.next_batch(&mut batch) {
+                Ok(true) => all.extend_from_slice(&batch),
+                Ok(false) => return (all, reader.report().clone(), None),
+                Err(error) => return (all, reader.report().clone(), Some(error)),
+            }
+        }
+    }
+
+    fn file(content: &[u8]) -> (TempDir, PathBuf) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, content).unwrap();
+        (directory, path)
+    }
+
+    #[test]
+    fn the_format_is_found_from_the_content() {
+        for (output, format) in OUTPUTS.into_iter().zip(["AEDAT4", "AEDAT4", "AEDAT4", "text", "EventCalib binary"]) {
+            let (_directory, path) = file(b"");
+            write(&path, output, &events(100));
+            assert_eq!(sniff(&path).unwrap(), RecordingKind::Events { format });
+            let recording = Recording::new(&path, SourceOptions::default()).unwrap();
+            let reader = recording.open().unwrap();
+            let information = reader.information();
+            assert_eq!(information.format, format);
+            assert_eq!(information.sensor, (format != "EventCalib binary").then_some(SENSOR));
+            assert_eq!(information.camera_name.as_deref(), (format == "AEDAT4").then_some("DAVIS346 <&> 1"));
+        }
+    }
+
+    #[test]
+    fn a_recording_can_be_read_again() {
+        let (_directory, path) = file(b"");
+        write(&path, OutputFormat::Text, &events(50));
+        let recording = Recording::new(&path, SourceOptions::default()).unwrap();
+        for _ in 0..2 {
+            let mut batch = Vec::new();
+            assert!(recording.open().unwrap().next_batch(&mut batch).unwrap());
+            assert_eq!(batch, events(50));
+        }
+    }
+
+    #[test]
+    fn files_without_events_are_refused_with_a_reason() {
+        let circles = b"# detector\nframe,t_us,x_px,y_px\n0,1,2,3\n".as_slice();
+        for (content, part) in [
+            (b"".as_slice(), "empty"),
+            (circles, "circles"),
+            (b"#ROSBAG V2.0\n", "ROS bag"),
+            (b"\x89HDF\r\n\x1a\n", "HDF5"),
+            (b"#!AER-DAT2.0\r\n", "AEDAT 2"),
+            (b"% evt 3.0\n% end\n", "Prophesee"),
+            (b"\x00\x01\x02\x03 and so on", "no format known"),
+            (&[0; 1000], "no format known"),
+            (b"Dear reader,\n", "no format known"),
+        ] {
+            let (_directory, path) = file(content);
+            let (_, _, error) = read(&path, &SourceOptions::default());
+            let message = error.unwrap().to_string();
+            assert!(message.contains(part) && message.contains("recording"), "{message}");
+        }
+        let (_directory, path) = file(circles);
+        assert_eq!(sniff(&path).unwrap(), RecordingKind::CircleTrack);
+        let directory = tempfile::tempdir().unwrap();
+        assert!(sniff(directory.path()).unwrap_err().to_string().contains("ordinary file"));
+        assert!(sniff(&directory.path().join("absent")).unwrap_err().to_string().contains("absent"));
+    }
+
+    #[test]
+    fn a_file_cut_at_any_byte_gives_its_whole_events_and_tells_of_the_loss() {
+        let events = events(12);
+        for output in OUTPUTS {
+            let (_directory, path) = file(b"");
+            write(&path, output, &events);
+            let length = std::fs::metadata(&path).unwrap().len();
+            let mut more = events.len();
+            for cut in (0..length).rev() {
+                std::fs::File::options().write(true).open(&path).unwrap().set_len(cut).unwrap();
+                let (read, report, error) = read(&path, &SourceOptions::default());
+                assert_eq!(read, events[..read.len()], "{output:?} cut at {cut}");
+                assert!(read.len() <= more);
+                more = read.len();
+                if !read.is_empty() {
+                    assert!(error.is_none(), "{output:?} cut at {cut}: {error:?}");
+                    let limit = match output {
+                        OutputFormat::Text => 27,
+                        OutputFormat::EventCalib => 25,
+                        // A packet of two events, or at the very end the table.
+                        OutputFormat::Aedat4(_) => 8 + 64 + 30,
+                    };
+                    match &report.truncated {
+                        Some(truncation) => assert!(truncation.byte <= cut && cut - truncation.byte <= limit),
+                        // A cut between two events of a format without structure cannot be noticed.
+                        None if output == OutputFormat::EventCalib => assert_eq!(cut % 25, 0),
+                        None if output == OutputFormat::Text => assert!(report.events <= 12),
+                        None => assert_eq!(read.len(), events.len()),
+                    }
+                }
+            }
+            assert_eq!(more, 0);
+        }
+    }
+
+    #[test]
+    fn no_changed_byte_panics() {
+        let events = events(5);
+        for output in OUTPUTS {
+            let (_directory, path) = file(b"");
+            write(&path, output, &events);
+            let mut changed = std::fs::read(&path).unwrap();
+            for position in 0..changed.len() {
+                let change = [0x01, 0x80, 0xff][position % 3];
+                changed[position] ^= change;
+                std::fs::write(&path, &changed).unwrap();
+                changed[position] ^= change;
+                for damage in [Damage::Refuse, Damage::Skip] {
+                    let (read, report, _) = read(&path, &SourceOptions { damage, ..SourceOptions::default() });
+                    assert_eq!(read.len() as u64, report.events);
+                    assert!(read.is_sorted_by_key(|event| event.t));
+                }
+                if let Ok(recording) = Recording::new(&path, SourceOptions::default()) {
+                    let _ = recording.streams();
+                }
+            }
+        }
+    }
+
+    fn any_events() -> impl Strategy<Value = Vec<Event>> {
+        let step = prop_oneof![0i64..20, 0i64..20_000];
+        let event = (step, 0..SENSOR.0, 0..SENSOR.1, any::<bool>());
+        (-1_000_000i64..2_000_000_000_000_000, prop::collection::vec(event, 1..300)).prop_map(|(mut t, steps)| {
+            let event = |(step, x, y, on)| {
+                t += step;
+                Event { t, x, y, polarity: if on { Polarity::On } else { Polarity::Off } }
+            };
+            steps.into_iter().map(event).collect()
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn every_format_gives_back_what_was_written(events in any_events()) {
+            for output in OUTPUTS {
+                let (_directory, path) = file(b"");
+                write(&path, output, &events);
+                let (read, report, error) = read(&path, &SourceOptions::default());
+                prop_assert!(error.is_none(), "{output:?}: {error:?}");
+                prop_assert_eq!(&read, &events, "{:?}", output);
+                let expected = ReadReport { events: events.len() as u64, ..ReadReport::default() };
+                prop_assert_eq!(report, expected);
+            }
+        }
+
+        #[test]
+        fn no_bytes_panic(start in 0usize..4, bytes in prop::collection::vec(any::<u8>(), 0..400), text in "[0-9.,;eE \t\n#%a-y-]{0,300}") {
+            let starts = [b"".as_slice(), b"#!AER-DAT4.0\r\n", b"#!AER-DAT4.0\r\n\x40\0\0\0\x10\0\0\0IOHE", b"t,x,y,p\n"];
+            for rest in [&bytes, text.as_bytes()] {
+                let (_directory, path) = file(&[starts[start], rest].concat());
+                let _ = read(&path, &SourceOptions::default());
+            }
+        }
     }
 }

@@ -5,6 +5,7 @@
 //! 1970, i16 x, i16 y, u8 ON, 3 bytes unused, all little-endian.
 
 pub mod header;
+pub mod other_streams;
 pub mod packets;
 pub mod write;
 
@@ -26,7 +27,11 @@ pub const FORMAT: Format = Format {
     name: "AEDAT4",
     recognise: |head| head.bytes.starts_with(MAGIC),
     open: |path, options| Ok(Box::new(EventDecoder::open(path, options)?)),
+    streams: other_streams::summarise,
 };
+
+/// Type identifier of a stream of events.
+const EVENTS: &str = "EVTS";
 
 /// A batch is handed out as soon as it has this many events.
 const BATCH: usize = 16_384;
@@ -131,7 +136,7 @@ fn choose_stream<'a>(
     wanted: Option<&str>,
     notes: &mut Vec<String>,
 ) -> Result<&'a Stream, SourceErrorKind> {
-    let of_events = || header.streams.iter().filter(|stream| stream.type_identifier == "EVTS");
+    let of_events = || header.streams.iter().filter(|stream| stream.type_identifier == EVENTS);
     let Some(first) = of_events().next() else {
         return Err(SourceErrorKind::NoEventStream(describe_all(header.streams.iter())));
     };
@@ -159,5 +164,155 @@ fn sensor_size(stream: &Stream) -> Result<Option<(u16, u16)>, SourceErrorKind> {
     match side(width).zip(side(height)) {
         Some(sensor) => Ok(Some(sensor)),
         None => Err(SourceErrorKind::SensorSize { width, height }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use tempfile::TempDir;
+
+    use super::header::Compression;
+    use super::write::{event_packet, header, pack};
+    use super::*;
+    use crate::source::Recording;
+
+    /// A file with streams 0 "events", 1 "frames", 2 "more" (events) and these packets; not closed.
+    fn file(compression: Compression, size: i64, packets: &[(i32, Vec<u8>)]) -> (TempDir, PathBuf) {
+        let stream = |id, name, kind| {
+            format!(
+                r#"<node name="{id}"><attr key="originalOutputName">{name}</attr><attr key="typeIdentifier">{kind}</attr>
+                <node name="info"><attr key="sizeX">{size}</attr><attr key="sizeY">260</attr></node></node>"#
+            )
+        };
+        let streams = stream(2, "more", "EVTS") + &stream(0, "events", "EVTS") + &stream(1, "frames", "FRME");
+        let description = format!(r#"<dv version="2.0"><node name="outInfo">{streams}</node></dv>"#);
+        let mut bytes = [MAGIC.as_slice(), &header(compression, &description).unwrap()].concat();
+        for (stream, packet) in packets {
+            bytes.extend_from_slice(&stream.to_le_bytes());
+            bytes.extend_from_slice(&(packet.len() as i32).to_le_bytes());
+            bytes.extend_from_slice(packet);
+        }
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.aedat4");
+        std::fs::write(&path, bytes).unwrap();
+        (directory, path)
+    }
+
+    fn events(first: i64) -> Vec<Event> {
+        (first..first + 20).map(|t| Event { t, x: 3, y: 4, polarity: Polarity::On }).collect()
+    }
+
+    fn packet(compression: Compression, first: i64) -> Vec<u8> {
+        pack(compression, &event_packet(&events(first)).unwrap()).unwrap()
+    }
+
+    struct Outcome {
+        events: Vec<Event>,
+        notes: Vec<String>,
+        report: ReadReport,
+        error: Option<String>,
+    }
+
+    fn read(path: &Path, options: SourceOptions) -> Outcome {
+        let opened = Recording::new(path, options).and_then(|recording| recording.open());
+        let mut reader = match opened {
+            Ok(reader) => reader,
+            Err(error) => {
+                let (notes, report) = (Vec::new(), ReadReport::default());
+                return Outcome { events: Vec::new(), notes, report, error: Some(error.to_string()) };
+            }
+        };
+        let (mut events, mut batch) = (Vec::new(), Vec::new());
+        let error = loop {
+            match reader.next_batch(&mut batch) {
+                Ok(true) => events.extend_from_slice(&batch),
+                Ok(false) => break None,
+                Err(error) => break Some(error.to_string()),
+            }
+        };
+        Outcome { events, notes: reader.information().notes.clone(), report: reader.report().clone(), error }
+    }
+
+    #[test]
+    fn a_recording_that_was_not_closed_is_read_packet_by_packet() {
+        for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
+            let packets = [(0, packet(compression, 0)), (1, vec![1, 2, 3]), (9, vec![]), (0, packet(compression, 50))];
+            let (_directory, path) = file(compression, 346, &packets);
+            let outcome = read(&path, SourceOptions::default());
+            assert_eq!(outcome.error, None);
+            assert_eq!(outcome.events, [events(0), events(50)].concat());
+            assert!(outcome.notes.iter().any(|note| note.contains("not closed")));
+            assert_eq!(outcome.report.other_packets.values().sum::<u64>(), 2);
+            assert_eq!(outcome.report.other_packets.get("1 frames (FRME)"), Some(&1));
+        }
+    }
+
+    #[test]
+    fn a_damaged_packet_is_named_or_skipped() {
+        for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
+            let mut bad = packet(compression, 50);
+            bad[..8].fill(0x5a);
+            let start = packet(compression, 0);
+            let packets = [(0, start.clone()), (0, bad), (0, packet(compression, 90))];
+            let (_directory, path) = file(compression, 346, &packets);
+            let byte = std::fs::read(&path).unwrap().windows(8).position(|bytes| bytes == [0x5a; 8]).unwrap();
+
+            let outcome = read(&path, SourceOptions::default());
+            assert_eq!(outcome.events, events(0));
+            let error = outcome.error.unwrap();
+            assert!(error.contains(&format!("byte {byte}")) && error.contains("recording.aedat4"), "{error}");
+
+            let outcome = read(&path, SourceOptions { damage: Damage::Skip, ..SourceOptions::default() });
+            assert_eq!((outcome.error, outcome.report.damaged_packets), (None, 1));
+            assert_eq!(outcome.events, [events(0), events(90)].concat());
+        }
+    }
+
+    #[test]
+    fn a_packet_of_impossible_size_ends_the_recording_with_its_byte() {
+        let compression = Compression::Zstd;
+        let (_directory, path) = file(compression, 346, &[(0, packet(compression, 0))]);
+        let mut bytes = std::fs::read(&path).unwrap();
+        let byte = bytes.len();
+        bytes.extend_from_slice(&[0, 0, 0, 0, 0xff, 0xff, 0xff, 0xff, 1, 2, 3]);
+        std::fs::write(&path, bytes).unwrap();
+        let outcome = read(&path, SourceOptions::default());
+        assert_eq!(outcome.events, events(0));
+        assert!(outcome.error.unwrap().contains(&format!("byte {byte}")));
+    }
+
+    #[test]
+    fn one_of_several_event_streams_can_be_chosen() {
+        let compression = Compression::Lz4;
+        let (_directory, path) = file(compression, 346, &[(0, packet(compression, 0)), (2, packet(compression, 50))]);
+        let outcome = read(&path, SourceOptions::default());
+        assert_eq!(outcome.events, events(0));
+        assert!(outcome.notes.iter().any(|note| note.contains("2 more (EVTS)")), "{:?}", outcome.notes);
+        for wanted in ["2", "more"] {
+            let outcome = read(&path, SourceOptions { stream: Some(wanted.into()), ..SourceOptions::default() });
+            assert_eq!(outcome.events, events(50));
+        }
+        let outcome = read(&path, SourceOptions { stream: Some("frames".into()), ..SourceOptions::default() });
+        assert!(outcome.error.unwrap().contains("0 events (EVTS), 2 more (EVTS)"));
+    }
+
+    #[test]
+    fn a_sensor_that_is_too_large_is_refused() {
+        for size in [32_768, 0, -5, 70_000] {
+            let (_directory, path) = file(Compression::None, size, &[]);
+            let error = read(&path, SourceOptions::default()).error.unwrap();
+            assert!(error.contains(&size.to_string()), "{error}");
+        }
+        let (_directory, path) = file(Compression::None, 32_767, &[]);
+        assert_eq!(read(&path, SourceOptions::default()).error, None);
+    }
+
+    #[test]
+    fn packets_that_unpack_to_too_much_are_damage() {
+        let bomb = zstd::bulk::compress(&vec![0; (1 << 29) + 1], 1).unwrap();
+        let (_directory, path) = file(Compression::Zstd, 346, &[(0, bomb)]);
+        assert!(read(&path, SourceOptions::default()).error.unwrap().contains("512 MiB"));
     }
 }

@@ -10,7 +10,6 @@ pub struct SourceError {
     /// The file.
     pub path: PathBuf,
     /// What happened.
-    #[source]
     pub kind: SourceErrorKind,
 }
 

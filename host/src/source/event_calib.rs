@@ -4,7 +4,7 @@
 //! (pixels), u8 polarity (0 or 1). Recognised by its first records making sense.
 
 use std::fs::File;
-use std::io::{self, BufReader, Read, Write};
+use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::PathBuf;
 
 use evcal_core::event::{Event, Polarity};
@@ -29,6 +29,7 @@ pub const FORMAT: Format = Format {
         let file = BufReader::with_capacity(1 << 18, file);
         Ok(Box::new(Decoder { path: path.to_owned(), file, information, records: 0 }))
     },
+    streams: |_| Ok(Vec::new()),
 };
 
 const RECORD: usize = 25;
@@ -104,30 +105,37 @@ impl Decoder {
         self.records += 1;
         Ok(Some(bytes))
     }
+}
 
-    fn event(&self, record: &Record) -> Result<Event, SourceError> {
-        let error = |what: String| SourceError::new(&self.path, SourceErrorKind::Event { event: self.records, what });
-        // NaN fails these comparisons too.
-        if !(record.t.abs() < MAX_TIME) {
-            return Err(error(format!("its time, {} s, is no time; the file is damaged there", record.t)));
-        }
-        let pixel = |name, value: f64| {
-            if !(value.is_finite() && value.fract() == 0.0) {
-                return Err(error(format!(
-                    "its {name}, {value}, is no whole pixel; raw events are needed, not undistorted ones"
-                )));
-            }
-            // Out of u16 saturates, and the reader drops it as out of range.
-            Ok(if value < 0.0 { u16::MAX } else { value as u16 })
-        };
-        let polarity = match record.polarity {
-            0 => Polarity::Off,
-            1 => Polarity::On,
-            other => return Err(error(format!("its polarity is {other}, not 0 or 1; the file is damaged there"))),
-        };
-        let t = (record.t * 1e6).round() as i64;
-        Ok(Event { t, x: pixel("x", record.x)?, y: pixel("y", record.y)?, polarity })
+/// The event in record number `index`, from 0.
+fn event(record: &Record, index: u64) -> Result<Event, SourceErrorKind> {
+    let error = |what: String| SourceErrorKind::Event { event: index + 1, what };
+    // NaN fails the comparison too.
+    let is_time = record.t.abs() < MAX_TIME;
+    if !is_time {
+        return Err(error(format!("its time, {} s, is no time; the file is damaged there", record.t)));
     }
+    let pixel = |name, value: f64| {
+        // Out of u16 saturates.
+        let whole = value as u16;
+        if f64::from(whole) == value {
+            Ok(whole)
+        } else if value.is_finite() && value.fract() == 0.0 {
+            // No sensor has this one: the reader drops it as out of range.
+            Ok(u16::MAX)
+        } else {
+            Err(error(format!("its {name}, {value}, is no whole pixel; raw events are needed, not undistorted ones")))
+        }
+    };
+    let polarity = match record.polarity {
+        0 => Polarity::Off,
+        1 => Polarity::On,
+        other => return Err(error(format!("its polarity is {other}, not 0 or 1; the file is damaged there"))),
+    };
+    let microseconds = record.t * 1e6;
+    // Rounds half away from zero, without the library call of f64::round.
+    let t = (microseconds + 0.5f64.copysign(microseconds)) as i64;
+    Ok(Event { t, x: pixel("x", record.x)?, y: pixel("y", record.y)?, polarity })
 }
 
 impl Decode for Decoder {
@@ -137,10 +145,22 @@ impl Decode for Decoder {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
         while batch.len() < BATCH {
-            let Some(bytes) = self.next_record(report)? else {
-                return Ok(false);
-            };
-            batch.push(self.event(&record(&bytes))?);
+            let (records, _) = self.file.buffer().as_chunks();
+            let decoded = (self.records..).zip(records).map(|(index, bytes)| event(&record(bytes), index));
+            let before = batch.len();
+            let result = decoded.take(BATCH - before).try_for_each(|event| event.map(|event| batch.push(event)));
+            let count = batch.len() - before;
+            self.file.consume(count * RECORD);
+            self.records += count as u64;
+            // The buffer is empty or ends within a record, unless it holds an error or the batch is full.
+            result.map_err(|kind| SourceError::new(&self.path, kind))?;
+            if batch.len() < BATCH {
+                let index = self.records;
+                let Some(bytes) = self.next_record(report)? else {
+                    return Ok(false);
+                };
+                batch.push(event(&record(&bytes), index).map_err(|kind| SourceError::new(&self.path, kind))?);
+            }
         }
         Ok(true)
     }
@@ -164,5 +184,78 @@ impl<W: Write> Encode for Encoder<W> {
 
     fn finish(&mut self) -> Result<(), WriteError> {
         Ok(self.0.flush()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::{Recording, SourceOptions};
+
+    fn bytes(t: f64, x: f64, y: f64, polarity: u8) -> Vec<u8> {
+        [t.to_le_bytes(), x.to_le_bytes(), y.to_le_bytes()].concat().into_iter().chain([polarity]).collect()
+    }
+
+    fn read(content: &[u8]) -> (Vec<Event>, Option<String>) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("events.bin");
+        std::fs::write(&path, content).unwrap();
+        let opened = Recording::new(&path, SourceOptions::default()).and_then(|recording| recording.open());
+        let mut reader = match opened {
+            Ok(reader) => reader,
+            Err(error) => return (Vec::new(), Some(error.to_string())),
+        };
+        let (mut all, mut batch) = (Vec::new(), Vec::new());
+        loop {
+            match reader.next_batch(&mut batch) {
+                Ok(true) => all.extend_from_slice(&batch),
+                Ok(false) => return (all, None),
+                Err(error) => return (all, Some(error.to_string())),
+            }
+        }
+    }
+
+    #[test]
+    fn the_layout_is_that_of_the_published_code() {
+        // t = 1.5 s, x = 3, y = 260, ON, written out by hand.
+        let mut content = vec![0, 0, 0, 0, 0, 0, 0xf8, 0x3f, 0, 0, 0, 0, 0, 0, 0x08, 0x40];
+        content.extend_from_slice(&[0, 0, 0, 0, 0, 0x40, 0x70, 0x40, 1]);
+        assert_eq!(read(&content), (vec![Event { t: 1_500_000, x: 3, y: 260, polarity: Polarity::On }], None));
+    }
+
+    #[test]
+    fn a_record_that_is_no_event_is_named_and_those_before_it_are_kept() {
+        let good: Vec<u8> = (0..100).flat_map(|index| bytes(f64::from(index) * 1e-3, 1.0, 2.0, 0)).collect();
+        for (bad, part) in [
+            (bytes(f64::NAN, 1.0, 1.0, 0), "NaN"),
+            (bytes(f64::INFINITY, 1.0, 1.0, 0), "inf"),
+            (bytes(0.2, f64::NAN, 1.0, 0), "its x"),
+            (bytes(0.2, 1.0, 1.25, 0), "1.25"),
+            (bytes(0.2, 1.0, 1.0, 7), "polarity is 7"),
+        ] {
+            let (events, error) = read(&[good.as_slice(), &bad, &good].concat());
+            let error = error.unwrap();
+            assert_eq!(events.len(), 100);
+            assert!(error.contains("event 101") && error.contains(part), "{error}");
+        }
+    }
+
+    #[test]
+    fn other_binary_files_are_not_taken_for_it() {
+        let pseudorandom =
+            |seed: u32| (0..5000u32).map(move |index| ((index ^ seed).wrapping_mul(2_654_435_761) >> 24) as u8);
+        for content in [
+            vec![0; 2500],
+            vec![0xff; 2500],
+            pseudorandom(1).collect(),
+            bytes(f64::NAN, 1.0, 1.0, 0),
+            bytes(1.0, 1.5, 1.0, 0),
+            bytes(1.0, -1.0, 1.0, 0),
+            bytes(1.0, 1.0, 1.0, 3),
+            [bytes(9.0, 1.0, 1.0, 1), bytes(1.0, 1.0, 1.0, 1)].concat(),
+            bytes(1.0, 1.0, 1.0, 1)[..24].to_vec(),
+        ] {
+            assert!(read(&content).1.unwrap().contains("no format known"));
+        }
     }
 }

@@ -225,3 +225,113 @@ impl EventReader {
         Ok(clock.latest)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::Polarity;
+
+    use super::*;
+
+    /// Hands out the events two by two.
+    struct Given(Vec<Event>, SourceInformation);
+
+    impl Decode for Given {
+        fn information(&self) -> &SourceInformation {
+            &self.1
+        }
+
+        fn decode(&mut self, batch: &mut Vec<Event>, _: &mut ReadReport) -> Result<bool, SourceError> {
+            let count = self.0.len().min(2);
+            batch.extend(self.0.drain(..count));
+            Ok(!self.0.is_empty())
+        }
+    }
+
+    fn reader(events: Vec<Event>, own: Option<(u16, u16)>, wanted: Option<(u16, u16)>) -> EventReader {
+        let information = SourceInformation { format: "given", sensor: own, camera_name: None, notes: Vec::new() };
+        let options = SourceOptions { sensor: wanted, ..SourceOptions::default() };
+        EventReader::new(Path::new("given"), Box::new(Given(events, information)), &options).unwrap()
+    }
+
+    fn at(t: i64) -> Event {
+        Event { t, x: 1, y: 2, polarity: Polarity::On }
+    }
+
+    /// The times handed out, the report, and the error at the end.
+    fn times(events: Vec<Event>) -> (Vec<i64>, ReadReport, Option<SourceError>) {
+        let mut reader = reader(events, None, None);
+        let (mut all, mut batch) = (Vec::new(), Vec::new());
+        let error = loop {
+            match reader.next_batch(&mut batch) {
+                Ok(true) => all.extend(batch.iter().map(|event| event.t)),
+                Ok(false) => break None,
+                Err(error) => break Some(error),
+            }
+        };
+        assert!(!reader.next_batch(&mut batch).unwrap(), "nothing follows the end or an error");
+        (all, reader.report().clone(), error)
+    }
+
+    #[test]
+    fn small_steps_back_get_the_latest_time() {
+        let (times, report, error) = times([5, 10, 8, 9, 10, 12, -20].map(at).to_vec());
+        assert_eq!(times, [5, 10, 10, 10, 10, 12, 12]);
+        assert_eq!((report.steps_back, report.largest_step_back, report.clock_resets), (3, 32, 0));
+        assert!(error.is_none());
+    }
+
+    #[test]
+    fn after_a_reset_of_the_clock_times_go_on_one_second_later() {
+        let (times, report, error) = times([7_000_000, 7_000_100, 0, 50, 60, 55].map(at).to_vec());
+        assert_eq!(times, [7_000_000, 7_000_100, 8_000_100, 8_000_150, 8_000_160, 8_000_160]);
+        assert_eq!((report.steps_back, report.clock_resets), (1, 1));
+        assert!(error.is_none());
+    }
+
+    #[test]
+    fn a_recording_that_is_not_sorted_is_refused() {
+        let events = (0..100).map(|index| at((index * 7 % 10) * 1_000_000)).collect();
+        let (times, report, error) = times(events);
+        assert!(error.unwrap().to_string().contains("sort"));
+        assert!(times.is_sorted() && times.len() as u64 == report.events && report.events > 16);
+    }
+
+    #[test]
+    fn a_time_that_is_none_ends_the_recording_after_the_events_before_it() {
+        for t in [i64::MIN, i64::MAX, 1 << 56] {
+            let (times, report, error) = times(vec![at(1), at(2), at(3), at(t), at(5)]);
+            assert_eq!((times, report.events), (vec![1, 2, 3], 3));
+            assert!(error.unwrap().to_string().contains("event 4"));
+        }
+    }
+
+    #[test]
+    fn events_outside_the_sensor_are_dropped_and_counted() {
+        let events: Vec<Event> = [(0, 0), (345, 259), (346, 0), (0, 260), (u16::MAX, u16::MAX), (32_766, 32_766)]
+            .map(|(x, y)| Event { x, y, ..at(0) })
+            .to_vec();
+        for (own, wanted, kept) in [
+            (Some((346, 260)), None, 2),
+            (None, None, 5),
+            (None, Some((1, 1)), 1),
+            (Some((346, 260)), Some((347, 261)), 4),
+        ] {
+            let mut reader = reader(events.clone(), own, wanted);
+            let mut batch = Vec::new();
+            while reader.next_batch(&mut batch).unwrap() {}
+            let report = reader.report();
+            assert_eq!((report.events, report.out_of_range), (kept, events.len() as u64 - kept), "{own:?} {wanted:?}");
+            assert_eq!(reader.information().notes.is_empty(), own.is_none() || wanted.is_none());
+        }
+    }
+
+    #[test]
+    fn a_sensor_that_no_camera_has_is_refused() {
+        for sensor in [(0, 260), (346, 0), (32_768, 260)] {
+            let information =
+                SourceInformation { format: "given", sensor: Some(sensor), camera_name: None, notes: Vec::new() };
+            let decoder = Box::new(Given(Vec::new(), information));
+            assert!(EventReader::new(Path::new("given"), decoder, &SourceOptions::default()).is_err());
+        }
+    }
+}

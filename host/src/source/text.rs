@@ -12,6 +12,7 @@
 
 mod layout;
 mod number;
+mod plain;
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -31,6 +32,7 @@ pub const FORMAT: Format = Format {
     name: "text",
     recognise: |head| head.text().is_some_and(|text| text.bytes().any(|byte| byte.is_ascii_digit())),
     open: |path, options| Ok(Box::new(Decoder::open(path, options)?)),
+    streams: |_| Ok(Vec::new()),
 };
 
 const BATCH: usize = 32_768;
@@ -75,6 +77,21 @@ impl Decoder {
         };
         let path = path.to_owned();
         Ok(Self { path, file, layout, information, line: Vec::new(), number: 0, byte: 0, last_field: 0 })
+    }
+
+    /// The event of the next line, if that is in the buffer as a whole and plain.
+    fn next_plain_line(&mut self) -> Option<Event> {
+        if self.number < self.layout.first_line {
+            return None;
+        }
+        let buffer = self.file.buffer();
+        let length = buffer.iter().position(|&byte| byte == b'\n')?;
+        let (event, last_field) = plain::event(buffer.get(..length)?, &self.layout)?;
+        self.file.consume(length + 1);
+        self.byte += length as u64 + 1;
+        self.number += 1;
+        self.last_field = last_field;
+        Some(event)
     }
 
     fn next_line(&mut self, report: &mut ReadReport) -> Result<Line, SourceError> {
@@ -130,6 +147,10 @@ impl Decode for Decoder {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
         while batch.len() < BATCH {
+            if let Some(event) = self.next_plain_line() {
+                batch.push(event);
+                continue;
+            }
             match self.next_line(report)? {
                 Line::End => return Ok(false),
                 Line::Nothing => {}
@@ -231,5 +252,142 @@ impl<W: Write> Encode for Encoder<W> {
 
     fn finish(&mut self) -> Result<(), WriteError> {
         Ok(self.output.flush()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::{Recording, TimeUnit};
+
+    fn read(text: &[u8], options: SourceOptions) -> Result<(Vec<Event>, SourceInformation, ReadReport), SourceError> {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("events");
+        std::fs::write(&path, text).unwrap();
+        let mut reader = Recording::new(&path, options)?.open()?;
+        let (mut all, mut batch) = (Vec::new(), Vec::new());
+        while reader.next_batch(&mut batch)? {
+            all.extend_from_slice(&batch);
+        }
+        Ok((all, reader.information().clone(), reader.report().clone()))
+    }
+
+    fn default(text: &str) -> (Vec<Event>, SourceInformation, ReadReport) {
+        read(text.as_bytes(), SourceOptions::default()).unwrap()
+    }
+
+    fn failure(text: &str) -> String {
+        read(text.as_bytes(), SourceOptions::default()).unwrap_err().to_string()
+    }
+
+    fn event(t: i64, x: u16, y: u16, polarity: Polarity) -> Event {
+        Event { t, x, y, polarity }
+    }
+
+    #[test]
+    fn the_usual_forms_give_the_same_events() {
+        let expected =
+            [event(3811, 96, 133, Polarity::Off), event(3820, 5, 7, Polarity::On), event(4001, 345, 259, Polarity::On)];
+        for text in [
+            "0.003811000 96 133 0\n0.003820 5 7 1\n0.004001 345 259 1\n",
+            "3811 96 133 -1\n3820 5 7 1\n4001 345 259 1\n",
+            "3811,96,133,0\r\n3820,5,7,1\r\n4001,345,259,1",
+            "\u{feff}x;y;p;t\n96;133;0;3811\n5;7;1;3820\n345;259;1;4001\n",
+            "96,133,0,3811\n5,7,1,3820\n345,259,1,4001\n",
+            "t_ns\tx\ty\tpolarity\n3811000\t96\t133\tFalse\n3820000\t5\t7\tTrue\n4001000\t345\t259\tTrue\n",
+            "# recorded with a camera\n# timestamp[us] x y pol\n3811 96 133 0\n\n# between\n3820 5 7 1\n4001 345 259 1\n",
+            ",p,y,x,\"time (ms)\"\n0,0,133,96,3.811\n1,1,7,5,3.82\n2,1,259,345,4.001\n",
+            "346 260\n3.811e-03 9.6e+01 1.33e+02 0.0e+00\n3.820e-03 5 7 1.0\n4.001e-03 345 259 1\n",
+        ] {
+            assert_eq!(default(text).0, expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_was_guessed_is_told_and_what_was_said_is_not() {
+        let (_, information, _) = default("0.1 5 7 1\n0.2 6 8 0\n");
+        assert!(information.notes.iter().any(|note| note.contains("t,x,y,p")), "{:?}", information.notes);
+        assert!(information.notes.iter().any(|note| note.contains("seconds")), "{:?}", information.notes);
+        let (_, information, _) = default("t_us,x,y,p\n1,5,7,1\n");
+        assert_eq!(information.notes, [""; 0]);
+    }
+
+    #[test]
+    fn nanoseconds_are_recognised() {
+        let relative: String = (1..=30).map(|index| format!("{} 1 2 1\n", index * 7000)).collect();
+        assert_eq!(default(&relative).0[1].t, 14);
+        assert_eq!(default("1643243628737093123 1 2 1\n").0[0].t, 1_643_243_628_737_093);
+        assert_eq!(default("1643243628737093 1 2 1\n").0[0].t, 1_643_243_628_737_093);
+    }
+
+    #[test]
+    fn options_have_the_last_word() {
+        let options = SourceOptions {
+            columns: Some("-,y,x,p,t".parse().unwrap()),
+            time_unit: Some(TimeUnit::Milliseconds),
+            ..SourceOptions::default()
+        };
+        let (events, information, _) = read(b"9 7 5 1 2\n9 8 6 0 3\n", options).unwrap();
+        assert_eq!(events, [event(2000, 5, 7, Polarity::On), event(3000, 6, 8, Polarity::Off)]);
+        assert_eq!(information.notes, [""; 0]);
+    }
+
+    #[test]
+    fn the_size_of_the_sensor_is_read() {
+        for text in ["346 260\n1 2 3 1\n", "# sensor 346 x 260\nt_us,x,y,p\n1,2,3,1\n"] {
+            let (events, information, _) = default(text);
+            assert_eq!((events.len(), information.sensor), (1, Some((346, 260))));
+        }
+        let (events, _, report) =
+            default("# sensor 346 x 260\nt_us,x,y,p\n1,346,3,1\n2,-1,3,1\n3,99999,3,1\n4,0,0,0\n");
+        assert_eq!((events.len(), report.out_of_range), (1, 3));
+    }
+
+    #[test]
+    fn bad_lines_are_named() {
+        for (line, part) in [
+            ("nan 1 2 1", "\"nan\""),
+            ("inf 1 2 1", "\"inf\""),
+            ("5 nan 2 1", "\"nan\""),
+            ("5 1.5 2 1", "\"1.5\""),
+            ("5 1 2 2", "\"2\""),
+            ("5 1 2", "3 fields"),
+            ("5 1 2 1 1", "5 fields"),
+            ("5,,1,2,1", "5 fields"),
+            ("5,1,2,", "\"\""),
+            ("zzz", "1 fields"),
+        ] {
+            let message = failure(&format!("1 1 2 1\n2 1 2 0\n{line}\n9 1 2 1\n"));
+            assert!(message.contains("line 3") && message.contains(part), "{line}: {message}");
+        }
+        let long = "1".repeat(5000);
+        assert!(failure(&format!("1 1 2 1\n{long}\n")).contains("line 2"));
+    }
+
+    #[test]
+    fn a_wrong_header_or_unclear_columns_are_told_with_advice() {
+        for text in [
+            "a,b,c,d\n1,2,3,1\n",
+            "t,x,y\n1,2,3\n",
+            "1 2 3\n",
+            "1 2 3 4 5\n",
+            "1 2 3 4\n2 3 4 5\n",
+            "t,x,y,p,p\n1,2,3,1,1\n",
+        ] {
+            let message = failure(text);
+            assert!(message.contains("t,x,y,p"), "{text}: {message}");
+        }
+    }
+
+    #[test]
+    fn a_last_line_that_lost_digits_is_left_out() {
+        // x y p t: the time of the last line was 4001.
+        let (events, _, report) = default("96,133,0,3811\n5,7,1,3820\n345,259,1,40");
+        assert_eq!(events.len(), 2);
+        let truncation = report.truncated.unwrap();
+        assert_eq!(truncation.byte, 25);
+        assert!(truncation.lost.contains("line 3"));
+        let (events, _, report) = default("3811 96 133 0\n3820 5 7 1\n4001 345 25");
+        assert_eq!((events.len(), report.truncated.unwrap().byte), (2, 25));
     }
 }

@@ -209,7 +209,7 @@ fn unpack_zstd(decoder: &mut Decoder<'static>, packed: &[u8], unpacked: &mut Vec
     let mut length = 0;
     loop {
         if unpacked.len() == length {
-            let target = (2 * length).max(4 * packed.len()).max(1 << 16).min(MAX_UNPACKED + 1);
+            let target = (2 * length).max(4 * packed.len()).clamp(1 << 16, MAX_UNPACKED + 1);
             if target <= length {
                 return Ok(length);
             }

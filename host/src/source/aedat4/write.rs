@@ -93,7 +93,7 @@ impl<W: Write + Seek> Encode for Encoder<W> {
     }
 }
 
-fn pack(compression: Compression, bytes: &[u8]) -> Result<Vec<u8>, WriteError> {
+pub(super) fn pack(compression: Compression, bytes: &[u8]) -> Result<Vec<u8>, WriteError> {
     Ok(match compression {
         Compression::None => bytes.to_vec(),
         Compression::Lz4 => {
@@ -182,7 +182,7 @@ impl Buffer {
 }
 
 /// `IOHE { compression @28, dataTablePosition @32 (not known yet), infoNode @40 → @44 }`
-fn header(compression: Compression, description: &str) -> Result<Vec<u8>, WriteError> {
+pub(super) fn header(compression: Compression, description: &str) -> Result<Vec<u8>, WriteError> {
     let mut buffer = Buffer::new(b"IOHE");
     // @12: vtable of 10 bytes, table of 20 bytes, its three fields; filled up to @24.
     buffer.u16s(&[10, 20, 4, 8, 16, 0]);
@@ -203,7 +203,7 @@ fn header(compression: Compression, description: &str) -> Result<Vec<u8>, WriteE
 }
 
 /// `EVTS { elements @24 → @28 }`, elements from @32.
-fn event_packet(events: &[Event]) -> Result<Vec<u8>, WriteError> {
+pub(super) fn event_packet(events: &[Event]) -> Result<Vec<u8>, WriteError> {
     let mut buffer = Buffer::new(b"EVTS");
     buffer.0.reserve(20 + 16 * events.len());
     // @12: vtable of 6 bytes, table of 8 bytes, its only field; filled up to @20.
@@ -246,4 +246,42 @@ fn packet_table(rows: &[TableRow]) -> Result<Vec<u8>, WriteError> {
         buffer.i64(row.last);
     }
     buffer.finish(20)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use super::*;
+    use crate::source::aedat4::flatbuffer;
+
+    #[test]
+    fn the_closing_table_points_at_the_content_of_each_packet() {
+        let mut file = Cursor::new(Vec::new());
+        let mut encoder = Encoder::new(&mut file, Compression::None, (346, 260), "camera").unwrap();
+        let events: Vec<Event> = (0..100).map(|t| Event { t: t * 1000, x: 1, y: 2, polarity: Polarity::On }).collect();
+        encoder.write(&events).unwrap();
+        encoder.finish().unwrap();
+        let bytes = file.into_inner();
+
+        let header = flatbuffer::root(&bytes[18..], b"IOHE").unwrap();
+        let table_position = header.i64(1, -1).unwrap() as usize;
+        let table = flatbuffer::root(&bytes[table_position + 4..], b"FTAB").unwrap().vector(0).unwrap();
+        assert_eq!(table.length, 10);
+        let mut end = 18 + u32::from_le_bytes(bytes[14..18].try_into().unwrap()) as usize;
+        for index in 0..table.length {
+            let row = table.table(index).unwrap();
+            let byte = row.i64(0, 0).unwrap() as usize;
+            assert_eq!(byte, end + 8);
+            let size = i32::from_le_bytes(bytes[end + 4..end + 8].try_into().unwrap());
+            assert_eq!(row.i64(2, 0).unwrap(), 10);
+            assert_eq!(
+                (row.i64(3, 0).unwrap(), row.i64(4, 0).unwrap()),
+                (index as i64 * 10_000, index as i64 * 10_000 + 9000)
+            );
+            assert_eq!(&bytes[byte + 8..byte + 12], b"EVTS");
+            end = byte + size as usize;
+        }
+        assert_eq!(end, table_position);
+    }
 }

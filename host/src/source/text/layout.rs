@@ -111,6 +111,10 @@ fn parts(text: &str) -> Result<Parts<'_>, String> {
             first_line += 1;
         }
     }
+    if !text.ends_with('\n') && rows.len() > 1 {
+        // It may have lost digits.
+        rows.pop();
+    }
     Ok(Parts { first_line, names, sensor, rows })
 }
 
@@ -158,8 +162,8 @@ fn columns_from_names(names: &[&str]) -> (Option<Columns>, Option<TimeUnit>) {
     (Columns::new(columns), unit)
 }
 
-/// The columns by their values: p has no values but −1, 0 and 1, t grows and never decreases, and x
-/// stands before y.
+/// The columns by their values: p has, but for single bad lines, no values but −1, 0 and 1, t does not
+/// decrease, and x stands before y.
 fn columns_from_values(rows: &[Vec<&[u8]>], notes: &mut Vec<String>) -> Result<Columns, String> {
     let Some(width) = rows.first().map(Vec::len) else {
         return Err("no line with numbers was found at its beginning; a line `t x y p` per event is expected".into());
@@ -167,14 +171,17 @@ fn columns_from_values(rows: &[Vec<&[u8]>], notes: &mut Vec<String>) -> Result<C
     if width != 4 {
         return Err(format!("its lines have {width} fields and no names, where t, x, y and p were expected; {ASK}"));
     }
-    let is_polarity =
-        |index: usize| rows.iter().all(|row| row.get(index).is_some_and(|field| number::polarity(field).is_some()));
-    let is_time = |index: usize| {
-        let values = || rows.iter().filter_map(move |row| number::value(row.get(index)?));
-        values().is_sorted() && values().next() < values().last()
+    let is_polarity = |index: usize| {
+        let fitting = rows.iter().filter_map(|row| number::polarity(row.get(index)?)).count();
+        2 * fitting >= rows.len()
     };
-    // The usual order first, then t last, then any other.
-    const ORDERS: [(usize, usize); 6] = [(0, 3), (3, 2), (2, 3), (3, 0), (0, 1), (1, 0)];
+    let is_time = |index: usize| {
+        let values: Vec<f64> = rows.iter().filter_map(|row| number::value(row.get(index)?)).collect();
+        let back = values.windows(2).filter(|pair| pair[1] < pair[0]).count();
+        10 * back <= values.len() && values.first() != values.last()
+    };
+    // The usual order first; it is also the only one that is believed without a change of time.
+    const ORDERS: [(usize, usize); 3] = [(0, 3), (3, 2), (2, 3)];
     let (t, p) = ORDERS
         .into_iter()
         .find(|&(t, p)| is_polarity(p) && is_time(t))

@@ -1,0 +1,311 @@
+//! Parsing a circle track.
+
+use std::collections::BTreeMap;
+
+use evcal_core::pattern::Pattern;
+use nalgebra::Vector2;
+
+use super::{CircleFrames, CircleTrack, CircleTrackErrorKind, UnorderedCircle, UnorderedFrame, describe};
+use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+
+/// Circles further apart in time than this many seconds are not of one frame.
+const FRAME_GAP: f64 = 0.005;
+/// Seconds; beyond it, times get an origin of their own.
+const LARGEST_TIME: f64 = 1e6;
+
+/// What a column holds, with the factor that turns its numbers into seconds, pixels or pixels per second.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Quantity {
+    Time,
+    X,
+    Y,
+    Column,
+    Row,
+    Frame,
+    Radius,
+    Start,
+    End,
+    VelocityX,
+    VelocityY,
+}
+
+const SEPARATORS: [char; 3] = [',', ';', '\t'];
+
+/// The quantity of a column name, its place in names, and divisor of its numbers.
+fn quantity(name: &str) -> Option<(Quantity, f64)> {
+    Some(match name.trim().to_lowercase().as_str() {
+        "t_s" => (Quantity::Time, 1.0),
+        "t_us" => (Quantity::Time, 1e6),
+        "x_px" => (Quantity::X, 1.0),
+        "y_px" => (Quantity::Y, 1.0),
+        "column" | "col" => (Quantity::Column, 1.0),
+        "row" => (Quantity::Row, 1.0),
+        "frame" => (Quantity::Frame, 1.0),
+        "radius_px" => (Quantity::Radius, 1.0),
+        "t_start_s" => (Quantity::Start, 1.0),
+        "t_start_us" => (Quantity::Start, 1e6),
+        "t_end_s" => (Quantity::End, 1.0),
+        "t_end_us" => (Quantity::End, 1e6),
+        "vx_px_per_s" => (Quantity::VelocityX, 1.0),
+        "vx_px_per_us" => (Quantity::VelocityX, 1e-6),
+        "vy_px_per_s" => (Quantity::VelocityY, 1.0),
+        "vy_px_per_us" => (Quantity::VelocityY, 1e-6),
+        _ => return None,
+    })
+}
+
+/// Whether `text`, the beginning of a file, has the line of names of a circle track.
+pub fn is_circle_track(text: &str) -> bool {
+    let names = text.lines().find(|line| !is_comment(line)).unwrap_or_default();
+    let has = |wanted| {
+        let mut quantities = names.split(SEPARATORS).filter_map(quantity);
+        quantities.any(|(quantity, _)| quantity == wanted)
+    };
+    has(Quantity::Time) && has(Quantity::X) && has(Quantity::Y)
+}
+
+fn is_comment(line: &str) -> bool {
+    let line = line.trim_start_matches('\u{feff}').trim();
+    line.is_empty() || line.starts_with('#')
+}
+
+/// One circle as it stands in the file, in seconds and pixels.
+struct Row {
+    line: u64,
+    frame: Option<u64>,
+    place: Option<(u32, u32)>,
+    start: Option<f64>,
+    end: Option<f64>,
+    circle: UnorderedCircle,
+}
+
+/// Where the columns are.
+struct Columns {
+    count: usize,
+    /// Position in a line and divisor.
+    places: BTreeMap<Quantity, (usize, f64)>,
+    /// Subtracted from times, in seconds.
+    origin: f64,
+}
+
+/// Parses the bytes of a circle track; see [`super::read`].
+pub fn parse(bytes: &[u8], pattern: &Pattern, recording: usize) -> Result<CircleTrack, CircleTrackErrorKind> {
+    let text = String::from_utf8_lossy(bytes);
+    let mut notes = Vec::new();
+    let mut columns: Option<Columns> = None;
+    let mut origin_us = None;
+    let mut rows: Vec<Row> = Vec::new();
+    for (index, line) in text.split_inclusive('\n').enumerate() {
+        let number = index as u64 + 1;
+        if is_comment(line) {
+            origin_us = origin_us.or_else(|| line.trim().strip_prefix("# time_origin_us ")?.trim().parse::<i64>().ok());
+            continue;
+        }
+        let Some(columns) = &mut columns else {
+            columns = Some(Columns::from_names(line, number, &mut notes)?);
+            continue;
+        };
+        let fields: Vec<&str> = line.split(SEPARATORS).map(str::trim).collect();
+        let row = columns.row(&fields, number);
+        if !line.ends_with('\n') && (row.is_err() || columns.may_have_lost_digits()) {
+            notes.push(format!("line {number} has no end, so it may not be whole; it is left out"));
+            break;
+        }
+        let mut row = row.map_err(|what| CircleTrackErrorKind::Line { line: number, what })?;
+        if rows.is_empty() && origin_us.is_none() && row.circle.t.abs() > LARGEST_TIME {
+            columns.origin = row.circle.t.floor();
+            notes.push(format!("times are taken relative to {} s, the whole seconds of the first", columns.origin));
+            row = columns.row(&fields, number).map_err(|what| CircleTrackErrorKind::Line { line: number, what })?;
+        }
+        rows.push(row);
+    }
+    if rows.is_empty() {
+        return Err(CircleTrackErrorKind::Empty);
+    }
+    let circles = rows.len();
+    let time_origin_us = origin_us.unwrap_or_else(|| columns.map_or(0, |columns| (columns.origin * 1e6) as i64));
+    check_places(&rows, pattern)?;
+    let frames = group(rows, &mut notes)?;
+    let frames = arrange(frames, pattern, recording);
+    Ok(CircleTrack { frames, time_origin_us, circles, notes })
+}
+
+impl Columns {
+    fn from_names(line: &str, number: u64, notes: &mut Vec<String>) -> Result<Self, CircleTrackErrorKind> {
+        let names: Vec<&str> = line.trim_start_matches('\u{feff}').split(SEPARATORS).map(str::trim).collect();
+        let mut places = BTreeMap::new();
+        let mut ignored = Vec::new();
+        for (index, name) in names.iter().enumerate() {
+            match quantity(name) {
+                Some((quantity, divisor)) => {
+                    if places.insert(quantity, (index, divisor)).is_some() {
+                        let what = format!("column {name} gives what another column gives already");
+                        return Err(CircleTrackErrorKind::Line { line: number, what });
+                    }
+                }
+                None => ignored.push(*name),
+            }
+        }
+        let missing = [(Quantity::Time, "t_s or t_us"), (Quantity::X, "x_px"), (Quantity::Y, "y_px")]
+            .into_iter()
+            .find(|(quantity, _)| !places.contains_key(quantity))
+            .map(|(_, name)| name)
+            .or(match (places.contains_key(&Quantity::Column), places.contains_key(&Quantity::Row)) {
+                (true, false) => Some("row (there is a column)"),
+                (false, true) => Some("column (there is a row)"),
+                _ => None,
+            });
+        if let Some(missing) = missing {
+            return Err(CircleTrackErrorKind::Columns { line: number, missing });
+        }
+        if !ignored.is_empty() {
+            notes.push(format!("columns passed over: {}", ignored.join(", ")));
+        }
+        Ok(Self { count: names.len(), places, origin: 0.0 })
+    }
+
+    /// Whether a line cut off in its last field can look whole: unless that field is passed over.
+    fn may_have_lost_digits(&self) -> bool {
+        self.places.values().any(|(index, _)| index + 1 == self.count)
+    }
+
+    fn row(&self, fields: &[&str], line: u64) -> Result<Row, String> {
+        if fields.len() != self.count {
+            return Err(format!("has {} fields, not {} as the line of names", fields.len(), self.count));
+        }
+        let field = |quantity| {
+            let (index, divisor) = self.places.get(&quantity)?;
+            fields.get(*index).filter(|field| !field.is_empty()).map(|field| (*field, *divisor))
+        };
+        // Subtracted before the division: whole microseconds stay exact.
+        let number_after = |origin: f64, quantity, name: &str| {
+            let parsed = field(quantity).map(|(text, divisor)| {
+                let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
+                let value = value.map(|value| (value - origin * divisor) / divisor);
+                value.ok_or_else(|| format!("{text:?} is no {name}"))
+            });
+            parsed.transpose()
+        };
+        let number = |quantity, name| number_after(0.0, quantity, name);
+        let time = |quantity, name| number_after(self.origin, quantity, name);
+        let required = |number: Result<Option<f64>, String>, name| number?.ok_or_else(|| format!("has no {name}"));
+        let whole = |quantity, name: &str| {
+            let parsed = field(quantity).map(|(text, _)| {
+                text.parse::<u64>().map_err(|_| format!("{text:?} is no {name}: a whole number from 0 is needed"))
+            });
+            parsed.transpose()
+        };
+        let place = |quantity, name: &str| {
+            whole(quantity, name)?
+                .and_then(|value| u32::try_from(value).ok())
+                .ok_or_else(|| format!("has no {name} on the board; leave a circle out if its place is not known"))
+        };
+        let velocity = (number(Quantity::VelocityX, "velocity")?, number(Quantity::VelocityY, "velocity")?);
+        Ok(Row {
+            line,
+            frame: whole(Quantity::Frame, "frame")?,
+            place: match self.places.contains_key(&Quantity::Column) {
+                true => Some((place(Quantity::Column, "column")?, place(Quantity::Row, "row")?)),
+                false => None,
+            },
+            start: time(Quantity::Start, "start of a time window")?,
+            end: time(Quantity::End, "end of a time window")?,
+            circle: UnorderedCircle {
+                t: required(time(Quantity::Time, "time"), "time")?,
+                center: Vector2::new(
+                    required(number(Quantity::X, "x_px"), "x_px")?,
+                    required(number(Quantity::Y, "y_px"), "y_px")?,
+                ),
+                radius: number(Quantity::Radius, "radius_px")?,
+                velocity: velocity.0.zip(velocity.1).map(|(x, y)| Vector2::new(x, y)),
+            },
+        })
+    }
+}
+
+fn check_places(rows: &[Row], pattern: &Pattern) -> Result<(), CircleTrackErrorKind> {
+    let outside = |&(column, row): &(u32, u32)| column >= pattern.columns.into() || row >= pattern.rows.into();
+    let places = || rows.iter().filter_map(|row| row.place.map(|place| (row.line, place)));
+    let Some((line, (column, row))) = places().find(|(_, place)| outside(place)) else {
+        return Ok(());
+    };
+    let needed = |side: fn((u32, u32)) -> u32| places().map(|(_, place)| u64::from(side(place)) + 1).max().unwrap_or(0);
+    let (columns, rows) = (needed(|place| place.0), needed(|place| place.1));
+    Err(CircleTrackErrorKind::OutsideBoard { line, column, row, board: describe(pattern), rows, columns })
+}
+
+/// Puts the circles of each frame together, in the order of the file.
+fn group(rows: Vec<Row>, notes: &mut Vec<String>) -> Result<Vec<Vec<Row>>, CircleTrackErrorKind> {
+    let numbered = rows.iter().filter(|row| row.frame.is_some()).count();
+    if numbered == rows.len() {
+        let mut frames: BTreeMap<u64, Vec<Row>> = BTreeMap::new();
+        for row in rows {
+            let frame = frames.entry(row.frame.unwrap_or_default()).or_default();
+            if let Some((column, place_row)) = row.place
+                && frame.iter().any(|other| other.place == row.place)
+            {
+                let number = row.frame.unwrap_or_default();
+                let what = format!("column {column}, row {place_row} occurs twice in frame {number}");
+                return Err(CircleTrackErrorKind::Line { line: row.line, what });
+            }
+            frame.push(row);
+        }
+        return Ok(frames.into_values().collect());
+    }
+    if numbered > 0 {
+        let line = rows.iter().find(|row| row.frame.is_none()).map_or(0, |row| row.line);
+        return Err(CircleTrackErrorKind::Line {
+            line,
+            what: "has no frame number, while other lines have one".into(),
+        });
+    }
+    let mut frames: Vec<Vec<Row>> = Vec::new();
+    for row in rows {
+        match frames.last_mut() {
+            Some(frame) if belongs_to(&row, frame) => frame.push(row),
+            _ => frames.push(vec![row]),
+        }
+    }
+    notes.push(format!("no frame numbers: {} frames were told apart by their times", frames.len()));
+    Ok(frames)
+}
+
+fn belongs_to(row: &Row, frame: &[Row]) -> bool {
+    let near = frame.last().is_some_and(|last| (row.circle.t - last.circle.t).abs() <= FRAME_GAP);
+    let repeated = row.place.is_some() && frame.iter().any(|other| other.place == row.place);
+    near && !repeated
+}
+
+/// Gives frames their time windows and the order of time.
+fn arrange(frames: Vec<Vec<Row>>, pattern: &Pattern, recording: usize) -> CircleFrames {
+    let window = |rows: &[Row]| {
+        rows.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(start, end), row| {
+            (start.min(row.start.unwrap_or(row.circle.t)), end.max(row.end.unwrap_or(row.circle.t)))
+        })
+    };
+    let has_places = frames.iter().flatten().all(|row| row.place.is_some());
+    if !has_places {
+        let unordered = |rows: Vec<Row>| {
+            let (start, end) = window(&rows);
+            UnorderedFrame { start, end, circles: rows.iter().map(|row| row.circle).collect() }
+        };
+        let mut frames: Vec<UnorderedFrame> = frames.into_iter().map(unordered).collect();
+        frames.sort_by(|a, b| (a.start + a.end).total_cmp(&(b.start + b.end)));
+        return CircleFrames::Unordered(frames);
+    }
+    let ordered = |rows: Vec<Row>| {
+        let (start, end) = window(&rows);
+        let observed = |row: &Row| {
+            let (column, place_row) = row.place?;
+            let UnorderedCircle { t, center, radius, velocity } = row.circle;
+            let index = place_row as usize * usize::from(pattern.columns) + column as usize;
+            Some(ObservedCircle { index, t, center, radius, velocity })
+        };
+        let mut circles: Vec<ObservedCircle> = rows.iter().filter_map(observed).collect();
+        circles.sort_by_key(|circle| circle.index);
+        ReferenceFrame { recording, start, end, circles, pixels: Vec::new() }
+    };
+    let mut frames: Vec<ReferenceFrame> = frames.into_iter().map(ordered).collect();
+    frames.sort_by(|a, b| a.t().total_cmp(&b.t()));
+    CircleFrames::Ordered(frames)
+}

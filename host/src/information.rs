@@ -1,0 +1,386 @@
+//! What a recording holds, at a glance: the content of `evcal info`.
+
+use std::collections::HashMap;
+use std::fmt;
+
+use evcal_core::event::{Event, Polarity};
+use serde::Serialize;
+
+use crate::source::{ReadReport, Recording, SourceError, StreamSummary};
+
+/// Length of the bins of the peak rate, in microseconds.
+const RATE_BIN: i64 = 10_000;
+/// Time without events that counts as a gap, in microseconds.
+const GAP: i64 = 100_000;
+/// How many gaps and hot pixels are listed.
+const LISTED: usize = 10;
+/// A pixel with more than this many times the events of the median pixel is hot.
+const HOT_FACTOR: u64 = 10;
+/// Sensors of event cameras, for recordings that do not give theirs.
+const SENSORS: [(u16, u16); 7] = [(128, 128), (240, 180), (304, 240), (320, 320), (346, 260), (640, 480), (1280, 720)];
+
+/// What a recording holds.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Information {
+    /// The file.
+    pub path: String,
+    /// Name of its format.
+    pub format: &'static str,
+    /// Model and serial number of the camera.
+    pub camera_name: Option<String>,
+    /// Width and height of the sensor in pixels, if known.
+    pub sensor: Option<(u16, u16)>,
+    /// The smallest usual sensor that all events fit in, if the recording does not say.
+    pub likely_sensor: Option<(u16, u16)>,
+    /// Time stamps of the first and the last event in µs.
+    pub times_us: Option<(i64, i64)>,
+    /// Time from the first to the last event in seconds.
+    pub duration_s: f64,
+    /// Number of events.
+    pub events: u64,
+    /// Share of ON events, 0 to 1; `None` without events.
+    pub on_share: Option<f64>,
+    /// Events per second over the whole recording.
+    pub mean_rate: f64,
+    /// The 10 ms with the most events.
+    pub peak: Option<Peak>,
+    /// Number of times without events for more than 0.1 s.
+    pub gap_count: u64,
+    /// The longest of them, in the order of time.
+    pub longest_gaps: Vec<Gap>,
+    /// Number of pixels that sent an event.
+    pub active_pixels: u64,
+    /// Number of pixels with more than ten times the events of the median active pixel.
+    pub hot_pixel_count: u64,
+    /// Those with the most events.
+    pub hottest_pixels: Vec<HotPixel>,
+    /// Everything in the file, by stream; empty for formats with one stream of events.
+    pub streams: Vec<StreamSummary>,
+    /// What the reader met.
+    pub report: ReadReport,
+    /// What the reader took for granted.
+    pub notes: Vec<String>,
+    /// Why reading stopped before the end.
+    pub error: Option<String>,
+}
+
+/// The 10 ms of a recording with the most events.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Peak {
+    /// Events per second.
+    pub rate: f64,
+    /// When, in seconds after the first event.
+    pub t_s: f64,
+}
+
+/// A time without events.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Gap {
+    /// When it begins, in seconds after the first event.
+    pub t_s: f64,
+    /// How long it is in seconds.
+    pub duration_s: f64,
+}
+
+/// A pixel that sends far more events than others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct HotPixel {
+    /// Column.
+    pub x: u16,
+    /// Row.
+    pub y: u16,
+    /// Its events.
+    pub events: u64,
+}
+
+/// Reads the whole recording once.
+///
+/// # Errors
+/// When it cannot be opened. An error further on ends up in [`Information::error`], with the figures
+/// of what was read until then.
+pub fn gather(recording: &Recording) -> Result<Information, SourceError> {
+    let mut reader = recording.open()?;
+    let mut statistics = Statistics::default();
+    let mut events = Vec::new();
+    let error = loop {
+        match reader.next_batch(&mut events) {
+            Ok(true) => events.iter().for_each(|event| statistics.add(event)),
+            Ok(false) => break None,
+            Err(error) => break Some(error.kind.to_string()),
+        }
+    };
+    let source = reader.information();
+    let times_us = statistics.first.map(|first| (first, statistics.latest));
+    let duration_s = times_us.map_or(0.0, |(first, last)| seconds(last - first));
+    let (hot_pixel_count, hottest_pixels) = statistics.hot_pixels();
+    let likely_sensor = match source.sensor {
+        None if statistics.events > 0 => likely_sensor(statistics.largest),
+        _ => None,
+    };
+    Ok(Information {
+        path: recording.path().display().to_string(),
+        format: source.format,
+        camera_name: source.camera_name.clone(),
+        sensor: source.sensor,
+        likely_sensor,
+        times_us,
+        duration_s,
+        events: statistics.events,
+        on_share: (statistics.events > 0).then(|| statistics.on_events as f64 / statistics.events as f64),
+        mean_rate: if duration_s > 0.0 { statistics.events as f64 / duration_s } else { 0.0 },
+        peak: statistics.peak(),
+        gap_count: statistics.gap_count,
+        longest_gaps: statistics.gaps(),
+        active_pixels: statistics.pixels.len() as u64,
+        hot_pixel_count,
+        hottest_pixels,
+        streams: recording.streams()?,
+        report: reader.report().clone(),
+        notes: source.notes.clone(),
+        error,
+    })
+}
+
+/// The smallest usual sensor that has the pixel `largest`.
+fn likely_sensor(largest: (u16, u16)) -> Option<(u16, u16)> {
+    SENSORS.into_iter().find(|(width, height)| largest.0 < *width && largest.1 < *height)
+}
+
+fn seconds(microseconds: i64) -> f64 {
+    microseconds as f64 / 1e6
+}
+
+#[derive(Default)]
+struct Statistics {
+    events: u64,
+    on_events: u64,
+    first: Option<i64>,
+    latest: i64,
+    largest: (u16, u16),
+    /// Start and number of events of the present bin and of the fullest one before.
+    bin: (i64, u64),
+    fullest_bin: (i64, u64),
+    gap_count: u64,
+    /// Duration and start of the longest gaps.
+    longest_gaps: Vec<(i64, i64)>,
+    pixels: HashMap<(u16, u16), u64>,
+}
+
+impl Statistics {
+    fn add(&mut self, event: &Event) {
+        match self.first {
+            None => {
+                self.first = Some(event.t);
+                self.bin.0 = event.t;
+            }
+            Some(_) if event.t - self.latest > GAP => {
+                self.gap_count += 1;
+                self.longest_gaps.push((event.t - self.latest, self.latest));
+                if self.longest_gaps.len() > 2 * LISTED {
+                    self.keep_longest_gaps();
+                }
+            }
+            Some(_) => {}
+        }
+        self.latest = event.t;
+        self.events += 1;
+        self.on_events += u64::from(event.polarity == Polarity::On);
+        self.largest = (self.largest.0.max(event.x), self.largest.1.max(event.y));
+        let after_bin = event.t - self.bin.0;
+        if after_bin >= RATE_BIN {
+            self.close_bin();
+            self.bin = (event.t - after_bin % RATE_BIN, 0);
+        }
+        self.bin.1 += 1;
+        *self.pixels.entry((event.x, event.y)).or_default() += 1;
+    }
+
+    fn close_bin(&mut self) {
+        if self.bin.1 > self.fullest_bin.1 {
+            self.fullest_bin = self.bin;
+        }
+    }
+
+    fn peak(&mut self) -> Option<Peak> {
+        self.close_bin();
+        let (start, events) = self.fullest_bin;
+        Some(Peak { rate: events as f64 / seconds(RATE_BIN), t_s: seconds(start - self.first?) })
+    }
+
+    fn keep_longest_gaps(&mut self) {
+        self.longest_gaps.sort_by_key(|&(duration, start)| (std::cmp::Reverse(duration), start));
+        self.longest_gaps.truncate(LISTED);
+    }
+
+    fn gaps(&mut self) -> Vec<Gap> {
+        self.keep_longest_gaps();
+        self.longest_gaps.sort_by_key(|&(_, start)| start);
+        let first = self.first.unwrap_or_default();
+        let gap = |&(duration, start): &(i64, i64)| Gap { t_s: seconds(start - first), duration_s: seconds(duration) };
+        self.longest_gaps.iter().map(gap).collect()
+    }
+
+    /// The number of hot pixels, and the hottest of them.
+    fn hot_pixels(&self) -> (u64, Vec<HotPixel>) {
+        let mut counts: Vec<u64> = self.pixels.values().copied().collect();
+        let middle = counts.len() / 2;
+        if middle == 0 {
+            return (0, Vec::new());
+        }
+        let (_, &mut median, _) = counts.select_nth_unstable(middle);
+        let is_hot = |events: u64| events > HOT_FACTOR * median;
+        let mut hot: Vec<HotPixel> = self
+            .pixels
+            .iter()
+            .filter(|&(_, &events)| is_hot(events))
+            .map(|(&(x, y), &events)| HotPixel { x, y, events })
+            .collect();
+        hot.sort_by_key(|pixel| (std::cmp::Reverse(pixel.events), pixel.y, pixel.x));
+        let count = hot.len() as u64;
+        hot.truncate(LISTED);
+        (count, hot)
+    }
+}
+
+impl fmt::Display for Information {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let line = |f: &mut fmt::Formatter<'_>, name: &str, value: String| writeln!(f, "{name:<12}{value}");
+        line(f, "file", self.path.clone())?;
+        line(f, "format", self.format.to_owned())?;
+        line(f, "camera", self.camera_name.clone().unwrap_or_else(|| "not named".to_owned()))?;
+        line(
+            f,
+            "sensor",
+            match (self.sensor, self.likely_sensor) {
+                (Some((width, height)), _) => format!("{width} x {height} pixels"),
+                (None, Some((width, height))) => format!("not given; all events fit in {width} x {height} pixels"),
+                (None, None) => "not given".to_owned(),
+            },
+        )?;
+        if let Some((first, last)) = self.times_us {
+            line(f, "duration", format!("{:.6} s (time stamps {first} to {last} us)", self.duration_s))?;
+        }
+        let share = self.on_share.map(|share| format!(", {:.1} % ON", 100.0 * share)).unwrap_or_default();
+        line(f, "events", format!("{}{share}", self.events))?;
+        if let Some(Peak { rate, t_s }) = self.peak {
+            let mean = self.mean_rate / 1e6;
+            let peak = rate / 1e6;
+            line(
+                f,
+                "rate",
+                format!("mean {mean:.3} Mev/s, at most {peak:.3} Mev/s (10 ms, {t_s:.3} s after the first event)"),
+            )?;
+        }
+        if self.gap_count > 0 {
+            let shown = self.longest_gaps.iter().map(|gap| format!("{:.3} s at {:.3} s", gap.duration_s, gap.t_s));
+            let shown = shown.collect::<Vec<_>>().join(", ");
+            line(f, "gaps", format!("{} of more than 0.1 s without events; the longest: {shown}", self.gap_count))?;
+        }
+        if self.hot_pixel_count > 0 {
+            let shown = self.hottest_pixels.iter().map(|pixel| format!("({}, {}): {}", pixel.x, pixel.y, pixel.events));
+            let shown = shown.collect::<Vec<_>>().join(", ");
+            let count = self.hot_pixel_count;
+            line(
+                f,
+                "hot pixels",
+                format!("{count} with over {HOT_FACTOR} times the median; events of the hottest: {shown}"),
+            )?;
+        }
+        for stream in &self.streams {
+            line(f, "stream", format!("{}: {} in {} packets", stream.name, stream.elements, stream.packets))?;
+        }
+        let report = &self.report;
+        if report.steps_back > 0 {
+            let (count, largest) = (report.steps_back, report.largest_step_back);
+            line(f, "warning", format!("time steps back {count} times, by up to {largest} us"))?;
+        }
+        if report.clock_resets > 0 {
+            line(f, "warning", format!("the clock was reset {} times; later times are shifted", report.clock_resets))?;
+        }
+        if report.out_of_range > 0 {
+            line(f, "warning", format!("{} events lie outside the sensor and are left out", report.out_of_range))?;
+        }
+        if report.damaged_packets > 0 {
+            line(f, "warning", format!("{} damaged packets are left out", report.damaged_packets))?;
+        }
+        if let Some(truncated) = &report.truncated {
+            line(f, "warning", truncated.to_string())?;
+        }
+        for note in &self.notes {
+            line(f, "note", note.clone())?;
+        }
+        if let Some(error) = &self.error {
+            line(f, "error", format!("reading stopped: {error}"))?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::source::SourceOptions;
+    use crate::source::write::{EventWriter, OutputFormat};
+
+    fn of(path: &Path) -> Information {
+        gather(&Recording::new(path, SourceOptions::default()).unwrap()).unwrap()
+    }
+
+    /// 1000 events at 1 kev/s going round 100 pixels, 500 in 5 ms from 2 s on at (7, 7), and one at 3 s.
+    fn write(path: &Path, output: OutputFormat) {
+        let on = |index: i64| if index % 4 == 0 { Polarity::On } else { Polarity::Off };
+        let calm = (0..1000).map(|index| Event { t: index * 1000, x: index as u16 % 100, y: 9, polarity: on(index) });
+        let burst = (0..500).map(|index| Event { t: 2_000_000 + index * 10, x: 7, y: 7, polarity: on(index) });
+        let last = Event { t: 3_000_000, x: 345, y: 259, polarity: Polarity::Off };
+        let events: Vec<Event> = calm.chain(burst).chain([last]).collect();
+        let mut writer = EventWriter::create(path, output, (346, 260), "camera 1").unwrap();
+        writer.write(&events).unwrap();
+        writer.finish().unwrap();
+    }
+
+    #[test]
+    fn figures_are_those_of_the_events() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.aedat4");
+        write(&path, OutputFormat::from_extension(&path).unwrap());
+        let information = of(&path);
+        assert_eq!((information.events, information.times_us), (1501, Some((0, 3_000_000))));
+        assert_eq!(information.on_share, Some(375.0 / 1501.0));
+        assert_eq!(information.mean_rate, 1501.0 / 3.0);
+        assert_eq!(information.peak, Some(Peak { rate: 50_000.0, t_s: 2.0 }));
+        let gaps = [Gap { t_s: 0.999, duration_s: 1.001 }, Gap { t_s: 2.00499, duration_s: 0.99501 }];
+        assert_eq!((information.gap_count, information.longest_gaps.as_slice()), (2, gaps.as_slice()));
+        let hottest = [HotPixel { x: 7, y: 7, events: 500 }];
+        assert_eq!((information.active_pixels, information.hot_pixel_count), (102, 1));
+        assert_eq!(information.hottest_pixels, hottest);
+        assert_eq!(information.streams.len(), 1);
+        assert_eq!(information.streams[0].elements, 1501);
+        assert_eq!((information.sensor, information.likely_sensor), (Some((346, 260)), None));
+        let text = information.to_string();
+        for part in ["AEDAT4", "camera 1", "346 x 260", "25.0 % ON", "(7, 7): 500"] {
+            assert!(text.contains(part), "{text}");
+        }
+        assert!(serde_json::to_string(&information).unwrap().contains("\"gap_count\":2"));
+    }
+
+    #[test]
+    fn a_sensor_that_is_not_given_is_guessed() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.bin");
+        write(&path, OutputFormat::from_extension(&path).unwrap());
+        let information = of(&path);
+        assert_eq!((information.sensor, information.likely_sensor), (None, Some((346, 260))));
+    }
+
+    #[test]
+    fn an_error_keeps_what_was_read_before() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.csv");
+        std::fs::write(&path, "t_us,x,y,p\n1,2,3,1\n2,2,3,1\n3,2,3,nan\n").unwrap();
+        let information = of(&path);
+        assert_eq!(information.events, 2);
+        assert!(information.error.unwrap().contains("line 4"));
+    }
+}
