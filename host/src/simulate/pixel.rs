@@ -63,7 +63,9 @@ impl Pixel {
     ) -> Self {
         let [off, on] = [sensor.threshold_off, sensor.threshold_on]
             .map(|threshold| (threshold + sensor.threshold_mismatch * normal(rng)).max(LEAST_THRESHOLD));
-        let spread = libm::exp(sensor.noise_spread * std::f64::consts::LN_10 * normal(rng));
+        // Less half the variance, for the mean of all pixels to be the stated rate.
+        let deviation = sensor.noise_spread * std::f64::consts::LN_10;
+        let spread = libm::exp(deviation * normal(rng) - 0.5 * deviation * deviation);
         let [slowest, fastest] = sensor.hot_rate;
         let hot_rate = uniform_in(rng, slowest, fastest);
         let noise_rate = sensor.noise_rate * spread + if hot { hot_rate } else { 0.0 };

@@ -32,7 +32,7 @@ pub struct SensorModel {
     pub vignette: f64,
     /// ON events per second and pixel from the leaking reset switch.
     pub leak_rate: f64,
-    /// Events per second and pixel from shot noise, half of them ON.
+    /// Mean events per second and pixel from shot noise, half of them ON.
     pub noise_rate: f64,
     /// Standard deviation of the decimal logarithm of the noise rate from pixel to pixel.
     pub noise_spread: f64,
