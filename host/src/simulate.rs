@@ -39,6 +39,9 @@ pub mod sensor;
 mod settings;
 pub mod truth;
 
+#[cfg(test)]
+mod tests;
+
 pub use settings::{SimulationError, SimulationSettings};
 
 /// Ticks in a slice.

@@ -110,8 +110,9 @@ impl SensorModel {
     pub fn ideal() -> Self {
         Self {
             point_spread: 0.6,
+            // Equal thresholds would bring a pixel back to the very edge of firing in plain white.
             threshold_on: 0.4,
-            threshold_off: 0.4,
+            threshold_off: 0.43,
             threshold_mismatch: 0.0,
             threshold_jitter: 0.0,
             photoreceptor: None,
