@@ -5,12 +5,14 @@
 //! by the point-spread function, a Gaussian of `point_spread` pixels.
 //!
 //! What is exact to what: the ray through the pixel centre meets the board exactly, for any lens.
-//! The distance to a circle's rim, in pixels, is exact to second order in the distance (it takes
-//! the local linear map from pixels to the board, and the rim's curvature along that map); the
+//! The distance to a circle's rim takes the map from pixels to the board as linear between the
+//! pixel and the rim, and is exact to second order in that map: perspective within the blur is left
+//! out, which shifts a rim by up to 0.005 px per squared pixel of distance for a tilt of 40°. The
 //! blur of a curved rim is exact to first order in blur / radius. Against a numeric integral of the
-//! point-spread function over the true scene the radiance is right to 0.003 of the contrast for
-//! circles of 5 px radius and more, and to 0.015 down to 2 px, tilted or not (a test holds it to
-//! that). Corners of the sheet are taken as right-angled in the image.
+//! point-spread function over the true scene no pixel is wrong by more than 0.3 % of the contrast
+//! in a frontal view and 0.8 % in tilted and wide-angle ones, for circles down to 3 px radius (a
+//! test holds it to that); both signs occur. Corners of the sheet are taken as right-angled in the
+//! image.
 
 use evcal_core::pattern::Layout;
 use nalgebra::{Isometry3, Matrix2, Matrix3, Vector2, Vector3};
@@ -385,9 +387,9 @@ mod tests {
         // Circles of 5 px radius and more; then 3 px at the least.
         for (camera, distance, tilt, step, tolerance) in [
             (radtan(), 0.7, 0.0, 197, 0.003),
-            (radtan(), 0.8, 40.0, 197, 0.004),
-            (kannala_brandt(), 0.4, 30.0, 197, 0.004),
-            (radtan(), 1.8, 35.0, 61, 0.015),
+            (radtan(), 0.8, 40.0, 197, 0.008),
+            (kannala_brandt(), 0.4, 30.0, 197, 0.008),
+            (radtan(), 1.8, 35.0, 61, 0.008),
         ] {
             let worst = greatest_error(&camera, &pose(&board(), distance, tilt, 25.0), step);
             println!("distance {distance} m, tilt {tilt} deg: {worst:.5}");
