@@ -224,6 +224,8 @@ impl<T: RealField + Copy, const N: usize> Default for GridWorkspace<T, N> {
 const GROWTH_TOLERANCES: [f64; 2] = [0.18, 0.3];
 /// A board is good enough to stop the search with if it has this many tenths of its circles.
 const ENOUGH_TENTHS: usize = 9;
+/// An impostor at a site is unlikely below this chance: one circle can decide the placement.
+const UNLIKELY: f64 = 2e-4;
 /// Most lattices that are grown, settled and refused.
 const ATTEMPTS: usize = 10;
 
@@ -345,8 +347,11 @@ fn judge<T: RealField + Copy, const N: usize>(
     if placement.outside > options.maximum_outside {
         return Err(GridError::WrongBoard { outside: placement.outside });
     }
-    // With nothing left over there is no clutter that could pose as the one circle that decides.
-    let margin = if placement.inside == points.len() { 1 } else { options.placement_margin };
+    let margin = if chance_of_impostor(lattice, points, &placement, scatter) <= nalgebra::convert(UNLIKELY) {
+        1
+    } else {
+        options.placement_margin
+    };
     if placement.inside < placement.runner_up + placement.outside.saturating_sub(1) + margin {
         return Err(GridError::AmbiguousPlacement { best: placement.inside, runner_up: placement.runner_up });
     }
@@ -355,6 +360,23 @@ fn judge<T: RealField + Copy, const N: usize>(
         turns => Ordering::Ambiguous(turns as u8),
     };
     Ok(FoundGrid { circles: circles(lattice, points, pattern, &placement), ordering, scatter })
+}
+
+/// The chance that some candidate beside the lattice would have been taken for a circle at one given
+/// site next to it.
+fn chance_of_impostor<T: RealField + Copy, const N: usize>(
+    lattice: &Lattice<N>,
+    points: &Points<T, N>,
+    placement: &Placement,
+    scatter: T,
+) -> T {
+    let left_over: T = nalgebra::convert((points.len() - placement.inside.min(points.len())) as f64);
+    // The area in which a candidate is taken at the border of the lattice (four standard deviations,
+    // half as much variance again for the map), over that in which clutter lies.
+    let area_of_site = scatter * scatter * nalgebra::convert(1.5 * 16.0 * core::f64::consts::PI);
+    let spacing = lattice.spacing(points);
+    let area = spacing * spacing * nalgebra::convert(2.0 * lattice.len() as f64);
+    if area > T::zero() { left_over * area_of_site / area } else { T::one() }
 }
 
 fn circles<T: RealField + Copy, const N: usize>(

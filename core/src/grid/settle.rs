@@ -17,7 +17,17 @@ use super::warp::{Precision, Step, Warp};
 /// Most rounds.
 const ROUNDS: usize = 6;
 /// Steps that bring the map near.
-const APPROACH: [Step; 4] = [Step::Homography, Step::Homography, Step::All, Step::All];
+const APPROACH: [Step; 9] = [
+    Step::Homography,
+    Step::Homography,
+    Step::Homography,
+    Step::Distortion,
+    Step::Distortion,
+    Step::Distortion,
+    Step::All,
+    Step::All,
+    Step::All,
+];
 /// Steps of every round; they end when they gain nothing.
 const FIT: [Step; 4] = [Step::Robust; 4];
 /// A point may be off by this many standard deviations.

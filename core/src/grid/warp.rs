@@ -29,10 +29,13 @@ const CUT: f64 = 3.0;
 
 /// Index of the first parameter of the lens.
 const FIRST_OF_LENS: usize = 8;
-/// Factor on the weight of what is assumed of the lens while the homography is sought.
+/// Factor on the weight of what is assumed of parameters that are not to move yet.
 const FIRM: f64 = 1e6;
 /// Most attempts at a step, with ever more damping.
 const ATTEMPTS: usize = 5;
+
+/// A step that leaves more than this part of the cost is the last of its kind.
+const ENOUGH: f64 = 0.98;
 
 /// What a step of a fit does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,9 +43,11 @@ pub(super) enum Step {
     /// Moves the homography; the lens stays as assumed, without which the lens would take on what is
     /// perspective. Points far off weigh as much as others.
     Homography,
+    /// Moves the homography and λ₁.
+    Distortion,
     /// Moves all parameters.
     All,
-    /// Moves all parameters, with little weight on points far off. Ends the fit when it gains nothing.
+    /// Moves all parameters, with little weight on points far off.
     Robust,
 }
 
@@ -231,12 +236,16 @@ impl<T: RealField + Copy> Warp<T> {
     ) -> Option<Precision<T>> {
         let ten: T = nalgebra::convert(10.0);
         let tiny: T = nalgebra::convert(1e-4);
-        let enough: T = nalgebra::convert(0.98);
+        let enough: T = nalgebra::convert(ENOUGH);
         let mut damping = T::zero();
         let mut last = None;
+        let mut finished = None;
         for &step in schedule {
+            if finished == Some(step) {
+                continue;
+            }
             let cut_squared = match step {
-                Step::Homography | Step::All => self.unit * self.unit,
+                Step::Homography | Step::Distortion | Step::All => self.unit * self.unit,
                 Step::Robust => {
                     let median = self.median_square(lattice, points, squares)?;
                     (median * nalgebra::convert(CUT * CUT)).max(tiny)
@@ -262,8 +271,8 @@ impl<T: RealField + Copy> Warp<T> {
                 damping = (damping * ten).max(tiny * ten);
             }
             last = Some((system, cut_squared));
-            if step == Step::Robust && after >= before * enough {
-                break;
+            if after >= before * enough {
+                finished = Some(step);
             }
         }
         let (system, cut_squared) = last?;
@@ -364,11 +373,15 @@ struct System<T> {
 
 /// Weights of the assumptions.
 fn assumption_weights<T: RealField + Copy>(step: Step) -> [T; COUNT] {
-    let firmness = if step == Step::Homography { FIRM } else { 1.0 };
+    let firm_from = match step {
+        Step::Homography => FIRST_OF_LENS,
+        Step::Distortion => FIRST_OF_LENS + 1,
+        Step::All | Step::Robust => COUNT,
+    };
     core::array::from_fn(|index| {
         let spread = SPREAD[index];
         let ratio = if spread > 0.0 { NOMINAL_SCATTER / spread } else { 0.0 };
-        let firmness = if index < FIRST_OF_LENS { 1.0 } else { firmness };
+        let firmness = if index < firm_from { 1.0 } else { FIRM };
         nalgebra::convert(ratio * ratio * firmness)
     })
 }
