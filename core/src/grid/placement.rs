@@ -6,11 +6,10 @@
 //! placement explains is the number of points in that rectangle.
 
 use heapless::Vec;
-use nalgebra::{Matrix2, RealField, Vector2};
+use nalgebra::RealField;
 
 use super::lattice::Lattice;
-use super::points::Points;
-use super::warp::Warp;
+use super::warp::{LatticeImage, Warp};
 use crate::pattern::{Layout, Pattern};
 
 /// Entries of the change of basis run from -this to this.
@@ -22,23 +21,44 @@ const LARGEST_SHEAR: f64 = 1.6;
 const EXTENT: usize = 192;
 
 /// Maps lattice site (u, v) to the board's lattice position `axes` · (u, v) − `origin`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Placement {
     axes: [[i32; 2]; 2],
     origin: (i32, i32),
     /// Number of points that fall on circles of the board.
     pub inside: usize,
-    /// Number of points that fall beside the board.
-    pub outside: usize,
-    /// Number of points that the next best placement explains.
-    pub runner_up: usize,
 }
 
 impl Placement {
-    /// Index of the circle on the board.
+    /// Index of the circle on the board that a lattice site has.
     pub fn circle(&self, pattern: &Pattern, u: i8, v: i8) -> Option<usize> {
         let (x, y) = apply(&self.axes, i32::from(u), i32::from(v));
         pattern.index_at(x - self.origin.0, y - self.origin.1)
+    }
+
+    /// The lattice site of a circle of the board.
+    pub fn site(&self, pattern: &Pattern, circle: usize) -> (i32, i32) {
+        let (x, y) = pattern.lattice_position(circle);
+        let (x, y) = (x + self.origin.0, y + self.origin.1);
+        let [[a, b], [c, d]] = self.axes;
+        // 1 on symmetric boards; 2 on asymmetric ones, whose positions are even or odd in both.
+        let determinant = (a * d - b * c).max(1);
+        ((d * x - b * y) / determinant, (a * y - c * x) / determinant)
+    }
+
+    /// The same points, the board turned by a half turn, or by a quarter turn if that maps it onto
+    /// itself.
+    pub fn turned(&self, pattern: &Pattern) -> Self {
+        let (width, height) = extent_of(pattern);
+        let [[a, b], [c, d]] = self.axes;
+        let (x, y) = self.origin;
+        let (axes, origin) = if turns_of(pattern) == 4 {
+            // (x, y) → (width − y, x)
+            ([[-c, -d], [a, b]], (-y - width, x))
+        } else {
+            ([[-a, -b], [-c, -d]], (-x - width, -y - height))
+        };
+        Self { axes, origin, ..*self }
     }
 }
 
@@ -62,32 +82,24 @@ pub(super) fn extent_of(pattern: &Pattern) -> (i32, i32) {
     (width, i32::from(pattern.rows.max(1)) - 1)
 }
 
-/// The placement that explains most points. Of the turns that map the board onto itself, the one
-/// whose first circle lies nearest to the top left of the image is taken.
-pub(super) fn place<T: RealField + Copy, const N: usize>(
+/// Calls `visit` with every placement that a camera can see and that explains at least `least`
+/// points. Of placements that differ by a turn that maps the board onto itself, one is visited.
+pub(super) fn visit<T: RealField + Copy, const N: usize>(
     lattice: &Lattice<N>,
-    points: &Points<T, N>,
     warp: &Warp<T>,
     pattern: &Pattern,
-) -> Option<Placement> {
+    least: usize,
+    mut visit: impl FnMut(Placement),
+) {
     let turns = turns_of(pattern);
     let largest_shear = nalgebra::convert(LARGEST_SHEAR);
-    let mut best: Option<Placement> = None;
-    let mut runner_up = 0;
     for axes in AxesIterator::new(pattern.layout) {
-        if !is_first_turn(&axes, turns) || warp.shear(&axes).is_none_or(|shear| shear > largest_shear) {
-            continue;
+        if is_first_turn(&axes, turns) && warp.shear(&axes).is_some_and(|shear| shear <= largest_shear) {
+            count_shifts(lattice, pattern, &axes, least.max(1), |origin, inside| {
+                visit(Placement { axes, origin, inside });
+            });
         }
-        count_shifts(lattice, pattern, &axes, runner_up.max(1), |origin, inside| match best {
-            Some(known) if inside <= known.inside => runner_up = runner_up.max(inside),
-            _ => {
-                runner_up = best.map_or(runner_up, |known| known.inside.max(runner_up));
-                best = Some(Placement { axes, origin, inside, outside: lattice.len() - inside, runner_up: 0 });
-            }
-        });
     }
-    let best = best.map(|best| Placement { runner_up, ..best })?;
-    turned_to_top_left(best, lattice, points, pattern, turns)
 }
 
 /// Calls `report` with the shift and the number of points inside, for every shift that may explain
@@ -150,50 +162,25 @@ fn windows(values: impl Iterator<Item = i32> + Clone, length: i32, least: usize)
     Some(starts)
 }
 
-fn board_to_image<T: RealField + Copy>(axes: &[[i32; 2]; 2], image_steps: &Matrix2<T>) -> Matrix2<T> {
-    let [[a, b], [c, d]] = axes.map(|row| row.map(f64::from));
-    let determinant = a * d - b * c;
-    let inverse = Matrix2::new(d, -b, -c, a) / determinant;
-    image_steps * inverse.map(nalgebra::convert::<f64, T>)
-}
-
-/// Picks, of the turns that map the board onto itself, the one with the first circle at the top left.
-fn turned_to_top_left<T: RealField + Copy, const N: usize>(
+/// Picks, of the turns that map the board onto itself, the one whose first circle lies nearest to
+/// the top left of the image.
+pub(super) fn turned_to_top_left<T: RealField + Copy>(
     placement: Placement,
-    lattice: &Lattice<N>,
-    points: &Points<T, N>,
+    image: &LatticeImage<T>,
     pattern: &Pattern,
-    turns: usize,
-) -> Option<Placement> {
-    let image_steps = lattice.affine(points)?.steps;
-    let (width, height) = extent_of(pattern);
-    let toward = |placement: &Placement| {
-        // From the first circle to the middle of the board; right and down is positive.
-        let middle = Vector2::new(nalgebra::convert(f64::from(width)), nalgebra::convert(f64::from(height)));
-        (board_to_image(&placement.axes, &image_steps) * middle).sum()
-    };
+) -> Placement {
+    let corner = |placement: &Placement| image.at(placement.site(pattern, 0)).map(|place| place.x + place.y);
     let mut best = placement;
     let mut turned = placement;
-    for _ in 1..turns {
-        turned = if turns == 4 { quarter_turn(turned, width) } else { half_turn(turned, width, height) };
-        if toward(&turned) > toward(&best) {
+    for _ in 1..turns_of(pattern) {
+        turned = turned.turned(pattern);
+        if let (Some(here), Some(there)) = (corner(&turned), corner(&best))
+            && here < there
+        {
             best = turned;
         }
     }
-    Some(best)
-}
-
-fn half_turn(placement: Placement, width: i32, height: i32) -> Placement {
-    let [[a, b], [c, d]] = placement.axes;
-    let (x, y) = placement.origin;
-    Placement { axes: [[-a, -b], [-c, -d]], origin: (-x - width, -y - height), ..placement }
-}
-
-/// (x, y) → (width − y, x), the board being square.
-fn quarter_turn(placement: Placement, width: i32) -> Placement {
-    let [[a, b], [c, d]] = placement.axes;
-    let (x, y) = placement.origin;
-    Placement { axes: [[-c, -d], [a, b]], origin: (-y - width, x), ..placement }
+    best
 }
 
 /// One representative of the turns that map the board onto itself.

@@ -8,7 +8,7 @@
 //! perspective and lenses up to fisheyes closely enough that what does not fit it is no circle of the board.
 
 use heapless::Vec;
-use nalgebra::{Matrix2, Matrix3, RealField, Vector2};
+use nalgebra::{Matrix2, Matrix3, RealField, Vector2, Vector3};
 
 use super::lattice::Lattice;
 use super::points::Points;
@@ -201,6 +201,52 @@ impl<T: RealField + Copy> Warp<T> {
             }
         }
         least
+    }
+}
+
+/// The same map the other way: from lattice to image.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LatticeImage<T> {
+    warp: Warp<T>,
+    to_ray: Matrix3<T>,
+}
+
+impl<T: RealField + Copy> LatticeImage<T> {
+    /// None if the map is degenerate.
+    pub fn new(warp: &Warp<T>) -> Option<Self> {
+        let [a, b, c, d, e, f, g, h, ..] = warp.parameters;
+        let to_ray = Matrix3::new(a, b, c, d, e, f, g, h, T::one()).try_inverse()?;
+        Some(Self { warp: *warp, to_ray })
+    }
+
+    /// The pixel of a lattice site; none if it lies beyond what the lens can show.
+    pub fn at(&self, (u, v): (i32, i32)) -> Option<Vector2<T>> {
+        let [.., first, second, center_x, center_y] = self.warp.parameters;
+        let site = Vector3::new(nalgebra::convert(f64::from(u)), nalgebra::convert(f64::from(v)), T::one());
+        let ray = self.to_ray * site;
+        if ray.z <= T::zero() {
+            return None;
+        }
+        let direction = ray.xy() / ray.z;
+        let s = direction.norm_squared();
+        let (two, four): (T, T) = (nalgebra::convert(2.0), nalgebra::convert(4.0));
+        // The radius shrinks by the factor k with k = 1 + λ₁ s k² + λ₂ s² k⁴: Newton's method, from
+        // the solution for λ₂ = 0.
+        let mut k = two / (T::one() + (T::one() - four * first * s).max(T::zero()).sqrt());
+        for _ in 0..5 {
+            let value = T::one() + (first + second * s * k * k) * s * k * k - k;
+            let slope = (first * two + second * s * k * k * four) * s * k - T::one();
+            if slope >= T::zero() {
+                return None;
+            }
+            k -= value / slope;
+        }
+        let place = direction * k + Vector2::new(center_x, center_y);
+        let pixel = place * self.warp.unit + self.warp.middle;
+        // Where Newton's method went astray, the map back does not agree.
+        let back = self.warp.at(&pixel)?.site;
+        let tolerance: T = nalgebra::convert(0.1);
+        ((back - site.xy()).norm() < tolerance).then_some(pixel)
     }
 }
 
