@@ -353,7 +353,7 @@ fn judge<T: RealField + Copy, const N: usize>(
     let too_few = |found| GridError::TooFewCircles { found, needed };
     let (Some((warp, scatter)), true) = (settled, lattice.len() >= needed) else { return Err(too_few(lattice.len())) };
     let Some(image) = LatticeImage::new(&warp) else { return Err(too_few(0)) };
-    let placement = evidence::decide(lattice, points, &warp, &image, scatter, pattern, options)?;
+    let placement = evidence::decide(lattice, points, &image, scatter, pattern, options)?;
     let outside = lattice.len().saturating_sub(placement.inside);
     if outside > options.maximum_outside {
         return Err(GridError::WrongBoard { outside });

@@ -14,9 +14,9 @@ use heapless::Vec;
 use nalgebra::RealField;
 
 use super::lattice::Lattice;
-use super::placement::{Placement, visit};
+use super::placement::{Placement, axes_of, visit};
 use super::points::Points;
-use super::warp::{LatticeImage, Warp};
+use super::warp::LatticeImage;
 use super::{CutBoards, GridError, GridOptions};
 use crate::pattern::Pattern;
 
@@ -45,20 +45,20 @@ struct Rival {
 pub(super) fn decide<T: RealField + Copy, const N: usize>(
     lattice: &Lattice<N>,
     points: &Points<T, N>,
-    warp: &Warp<T>,
     image: &LatticeImage<T>,
     scatter: T,
     pattern: &Pattern,
     options: &GridOptions,
 ) -> Result<Placement, GridError> {
     let mut most = 0;
-    visit(lattice, warp, pattern, options.minimum_circles, |placement| most = most.max(placement.inside));
+    let axes = axes_of(image, pattern);
+    visit(lattice, pattern, &axes, options.minimum_circles, |placement| most = most.max(placement.inside));
     if most == 0 {
         return Err(GridError::TooFewCircles { found: 0, needed: options.minimum_circles });
     }
     let mut rivals: Vec<Rival, RIVALS> = Vec::new();
     let mut overflow = false;
-    visit(lattice, warp, pattern, (most + 1).saturating_sub(CLEAR), |placement| {
+    visit(lattice, pattern, &axes, (most + 1).saturating_sub(CLEAR), |placement| {
         overflow |= rivals.push(Rival { placement, missed: 0 }).is_err();
     });
     if overflow {

@@ -9,7 +9,7 @@ use heapless::Vec;
 use nalgebra::RealField;
 
 use super::lattice::Lattice;
-use super::warp::{LatticeImage, Warp};
+use super::warp::LatticeImage;
 use crate::pattern::{Layout, Pattern};
 
 /// Entries of the change of basis run from -this to this.
@@ -20,10 +20,13 @@ const LARGEST_SHEAR: f64 = 1.6;
 /// Extent of a lattice in board units that can be handled.
 const EXTENT: usize = 192;
 
+/// The board's coordinates (x; y) per lattice step (u, v).
+pub(super) type Axes = [[i32; 2]; 2];
+
 /// Maps lattice site (u, v) to the board's lattice position `axes` · (u, v) − `origin`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Placement {
-    axes: [[i32; 2]; 2],
+    axes: Axes,
     origin: (i32, i32),
     /// Number of points that fall on circles of the board.
     pub inside: usize,
@@ -67,7 +70,7 @@ pub(super) fn turns_of(pattern: &Pattern) -> usize {
     match pattern.layout {
         Layout::Symmetric if pattern.rows == pattern.columns => 4,
         Layout::Symmetric => 2,
-        Layout::Asymmetric if pattern.rows % 2 == 0 => 2,
+        Layout::Asymmetric if pattern.rows.is_multiple_of(2) => 2,
         Layout::Asymmetric => 1,
     }
 }
@@ -82,23 +85,52 @@ pub(super) fn extent_of(pattern: &Pattern) -> (i32, i32) {
     (width, i32::from(pattern.rows.max(1)) - 1)
 }
 
-/// Calls `visit` with every placement that a camera can see and that explains at least `least`
-/// points. Of placements that differ by a turn that maps the board onto itself, one is visited.
-pub(super) fn visit<T: RealField + Copy, const N: usize>(
+/// Most axes that a lattice can have at once: four turns of one, and others where the map is vague.
+const MOST_AXES: usize = 16;
+
+/// The axes that a lattice can have on a board: changes of basis that make it a square lattice in
+/// space. Of axes that differ by a turn that maps the board onto itself, one is listed.
+pub(super) fn axes_of<T: RealField + Copy>(image: &LatticeImage<T>, pattern: &Pattern) -> Vec<Axes, MOST_AXES> {
+    let turns = turns_of(pattern);
+    let largest_shear = nalgebra::convert(LARGEST_SHEAR);
+    let mut list = Vec::new();
+    let entries = -LARGEST_ENTRY..=LARGEST_ENTRY;
+    for a in entries.clone() {
+        for b in entries.clone() {
+            for c in entries.clone() {
+                for d in entries.clone() {
+                    if a * d - b * c != 1 {
+                        continue;
+                    }
+                    let axes = match pattern.layout {
+                        Layout::Symmetric => [[a, b], [c, d]],
+                        // The lattice steps of an asymmetric board are (1, -1) and (1, 1).
+                        Layout::Asymmetric => [[a + c, b + d], [c - a, d - b]],
+                    };
+                    let listed =
+                        is_first_turn(&axes, turns) && image.shear(&axes).is_some_and(|shear| shear <= largest_shear);
+                    if listed && list.push(axes).is_err() {
+                        return list;
+                    }
+                }
+            }
+        }
+    }
+    list
+}
+
+/// Calls `visit` with every placement along `axes` that explains at least `least` points.
+pub(super) fn visit<const N: usize>(
     lattice: &Lattice<N>,
-    warp: &Warp<T>,
     pattern: &Pattern,
+    axes: &[Axes],
     least: usize,
     mut visit: impl FnMut(Placement),
 ) {
-    let turns = turns_of(pattern);
-    let largest_shear = nalgebra::convert(LARGEST_SHEAR);
-    for axes in AxesIterator::new(pattern.layout) {
-        if is_first_turn(&axes, turns) && warp.shear(&axes).is_some_and(|shear| shear <= largest_shear) {
-            count_shifts(lattice, pattern, &axes, least.max(1), |origin, inside| {
-                visit(Placement { axes, origin, inside });
-            });
-        }
+    for &axes in axes {
+        count_shifts(lattice, pattern, &axes, least.max(1), |origin, inside| {
+            visit(Placement { axes, origin, inside });
+        });
     }
 }
 
@@ -107,7 +139,7 @@ pub(super) fn visit<T: RealField + Copy, const N: usize>(
 fn count_shifts<const N: usize>(
     lattice: &Lattice<N>,
     pattern: &Pattern,
-    axes: &[[i32; 2]; 2],
+    axes: &Axes,
     least: usize,
     mut report: impl FnMut((i32, i32), usize),
 ) {
@@ -184,7 +216,7 @@ pub(super) fn turned_to_top_left<T: RealField + Copy>(
 }
 
 /// One representative of the turns that map the board onto itself.
-fn is_first_turn(axes: &[[i32; 2]; 2], turns: usize) -> bool {
+fn is_first_turn(axes: &Axes, turns: usize) -> bool {
     let (a, c) = (axes[0][0], axes[1][0]);
     match turns {
         4 => a > 0 && c >= 0,
@@ -193,45 +225,6 @@ fn is_first_turn(axes: &[[i32; 2]; 2], turns: usize) -> bool {
     }
 }
 
-fn apply(axes: &[[i32; 2]; 2], u: i32, v: i32) -> (i32, i32) {
+fn apply(axes: &Axes, u: i32, v: i32) -> (i32, i32) {
     (axes[0][0] * u + axes[0][1] * v, axes[1][0] * u + axes[1][1] * v)
-}
-
-/// All changes of basis with small entries.
-struct AxesIterator {
-    layout: Layout,
-    next: i32,
-}
-
-impl AxesIterator {
-    fn new(layout: Layout) -> Self {
-        Self { layout, next: 0 }
-    }
-}
-
-impl Iterator for AxesIterator {
-    type Item = [[i32; 2]; 2];
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let count = 2 * LARGEST_ENTRY + 1;
-        while self.next < count * count * count * count {
-            let mut code = self.next;
-            self.next += 1;
-            let mut digit = || {
-                let entry = code % count - LARGEST_ENTRY;
-                code /= count;
-                entry
-            };
-            let (a, b, c, d) = (digit(), digit(), digit(), digit());
-            if a * d - b * c != 1 {
-                continue;
-            }
-            return Some(match self.layout {
-                Layout::Symmetric => [[a, b], [c, d]],
-                // The lattice steps of an asymmetric board are (1, -1) and (1, 1).
-                Layout::Asymmetric => [[a + c, b + d], [c - a, d - b]],
-            });
-        }
-        None
-    }
 }

@@ -161,11 +161,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
     /// Moves the last claim to its place among the sorted ones before it.
     fn sink_last(&mut self) {
         let mut end = self.claims.len();
-        while end >= 2 {
-            let Some([before, last]) = self.claims.get_mut(end - 2..end).and_then(|pair| pair.as_mut_array::<2>())
-            else {
-                return;
-            };
+        while let Some([.., before, last]) = self.claims.get_mut(..end) {
             if before.distance <= last.distance {
                 return;
             }

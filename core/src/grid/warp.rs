@@ -11,6 +11,7 @@ use heapless::Vec;
 use nalgebra::{Matrix2, Matrix3, RealField, Vector2, Vector3};
 
 use super::lattice::Lattice;
+use super::placement::Axes;
 use super::points::Points;
 use super::select::select;
 
@@ -172,20 +173,32 @@ impl<T: RealField + Copy> Warp<T> {
     }
 }
 
-/// Focal lengths tried by [`Warp::shear`], in units of half the image diagonal: from a fisheye to a
+/// Focal lengths tried by [`LatticeImage::shear`], in units of half the image diagonal: from a fisheye to a
 /// telephoto lens.
 const FOCAL_LENGTHS: [f64; 7] = [0.5, 0.75, 1.1, 1.6, 2.4, 3.6, 5.4];
 
-impl<T: RealField + Copy> Warp<T> {
+/// The same map the other way: from lattice to image.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LatticeImage<T> {
+    warp: Warp<T>,
+    to_ray: Matrix3<T>,
+}
+
+impl<T: RealField + Copy> LatticeImage<T> {
+    /// None if the map is degenerate.
+    pub fn new(warp: &Warp<T>) -> Option<Self> {
+        let [a, b, c, d, e, f, g, h, ..] = warp.parameters;
+        let to_ray = Matrix3::new(a, b, c, d, e, f, g, h, T::one()).try_inverse()?;
+        Some(Self { warp: *warp, to_ray })
+    }
+
     /// How far the map is from showing a square lattice in a plane if `axes` takes lattice to board
     /// coordinates: the ratio of the board's two scales, at the focal length where it is least.
     /// 1 for the right axes, as the convergence of lines belongs to the slant; at least 2.6, if all
     /// is exact, for others. None if the map is degenerate.
-    pub fn shear(&self, axes: &[[i32; 2]; 2]) -> Option<T> {
-        let [a, b, c, d, e, f, g, h, ..] = self.parameters;
-        let to_ray = Matrix3::new(a, b, c, d, e, f, g, h, T::one()).try_inverse()?;
+    pub fn shear(&self, axes: &Axes) -> Option<T> {
         let axes = Matrix2::from_fn(|row, column| nalgebra::convert::<f64, T>(f64::from(axes[row][column])));
-        let rays = to_ray.fixed_columns::<2>(0) * axes.try_inverse()?;
+        let rays = self.to_ray.fixed_columns::<2>(0) * axes.try_inverse()?;
         let across = rays.fixed_rows::<2>(0).into_owned();
         let along = rays.fixed_rows::<1>(2).into_owned();
         let two: T = nalgebra::convert(2.0);
@@ -201,22 +214,6 @@ impl<T: RealField + Copy> Warp<T> {
             }
         }
         least
-    }
-}
-
-/// The same map the other way: from lattice to image.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct LatticeImage<T> {
-    warp: Warp<T>,
-    to_ray: Matrix3<T>,
-}
-
-impl<T: RealField + Copy> LatticeImage<T> {
-    /// None if the map is degenerate.
-    pub fn new(warp: &Warp<T>) -> Option<Self> {
-        let [a, b, c, d, e, f, g, h, ..] = warp.parameters;
-        let to_ray = Matrix3::new(a, b, c, d, e, f, g, h, T::one()).try_inverse()?;
-        Some(Self { warp: *warp, to_ray })
     }
 
     /// The pixel of a lattice site; none if it lies beyond what the lens can show.
@@ -491,11 +488,10 @@ fn cholesky<T: RealField + Copy>(matrix: &[[T; COUNT]; COUNT], damping: T) -> Op
     for column in 0..COUNT {
         let mut pivot = matrix[column][column] * (T::one() + damping);
         let before = pivot;
-        for inner in 0..column {
-            pivot -= matrix[column][inner] * matrix[column][inner];
+        for entry in matrix[column].iter().take(column) {
+            pivot -= *entry * *entry;
         }
-        // Catches NaN, too.
-        if !(pivot > before * least) {
+        if pivot <= before * least || !pivot.is_finite() {
             return None;
         }
         let root = pivot.sqrt();
@@ -503,8 +499,8 @@ fn cholesky<T: RealField + Copy>(matrix: &[[T; COUNT]; COUNT], damping: T) -> Op
         matrix[column][column] = root;
         for row in column + 1..COUNT {
             let mut value = matrix[row][column];
-            for inner in 0..column {
-                value -= matrix[row][inner] * matrix[column][inner];
+            for (left, right) in matrix[row].iter().zip(&matrix[column]).take(column) {
+                value -= *left * *right;
             }
             matrix[row][column] = value * inverse;
         }
