@@ -9,7 +9,7 @@ mod grid_views;
 
 use std::time::Instant;
 
-use evcal_core::grid::{GridCircle, GridOptions, GridWorkspace, Ordering, find_grid, reorder, symmetry};
+use evcal_core::grid::{CutBoards, GridCircle, GridOptions, GridWorkspace, Ordering, find_grid, reorder, symmetry};
 use evcal_core::pattern::{Layout, Pattern};
 use grid_views::{Lens, Random, SIZE, Setting, View, view};
 
@@ -47,8 +47,10 @@ fn print_table(views: usize) {
         }
         line(&Setting { missing: 12, ..clean }, views);
         line(&Setting { missing: 20, ..clean }, views);
-        line(&Setting { cut: true, ..clean }, views);
-        line(&Setting { cut: true, missing: 3, clutter: 8, noise: 0.5, ..clean }, views);
+        for cut_boards in [CutBoards::Refuse, CutBoards::Accept] {
+            cut_line(&Setting { cut: true, ..clean }, cut_boards, views);
+            cut_line(&Setting { cut: true, missing: 3, clutter: 8, noise: 0.5, ..clean }, cut_boards, views);
+        }
     }
     if std::env::var_os("SHORT").is_some() {
         return;
@@ -63,9 +65,13 @@ fn print_table(views: usize) {
 }
 
 fn line(setting: &Setting, count: usize) {
+    cut_line(setting, CutBoards::Refuse, count);
+}
+
+fn cut_line(setting: &Setting, cut_boards: CutBoards, count: usize) {
     let mut random = Random::new(1);
     let mut workspace = GridWorkspace::<f64, 128>::new();
-    let options = GridOptions::new(&setting.pattern, SIZE);
+    let options = GridOptions { cut_boards, ..GridOptions::new(&setting.pattern, SIZE) };
     let (mut right, mut intruder, mut wrong, mut used, mut visible) = (0, 0, 0, 0, 0);
     let mut times = Vec::with_capacity(count);
     for _ in 0..count {
@@ -100,7 +106,7 @@ fn line(setting: &Setting, count: usize) {
     let percent = |part: usize, whole: usize| 100.0 * part as f64 / whole.max(1) as f64;
     println!(
         "{:<44} {:>7.2}% {:>7.2}% {:>7.2}% {:>7.2}% {:>7.2}% {:>9.1} {:>8.0}",
-        name(setting),
+        name(setting, cut_boards),
         percent(right, count),
         percent(intruder, count),
         percent(wrong, count),
@@ -111,7 +117,7 @@ fn line(setting: &Setting, count: usize) {
     );
 }
 
-fn name(setting: &Setting) -> String {
+fn name(setting: &Setting, cut_boards: CutBoards) -> String {
     let layout = match setting.pattern.layout {
         Layout::Asymmetric => "asym",
         Layout::Symmetric => "sym",
@@ -125,7 +131,7 @@ fn name(setting: &Setting) -> String {
         name += &format!(" -{}", setting.missing);
     }
     if setting.cut {
-        name += " cut";
+        name += &format!(" cut ({cut_boards:?})");
     }
     name
 }

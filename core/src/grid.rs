@@ -26,6 +26,7 @@
 //!
 //! No heap, no panics, no randomness: the same candidates in any order give the same circles.
 
+mod evidence;
 mod lattice;
 mod placement;
 mod points;
@@ -43,7 +44,7 @@ use placement::Placement;
 use points::Points;
 use seed::Kind;
 use settle::Settling;
-use warp::Warp;
+use warp::{LatticeImage, Warp};
 
 /// A detected circle that may be one of the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +56,17 @@ pub struct GridCandidate<T> {
     pub radius: T,
 }
 
+/// What to do with a board that reaches beyond the image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CutBoards {
+    /// It is placed only if the circles seen leave no other place.
+    Refuse,
+    /// It may be placed by what is missing: its absent circles lie beyond the border of the image,
+    /// those of other placements would be visible. For boards that are known to be there: a smaller
+    /// board at the border of the image looks the same.
+    Accept,
+}
+
 /// Which boards to accept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridOptions {
@@ -62,9 +74,10 @@ pub struct GridOptions {
     pub image_size: (f64, f64),
     /// Fewest circles of a board that is accepted.
     pub minimum_circles: usize,
-    /// By how many circles a placement on the board must beat every other one. Where every candidate
-    /// is a circle of the board, one suffices.
-    pub placement_margin: usize,
+    /// How many times likelier than any other a placement on the board must be.
+    pub minimum_odds: f64,
+    /// What to do with a board that reaches beyond the image.
+    pub cut_boards: CutBoards,
     /// Most points that continue the lattice beside the board. More mean that it is another board.
     pub maximum_outside: usize,
     /// Largest scatter of the circles about a smooth lattice, in parts of the distance of
@@ -88,7 +101,8 @@ impl GridOptions {
         Self {
             image_size,
             minimum_circles: if enough < count { enough } else { count },
-            placement_margin: 2,
+            minimum_odds: 400.0,
+            cut_boards: CutBoards::Refuse,
             maximum_outside: (if side < 2 { 2 } else { side }) - 1,
             maximum_scatter: 0.1,
         }
@@ -338,18 +352,13 @@ fn judge<T: RealField + Copy, const N: usize>(
     let needed = options.minimum_circles;
     let too_few = |found| GridError::TooFewCircles { found, needed };
     let (Some((warp, scatter)), true) = (settled, lattice.len() >= needed) else { return Err(too_few(lattice.len())) };
-    let Some(placement) = placement::place(lattice, points, &warp, pattern) else { return Err(too_few(0)) };
-    if placement.inside < needed {
-        return Err(too_few(placement.inside));
+    let Some(image) = LatticeImage::new(&warp) else { return Err(too_few(0)) };
+    let placement = evidence::decide(lattice, points, &image, scatter, pattern, options)?;
+    let outside = lattice.len().saturating_sub(placement.inside);
+    if outside > options.maximum_outside {
+        return Err(GridError::WrongBoard { outside });
     }
-    if placement.outside > options.maximum_outside {
-        return Err(GridError::WrongBoard { outside: placement.outside });
-    }
-    // With nothing left over there is no clutter that could pose as the one circle that decides.
-    let margin = if placement.inside == points.len() { 1 } else { options.placement_margin };
-    if placement.inside < placement.runner_up + placement.outside.saturating_sub(1) + margin {
-        return Err(GridError::AmbiguousPlacement { best: placement.inside, runner_up: placement.runner_up });
-    }
+    let placement = placement::turned_to_top_left(placement, &image, pattern);
     let ordering = match placement::turns_of(pattern) {
         1 => Ordering::Unique,
         turns => Ordering::Ambiguous(turns as u8),

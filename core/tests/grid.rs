@@ -4,7 +4,7 @@
 mod grid_views;
 
 use evcal_core::grid::{
-    FoundGrid, GridCandidate, GridError, GridOptions, GridWorkspace, Ordering, find_grid, reorder, symmetry,
+    CutBoards, FoundGrid, GridCandidate, GridError, GridOptions, GridWorkspace, Ordering, find_grid, reorder, symmetry,
 };
 use evcal_core::pattern::{Layout, Pattern};
 use grid_views::{Lens, Random, SIZE, Setting, View, view};
@@ -30,6 +30,12 @@ fn find(candidates: &[GridCandidate<f64>], pattern: &Pattern) -> Result<FoundGri
     find_grid(candidates, pattern, &GridOptions::new(pattern, SIZE), &mut GridWorkspace::<f64, 128>::new())
 }
 
+/// Whether the board is found with its absent circles taken as evidence.
+fn outcome_at_the_border(view: &View, pattern: &Pattern) -> Outcome {
+    let options = GridOptions { cut_boards: CutBoards::Accept, ..GridOptions::new(pattern, SIZE) };
+    judge(find_grid(&view.candidates, pattern, &options, &mut GridWorkspace::<f64, 128>::new()), view, pattern)
+}
+
 #[derive(Debug, PartialEq, Eq)]
 enum Outcome {
     Right,
@@ -40,7 +46,11 @@ enum Outcome {
 }
 
 fn outcome(view: &View, pattern: &Pattern) -> Outcome {
-    let Ok(found) = find(&view.candidates, pattern) else { return Outcome::Refused };
+    judge(find(&view.candidates, pattern), view, pattern)
+}
+
+fn judge(found: Result<FoundGrid<f64, 128>, GridError>, view: &View, pattern: &Pattern) -> Outcome {
+    let Ok(found) = found else { return Outcome::Refused };
     let truth = |candidate: u16| view.truth[usize::from(candidate)];
     let in_order = (0..symmetry(pattern)).any(|turn| {
         found.circles.iter().all(|circle| {
@@ -102,6 +112,23 @@ fn hard_views_are_refused_rather_than_misread() {
             let [_, _, wrong, _] = count(&setting, 500);
             assert!(wrong <= 1, "{setting:?}: {wrong} of 500 wrong");
         }
+    }
+}
+
+#[test]
+fn boards_cut_by_the_border_are_placed_by_what_is_missing() {
+    for (lens, least) in [(Lens::Radtan, 400), (Lens::Fisheye, 480)] {
+        let setting = Setting { cut: true, ..clean(BOARD, lens) };
+        let mut random = Random::new(13);
+        let mut counts = [[0; 4]; 2];
+        for _ in 0..500 {
+            let view = view(&setting, &mut random);
+            counts[0][outcome(&view, &BOARD) as usize] += 1;
+            counts[1][outcome_at_the_border(&view, &BOARD) as usize] += 1;
+        }
+        let [[refusing, _, refusing_wrong, _], [accepting, _, accepting_wrong, _]] = counts;
+        assert!(accepting >= least && accepting > refusing, "{lens:?}: {accepting} and {refusing} of 500 right");
+        assert_eq!((refusing_wrong, accepting_wrong), (0, 0), "{lens:?}");
     }
 }
 
@@ -318,7 +345,7 @@ proptest! {
         columns in 0_u8..12,
         layout in prop_oneof![Just(Layout::Asymmetric), Just(Layout::Symmetric)],
         minimum_circles in 0_usize..20,
-        placement_margin in 0_usize..3,
+        minimum_odds in 0.0..1e4,
     ) {
         let points = centers.into_iter().chain(
             lattice.into_iter().map(|(x, y)| (f64::from(x) * scale, f64::from(y) * scale)),
@@ -326,7 +353,7 @@ proptest! {
         let candidates: Vec<_> =
             points.map(|(x, y)| GridCandidate { center: Vector2::new(x, y), radius: x }).collect();
         let pattern = Pattern { layout, rows, columns };
-        let options = GridOptions { minimum_circles, placement_margin, ..GridOptions::new(&pattern, SIZE) };
+        let options = GridOptions { minimum_circles, minimum_odds, ..GridOptions::new(&pattern, SIZE) };
         let mut workspace = GridWorkspace::<f64, 128>::new();
         if let Ok(found) = find_grid(&candidates, &pattern, &options, &mut workspace) {
             let mut boards: Vec<_> = found.circles.iter().map(|circle| circle.board).collect();

@@ -6,11 +6,10 @@
 //! placement explains is the number of points in that rectangle.
 
 use heapless::Vec;
-use nalgebra::{Matrix2, RealField, Vector2};
+use nalgebra::RealField;
 
 use super::lattice::Lattice;
-use super::points::Points;
-use super::warp::Warp;
+use super::warp::LatticeImage;
 use crate::pattern::{Layout, Pattern};
 
 /// Entries of the change of basis run from -this to this.
@@ -21,24 +20,48 @@ const LARGEST_SHEAR: f64 = 1.6;
 /// Extent of a lattice in board units that can be handled.
 const EXTENT: usize = 192;
 
+/// The board's coordinates (x; y) per lattice step (u, v).
+pub(super) type Axes = [[i32; 2]; 2];
+
 /// Maps lattice site (u, v) to the board's lattice position `axes` · (u, v) − `origin`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Placement {
-    axes: [[i32; 2]; 2],
+    axes: Axes,
     origin: (i32, i32),
     /// Number of points that fall on circles of the board.
     pub inside: usize,
-    /// Number of points that fall beside the board.
-    pub outside: usize,
-    /// Number of points that the next best placement explains.
-    pub runner_up: usize,
 }
 
 impl Placement {
-    /// Index of the circle on the board.
+    /// Index of the circle on the board that a lattice site has.
     pub fn circle(&self, pattern: &Pattern, u: i8, v: i8) -> Option<usize> {
         let (x, y) = apply(&self.axes, i32::from(u), i32::from(v));
         pattern.index_at(x - self.origin.0, y - self.origin.1)
+    }
+
+    /// The lattice site of a circle of the board.
+    pub fn site(&self, pattern: &Pattern, circle: usize) -> (i32, i32) {
+        let (x, y) = pattern.lattice_position(circle);
+        let (x, y) = (x + self.origin.0, y + self.origin.1);
+        let [[a, b], [c, d]] = self.axes;
+        // 1 on symmetric boards; 2 on asymmetric ones, whose positions are even or odd in both.
+        let determinant = (a * d - b * c).max(1);
+        ((d * x - b * y) / determinant, (a * y - c * x) / determinant)
+    }
+
+    /// The same points, the board turned by a half turn, or by a quarter turn if that maps it onto
+    /// itself.
+    pub fn turned(&self, pattern: &Pattern) -> Self {
+        let (width, height) = extent_of(pattern);
+        let [[a, b], [c, d]] = self.axes;
+        let (x, y) = self.origin;
+        let (axes, origin) = if turns_of(pattern) == 4 {
+            // (x, y) → (width − y, x)
+            ([[-c, -d], [a, b]], (-y - width, x))
+        } else {
+            ([[-a, -b], [-c, -d]], (-x - width, -y - height))
+        };
+        Self { axes, origin, ..*self }
     }
 }
 
@@ -47,7 +70,7 @@ pub(super) fn turns_of(pattern: &Pattern) -> usize {
     match pattern.layout {
         Layout::Symmetric if pattern.rows == pattern.columns => 4,
         Layout::Symmetric => 2,
-        Layout::Asymmetric if pattern.rows % 2 == 0 => 2,
+        Layout::Asymmetric if pattern.rows.is_multiple_of(2) => 2,
         Layout::Asymmetric => 1,
     }
 }
@@ -62,32 +85,53 @@ pub(super) fn extent_of(pattern: &Pattern) -> (i32, i32) {
     (width, i32::from(pattern.rows.max(1)) - 1)
 }
 
-/// The placement that explains most points. Of the turns that map the board onto itself, the one
-/// whose first circle lies nearest to the top left of the image is taken.
-pub(super) fn place<T: RealField + Copy, const N: usize>(
-    lattice: &Lattice<N>,
-    points: &Points<T, N>,
-    warp: &Warp<T>,
-    pattern: &Pattern,
-) -> Option<Placement> {
+/// Most axes that a lattice can have at once: four turns of one, and others where the map is vague.
+const MOST_AXES: usize = 16;
+
+/// The axes that a lattice can have on a board: changes of basis that make it a square lattice in
+/// space. Of axes that differ by a turn that maps the board onto itself, one is listed.
+pub(super) fn axes_of<T: RealField + Copy>(image: &LatticeImage<T>, pattern: &Pattern) -> Vec<Axes, MOST_AXES> {
     let turns = turns_of(pattern);
     let largest_shear = nalgebra::convert(LARGEST_SHEAR);
-    let mut best: Option<Placement> = None;
-    let mut runner_up = 0;
-    for axes in AxesIterator::new(pattern.layout) {
-        if !is_first_turn(&axes, turns) || warp.shear(&axes).is_none_or(|shear| shear > largest_shear) {
-            continue;
-        }
-        count_shifts(lattice, pattern, &axes, runner_up.max(1), |origin, inside| match best {
-            Some(known) if inside <= known.inside => runner_up = runner_up.max(inside),
-            _ => {
-                runner_up = best.map_or(runner_up, |known| known.inside.max(runner_up));
-                best = Some(Placement { axes, origin, inside, outside: lattice.len() - inside, runner_up: 0 });
+    let mut list = Vec::new();
+    let entries = -LARGEST_ENTRY..=LARGEST_ENTRY;
+    for a in entries.clone() {
+        for b in entries.clone() {
+            for c in entries.clone() {
+                for d in entries.clone() {
+                    if a * d - b * c != 1 {
+                        continue;
+                    }
+                    let axes = match pattern.layout {
+                        Layout::Symmetric => [[a, b], [c, d]],
+                        // The lattice steps of an asymmetric board are (1, -1) and (1, 1).
+                        Layout::Asymmetric => [[a + c, b + d], [c - a, d - b]],
+                    };
+                    let listed =
+                        is_first_turn(&axes, turns) && image.shear(&axes).is_some_and(|shear| shear <= largest_shear);
+                    if listed && list.push(axes).is_err() {
+                        return list;
+                    }
+                }
             }
+        }
+    }
+    list
+}
+
+/// Calls `visit` with every placement along `axes` that explains at least `least` points.
+pub(super) fn visit<const N: usize>(
+    lattice: &Lattice<N>,
+    pattern: &Pattern,
+    axes: &[Axes],
+    least: usize,
+    mut visit: impl FnMut(Placement),
+) {
+    for &axes in axes {
+        count_shifts(lattice, pattern, &axes, least.max(1), |origin, inside| {
+            visit(Placement { axes, origin, inside });
         });
     }
-    let best = best.map(|best| Placement { runner_up, ..best })?;
-    turned_to_top_left(best, lattice, points, pattern, turns)
 }
 
 /// Calls `report` with the shift and the number of points inside, for every shift that may explain
@@ -95,7 +139,7 @@ pub(super) fn place<T: RealField + Copy, const N: usize>(
 fn count_shifts<const N: usize>(
     lattice: &Lattice<N>,
     pattern: &Pattern,
-    axes: &[[i32; 2]; 2],
+    axes: &Axes,
     least: usize,
     mut report: impl FnMut((i32, i32), usize),
 ) {
@@ -150,54 +194,29 @@ fn windows(values: impl Iterator<Item = i32> + Clone, length: i32, least: usize)
     Some(starts)
 }
 
-fn board_to_image<T: RealField + Copy>(axes: &[[i32; 2]; 2], image_steps: &Matrix2<T>) -> Matrix2<T> {
-    let [[a, b], [c, d]] = axes.map(|row| row.map(f64::from));
-    let determinant = a * d - b * c;
-    let inverse = Matrix2::new(d, -b, -c, a) / determinant;
-    image_steps * inverse.map(nalgebra::convert::<f64, T>)
-}
-
-/// Picks, of the turns that map the board onto itself, the one with the first circle at the top left.
-fn turned_to_top_left<T: RealField + Copy, const N: usize>(
+/// Picks, of the turns that map the board onto itself, the one whose first circle lies nearest to
+/// the top left of the image.
+pub(super) fn turned_to_top_left<T: RealField + Copy>(
     placement: Placement,
-    lattice: &Lattice<N>,
-    points: &Points<T, N>,
+    image: &LatticeImage<T>,
     pattern: &Pattern,
-    turns: usize,
-) -> Option<Placement> {
-    let image_steps = lattice.affine(points)?.steps;
-    let (width, height) = extent_of(pattern);
-    let toward = |placement: &Placement| {
-        // From the first circle to the middle of the board; right and down is positive.
-        let middle = Vector2::new(nalgebra::convert(f64::from(width)), nalgebra::convert(f64::from(height)));
-        (board_to_image(&placement.axes, &image_steps) * middle).sum()
-    };
+) -> Placement {
+    let corner = |placement: &Placement| image.at(placement.site(pattern, 0)).map(|place| place.x + place.y);
     let mut best = placement;
     let mut turned = placement;
-    for _ in 1..turns {
-        turned = if turns == 4 { quarter_turn(turned, width) } else { half_turn(turned, width, height) };
-        if toward(&turned) > toward(&best) {
+    for _ in 1..turns_of(pattern) {
+        turned = turned.turned(pattern);
+        if let (Some(here), Some(there)) = (corner(&turned), corner(&best))
+            && here < there
+        {
             best = turned;
         }
     }
-    Some(best)
-}
-
-fn half_turn(placement: Placement, width: i32, height: i32) -> Placement {
-    let [[a, b], [c, d]] = placement.axes;
-    let (x, y) = placement.origin;
-    Placement { axes: [[-a, -b], [-c, -d]], origin: (-x - width, -y - height), ..placement }
-}
-
-/// (x, y) → (width − y, x), the board being square.
-fn quarter_turn(placement: Placement, width: i32) -> Placement {
-    let [[a, b], [c, d]] = placement.axes;
-    let (x, y) = placement.origin;
-    Placement { axes: [[-c, -d], [a, b]], origin: (-y - width, x), ..placement }
+    best
 }
 
 /// One representative of the turns that map the board onto itself.
-fn is_first_turn(axes: &[[i32; 2]; 2], turns: usize) -> bool {
+fn is_first_turn(axes: &Axes, turns: usize) -> bool {
     let (a, c) = (axes[0][0], axes[1][0]);
     match turns {
         4 => a > 0 && c >= 0,
@@ -206,45 +225,6 @@ fn is_first_turn(axes: &[[i32; 2]; 2], turns: usize) -> bool {
     }
 }
 
-fn apply(axes: &[[i32; 2]; 2], u: i32, v: i32) -> (i32, i32) {
+fn apply(axes: &Axes, u: i32, v: i32) -> (i32, i32) {
     (axes[0][0] * u + axes[0][1] * v, axes[1][0] * u + axes[1][1] * v)
-}
-
-/// All changes of basis with small entries.
-struct AxesIterator {
-    layout: Layout,
-    next: i32,
-}
-
-impl AxesIterator {
-    fn new(layout: Layout) -> Self {
-        Self { layout, next: 0 }
-    }
-}
-
-impl Iterator for AxesIterator {
-    type Item = [[i32; 2]; 2];
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let count = 2 * LARGEST_ENTRY + 1;
-        while self.next < count * count * count * count {
-            let mut code = self.next;
-            self.next += 1;
-            let mut digit = || {
-                let entry = code % count - LARGEST_ENTRY;
-                code /= count;
-                entry
-            };
-            let (a, b, c, d) = (digit(), digit(), digit(), digit());
-            if a * d - b * c != 1 {
-                continue;
-            }
-            return Some(match self.layout {
-                Layout::Symmetric => [[a, b], [c, d]],
-                // The lattice steps of an asymmetric board are (1, -1) and (1, 1).
-                Layout::Asymmetric => [[a + c, b + d], [c - a, d - b]],
-            });
-        }
-        None
-    }
 }

@@ -87,11 +87,7 @@ impl<T: RealField + Copy, const N: usize> Points<T, N> {
     /// Moves the last point to its place among the sorted ones before it.
     fn sink_last(&mut self) {
         let mut end = self.points.len();
-        while end >= 2 {
-            let Some([before, last]) = self.points.get_mut(end - 2..end).and_then(|pair| pair.as_mut_array::<2>())
-            else {
-                return;
-            };
+        while let Some([.., before, last]) = self.points.get_mut(..end) {
             let (a, b) = (before.position, last.position);
             if a.x < b.x || (a.x == b.x && a.y <= b.y) {
                 return;
@@ -195,20 +191,21 @@ impl<T: RealField + Copy, const N: usize> Points<T, N> {
     }
 }
 
+/// Puts a point into its place in the list sorted by distance; the last one falls out.
 fn insert_sorted<T: RealField + Copy>(
     found: &mut [u16; NEIGHBOURS],
     distances: &mut [T; NEIGHBOURS],
     point: u16,
     distance: T,
 ) {
-    let mut carried = (distance, point);
-    for (slot, near) in distances.iter_mut().zip(found.iter_mut()) {
-        if carried.0 < *slot {
-            let pushed_on = (*slot, *near);
-            (*slot, *near) = carried;
-            carried = pushed_on;
-        }
+    let mut place = NEIGHBOURS - 1;
+    while place > 0 && distances[place - 1] > distance {
+        distances[place] = distances[place - 1];
+        found[place] = found[place - 1];
+        place -= 1;
     }
+    distances[place] = distance;
+    found[place] = point;
 }
 
 #[cfg(test)]

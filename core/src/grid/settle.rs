@@ -17,7 +17,17 @@ use super::warp::{Precision, Step, Warp};
 /// Most rounds.
 const ROUNDS: usize = 6;
 /// Steps that bring the map near.
-const APPROACH: [Step; 4] = [Step::Homography, Step::Homography, Step::All, Step::All];
+const APPROACH: [Step; 9] = [
+    Step::Homography,
+    Step::Homography,
+    Step::Homography,
+    Step::Distortion,
+    Step::Distortion,
+    Step::Distortion,
+    Step::All,
+    Step::All,
+    Step::All,
+];
 /// Steps of every round; they end when they gain nothing.
 const FIT: [Step; 4] = [Step::Robust; 4];
 /// A point may be off by this many standard deviations.
@@ -151,11 +161,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
     /// Moves the last claim to its place among the sorted ones before it.
     fn sink_last(&mut self) {
         let mut end = self.claims.len();
-        while end >= 2 {
-            let Some([before, last]) = self.claims.get_mut(end - 2..end).and_then(|pair| pair.as_mut_array::<2>())
-            else {
-                return;
-            };
+        while let Some([.., before, last]) = self.claims.get_mut(..end) {
             if before.distance <= last.distance {
                 return;
             }

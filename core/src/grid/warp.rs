@@ -8,9 +8,10 @@
 //! perspective and lenses up to fisheyes closely enough that what does not fit it is no circle of the board.
 
 use heapless::Vec;
-use nalgebra::{Matrix2, Matrix3, RealField, Vector2};
+use nalgebra::{Matrix2, Matrix3, RealField, Vector2, Vector3};
 
 use super::lattice::Lattice;
+use super::placement::Axes;
 use super::points::Points;
 use super::select::select;
 
@@ -29,10 +30,13 @@ const CUT: f64 = 3.0;
 
 /// Index of the first parameter of the lens.
 const FIRST_OF_LENS: usize = 8;
-/// Factor on the weight of what is assumed of the lens while the homography is sought.
+/// Factor on the weight of what is assumed of parameters that are not to move yet.
 const FIRM: f64 = 1e6;
 /// Most attempts at a step, with ever more damping.
 const ATTEMPTS: usize = 5;
+
+/// A step that leaves more than this part of the cost is the last of its kind.
+const ENOUGH: f64 = 0.98;
 
 /// What a step of a fit does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,9 +44,11 @@ pub(super) enum Step {
     /// Moves the homography; the lens stays as assumed, without which the lens would take on what is
     /// perspective. Points far off weigh as much as others.
     Homography,
+    /// Moves the homography and λ₁.
+    Distortion,
     /// Moves all parameters.
     All,
-    /// Moves all parameters, with little weight on points far off. Ends the fit when it gains nothing.
+    /// Moves all parameters, with little weight on points far off.
     Robust,
 }
 
@@ -167,20 +173,32 @@ impl<T: RealField + Copy> Warp<T> {
     }
 }
 
-/// Focal lengths tried by [`Warp::shear`], in units of half the image diagonal: from a fisheye to a
+/// Focal lengths tried by [`LatticeImage::shear`], in units of half the image diagonal: from a fisheye to a
 /// telephoto lens.
 const FOCAL_LENGTHS: [f64; 7] = [0.5, 0.75, 1.1, 1.6, 2.4, 3.6, 5.4];
 
-impl<T: RealField + Copy> Warp<T> {
+/// The same map the other way: from lattice to image.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LatticeImage<T> {
+    warp: Warp<T>,
+    to_ray: Matrix3<T>,
+}
+
+impl<T: RealField + Copy> LatticeImage<T> {
+    /// None if the map is degenerate.
+    pub fn new(warp: &Warp<T>) -> Option<Self> {
+        let [a, b, c, d, e, f, g, h, ..] = warp.parameters;
+        let to_ray = Matrix3::new(a, b, c, d, e, f, g, h, T::one()).try_inverse()?;
+        Some(Self { warp: *warp, to_ray })
+    }
+
     /// How far the map is from showing a square lattice in a plane if `axes` takes lattice to board
     /// coordinates: the ratio of the board's two scales, at the focal length where it is least.
     /// 1 for the right axes, as the convergence of lines belongs to the slant; at least 2.6, if all
     /// is exact, for others. None if the map is degenerate.
-    pub fn shear(&self, axes: &[[i32; 2]; 2]) -> Option<T> {
-        let [a, b, c, d, e, f, g, h, ..] = self.parameters;
-        let to_ray = Matrix3::new(a, b, c, d, e, f, g, h, T::one()).try_inverse()?;
+    pub fn shear(&self, axes: &Axes) -> Option<T> {
         let axes = Matrix2::from_fn(|row, column| nalgebra::convert::<f64, T>(f64::from(axes[row][column])));
-        let rays = to_ray.fixed_columns::<2>(0) * axes.try_inverse()?;
+        let rays = self.to_ray.fixed_columns::<2>(0) * axes.try_inverse()?;
         let across = rays.fixed_rows::<2>(0).into_owned();
         let along = rays.fixed_rows::<1>(2).into_owned();
         let two: T = nalgebra::convert(2.0);
@@ -196,6 +214,36 @@ impl<T: RealField + Copy> Warp<T> {
             }
         }
         least
+    }
+
+    /// The pixel of a lattice site; none if it lies beyond what the lens can show.
+    pub fn at(&self, (u, v): (i32, i32)) -> Option<Vector2<T>> {
+        let [.., first, second, center_x, center_y] = self.warp.parameters;
+        let site = Vector3::new(nalgebra::convert(f64::from(u)), nalgebra::convert(f64::from(v)), T::one());
+        let ray = self.to_ray * site;
+        if ray.z <= T::zero() {
+            return None;
+        }
+        let direction = ray.xy() / ray.z;
+        let s = direction.norm_squared();
+        let (two, four): (T, T) = (nalgebra::convert(2.0), nalgebra::convert(4.0));
+        // The radius shrinks by the factor k with k = 1 + λ₁ s k² + λ₂ s² k⁴: Newton's method, from
+        // the solution for λ₂ = 0.
+        let mut k = two / (T::one() + (T::one() - four * first * s).max(T::zero()).sqrt());
+        for _ in 0..5 {
+            let value = T::one() + (first + second * s * k * k) * s * k * k - k;
+            let slope = (first * two + second * s * k * k * four) * s * k - T::one();
+            if slope >= T::zero() {
+                return None;
+            }
+            k -= value / slope;
+        }
+        let place = direction * k + Vector2::new(center_x, center_y);
+        let pixel = place * self.warp.unit + self.warp.middle;
+        // Where Newton's method went astray, the map back does not agree.
+        let back = self.warp.at(&pixel)?.site;
+        let tolerance: T = nalgebra::convert(0.1);
+        ((back - site.xy()).norm() < tolerance).then_some(pixel)
     }
 }
 
@@ -231,12 +279,16 @@ impl<T: RealField + Copy> Warp<T> {
     ) -> Option<Precision<T>> {
         let ten: T = nalgebra::convert(10.0);
         let tiny: T = nalgebra::convert(1e-4);
-        let enough: T = nalgebra::convert(0.98);
+        let enough: T = nalgebra::convert(ENOUGH);
         let mut damping = T::zero();
         let mut last = None;
+        let mut finished = None;
         for &step in schedule {
+            if finished == Some(step) {
+                continue;
+            }
             let cut_squared = match step {
-                Step::Homography | Step::All => self.unit * self.unit,
+                Step::Homography | Step::Distortion | Step::All => self.unit * self.unit,
                 Step::Robust => {
                     let median = self.median_square(lattice, points, squares)?;
                     (median * nalgebra::convert(CUT * CUT)).max(tiny)
@@ -262,8 +314,8 @@ impl<T: RealField + Copy> Warp<T> {
                 damping = (damping * ten).max(tiny * ten);
             }
             last = Some((system, cut_squared));
-            if step == Step::Robust && after >= before * enough {
-                break;
+            if after >= before * enough {
+                finished = Some(step);
             }
         }
         let (system, cut_squared) = last?;
@@ -364,11 +416,15 @@ struct System<T> {
 
 /// Weights of the assumptions.
 fn assumption_weights<T: RealField + Copy>(step: Step) -> [T; COUNT] {
-    let firmness = if step == Step::Homography { FIRM } else { 1.0 };
+    let firm_from = match step {
+        Step::Homography => FIRST_OF_LENS,
+        Step::Distortion => FIRST_OF_LENS + 1,
+        Step::All | Step::Robust => COUNT,
+    };
     core::array::from_fn(|index| {
         let spread = SPREAD[index];
         let ratio = if spread > 0.0 { NOMINAL_SCATTER / spread } else { 0.0 };
-        let firmness = if index < FIRST_OF_LENS { 1.0 } else { firmness };
+        let firmness = if index < firm_from { 1.0 } else { FIRM };
         nalgebra::convert(ratio * ratio * firmness)
     })
 }
@@ -432,11 +488,10 @@ fn cholesky<T: RealField + Copy>(matrix: &[[T; COUNT]; COUNT], damping: T) -> Op
     for column in 0..COUNT {
         let mut pivot = matrix[column][column] * (T::one() + damping);
         let before = pivot;
-        for inner in 0..column {
-            pivot -= matrix[column][inner] * matrix[column][inner];
+        for entry in matrix[column].iter().take(column) {
+            pivot -= *entry * *entry;
         }
-        // Catches NaN, too.
-        if !(pivot > before * least) {
+        if pivot <= before * least || !pivot.is_finite() {
             return None;
         }
         let root = pivot.sqrt();
@@ -444,8 +499,8 @@ fn cholesky<T: RealField + Copy>(matrix: &[[T; COUNT]; COUNT], damping: T) -> Op
         matrix[column][column] = root;
         for row in column + 1..COUNT {
             let mut value = matrix[row][column];
-            for inner in 0..column {
-                value -= matrix[row][inner] * matrix[column][inner];
+            for (left, right) in matrix[row].iter().zip(&matrix[column]).take(column) {
+                value -= *left * *right;
             }
             matrix[row][column] = value * inverse;
         }

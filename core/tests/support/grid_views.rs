@@ -196,16 +196,15 @@ fn try_view(setting: &Setting, random: &mut Random) -> Option<View> {
         }
     }
     let visible = entries.len();
-    // Clutter in the board's bounding box, widened by a fifth to each side; no nearer to a dot or to
+    // Clutter in the board's bounding box, widened by a fifth to each side, within the image; no nearer to a dot or to
     // other clutter than 2 px, which a detector could not tell apart.
     let low = seen.iter().fold(seen[0], |low, dot| low.inf(dot));
     let high = seen.iter().fold(seen[0], |high, dot| high.sup(dot));
     let margin = (high - low) * 0.2;
+    let low = (low - margin).sup(&Vector2::zeros());
+    let high = (high + margin).inf(&Vector2::new(SIZE.0, SIZE.1));
     while entries.len() < visible + setting.clutter {
-        let place = Vector2::new(
-            random.uniform(low.x - margin.x, high.x + margin.x),
-            random.uniform(low.y - margin.y, high.y + margin.y),
-        );
+        let place = Vector2::new(random.uniform(low.x, high.x), random.uniform(low.y, high.y));
         if entries.iter().all(|(other, _)| (other - place).norm() > 2.0) {
             entries.push((place, None));
         }
