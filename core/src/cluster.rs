@@ -34,7 +34,7 @@ use nalgebra::{RealField, Vector2};
 /// Settings of the clustering.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClusterSettings {
-    /// Neighbourhood radius ε in pixels, from 1 to below 7. Must stay below the gap between the arcs
+    /// Neighbourhood radius ε in pixels, from 1 to below 5. Must stay below the gap between the arcs
     /// of neighbouring dots.
     pub epsilon: f32,
     /// Pixels within ε, the pixel itself included, that make it a core pixel (`MinPts`).
