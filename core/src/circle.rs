@@ -11,7 +11,10 @@
 //! and the OFF arc of the next one are near too, but back to back. The third moments of a cluster
 //! tell.
 //!
-//! Either way a pair counts only if each cluster is the other's best partner. Every pair that falls
+//! Either way a pair counts only if each cluster is the other's best partner. The clusters' centres
+//! are their means: the mean of an arc lies inside of the circle by an amount that its spread tells,
+//! and is moved out by that much wherever a distance is compared (the paper's median lies somewhere
+//! between, depending on the direction of the arc). Every pair that falls
 //! away is counted by its reason in [`CircleCounts`]. Nothing here panics.
 
 mod extraction;
@@ -36,7 +39,7 @@ pub enum Method {
 pub struct ExtractionSettings<T> {
     /// How a circle follows from a pair.
     pub method: Method,
-    /// Number of nearest clusters of the other polarity tried for each cluster (hard; soft takes one).
+    /// Number of nearest facing clusters of the other polarity tried for each ON cluster, at most 8.
     pub neighbours: u8,
     /// Smallest cosine of the angle between the direction in which an arc is curved and that to its
     /// partner.
@@ -66,11 +69,11 @@ impl<T: RealField + Copy> Default for ExtractionSettings<T> {
     fn default() -> Self {
         Self {
             method: Method::Hard,
-            neighbours: 3,
+            neighbours: 4,
             min_facing: nalgebra::convert(0.5),
             min_radius: nalgebra::convert(2.0),
             max_radius: nalgebra::convert(32.0),
-            min_arc: nalgebra::convert(0.7),
+            min_arc: nalgebra::convert(0.75),
             max_radius_ratio: nalgebra::convert(2.0),
             min_radius_ratio: nalgebra::convert(0.75),
             max_center_offset: nalgebra::convert(0.5),
@@ -99,3 +102,6 @@ pub struct CircleCandidate<T> {
     /// Pixels of the OFF cluster.
     pub off_pixels: u16,
 }
+
+#[cfg(test)]
+mod tests;

@@ -34,7 +34,7 @@ use nalgebra::{RealField, Vector2};
 /// Settings of the clustering.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClusterSettings {
-    /// Neighbourhood radius ε in pixels, from 1 to below 7. Must stay below the gap between the arcs
+    /// Neighbourhood radius ε in pixels, from 1 to below 5. Must stay below the gap between the arcs
     /// of neighbouring dots.
     pub epsilon: f32,
     /// Pixels within ε, the pixel itself included, that make it a core pixel (`MinPts`).
@@ -87,7 +87,9 @@ impl PixelRun {
 pub struct Cluster<T> {
     /// Moments of its pixels.
     pub moments: CentralMoments<T>,
-    /// Centre in pixels: the median of the columns and the median of the rows.
+    /// Centre in pixels: the mean of the pixels. A median would guard against far outliers, which a
+    /// cluster of a density-based method has not; the mean does not depend on the direction of an
+    /// arc, and follows from exact sums.
     pub center: Vector2<T>,
     /// Leftmost and topmost column and row.
     pub min: [u16; 2],

@@ -53,7 +53,7 @@ impl Default for WindowPolicy {
         Self {
             step_us: 500,
             minimum: 3,
-            maximum: 9,
+            maximum: 16,
             gap: 5,
             event_cap: 8000,
             event_floor: 200,

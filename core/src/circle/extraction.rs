@@ -14,10 +14,10 @@ const MAX_NEIGHBOURS: usize = 8;
 pub struct CircleCounts {
     /// Clusters too wide or high for the arc of a dot.
     pub clusters_too_large: u32,
+    /// Clusters near enough for a pair of which one is curved away from the other.
+    pub back_to_back: u32,
     /// Pairs tried.
     pub pairs: u32,
-    /// Pairs of which one arc is curved away from the other.
-    pub back_to_back: u32,
     /// Pairs with a radius out of bounds, or whose pixels lie on a line.
     pub radius_out_of_bounds: u32,
     /// Pairs of which one arc has too few pixels for the radius.
@@ -63,13 +63,9 @@ pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS
         if !may_be_arc(on_cluster, settings) {
             continue;
         }
-        for (_, off_index) in nearest(on_cluster, off, settings) {
+        for (_, off_index) in nearest_facing(on_cluster, off, settings, &mut counts.back_to_back) {
             let Some(off_cluster) = off.get(usize::from(off_index)) else { continue };
             counts.pairs += 1;
-            if !faces(on_cluster, off_cluster, settings) || !faces(off_cluster, on_cluster, settings) {
-                counts.back_to_back += 1;
-                continue;
-            }
             let found = match settings.method {
                 Method::Hard => hard(on_cluster, off_cluster, &runs, settings),
                 Method::Soft => soft(on_cluster, off_cluster, &runs, settings),
@@ -111,11 +107,14 @@ fn may_be_arc<T: RealField + Copy>(cluster: &Cluster<T>, settings: &ExtractionSe
     T::from_u16(width.max(height)).is_some_and(|extent| extent <= diameter)
 }
 
-/// The nearest clusters of the other polarity that are near enough for a dot: squared distance, index.
-fn nearest<T: RealField + Copy>(
+/// The nearest clusters of the other polarity that may be the other side of a dot: squared distance, index.
+///
+/// Adds to `back_to_back` those that were near enough but face away.
+fn nearest_facing<T: RealField + Copy>(
     cluster: &Cluster<T>,
     others: &[Cluster<T>],
     settings: &ExtractionSettings<T>,
+    back_to_back: &mut u32,
 ) -> Vec<(T, u16), MAX_NEIGHBOURS> {
     let limit = usize::from(settings.neighbours).clamp(1, MAX_NEIGHBOURS);
     let diameter = settings.max_radius + settings.max_radius;
@@ -124,6 +123,10 @@ fn nearest<T: RealField + Copy>(
     for (index, other) in (0_u16..).zip(others) {
         let distance_squared = (other.center - cluster.center).norm_squared();
         if distance_squared < bound && may_be_arc(other, settings) {
+            if !faces(cluster, other, settings) || !faces(other, cluster, settings) {
+                *back_to_back += 1;
+                continue;
+            }
             if found.len() == limit {
                 found.pop();
             }
@@ -230,14 +233,15 @@ fn test_size<T: RealField + Copy>(
 
 /// Keeps the pairs that are the best of both their clusters; of equals the earlier counts.
 ///
-/// Hard: the least area between pixels and circle (error × radius). The error relative to the radius
-/// would let a large circle through the arcs of two dots win. Soft: the least distance.
+/// Hard: the least area between pixels and circle (error × radius) for the length of the shorter arc.
+/// The error relative to the radius, as in the paper, lets a large circle through the arcs of two
+/// dots win. Soft: the least distance.
 fn keep_mutual<T: RealField + Copy, const CLUSTERS: usize>(
     method: Method,
     circles: &mut Vec<CircleCandidate<T>, CLUSTERS>,
 ) {
     let badness = |circle: &CircleCandidate<T>| match method {
-        Method::Hard => circle.error * circle.radius,
+        Method::Hard => circle.error * circle.radius / from_u16(circle.on_pixels.min(circle.off_pixels)),
         Method::Soft => circle.radius,
     };
     let mut best_of_on: [Option<(u16, T)>; CLUSTERS] = [None; CLUSTERS];
@@ -261,4 +265,8 @@ fn keep_mutual<T: RealField + Copy, const CLUSTERS: usize>(
         index += 1;
         keep
     });
+}
+
+fn from_u16<T: RealField>(value: u16) -> T {
+    T::from_u16(value).unwrap_or_else(T::one)
 }

@@ -2,7 +2,7 @@
 
 /// Columns that stay empty at the right of every row, so that a neighbourhood never reaches into the
 /// pixels of the next row. Bounds the half-width of a neighbourhood.
-pub(super) const MARGIN: usize = 6;
+pub(super) const MARGIN: usize = 4;
 
 /// Bytes per row of a bitmap for a sensor `width` pixels wide.
 ///
@@ -16,7 +16,7 @@ pub const fn row_count(height: usize) -> usize {
     height + 2
 }
 
-/// A bitmap of up to `ROW_BYTES * 8 - 6` columns and `ROWS - 2` rows.
+/// A bitmap of up to `ROW_BYTES * 8 - 4` columns and `ROWS - 2` rows.
 ///
 /// A pixel is addressed by its *bit*: `ROW_BYTES * 8 * (y + 1) + x`.
 #[derive(Debug)]
@@ -162,7 +162,7 @@ mod tests {
 
     #[test]
     fn capacity_covers_the_sensor_it_was_sized_for() {
-        assert_eq!(Bitmap::<{ row_bytes(346) }, { row_count(260) }>::CAPACITY, (346, 260));
+        assert_eq!(Bitmap::<{ row_bytes(346) }, { row_count(260) }>::CAPACITY, (348, 260));
         let (width, height) = Bitmap::<{ row_bytes(320) }, { row_count(320) }>::CAPACITY;
         assert!(width >= 320 && height == 320);
     }

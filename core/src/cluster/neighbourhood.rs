@@ -3,6 +3,9 @@
 use super::ClusterSettings;
 use super::bitmap::{Bitmap, MARGIN};
 
+/// Pixels in the widest row of a disc.
+const WIDEST: usize = 2 * MARGIN + 1;
+
 /// Half-widths of the rows of a disc of pixels: row ±dy reaches from -half_width(dy) to +half_width(dy).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Neighbourhood {
@@ -11,7 +14,7 @@ pub(super) struct Neighbourhood {
 }
 
 impl Neighbourhood {
-    /// The disc of radius ε, clamped to 1…6.99 px. A NaN counts as 1.
+    /// The disc of radius ε, clamped to 1…4.99 px. A NaN counts as 1.
     pub(super) fn new(settings: &ClusterSettings) -> Self {
         let largest = MARGIN as f32 + 0.99;
         let epsilon = if settings.epsilon >= 1.0 { settings.epsilon.min(largest) } else { 1.0 };
@@ -61,16 +64,18 @@ impl Neighbourhood {
         bit: usize,
         enough: u32,
     ) -> u32 {
-        let mut count = self.row(bitmap, bit, 0).count_ones();
-        let mut below = bit;
-        let mut above = bit;
-        for dy in 1..=self.radius() {
+        let row_bits = Bitmap::<ROW_BYTES, ROWS>::ROW_BITS;
+        let row = |row_bit, dy| self.row(bitmap, row_bit, dy);
+        let (mut above, mut below) = (bit.wrapping_sub(row_bits), bit.wrapping_add(row_bits));
+        // Three rows of at most 2 MARGIN + 1 pixels fit into a word: one count for all.
+        let mut count = (row(bit, 0) | row(above, 1) << WIDEST | row(below, 1) << (2 * WIDEST)).count_ones();
+        for dy in 2..=self.radius() {
             if count >= enough {
                 break;
             }
-            below = below.wrapping_add(Bitmap::<ROW_BYTES, ROWS>::ROW_BITS);
-            above = above.wrapping_sub(Bitmap::<ROW_BYTES, ROWS>::ROW_BITS);
-            count += self.row(bitmap, below, dy).count_ones() + self.row(bitmap, above, dy).count_ones();
+            above = above.wrapping_sub(row_bits);
+            below = below.wrapping_add(row_bits);
+            count += (row(above, dy) | row(below, dy) << WIDEST).count_ones();
         }
         count
     }

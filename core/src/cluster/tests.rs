@@ -76,7 +76,7 @@ fn naive(events: &[Event], polarity: Polarity, settings: &ClusterSettings) -> Ve
 }
 
 fn any_settings() -> impl Strategy<Value = ClusterSettings> {
-    let epsilon = prop::sample::select(vec![1.0_f32, 1.5, 2.0, 2.3, 2.9, 3.0, 3.5, 4.0, 5.0, 6.5]);
+    let epsilon = prop::sample::select(vec![1.0_f32, 1.5, 2.0, 2.3, 2.9, 3.0, 3.5, 4.0, 4.4, 4.9]);
     (epsilon, 1_u16..9, 1_u16..7).prop_map(|(epsilon, min_points, min_pixels)| ClusterSettings {
         epsilon,
         min_points,

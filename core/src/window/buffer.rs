@@ -56,7 +56,7 @@ pub struct BufferCounts {
 ///
 /// let mut storage = EventStorage::<4096>::new();
 /// let mut windows = WindowBuffer::new(WindowPolicy::default(), 0, &mut storage);
-/// for t in 0..10_000 {
+/// for t in (0..10_000).step_by(2) {
 ///     let mut progress = windows.push(Event { t, x: 1, y: 2, polarity: Polarity::On });
 ///     while progress == Progress::Complete {
 ///         let unique_pixels = windows.events().count() as u32;
