@@ -63,7 +63,9 @@ impl Pixel {
     ) -> Self {
         let [off, on] = [sensor.threshold_off, sensor.threshold_on]
             .map(|threshold| (threshold + sensor.threshold_mismatch * normal(rng)).max(LEAST_THRESHOLD));
-        let spread = libm::exp(sensor.noise_spread * std::f64::consts::LN_10 * normal(rng));
+        // Less half the variance, for the mean of all pixels to be the stated rate.
+        let deviation = sensor.noise_spread * std::f64::consts::LN_10;
+        let spread = libm::exp(deviation * normal(rng) - 0.5 * deviation * deviation);
         let [slowest, fastest] = sensor.hot_rate;
         let hot_rate = uniform_in(rng, slowest, fastest);
         let noise_rate = sensor.noise_rate * spread + if hot { hot_rate } else { 0.0 };
@@ -238,3 +240,95 @@ impl Pixel {
 
 /// exp(-[`RELAXATION_STEP`]).
 const DECAY: f64 = 0.740_818_220_681_717_9;
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+    use crate::simulate::sensor::Photoreceptor;
+
+    fn pixel(sensor: &SensorModel, radiance: f64) -> (Pixel, ChaCha8Rng) {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        (Pixel::new((3, 4), sensor, 1.0, false, radiance, &mut rng), rng)
+    }
+
+    #[test]
+    fn a_ramp_fires_at_every_threshold() {
+        let sensor = SensorModel::ideal();
+        let (mut pixel, mut rng) = pixel(&sensor, 1.0);
+        let mut events = Vec::new();
+        let mut out = RowOutput { rng: &mut rng, events: &mut events };
+        // Log intensity falls by 2 in 1 ms: by 0.43 every 215 µs.
+        pixel.see(&sensor, 0.0, 1000.0, libm::exp(-2.0), &mut out);
+        pixel.see(&sensor, 1000.0, 2000.0, libm::exp(-2.0), &mut out);
+        let times: Vec<(i64, Polarity)> = events.iter().map(|event| (event.t, event.polarity)).collect();
+        assert_eq!(times, [215, 430, 645, 860].map(|t| (t, Polarity::Off)));
+    }
+
+    #[test]
+    fn reset_forgets_what_happens_meanwhile() {
+        let sensor = SensorModel { refractory: 300e-6, ..SensorModel::ideal() };
+        let (mut pixel, mut rng) = pixel(&sensor, 1.0);
+        let mut events = Vec::new();
+        let mut out = RowOutput { rng: &mut rng, events: &mut events };
+        // A slope of 1/ms: threshold after 430 µs, then 300 µs of reset, and so on.
+        pixel.see(&sensor, 0.0, 2500.0, libm::exp(-2.5), &mut out);
+        let times: Vec<i64> = events.iter().map(|event| event.t).collect();
+        assert_eq!(times, [430, 1160, 1890]);
+    }
+
+    #[test]
+    fn a_reset_that_ends_with_a_step_is_left() {
+        let sensor = SensorModel { refractory: 100e-6, threshold_off: 0.4, ..SensorModel::ideal() };
+        let (mut pixel, mut rng) = pixel(&sensor, 1.0);
+        let mut events = Vec::new();
+        let mut out = RowOutput { rng: &mut rng, events: &mut events };
+        pixel.see(&sensor, 0.0, 500.0, libm::exp(-0.5), &mut out);
+        pixel.see(&sensor, 500.0, 1000.0, libm::exp(-1.0), &mut out);
+        let times: Vec<i64> = events.iter().map(|event| event.t).collect();
+        assert_eq!(times.len(), 2, "{times:?}");
+        assert!((times[0] - 400).abs() <= 1 && (times[1] - 900).abs() <= 1, "{times:?}");
+    }
+
+    /// The response to a step of light of a first-order low-pass, one long look or many short ones.
+    #[test]
+    fn the_photoreceptor_is_a_first_order_low_pass() {
+        let photoreceptor = Some(Photoreceptor { bandwidth: 500.0, offset: 1e9 });
+        let sensor = SensorModel { photoreceptor, threshold_on: 0.3, ..SensorModel::ideal() };
+        // With this offset the bandwidth does not depend on the light.
+        let time_constant = 1e6 / (std::f64::consts::TAU * 500.0);
+        for looks in [1u32, 7, 100] {
+            let (mut pixel, mut rng) = pixel(&sensor, 0.2);
+            let mut events = Vec::new();
+            let mut out = RowOutput { rng: &mut rng, events: &mut events };
+            pixel.see(&sensor, 0.0, 1.0, 1.0, &mut out);
+            for look in 0..looks {
+                let time = |look: u32| 1.0 + 5000.0 * f64::from(look) / f64::from(looks);
+                pixel.see(&sensor, time(look), time(look + 1), 1.0, &mut out);
+            }
+            let rise = libm::log(5.0);
+            assert_eq!(events.len(), 5);
+            for (index, event) in (1..).zip(&events) {
+                let expected = -time_constant * libm::log(1.0 - 0.3 * f64::from(index) / rise);
+                // Straight lines over 0.3 time constants are good to 1 % of the step.
+                let tolerance = 2.0 + 0.012 * rise / (rise - 0.3 * f64::from(index)) * time_constant;
+                assert!((event.t as f64 - expected).abs() < tolerance, "{} and {expected}", event.t);
+            }
+        }
+    }
+
+    #[test]
+    fn leak_fires_at_its_rate() {
+        let sensor = SensorModel { leak_rate: 5.0, ..SensorModel::ideal() };
+        let (mut pixel, mut rng) = pixel(&sensor, 0.5);
+        let mut events = Vec::new();
+        let mut out = RowOutput { rng: &mut rng, events: &mut events };
+        for step in 0..1000 {
+            pixel.see(&sensor, f64::from(step) * 1e4, f64::from(step + 1) * 1e4, 0.5, &mut out);
+        }
+        assert_eq!(events.len(), 50);
+        assert!(events.iter().all(|event| event.polarity == Polarity::On));
+        assert!(events.windows(2).all(|pair| (pair[1].t - pair[0].t - 200_000).abs() <= 1));
+    }
+}

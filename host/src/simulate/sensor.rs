@@ -32,7 +32,7 @@ pub struct SensorModel {
     pub vignette: f64,
     /// ON events per second and pixel from the leaking reset switch.
     pub leak_rate: f64,
-    /// Events per second and pixel from shot noise, half of them ON.
+    /// Mean events per second and pixel from shot noise, half of them ON.
     pub noise_rate: f64,
     /// Standard deviation of the decimal logarithm of the noise rate from pixel to pixel.
     pub noise_spread: f64,
@@ -110,8 +110,9 @@ impl SensorModel {
     pub fn ideal() -> Self {
         Self {
             point_spread: 0.6,
+            // Equal thresholds would bring a pixel back to the very edge of firing in plain white.
             threshold_on: 0.4,
-            threshold_off: 0.4,
+            threshold_off: 0.43,
             threshold_mismatch: 0.0,
             threshold_jitter: 0.0,
             photoreceptor: None,

@@ -4,49 +4,26 @@ use evcal_core::camera::Camera;
 use serde::{Deserialize, Serialize};
 
 use super::{EventCounts, Simulation, SimulationSettings};
+use crate::camera_file::{CameraDescription, SensorSize};
 
-/// The camera of a simulation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TrueCamera {
-    /// Name of the camera model.
-    pub model: String,
-    /// Columns of the sensor.
-    pub width: u16,
-    /// Rows of the sensor.
-    pub height: u16,
-    /// Names of the parameters, in the model's order.
-    pub parameter_names: Vec<String>,
-    /// Their values.
-    pub parameters: Vec<f64>,
-}
-
-/// Everything that makes a simulated recording, and what came out.
+/// Everything that makes a simulated recording, and what came out. As JSON it is a camera file too
+/// (see [`crate::camera_file`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
-    /// The lens and the size of the sensor.
-    pub camera: TrueCamera,
+    /// Size of the sensor.
+    pub sensor: SensorSize,
+    /// The lens.
+    pub camera: CameraDescription,
     /// The board, as on the command line.
     pub board: String,
     /// Scene, pixels, motion, seed and duration.
     pub settings: SimulationSettings,
     /// Mean image speed of the board's points in view while the camera moves, in pixels per second.
     pub mean_speed: f64,
-    /// Number of events, OFF and ON.
-    pub events: [u64; 2],
-}
-
-impl TrueCamera {
-    /// The lens `camera` before a `width` × `height` sensor.
-    pub fn new(camera: &Camera<f64>, width: u16, height: u16) -> Self {
-        let kind = camera.kind();
-        Self {
-            model: kind.name().to_owned(),
-            width,
-            height,
-            parameter_names: kind.parameter_names().iter().map(|&name| name.to_owned()).collect(),
-            parameters: camera.parameters().to_vec(),
-        }
-    }
+    /// Number of OFF events.
+    pub off_events: u64,
+    /// Number of ON events.
+    pub on_events: u64,
 }
 
 impl Truth {
@@ -56,10 +33,12 @@ impl Truth {
         let board = simulation.scene().board();
         let rays = simulation.rays();
         Self {
-            camera: TrueCamera::new(camera, rays.width(), rays.height()),
+            sensor: SensorSize { width: rays.width(), height: rays.height() },
+            camera: CameraDescription::new(camera),
             board: board.to_string(),
             mean_speed: simulation.motion().mean_speed(board, rays, settings.duration),
-            events: [counts.off, counts.on],
+            off_events: counts.off,
+            on_events: counts.on,
             settings,
         }
     }
