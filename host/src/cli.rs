@@ -6,13 +6,17 @@ mod calibrate;
 mod detect;
 mod evaluate;
 mod info;
+mod print;
 mod progress;
 mod simulate;
+mod source_arguments;
+mod value;
 
 use std::error::Error;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use value::sensor;
 
 /// Calibrates an event camera from the events of a moving circle grid.
 #[derive(Parser)]
@@ -41,6 +45,11 @@ enum Command {
 
 /// What a subcommand returns; an error goes to standard error with exit code 1.
 type Outcome = Result<(), Box<dyn Error>>;
+
+/// Arguments that clap alone cannot tell to be wrong; the exit code is 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}; see --help")]
+struct UsageError(String);
 
 /// Runs the program.
 pub fn run() -> ExitCode {
@@ -71,15 +80,7 @@ pub fn run() -> ExitCode {
                 }
                 source = cause.source();
             }
-            ExitCode::FAILURE
+            if error.is::<UsageError>() { ExitCode::from(2) } else { ExitCode::FAILURE }
         }
     }
-}
-
-/// Reads WIDTHxHEIGHT.
-fn sensor(text: &str) -> Result<(u16, u16), &'static str> {
-    text.split_once('x')
-        .and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)))
-        .filter(|&(width, height): &(u16, u16)| width > 0 && height > 0)
-        .ok_or("write WIDTHxHEIGHT in pixels, for example 346x260")
 }

@@ -1,10 +1,48 @@
 //! `evcal info`.
 
+use std::path::PathBuf;
+
+use evcal::information;
+use evcal::source::Recording;
+
+use super::print;
+use super::source_arguments::SourceArguments;
+
 /// Arguments of `evcal info`.
 #[derive(clap::Args)]
-pub struct Arguments {}
+pub struct Arguments {
+    /// Recordings: AEDAT4, text or EventCalib binary, told apart by their content
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Print one JSON object per file, each on its line
+    #[arg(long)]
+    json: bool,
+}
 
-/// Runs `evcal info`.
-pub fn run(_arguments: &Arguments) -> super::Outcome {
-    Err("not built yet".into())
+/// Runs `evcal info`. A file that cannot be read does not keep the others from being told of.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let mut failures = Vec::new();
+    for (index, path) in arguments.files.iter().enumerate() {
+        let gathered =
+            Recording::new(path, arguments.source.options()).and_then(|recording| information::gather(&recording));
+        let information = match gathered {
+            Ok(information) => information,
+            Err(error) => {
+                failures.push(error.to_string());
+                continue;
+            }
+        };
+        if arguments.json {
+            print::json(&information)?;
+        } else {
+            let separator = if index == 0 { "" } else { "\n" };
+            print::line(format!("{separator}{}", information.to_string().trim_end()))?;
+        }
+        if let Some(error) = &information.error {
+            failures.push(format!("{}: {error}", path.display()));
+        }
+    }
+    if failures.is_empty() { Ok(()) } else { Err(failures.join("\nevcal: ").into()) }
 }

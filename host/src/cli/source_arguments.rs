@@ -1,0 +1,38 @@
+//! What a user can say about a recording that does not say it itself.
+
+use evcal::source::{Columns, Damage, SourceOptions, TimeUnit};
+
+use super::value;
+
+/// Options of every subcommand that reads a recording.
+#[derive(clap::Args)]
+pub struct SourceArguments {
+    /// Size of the sensor in pixels, instead of what the file says
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = value::sensor)]
+    sensor: Option<(u16, u16)>,
+    /// Columns of a text file, such as x,y,p,t; - for one to leave out
+    #[arg(long, value_name = "NAMES", allow_hyphen_values = true)]
+    columns: Option<Columns>,
+    /// Unit of the times in a text file: s, ms, us or ns
+    #[arg(long, value_name = "UNIT")]
+    time_unit: Option<TimeUnit>,
+    /// Name or number of the event stream to read [default: the first]
+    #[arg(long, value_name = "STREAM")]
+    stream: Option<String>,
+    /// Leave out damaged packets instead of stopping there
+    #[arg(long)]
+    skip_damaged: bool,
+}
+
+impl SourceArguments {
+    /// The options for the reader.
+    pub fn options(&self) -> SourceOptions {
+        SourceOptions {
+            stream: self.stream.clone(),
+            sensor: self.sensor,
+            columns: self.columns.clone(),
+            time_unit: self.time_unit,
+            damage: if self.skip_damaged { Damage::Skip } else { Damage::Refuse },
+        }
+    }
+}
