@@ -49,8 +49,8 @@ fn decode_events(bencher: Bencher, per_microsecond: f64) {
         let mut decoder = Decoder::new(Layout::DAVIS346);
         for transfer in black_box(&bytes).chunks(8192) {
             decoder.decode(transfer, |message| {
-                if let Message::Polarity(event) = message {
-                    events.push(event);
+                if let Message::Events(new) = message {
+                    events.extend_from_slice(new);
                 }
             });
         }

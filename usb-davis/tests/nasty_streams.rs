@@ -26,9 +26,11 @@ enum Seen {
     Anomaly(AnomalyKind, u64),
 }
 
-fn seen(message: Message<'_>) -> Seen {
-    match message {
-        Message::Polarity(event) => Seen::Event(event.time, event.x, event.y, event.polarity),
+fn seen(message: Message<'_>) -> Vec<Seen> {
+    vec![match message {
+        Message::Events(events) => {
+            return events.iter().map(|event| Seen::Event(event.time, event.x, event.y, event.polarity)).collect();
+        }
         Message::Signal(event) => Seen::Signal(event.time, event.signal),
         Message::TimestampReset { previous } => Seen::Reset(previous),
         Message::Imu(sample) => {
@@ -44,7 +46,7 @@ fn seen(message: Message<'_>) -> Seen {
             pixels: frame.pixels.to_vec(),
         },
         Message::Anomaly(anomaly) => Seen::Anomaly(anomaly.kind, anomaly.offset),
-    }
+    }]
 }
 
 fn bytes(words: &[Word]) -> Vec<u8> {
@@ -58,7 +60,7 @@ fn decode_as(layout: Layout, words: &[Word]) -> (Vec<Seen>, DecoderCounts) {
         let mut messages = Vec::new();
         let mut decoder = Decoder::with_frames(layout, vec![0u16; 346 * 260]);
         for piece in bytes.chunks(piece) {
-            decoder.decode(piece, |message| messages.push(seen(message)));
+            decoder.decode(piece, |message| messages.extend(seen(message)));
         }
         (messages, decoder.counts())
     };
@@ -434,7 +436,7 @@ fn a_gap_drops_what_was_in_progress() {
     let whole = frame(3, 2, Special::FrameStartGlobalShutter);
     let mut decoder = Decoder::with_frames(Layout::DAVIS346, vec![0u16; 346 * 260]);
     let mut messages = Vec::new();
-    let mut take = |message: Message<'_>| messages.push(seen(message));
+    let mut take = |message: Message<'_>| messages.extend(seen(message));
     let mut cut = bytes(&whole[..20]);
     cut.extend([0x55, 0x10, 0x99]); // a row, and half a word that must not join what follows
     decoder.decode(&cut, &mut take);
@@ -461,6 +463,6 @@ fn frames_are_passed_over_without_memory_and_refused_with_too_little() {
     assert_eq!(decoder.counts().anomalies.total(), 0);
     let mut decoder = Decoder::with_frames(Layout::DAVIS346, [0; 5]);
     let mut messages = Vec::new();
-    decoder.decode(&stream, |message| messages.push(seen(message)));
+    decoder.decode(&stream, |message| messages.extend(seen(message)));
     assert_eq!(messages, [Seen::Anomaly(AnomalyKind::FrameTooLarge, 26)]);
 }

@@ -16,9 +16,9 @@ enum Item {
     Reset { previous: u64 },
 }
 
-fn item(message: Message<'_>) -> Item {
-    match message {
-        Message::Polarity(event) => Item::Event(event),
+fn items(message: Message<'_>) -> Vec<Item> {
+    vec![match message {
+        Message::Events(events) => return events.iter().copied().map(Item::Event).collect(),
         Message::Signal(event) => Item::Signal(event),
         Message::Imu(sample) => Item::Imu(sample),
         Message::TimestampReset { previous } => Item::Reset { previous },
@@ -35,7 +35,7 @@ fn item(message: Message<'_>) -> Item {
             pixels: frame.pixels.to_vec(),
         },
         Message::Anomaly(anomaly) => panic!("{anomaly}"),
-    }
+    }]
 }
 
 /// What to append, with its distance in time from the one before.
@@ -177,7 +177,7 @@ proptest! {
         let mut rest = &bytes[..];
         for &cut in cuts.iter().cycle() {
             let (piece, after) = rest.split_at(cut.min(rest.len()));
-            decoder.decode(piece, |message| decoded.push(item(message)));
+            decoder.decode(piece, |message| decoded.extend(items(message)));
             rest = after;
             if rest.is_empty() {
                 break;
@@ -199,7 +199,10 @@ proptest! {
             for piece in bytes.chunks(piece) {
                 decoder.decode(piece, |message| {
                     match message {
-                        Message::Polarity(event) => assert!(event.x < 346 && event.y < 260),
+                        Message::Events(events) => {
+                            assert!(events.iter().all(|event| event.x < 346 && event.y < 260));
+                            return messages.extend(events.iter().map(|event| format!("{event:?}")));
+                        }
                         Message::Frame(Frame { region, pixels, .. }) => {
                             assert_eq!(pixels.len(), usize::from(region.width) * usize::from(region.height));
                         }

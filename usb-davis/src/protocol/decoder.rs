@@ -9,6 +9,9 @@ use super::word::{Special, Word};
 
 /// No row is current.
 const NO_ROW: u16 = u16::MAX;
+/// Events decoded before they are handed over.
+const BLOCK: usize = 64;
+const NO_EVENT: PolarityEvent = PolarityEvent { time: 0, x: 0, y: 0, polarity: Polarity::Off };
 
 /// What a decoder has seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -47,8 +50,8 @@ pub struct DecoderCounts {
 /// let mut events = Vec::new();
 /// for piece in [&[0x05, 0x80, 0x11][..], &[0x10, 0xC8, 0x30]] {
 ///     decoder.decode(piece, |message| {
-///         if let Message::Polarity(event) = message {
-///             events.push((event.time, event.x, event.y));
+///         if let Message::Events(new) = message {
+///             events.extend(new.iter().map(|event| (event.time, event.x, event.y)));
 ///         }
 ///     });
 /// }
@@ -57,7 +60,7 @@ pub struct DecoderCounts {
 #[derive(Clone, Debug)]
 pub struct Decoder<S = [u16; 0]> {
     layout: Layout,
-    /// Time at the latest wrap or reset, and the latest time, in µs.
+    /// Time at the latest wrap or reset, a multiple of 2^15, and the latest time, in µs.
     wrap: u64,
     time: u64,
     row: u16,
@@ -138,41 +141,70 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
     }
 
     fn words(&mut self, words: &[[u8; 2]], sink: &mut impl FnMut(Message<'_>)) {
-        let array = self.layout.dvs;
         let end = self.offset + 2 * words.len() as u64;
+        let mut events = [NO_EVENT; BLOCK];
         let mut rest = words;
-        while let [first, after @ ..] = rest {
-            let offset = end - 2 * rest.len() as u64;
-            let word = u16::from_le_bytes(*first);
+        loop {
+            let (count, after) = self.events(rest, &mut events);
             rest = after;
-            if word & 0x8000 != 0 {
-                let time = self.wrap.saturating_add(u64::from(word & 0x7FFF));
-                if time < self.time {
-                    self.anomaly(AnomalyKind::TimeBackwards, offset, word, sink);
-                }
-                self.time = time;
+            self.counts.events += count as u64;
+            if let Some(events @ [_, ..]) = events.get(..count) {
+                sink(Message::Events(events));
                 continue;
             }
-            let data = word & 0x0FFF;
-            match word >> 12 {
-                1 if data < array.rows => self.row = data,
-                code @ (2 | 3) if data < array.columns && self.row != NO_ROW => {
-                    let (x, y) = array.swap(data, self.row);
-                    let polarity = if code == 3 { Polarity::On } else { Polarity::Off };
-                    self.counts.events += 1;
-                    sink(Message::Polarity(PolarityEvent { time: self.time, x, y, polarity }));
-                }
-                4 if data < 0x0400 => {
-                    let more = after.iter().take_while(|word| word[1] & 0xFC == 0x40).count();
-                    let run = words.len() - after.len() - 1;
-                    rest = after.get(more..).unwrap_or(&[]);
-                    let samples = words.get(run..=run + more).unwrap_or(&[]);
+            let offset = end - 2 * rest.len() as u64;
+            match rest {
+                [] => break,
+                [[_, 0x40..0x44], ..] => {
+                    let run = rest.iter().take_while(|word| matches!(word[1], 0x40..0x44)).count();
+                    let (samples, after) = rest.split_at_checked(run).unwrap_or((rest, &[]));
                     self.samples(samples, offset, sink);
+                    rest = after;
                 }
-                _ => self.other(word, offset, sink),
+                [first, after @ ..] => {
+                    self.other(u16::from_le_bytes(*first), offset, sink);
+                    rest = after;
+                }
             }
         }
         self.offset = end;
+    }
+
+    /// Decodes the words of pixel events at the head of `words`, at most a block of them, up to the
+    /// first that is anything else or faulty. Returns the number of events and the remaining words;
+    /// it has come to such a word if there are no events.
+    ///
+    /// Which of timestamp, row and column comes next cannot be predicted, so nothing here branches
+    /// on it: every word writes an event, and only column words keep it.
+    fn events<'w>(&mut self, words: &'w [[u8; 2]], events: &mut [PolarityEvent; BLOCK]) -> (usize, &'w [[u8; 2]]) {
+        let array = self.layout.dvs;
+        let columns = if self.row == NO_ROW { 0 } else { array.columns };
+        // Data of each code must be below this: never for what is not handled here, always for
+        // timestamps, whose bit 15 makes them codes 8 and above.
+        let any = 0x1000;
+        let limits = [0, array.rows, columns, columns, 0, 0, 0, 0, any, any, any, any, any, any, any, any];
+        let (wrap, mut time, mut row) = (self.wrap, self.time, self.row);
+        let mut count = 0;
+        let mut rest = words;
+        while let [first, after @ ..] = rest {
+            let word = u16::from_le_bytes(*first);
+            let (code, data) = (word >> 12, word & 0x0FFF);
+            let next = if word & 0x8000 != 0 { wrap | u64::from(word & 0x7FFF) } else { time };
+            let limit = limits.get(usize::from(code)).copied().unwrap_or(0);
+            if data >= limit || next < time {
+                break;
+            }
+            time = next;
+            row = if code == 1 { data } else { row };
+            let (x, y) = array.swap(data, row);
+            let polarity = if code & 1 == 1 { Polarity::On } else { Polarity::Off };
+            let Some(place) = events.get_mut(count) else { break };
+            *place = PolarityEvent { time, x, y, polarity };
+            count += usize::from(code >> 1 == 1);
+            rest = after;
+        }
+        (self.time, self.row) = (time, row);
+        (count, rest)
     }
 
     #[cold]
@@ -190,22 +222,24 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         }
     }
 
-    /// All words that are neither timestamps, nor good addresses, nor samples.
+    /// All words that [`Decoder::events`] does not take, except samples.
     #[inline(never)]
     fn other(&mut self, word: u16, offset: u64, sink: &mut impl FnMut(Message<'_>)) {
         let time = self.time;
         let result = match Word::parse(word) {
-            Word::Timestamp(_) | Word::Sample(_) => Ok(()),
-            Word::Row(_) => {
-                self.row = NO_ROW;
-                Err(AnomalyKind::RowOutOfRange)
+            Word::Timestamp(low) => {
+                self.time = self.wrap | u64::from(low);
+                if self.time < time { Err(AnomalyKind::TimeBackwards) } else { Ok(()) }
             }
-            Word::Column(column, _) => Err(match column < self.layout.dvs.columns {
-                true => AnomalyKind::ColumnWithoutRow,
-                false => AnomalyKind::ColumnOutOfRange,
-            }),
+            Word::Row(row) => {
+                let exists = row < self.layout.dvs.rows;
+                self.row = if exists { row } else { NO_ROW };
+                if exists { Ok(()) } else { Err(AnomalyKind::RowOutOfRange) }
+            }
+            Word::Column(column, polarity) => self.column(column, polarity, sink),
+            Word::Sample(_) => Ok(()),
             Word::Wrap(times) => {
-                self.wrap = self.wrap.saturating_add(u64::from(times) << 15);
+                self.wrap = self.wrap.wrapping_add(u64::from(times) << 15);
                 self.time = self.time.max(self.wrap);
                 Ok(())
             }
@@ -237,6 +271,25 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         if let Err(kind) = result {
             self.anomaly(kind, offset, word, sink);
         }
+    }
+
+    /// The first column after a row that followed none; others go through [`Decoder::events`].
+    fn column(
+        &mut self,
+        column: u16,
+        polarity: Polarity,
+        sink: &mut impl FnMut(Message<'_>),
+    ) -> Result<(), AnomalyKind> {
+        if column >= self.layout.dvs.columns {
+            return Err(AnomalyKind::ColumnOutOfRange);
+        }
+        if self.row == NO_ROW {
+            return Err(AnomalyKind::ColumnWithoutRow);
+        }
+        let (x, y) = self.layout.dvs.swap(column, self.row);
+        self.counts.events += 1;
+        sink(Message::Events(&[PolarityEvent { time: self.time, x, y, polarity }]));
+        Ok(())
     }
 
     fn signal(&mut self, signal: Signal, sink: &mut impl FnMut(Message<'_>)) -> Result<(), AnomalyKind> {

@@ -107,8 +107,8 @@ impl Frame<'_> {
 /// One thing that the stream said.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Message<'a> {
-    /// A pixel event.
-    Polarity(PolarityEvent),
+    /// Pixel events, in order. How many come at once depends on how the stream was cut.
+    Events(&'a [PolarityEvent]),
     /// A signal at a connector.
     Signal(SignalEvent),
     /// The camera's clock restarted at zero; it had reached `previous` µs.
