@@ -5,7 +5,13 @@
 //! takes two parameters: upper half first. Where a value is counted in clock cycles, the clock is
 //! a register of [`sysinfo`] too, see [`Clocks`].
 
+#[cfg(feature = "std")]
+mod snapshot;
+
 use core::fmt;
+
+#[cfg(feature = "std")]
+pub use snapshot::RegisterSnapshot;
 
 /// Vendor request that reads or writes one register.
 pub const REQUEST_REGISTER: u8 = 0xBF;

@@ -29,7 +29,7 @@ pub struct DecoderCounts {
     /// Restarts of the camera's clock.
     pub timestamp_resets: u64,
     /// Words of a frame or inertial sample that was under way when the stream (or its continuation
-    /// after a gap) began: no fault.
+    /// after a gap) began, and addresses after a gap whose time is not known: no fault.
     pub skipped: u64,
     /// Faults, by kind.
     pub anomalies: AnomalyCounts,
@@ -64,6 +64,8 @@ pub struct Decoder<S = [u16; 0]> {
     wrap: u64,
     time: u64,
     row: u16,
+    /// After a gap the time of an event is not known before the next word that tells time.
+    resuming: bool,
     /// First byte of a word whose second byte has not come yet.
     half: Option<u8>,
     /// Offset of the next whole word.
@@ -88,6 +90,7 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
             wrap: 0,
             time: 0,
             row: NO_ROW,
+            resuming: false,
             half: None,
             offset: 0,
             frame: FrameAssembly::new(layout.aps, memory),
@@ -128,13 +131,15 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         }
     }
 
-    /// Bytes were lost here: drops what is in progress and counts the loss.
+    /// Bytes were lost here: drops what is in progress, counts the loss, and takes up events again
+    /// at the next word that tells time.
     ///
     /// The time goes on from the latest one. Should a wrap word be among what was lost, all later
     /// times are too small by a multiple of 2^15 µs, which the stream itself cannot tell.
     pub fn gap(&mut self, mut sink: impl FnMut(Message<'_>)) {
         self.offset += u64::from(self.half.take().is_some());
         self.row = NO_ROW;
+        self.resuming = true;
         self.frame.interrupt();
         self.imu.interrupt();
         self.anomaly(AnomalyKind::Gap, self.offset, 0, &mut sink);
@@ -180,9 +185,10 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         let array = self.layout.dvs;
         let columns = if self.row == NO_ROW { 0 } else { array.columns };
         // Data of each code must be below this: never for what is not handled here, always for
-        // timestamps, whose bit 15 makes them codes 8 and above.
-        let any = 0x1000;
-        let limits = [0, array.rows, columns, columns, 0, 0, 0, 0, any, any, any, any, any, any, any, any];
+        // timestamps, whose bit 15 makes them codes 8 and above. The first word after a gap that
+        // tells time is not handled here.
+        let (rows, any) = if self.resuming { (0, 0) } else { (array.rows, 0x1000) };
+        let limits = [0, rows, columns, columns, 0, 0, 0, 0, any, any, any, any, any, any, any, any];
         let (wrap, mut time, mut row) = (self.wrap, self.time, self.row);
         let mut count = 0;
         let mut rest = words;
@@ -227,7 +233,12 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
     fn other(&mut self, word: u16, offset: u64, sink: &mut impl FnMut(Message<'_>)) {
         let time = self.time;
         let result = match Word::parse(word) {
+            Word::Row(_) | Word::Column(..) if self.resuming => {
+                self.counts.skipped += 1;
+                Ok(())
+            }
             Word::Timestamp(low) => {
+                self.resuming = false;
                 self.time = self.wrap | u64::from(low);
                 if self.time < time { Err(AnomalyKind::TimeBackwards) } else { Ok(()) }
             }
@@ -241,6 +252,7 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
             Word::Wrap(times) => {
                 self.wrap = self.wrap.wrapping_add(u64::from(times) << 15);
                 self.time = self.time.max(self.wrap);
+                self.resuming = false;
                 Ok(())
             }
             Word::Unknown(_) => Err(AnomalyKind::UnknownWord),
@@ -256,7 +268,7 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
                 sink(Message::Imu(sample));
             }),
             Word::Special(Special::TimestampReset) => {
-                (self.wrap, self.time) = (0, 0);
+                (self.wrap, self.time, self.resuming) = (0, 0, false);
                 self.counts.timestamp_resets += 1;
                 sink(Message::TimestampReset { previous: time });
                 Ok(())
