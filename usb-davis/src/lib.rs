@@ -1,15 +1,19 @@
-//! The DAVIS346 event camera: wire protocol, raw dumps, captures of its USB traffic.
+//! The DAVIS346 event camera: wire protocol, live camera over libusb, raw dumps, captures of its USB
+//! traffic, and a camera in software.
 //!
 //! Nothing here knows of calibration.
 //!
 //! | module | is |
 //! |---|---|
 //! | [`registers`] | every register of the camera's logic, and what it holds |
+//! | [`bias`] | the sensor's bias currents and voltages |
+//! | [`configuration`] | all settings, and the register writes that make them |
 //! | [`protocol`] | the stream of 16-bit words: decoder, encoder |
 //! | [`dump`] | `.dvraw` files: transfers as they arrived, crash-safe |
 //! | [`capture`] | any recording of transfers: `.dvraw`, pcap, pcapng, bare payload |
+//! | [`device`] | the camera itself |
 //!
-//! [`registers`] and [`protocol`] need neither `std` nor an allocator: switch off default features.
+//! [`registers`], [`bias`], [`configuration`] and [`protocol`] need neither `std` nor an allocator: switch off default features.
 //!
 //! From a recording to events:
 //! ```no_run
@@ -32,8 +36,12 @@
 #[cfg(all(test, not(feature = "std")))]
 extern crate std;
 
+pub mod bias;
 #[cfg(feature = "std")]
 pub mod capture;
+pub mod configuration;
+#[cfg(feature = "device")]
+pub mod device;
 #[cfg(feature = "std")]
 pub mod dump;
 pub mod protocol;
