@@ -12,6 +12,7 @@
 //! | [`dump`] | `.dvraw` files: transfers as they arrived, crash-safe |
 //! | [`capture`] | any recording of transfers: `.dvraw`, pcap, pcapng, bare payload |
 //! | [`device`] | the camera itself |
+//! | [`emulator`] | a camera in software, with faults on demand |
 //!
 //! [`registers`], [`bias`], [`configuration`] and [`protocol`] need neither `std` nor an allocator: switch off default features.
 //!
@@ -44,6 +45,8 @@ pub mod configuration;
 pub mod device;
 #[cfg(feature = "std")]
 pub mod dump;
+#[cfg(feature = "emulator")]
+pub mod emulator;
 pub mod protocol;
 pub mod registers;
 
