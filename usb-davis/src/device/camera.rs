@@ -46,7 +46,7 @@ const DESCRIPTION: [Register; 26] = [
     mux::HAS_STATISTICS,
 ];
 
-/// After the multiplexer and the chip were switched, in µs of libcaer.
+/// Pauses after switching, as libcaer makes them.
 const SETTLE_QUIET: Duration = Duration::from_millis(10);
 const SETTLE_CHIP: Duration = Duration::from_millis(200);
 const SETTLE_STREAM: Duration = Duration::from_millis(50);
@@ -170,13 +170,10 @@ impl Camera {
         self.discard_stale()?;
         let transfers = Transfers::start(&self.context, &self.handle, DATA_ENDPOINT, queue)
             .map_err(DeviceError::usb("queueing transfers"))?;
-        let started = self.switch_on(streams);
-        match started {
-            Ok(()) => Ok(Stream::new(self, transfers)),
-            Err(error) => {
-                drop(transfers);
-                Err(error)
-            }
+        match self.switch_on(streams) {
+            // What it sent before it was unplugged can be read; the stream ends by itself then.
+            Ok(()) | Err(DeviceError::Unplugged) => Ok(Stream::new(self, transfers)),
+            Err(error) => Err(error),
         }
     }
 

@@ -41,14 +41,18 @@ impl<'c> Stream<'c> {
     }
 
     /// Stops the camera. What it had sent before can still be read; then comes
-    /// [`StreamError::Stopped`].
+    /// [`StreamError::Stopped`], or the reason for which it had ended already. That it is unplugged
+    /// is no error here.
     pub fn stop(&mut self) -> Result<(), DeviceError> {
         if !std::mem::take(&mut self.running) {
             return Ok(());
         }
         let quiesced = self.camera.quiesce();
         self.transfers.stop();
-        quiesced
+        match quiesced {
+            Err(DeviceError::Unplugged) => Ok(()),
+            quiesced => quiesced,
+        }
     }
 
     /// What happened so far.
