@@ -1,6 +1,7 @@
 #!/bin/sh
 # Installs what evcal needs to build on Debian and is not there yet: OpenCV, libclang (its bindings
-# are generated), libusb, umockdev (shows tests an emulated camera), and a Rust compiler where there is none that is new enough.
+# are generated), libusb, umockdev (shows tests an emulated camera), and a Rust compiler where there is
+# none that is new enough.
 set -eu
 
 needed_rust=1.89

@@ -49,10 +49,10 @@ pub struct Queue {
 }
 
 impl Default for Queue {
-    /// 16 transfers of 64 KiB, 1 MiB of the 16 that Linux grants by default; up to 1024 waiting
-    /// (64 MiB, 1.3 s at 50 MB/s).
+    /// 32 transfers of 128 KiB, 4 MiB of the 16 that Linux grants by default: at 50 MB/s the process
+    /// may sleep for 80 ms before the camera must drop. Up to 512 waiting (64 MiB, 1.3 s).
     fn default() -> Self {
-        Self { transfers: 16, transfer_bytes: 64 * 1024, waiting: 1024 }
+        Self { transfers: 32, transfer_bytes: 128 * 1024, waiting: 512 }
     }
 }
 

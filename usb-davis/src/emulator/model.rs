@@ -49,6 +49,8 @@ pub struct Faults {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stall;
 
+/// Longest time between two turns that passes for the camera too.
+const TURN_MOST: Duration = Duration::from_millis(5);
 /// Room of the camera's output.
 const FIFO_BYTES: usize = 64 * 1024;
 
@@ -66,6 +68,10 @@ pub struct Model {
     pace: Pace,
     faults: Faults,
     started: Option<Instant>,
+    /// When it was last given the processor, and for how long it was kept from it.
+    turned: Option<Instant>,
+    asleep: Duration,
+    sent_last: Option<Instant>,
     sent: u64,
     cut: usize,
     halted: bool,
@@ -132,6 +138,9 @@ impl Model {
             pace: Pace::default(),
             faults: Faults::default(),
             started: None,
+            turned: None,
+            asleep: Duration::ZERO,
+            sent_last: None,
             sent: 0,
             cut: 0,
             halted: false,
@@ -232,6 +241,7 @@ impl Model {
         if self.runs() && !ran {
             self.pieces = (self.source)();
             (self.next, self.started, self.sent, self.cut) = (None, Some(Instant::now()), 0, 0);
+            self.asleep = Duration::ZERO;
             self.fifo.clear();
         }
     }
@@ -276,14 +286,23 @@ impl Model {
         let room = self.limit(room)?;
         self.fill(room);
         let take = self.fifo.len().min(room);
-        if take == 0 {
+        if take == 0 || (take < room && self.waits()) {
             return None;
         }
+        self.sent_last = Some(Instant::now());
         if !self.faults.cuts.is_empty() {
             self.cut += 1;
         }
         self.sent += take as u64;
         Some(Ok(self.fifo.drain(..take).collect()))
+    }
+
+    /// Whether a transfer that is not full must wait still: register 9.1.
+    fn waits(&self) -> bool {
+        let clocks = self.registers.clocks();
+        let cycles = self.registers.get(usb::EARLY_PACKET_DELAY).unwrap_or(0);
+        let delay = Duration::from_secs_f64(clocks.microseconds(clocks.usb, cycles) / 1e6);
+        self.pace == Pace::Real && self.sent_last.is_some_and(|last| last.elapsed() < delay)
     }
 
     /// `room` cut to the next fault; `None` if that is now.
@@ -300,23 +319,31 @@ impl Model {
         Some(room.min(cut).min(usize::try_from(left).unwrap_or(usize::MAX)))
     }
 
-    fn fill(&mut self, room: usize) {
+    /// To be called every few milliseconds. Where the computer was too busy for that, the camera's
+    /// time stood still: a real camera would not have sent everything at once afterwards.
+    pub(super) fn turn(&mut self) {
+        let now = Instant::now();
+        let gap = self.turned.replace(now).map_or(Duration::ZERO, |turned| now - turned);
+        self.asleep += gap.saturating_sub(TURN_MOST);
+    }
+
+    /// The next piece, if its time has come.
+    fn due(&mut self) -> Option<Piece> {
         if !self.runs() {
-            return;
+            return None;
         }
-        let elapsed = self.started.map_or(Duration::ZERO, |started| started.elapsed());
-        while self.pace == Pace::Real || self.fifo.len() < room {
-            let Some(piece) = self.next.take().or_else(|| self.pieces.next()) else { return };
-            if self.pace == Pace::Real {
-                if Duration::from_micros(piece.time) > elapsed {
-                    self.next = Some(piece);
-                    return;
-                }
-                if self.fifo.len() + piece.bytes.len() > FIFO_BYTES.max(room) {
-                    self.drop_piece();
-                    continue;
-                }
-            }
+        let elapsed = self.started.map_or(Duration::ZERO, |started| started.elapsed()).saturating_sub(self.asleep);
+        let piece = self.next.take().or_else(|| self.pieces.next())?;
+        if self.pace == Pace::Real && Duration::from_micros(piece.time) > elapsed {
+            self.next = Some(piece);
+            return None;
+        }
+        Some(piece)
+    }
+
+    fn fill(&mut self, room: usize) {
+        while self.fifo.len() < room {
+            let Some(piece) = self.due() else { return };
             self.fifo.extend(piece.bytes);
         }
     }
@@ -330,8 +357,13 @@ impl Model {
 
     /// Lets time pass without a queued transfer.
     pub(super) fn idle(&mut self) {
-        if self.pace == Pace::Real {
-            self.fill(0);
+        while self.pace == Pace::Real {
+            let Some(piece) = self.due() else { return };
+            if self.fifo.len() + piece.bytes.len() > FIFO_BYTES {
+                self.drop_piece();
+            } else {
+                self.fifo.extend(piece.bytes);
+            }
         }
     }
 

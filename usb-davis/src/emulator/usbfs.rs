@@ -90,6 +90,7 @@ impl OpenNode {
 
     /// Completes what the camera has data for.
     pub(super) fn pump(&mut self, model: &mut Model) {
+        model.turn();
         let mut waiting = VecDeque::new();
         while let Some(urb) = self.pending.pop_front() {
             if urb.endpoint != DATA_ENDPOINT {
