@@ -466,3 +466,27 @@ fn frames_are_passed_over_without_memory_and_refused_with_too_little() {
     decoder.decode(&stream, |message| messages.extend(seen(message)));
     assert_eq!(messages, [Seen::Anomaly(AnomalyKind::FrameTooLarge, 26)]);
 }
+
+#[test]
+fn after_a_gap_events_wait_for_a_word_that_tells_time() {
+    let mut decoder = Decoder::new(Layout::DAVIS346);
+    let mut messages = Vec::new();
+    let mut take = |message: Message<'_>| messages.extend(seen(message));
+    decoder.decode(&bytes(&[Word::Timestamp(5), Word::Row(1), Word::Column(1, ON)]), &mut take);
+    for words in [
+        [Word::Row(2), Word::Column(2, ON), Word::Timestamp(9), Word::Row(3), Word::Column(3, ON)],
+        [Word::Row(4), Word::Column(4, ON), Word::Wrap(1), Word::Row(5), Word::Column(5, ON)],
+    ] {
+        decoder.gap(&mut take);
+        decoder.decode(&bytes(&words), &mut take);
+    }
+    let expected = [
+        Seen::Event(5, 1, 1, ON),
+        Seen::Anomaly(AnomalyKind::Gap, 6),
+        Seen::Event(9, 3, 3, ON),
+        Seen::Anomaly(AnomalyKind::Gap, 16),
+        Seen::Event(32768, 5, 5, ON),
+    ];
+    assert_eq!(messages, expected);
+    assert_eq!(decoder.counts().skipped, 4);
+}

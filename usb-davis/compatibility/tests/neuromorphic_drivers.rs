@@ -1,6 +1,7 @@
 //! An unmodified third-party driver opens the emulated camera and receives the same events.
 
 use std::process::Command;
+use std::time::Duration;
 
 use usb_davis::emulator::umockdev::EmulatedBus;
 use usb_davis::emulator::{Model, Piece};
@@ -35,7 +36,10 @@ fn receives_the_same_events() {
     for PolarityEvent { time, x, y, polarity } in (0..COUNT).map(event) {
         expected.add(time, x, y, polarity == Polarity::On);
     }
-    let bus = EmulatedBus::start(Model::new("00000042", source)).expect("the bus starts");
+    // This driver starts the camera before it queues its transfers, and gives each its place when it
+    // queues it: transfers that complete meanwhile would come out of order.
+    let model = Model::new("00000042", source).with_delay(Duration::from_millis(500));
+    let bus = EmulatedBus::start(model).expect("the bus starts");
     let output = Command::new(env!("CARGO_BIN_EXE_usb-davis-compatibility"))
         .arg(COUNT.to_string())
         .envs(bus.environment())

@@ -66,6 +66,7 @@ pub struct Model {
     next: Option<Piece>,
     fifo: VecDeque<u8>,
     pace: Pace,
+    delay: Duration,
     faults: Faults,
     started: Option<Instant>,
     /// When it was last given the processor, and for how long it was kept from it.
@@ -136,6 +137,7 @@ impl Model {
             next: None,
             fifo: VecDeque::new(),
             pace: Pace::default(),
+            delay: Duration::ZERO,
             faults: Faults::default(),
             started: None,
             turned: None,
@@ -162,6 +164,12 @@ impl Model {
     /// Sets how fast it plays.
     pub fn with_pace(mut self, pace: Pace) -> Self {
         self.pace = pace;
+        self
+    }
+
+    /// Sets how long after a start the stream begins.
+    pub fn with_delay(mut self, delay: Duration) -> Self {
+        self.delay = delay;
         self
     }
 
@@ -333,6 +341,7 @@ impl Model {
             return None;
         }
         let elapsed = self.started.map_or(Duration::ZERO, |started| started.elapsed()).saturating_sub(self.asleep);
+        let elapsed = elapsed.checked_sub(self.delay)?;
         let piece = self.next.take().or_else(|| self.pieces.next())?;
         if self.pace == Pace::Real && Duration::from_micros(piece.time) > elapsed {
             self.next = Some(piece);
