@@ -2,13 +2,17 @@
 #   make demo   builds evcal and calibrates a simulated camera
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test setup build check bench
+.PHONY: demo test compatibility setup build check bench
 
 demo: build
 	@sh tools/demo.sh
 
 test: setup check
 	cargo test --workspace --release --locked
+
+# A third-party driver must accept the emulated camera. Apart, because it brings its own libusb.
+compatibility: setup
+	cargo test --manifest-path usb-davis/compatibility/Cargo.toml --release --locked
 
 check: setup
 	cargo fmt --all --check

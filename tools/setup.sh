@@ -1,6 +1,7 @@
 #!/bin/sh
 # Installs what evcal needs to build on Debian and is not there yet: OpenCV, libclang (its bindings
-# are generated), libusb, and a Rust compiler where there is none that is new enough.
+# are generated), libusb, umockdev (shows tests an emulated camera), and a Rust compiler where there is
+# none that is new enough.
 set -eu
 
 needed_rust=1.89
@@ -31,7 +32,7 @@ if ! command -v dpkg-query >/dev/null 2>&1; then
     exit 0
 fi
 
-for package in gcc libc6-dev pkg-config libopencv-dev clang libclang-dev libusb-1.0-0-dev libudev-dev; do
+for package in gcc libc6-dev pkg-config libopencv-dev clang libclang-dev libusb-1.0-0-dev libudev-dev umockdev; do
     need_package "$package"
 done
 if ! new_enough; then

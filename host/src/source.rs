@@ -19,6 +19,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 pub mod aedat4;
+pub mod davis;
 mod error;
 pub mod event_calib;
 mod foreign;
@@ -34,7 +35,8 @@ pub use reader::{Decode, EventReader, ReadReport, Truncation};
 use crate::circle_track;
 
 /// The formats, in the order in which they are tried.
-pub const FORMATS: &[&Format] = &[&aedat4::FORMAT, &text::FORMAT, &event_calib::FORMAT];
+pub const FORMATS: &[&Format] =
+    &[&aedat4::FORMAT, &davis::FORMAT, &text::FORMAT, &event_calib::FORMAT, &davis::BARE_FORMAT];
 
 /// The largest sensor width or height that can be read.
 pub const MAX_SENSOR_SIZE: u16 = 32_767;

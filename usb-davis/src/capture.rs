@@ -1,0 +1,247 @@
+//! Any recording of a camera's transfers: `.dvraw`, pcap, pcapng, bare payload.
+//!
+//! What a file is follows from its first bytes, never from its name; bare payload, which has no
+//! mark, must look like a stream. Captures come from usbmon (link types 189 and 220) or USBPcap
+//! (249); the camera among the captured devices, its registers and so the orientation of its
+//! pictures follow from the control traffic, if that was captured.
+
+mod packets;
+mod survey;
+mod usb;
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use packets::{PacketReader, is_packet_file};
+use survey::survey;
+use usb::{BULK, UsbPacket};
+
+pub use usb::DeviceAddress;
+
+use crate::dump::{Advanced, Damage, DumpError, DumpHeader, DumpReader, MAGIC, Transfer, TransferStatus};
+use crate::protocol::{Decoder, Layout, Message};
+use crate::registers::RegisterSnapshot;
+
+/// The bulk endpoint that carries the stream.
+pub const DATA_ENDPOINT: u8 = 0x82;
+/// Bytes of bare payload that are handed over as one transfer.
+const RAW_TRANSFER: usize = 1 << 16;
+/// Bytes of a file looked at to tell whether it is bare payload.
+const SNIFF: usize = 1 << 16;
+
+/// What kind of file it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CaptureFormat {
+    /// A dump of this crate.
+    Dvraw,
+    /// pcap or pcapng.
+    Packets,
+    /// The stream and nothing else.
+    BarePayload,
+}
+
+/// Why a capture cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum CaptureError {
+    /// The operating system says no.
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    /// The dump cannot be read.
+    #[error("{0}")]
+    Dump(#[from] DumpError),
+    /// It is none of the formats.
+    #[error("neither .dvraw nor pcap nor pcapng, and its words do not look like a DAVIS stream")]
+    Unknown,
+    /// A pcap or pcapng file says what cannot be.
+    #[error("the capture is damaged: {0}")]
+    Damaged(String),
+    /// Nothing in the capture comes from a camera.
+    #[error(
+        "no DAVIS in this capture: no descriptor 152a:841a, no request 0xBF, no payload from endpoint 0x82; capture on the camera's bus"
+    )]
+    NoCamera,
+    /// More than one may be the camera.
+    #[error("several devices in this capture may be the camera ({}); choose one", list(.0))]
+    SeveralDevices(Vec<DeviceAddress>),
+    /// The chosen device is not in the capture.
+    #[error("no device {}.{} in this capture", .0.bus, .0.device)]
+    NoSuchDevice(DeviceAddress),
+}
+
+fn list(addresses: &[DeviceAddress]) -> String {
+    let numbers: Vec<String> = addresses.iter().map(|address| format!("{}.{}", address.bus, address.device)).collect();
+    numbers.join(", ")
+}
+
+enum Source<R: Read> {
+    Dump(Box<DumpReader<R>>),
+    Packets { packets: PacketReader<R>, address: DeviceAddress, start_ns: u64, gap: bool, payload: Vec<u8> },
+    Bare { input: R, payload: Vec<u8> },
+}
+
+/// A recording of transfers, read in order.
+pub struct Capture<R: Read = BufReader<File>> {
+    source: Source<R>,
+    header: DumpHeader,
+    registers: RegisterSnapshot,
+}
+
+impl Capture {
+    /// Opens a file.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, CaptureError> {
+        Self::new(BufReader::with_capacity(1 << 18, File::open(path)?), None)
+    }
+}
+
+/// What the file of these first bytes (some 64 KiB of them, or all) is, if it is one of these.
+pub fn sniff(beginning: &[u8]) -> Option<CaptureFormat> {
+    if beginning.starts_with(MAGIC) {
+        return Some(CaptureFormat::Dvraw);
+    }
+    if beginning.first_chunk().is_some_and(|magic| is_packet_file(*magic)) {
+        return Some(CaptureFormat::Packets);
+    }
+    // Half of all words are timestamps in noise and in streams alike, but noise makes a fault of
+    // most of the others, and goes back in time with every second timestamp.
+    let mut decoder = Decoder::new(Layout::DAVIS346);
+    decoder.decode(beginning, |_| {});
+    let counts = decoder.counts();
+    let words = counts.bytes / 2;
+    let plausible = words >= 8 && counts.anomalies.total() * 50 <= words && (counts.events > 0 || counts.skipped > 0);
+    plausible.then_some(CaptureFormat::BarePayload)
+}
+
+impl<R: Read + Seek> Capture<R> {
+    /// Reads from `input`; `device` chooses among the devices of a pcap or pcapng capture.
+    pub fn new(mut input: R, device: Option<DeviceAddress>) -> Result<Self, CaptureError> {
+        let mut beginning = Vec::new();
+        input.by_ref().take(SNIFF as u64).read_to_end(&mut beginning)?;
+        input.seek(SeekFrom::Start(0))?;
+        let (source, header) = match sniff(&beginning).ok_or(CaptureError::Unknown)? {
+            CaptureFormat::Dvraw => {
+                let reader = DumpReader::new(input)?;
+                let header = reader.header().clone();
+                (Source::Dump(Box::new(reader)), header)
+            }
+            CaptureFormat::Packets => {
+                let found = survey(PacketReader::new(input.by_ref())?, device)?;
+                input.seek(SeekFrom::Start(0))?;
+                let start_ns = found.header.start_unix_ns;
+                let packets = PacketReader::new(input)?;
+                let address = found.address;
+                (Source::Packets { packets, address, start_ns, gap: false, payload: Vec::new() }, found.header)
+            }
+            CaptureFormat::BarePayload => (Source::Bare { input, payload: Vec::new() }, DumpHeader::default()),
+        };
+        let registers = header.registers.clone();
+        Ok(Self { source, header, registers })
+    }
+
+    /// What the recording says of its camera. Where it says nothing (bare payload, no control
+    /// traffic), registers are absent, and a decoder assumes a DAVIS346.
+    pub fn header(&self) -> &DumpHeader {
+        &self.header
+    }
+
+    /// The header's registers, with what changed up to here.
+    pub fn registers(&self) -> &RegisterSnapshot {
+        &self.registers
+    }
+
+    /// What kind of file it is.
+    pub fn format(&self) -> CaptureFormat {
+        match &self.source {
+            Source::Dump(_) => CaptureFormat::Dvraw,
+            Source::Packets { .. } => CaptureFormat::Packets,
+            Source::Bare { .. } => CaptureFormat::BarePayload,
+        }
+    }
+
+    /// What of the file could not be read so far. For pcap and pcapng only whether it ended within
+    /// a packet, as one unfinished byte.
+    pub fn damage(&self) -> Damage {
+        match &self.source {
+            Source::Dump(reader) => reader.damage(),
+            Source::Packets { packets, .. } => {
+                Damage { unfinished: u64::from(packets.unfinished), ..Damage::default() }
+            }
+            Source::Bare { .. } => Damage::default(),
+        }
+    }
+
+    /// The next transfer; `None` at the end.
+    pub fn next_transfer(&mut self) -> Result<Option<Transfer<'_>>, CaptureError> {
+        match &mut self.source {
+            Source::Dump(reader) => {
+                while let Some(record) = reader.advance()? {
+                    match record {
+                        Advanced::Registers(registers) => {
+                            registers.into_iter().for_each(|(register, value)| self.registers.set(register, value));
+                        }
+                        Advanced::Transfer(head) => {
+                            return Ok(Some(Transfer { payload: reader.contents(), ..head }));
+                        }
+                    }
+                }
+                Ok(None)
+            }
+            Source::Packets { packets, address, start_ns, gap, payload } => {
+                while let Some(packet) = packets.next()? {
+                    let Some(usb) = UsbPacket::parse(&packet) else { continue };
+                    if usb.address != *address
+                        || usb.transfer != BULK
+                        || usb.endpoint != DATA_ENDPOINT
+                        || !usb.completion
+                    {
+                        continue;
+                    }
+                    if usb.data.is_empty() && usb.status.is_good() {
+                        continue;
+                    }
+                    let gap_before = std::mem::replace(gap, usb.cut);
+                    payload.clear();
+                    payload.extend(usb.data);
+                    let host_ns = Some(packet.time_ns.saturating_sub(*start_ns));
+                    let status = usb.status;
+                    return Ok(Some(Transfer { host_ns, gap_before, status, payload }));
+                }
+                Ok(None)
+            }
+            Source::Bare { input, payload } => {
+                payload.clear();
+                let got = input.by_ref().take(RAW_TRANSFER as u64).read_to_end(payload)?;
+                let status = TransferStatus::Completed;
+                Ok((got > 0).then_some(Transfer { host_ns: None, gap_before: false, status, payload }))
+            }
+        }
+    }
+
+    /// Decodes the next transfer. Lost bytes and failed transfers become gaps. False at the end.
+    pub fn decode_next<S: AsRef<[u16]> + AsMut<[u16]>>(
+        &mut self,
+        decoder: &mut Decoder<S>,
+        sink: impl FnMut(Message<'_>),
+    ) -> Result<bool, CaptureError> {
+        let Some(transfer) = self.next_transfer()? else { return Ok(false) };
+        decode_transfer(&transfer, decoder, sink);
+        Ok(true)
+    }
+}
+
+/// Gives a transfer to a decoder: a gap first if bytes were lost, the payload if it can be trusted,
+/// a gap instead of it if not. That the camera went away ends the stream but makes no gap in it.
+pub fn decode_transfer<S: AsRef<[u16]> + AsMut<[u16]>>(
+    transfer: &Transfer<'_>,
+    decoder: &mut Decoder<S>,
+    mut sink: impl FnMut(Message<'_>),
+) {
+    if transfer.gap_before {
+        decoder.gap(&mut sink);
+    }
+    if transfer.status.is_good() {
+        decoder.decode(transfer.payload, sink);
+    } else if transfer.status != TransferStatus::NoDevice {
+        decoder.gap(sink);
+    }
+}

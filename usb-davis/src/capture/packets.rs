@@ -1,0 +1,270 @@
+//! Packets of a pcap or pcapng file, one at a time.
+//!
+//! ```text
+//! pcap    magic (gives byte order and ns or µs) · version · 8 bytes · snap length · link type
+//!         packet: u32 seconds · u32 fraction · u32 captured · u32 original · captured bytes
+//! pcapng  blocks: u32 type · u32 total length · body · u32 total length
+//!         0x0A0D0D0A section (body begins with the byte-order magic 0x1A2B3C4D)
+//!         1 interface: u16 link type · u16 0 · u32 snap length · options (9: time resolution)
+//!         6 packet: u32 interface · u32 u32 time · u32 captured · u32 original · bytes · options
+//!         3 simple packet: u32 original · bytes
+//! ```
+
+use std::io::{self, Read};
+
+use super::CaptureError;
+
+/// Longest packet or block: more is damage.
+const LENGTH_MOST: u32 = 1 << 26;
+
+/// One captured packet.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Packet<'a> {
+    pub(super) link_type: u16,
+    /// ns since 1970.
+    pub(super) time_ns: u64,
+    pub(super) big_endian: bool,
+    /// The file holds fewer bytes than there were.
+    pub(super) cut: bool,
+    pub(super) data: &'a [u8],
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Interface {
+    link_type: u16,
+    /// Length of a tick, as ticks per second.
+    ticks_per_second: u64,
+}
+
+enum Format {
+    Pcap(Interface),
+    PcapNg(Vec<Interface>),
+}
+
+/// Reads packets from `R`.
+pub(super) struct PacketReader<R> {
+    input: R,
+    format: Format,
+    big_endian: bool,
+    data: Vec<u8>,
+    /// The file ends within a packet.
+    pub(super) unfinished: bool,
+}
+
+/// Numbers at offsets within bytes, in the byte order of the file; 0 beyond the end.
+#[derive(Clone, Copy)]
+pub(super) struct Fields<'a> {
+    pub(super) bytes: &'a [u8],
+    pub(super) big_endian: bool,
+}
+
+impl Fields<'_> {
+    fn number<const N: usize>(&self, at: usize) -> [u8; N] {
+        let mut number = [0; N];
+        for (to, from) in number.iter_mut().zip(self.bytes.iter().skip(at)) {
+            *to = *from;
+        }
+        if self.big_endian {
+            number.reverse();
+        }
+        number
+    }
+
+    pub(super) fn u8(&self, at: usize) -> u8 {
+        u8::from_le_bytes(self.number(at))
+    }
+
+    pub(super) fn u16(&self, at: usize) -> u16 {
+        u16::from_le_bytes(self.number(at))
+    }
+
+    pub(super) fn u32(&self, at: usize) -> u32 {
+        u32::from_le_bytes(self.number(at))
+    }
+
+    pub(super) fn u64(&self, at: usize) -> u64 {
+        u64::from_le_bytes(self.number(at))
+    }
+}
+
+const SECTION: u32 = 0x0A0D_0D0A;
+
+/// Whether these first four bytes are those of a pcap or pcapng file.
+pub(super) fn is_packet_file(magic: [u8; 4]) -> bool {
+    let magic = u32::from_be_bytes(magic);
+    [magic, magic.swap_bytes()].iter().any(|magic| matches!(magic, 0xA1B2_C3D4 | 0xA1B2_3C4D)) || magic == SECTION
+}
+
+impl<R: Read> PacketReader<R> {
+    pub(super) fn new(mut input: R) -> Result<Self, CaptureError> {
+        let mut magic = [0; 4];
+        input.read_exact(&mut magic)?;
+        let reader =
+            |input, format, big_endian| Self { input, format, big_endian, data: Vec::new(), unfinished: false };
+        let magic = u32::from_be_bytes(magic);
+        let (big_endian, ticks_per_second) = match magic {
+            SECTION => {
+                let mut reader = reader(input, Format::PcapNg(Vec::new()), false);
+                reader.section()?;
+                return Ok(reader);
+            }
+            0xA1B2_C3D4 => (true, 1_000_000),
+            0xA1B2_3C4D => (true, 1_000_000_000),
+            0xD4C3_B2A1 => (false, 1_000_000),
+            0x4D3C_B2A1 => (false, 1_000_000_000),
+            _ => return Err(CaptureError::Unknown),
+        };
+        let mut head = [0; 20];
+        input.read_exact(&mut head)?;
+        let link_type = Fields { bytes: &head, big_endian }.u32(16) as u16;
+        Ok(reader(input, Format::Pcap(Interface { link_type, ticks_per_second }), big_endian))
+    }
+
+    /// The next packet; `None` at the end of the file or of its last whole packet.
+    pub(super) fn next(&mut self) -> Result<Option<Packet<'_>>, CaptureError> {
+        match self.format {
+            Format::Pcap(interface) => self.next_pcap(interface),
+            Format::PcapNg(_) => self.next_pcapng(),
+        }
+    }
+
+    /// Reads `length` bytes into `data`; false if the file ends before.
+    fn take(&mut self, length: u32) -> Result<bool, CaptureError> {
+        if length > LENGTH_MOST {
+            return Err(CaptureError::Damaged(format!("a packet of {length} bytes")));
+        }
+        self.data.resize(length as usize, 0);
+        match self.input.read_exact(&mut self.data) {
+            Ok(()) => Ok(true),
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => {
+                self.unfinished = true;
+                Ok(false)
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Reads a head of `N` bytes; `None` at the end of the file.
+    fn head<const N: usize>(&mut self) -> Result<Option<[u8; N]>, CaptureError> {
+        let mut head = [0; N];
+        let mut got = 0;
+        while let Some(rest) = head.get_mut(got..).filter(|rest| !rest.is_empty()) {
+            match self.input.read(rest) {
+                Ok(0) => {
+                    self.unfinished |= got > 0;
+                    return Ok(None);
+                }
+                Ok(count) => got += count,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(Some(head))
+    }
+
+    fn next_pcap(&mut self, interface: Interface) -> Result<Option<Packet<'_>>, CaptureError> {
+        let Some(head) = self.head::<16>()? else { return Ok(None) };
+        let big_endian = self.big_endian;
+        let fields = Fields { bytes: &head, big_endian };
+        let (captured, original) = (fields.u32(8), fields.u32(12));
+        if !self.take(captured)? {
+            return Ok(None);
+        }
+        let fraction = u64::from(fields.u32(4)) * (1_000_000_000 / interface.ticks_per_second);
+        let time_ns = u64::from(fields.u32(0)) * 1_000_000_000 + fraction;
+        let cut = captured < original;
+        Ok(Some(Packet { link_type: interface.link_type, time_ns, big_endian, cut, data: &self.data }))
+    }
+
+    /// The rest of a section block whose type was read.
+    fn section(&mut self) -> Result<(), CaptureError> {
+        let Some(head) = self.head::<8>()? else {
+            return Err(CaptureError::Damaged("the section header is incomplete".to_owned()));
+        };
+        let [_, _, _, _, magic @ ..] = head;
+        self.big_endian = match magic {
+            [0x1A, 0x2B, 0x3C, 0x4D] => true,
+            [0x4D, 0x3C, 0x2B, 0x1A] => false,
+            _ => return Err(CaptureError::Damaged("the section header has no byte order".to_owned())),
+        };
+        let length = Fields { bytes: &head, big_endian: self.big_endian }.u32(0);
+        self.format = Format::PcapNg(Vec::new());
+        self.take(length.saturating_sub(12))?;
+        Ok(())
+    }
+
+    fn next_pcapng(&mut self) -> Result<Option<Packet<'_>>, CaptureError> {
+        loop {
+            let Some(kind) = self.head::<4>()? else { return Ok(None) };
+            let big_endian = self.big_endian;
+            if u32::from_be_bytes(kind) == SECTION {
+                self.section()?;
+                continue;
+            }
+            let kind = Fields { bytes: &kind, big_endian }.u32(0);
+            let Some(length) = self.head::<4>()? else { return Ok(None) };
+            let length = Fields { bytes: &length, big_endian }.u32(0);
+            if length < 12 || !length.is_multiple_of(4) {
+                return Err(CaptureError::Damaged(format!("a block of {length} bytes")));
+            }
+            if !self.take(length - 8)? {
+                return Ok(None);
+            }
+            let fields = Fields { bytes: &self.data, big_endian };
+            match kind {
+                1 => {
+                    let interface =
+                        Interface { link_type: fields.u16(0), ticks_per_second: resolution(fields, length) };
+                    if let Format::PcapNg(interfaces) = &mut self.format {
+                        interfaces.push(interface);
+                    }
+                }
+                3 | 6 => {
+                    let (index, captured, original, at) = match kind {
+                        6 => (fields.u32(0), fields.u32(12), fields.u32(16), 20),
+                        _ => (0, fields.u32(0).min(length - 16), fields.u32(0), 4),
+                    };
+                    let interface = match &self.format {
+                        Format::PcapNg(interfaces) => interfaces.get(index as usize).copied(),
+                        Format::Pcap(interface) => Some(*interface),
+                    };
+                    let Some(interface) = interface else {
+                        return Err(CaptureError::Damaged(format!("a packet of unknown interface {index}")));
+                    };
+                    let ticks = match kind {
+                        6 => u64::from(fields.u32(4)) << 32 | u64::from(fields.u32(8)),
+                        _ => 0,
+                    };
+                    let time_ns = u128::from(ticks) * 1_000_000_000 / u128::from(interface.ticks_per_second);
+                    let end = (at + captured as usize).min(self.data.len().saturating_sub(4));
+                    return Ok(Some(Packet {
+                        link_type: interface.link_type,
+                        time_ns: time_ns as u64,
+                        big_endian,
+                        cut: captured < original,
+                        data: self.data.get(at..end).unwrap_or(&[]),
+                    }));
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+/// Ticks per second of an interface block: its option 9, else 10^6.
+fn resolution(fields: Fields<'_>, length: u32) -> u64 {
+    let mut at = 8;
+    while at + 4 <= length as usize {
+        let (code, size) = (fields.u16(at), usize::from(fields.u16(at + 2)));
+        match code {
+            0 => break,
+            9 => {
+                let exponent = fields.u8(at + 4);
+                let base: u64 = if exponent & 0x80 != 0 { 2 } else { 10 };
+                return base.checked_pow(u32::from(exponent & 0x7F)).unwrap_or(1_000_000);
+            }
+            _ => at += 4 + size.next_multiple_of(4),
+        }
+    }
+    1_000_000
+}

@@ -1,0 +1,46 @@
+//! The camera itself, over libusb.
+//!
+//! ```no_run
+//! use std::time::{Duration, Instant};
+//! use usb_davis::configuration::{Configuration, Streams};
+//! use usb_davis::device::{Camera, Queue, Selector, StreamError};
+//! use usb_davis::dump::{Compression, DumpWriter};
+//!
+//! let mut camera = Camera::open(&Selector::default())?;
+//! camera.configure(&Configuration::calibration())?;
+//! let file = std::fs::File::create("recording.dvraw")?;
+//! let mut dump = DumpWriter::new(file, &camera.header(), Compression::None)?;
+//! let mut stream = camera.start(Streams::EVENTS, Queue::default())?;
+//! let end = Instant::now() + Duration::from_secs(10);
+//! loop {
+//!     match stream.next(Duration::from_millis(100)) {
+//!         Ok(Some(transfer)) => dump.transfer(&transfer)?,
+//!         Ok(None) => {}
+//!         Err(StreamError::Stopped) => break,
+//!         Err(error) => return Err(error.into()), // unplugged: what came before is in the dump
+//!     }
+//!     if Instant::now() >= end {
+//!         stream.stop()?; // what is under way still comes, then `Stopped`
+//!     }
+//! }
+//! drop(stream);
+//! dump.registers(camera.read_drop_counters()?)?;
+//! dump.finish()?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Guarantees: no call waits for ever; an error never costs what was received before it; the
+//! memory of a stream is bounded ([`Queue`]).
+
+mod camera;
+mod error;
+mod list;
+mod stream;
+#[allow(unsafe_code, reason = "asynchronous transfers exist only in libusb's C interface")]
+mod transfers;
+
+pub use camera::Camera;
+pub use error::{DeviceError, StreamError, Unsupported};
+pub use list::{Availability, Listing, Selector, UDEV_RULE, UDEV_RULE_FILE, list};
+pub use stream::{Stream, StreamStatistics};
+pub use transfers::Queue;

@@ -1,0 +1,211 @@
+//! One open camera: its registers and its configuration.
+
+use std::sync::Arc;
+use std::thread::sleep;
+use std::time::Duration;
+
+use rusb::{Context, DeviceHandle};
+
+use super::error::DeviceError;
+use super::list::{INTERFACE, Selector, cameras, check_versions, open, read, write};
+use super::stream::Stream;
+use super::transfers::{Queue, Transfers};
+use crate::capture::DATA_ENDPOINT;
+use crate::configuration::{Configuration, QUIESCE, Streams};
+use crate::dump::{DumpHeader, Identity};
+use crate::protocol::Layout;
+use crate::registers::{Clocks, Register, RegisterSnapshot, aps, dvs, external_input, imu, mux, sysinfo, usb};
+
+/// Read-only registers that describe the camera.
+const DESCRIPTION: [Register; 26] = [
+    sysinfo::LOGIC_VERSION,
+    sysinfo::CHIP_ID,
+    sysinfo::DEVICE_IS_MASTER,
+    sysinfo::LOGIC_CLOCK,
+    sysinfo::ADC_CLOCK,
+    sysinfo::USB_CLOCK,
+    sysinfo::CLOCK_DEVIATION,
+    sysinfo::LOGIC_PATCH,
+    dvs::SIZE_COLUMNS,
+    dvs::SIZE_ROWS,
+    dvs::ORIENTATION,
+    dvs::HAS_PIXEL_FILTER,
+    dvs::HAS_BACKGROUND_ACTIVITY_FILTER,
+    dvs::HAS_REGION_OF_INTEREST,
+    dvs::HAS_SKIP_EVENTS,
+    dvs::HAS_POLARITY_FILTER,
+    dvs::HAS_STATISTICS,
+    aps::SIZE_COLUMNS,
+    aps::SIZE_ROWS,
+    aps::ORIENTATION,
+    aps::COLOR_FILTER,
+    aps::HAS_GLOBAL_SHUTTER,
+    imu::TYPE,
+    imu::ORIENTATION,
+    external_input::HAS_GENERATOR,
+    mux::HAS_STATISTICS,
+];
+
+/// Pauses after switching, as libcaer makes them.
+const SETTLE_QUIET: Duration = Duration::from_millis(10);
+const SETTLE_CHIP: Duration = Duration::from_millis(200);
+const SETTLE_STREAM: Duration = Duration::from_millis(50);
+
+/// Reads of what an earlier run left in the camera: as long as it takes one to find nothing.
+const STALE_TIMEOUT: Duration = Duration::from_millis(20);
+const STALE_MOST: usize = 256;
+
+/// An open DAVIS346. Dropping it releases the camera.
+pub struct Camera {
+    context: Context,
+    handle: Arc<DeviceHandle<Context>>,
+    identity: Identity,
+    registers: RegisterSnapshot,
+}
+
+impl Camera {
+    /// Opens the first usable camera that `selector` admits. If none is usable, the error is that
+    /// of the first.
+    pub fn open(selector: &Selector) -> Result<Self, DeviceError> {
+        let context = Context::new().map_err(DeviceError::usb("starting libusb"))?;
+        let mut first_error = None;
+        for (device, identity) in cameras(&context)? {
+            if !selector.admits(device.bus_number(), device.address()) {
+                continue;
+            }
+            let camera = open(&device, identity).and_then(|(handle, identity)| {
+                let other = selector.serial.as_ref().is_some_and(|serial| *serial != identity.serial);
+                if other { Ok(None) } else { Self::describe(context.clone(), handle, identity).map(Some) }
+            });
+            match camera {
+                Ok(Some(camera)) => return Ok(camera),
+                Ok(None) => {}
+                Err(error) => first_error = first_error.or(Some(error)),
+            }
+        }
+        Err(first_error.unwrap_or_else(|| DeviceError::NotFound { wanted: selector.text() }))
+    }
+
+    fn describe(context: Context, handle: DeviceHandle<Context>, identity: Identity) -> Result<Self, DeviceError> {
+        check_versions(&handle, &identity)?;
+        let mut registers = RegisterSnapshot::default();
+        for register in DESCRIPTION {
+            registers.set(register, read(&handle, register)?);
+        }
+        Ok(Self { context, handle: Arc::new(handle), identity, registers })
+    }
+
+    /// What the descriptors say.
+    pub fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// All registers read and written so far: the camera's description and configuration.
+    pub fn registers(&self) -> &RegisterSnapshot {
+        &self.registers
+    }
+
+    /// The header of a dump that begins now.
+    pub fn header(&self) -> DumpHeader {
+        DumpHeader::new(Some(self.identity.clone()), self.registers.clone())
+    }
+
+    /// Sizes and orientations.
+    pub fn layout(&self) -> Layout {
+        self.registers.layout()
+    }
+
+    /// Clock rates.
+    pub fn clocks(&self) -> Clocks {
+        self.registers.clocks()
+    }
+
+    /// Reads a register.
+    pub fn read(&mut self, register: Register) -> Result<u32, DeviceError> {
+        let value = read(&self.handle, register)?;
+        self.registers.set(register, value);
+        Ok(value)
+    }
+
+    /// Writes a register.
+    pub fn write(&mut self, register: Register, value: u32) -> Result<(), DeviceError> {
+        write(&self.handle, register, value)?;
+        self.registers.set(register, value);
+        Ok(())
+    }
+
+    /// Writes all settings. The camera may run meanwhile.
+    pub fn configure(&mut self, configuration: &Configuration) -> Result<(), DeviceError> {
+        let mut writes = Vec::new();
+        configuration.writes(&self.clocks(), |register, value| writes.push((register, value)));
+        self.write_all(writes)
+    }
+
+    fn write_all(&mut self, writes: impl IntoIterator<Item = (Register, u32)>) -> Result<(), DeviceError> {
+        writes.into_iter().try_for_each(|(register, value)| self.write(register, value))
+    }
+
+    /// Reads the camera's own counters of dropped events and signals: (register, value) of the
+    /// upper and lower halves, fit for [`crate::dump::DumpWriter::registers`]. Nothing in the stream
+    /// tells of these drops.
+    pub fn read_drop_counters(&mut self) -> Result<Vec<(Register, u32)>, DeviceError> {
+        let counters = [mux::EXTERNAL_INPUT_DROPPED, mux::DVS_DROPPED, dvs::DROPPED];
+        let halves = counters.into_iter().flat_map(|counter| [counter, counter.next()]);
+        halves.map(|register| Ok((register, self.read(register)?))).collect()
+    }
+
+    /// Events that the camera dropped because the host read too slowly, as of the latest
+    /// [`Camera::read_drop_counters`].
+    pub fn dropped_events(&self) -> u64 {
+        let counter = |register| self.registers.counter(register).unwrap_or(0);
+        counter(mux::DVS_DROPPED) + counter(dvs::DROPPED)
+    }
+
+    /// Starts `streams`: brings the camera to rest, empties it of what an earlier run left, queues
+    /// the transfers, then switches on chip, output, time, multiplexer and at last the streams.
+    pub fn start(&mut self, streams: Streams, queue: Queue) -> Result<Stream<'_>, DeviceError> {
+        self.write_all(QUIESCE)?;
+        sleep(SETTLE_QUIET);
+        self.handle.clear_halt(DATA_ENDPOINT).map_err(DeviceError::usb("clearing the data endpoint"))?;
+        self.discard_stale()?;
+        let transfers = Transfers::start(&self.context, &self.handle, DATA_ENDPOINT, queue)
+            .map_err(DeviceError::usb("queueing transfers"))?;
+        match self.switch_on(streams) {
+            // What it sent before it was unplugged can be read; the stream ends by itself then.
+            Ok(()) | Err(DeviceError::Unplugged) => Ok(Stream::new(self, transfers)),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn switch_on(&mut self, streams: Streams) -> Result<(), DeviceError> {
+        self.write(mux::RUN_CHIP, 1)?;
+        sleep(SETTLE_CHIP);
+        self.write_all([(usb::RUN, 1), (mux::TIMESTAMP_RUN, 1), (mux::RUN, 1)])?;
+        sleep(SETTLE_STREAM);
+        self.write_all(streams.writes())
+    }
+
+    pub(super) fn quiesce(&mut self) -> Result<(), DeviceError> {
+        self.write_all(QUIESCE)
+    }
+
+    /// Bytes of an earlier run would be taken for the beginning of this one.
+    fn discard_stale(&self) -> Result<(), DeviceError> {
+        let mut stale = vec![0; 16 * 1024];
+        for _ in 0..STALE_MOST {
+            match self.handle.read_bulk(DATA_ENDPOINT, &mut stale, STALE_TIMEOUT) {
+                Ok(0) | Err(rusb::Error::Timeout) => break,
+                Ok(_) | Err(rusb::Error::Overflow) => {}
+                Err(error) => return Err(DeviceError::usb("emptying the camera")(error)),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Camera {
+    fn drop(&mut self) {
+        // The camera may be gone: then there is nothing to release.
+        let _ = self.handle.release_interface(INTERFACE);
+    }
+}

@@ -1,0 +1,304 @@
+//! Reads a dump, however it ended.
+
+use std::io::{self, Read, Seek, SeekFrom};
+
+use super::record::{HEAD, Head, Kind, MARKER, Transfer, checksum};
+use super::{DumpError, DumpHeader, INDEX_MAGIC, LENGTH_MOST, MAGIC};
+use crate::registers::Register;
+
+/// Bytes looked at in one go when searching for a record.
+const SEARCH: usize = 1 << 16;
+
+/// A record of a dump.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Record<'a> {
+    /// A transfer from the data endpoint.
+    Transfer(Transfer<'a>),
+    /// Registers read or written while recording.
+    Registers(Vec<(Register, u32)>),
+}
+
+/// A record whose payload is still in the reader.
+pub(crate) enum Advanced {
+    Transfer(Transfer<'static>),
+    Registers(Vec<(Register, u32)>),
+}
+
+/// What of a dump could not be read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Damage {
+    /// Bytes passed over between good records.
+    pub bytes: u64,
+    /// How many times that was necessary.
+    pub places: u64,
+    /// Bytes of an unfinished record at the end of the file.
+    pub unfinished: u64,
+}
+
+/// Reads the records of a dump in order.
+pub struct DumpReader<R> {
+    input: R,
+    /// Where `input` stands: seeking without need would empty its buffer.
+    position: u64,
+    header: DumpHeader,
+    /// Of the first record, of the next record, of the file's end.
+    start: u64,
+    offset: u64,
+    length: u64,
+    stored: Vec<u8>,
+    contents: Vec<u8>,
+    damage: Damage,
+    gap: bool,
+}
+
+impl<R: Read + Seek> DumpReader<R> {
+    /// Reads the header of `input`.
+    pub fn new(mut input: R) -> Result<Self, DumpError> {
+        let length = input.seek(SeekFrom::End(0))?;
+        input.seek(SeekFrom::Start(0))?;
+        let mut head = [0; 12];
+        let got = fill(&mut input, &mut head)?;
+        let [magic @ .., n0, n1, n2, n3] = head;
+        if magic != *MAGIC {
+            return Err(DumpError::Magic);
+        }
+        let json_length = u32::from_le_bytes([n0, n1, n2, n3]);
+        if got < head.len() || json_length > LENGTH_MOST || length < 16 + u64::from(json_length) {
+            return Err(DumpError::Header(format!("{json_length} bytes announced, the file has {length}")));
+        }
+        let mut json = vec![0; json_length as usize];
+        input.read_exact(&mut json)?;
+        let mut claimed = [0; 4];
+        input.read_exact(&mut claimed)?;
+        if checksum(&head, &json) != u32::from_le_bytes(claimed) {
+            return Err(DumpError::Header("its checksum is wrong".to_owned()));
+        }
+        let header = serde_json::from_slice(&json).map_err(|error| DumpError::Header(error.to_string()))?;
+        let start = 16 + u64::from(json_length);
+        Ok(Self {
+            input,
+            position: start,
+            header,
+            start,
+            offset: start,
+            length,
+            stored: Vec::new(),
+            contents: Vec::new(),
+            damage: Damage::default(),
+            gap: false,
+        })
+    }
+
+    /// What the recording says of its camera.
+    pub fn header(&self) -> &DumpHeader {
+        &self.header
+    }
+
+    /// What could not be read so far.
+    pub fn damage(&self) -> Damage {
+        self.damage
+    }
+
+    /// The next record; `None` at the end of the file or of what is readable of it.
+    pub fn next_record(&mut self) -> Result<Option<Record<'_>>, DumpError> {
+        Ok(match self.advance()? {
+            None => None,
+            Some(Advanced::Registers(registers)) => Some(Record::Registers(registers)),
+            Some(Advanced::Transfer(head)) => Some(Record::Transfer(Transfer { payload: &self.contents, ..head })),
+        })
+    }
+
+    /// Reads the next record; the payload of a transfer is then [`DumpReader::contents`].
+    pub(crate) fn advance(&mut self) -> Result<Option<Advanced>, DumpError> {
+        let head = loop {
+            let Some(head) = self.read()? else { return Ok(None) };
+            if head.kind != Kind::Index {
+                break head;
+            }
+        };
+        if head.kind == Kind::Registers {
+            let registers = self.contents.as_chunks::<6>().0.iter();
+            let registers = registers.map(|&[module, parameter, v0, v1, v2, v3]| {
+                (Register::new(module, parameter), u32::from_le_bytes([v0, v1, v2, v3]))
+            });
+            return Ok(Some(Advanced::Registers(registers.collect())));
+        }
+        let gap_before = head.gap_before | std::mem::take(&mut self.gap);
+        let (host_ns, status) = (Some(head.host_ns), head.status);
+        Ok(Some(Advanced::Transfer(Transfer { host_ns, gap_before, status, payload: &[] })))
+    }
+
+    /// Contents of the latest record.
+    pub(crate) fn contents(&self) -> &[u8] {
+        &self.contents
+    }
+
+    /// Goes to a transfer at or shortly before `host_ns`. Decoding from there needs a decoder that
+    /// begins anew: the time of the first events is unknown up to the next timestamp reset.
+    pub fn seek(&mut self, host_ns: u64) -> Result<(), DumpError> {
+        let target = match self.index()? {
+            Some(index) => index.iter().rev().find(|&&(_, at)| at <= host_ns).map(|&(offset, _)| offset),
+            None => self.scan_for(host_ns)?,
+        };
+        self.offset = target.unwrap_or(self.start);
+        self.gap = self.offset != self.start;
+        Ok(())
+    }
+
+    /// Offsets and host times of some transfers, if the dump was finished.
+    fn index(&mut self) -> Result<Option<Vec<(u64, u64)>>, DumpError> {
+        let mut trailer = [0; 16];
+        if self.length < self.start + 16 {
+            return Ok(None);
+        }
+        self.read_bytes(self.length - 16, &mut trailer)?;
+        let (words, _) = trailer.as_chunks::<8>();
+        let [offset, magic] = words else { return Ok(None) };
+        let offset = u64::from_le_bytes(*offset);
+        if magic != INDEX_MAGIC || offset < self.start || offset >= self.length {
+            return Ok(None);
+        }
+        let before = (self.offset, self.damage);
+        self.offset = offset;
+        let head = self.read();
+        (self.offset, self.damage) = before;
+        if !head?.is_some_and(|head| head.kind == Kind::Index) {
+            return Ok(None);
+        }
+        let (entries, _) = self.contents.as_chunks::<16>();
+        let entries = entries.iter().map(|entry| {
+            let (words, _) = entry.as_chunks::<8>();
+            let number = |index: usize| words.get(index).copied().map_or(0, u64::from_le_bytes);
+            (number(0), number(1))
+        });
+        Ok(Some(entries.collect()))
+    }
+
+    /// Offset of the last transfer at or before `host_ns`, by reading from the beginning.
+    fn scan_for(&mut self, host_ns: u64) -> Result<Option<u64>, DumpError> {
+        let before = self.damage;
+        self.offset = self.start;
+        let mut found = None;
+        loop {
+            let offset = self.offset;
+            match self.read()? {
+                Some(head) if head.kind != Kind::Transfer => {}
+                Some(head) if head.host_ns <= host_ns => found = Some(offset),
+                _ => break,
+            }
+        }
+        self.damage = before;
+        Ok(found)
+    }
+
+    /// Reads the record at `offset` or the next good one behind it, contents into `contents`.
+    fn read(&mut self) -> Result<Option<Head>, DumpError> {
+        loop {
+            // The index and the trailer end a finished file.
+            if self.offset + HEAD as u64 > self.length {
+                let rest = self.length.saturating_sub(self.offset);
+                if rest > 0 && !self.trailer_at(self.offset, rest)? {
+                    self.damage.unfinished += rest;
+                }
+                self.offset = self.length;
+                return Ok(None);
+            }
+            if let Some(head) = self.read_at(self.offset)? {
+                self.offset += HEAD as u64 + u64::from(head.stored);
+                return Ok(Some(head));
+            }
+            let next = self.find_record(self.offset + 1)?;
+            match next {
+                Some(next) => {
+                    self.damage.bytes += next - self.offset;
+                    self.damage.places += 1;
+                    self.offset = next;
+                }
+                None => {
+                    self.damage.unfinished += self.length - self.offset;
+                    self.offset = self.length;
+                }
+            }
+            self.gap = true;
+        }
+    }
+
+    fn trailer_at(&mut self, offset: u64, rest: u64) -> io::Result<bool> {
+        let mut trailer = [0; 16];
+        let got = self.read_bytes(offset, &mut trailer)?;
+        Ok(rest == 16 && got == 16 && trailer.ends_with(INDEX_MAGIC))
+    }
+
+    /// Reads bytes at `offset` until `buffer` is full or the file ends.
+    fn read_bytes(&mut self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.position != offset {
+            self.position = self.input.seek(SeekFrom::Start(offset))?;
+        }
+        let got = fill(&mut self.input, buffer)?;
+        self.position += got as u64;
+        Ok(got)
+    }
+
+    /// The good record at `offset`, or `None`.
+    fn read_at(&mut self, offset: u64) -> Result<Option<Head>, DumpError> {
+        let mut bytes = [0; HEAD];
+        if self.read_bytes(offset, &mut bytes)? < HEAD {
+            return Ok(None);
+        }
+        let Some((head, claimed)) = Head::parse(&bytes) else { return Ok(None) };
+        if offset + HEAD as u64 + u64::from(head.stored) > self.length {
+            return Ok(None);
+        }
+        self.stored.resize(head.stored as usize, 0);
+        let got = fill(&mut self.input, &mut self.stored)?;
+        self.position += got as u64;
+        if got < self.stored.len() {
+            return Ok(None);
+        }
+        let [covered @ .., _, _, _, _] = bytes;
+        if checksum(&covered, &self.stored) != claimed {
+            return Ok(None);
+        }
+        if head.compressed {
+            match zstd::bulk::decompress(&self.stored, head.length as usize) {
+                Ok(contents) if contents.len() == head.length as usize => self.contents = contents,
+                _ => return Ok(None),
+            }
+        } else {
+            std::mem::swap(&mut self.stored, &mut self.contents);
+        }
+        Ok(Some(head))
+    }
+
+    /// Offset of the first good record at or behind `from`.
+    fn find_record(&mut self, mut from: u64) -> Result<Option<u64>, DumpError> {
+        let mut window = vec![0; SEARCH];
+        while from + HEAD as u64 <= self.length {
+            let got = self.read_bytes(from, &mut window)?;
+            let bytes = window.get(..got).unwrap_or(&[]);
+            let candidates: Vec<u64> =
+                bytes.windows(MARKER.len()).zip(from..).filter(|(at, _)| at == MARKER).map(|(_, at)| at).collect();
+            for candidate in candidates {
+                if self.read_at(candidate)?.is_some() {
+                    return Ok(Some(candidate));
+                }
+            }
+            from += (got.max(MARKER.len()) - MARKER.len() + 1) as u64;
+        }
+        Ok(None)
+    }
+}
+
+/// Reads until `buffer` is full or the input ends; returns how much was read.
+fn fill(input: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
+    let mut got = 0;
+    while let Some(rest) = buffer.get_mut(got..).filter(|rest| !rest.is_empty()) {
+        match input.read(rest) {
+            Ok(0) => break,
+            Ok(count) => got += count,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(got)
+}

@@ -1,0 +1,56 @@
+//! The DAVIS346 event camera: wire protocol, live camera over libusb, raw dumps, captures of its USB
+//! traffic, and a camera in software.
+//!
+//! Nothing here knows of calibration.
+//!
+//! | module | is |
+//! |---|---|
+//! | [`registers`] | every register of the camera's logic, and what it holds |
+//! | [`bias`] | the sensor's bias currents and voltages |
+//! | [`configuration`] | all settings, and the register writes that make them |
+//! | [`protocol`] | the stream of 16-bit words: decoder, encoder |
+//! | [`dump`] | `.dvraw` files: transfers as they arrived, crash-safe |
+//! | [`capture`] | any recording of transfers: `.dvraw`, pcap, pcapng, bare payload |
+//! | [`device`] | the camera itself |
+//! | [`emulator`] | a camera in software, with faults on demand |
+//!
+//! [`registers`], [`bias`], [`configuration`] and [`protocol`] need neither `std` nor an allocator: switch off default features.
+//!
+//! From a recording to events:
+//! ```no_run
+//! use usb_davis::capture::Capture;
+//! use usb_davis::protocol::Message;
+//!
+//! let mut capture = Capture::open("recording.dvraw")?;
+//! let mut decoder = capture.header().decoder();
+//! let mut events = Vec::new();
+//! while capture.decode_next(&mut decoder, |message| {
+//!     if let Message::Events(new) = message {
+//!         events.extend_from_slice(new);
+//!     }
+//! })? {}
+//! println!("{} events, {} faults", events.len(), decoder.counts().anomalies.total());
+//! # Ok::<(), usb_davis::capture::CaptureError>(())
+//! ```
+#![cfg_attr(not(feature = "std"), no_std)]
+
+#[cfg(all(test, not(feature = "std")))]
+extern crate std;
+
+pub mod bias;
+#[cfg(feature = "std")]
+pub mod capture;
+pub mod configuration;
+#[cfg(feature = "device")]
+pub mod device;
+#[cfg(feature = "std")]
+pub mod dump;
+#[cfg(feature = "emulator")]
+pub mod emulator;
+pub mod protocol;
+pub mod registers;
+
+/// iniVation's USB vendor.
+pub const VENDOR_ID: u16 = 0x152A;
+/// The DAVIS family on a Cypress FX3, the DAVIS346 among it.
+pub const PRODUCT_ID: u16 = 0x841A;

@@ -1,0 +1,36 @@
+//! The stream of bulk endpoint 0x82: 16-bit little-endian words.
+//!
+//! Guarantees: bytes may be cut anywhere; the decoder allocates nothing and never panics; every
+//! fault is an [`Anomaly`], counted, reported with its byte offset, and survived. The [`Encoder`]
+//! is its inverse: what it writes decodes to what it was given.
+//!
+//! | what | words (details in [`mod@word`]) | becomes |
+//! |---|---|---|
+//! | pixel event | timestamp (if it changed), row address (if it changed), column address | [`PolarityEvent`] |
+//! | connector | timestamp, special 2–4, 16, 17 | [`SignalEvent`] |
+//! | inertial sample | timestamp, special 5, contents, up to 14 bytes, timestamp, special 7 | [`ImuSample`] |
+//! | frame | special 8 or 9, exposure, corners, columns (11 or 12, samples, 13), 14, 15, special 10 | [`Frame`] |
+//! | time | wrap word with a multiplier; special 1 restarts it | 64-bit µs |
+//!
+//! **Time.** A timestamp word carries the low 15 bits and comes before the word that it stamps,
+//! unless the value is unchanged. 2^15 µs later a wrap word adds 2^15 µs, or a multiple of it after
+//! a stall; zero low bits are never sent but follow from the wrap. Times are summed in 64 bits, so
+//! nothing happens at 2^31 µs (35.8 minutes).
+//!
+//! **Geometry.** See [`layout`].
+
+mod anomaly;
+mod decoder;
+mod encoder;
+mod frame;
+mod imu;
+pub mod layout;
+mod message;
+pub mod word;
+
+pub use anomaly::{Anomaly, AnomalyCounts, AnomalyKind};
+pub use decoder::{Decoder, DecoderCounts};
+pub use encoder::{EncodeError, Encoder, FrameStep, frame_steps};
+pub use imu::{ImuSample, ImuScale};
+pub use layout::{ImuLayout, ImuModel, Layout, PixelArray};
+pub use message::{Frame, Message, Polarity, PolarityEvent, Region, Shutter, Signal, SignalEvent};

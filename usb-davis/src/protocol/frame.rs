@@ -1,0 +1,343 @@
+//! Frames, put together from the words of their columns.
+//!
+//! ```text
+//! ts · 8 (global) or 9 (rolling)                               frame start
+//! 3 × misc10(0, ten bits)                                      exposure, ADC cycles, lowest first
+//! 4 × misc8(1, upper) misc8(2, lower)                          first x, first y, last x, last y (user)
+//! per column: ts · 11 · one sample per row · ts · 13           reset levels
+//! ts · 14 … ts · 15                                            exposure start, end
+//! per column: ts · 12 · one sample per row · ts · 13           signal levels
+//! ts · 10                                                      frame end
+//! ```
+//! A rolling shutter interleaves reset and signal columns. A pixel is reset − signal level, cut to
+//! 0..=1023, and 1023 where the reset level is below 384 or the signal 0: both mean saturation.
+//! Columns and rows of the wire are counted within the region, mirrored, then swapped.
+
+use super::anomaly::AnomalyKind;
+use super::layout::PixelArray;
+use super::message::{Frame, Region, Shutter};
+
+/// Reset levels below this are those of a saturated pixel.
+const RESET_LEVEL_LEAST: u16 = 384;
+/// A saturated pixel.
+pub(super) const SATURATED: u16 = 1023;
+/// Stands for a reset level that never came.
+const MISSING: u16 = u16::MAX;
+/// Words that carry the exposure time.
+const EXPOSURE_WORDS: u8 = 3;
+/// Bytes that carry the region.
+const CORNER_BYTES: usize = 8;
+
+fn pixel(reset: u16, signal: u16) -> u16 {
+    if reset == MISSING {
+        0
+    } else if reset < RESET_LEVEL_LEAST || signal == 0 {
+        SATURATED
+    } else {
+        reset.saturating_sub(signal)
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Level {
+    Reset,
+    Signal,
+}
+
+/// A region as the wire counts it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Geometry {
+    region: Region,
+    pub(super) columns: u16,
+    pub(super) rows: u16,
+}
+
+impl Geometry {
+    pub(super) fn new(array: &PixelArray, region: Region) -> Self {
+        let (columns, rows) = match array.swap_axes {
+            true => (region.height, region.width),
+            false => (region.width, region.height),
+        };
+        Self { region, columns, rows }
+    }
+
+    /// Index of the first pixel of wire column `index`, and the way from row to row.
+    pub(super) fn column(&self, array: &PixelArray, index: u16) -> (usize, isize) {
+        let last = |count: u16| usize::from(count.saturating_sub(1));
+        let column = if array.mirror_columns {
+            last(self.columns).saturating_sub(usize::from(index))
+        } else {
+            usize::from(index)
+        };
+        let row = if array.mirror_rows { last(self.rows) } else { 0 };
+        let width = usize::from(self.region.width);
+        let (position, step) = match array.swap_axes {
+            true => (column * width + row, 1),
+            false => (row * width + column, width as isize),
+        };
+        (position, if array.mirror_rows { -step } else { step })
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Column {
+    level: Level,
+    /// Index of the next sample's pixel, and from there to the one after.
+    position: usize,
+    step: isize,
+    samples: u16,
+    overfull: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Current {
+    shutter: Shutter,
+    start: u64,
+    exposure_start: Option<u64>,
+    exposure_end: Option<u64>,
+    exposure_cycles: u32,
+    exposure_words: u8,
+    corners: [u8; CORNER_BYTES],
+    corner_bytes: usize,
+    geometry: Option<Geometry>,
+    /// Cannot or need not be collected: its words are passed over.
+    discarded: bool,
+    column: Option<Column>,
+    reset_columns: u16,
+    signal_columns: u16,
+    damaged_columns: u16,
+}
+
+/// Collects one frame in memory lent by the user.
+#[derive(Clone, Debug)]
+pub(super) struct FrameAssembly<S> {
+    memory: S,
+    array: PixelArray,
+    /// A first frame has begun: from here on stray words are faults.
+    pub(super) synchronised: bool,
+    /// A sample out of place was reported; those right behind it are not.
+    stray: bool,
+    current: Option<Current>,
+}
+
+impl<S: AsRef<[u16]> + AsMut<[u16]>> FrameAssembly<S> {
+    pub(super) fn new(array: PixelArray, memory: S) -> Self {
+        Self { memory, array, synchronised: false, stray: false, current: None }
+    }
+
+    /// The stream cannot be trusted to continue what was begun.
+    pub(super) fn interrupt(&mut self) {
+        self.current = None;
+        self.synchronised = false;
+    }
+
+    pub(super) fn start(&mut self, shutter: Shutter, time: u64, report: &mut impl FnMut(AnomalyKind)) {
+        if self.current.is_some() {
+            report(AnomalyKind::FrameIncomplete);
+        }
+        self.synchronised = true;
+        self.current = Some(Current {
+            shutter,
+            start: time,
+            exposure_start: None,
+            exposure_end: None,
+            exposure_cycles: 0,
+            exposure_words: 0,
+            corners: [0; CORNER_BYTES],
+            corner_bytes: 0,
+            geometry: None,
+            discarded: false,
+            column: None,
+            reset_columns: 0,
+            signal_columns: 0,
+            damaged_columns: 0,
+        });
+    }
+
+    pub(super) fn exposure_bits(&mut self, bits: u16) -> Result<(), AnomalyKind> {
+        let current = self.current.as_mut().ok_or(AnomalyKind::FrameStray)?;
+        if current.exposure_words >= EXPOSURE_WORDS {
+            return Err(AnomalyKind::FrameStray);
+        }
+        current.exposure_cycles |= u32::from(bits) << (10 * current.exposure_words);
+        current.exposure_words += 1;
+        Ok(())
+    }
+
+    /// A byte of the corners; `lower` says which half of its number it is.
+    pub(super) fn corner_byte(&mut self, byte: u8, lower: bool) -> Result<(), AnomalyKind> {
+        let current = self.current.as_mut().ok_or(AnomalyKind::FrameStray)?;
+        if lower != (current.corner_bytes % 2 == 1) {
+            return Err(AnomalyKind::FrameStray);
+        }
+        let slot = current.corners.get_mut(current.corner_bytes).ok_or(AnomalyKind::FrameStray)?;
+        *slot = byte;
+        current.corner_bytes += 1;
+        Ok(())
+    }
+
+    pub(super) fn exposure_start(&mut self, time: u64) -> Result<(), AnomalyKind> {
+        self.current.as_mut().ok_or(AnomalyKind::FrameStray)?.exposure_start = Some(time);
+        Ok(())
+    }
+
+    pub(super) fn exposure_end(&mut self, time: u64) -> Result<(), AnomalyKind> {
+        self.current.as_mut().ok_or(AnomalyKind::FrameStray)?.exposure_end = Some(time);
+        Ok(())
+    }
+
+    pub(super) fn column_start(&mut self, level: Level, report: &mut impl FnMut(AnomalyKind)) {
+        self.stray = false;
+        let Some(current) = self.current.as_mut() else { return report(AnomalyKind::FrameStray) };
+        if current.column.is_some() {
+            report(AnomalyKind::ColumnEndLost);
+            close_column(current, self.memory.as_mut(), report);
+        }
+        if current.geometry.is_none() && !current.discarded {
+            if current.exposure_words != EXPOSURE_WORDS || current.corner_bytes != CORNER_BYTES {
+                report(AnomalyKind::FrameHeaderIncomplete);
+            }
+            current.geometry = region_of(current, &self.array, self.memory.as_ref().len(), report)
+                .map(|region| Geometry::new(&self.array, region));
+            current.discarded = current.geometry.is_none();
+        }
+        let Some(geometry) = current.geometry else { return };
+        let columns = match level {
+            Level::Reset => &mut current.reset_columns,
+            Level::Signal => &mut current.signal_columns,
+        };
+        let index = *columns;
+        *columns = columns.saturating_add(1);
+        if index < geometry.columns {
+            let (position, step) = geometry.column(&self.array, index);
+            current.column = Some(Column { level, position, step, samples: 0, overfull: false });
+        }
+    }
+
+    /// Samples of one column, in the order of its rows. The fault comes with the index of its word.
+    pub(super) fn samples(&mut self, words: &[[u8; 2]]) -> Result<(), (AnomalyKind, usize)> {
+        if self.current.as_ref().is_some_and(|current| current.discarded) {
+            return Ok(());
+        }
+        let open = self.current.as_mut().and_then(|current| Some((current.geometry?, current.column.as_mut()?)));
+        let Some((geometry, column)) = open else {
+            let known = core::mem::replace(&mut self.stray, true);
+            return if known { Ok(()) } else { Err((AnomalyKind::FrameStray, 0)) };
+        };
+        let room = usize::from(geometry.rows.saturating_sub(column.samples));
+        let (words, surplus) = words.split_at_checked(room).unwrap_or((words, &[]));
+        let memory = self.memory.as_mut();
+        for word in words {
+            let sample = u16::from_le_bytes(*word) & SATURATED;
+            if let Some(place) = memory.get_mut(column.position) {
+                *place = match column.level {
+                    Level::Reset => sample,
+                    Level::Signal => pixel(*place, sample),
+                };
+            }
+            column.position = column.position.wrapping_add_signed(column.step);
+        }
+        column.samples += words.len() as u16;
+        if surplus.is_empty() || column.overfull {
+            return Ok(());
+        }
+        column.overfull = true;
+        if let Some(current) = self.current.as_mut() {
+            current.damaged_columns = current.damaged_columns.saturating_add(1);
+        }
+        Err((AnomalyKind::ColumnOverfull, words.len()))
+    }
+
+    pub(super) fn column_end(&mut self, report: &mut impl FnMut(AnomalyKind)) {
+        self.stray = false;
+        match self.current.as_mut() {
+            Some(current) => close_column(current, self.memory.as_mut(), report),
+            None => report(AnomalyKind::FrameStray),
+        }
+    }
+
+    pub(super) fn end(&mut self, time: u64, report: &mut impl FnMut(AnomalyKind)) -> Option<Frame<'_>> {
+        let Some(mut current) = self.current.take() else {
+            report(AnomalyKind::FrameStray);
+            return None;
+        };
+        if current.discarded {
+            return None;
+        }
+        if current.column.is_some() {
+            report(AnomalyKind::ColumnEndLost);
+            close_column(&mut current, self.memory.as_mut(), report);
+        }
+        let complete = current
+            .geometry
+            .filter(|geometry| current.reset_columns == geometry.columns && current.signal_columns == geometry.columns);
+        let Some(Geometry { region, columns, rows }) = complete else {
+            report(AnomalyKind::FrameIncomplete);
+            return None;
+        };
+        let pixels = self.memory.as_ref().get(..usize::from(columns) * usize::from(rows))?;
+        Some(Frame {
+            shutter: current.shutter,
+            start: current.start,
+            end: time,
+            exposure_start: current.exposure_start,
+            exposure_end: current.exposure_end,
+            exposure_cycles: current.exposure_cycles,
+            region,
+            damaged_columns: current.damaged_columns,
+            pixels,
+        })
+    }
+}
+
+/// Marks what the open column lacks, and closes it. A surplus column has none open.
+fn close_column(current: &mut Current, memory: &mut [u16], report: &mut impl FnMut(AnomalyKind)) {
+    let (Some(geometry), Some(mut column)) = (current.geometry, current.column.take()) else { return };
+    if column.samples == geometry.rows {
+        return;
+    }
+    report(AnomalyKind::ColumnIncomplete);
+    current.damaged_columns = current.damaged_columns.saturating_add(1);
+    let missing = match column.level {
+        Level::Reset => MISSING,
+        Level::Signal => 0,
+    };
+    for _ in column.samples..geometry.rows {
+        if let Some(place) = memory.get_mut(column.position) {
+            *place = missing;
+        }
+        column.position = column.position.wrapping_add_signed(column.step);
+    }
+}
+
+/// The region that the corners span, cut to the sensor; `None` if there is nothing to collect.
+fn region_of(
+    current: &Current,
+    array: &PixelArray,
+    memory: usize,
+    report: &mut impl FnMut(AnomalyKind),
+) -> Option<Region> {
+    let [x0, x0_low, y0, y0_low, x1, x1_low, y1, y1_low] = current.corners;
+    if current.corner_bytes != CORNER_BYTES {
+        return None;
+    }
+    let [x, y, last_x, last_y] = [[x0, x0_low], [y0, y0_low], [x1, x1_low], [y1, y1_low]].map(u16::from_be_bytes);
+    let (width, height) = array.size();
+    if last_x >= width || last_y >= height {
+        report(AnomalyKind::FrameOutOfRange);
+    }
+    let (last_x, last_y) = (last_x.min(width.saturating_sub(1)), last_y.min(height.saturating_sub(1)));
+    if last_x < x || last_y < y {
+        report(AnomalyKind::FrameOutOfRange);
+        return None;
+    }
+    let region = Region { x, y, width: last_x - x + 1, height: last_y - y + 1 };
+    if usize::from(region.width) * usize::from(region.height) > memory {
+        // Without any memory frames are not wanted, and that is no fault.
+        if memory > 0 {
+            report(AnomalyKind::FrameTooLarge);
+        }
+        return None;
+    }
+    Some(region)
+}

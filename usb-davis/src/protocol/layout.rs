@@ -1,0 +1,137 @@
+//! How wire coordinates become the user's: sizes, axis swap, mirrors.
+//!
+//! The chip of a DAVIS346 is mounted turned: its 260 columns are the user's rows, its 346 rows the
+//! user's columns. Events arrive mirrored right, so only the axes are swapped. Frames arrive as the
+//! chip is wired, so their *wire* columns and rows are mirrored first, then swapped.
+
+use crate::registers::{Register, aps, dvs, imu};
+
+/// Widest or highest array that can be spoken of: coordinates have 12 bits, and no DAVIS comes near.
+pub const MAXIMUM_SIZE: u16 = 2048;
+
+/// One of the chip's two arrays and its orientation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PixelArray {
+    /// Columns on the wire.
+    pub columns: u16,
+    /// Rows on the wire.
+    pub rows: u16,
+    /// The user's x is the wire's row.
+    pub swap_axes: bool,
+    /// The wire's columns run against the user's axis.
+    pub mirror_columns: bool,
+    /// The wire's rows run against the user's axis.
+    pub mirror_rows: bool,
+}
+
+impl PixelArray {
+    /// Width and height as the user sees them.
+    pub const fn size(&self) -> (u16, u16) {
+        if self.swap_axes { (self.rows, self.columns) } else { (self.columns, self.rows) }
+    }
+
+    /// The wire's (column, row) as the user's (x, y), without mirrors: the way of events.
+    pub const fn swap(&self, column: u16, row: u16) -> (u16, u16) {
+        if self.swap_axes { (row, column) } else { (column, row) }
+    }
+}
+
+/// The inertial measurement unit and how it is mounted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImuLayout {
+    /// Register 3.0, decides the temperature's formula.
+    pub model: ImuModel,
+    /// Axes x, y, z to negate.
+    pub negate: [bool; 3],
+}
+
+/// Register 3.0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImuModel {
+    /// None is fitted.
+    Absent,
+    /// InvenSense MPU-6050 or 6150.
+    Mpu6050,
+    /// InvenSense MPU-9250.
+    Mpu9250,
+}
+
+/// Everything the decoder must know of a camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// The event pixels.
+    pub dvs: PixelArray,
+    /// The frame pixels.
+    pub aps: PixelArray,
+    /// The inertial measurement unit.
+    pub imu: ImuLayout,
+}
+
+impl Layout {
+    /// A DAVIS346 whose frames need no mirroring: for data without registers.
+    pub const DAVIS346: Self = {
+        let array = PixelArray { columns: 260, rows: 346, swap_axes: true, mirror_columns: false, mirror_rows: false };
+        Self { dvs: array, aps: array, imu: ImuLayout { model: ImuModel::Mpu9250, negate: [false; 3] } }
+    };
+
+    /// Reads sizes and orientations through `read`; what is absent is as in [`Layout::DAVIS346`].
+    /// Sizes are cut to 1..=[`MAXIMUM_SIZE`].
+    pub fn from_registers(read: impl Fn(Register) -> Option<u32>) -> Self {
+        let size = |register, assumed: u16| {
+            read(register).map_or(assumed, |value| value.clamp(1, u32::from(MAXIMUM_SIZE)) as u16)
+        };
+        let Self { dvs, aps, imu } = Self::DAVIS346;
+        let dvs_orientation = read(dvs::ORIENTATION).unwrap_or(0b100);
+        let aps_orientation = read(aps::ORIENTATION).unwrap_or(0b100);
+        let imu_orientation = read(imu::ORIENTATION).unwrap_or(0);
+        Self {
+            dvs: PixelArray {
+                columns: size(dvs::SIZE_COLUMNS, dvs.columns),
+                rows: size(dvs::SIZE_ROWS, dvs.rows),
+                swap_axes: dvs_orientation & 0b100 != 0,
+                ..dvs
+            },
+            aps: PixelArray {
+                columns: size(aps::SIZE_COLUMNS, aps.columns),
+                rows: size(aps::SIZE_ROWS, aps.rows),
+                swap_axes: aps_orientation & 0b100 != 0,
+                mirror_columns: aps_orientation & 0b010 != 0,
+                mirror_rows: aps_orientation & 0b001 != 0,
+            },
+            imu: ImuLayout {
+                model: match read(imu::TYPE) {
+                    Some(0) => ImuModel::Absent,
+                    Some(1) => ImuModel::Mpu6050,
+                    Some(2) => ImuModel::Mpu9250,
+                    _ => imu.model,
+                },
+                negate: [imu_orientation & 0b100 != 0, imu_orientation & 0b010 != 0, imu_orientation & 0b001 != 0],
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn registers_decide() {
+        let layout = Layout::from_registers(|register| match register {
+            dvs::SIZE_COLUMNS => Some(240),
+            dvs::SIZE_ROWS => Some(180),
+            dvs::ORIENTATION => Some(0),
+            aps::ORIENTATION => Some(0b111),
+            imu::TYPE => Some(1),
+            imu::ORIENTATION => Some(0b010),
+            _ => None,
+        });
+        assert_eq!(layout.dvs.size(), (240, 180));
+        assert_eq!(layout.dvs.swap(3, 5), (3, 5));
+        assert_eq!(layout.aps.size(), (346, 260));
+        assert!(layout.aps.mirror_columns && layout.aps.mirror_rows);
+        assert_eq!(layout.imu, ImuLayout { model: ImuModel::Mpu6050, negate: [false, true, false] });
+        assert_eq!(Layout::from_registers(|_| None), Layout::DAVIS346);
+        assert_eq!(Layout::from_registers(|_| Some(0)).dvs.size(), (1, 1));
+    }
+}

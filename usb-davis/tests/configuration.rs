@@ -1,0 +1,38 @@
+//! The default configuration against the register traffic of libcaer.
+
+use usb_davis::configuration::Configuration;
+use usb_davis::registers::{Clocks, Register, dvs};
+
+fn writes(configuration: &Configuration) -> Vec<(Register, u32)> {
+    let mut writes = Vec::new();
+    configuration.writes(&Clocks::ASSUMED, |register, value| writes.push((register, value)));
+    writes
+}
+
+#[test]
+fn the_default_is_what_libcaer_sends() {
+    let expected: Vec<(Register, u32)> = include_str!("data/libcaer-default-writes.txt")
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(|line| {
+            let (register, value) = line.split_once(' ').expect("register and value");
+            let (module, parameter) = register.split_once('.').expect("module.parameter");
+            let number = |text: &str| text.parse().expect("a number");
+            (Register::new(number(module), number(parameter)), value.parse().expect("a number"))
+        })
+        .collect();
+    assert_eq!(writes(&Configuration::default()), expected);
+}
+
+#[test]
+fn calibration_differs_in_the_background_activity_filter_only() {
+    let default = writes(&Configuration::default());
+    let calibration = writes(&Configuration::calibration());
+    let different: Vec<_> = default.iter().zip(&calibration).filter(|(one, other)| one != other).collect();
+    assert_eq!(different, [(&(dvs::BACKGROUND_ACTIVITY_FILTER, 1), &(dvs::BACKGROUND_ACTIVITY_FILTER, 0))]);
+}
+
+#[test]
+fn nothing_writes_to_read_only_registers() {
+    assert!(writes(&Configuration::default()).iter().all(|(register, _)| !register.is_read_only()));
+}

@@ -1,0 +1,197 @@
+//! `.dvraw` files: round trip, crash, damage, seeking.
+
+use std::fs;
+use std::io::Cursor;
+
+use proptest::prelude::*;
+use usb_davis::dump::{
+    Compression, Damage, DumpError, DumpHeader, DumpReader, DumpWriter, Identity, Record, Transfer, TransferStatus,
+};
+use usb_davis::registers::{Register, RegisterSnapshot, mux, sysinfo};
+
+fn header() -> DumpHeader {
+    let identity = Identity { vendor_id: 0x152A, product_id: 0x841A, device_version: 6, serial: "00000042".to_owned() };
+    let registers = RegisterSnapshot::from_iter([(sysinfo::LOGIC_VERSION, 18), (Register::new(5, 12), 0xFFFF_FFFF)]);
+    DumpHeader::new(Some(identity), registers)
+}
+
+/// (host time, gap, status, payload)
+type Owned = (u64, bool, TransferStatus, Vec<u8>);
+
+fn write(transfers: &[Owned], compression: Compression, finish: bool) -> Vec<u8> {
+    let mut file = Vec::new();
+    let mut writer = DumpWriter::new(&mut file, &header(), compression).expect("a vector takes it");
+    for (host_ns, gap_before, status, payload) in transfers {
+        let transfer = Transfer { host_ns: Some(*host_ns), gap_before: *gap_before, status: *status, payload };
+        writer.transfer(&transfer).expect("a vector takes it");
+    }
+    if finish {
+        writer.finish().expect("a vector takes it");
+    }
+    file
+}
+
+fn read(file: &[u8]) -> (Vec<Owned>, Damage) {
+    let mut reader = DumpReader::new(Cursor::new(file)).expect("the header is whole");
+    let mut transfers = Vec::new();
+    while let Some(record) = reader.next_record().expect("damage is no error") {
+        let Record::Transfer(transfer) = record else { continue };
+        let host_ns = transfer.host_ns.expect("always written");
+        transfers.push((host_ns, transfer.gap_before, transfer.status, transfer.payload.to_vec()));
+    }
+    (transfers, reader.damage())
+}
+
+fn transfers(count: usize) -> Vec<Owned> {
+    (0..count)
+        .map(|index| {
+            let payload = (0..1000 + index).map(|byte| (byte * index) as u8).collect();
+            (1_000_000 * index as u64, index % 7 == 3, TransferStatus::Completed, payload)
+        })
+        .collect()
+}
+
+#[test]
+fn header_and_registers_come_back() {
+    let mut file = Vec::new();
+    let header = header();
+    let mut writer = DumpWriter::new(&mut file, &header, Compression::None).expect("a vector takes it");
+    writer.registers([(mux::DVS_DROPPED, 1), (mux::DVS_DROPPED.next(), 2)]).expect("a vector takes it");
+    writer.finish().expect("a vector takes it");
+    let mut reader = DumpReader::new(Cursor::new(&file)).expect("it is whole");
+    assert_eq!(reader.header(), &header);
+    assert_eq!(reader.header().camera_name(), "DAVIS346_00000042");
+    let Some(Record::Registers(registers)) = reader.next_record().expect("it is whole") else {
+        panic!("registers were written")
+    };
+    assert_eq!(RegisterSnapshot::from_iter(registers).counter(mux::DVS_DROPPED), Some(1 << 32 | 2));
+    assert_eq!(reader.next_record().expect("it is whole"), None);
+    assert_eq!(reader.damage(), Damage::default());
+}
+
+#[test]
+fn readable_to_the_last_whole_record_wherever_it_was_cut() {
+    let expected = transfers(4);
+    let file = write(&expected, Compression::None, false);
+    let sizes = expected.iter().map(|(.., payload)| 28 + payload.len());
+    let start = file.len() - sizes.clone().sum::<usize>();
+    for length in start..=file.len() {
+        let mut whole = 0;
+        let mut end = start;
+        for size in sizes.clone() {
+            end += size;
+            whole += usize::from(end <= length);
+        }
+        let (transfers, damage) = read(&file[..length]);
+        assert_eq!(transfers, expected[..whole], "cut at {length}");
+        assert_eq!(damage.bytes, 0);
+        let read: usize = sizes.clone().take(whole).sum();
+        assert_eq!(damage.unfinished, (length - start - read) as u64, "cut at {length}");
+    }
+    for length in 0..start {
+        assert!(DumpReader::new(Cursor::new(&file[..length])).is_err(), "cut at {length}");
+    }
+}
+
+#[test]
+fn damage_costs_the_record_it_hits() {
+    let expected = transfers(5);
+    for finish in [false, true] {
+        for compression in [Compression::None, Compression::Zstd(1)] {
+            let file = write(&expected, compression, finish);
+            let marks: Vec<usize> =
+                file.windows(4).enumerate().filter(|(_, at)| at == b"DVSR").map(|(at, _)| at).collect();
+            for byte in [0, 4, 5, 9, 17, 22, 25, 30] {
+                let mut file = file.clone();
+                // The fourth mark: the first is in the magic of the file.
+                file[marks[3] + byte] ^= 0x41;
+                let (transfers, damage) = read(&file);
+                let mut rest = [&expected[..2], &expected[3..]].concat();
+                rest[2].1 = true;
+                assert_eq!(transfers, rest, "byte {byte}");
+                assert_eq!(damage, Damage { bytes: (marks[4] - marks[3]) as u64, places: 1, unfinished: 0 });
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_no_dump_is_refused() {
+    assert!(matches!(DumpReader::new(Cursor::new(b"#!AER-DAT4.0\r\n")), Err(DumpError::Magic)));
+    let mut file = write(&[], Compression::None, true);
+    file[20] ^= 1;
+    assert!(matches!(DumpReader::new(Cursor::new(&file)), Err(DumpError::Header(_))));
+}
+
+#[test]
+fn seeking_with_and_without_index() {
+    // Larger than the distance of entries in the index.
+    let expected: Vec<Owned> =
+        (0..300).map(|index| (1000 * index, false, TransferStatus::Completed, vec![index as u8; 60_000])).collect();
+    for finish in [true, false] {
+        let file = write(&expected, Compression::None, finish);
+        let mut reader = DumpReader::new(Cursor::new(&file)).expect("it is whole");
+        for target in [0, 999, 1000, 150_500, 299_000, u64::MAX] {
+            reader.seek(target).expect("seeking works");
+            let Some(Record::Transfer(transfer)) = reader.next_record().expect("it is whole") else {
+                panic!("a transfer lies before {target}")
+            };
+            let found = transfer.host_ns.expect("always written");
+            // 4 MiB of 60 kB transfers that are 1000 ns apart.
+            let nearest = if finish { 72_000 } else { 999 };
+            assert!(found <= target && target.min(299_000) - found <= nearest, "{target}: {found}");
+            assert_eq!(transfer.gap_before, found != 0);
+        }
+    }
+}
+
+#[test]
+fn a_compressed_dump_is_smaller_and_equal() {
+    let expected: Vec<Owned> =
+        (0..20).map(|index| (index, false, TransferStatus::Completed, vec![index as u8; 8192])).collect();
+    let plain = write(&expected, Compression::None, true);
+    let small = write(&expected, Compression::Zstd(1), true);
+    assert!(small.len() * 20 < plain.len());
+    assert_eq!(read(&small), read(&plain));
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let path = directory.path().join("dump");
+    fs::write(&path, &small).expect("it can be written");
+    let mut capture = usb_davis::capture::Capture::open(&path).expect("it is a dump");
+    let mut count = 0;
+    while capture.next_transfer().expect("it is whole").is_some() {
+        count += 1;
+    }
+    assert_eq!(count, 20);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn any_bytes_behind_the_header_are_survived(
+        before in 0..3usize,
+        junk in proptest::collection::vec(any::<u8>(), 0..300),
+        marks in proptest::collection::vec(0..300usize, 0..3),
+        after in 1..3usize,
+    ) {
+        let expected = transfers(before + after);
+        let first = write(&expected[..before], Compression::None, false);
+        let empty = write(&[], Compression::None, false).len();
+        let mut file = first;
+        let mut junk = junk;
+        for mark in marks {
+            if let Some(at) = junk.get_mut(mark..mark + 4) {
+                at.copy_from_slice(b"DVSR");
+            }
+        }
+        let mut rest = expected[before..].to_vec();
+        rest[0].1 |= !junk.is_empty();
+        let lost = junk.len() as u64;
+        file.extend(junk);
+        file.extend(&write(&expected[before..], Compression::None, false)[empty..]);
+        let (read, damage) = read(&file);
+        prop_assert_eq!(&read[..before], &expected[..before]);
+        prop_assert_eq!(&read[before..], &rest[..]);
+        prop_assert_eq!(damage.bytes, lost);
+    }
+}

@@ -1,0 +1,301 @@
+//! End to end: `davis-record`, with the real rusb and libusb, against an emulated camera on
+//! umockdev's preload library (Debian package `umockdev`).
+#![cfg(target_os = "linux")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+use usb_davis::capture::Capture;
+use usb_davis::configuration::{Configuration, QUIESCE, Streams};
+use usb_davis::dump::Identity;
+use usb_davis::emulator::umockdev::EmulatedBus;
+use usb_davis::emulator::{Faults, Model, Pace, Piece};
+use usb_davis::protocol::{
+    DecoderCounts, Encoder, Frame, ImuModel, ImuSample, ImuScale, Layout, Message, Polarity, PolarityEvent, Region,
+    Shutter, Signal, SignalEvent, frame_steps,
+};
+use usb_davis::registers::{Clocks, Register, mux, sysinfo, usb};
+
+fn event(index: u64) -> PolarityEvent {
+    let mixed = index.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
+    PolarityEvent {
+        time: index / 3,
+        x: (mixed % 346) as u16,
+        y: (mixed / 346 % 260) as u16,
+        polarity: if mixed & 0x80_0000 == 0 { Polarity::Off } else { Polarity::On },
+    }
+}
+
+/// `count` events as pieces of some 16 KiB.
+fn events(count: u64) -> impl Iterator<Item = Piece> + Send + 'static {
+    let mut encoder = Encoder::new(Layout::DAVIS346);
+    (0..count).step_by(3000).map(move |first| {
+        let mut bytes = Vec::new();
+        for index in first..(first + 3000).min(count) {
+            encoder.event(&event(index), &mut bytes).expect("in order");
+        }
+        Piece { time: event(first).time, bytes }
+    })
+}
+
+fn total(pieces: impl Iterator<Item = Piece>) -> u64 {
+    pieces.map(|piece| piece.bytes.len() as u64).sum()
+}
+
+fn run(bus: &EmulatedBus, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_davis-record"))
+        .args(arguments)
+        .envs(bus.environment())
+        .output()
+        .expect("davis-record runs")
+}
+
+/// Runs `davis-record FILE 60 arguments…`; its report and whether it succeeded.
+fn record(bus: &EmulatedBus, file: &Path, arguments: &[&str]) -> (Value, bool) {
+    let path = file.to_str().expect("UTF-8");
+    let output = run(bus, &[&[path, "60"], arguments].concat());
+    let errors = String::from_utf8_lossy(&output.stderr);
+    let report = serde_json::from_slice(&output.stdout);
+    let report = report.unwrap_or_else(|_| panic!("{errors} (is the package umockdev installed?)"));
+    (report, output.status.success())
+}
+
+fn refused(model: Model) -> String {
+    let bus = EmulatedBus::start(model).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let path = directory.path().join("none.dvraw");
+    let output = run(&bus, &[path.to_str().expect("UTF-8")]);
+    assert!(!output.status.success() && !path.exists());
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Decodes a dump: calls back for each message, returns what the decoder counted.
+fn decode(file: &Path, mut sink: impl FnMut(Message<'_>)) -> DecoderCounts {
+    let mut capture = Capture::open(file).expect("it is a dump");
+    let mut decoder = capture.header().decoder();
+    while capture.decode_next(&mut decoder, &mut sink).expect("it can be read") {}
+    assert_eq!(capture.damage(), Default::default());
+    decoder.counts()
+}
+
+/// Decodes a dump whose events must be those of `event`, in order, and returns how many there are.
+fn check_events(file: &Path) -> u64 {
+    let mut next = 0;
+    let counts = decode(file, |message| match message {
+        Message::Events(events) => {
+            for &received in events {
+                assert_eq!(received, event(next));
+                next += 1;
+            }
+        }
+        other => panic!("{other:?}"),
+    });
+    assert_eq!(counts.anomalies.total(), 0);
+    next
+}
+
+#[test]
+fn a_camera_is_listed() {
+    let bus = EmulatedBus::start(Model::new("00000042", || events(0))).expect("the bus starts");
+    let output = run(&bus, &[]);
+    let listing: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let expected = serde_json::json!([
+        { "bus": 2, "address": 3, "serial": "00000042", "firmware": 6, "state": "ready, logic 18.1" }
+    ]);
+    assert_eq!(listing, expected, "is the package umockdev installed? {}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn cameras_that_cannot_be_used_say_why() {
+    let none = || Model::new("1", || events(0));
+    let logic = |version| none().with_registers([(sysinfo::LOGIC_VERSION, version)]);
+    for version in [17, 19] {
+        assert!(refused(logic(version)).contains(&format!("logic version {version} is not 18")));
+    }
+    assert!(refused(none().with_registers([(sysinfo::LOGIC_PATCH, 0)])).contains("patch level 0 is too old"));
+    assert!(refused(none().with_registers([(sysinfo::CHIP_ID, 6)])).contains("chip is number 6"));
+    let old = Identity { vendor_id: 0x152A, product_id: 0x841A, device_version: 5, serial: String::new() };
+    assert!(refused(none().with_identity(old)).contains("firmware 5 is too old"));
+    let other = Identity { vendor_id: 0x152A, product_id: 0x8419, device_version: 6, serial: String::new() };
+    assert!(refused(none().with_identity(other)).contains("no camera found"));
+    let busy = refused(none().with_faults(Faults { busy: true, ..Faults::default() }));
+    assert!(busy.contains("used by another program"), "{busy}");
+}
+
+#[test]
+fn register_traffic_is_that_of_libcaer_and_all_events_arrive_again_and_again() {
+    const COUNT: u64 = 200_000;
+    let bytes = total(events(COUNT));
+    let bus = EmulatedBus::start(Model::new("00000042", || events(COUNT))).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    for run in 0..2 {
+        let before = bus.model(|model| model.log().len());
+        let (report, success) = record(&bus, &file, &[&format!("bytes={bytes}")]);
+        assert!(success, "{report}");
+        assert_eq!(report["bytes"], bytes, "run {run}");
+        assert_eq!(check_events(&file), COUNT);
+        let mut expected = Vec::new();
+        Configuration::calibration().writes(&Clocks::ASSUMED, |register, value| expected.push((register, value)));
+        expected.extend(QUIESCE);
+        expected.extend([(mux::RUN_CHIP, 1), (usb::RUN, 1), (mux::TIMESTAMP_RUN, 1), (mux::RUN, 1)]);
+        expected.extend(Streams::EVENTS.writes());
+        expected.extend(QUIESCE);
+        let log: Vec<(Register, u32)> = bus.model(|model| model.log()[before..].to_vec());
+        assert_eq!(log, expected);
+    }
+    let capture = Capture::open(&file).expect("it is a dump");
+    assert_eq!(capture.header().camera_name(), "DAVIS346_00000042");
+    assert_eq!(capture.header().registers.get(sysinfo::LOGIC_VERSION), Some(18));
+    assert_eq!(capture.header().registers.get(Register::new(5, 10)), Some(0x427F));
+}
+
+#[test]
+fn ten_million_events_and_none_is_lost() {
+    const COUNT: u64 = 10_000_000;
+    let bytes = total(events(COUNT));
+    let bus = EmulatedBus::start(Model::new("1", || events(COUNT))).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    let (report, success) = record(&bus, &file, &[&format!("bytes={bytes}")]);
+    assert!(success, "{report}");
+    assert_eq!((report["bytes"].as_u64(), report["dropped"].as_u64()), (Some(bytes), Some(0)));
+    assert_eq!(check_events(&file), COUNT);
+}
+
+#[test]
+fn frames_inertial_samples_and_signals() {
+    let pixels: Vec<u16> = (0..346 * 260).map(|index| (index * 7 % 1024) as u16).collect();
+    let frame_pixels = pixels.clone();
+    let sample = ImuSample {
+        time: 70_000,
+        acceleration: Some([1, -2, 8192]),
+        angular_velocity: Some([-300, 400, 500]),
+        temperature: Some(1000),
+        scale: ImuScale { accelerometer: 1, gyroscope: 1 },
+        model: ImuModel::Mpu9250,
+    };
+    let signal = SignalEvent { time: 70_001, signal: Signal::ExternalInputPulse };
+    let source = move || {
+        let mut bytes = Vec::new();
+        let mut encoder = Encoder::new(Layout::DAVIS346);
+        for (index, shutter) in (0..).zip([Shutter::Global, Shutter::Rolling, Shutter::Global]) {
+            let start = 20_000 * index;
+            let frame = Frame {
+                shutter,
+                start,
+                exposure_start: Some(start + 5000),
+                exposure_end: Some(start + 9000),
+                end: start + 15_000,
+                exposure_cycles: 120_960,
+                region: Region { x: 0, y: 0, width: 346, height: 260 },
+                damaged_columns: 0,
+                pixels: &frame_pixels,
+            };
+            for (time, step) in frame_steps(&Layout::DAVIS346, &frame) {
+                encoder.frame_step(time, &frame, step, &mut bytes).expect("in order");
+                let event = PolarityEvent { time, x: 3, y: 4, polarity: Polarity::On };
+                encoder.event(&event, &mut bytes).expect("in order");
+            }
+        }
+        encoder.imu(&sample, &mut bytes).expect("in order");
+        encoder.signal(&signal, &mut bytes).expect("in order");
+        std::iter::once(Piece { time: 0, bytes })
+    };
+    let bytes = total(source());
+    let bus = EmulatedBus::start(Model::new("1", source)).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("frames.dvraw");
+    let (report, success) = record(&bus, &file, &["frames", &format!("bytes={bytes}")]);
+    assert!(success, "{report}");
+    let (mut frames, mut samples, mut signals) = (Vec::new(), Vec::new(), Vec::new());
+    let counts = decode(&file, |message| match message {
+        Message::Frame(frame) => {
+            assert_eq!(frame.pixels, pixels);
+            frames.push((frame.start, frame.exposure_middle(), frame.end, frame.shutter, frame.damaged_columns));
+        }
+        Message::Imu(sample) => samples.push(sample),
+        Message::Signal(signal) => signals.push(signal),
+        _ => {}
+    });
+    let expected = [
+        (0, Some(7000), 15_000, Shutter::Global, 0),
+        (20_000, Some(27_000), 35_000, Shutter::Rolling, 0),
+        (40_000, Some(47_000), 55_000, Shutter::Global, 0),
+    ];
+    assert_eq!(frames, expected);
+    assert_eq!((samples, signals), (vec![sample], vec![signal]));
+    assert_eq!((counts.events, counts.anomalies.total()), (3 * (2 * 260 + 4), 0));
+}
+
+#[test]
+fn unplugged_in_mid_stream_everything_before_it_is_kept() {
+    const COUNT: u64 = 1_000_000;
+    let unplug_at = total(events(COUNT)) / 2 + 1;
+    let faults = Faults { unplug_at: Some(unplug_at), ..Faults::default() };
+    let model = Model::new("1", || events(COUNT)).with_faults(faults);
+    let bus = EmulatedBus::start(model).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    let (report, success) = record(&bus, &file, &[]);
+    assert!(!success);
+    assert_eq!(report["end"], "the camera was unplugged");
+    assert_eq!(report["bytes"], unplug_at);
+    let events = check_events(&file);
+    assert!(events.abs_diff(COUNT / 2) < COUNT / 100, "{events}");
+    let listing = run(&bus, &[]);
+    assert_eq!(String::from_utf8_lossy(&listing.stdout).trim(), "[]");
+}
+
+#[test]
+fn odd_transfers_lose_nothing() {
+    const COUNT: u64 = 20_000;
+    let bytes = total(events(COUNT));
+    let faults = Faults { cuts: vec![1, 513, 7, 4095, 3], ..Faults::default() };
+    let model = Model::new("1", || events(COUNT)).with_faults(faults);
+    let bus = EmulatedBus::start(model).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    let (report, success) = record(&bus, &file, &[&format!("bytes={bytes}")]);
+    assert!(success, "{report}");
+    assert_eq!(check_events(&file), COUNT);
+}
+
+#[test]
+fn a_halted_endpoint_ends_the_stream_and_the_next_start_clears_it() {
+    const COUNT: u64 = 200_000;
+    let bytes = total(events(COUNT));
+    let stall_at = bytes / 3 * 2;
+    let faults = Faults { stall_at: Some(stall_at), ..Faults::default() };
+    let model = Model::new("1", || events(COUNT)).with_faults(faults);
+    let bus = EmulatedBus::start(model).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    let (report, success) = record(&bus, &file, &[]);
+    assert!(!success);
+    assert_eq!(report["bytes"], stall_at);
+    assert!(report["end"].as_str().is_some_and(|end| end.contains("halted")), "{report}");
+    check_events(&file);
+    let (report, success) = record(&bus, &file, &[&format!("bytes={bytes}")]);
+    assert!(success, "{report}");
+    assert_eq!(check_events(&file), COUNT);
+}
+
+#[test]
+fn at_real_pace_the_queue_keeps_the_camera_from_dropping() {
+    // 0.3 s at 3 million events/s, some 16 MB/s: without a queue the FIFO of 64 KiB lasts 4 ms.
+    const COUNT: u64 = 1_000_000;
+    let bytes = total(events(COUNT));
+    let model = Model::new("1", || events(COUNT)).with_pace(Pace::Real);
+    let bus = EmulatedBus::start(model).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    let path = file.to_str().expect("UTF-8");
+    let output = run(&bus, &[path, "5", &format!("bytes={bytes}")]);
+    let report: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let dropped = report["dropped"].as_u64().expect("a number");
+    assert_eq!(dropped, bus.model(|model| model.registers().counter(mux::DVS_DROPPED)).unwrap_or(0));
+    let received = report["bytes"].as_u64().expect("a number");
+    assert!(if dropped == 0 { received == bytes } else { received < bytes }, "{report}");
+}
