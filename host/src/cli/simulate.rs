@@ -6,6 +6,7 @@ use std::{fmt, fs};
 
 use clap::ValueEnum;
 use evcal::board::Board;
+use evcal::camera_file::{self, SensorSize};
 use evcal::simulate::motion::MotionSettings;
 use evcal::simulate::rays::Rays;
 use evcal::simulate::scene::SceneSettings;
@@ -13,7 +14,7 @@ use evcal::simulate::sensor::SensorModel;
 use evcal::simulate::truth::Truth;
 use evcal::simulate::{EventCounts, Simulation, SimulationSettings};
 use evcal::source::write::{EventWriter, OutputFormat};
-use evcal::{camera_file, tum};
+use evcal::tum;
 use evcal_core::camera::{Camera, ModelKind};
 
 use super::{UsageError, print, progress, value};
@@ -100,7 +101,7 @@ enum Format {
 
 /// Runs `evcal simulate`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    let (camera, (width, height)) = lens(arguments)?;
+    let (camera, SensorSize { width, height }) = lens(arguments)?;
     let settings = SimulationSettings {
         duration: arguments.duration,
         seed: arguments.seed,
@@ -153,16 +154,15 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 }
 
 /// The lens and the size of the sensor.
-fn lens(arguments: &Arguments) -> Result<(Camera<f64>, (u16, u16)), Box<dyn Error>> {
+fn lens(arguments: &Arguments) -> Result<(Camera<f64>, SensorSize), Box<dyn Error>> {
     if let Some(file) = &arguments.camera {
-        let (camera, sensor) = camera_file::read(file)?;
-        return Ok((camera, (sensor.width, sensor.height)));
+        return Ok(camera_file::read(file)?);
     }
-    let sensor = arguments.sensor.unwrap_or(SENSOR);
+    let (width, height) = arguments.sensor.unwrap_or(SENSOR);
     let (kind, parameters) = match arguments.model {
         Some(kind) => (kind, arguments.parameters.clone()),
         None => {
-            let (width, height) = (f64::from(sensor.0), f64::from(sensor.1));
+            let (width, height) = (f64::from(width), f64::from(height));
             let focal = 0.96 * width;
             let center = [0.5 * (width - 1.0), 0.5 * (height - 1.0)];
             (ModelKind::Radtan, vec![focal, focal, center[0], center[1], -0.35, 0.15, 0.0, 0.0, 0.0])
@@ -177,7 +177,7 @@ fn lens(arguments: &Arguments) -> Result<(Camera<f64>, (u16, u16)), Box<dyn Erro
             parameters.len()
         ))
     })?;
-    Ok((camera, sensor))
+    Ok((camera, SensorSize { width, height }))
 }
 
 fn write_events(simulation: &Simulation, path: &Path, silent: bool) -> Result<EventCounts, Box<dyn Error>> {
