@@ -1,13 +1,14 @@
 //! The whole calibration: stages 1 to 11 in their order.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::event::Event;
 use serde::Serialize;
 
 use crate::board::Board;
-use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
+use crate::circle_track::{self, CircleFrames, CircleTrackError};
+use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR, order_frames};
 use crate::event_bias::unknown;
 use crate::initial::{InitialError, InitialModel, InitialReport, initial_model};
 use crate::reference_frame::ReferenceFrame;
@@ -16,7 +17,7 @@ use crate::segment::{SegmentReport, segment};
 use crate::settings::Settings;
 use crate::solve::observation::PointObservation;
 use crate::solve::{SolveError, State};
-use crate::source::{ReadReport, Recording, SourceError};
+use crate::source::{ReadReport, Recording, RecordingKind, SourceError, SourceOptions, sniff};
 use crate::trajectory::fit::{TimedPose, TrajectoryShape, fit};
 use crate::trajectory::{Trajectory, TrajectoryError};
 
@@ -32,6 +33,8 @@ pub enum Input {
         frames: Vec<ReferenceFrame>,
         /// Time in the file at which the frames' times count from, in seconds.
         start: f64,
+        /// What was taken for granted when the file was read.
+        notes: Vec<String>,
     },
 }
 
@@ -305,12 +308,12 @@ fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, 
                 all.starts.push(pass.first as f64 * 1e-6);
                 all.recordings.push(pass.into_report());
             }
-            Input::Circles { frames, start, .. } => {
+            Input::Circles { frames, start, notes, .. } => {
                 let count = frames.iter().map(|frame| frame.circles.len() as u64).sum();
                 let duration = frames.last().map_or(0.0, |last| last.end) - frames.first().map_or(0.0, |f| f.start);
                 all.frames.extend(frames.iter().cloned().map(|frame| ReferenceFrame { recording: index, ..frame }));
                 all.starts.push(*start);
-                all.recordings.push(RecordingReport { count, duration, notes: Vec::new() });
+                all.recordings.push(RecordingReport { count, duration, notes: notes.clone() });
             }
         }
     }
@@ -437,15 +440,34 @@ pub fn parameters_by_name(camera: &Camera<f64>) -> Vec<(&'static str, f64)> {
 }
 
 impl Input {
-    /// Opens a recording or a circle-track file, whichever `path` is.
+    /// Opens a recording or a circle-track file, whichever `path` is. Circles without a place on the
+    /// board are ordered by the grid finder.
     ///
     /// # Errors
-    /// [`SourceError`] when it is neither, or cannot be read.
-    pub fn open(
-        path: &std::path::Path,
-        options: &crate::source::SourceOptions,
-        _board: &Board,
-    ) -> Result<Self, SourceError> {
-        Ok(Self::Events(Recording::new(path, options.clone())?))
+    /// [`InputError`] when it is neither, or cannot be read.
+    pub fn open(path: &Path, options: &SourceOptions, board: &Board) -> Result<Self, InputError> {
+        match sniff(path)? {
+            RecordingKind::Events { .. } => Ok(Self::Events(Recording::new(path, options.clone())?)),
+            RecordingKind::CircleTrack => {
+                let track = circle_track::read(path, &board.pattern, 0)?;
+                let frames = match track.frames {
+                    CircleFrames::Ordered(frames) => frames,
+                    CircleFrames::Unordered(frames) => order_frames(&frames, &board.pattern),
+                };
+                let start = track.time_origin_us as f64 * 1e-6;
+                Ok(Self::Circles { path: path.to_owned(), frames, start, notes: track.notes })
+            }
+        }
     }
+}
+
+/// Why an input could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum InputError {
+    /// It is no recording that can be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// It is a circle track with a mistake in it.
+    #[error(transparent)]
+    Circles(#[from] CircleTrackError),
 }

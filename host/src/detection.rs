@@ -17,6 +17,7 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::circle_track::UnorderedFrame;
 use crate::event_pixel::EventPixel;
 use crate::opencv::find_circles_grid;
 use crate::reference_frame::{ObservedCircle, ReferenceFrame};
@@ -357,6 +358,41 @@ impl<'a> DetectionStage<'a> {
         });
         (windows.collect(), report)
     }
+}
+
+/// Puts the circles of frames from a file in the board's order; frames without a board fall away.
+/// The image size is that of the circles' extent, as a file does not give it.
+pub fn order_frames(frames: &[UnorderedFrame], pattern: &Pattern) -> Vec<ReferenceFrame> {
+    let circles = || frames.iter().flat_map(|frame| &frame.circles);
+    let size = circles().fold((1.0_f64, 1.0_f64), |size, circle| (size.0.max(circle.center.x), size.1.max(circle.center.y)));
+    let options = GridOptions::new(pattern, size);
+    frames
+        .par_iter()
+        .map_init(
+            || Box::new(GridWorkspace::<f64, CANDIDATES>::new()),
+            |workspace, frame| {
+                let candidates: Vec<GridCandidate<f64>> = frame
+                    .circles
+                    .iter()
+                    .map(|circle| GridCandidate { center: circle.center, radius: circle.radius.unwrap_or(0.0) })
+                    .collect();
+                let found = find_grid(&candidates, pattern, &options, workspace).ok()?;
+                let circles = found.circles.iter().filter_map(|pair| {
+                    let circle = frame.circles.get(usize::from(pair.candidate))?;
+                    Some(ObservedCircle {
+                        index: usize::from(pair.board),
+                        t: circle.t,
+                        center: circle.center,
+                        radius: circle.radius,
+                        velocity: circle.velocity,
+                    })
+                });
+                let circles = circles.collect();
+                Some(ReferenceFrame { recording: 0, start: frame.start, end: frame.end, circles, pixels: Vec::new() })
+            },
+        )
+        .flatten()
+        .collect()
 }
 
 fn unique_pixels(events: &[Event]) -> Vec<EventPixel> {

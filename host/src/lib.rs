@@ -20,6 +20,7 @@ pub mod information;
 pub mod initial;
 pub mod opencv;
 pub mod output;
+pub mod picture;
 pub mod reference_frame;
 pub mod refinement;
 pub mod result;

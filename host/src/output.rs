@@ -4,8 +4,13 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::board::Board;
 use crate::calibrate::{Calibrated, Task};
+use crate::circle_track;
 use crate::export::opencv_yaml::opencv_yaml;
+use crate::initial::PosedFrame;
+use crate::picture::{Picture, reference_frame_picture};
+use crate::reference_frame::ReferenceFrame;
 use crate::result::Calibration;
 use crate::tum;
 
@@ -50,10 +55,43 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
     let poses = trajectory(calibrated).map_err(|error| OutputError { file: "trajectory.txt".to_owned(), error })?;
     put(folder.join("trajectory.txt"), &poses)?;
+    let mut circles = Vec::new();
+    for (recording, start) in calibrated.starts.iter().enumerate() {
+        let frames = calibrated.frames.iter().filter(|frame| frame.recording == recording);
+        let name = if recording == 0 { "circles.csv".to_owned() } else { format!("circles-{}.csv", recording + 1) };
+        circles.clear();
+        circle_track::write(&mut circles, frames, &task.board.pattern, (start * 1e6).round() as i64)
+            .map_err(|error| OutputError { file: name.clone(), error })?;
+        put(folder.join(name), &circles)?;
+    }
+    for (name, picture) in pictures(calibrated, task.board) {
+        let path = folder.join(name);
+        picture.write_png(&path).map_err(|error| OutputError { file: path.display().to_string(), error })?;
+    }
     if let Some(yaml) = opencv_yaml(&calibrated.refined.state.camera, calibrated.sensor, calibration.residuals.rms) {
         put(folder.join("camera.yaml"), yaml.as_bytes())?;
     }
     Ok(Written { json, summary, stage_report })
+}
+
+/// The reference frames with the smallest and the largest error of the initial model.
+fn pictures(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Picture)> {
+    let initial = &calibrated.initial;
+    let with_pixels = initial
+        .frames
+        .iter()
+        .filter_map(|posed| calibrated.frames.get(posed.frame).map(|frame| (posed, frame)))
+        .filter(|(_, frame)| !frame.pixels.is_empty());
+    let mut ranked: Vec<_> = with_pixels.collect();
+    ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
+    let picture = |ranked: Option<&(&PosedFrame, &ReferenceFrame)>, name| {
+        let (posed, frame) = ranked?;
+        let camera = &calibrated.refined.state.camera;
+        Some((name, reference_frame_picture(frame, calibrated.sensor, board, camera, &posed.pose)))
+    };
+    let good = picture(ranked.first(), "good-frame.png");
+    let bad = picture(ranked.last(), "bad-frame.png");
+    good.into_iter().chain(bad).collect()
 }
 
 fn trajectory(calibrated: &Calibrated) -> io::Result<Vec<u8>> {

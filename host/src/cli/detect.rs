@@ -1,10 +1,132 @@
 //! `evcal detect`.
 
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+
+use evcal::board::Board;
+use evcal::calibrate::read_recording;
+use evcal::circle_track;
+use evcal::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
+use evcal::picture::circle_picture;
+use evcal::settings::{Extraction, Settings};
+use evcal::source::{Recording, SourceOptions};
+use nalgebra::Vector2;
+
+use super::progress::spinner;
+
 /// Arguments of `evcal detect`.
 #[derive(clap::Args)]
-pub struct Arguments {}
+pub struct Arguments {
+    /// Recording of events
+    recording: PathBuf,
+    /// Board to look for, for example acircles:9x4:55mm:r17.5mm; without it, circles of any kind
+    #[arg(long)]
+    board: Option<Board>,
+    /// Circle extraction: hard or soft [default: hard]
+    #[arg(long, value_parser = super::calibrate::extraction)]
+    extraction: Option<Extraction>,
+    /// Without a board: fewest circles that make a window worth keeping
+    #[arg(long, default_value_t = 1, value_name = "COUNT")]
+    fewest: usize,
+    /// Settings file (TOML)
+    #[arg(long, value_name = "FILE")]
+    settings: Option<PathBuf>,
+    /// Sensor size, where the recording does not tell it, for example 346x260
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
+    sensor: Option<(u16, u16)>,
+    /// Circle-track file to write (CSV)
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Picture of the window with most circles (PNG)
+    #[arg(long, value_name = "FILE")]
+    picture: Option<PathBuf>,
+    /// Print the report as JSON
+    #[arg(long)]
+    json: bool,
+}
 
 /// Runs `evcal detect`.
-pub fn run(_arguments: &Arguments) -> super::Outcome {
-    Err("not built yet".into())
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let mut settings = arguments.settings.as_deref().map(Settings::read).transpose()?.unwrap_or_default();
+    settings.detection.extraction = arguments.extraction.unwrap_or(settings.detection.extraction);
+    let options = SourceOptions { sensor: arguments.sensor, ..SourceOptions::default() };
+    let recording = Recording::new(&arguments.recording, options)?;
+    let file = arguments.recording.display();
+    let sensor = recording.open()?.information().sensor.ok_or_else(|| {
+        format!("{file} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT")
+    })?;
+    if sensor.0 > LARGEST_SENSOR.0 || sensor.1 > LARGEST_SENSOR.1 {
+        return Err(format!("{file}: the sensor is larger than {} x {}", LARGEST_SENSOR.0, LARGEST_SENSOR.1).into());
+    }
+    let bar = spinner(arguments.json);
+    bar.set_message(format!("searching {file}"));
+    let mut stage = match &arguments.board {
+        Some(board) => DetectionStage::for_board(&settings.detection, sensor, board.pattern, 0),
+        None => DetectionStage::for_circles(&settings.detection, sensor, arguments.fewest),
+    };
+    let pass = read_recording(&recording, &mut |events| stage.push(events))?;
+    bar.finish_and_clear();
+    let origin = pass.first;
+    let notes = pass.into_report().notes;
+    let report = match &arguments.board {
+        Some(board) => {
+            let (frames, report) = stage.into_frames();
+            if let Some(path) = &arguments.output {
+                let mut output = BufWriter::new(create(path)?);
+                circle_track::write(&mut output, &frames, &board.pattern, origin)?;
+            }
+            let fullest = frames.iter().rev().max_by_key(|frame| frame.circles.len());
+            if let (Some(path), Some(frame)) = (&arguments.picture, fullest) {
+                let circles: Vec<(Vector2<f64>, f64)> =
+                    frame.circles.iter().map(|circle| (circle.center, circle.radius.unwrap_or(1.0))).collect();
+                circle_picture(&frame.pixels, &circles, sensor).write_png(path)?;
+            }
+            report
+        }
+        None => {
+            let (windows, report) = stage.into_circles();
+            if let Some(path) = &arguments.output {
+                let mut output = BufWriter::new(create(path)?);
+                writeln!(output, "# circles of no known board\n# time_origin_us {origin}")?;
+                writeln!(output, "frame,t_s,t_start_s,t_end_s,x_px,y_px,radius_px")?;
+                for (number, window) in windows.iter().enumerate() {
+                    let middle = 0.5 * (window.start + window.end);
+                    for (center, radius) in &window.circles {
+                        let (start, end) = (window.start, window.end);
+                        writeln!(output, "{number},{middle},{start},{end},{},{},{radius}", center.x, center.y)?;
+                    }
+                }
+                output.flush()?;
+            }
+            let fullest = windows.iter().rev().max_by_key(|window| window.circles.len());
+            if let (Some(path), Some(window)) = (&arguments.picture, fullest) {
+                circle_picture(&window.pixels, &window.circles, sensor).write_png(path)?;
+            }
+            report
+        }
+    };
+    print(arguments, &report, &notes)
+}
+
+fn create(path: &PathBuf) -> Result<File, String> {
+    File::create(path).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+fn print(arguments: &Arguments, report: &DetectionReport, notes: &[String]) -> super::Outcome {
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(report)?);
+        return Ok(());
+    }
+    for note in notes {
+        println!("note: {note}");
+    }
+    let found = if arguments.board.is_some() { "held the board" } else { "held enough circles" };
+    println!("{} events, {} windows tried, {} {found}", report.events, report.windows, report.found);
+    println!("{} windows had too few events to be tried", report.too_few_events);
+    for (reason, count) in &report.grids_refused {
+        println!("{count} windows refused: {reason}");
+    }
+    println!("{} circles, {} of them on boards", report.circles, report.board_circles);
+    Ok(())
 }

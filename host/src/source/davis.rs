@@ -17,6 +17,7 @@ pub const FORMAT: Format = Format {
     name: "DAVIS USB recording",
     recognise: |head| is(head, &[CaptureFormat::Dvraw, CaptureFormat::Packets]),
     open: |path, _| open(path, FORMAT.name),
+    streams: |_| Ok(Vec::new()),
 };
 
 /// The stream alone, which can be told from other files only by its words.
@@ -24,6 +25,7 @@ pub const BARE_FORMAT: Format = Format {
     name: "bare DAVIS stream",
     recognise: |head| is(head, &[CaptureFormat::BarePayload]),
     open: |path, _| open(path, BARE_FORMAT.name),
+    streams: |_| Ok(Vec::new()),
 };
 
 const BATCH: usize = 32_768;
