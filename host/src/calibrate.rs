@@ -13,7 +13,7 @@ use crate::event_bias::unknown;
 use crate::initial::{InitialError, InitialModel, InitialReport, initial_model};
 use crate::reference_frame::ReferenceFrame;
 use crate::refinement::{Refined, RefinementError, RefinementInput, RoundReport, StageSettings, refine};
-use crate::segment::{SegmentReport, segment};
+use crate::segment::{SegmentReport, SegmentSettings, segment};
 use crate::settings::Settings;
 use crate::solve::observation::PointObservation;
 use crate::solve::{SolveError, State};
@@ -178,7 +178,11 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
         .iter()
         .filter_map(|posed| frames.get(posed.frame).map(|frame| (frame.recording, frame.t())))
         .collect();
-    let (ranges, segments) = segment(&times, settings.spline.degree, &settings.segment);
+    let segmentation = SegmentSettings {
+        longest_gap: settings.segment.longest_gap.max(GAP_IN_INTERVALS * typical_interval(&times)),
+        ..settings.segment.clone()
+    };
+    let (ranges, segments) = segment(&times, settings.spline.degree, &segmentation);
     if ranges.is_empty() {
         let fewest = settings.segment.fewest_frames.max(settings.spline.degree + 1);
         let too_few = segments.too_few_frames + segments.too_short;
@@ -233,6 +237,21 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
         rounds: refined.rounds.clone(),
     };
     Ok(Calibrated { sensor, refined, initial, frames, starts, reports })
+}
+
+/// A gap of this many typical frame intervals does not end a segment: circle files may hold fewer
+/// frames than the detection yields.
+const GAP_IN_INTERVALS: f64 = 2.5;
+
+/// Median time between neighbouring frames of a recording [s], 0 without any.
+fn typical_interval(times: &[(usize, f64)]) -> f64 {
+    let pairs = times.iter().zip(times.iter().skip(1));
+    let mut intervals: Vec<f64> = pairs.filter(|(a, b)| a.0 == b.0).map(|(a, b)| b.1 - a.1).collect();
+    let middle = intervals.len() / 2;
+    if intervals.is_empty() {
+        return 0.0;
+    }
+    *intervals.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// The spline of one segment, and its circle centres where there are no events.

@@ -364,7 +364,8 @@ impl<'a> DetectionStage<'a> {
 /// The image size is that of the circles' extent, as a file does not give it.
 pub fn order_frames(frames: &[UnorderedFrame], pattern: &Pattern) -> Vec<ReferenceFrame> {
     let circles = || frames.iter().flat_map(|frame| &frame.circles);
-    let size = circles().fold((1.0_f64, 1.0_f64), |size, circle| (size.0.max(circle.center.x), size.1.max(circle.center.y)));
+    let size =
+        circles().fold((1.0_f64, 1.0_f64), |size, circle| (size.0.max(circle.center.x), size.1.max(circle.center.y)));
     let options = GridOptions::new(pattern, size);
     frames
         .par_iter()

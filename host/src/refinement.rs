@@ -12,7 +12,7 @@ use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, unknown};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::levenberg::solve;
 use crate::solve::observation::{PointObservation, SegmentObservations};
-use crate::solve::stretch::visit_residuals;
+use crate::solve::stretch::{visit_points, visit_residuals};
 use crate::solve::{FreeParameters, Problem, Residual, SolveError, SolveReport, SolveSettings, State};
 
 /// How often to associate and solve, and which biases to fit.
@@ -279,6 +279,7 @@ fn statistics(problem: &Problem, state: &State, bearings: &BearingTable) -> Resi
     let mut sizes: Vec<f32> = Vec::new();
     for segment in 0..problem.segments.len() {
         visit_residuals(problem, state, bearings, segment, |event| sizes.push(event.residual.abs() as f32));
+        visit_points(problem, state, segment, |distance| sizes.push(distance as f32));
     }
     let count = sizes.len();
     if count == 0 {

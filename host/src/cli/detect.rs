@@ -53,9 +53,11 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let options = SourceOptions { sensor: arguments.sensor, ..SourceOptions::default() };
     let recording = Recording::new(&arguments.recording, options)?;
     let file = arguments.recording.display();
-    let sensor = recording.open()?.information().sensor.ok_or_else(|| {
-        format!("{file} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT")
-    })?;
+    let sensor = recording
+        .open()?
+        .information()
+        .sensor
+        .ok_or_else(|| format!("{file} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT"))?;
     if sensor.0 > LARGEST_SENSOR.0 || sensor.1 > LARGEST_SENSOR.1 {
         return Err(format!("{file}: the sensor is larger than {} x {}", LARGEST_SENSOR.0, LARGEST_SENSOR.1).into());
     }

@@ -171,3 +171,17 @@ pub fn visit_residuals(
         }
     }
 }
+
+/// Visits the distance in pixels of every circle centre of one segment from its projection.
+pub fn visit_points(problem: &Problem, state: &State, segment: usize, mut visit: impl FnMut(f64)) {
+    let (Some(observations), Some(trajectory)) = (problem.segments.get(segment), state.trajectories.get(segment))
+    else {
+        return;
+    };
+    for point in &observations.points {
+        let Some(pose) = PoseBin::new(trajectory, point.t) else { continue };
+        let Some(&center) = problem.circle_centers.get(point.circle) else { continue };
+        let Some(rows) = point_rows(&state.camera, &pose, Vector2::from(center), point.pixel) else { continue };
+        visit(rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]));
+    }
+}
