@@ -37,10 +37,13 @@ use nalgebra::{RealField, Vector2};
 pub struct ClusterSettings {
     /// Neighbourhood radius ε in pixels, from 1 to below 5. Must stay below the gap between the arcs
     /// of neighbouring dots.
+    /// Default: 2.5.
     pub epsilon: f32,
     /// Pixels within ε, the pixel itself included, that make it a core pixel (`MinPts`).
+    /// Default: 3.
     pub min_points: u16,
     /// Clusters of fewer pixels are dropped as noise.
+    /// Default: 5.
     pub min_pixels: u16,
 }
 
