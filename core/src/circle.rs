@@ -35,33 +35,48 @@ pub enum Method {
 }
 
 /// Settings of the extraction.
+///
+/// The defaults are for dots of 3 to 25 px radius, seen at up to 60° from the front, and windows in
+/// which a dot moves by less than its radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExtractionSettings<T> {
     /// How a circle follows from a pair.
+    /// Default: [`Method::Hard`].
     pub method: Method,
     /// Number of nearest facing clusters of the other polarity tried for each ON cluster, at most 8.
+    /// Default: 4.
     pub neighbours: u8,
     /// Smallest cosine of the angle between the direction in which an arc is curved and that to its
     /// partner.
+    /// Default: 0.5.
     pub min_facing: T,
     /// Smallest radius in pixels.
+    /// Default: 2 px.
     pub min_radius: T,
     /// Largest radius in pixels. Clusters wider or higher than twice this are no arcs of a dot.
+    /// Default: 32 px.
     pub max_radius: T,
     /// Fewest pixels of each cluster, in radii: an arc of one radian has about one pixel per radius.
+    /// Default: 0.75.
     pub min_arc: T,
     /// Largest ratio of the fitted radius to half the distance of the cluster centres (hard).
+    /// Default: 2.
     pub max_radius_ratio: T,
     /// Smallest such ratio (hard).
+    /// Default: 0.75.
     pub min_radius_ratio: T,
     /// Largest distance of the fitted centre from the midpoint of the cluster centres, in radii (hard).
+    /// Default: 0.5.
     pub max_center_offset: T,
     /// Largest mean distance of the pixels from a fitted circle, in pixels, for a circle of radius 0 (hard).
+    /// Default: 1 px.
     pub max_error: T,
     /// What a fitted circle may deviate beyond [`max_error`](Self::max_error), in radii (hard): dots
     /// are ellipses in inclined views.
+    /// Default: 0.2.
     pub max_relative_error: T,
     /// Largest mean distance of the pixels from the circle, in radii (soft).
+    /// Default: 0.35.
     pub max_soft_error: T,
 }
 

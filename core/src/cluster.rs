@@ -26,8 +26,9 @@ mod neighbourhood;
 mod runs;
 
 pub use bitmap::{row_bytes, row_count};
-pub use dbscan::{ClusterCounts, Clusterer, PixelRuns, SensorTooLarge};
+pub use dbscan::{ClusterCounts, Clusterer, SensorTooLarge};
 pub use moments::{CentralMoments, PixelSums};
+pub use runs::PixelRuns;
 
 use nalgebra::{RealField, Vector2};
 
@@ -36,10 +37,13 @@ use nalgebra::{RealField, Vector2};
 pub struct ClusterSettings {
     /// Neighbourhood radius ε in pixels, from 1 to below 5. Must stay below the gap between the arcs
     /// of neighbouring dots.
+    /// Default: 2.5.
     pub epsilon: f32,
     /// Pixels within ε, the pixel itself included, that make it a core pixel (`MinPts`).
+    /// Default: 3.
     pub min_points: u16,
     /// Clusters of fewer pixels are dropped as noise.
+    /// Default: 5.
     pub min_pixels: u16,
 }
 
@@ -63,22 +67,23 @@ pub struct SensorSize {
 pub struct PixelRun {
     /// Leftmost column.
     pub x: u16,
+    /// Rightmost column, at least `x`.
+    pub last: u16,
     /// Row.
     pub y: u16,
-    /// Number of pixels, at least 1.
-    pub length: u16,
 }
 
 impl PixelRun {
-    /// Rightmost column.
-    pub const fn last(&self) -> u16 {
-        self.x.saturating_add(self.length.saturating_sub(1))
+    /// Number of pixels, at least 1.
+    #[inline]
+    pub const fn length(&self) -> u16 {
+        self.last.wrapping_sub(self.x).wrapping_add(1)
     }
 
     /// The pixels (column, row) of the run.
     pub fn pixels(&self) -> impl Iterator<Item = (u16, u16)> {
         let y = self.y;
-        (self.x..=self.last()).map(move |x| (x, y))
+        (self.x..=self.last).map(move |x| (x, y))
     }
 }
 

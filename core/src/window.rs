@@ -33,18 +33,25 @@ pub enum Advance {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WindowPolicy {
     /// The step τ in microseconds, at least 1.
+    /// Default: 500.
     pub step_us: u32,
     /// Length of the first window tried at a start, in steps (the paper's `min`), at least 1.
+    /// Default: 3.
     pub minimum: u16,
     /// Length of the longest window tried at a start, in steps (the paper's `max`).
+    /// Default: 16.
     pub maximum: u16,
     /// Steps between the end of a successful window and the next start (the paper's `g`).
+    /// Default: 5.
     pub gap: u16,
     /// A window with at least this many events at distinct pixels does not grow any more.
+    /// Default: 8000.
     pub event_cap: u32,
     /// A window with fewer events than this cannot hold the pattern: it grows without being tried.
+    /// Default: 200.
     pub event_floor: u32,
     /// How far the start moves after a failure.
+    /// Default: [`Advance::HalfWindow`].
     pub advance: Advance,
 }
 

@@ -52,7 +52,7 @@ pub(super) fn total_deviation<T: RealField + Copy>(circle: &Circle<T>, runs: imp
         let dy = from_u16::<T>(run.y) - center.y;
         let dy_squared = dy * dy;
         let mut dx = from_u16::<T>(run.x) - center.x;
-        for _ in 0..run.length {
+        for _ in 0..run.length() {
             let square = dx * dx + dy_squared;
             let near = square * half_over_radius + half_radius;
             let distance = (near + square / near) * half;
@@ -155,7 +155,7 @@ mod tests {
             let circle = Circle { center: Vector2::new(x, y), radius };
             let pixels: Vec<(u16, u16)> =
                 arc(&circle, 0.0, 4.0).map(|(x, y)| ((x * 1.02).round() as u16, y.round() as u16)).collect();
-            let runs = pixels.iter().map(|&(x, y)| PixelRun { x, y, length: 1 });
+            let runs = pixels.iter().map(|&(x, y)| PixelRun { x, last: x, y });
             let total = total_deviation(&circle, runs);
             let exact: f64 = pixels
                 .iter()
@@ -176,8 +176,8 @@ mod tests {
     #[test]
     fn a_run_counts_as_its_pixels() {
         let circle = Circle::<f64> { center: Vector2::new(20.3, 17.8), radius: 9.0 };
-        let run = PixelRun { x: 12, y: 14, length: 15 };
-        let pixels = run.pixels().map(|(x, y)| PixelRun { x, y, length: 1 });
+        let run = PixelRun { x: 12, last: 26, y: 14 };
+        let pixels = run.pixels().map(|(x, y)| PixelRun { x, last: x, y });
         let (whole, parts) = (total_deviation(&circle, [run].into_iter()), total_deviation(&circle, pixels));
         assert!((whole - parts).abs() < 1e-9);
     }

@@ -97,46 +97,32 @@ impl<const ROW_BYTES: usize, const ROWS: usize> Touched<ROW_BYTES, ROWS> {
         self.rows = [0; ROWS];
     }
 
+    /// The rows above `height` with touched words, from the top.
+    #[inline(always)]
+    pub(super) fn rows(&self, height: u16) -> impl Iterator<Item = usize> + use<'_, ROW_BYTES, ROWS> {
+        let rows = self.rows.get(1..=usize::from(height)).unwrap_or(&[]);
+        rows.iter().enumerate().filter(|&(_, &groups)| groups != 0).map(|(y, _)| y)
+    }
+
     /// The bits at which the touched words of row y start, from left to right.
     #[inline(always)]
-    pub(super) fn words(&self, y: usize) -> TouchedWords {
+    pub(super) fn words(&self, y: usize) -> impl Iterator<Item = usize> + use<ROW_BYTES, ROWS> {
+        let mut groups = self.rows.get(y + 1).copied().unwrap_or(0);
         let row_bit = (y + 1) * ROW_BYTES * 8;
-        TouchedWords {
-            groups: self.rows.get(y + 1).copied().unwrap_or(0),
-            group_shift: Self::GROUP_SHIFT,
-            row_bit,
-            next: 0,
-            end: 0,
-        }
-    }
-}
-
-/// Iterator over the touched words of a row.
-pub(super) struct TouchedWords {
-    groups: u32,
-    group_shift: u32,
-    row_bit: usize,
-    next: usize,
-    end: usize,
-}
-
-impl Iterator for TouchedWords {
-    type Item = usize;
-
-    #[inline(always)]
-    fn next(&mut self) -> Option<usize> {
-        if self.next == self.end {
-            if self.groups == 0 {
-                return None;
+        let words_per_group = 1 << Self::GROUP_SHIFT;
+        let mut word = 0;
+        core::iter::from_fn(move || {
+            if word % words_per_group == 0 {
+                if groups == 0 {
+                    return None;
+                }
+                word = (groups.trailing_zeros() as usize) << Self::GROUP_SHIFT;
+                groups &= groups - 1;
             }
-            let group = self.groups.trailing_zeros() as usize;
-            self.groups &= self.groups - 1;
-            self.next = self.row_bit + ((group * 32) << self.group_shift);
-            self.end = self.next + (32 << self.group_shift);
-        }
-        let bit = self.next;
-        self.next += 32;
-        Some(bit)
+            let bit = row_bit + word * 32;
+            word += 1;
+            Some(bit)
+        })
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::bitmap::{Bitmap, Touched, ones};
 use super::neighbourhood::Neighbourhood;
-use super::runs::{NONE, RecentRows, Run, push_core_runs};
-use super::{CentralMoments, Cluster, ClusterSettings, PixelRun, PixelSums, SensorSize};
+use super::runs::{NONE, PixelRuns, RecentRows, Runs};
+use super::{CentralMoments, Cluster, ClusterSettings, PixelSums, SensorSize};
 use crate::event::{Event, Polarity};
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
@@ -73,7 +73,9 @@ pub struct Clusterer<T, const ROW_BYTES: usize, const ROWS: usize, const RUNS: u
     pixels: [Bitmap<ROW_BYTES, ROWS>; 2],
     core: Bitmap<ROW_BYTES, ROWS>,
     touched: Touched<ROW_BYTES, ROWS>,
-    runs: Vec<Run, RUNS>,
+    /// Words with pixels that have neighbours but are not core.
+    undecided: Touched<ROW_BYTES, ROWS>,
+    runs: Runs<RUNS>,
     clusters: [Vec<Cluster<T>, CLUSTERS>; 2],
     height: u16,
 }
@@ -83,12 +85,13 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
 {
     /// Empty storage.
     pub const fn new() -> Self {
-        const { assert!(RUNS < NONE as usize && CLUSTERS < NONE as usize, "runs and clusters are numbered in 16 bits") };
+        const { assert!(CLUSTERS < NONE as usize, "clusters are numbered in 16 bits") };
         Self {
             pixels: [Bitmap::new(), Bitmap::new()],
             core: Bitmap::new(),
             touched: Touched::new(),
-            runs: Vec::new(),
+            undecided: Touched::new(),
+            runs: Runs::new(),
             clusters: [Vec::new(), Vec::new()],
             height: 0,
         }
@@ -131,11 +134,11 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
 
     /// The pixels of a cluster, as runs in no particular order.
     pub fn runs<'a>(&'a self, cluster: &Cluster<T>) -> PixelRuns<'a> {
-        PixelRuns { runs: &self.runs, next: cluster.first_run }
+        self.runs.list(cluster.first_run)
     }
 
     fn clear(&mut self) {
-        for y in 0..usize::from(self.height) {
+        for y in self.touched.rows(self.height) {
             for bit in self.touched.words(y) {
                 for bitmap in &mut self.pixels {
                     bitmap.set_word(bit, 0);
@@ -170,7 +173,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
 
     fn drop_both_polarities(&mut self, counts: &mut ClusterCounts) {
         let [off, on] = &mut self.pixels;
-        for y in 0..usize::from(self.height) {
+        for y in self.touched.rows(self.height) {
             for bit in self.touched.words(y) {
                 let (off_word, on_word) = (off.word(bit), on.word(bit));
                 let both = off_word & on_word;
@@ -195,28 +198,31 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         let enough = u32::from(settings.min_points);
         let (mut pixel_count, mut core_count, mut lost) = (0, 0, 0);
         let mut recent_rows = RecentRows::default();
-        for y in 0..self.height {
-            let row_bit = Bitmap::<ROW_BYTES, ROWS>::bit(0, usize::from(y));
+        self.undecided.clear();
+        for y in self.touched.rows(self.height) {
+            let row_bit = Bitmap::<ROW_BYTES, ROWS>::bit(0, y);
             let first = self.runs.len();
-            for bit in self.touched.words(usize::from(y)) {
+            for bit in self.touched.words(y) {
                 let word = pixels.word(bit);
-                let (mut core, mut alone) = (0, 0);
-                for index in ones(word) {
-                    let count = neighbourhood.count(pixels, bit + index, enough);
-                    pixel_count += 1;
-                    if count >= enough {
-                        core |= 1 << index;
-                    } else if count == 1 {
-                        alone |= 1 << index;
-                    }
+                if word == 0 {
+                    self.core.set_word(bit, 0);
+                    continue;
                 }
+                pixel_count += word.count_ones();
+                let left = neighbourhood.judge(pixels, bit, word & 0xffff, enough);
+                let right = neighbourhood.judge(pixels, bit + 16, word >> 16, enough);
+                let core = left.core | right.core << 16;
+                let alone = left.alone | right.alone << 16;
                 // A pixel without neighbours is in no neighbourhood but its own: noise.
                 if alone != 0 {
                     pixels.set_word(bit, word & !alone);
                 }
+                if word != core | alone {
+                    self.undecided.mark(bit - row_bit, y);
+                }
                 self.core.set_word(bit, core);
                 core_count += core.count_ones();
-                lost += push_core_runs(&mut self.runs, first, (bit - row_bit, y), core, neighbourhood.half_width(0));
+                lost += self.runs.push_core(first, (bit - row_bit, y), core, neighbourhood.half_width(0));
             }
             recent_rows.join(&mut self.runs, y, first, neighbourhood);
         }
@@ -236,22 +242,14 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         let pixels = of(&self.pixels, polarity);
         let row_bits = Bitmap::<ROW_BYTES, ROWS>::ROW_BITS;
         let last_run = self.runs.len();
-        for y in 0..self.height {
-            let row_bit = Bitmap::<ROW_BYTES, ROWS>::bit(0, usize::from(y));
-            for bit in self.touched.words(usize::from(y)) {
+        for y in self.undecided.rows(self.height) {
+            let row_bit = Bitmap::<ROW_BYTES, ROWS>::bit(0, y);
+            for bit in self.undecided.words(y) {
                 for index in ones(pixels.word(bit) & !self.core.word(bit)) {
                     let Some(core_bit) = neighbourhood.first(&self.core, bit + index) else { continue };
-                    let (core_x, core_y) = ((core_bit % row_bits) as u16, (core_bit / row_bits).wrapping_sub(1) as u16);
-                    let core_runs = self.runs.get(first_run..last_run).unwrap_or(&[]);
-                    let after = core_runs.partition_point(|run| (run.y, run.x) <= (core_y, core_x));
-                    // The core pixel itself may have been lost for want of room.
-                    let core_run = after
-                        .checked_sub(1)
-                        .and_then(|before| core_runs.get(before))
-                        .filter(|run| run.y == core_y && run.last() >= core_x);
-                    let x = (bit - row_bit + index) as u16;
-                    let border = core_run.map(|run| Run { x, y, length: 1, label: run.label, next: NONE });
-                    if border.is_some_and(|border| self.runs.push(border).is_ok()) {
+                    let core_pixel = ((core_bit % row_bits) as u16, (core_bit / row_bits).wrapping_sub(1) as u16);
+                    let pixel = ((bit - row_bit + index) as u16, y as u16);
+                    if self.runs.push_border(pixel, core_pixel, (first_run, last_run)) {
                         *of_mut(&mut counts.border_pixels, polarity) += 1;
                     } else {
                         counts.pixels_over_capacity += 1;
@@ -269,45 +267,12 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         settings: &ClusterSettings,
         counts: &mut ClusterCounts,
     ) {
-        let runs = self.runs.as_mut_slice();
         let clusters = of_mut(&mut self.clusters, polarity);
-        for index in first_run..runs.len() {
-            let Some(&Run { label, length, .. }) = runs.get(index) else { continue };
-            // Labels point backwards, so that the run pointed to knows its first run already.
-            let first = runs.get(usize::from(label)).map_or(label, |run| run.label);
-            if let Some(run) = runs.get_mut(index) {
-                run.label = first;
-                run.next = 0;
-            }
-            if let Some(run) = runs.get_mut(usize::from(first)) {
-                run.next = run.next.saturating_add(length);
-            }
-        }
-        for index in first_run..runs.len() {
-            let Some(&run) = runs.get(index) else { continue };
-            let number = if usize::from(run.label) != index {
-                runs.get(usize::from(run.label)).map_or(NONE, |first| first.label)
-            } else if run.next < settings.min_pixels {
-                *of_mut(&mut counts.clusters_too_small, polarity) += 1;
-                NONE
-            } else if clusters.push(Cluster::empty()).is_ok() {
-                (clusters.len() - 1) as u16
-            } else {
-                counts.clusters_over_capacity += 1;
-                NONE
-            };
-            let mut next = NONE;
-            if let Some(cluster) = clusters.get_mut(usize::from(number)) {
-                next = cluster.first_run;
-                cluster.first_run = index as u16;
-            }
-            if let Some(run) = runs.get_mut(index) {
-                run.label = number;
-                run.next = next;
-            }
-        }
+        let dropped = self.runs.collect(first_run, settings.min_pixels, clusters);
+        *of_mut(&mut counts.clusters_too_small, polarity) = dropped.too_small;
+        counts.clusters_over_capacity += dropped.over_capacity;
         for cluster in clusters.iter_mut() {
-            cluster.measure(PixelRuns { runs, next: cluster.first_run });
+            cluster.measure(self.runs.list(cluster.first_run));
         }
         *of_mut(&mut counts.clusters, polarity) = clusters.len() as u32;
     }
@@ -322,7 +287,8 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
 }
 
 impl<T: RealField + Copy> Cluster<T> {
-    fn empty() -> Self {
+    /// A cluster without pixels.
+    pub(super) fn empty() -> Self {
         let zero = T::zero();
         Self {
             moments: CentralMoments {
@@ -351,9 +317,9 @@ impl<T: RealField + Copy> Cluster<T> {
         let mut min = [origin.x, origin.y];
         let mut max = min;
         for run in runs {
-            sums.add_run(i32::from(run.x) - origin_x, i32::from(run.y) - origin_y, run.length);
+            sums.add_run(i32::from(run.x) - origin_x, i32::from(run.y) - origin_y, run.length());
             min = [min[0].min(run.x), min[1].min(run.y)];
-            max = [max[0].max(run.last()), max[1].max(run.y)];
+            max = [max[0].max(run.last), max[1].max(run.y)];
         }
         if let Some(moments) = CentralMoments::new(&sums, origin_x, origin_y) {
             self.center = Vector2::new(moments.mean_x, moments.mean_y);
@@ -362,24 +328,6 @@ impl<T: RealField + Copy> Cluster<T> {
         self.pixels = sums.n.unsigned_abs();
         self.min = min;
         self.max = max;
-    }
-}
-
-/// The pixels of a cluster, as runs in no particular order.
-#[derive(Clone, Debug)]
-pub struct PixelRuns<'a> {
-    runs: &'a [Run],
-    next: u16,
-}
-
-impl Iterator for PixelRuns<'_> {
-    type Item = PixelRun;
-
-    #[inline]
-    fn next(&mut self) -> Option<PixelRun> {
-        let run = self.runs.get(usize::from(self.next))?;
-        self.next = run.next;
-        Some(PixelRun { x: run.x, y: run.y, length: run.length })
     }
 }
 

@@ -29,24 +29,24 @@ impl PixelSums {
     /// Adds the pixels (x, y), (x + 1, y), … of a run of `length`.
     #[inline]
     pub fn add_run(&mut self, x: i32, y: i32, length: u16) {
+        // No multiplication below is wider than 32 by 32 bits: one instruction on a microcontroller.
+        let product = |a: i32, b: i32| i64::from(a) * i64::from(b);
         let (mut sum, mut squares, mut cubes) = (0_i32, 0_i64, 0_i64);
-        for x in (x..).take(usize::from(length)) {
-            let square = x.wrapping_mul(x);
+        for x in x..x.saturating_add(i32::from(length)) {
             sum = sum.wrapping_add(x);
-            squares += i64::from(square);
-            cubes += i64::from(square) * i64::from(x);
+            squares += product(x, x);
+            cubes += product(x.wrapping_mul(x), x);
         }
         let n = i32::from(length);
-        let (wide_n, wide_y, wide_sum) = (i64::from(n), i64::from(y), i64::from(sum));
-        let y_squared = wide_y * wide_y;
+        let (n_y, y_squared) = (n.wrapping_mul(y), y.wrapping_mul(y));
         self.n = self.n.wrapping_add(n);
         self.x = self.x.wrapping_add(sum);
-        self.y = self.y.wrapping_add(n.wrapping_mul(y));
-        self.xx = self.xx.wrapping_add(squares);
-        self.xy = self.xy.wrapping_add(wide_sum * wide_y);
-        self.yy = self.yy.wrapping_add(wide_n * y_squared);
-        self.xz = self.xz.wrapping_add(cubes + y_squared * wide_sum);
-        self.yz = self.yz.wrapping_add(wide_y * (squares + wide_n * y_squared));
+        self.y = self.y.wrapping_add(n_y);
+        self.xx += squares;
+        self.xy += product(sum, y);
+        self.yy += product(n_y, y);
+        self.xz += cubes + product(sum, y_squared);
+        self.yz += squares * i64::from(y) + product(n_y, y_squared);
     }
 
     /// The same pixels seen from an origin moved by (dx, dy).

@@ -1,7 +1,7 @@
 //! The ε-neighbourhood on the pixel grid, row by row.
 
 use super::ClusterSettings;
-use super::bitmap::{Bitmap, MARGIN};
+use super::bitmap::{Bitmap, MARGIN, ones};
 
 /// Pixels in the widest row of a disc.
 const WIDEST: usize = 2 * MARGIN + 1;
@@ -9,8 +9,23 @@ const WIDEST: usize = 2 * MARGIN + 1;
 /// Half-widths of the rows of a disc of pixels: row ±dy reaches from -half_width(dy) to +half_width(dy).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Neighbourhood {
-    half_widths: [u8; MARGIN + 1],
-    radius: u8,
+    rows: [DiscRow; MARGIN + 1],
+    radius: usize,
+}
+
+/// Which of 16 pixels are core, and which have no neighbour at all.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Verdict {
+    pub(super) core: u32,
+    pub(super) alone: u32,
+}
+
+/// A row of the disc.
+#[derive(Clone, Copy, Debug, Default)]
+struct DiscRow {
+    half_width: usize,
+    /// As many ones as the row has pixels.
+    mask: u32,
 }
 
 impl Neighbourhood {
@@ -19,29 +34,27 @@ impl Neighbourhood {
         let largest = MARGIN as f32 + 0.99;
         let epsilon = if settings.epsilon >= 1.0 { settings.epsilon.min(largest) } else { 1.0 };
         let epsilon_squared = epsilon * epsilon;
-        let mut half_widths = [0; MARGIN + 1];
+        let mut rows = [DiscRow::default(); MARGIN + 1];
         let mut radius = 0;
-        for (dy, half_width) in (0_u8..).zip(half_widths.iter_mut()) {
-            for dx in 0..=MARGIN as u8 {
-                let distance_squared = u16::from(dx) * u16::from(dx) + u16::from(dy) * u16::from(dy);
-                if f32::from(distance_squared) <= epsilon_squared {
-                    *half_width = dx;
-                    radius = dy;
-                }
+        for (dy, row) in rows.iter_mut().enumerate() {
+            let squares = (0..=MARGIN).map(|dx| (dx, (dx * dx + dy * dy) as f32));
+            if let Some((half_width, _)) = squares.take_while(|&(_, square)| square <= epsilon_squared).last() {
+                *row = DiscRow { half_width, mask: (2 << (2 * half_width)) - 1 };
+                radius = dy;
             }
         }
-        Self { half_widths, radius }
+        Self { rows, radius }
     }
 
     /// Rows that the disc reaches up or down.
     pub(super) const fn radius(&self) -> usize {
-        self.radius as usize
+        self.radius
     }
 
     /// Half-width of the disc `dy` rows from its centre.
     #[inline(always)]
     pub(super) fn half_width(&self, dy: usize) -> usize {
-        self.half_widths.get(dy).map_or(0, |&half_width| usize::from(half_width))
+        self.rows.get(dy).map_or(0, |row| row.half_width)
     }
 
     /// The pixels of `bitmap` in the row `dy` rows from `bit`, lowest bit first, from the leftmost of the disc.
@@ -52,30 +65,67 @@ impl Neighbourhood {
         row_bit: usize,
         dy: usize,
     ) -> u32 {
-        let half_width = self.half_width(dy);
-        bitmap.at(row_bit.wrapping_sub(half_width)) & ((2 << (2 * half_width)) - 1)
+        let row = self.rows.get(dy).copied().unwrap_or_default();
+        bitmap.at(row_bit.wrapping_sub(row.half_width)) & row.mask
     }
 
-    /// Number of pixels within the disc about `bit`, or a smaller number that is at least `enough`.
-    #[inline(always)]
-    pub(super) fn count<const ROW_BYTES: usize, const ROWS: usize>(
+    /// Tells which of `pixels`, up to 16 from `bit`, have at least `enough` pixels of `bitmap` in their
+    /// neighbourhood, and which have none but themselves.
+    pub(super) fn judge<const ROW_BYTES: usize, const ROWS: usize>(
+        &self,
+        bitmap: &Bitmap<ROW_BYTES, ROWS>,
+        bit: usize,
+        pixels: u32,
+        enough: u32,
+    ) -> Verdict {
+        let mut verdict = Verdict::default();
+        if pixels == 0 {
+            return verdict;
+        }
+        let row_bits = Bitmap::<ROW_BYTES, ROWS>::ROW_BITS;
+        let [middle, next, ..] = self.rows;
+        let next_bit = bit.wrapping_sub(next.half_width);
+        let at = bitmap.at(bit.wrapping_sub(middle.half_width));
+        let above = bitmap.at(next_bit.wrapping_sub(row_bits));
+        let below = bitmap.at(next_bit.wrapping_add(row_bits));
+        for index in ones(pixels) {
+            // Three rows of at most 2 MARGIN + 1 pixels fit into a word: one count for all.
+            let near = at >> index & middle.mask
+                | (above >> index & next.mask) << WIDEST
+                | (below >> index & next.mask) << (2 * WIDEST);
+            let mut count = near.count_ones();
+            if count < enough {
+                count += self.count_far(bitmap, bit + index, enough - count);
+            }
+            if count >= enough {
+                verdict.core |= 1 << index;
+            } else if count == 1 {
+                verdict.alone |= 1 << index;
+            }
+        }
+        verdict
+    }
+
+    /// Number of pixels within the disc about `bit` but for its three middle rows, or a smaller number
+    /// that is at least `enough`.
+    fn count_far<const ROW_BYTES: usize, const ROWS: usize>(
         &self,
         bitmap: &Bitmap<ROW_BYTES, ROWS>,
         bit: usize,
         enough: u32,
     ) -> u32 {
         let row_bits = Bitmap::<ROW_BYTES, ROWS>::ROW_BITS;
-        let row = |row_bit, dy| self.row(bitmap, row_bit, dy);
         let (mut above, mut below) = (bit.wrapping_sub(row_bits), bit.wrapping_add(row_bits));
-        // Three rows of at most 2 MARGIN + 1 pixels fit into a word: one count for all.
-        let mut count = (row(bit, 0) | row(above, 1) << WIDEST | row(below, 1) << (2 * WIDEST)).count_ones();
-        for dy in 2..=self.radius() {
+        let mut count = 0;
+        for row in self.rows.iter().take(self.radius + 1).skip(2) {
+            above = above.wrapping_sub(row_bits);
+            below = below.wrapping_add(row_bits);
+            let pixels = (bitmap.at(above.wrapping_sub(row.half_width)) & row.mask)
+                | (bitmap.at(below.wrapping_sub(row.half_width)) & row.mask) << WIDEST;
+            count += pixels.count_ones();
             if count >= enough {
                 break;
             }
-            above = above.wrapping_sub(row_bits);
-            below = below.wrapping_add(row_bits);
-            count += (row(above, dy) | row(below, dy) << WIDEST).count_ones();
         }
         count
     }

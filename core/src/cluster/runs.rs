@@ -1,81 +1,183 @@
-//! Runs of core pixels, and the union-find that joins them to clusters.
+//! Runs of clustered pixels, and the union-find that joins them to clusters.
 
 use super::bitmap::MARGIN;
 use super::neighbourhood::Neighbourhood;
+use super::{Cluster, PixelRun};
 use heapless::Vec;
+use nalgebra::RealField;
 
 /// No run, or no cluster.
 pub(super) const NONE: u16 = u16::MAX;
 
-/// A run of neighbouring pixels of one cluster.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Run {
-    /// Leftmost column.
-    pub(super) x: u16,
-    /// Row.
-    pub(super) y: u16,
-    /// Number of pixels, at least 1.
-    pub(super) length: u16,
+/// Up to `RUNS` runs of clustered pixels. All zeros when empty.
+#[derive(Debug)]
+pub(super) struct Runs<const RUNS: usize> {
+    runs: Vec<PixelRun, RUNS>,
     /// While clusters grow: an earlier run of the same cluster, or the run itself if it is the first.
     /// Afterwards: the number of the cluster, or [`NONE`].
-    pub(super) label: u16,
-    /// While clusters are counted: the number of pixels, in the first run of a cluster.
+    labels: [u16; RUNS],
+    /// While clusters are counted: the number of pixels, at the first run of a cluster.
     /// Afterwards: another run of the cluster, or [`NONE`].
-    pub(super) next: u16,
+    next: [u16; RUNS],
 }
 
-impl Run {
-    /// Rightmost column.
-    #[inline(always)]
-    pub(super) const fn last(&self) -> u16 {
-        self.x.saturating_add(self.length.saturating_sub(1))
+impl<const RUNS: usize> Runs<RUNS> {
+    pub(super) const fn new() -> Self {
+        const { assert!(RUNS < NONE as usize, "runs are numbered in 16 bits") };
+        Self { runs: Vec::new(), labels: [0; RUNS], next: [0; RUNS] }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.runs.clear();
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.runs.len()
+    }
+
+    /// Appends the runs of a word of core pixels that starts at column `x` of row `y`; `first` is the
+    /// first run of the row.
+    ///
+    /// A run within `reach` of the one before it in the row joins its cluster, and continues it if
+    /// they touch. Returns the number of pixels for which there was no room.
+    pub(super) fn push_core(&mut self, first: usize, (x, y): (usize, usize), mut word: u32, reach: usize) -> u32 {
+        while word != 0 {
+            let start = word.trailing_zeros();
+            let length = (word >> start).trailing_ones();
+            let run_x = x as u16 + start as u16;
+            let last = run_x + (length - 1) as u16;
+            let rest = word & !((u32::MAX >> (32 - length)) << start);
+            let index = self.runs.len();
+            let mut label = index as u16;
+            if index > first
+                && let Some(previous) = self.runs.last_mut()
+            {
+                let gap = run_x - previous.last;
+                if gap == 1 {
+                    previous.last = last;
+                    word = rest;
+                    continue;
+                }
+                if usize::from(gap) <= reach {
+                    label = self.labels.get(index - 1).copied().unwrap_or(label);
+                }
+            }
+            if !self.push(PixelRun { x: run_x, last, y: y as u16 }, label) {
+                return word.count_ones();
+            }
+            word = rest;
+        }
+        0
+    }
+
+    /// Appends the border pixel (x, y), in the cluster of the core pixel (`core_x`, `core_y`).
+    ///
+    /// Core runs are those from `first` to before `end`. False if there was no room for either pixel.
+    pub(super) fn push_border(
+        &mut self,
+        (x, y): (u16, u16),
+        (core_x, core_y): (u16, u16),
+        (first, end): (usize, usize),
+    ) -> bool {
+        let core = self.runs.get(first..end).unwrap_or(&[]);
+        let after = core.partition_point(|run| (run.y, run.x) <= (core_y, core_x));
+        let before = after.checked_sub(1).and_then(|before| Some((before, core.get(before)?)));
+        let Some((index, run)) = before else { return false };
+        let Some(&label) = self.labels.get(first + index) else { return false };
+        run.y == core_y && run.last >= core_x && self.push(PixelRun { x, last: x, y }, label)
+    }
+
+    fn push(&mut self, run: PixelRun, label: u16) -> bool {
+        let index = self.runs.len();
+        if self.runs.push(run).is_err() {
+            return false;
+        }
+        if let Some(place) = self.labels.get_mut(index) {
+            *place = label;
+        }
+        true
+    }
+
+    /// Collects the runs from `first` on to clusters of at least `min_pixels`, in the order of their
+    /// first runs. The clusters get nothing but their lists of runs.
+    pub(super) fn collect<T: RealField + Copy, const CLUSTERS: usize>(
+        &mut self,
+        first: usize,
+        min_pixels: u16,
+        clusters: &mut Vec<Cluster<T>, CLUSTERS>,
+    ) -> Dropped {
+        let Self { runs, labels, next } = self;
+        for (index, run) in runs.iter().enumerate().skip(first) {
+            // Labels point backwards, so that the run pointed to knows its first run already.
+            let earlier = labels.get(index).copied().unwrap_or(NONE);
+            let root = labels.get(usize::from(earlier)).copied().unwrap_or(NONE);
+            if let (Some(label), Some(pixels)) = (labels.get_mut(index), next.get_mut(index)) {
+                *label = root;
+                *pixels = 0;
+            }
+            if let Some(pixels) = next.get_mut(usize::from(root)) {
+                *pixels = pixels.saturating_add(run.length());
+            }
+        }
+        let mut dropped = Dropped::default();
+        for index in first..runs.len() {
+            let root = labels.get(index).copied().unwrap_or(NONE);
+            let mut number = labels.get(usize::from(root)).copied().unwrap_or(NONE);
+            let Some(next) = next.get_mut(index) else { continue };
+            if usize::from(root) == index {
+                number = NONE;
+                if *next < min_pixels {
+                    dropped.too_small += 1;
+                } else if clusters.push(Cluster::empty()).is_err() {
+                    dropped.over_capacity += 1;
+                } else {
+                    number = (clusters.len() - 1) as u16;
+                }
+            }
+            if let Some(label) = labels.get_mut(index) {
+                *label = number;
+            }
+            if let Some(cluster) = clusters.get_mut(usize::from(number)) {
+                *next = core::mem::replace(&mut cluster.first_run, index as u16);
+            }
+        }
+        dropped
+    }
+
+    /// The runs of the list that starts with run `first`.
+    pub(super) fn list(&self, first: u16) -> PixelRuns<'_> {
+        PixelRuns { runs: &self.runs, next: &self.next, current: first }
     }
 }
 
-/// Appends the runs of a word of core pixels that starts at `(x, y)`; `first` is the first run of the row.
-///
-/// A run within `reach` of the one before it in the row joins its cluster, and continues it if they
-/// touch. Returns the number of pixels for which there was no room.
-pub(super) fn push_core_runs<const RUNS: usize>(
-    runs: &mut Vec<Run, RUNS>,
-    first: usize,
-    (word_x, y): (usize, u16),
-    mut word: u32,
-    reach: usize,
-) -> u32 {
-    while word != 0 {
-        let start = word.trailing_zeros();
-        let length = (word >> start).trailing_ones();
-        let x = word_x as u16 + start as u16;
-        let index = runs.len();
-        let mut label = index as u16;
-        if index > first
-            && let Some(previous) = runs.last_mut()
-        {
-            let gap = x - previous.last();
-            if gap == 1 {
-                previous.length += length as u16;
-                word &= !run_mask(start, length);
-                continue;
-            }
-            if usize::from(gap) <= reach {
-                label = previous.label;
-            }
-        }
-        if runs.push(Run { x, y, length: length as u16, label, next: NONE }).is_err() {
-            return word.count_ones();
-        }
-        word &= !run_mask(start, length);
+/// Clusters that were not kept.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Dropped {
+    pub(super) too_small: u32,
+    pub(super) over_capacity: u32,
+}
+
+/// The pixels of a cluster, as runs in no particular order.
+#[derive(Clone, Debug)]
+pub struct PixelRuns<'a> {
+    runs: &'a [PixelRun],
+    next: &'a [u16],
+    current: u16,
+}
+
+impl Iterator for PixelRuns<'_> {
+    type Item = PixelRun;
+
+    #[inline]
+    fn next(&mut self) -> Option<PixelRun> {
+        let index = usize::from(self.current);
+        let run = self.runs.get(index)?;
+        self.current = self.next.get(index).copied().unwrap_or(NONE);
+        Some(*run)
     }
-    0
 }
 
-/// `length` ones from bit `start`, for 1 ≤ length and start + length ≤ 32.
-const fn run_mask(start: u32, length: u32) -> u32 {
-    (u32::MAX >> (32 - length)) << start
-}
-
-/// The rows above the current one that its neighbourhoods reach.
+/// The rows above the current one that its neighbourhoods reach, the nearest first.
 #[derive(Default)]
 pub(super) struct RecentRows {
     rows: [RowRuns; MARGIN],
@@ -91,64 +193,92 @@ struct RowRuns {
 
 impl RecentRows {
     /// Joins the runs of row `y`, from `first` to the last, with those above them within reach.
-    pub(super) fn join(&mut self, runs: &mut [Run], y: u16, first: usize, neighbourhood: &Neighbourhood) {
-        if first == runs.len() {
+    pub(super) fn join<const RUNS: usize>(
+        &mut self,
+        runs: &mut Runs<RUNS>,
+        y: usize,
+        first: usize,
+        neighbourhood: &Neighbourhood,
+    ) {
+        let lower = runs.runs.get(first..).unwrap_or(&[]);
+        if lower.is_empty() {
             return;
         }
-        let current = RowRuns { y, first: first as u16, end: runs.len() as u16 };
         for above in &self.rows {
-            let dy = usize::from(y - above.y);
+            let dy = y.wrapping_sub(usize::from(above.y));
             if above.first == above.end || dy > neighbourhood.radius() {
                 break;
             }
-            join_rows(runs, *above, current, neighbourhood.half_width(dy) as u16);
+            let upper = runs.runs.get(usize::from(above.first)..usize::from(above.end)).unwrap_or(&[]);
+            let reach = neighbourhood.half_width(dy);
+            join_rows((upper, above.first), (lower, first as u16), reach, &mut runs.labels);
         }
-        self.rows.rotate_right(1);
-        if let Some(newest) = self.rows.first_mut() {
-            *newest = current;
+        let mut newer = RowRuns { y: y as u16, first: first as u16, end: runs.runs.len() as u16 };
+        for row in &mut self.rows {
+            core::mem::swap(row, &mut newer);
         }
     }
 }
 
-/// Joins the runs of two rows that lie within `reach` columns of each other.
-fn join_rows(runs: &mut [Run], above: RowRuns, below: RowRuns, reach: u16) {
-    let (mut upper, mut lower) = (above.first, below.first);
-    while upper < above.end && lower < below.end {
-        let (Some(one), Some(two)) = (runs.get(usize::from(upper)), runs.get(usize::from(lower))) else { return };
-        let (one_last, two_last) = (one.last(), two.last());
-        let near = two.x <= one_last.saturating_add(reach) && one.x <= two_last.saturating_add(reach);
-        if near && one.label != two.label {
-            union(runs, upper, lower);
+/// Joins the runs of two rows that lie within `reach` columns of each other. A row is its runs and the
+/// index of the first.
+fn join_rows(
+    (upper, upper_first): (&[PixelRun], u16),
+    (lower, lower_first): (&[PixelRun], u16),
+    reach: usize,
+    labels: &mut [u16],
+) {
+    let mut uppers = (upper_first..).zip(upper);
+    let mut lowers = (lower_first..).zip(lower);
+    let (Some(mut one), Some(mut two)) = (uppers.next(), lowers.next()) else { return };
+    loop {
+        let (one_x, one_last) = (usize::from(one.1.x), usize::from(one.1.last));
+        let (two_x, two_last) = (usize::from(two.1.x), usize::from(two.1.last));
+        if two_x <= one_last + reach && one_x <= two_last + reach {
+            union(labels, one.0, two.0);
         }
         // The run that ends first can reach no further run of the other row that the other run does
         // not reach within its own row.
         if one_last < two_last {
-            upper += 1;
+            let Some(next) = uppers.next() else { return };
+            one = next;
         } else {
-            lower += 1;
+            let Some(next) = lowers.next() else { return };
+            two = next;
         }
     }
 }
 
-/// Joins the clusters of two runs; the earlier first run becomes the first run of both.
-fn union(runs: &mut [Run], one: u16, two: u16) {
-    let (one, two) = (find(runs, one), find(runs, two));
-    if let Some(later) = runs.get_mut(usize::from(one.max(two))) {
-        later.label = one.min(two);
+/// Joins the clusters of a run and of a later one; the earlier first run becomes the first run of both.
+fn union(labels: &mut [u16], earlier: u16, later: u16) {
+    let (Some(&one), Some(&two)) = (labels.get(usize::from(earlier)), labels.get(usize::from(later))) else { return };
+    if one == two {
+        return;
+    }
+    if two == later {
+        // The first run of a cluster, and no first run of the other, which comes earlier.
+        if let Some(label) = labels.get_mut(usize::from(later)) {
+            *label = one;
+        }
+        return;
+    }
+    let (one, two) = (find(labels, earlier), find(labels, later));
+    if let Some(label) = labels.get_mut(usize::from(one.max(two))) {
+        *label = one.min(two);
     }
 }
 
 /// The first run of a run's cluster. Shortens the way there.
-fn find(runs: &mut [Run], run: u16) -> u16 {
+fn find(labels: &mut [u16], run: u16) -> u16 {
     let mut current = run;
     loop {
-        let label = runs.get(usize::from(current)).map_or(current, |run| run.label);
+        let label = labels.get(usize::from(current)).copied().unwrap_or(current);
         if label == current {
             return current;
         }
-        let ahead = runs.get(usize::from(label)).map_or(label, |run| run.label);
-        if let Some(run) = runs.get_mut(usize::from(current)) {
-            run.label = ahead;
+        let ahead = labels.get(usize::from(label)).copied().unwrap_or(label);
+        if let Some(label) = labels.get_mut(usize::from(current)) {
+            *label = ahead;
         }
         current = ahead;
     }
