@@ -87,7 +87,7 @@ const ABSENCE_RAMP: f64 = 0.8;
 /// Frequency of the rise and fall of the speed in hertz.
 const VARIATION_FREQUENCY: f64 = 0.5;
 /// Columns and rows of the cells of the sensor in which image speeds are measured.
-pub const SPEED_GRID: (u16, u16) = (9, 7);
+pub const SPEED_GRID: (u16, u16) = (18, 14);
 
 /// A sum of two sinusoids, between -1 and 1.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -28,6 +28,8 @@ const SKIP_SAFETY: f64 = 0.75;
 pub struct Stepping {
     /// Distance in pixels that an edge moves between two looks of a pixel that sees it.
     pub step: f64,
+    /// Share of the way to the middle of the edge's profile that a look further out may skip.
+    pub far_step: f64,
     /// Longest time between two looks of a pixel that sees an edge, in ticks.
     pub longest_step: usize,
     /// Longest time between two looks of a pixel far from any edge, in ticks.
@@ -35,7 +37,7 @@ pub struct Stepping {
 }
 
 /// How often pixels look, unless a test wants more.
-pub const STEPPING: Stepping = Stepping { step: 0.2, longest_step: 40, longest_skip: 160 };
+pub const STEPPING: Stepping = Stepping { step: 0.2, far_step: 1.0, longest_step: 40, longest_skip: 160 };
 
 /// What all rows share.
 #[derive(Clone, Debug)]
@@ -139,7 +141,9 @@ impl Site {
             let skip = ((clear * SKIP_SAFETY).max(stepping.step) / fastest) as usize;
             skip.clamp(1, stepping.longest_skip)
         } else {
-            ((stepping.step / self.speed.min(fastest)) as usize).clamp(1, stepping.longest_step)
+            // The outer half of the reach sees little change: there a step may lead to the inner.
+            let step = stepping.step.max(stepping.far_step * (distance - 0.5 * reach));
+            ((step / self.speed.min(fastest)) as usize).clamp(1, stepping.longest_step)
         }
     }
 }

@@ -287,7 +287,7 @@ fn few_looks_see_what_all_looks_see() {
     for (sensor, name) in [(SensorModel::ideal(), "ideal"), (quiet(SensorModel::default()), "default")] {
         let mut simulation = simulation(sensor, MotionSettings::fast(), 0.05);
         let few = by_pixel(&run(&simulation).0);
-        simulation.stage.stepping = Stepping { step: 0.01, longest_step: 1, longest_skip: 1 };
+        simulation.stage.stepping = Stepping { step: 0.01, far_step: 0.0, longest_step: 1, longest_skip: 1 };
         let all = by_pixel(&run(&simulation).0);
         let (mut same, mut sum, mut square, mut count) = (0usize, 0.0, 0.0, 0.0);
         for (pixel, exact) in &all {
