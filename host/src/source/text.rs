@@ -84,14 +84,12 @@ impl Decoder {
         if self.number < self.layout.first_line {
             return None;
         }
-        let buffer = self.file.buffer();
-        let length = buffer.iter().position(|&byte| byte == b'\n')?;
-        let (event, last_field) = plain::event(buffer.get(..length)?, &self.layout)?;
-        self.file.consume(length + 1);
-        self.byte += length as u64 + 1;
+        let plain = plain::event(self.file.buffer(), &self.layout)?;
+        self.file.consume(plain.length);
+        self.byte += plain.length as u64;
         self.number += 1;
-        self.last_field = last_field;
-        Some(event)
+        self.last_field = plain.last_field;
+        Some(plain.event)
     }
 
     fn next_line(&mut self, report: &mut ReadReport) -> Result<Line, SourceError> {

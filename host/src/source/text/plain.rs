@@ -7,11 +7,21 @@ use evcal_core::event::{Event, Polarity};
 use super::layout::Layout;
 use crate::source::Column;
 
-/// The event of `line`, without its end, and the length of its last field.
-pub fn event(line: &[u8], layout: &Layout) -> Option<(Event, usize)> {
+/// An event, with what was read for it.
+pub struct PlainLine {
+    /// The event.
+    pub event: Event,
+    /// Length of the line with its end.
+    pub length: usize,
+    /// Length of the last field.
+    pub last_field: usize,
+}
+
+/// The event of the first line of `bytes`, if that is whole and plain.
+pub fn event(bytes: &[u8], layout: &Layout) -> Option<PlainLine> {
     let places = usize::try_from(layout.time_unit.decimal_exponent()).ok()?;
     let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
-    let mut rest = line.strip_suffix(b"\r").unwrap_or(line);
+    let mut rest = bytes;
     let mut last_field = 0;
     for (index, column) in layout.columns.as_slice().iter().enumerate() {
         if index > 0 {
@@ -36,7 +46,8 @@ pub fn event(line: &[u8], layout: &Layout) -> Option<(Event, usize)> {
         }
         last_field = before - rest.len();
     }
-    rest.is_empty().then_some((event, last_field))
+    let rest = rest.strip_prefix(b"\r").unwrap_or(rest).strip_prefix(b"\n")?;
+    Some(PlainLine { event, length: bytes.len() - rest.len(), last_field })
 }
 
 /// Takes 1 to `most` digits from the front.
@@ -48,8 +59,15 @@ fn digits(rest: &mut &[u8], most: usize) -> Option<i64> {
 
 /// The number that up to `most` digits at the front make, and how many they are.
 fn leading(bytes: &[u8], most: usize) -> (i64, usize) {
-    let digits = bytes.iter().take(most).take_while(|byte| byte.is_ascii_digit());
-    digits.fold((0, 0), |(value, count), byte| (10 * value + i64::from(byte - b'0'), count + 1))
+    let mut value = 0;
+    let mut count = 0;
+    while count < most
+        && let Some(digit @ 0..=9) = bytes.get(count).map(|byte| byte.wrapping_sub(b'0'))
+    {
+        value = 10 * value + i64::from(digit);
+        count += 1;
+    }
+    (value, count)
 }
 
 /// Takes a time from the front: at most 12 digits, then for units longer than 1 µs a fraction, of
@@ -79,12 +97,12 @@ mod tests {
     use super::*;
     use crate::source::TimeUnit;
 
-    fn both(line: &str, columns: &str, time_unit: TimeUnit) -> (Option<(Event, usize)>, Result<Event, String>) {
+    fn both(line: &str, columns: &str, time_unit: TimeUnit) -> (Option<PlainLine>, Result<Event, String>) {
         let columns = columns.parse().unwrap();
         let layout = Layout { columns, time_unit, first_line: 0, sensor: None, notes: Vec::new() };
         let mut fields = [&[][..]; MAX_FIELDS];
         let count = split(line.as_bytes(), &mut fields);
-        (event(line.as_bytes(), &layout), general(&fields, count, &layout))
+        (event(format!("{line}\nnext").as_bytes(), &layout), general(&fields, count, &layout))
     }
 
     proptest! {
@@ -99,8 +117,11 @@ mod tests {
         ) {
             let unit = [TimeUnit::Seconds, TimeUnit::Milliseconds, TimeUnit::Microseconds, TimeUnit::Nanoseconds][unit];
             for columns in ["t,x,y,p", "x,y,p,t", "-,t,x,y,p"] {
-                if let (Some((event, _)), slow) = both(&line, columns, unit) {
-                    prop_assert_eq!(Ok(event), slow);
+                if let (Some(plain), slow) = both(&line, columns, unit) {
+                    prop_assert_eq!(Ok(plain.event), slow);
+                    prop_assert_eq!(plain.length, line.len() + 1);
+                    let last = line.trim_end().rsplit([' ', ',', ';', '\t']).next().map(str::len);
+                    prop_assert_eq!(Some(plain.last_field), last);
                 }
             }
         }
@@ -115,8 +136,23 @@ mod tests {
             ("96;133;1;1643243628737093\r", "x,y,p,t", TimeUnit::Microseconds),
         ] {
             let (fast, slow) = both(line, columns, unit);
-            assert_eq!(fast.map(|(event, _)| event), slow.ok(), "{line}");
-            assert!(fast.is_some(), "{line}");
+            assert_eq!(fast.unwrap().event, slow.unwrap(), "{line}");
+        }
+    }
+
+    #[test]
+    fn a_line_without_end_is_left_to_the_general_way() {
+        let layout = Layout {
+            columns: "t,x,y,p".parse().unwrap(),
+            time_unit: TimeUnit::Microseconds,
+            first_line: 0,
+            sensor: None,
+            notes: Vec::new(),
+        };
+        let whole = b"12,34,56,1\r\n";
+        assert!(event(whole, &layout).is_some());
+        for length in 0..whole.len() {
+            assert!(event(&whole[..length], &layout).is_none());
         }
     }
 }

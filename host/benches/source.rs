@@ -1,0 +1,55 @@
+//! Time to read a recording of a million events, by format.
+
+use divan::Bencher;
+use divan::counter::ItemsCount;
+use evcal::source::aedat4::header::Compression;
+use evcal::source::write::{EventWriter, OutputFormat};
+use evcal::source::{Recording, SourceOptions};
+use evcal_core::event::{Event, Polarity};
+
+fn main() {
+    divan::main();
+}
+
+const EVENTS: u32 = 1_000_000;
+const FORMATS: [OutputFormat; 5] = [
+    OutputFormat::Aedat4(Compression::None),
+    OutputFormat::Aedat4(Compression::Lz4),
+    OutputFormat::Aedat4(Compression::Zstd),
+    OutputFormat::Text,
+    OutputFormat::EventCalib,
+];
+
+/// Pixels in no order, times about 1 µs apart.
+fn events() -> Vec<Event> {
+    (0..EVENTS)
+        .map(|index| {
+            let scattered = index.wrapping_mul(2_654_435_761);
+            Event {
+                t: 1_643_243_628_737_093 + i64::from(index),
+                x: (scattered >> 8) as u16 % 346,
+                y: (scattered >> 16) as u16 % 260,
+                polarity: if scattered >> 31 == 0 { Polarity::Off } else { Polarity::On },
+            }
+        })
+        .collect()
+}
+
+#[divan::bench(args = FORMATS)]
+fn read(bencher: Bencher, format: OutputFormat) {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let path = directory.path().join("recording");
+    let mut writer = EventWriter::create(&path, format, (346, 260), "camera").expect("a file");
+    writer.write(&events()).expect("space");
+    writer.finish().expect("space");
+    let recording = Recording::new(path, SourceOptions::default()).expect("a recording");
+    bencher.counter(ItemsCount::new(EVENTS)).bench(|| {
+        let mut reader = recording.open().expect("a recording");
+        let mut batch = Vec::new();
+        let mut sum = 0;
+        while reader.next_batch(&mut batch).expect("events") {
+            sum += batch.iter().map(|event| u64::from(event.x)).sum::<u64>();
+        }
+        sum
+    });
+}
