@@ -22,6 +22,8 @@ fn compare(setting: &Setting) -> (usize, usize) {
     let (mut both, mut agreeing) = (0, 0);
     for _ in 0..VIEWS {
         let view = view(setting, &mut random);
+        assert_eq!(view.visible, pattern.circle_count());
+        assert!(view.dots.iter().all(Option::is_some));
         let centers: Vec<Vector2<f64>> = view.candidates.iter().map(|candidate| candidate.center).collect();
         let Some(reference) = find_circles_grid(&centers, pattern).expect("OpenCV answers") else { continue };
         let Ok(found) = find_grid(&view.candidates, &pattern, &options, &mut workspace) else { continue };
@@ -49,6 +51,13 @@ fn asymmetric_boards_have_the_order_of_opencv() {
         assert!(both >= VIEWS * 9 / 10, "{rows}x{columns}: {both} of {VIEWS} found by both");
         assert_eq!(agreeing, both, "{rows}x{columns}");
     }
+}
+
+#[test]
+fn a_fisheye_does_not_change_the_order() {
+    let (both, agreeing) = compare(&setting(Layout::Asymmetric, 9, 4, Lens::Fisheye));
+    assert!(both >= VIEWS / 2, "{both} of {VIEWS} found by both");
+    assert_eq!(agreeing, both);
 }
 
 #[test]
