@@ -9,7 +9,9 @@ mod grid_views;
 
 use std::time::Instant;
 
-use evcal_core::grid::{CutBoards, GridCircle, GridOptions, GridWorkspace, Ordering, find_grid, reorder, symmetry};
+use evcal_core::grid::{
+    CutBoards, GridCircle, GridOptions, GridWorkspace, Ordering, find_grid, find_grid_near, reorder,
+};
 use evcal_core::pattern::{Layout, Pattern};
 use grid_views::{Lens, Random, SIZE, Setting, View, view};
 
@@ -47,13 +49,11 @@ fn print_table(views: usize) {
         }
         line(&Setting { missing: 12, ..clean }, views);
         line(&Setting { missing: 20, ..clean }, views);
-        for cut_boards in [CutBoards::Refuse, CutBoards::Accept] {
-            cut_line(&Setting { cut: true, ..clean }, cut_boards, views);
-            cut_line(&Setting { cut: true, missing: 3, clutter: 8, noise: 0.5, ..clean }, cut_boards, views);
+        for placing in [Placing::Alone, Placing::ByTheBorder, Placing::Near] {
+            placed_line(&Setting { cut: true, ..clean }, placing, views);
+            placed_line(&Setting { cut: true, missing: 3, clutter: 8, noise: 0.5, ..clean }, placing, views);
         }
-    }
-    if std::env::var_os("SHORT").is_some() {
-        return;
+        placed_line(&Setting { missing: 20, ..clean }, Placing::Near, views);
     }
     for (rows, columns, layout) in
         [(6, 3, Layout::Symmetric), (5, 5, Layout::Symmetric), (8, 11, Layout::Symmetric), (11, 4, Layout::Asymmetric)]
@@ -65,26 +65,46 @@ fn print_table(views: usize) {
 }
 
 fn line(setting: &Setting, count: usize) {
-    cut_line(setting, CutBoards::Refuse, count);
+    placed_line(setting, Placing::Alone, count);
 }
 
-fn cut_line(setting: &Setting, cut_boards: CutBoards, count: usize) {
+/// What the finder is told beside the candidates.
+#[derive(Clone, Copy, Debug)]
+enum Placing {
+    Alone,
+    /// That the board is there ([`CutBoards::Accept`]).
+    ByTheBorder,
+    /// Where the circles are, wrong by 3 px ([`find_grid_near`]).
+    Near,
+}
+
+fn placed_line(setting: &Setting, placing: Placing, count: usize) {
     let mut random = Random::new(1);
     let mut workspace = GridWorkspace::<f64, 128>::new();
+    let cut_boards = match placing {
+        Placing::Alone | Placing::Near => CutBoards::Refuse,
+        Placing::ByTheBorder => CutBoards::Accept,
+    };
     let options = GridOptions { cut_boards, ..GridOptions::new(&setting.pattern, SIZE) };
     let (mut right, mut intruder, mut wrong, mut used, mut visible) = (0, 0, 0, 0, 0);
     let mut times = Vec::with_capacity(count);
     for _ in 0..count {
         let view = view(setting, &mut random);
+        let shift = nalgebra::Vector2::new(2.4, -1.8);
+        let expected: Vec<_> = view.dots.iter().map(|dot| dot.map(|dot| dot + shift)).collect();
         let start = Instant::now();
-        let found = find_grid(&view.candidates, &setting.pattern, &options, &mut workspace);
+        let found = match placing {
+            Placing::Near => find_grid_near(&view.candidates, &setting.pattern, &options, &expected, &mut workspace),
+            Placing::Alone | Placing::ByTheBorder => {
+                find_grid(&view.candidates, &setting.pattern, &options, &mut workspace)
+            }
+        };
         times.push(start.elapsed().as_secs_f64());
         let Ok(found) = found else { continue };
         let orders = match found.ordering {
             Ordering::Unique => 1,
             Ordering::Ambiguous(orders) => usize::from(orders),
         };
-        assert_eq!(orders, symmetry(&setting.pattern));
         let misplaced = |turn: usize| {
             let wrong = |circle: &&GridCircle| {
                 let truth = view.truth[usize::from(circle.candidate)];
@@ -106,7 +126,7 @@ fn cut_line(setting: &Setting, cut_boards: CutBoards, count: usize) {
     let percent = |part: usize, whole: usize| 100.0 * part as f64 / whole.max(1) as f64;
     println!(
         "{:<44} {:>7.2}% {:>7.2}% {:>7.2}% {:>7.2}% {:>7.2}% {:>9.1} {:>8.0}",
-        name(setting, cut_boards),
+        name(setting, placing),
         percent(right, count),
         percent(intruder, count),
         percent(wrong, count),
@@ -117,7 +137,7 @@ fn cut_line(setting: &Setting, cut_boards: CutBoards, count: usize) {
     );
 }
 
-fn name(setting: &Setting, cut_boards: CutBoards) -> String {
+fn name(setting: &Setting, placing: Placing) -> String {
     let layout = match setting.pattern.layout {
         Layout::Asymmetric => "asym",
         Layout::Symmetric => "sym",
@@ -131,7 +151,12 @@ fn name(setting: &Setting, cut_boards: CutBoards) -> String {
         name += &format!(" -{}", setting.missing);
     }
     if setting.cut {
-        name += &format!(" cut ({cut_boards:?})");
+        name += " cut";
+    }
+    match placing {
+        Placing::Alone => {}
+        Placing::ByTheBorder => name += ", by the border",
+        Placing::Near => name += ", near",
     }
     name
 }

@@ -6,30 +6,39 @@
 //!
 //! 1. Seeds: points midway between two pairs of opposite neighbours.
 //! 2. Growth: from a seed outward, each site predicted by its placed neighbours.
-//! 3. Reconciliation: every site is predicted by a smooth local surface through its neighbours; the
-//!    points that fit it within the scatter of the lattice keep or take their place.
-//! 4. Placement: the shift and turn of the lattice that puts most points on circles of the board.
+//! 3. Settling: a homography behind a lens (of unknown distortion) is fitted to the lattice; every
+//!    candidate is judged by the map without it and keeps, takes or loses its site.
+//! 4. Placement: the shift and turn that put the lattice onto the board, if it is likelier than any
+//!    other by [`GridOptions::minimum_odds`].
 //!
 //! What holds of every returned board:
 //! - The map from board to image keeps its sense of rotation (x to the right, y down in both): no
 //!   mirrored order is returned. An asymmetric board with an even number of rows is not its own
 //!   mirror image, so a mirrored picture of it is refused. All others are: a mirrored picture of
 //!   such a board is a true picture of it from elsewhere, and points alone cannot tell.
-//! - Every other placement (shifted, turned) explains at least [`GridOptions::placement_margin`]
-//!   fewer points, or one fewer if no candidate is left over. So a board that is cut by the border of the
-//!   image such that it might be shifted is refused ([`GridError::AmbiguousPlacement`]).
+//! - The lattice is square in space for some focal length: a sheared order is none.
+//! - Any other placement (shifted, turned) explains fewer candidates, by enough to be unlikely. So
+//!   complete boards are certain; one whose outer circles are missing is refused as soon as it might
+//!   be shifted ([`GridError::AmbiguousPlacement`]). [`CutBoards::Accept`] also lets the border of the image
+//!   speak, and [`find_grid_near`] the windows before.
 //! - A board that a half or a quarter turn maps onto itself (all symmetric ones, asymmetric ones
 //!   with an even number of rows) is reported as [`Ordering::Ambiguous`]; the order returned is the
 //!   one whose first circle lies nearest to the top left. [`reorder`] gives the others.
 //! - No candidate has two board indices, no board index two candidates. Where two candidates
-//!   compete for one circle, neither is taken.
+//!   compete for one circle, neither is taken. A candidate within the scatter of where a missing
+//!   circle would be is taken for it.
+//!
+//! What cannot be told: a board with one row or column less than the pattern is a partial view of it.
 //!
 //! No heap, no panics, no randomness: the same candidates in any order give the same circles.
 
 mod evidence;
+mod expectation;
+mod fit;
 mod lattice;
 mod placement;
 mod points;
+mod search;
 mod seed;
 mod select;
 mod settle;
@@ -40,11 +49,9 @@ use nalgebra::{RealField, Vector2};
 
 use crate::pattern::{Layout, Pattern};
 use lattice::Lattice;
-use placement::Placement;
 use points::Points;
-use seed::Kind;
+use search::Choice;
 use settle::Settling;
-use warp::{LatticeImage, Warp};
 
 /// A detected circle that may be one of the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,8 +93,8 @@ pub struct GridOptions {
 }
 
 impl GridOptions {
-    /// Options for a pattern: at least 40 % of its circles and no fewer than 12 (below, chance makes
-    /// boards of clutter), a margin of 2.
+    /// Options for a pattern and the image's width and height in pixels: at least 40 % of the circles
+    /// and no fewer than 12 (below, chance makes boards of clutter), odds of 400.
     pub const fn new(pattern: &Pattern, image_size: (f64, f64)) -> Self {
         let count = pattern.circle_count();
         let part = (count * 2).div_ceil(5);
@@ -180,12 +187,14 @@ pub enum GridError {
         /// Circles explained by the next best.
         runner_up: usize,
     },
+    /// No placement is near the expected one.
+    NotAsExpected,
 }
 
 impl GridError {
     /// Whether there is a lattice, and only its place on the board is in question.
     const fn is_of_placement(&self) -> bool {
-        matches!(self, Self::WrongBoard { .. } | Self::AmbiguousPlacement { .. })
+        matches!(self, Self::WrongBoard { .. } | Self::AmbiguousPlacement { .. } | Self::NotAsExpected)
     }
 }
 
@@ -207,6 +216,7 @@ impl core::fmt::Display for GridError {
             Self::AmbiguousPlacement { best, runner_up } => {
                 write!(f, "the board could lie in two places: {best} or {runner_up} circles agree")
             }
+            Self::NotAsExpected => write!(f, "the circles form a lattice, but not where the board is expected"),
         }
     }
 }
@@ -234,13 +244,6 @@ impl<T: RealField + Copy, const N: usize> Default for GridWorkspace<T, N> {
     }
 }
 
-/// Growth accepts a point within this part of the spacing, first strictly, then generously.
-const GROWTH_TOLERANCES: [f64; 2] = [0.18, 0.3];
-/// A board is good enough to stop the search with if it has this many tenths of its circles.
-const ENOUGH_TENTHS: usize = 9;
-/// Most lattices that are grown, settled and refused.
-const ATTEMPTS: usize = 10;
-
 /// Finds the board among the candidates.
 ///
 /// # Errors
@@ -252,143 +255,28 @@ pub fn find_grid<T: RealField + Copy, const N: usize>(
     options: &GridOptions,
     workspace: &mut GridWorkspace<T, N>,
 ) -> Result<FoundGrid<T, N>, GridError> {
-    let points = &mut workspace.points;
-    let needed = options.minimum_circles;
-    if candidates.len() < needed {
-        return Err(GridError::TooFewCandidates { usable: candidates.len(), needed });
-    }
-    if !points.load(candidates) {
-        return Err(GridError::TooManyCandidates { count: candidates.len(), capacity: N });
-    }
-    if points.len() < needed {
-        return Err(GridError::TooFewCandidates { usable: points.len(), needed });
-    }
-    points.find_neighbours();
-
-    let mut failure = GridError::NoLattice;
-    for kind in [Kind::Cross, Kind::Border] {
-        match search(pattern, options, workspace, kind) {
-            Ok(found) => return Ok(found),
-            Err(reason) => failure = failure.max(reason),
-        }
-        if failure.is_of_placement() {
-            break;
-        }
-    }
-    Err(failure)
+    search::search(candidates, pattern, options, &Choice::MostLikely, workspace)
 }
 
-/// Grows a lattice from one seed after the other, until one is a board that is complete enough.
-fn search<T: RealField + Copy, const N: usize>(
+/// Finds the board where it is expected, as by its motion in the windows before.
+///
+/// `expected` holds the pixel where each circle of the board is expected, by board index; `None`
+/// where nothing is known. Where the board lies on the lattice that the candidates form, and which way
+/// round, is then no question of likelihood: it is the placement nearest to what is expected, if that is nearer
+/// than a third of the spacing (root mean square). So boards that the border of the image cuts, or that a
+/// turn maps onto themselves, keep their order from window to window; the result is
+/// [`Ordering::Unique`].
+///
+/// # Errors
+/// [`GridError::NotAsExpected`] if no placement is near, otherwise as [`find_grid`].
+pub fn find_grid_near<T: RealField + Copy, const N: usize>(
+    candidates: &[GridCandidate<T>],
     pattern: &Pattern,
     options: &GridOptions,
+    expected: &[Option<Vector2<T>>],
     workspace: &mut GridWorkspace<T, N>,
-    kind: Kind,
 ) -> Result<FoundGrid<T, N>, GridError> {
-    let GridWorkspace { points, lattice, settling } = workspace;
-    let needed = options.minimum_circles;
-    let mut best: Option<FoundGrid<T, N>> = None;
-    let mut failure = GridError::NoLattice;
-    let mut attempts = 0;
-    let mut used = [false; N];
-    for seed in &seed::find_seeds(points, kind) {
-        if used.get(usize::from(seed.center)).copied().unwrap_or(true) {
-            continue;
-        }
-        seed.plant(lattice);
-        for tolerance in GROWTH_TOLERANCES {
-            lattice.grow(points, nalgebra::convert(tolerance));
-        }
-        // Settling adds the sites beyond holes, but they are few.
-        if lattice.len() * 2 < needed {
-            failure = failure.max(GridError::TooFewCircles { found: lattice.len(), needed });
-            continue;
-        }
-        let grown = lattice.len();
-        let settled = settling.settle(lattice, points, options);
-        let found = match judge(lattice, points, pattern, options, settled) {
-            Ok(found) => found,
-            Err(reason) => {
-                failure = failure.max(reason);
-                attempts += 1;
-                if attempts == ATTEMPTS {
-                    break;
-                }
-                // A lattice that lost many of its points while settling is not the last word.
-                if reason.is_of_placement() && lattice.len() * 10 >= grown * ENOUGH_TENTHS {
-                    mark(&mut used, lattice);
-                }
-                continue;
-            }
-        };
-        if found.circles.len() * 10 >= pattern.circle_count() * ENOUGH_TENTHS {
-            return Ok(found);
-        }
-        mark(&mut used, lattice);
-        if best.as_ref().is_none_or(|best| found.circles.len() > best.circles.len()) {
-            best = Some(found);
-        }
-    }
-    best.ok_or(failure)
-}
-
-/// Marks the points of a lattice: a seed among them would only grow the same lattice again.
-fn mark<const N: usize>(used: &mut [bool; N], lattice: &Lattice<N>) {
-    for site in lattice.sites() {
-        if let Some(used) = used.get_mut(usize::from(site.point)) {
-            *used = true;
-        }
-    }
-}
-
-/// Places a lattice on the board and decides whether to accept it.
-fn judge<T: RealField + Copy, const N: usize>(
-    lattice: &Lattice<N>,
-    points: &Points<T, N>,
-    pattern: &Pattern,
-    options: &GridOptions,
-    settled: Option<(Warp<T>, T)>,
-) -> Result<FoundGrid<T, N>, GridError> {
-    let needed = options.minimum_circles;
-    let too_few = |found| GridError::TooFewCircles { found, needed };
-    let (Some((warp, scatter)), true) = (settled, lattice.len() >= needed) else { return Err(too_few(lattice.len())) };
-    let Some(image) = LatticeImage::new(&warp) else { return Err(too_few(0)) };
-    let placement = evidence::decide(lattice, points, &image, scatter, pattern, options)?;
-    let outside = lattice.len().saturating_sub(placement.inside);
-    if outside > options.maximum_outside {
-        return Err(GridError::WrongBoard { outside });
-    }
-    let placement = placement::turned_to_top_left(placement, &image, pattern);
-    let ordering = match placement::turns_of(pattern) {
-        1 => Ordering::Unique,
-        turns => Ordering::Ambiguous(turns as u8),
-    };
-    Ok(FoundGrid { circles: circles(lattice, points, pattern, &placement), ordering, scatter })
-}
-
-fn circles<T: RealField + Copy, const N: usize>(
-    lattice: &Lattice<N>,
-    points: &Points<T, N>,
-    pattern: &Pattern,
-    placement: &Placement,
-) -> Vec<GridCircle, N> {
-    let mut circles: Vec<GridCircle, N> = Vec::new();
-    for site in lattice.sites() {
-        let Some(board) = placement.circle(pattern, site.u, site.v).and_then(|index| u16::try_from(index).ok()) else {
-            continue;
-        };
-        let Some(point) = points.get(site.point) else { continue };
-        let mut carried = GridCircle { board, candidate: point.candidate };
-        for known in circles.iter_mut() {
-            if carried.board < known.board {
-                core::mem::swap(&mut carried, known);
-            }
-        }
-        if circles.push(carried).is_err() {
-            break;
-        }
-    }
-    circles
+    search::search(candidates, pattern, options, &Choice::Nearest(expected), workspace)
 }
 
 /// Number of turns that map the board onto itself: 4 for a square symmetric board, 2 for the other

@@ -4,7 +4,8 @@
 mod grid_views;
 
 use evcal_core::grid::{
-    CutBoards, FoundGrid, GridCandidate, GridError, GridOptions, GridWorkspace, Ordering, find_grid, reorder, symmetry,
+    CutBoards, FoundGrid, GridCandidate, GridError, GridOptions, GridWorkspace, Ordering, find_grid, find_grid_near,
+    reorder, symmetry,
 };
 use evcal_core::pattern::{Layout, Pattern};
 use grid_views::{Lens, Random, SIZE, Setting, View, view};
@@ -28,6 +29,14 @@ fn clean(pattern: Pattern, lens: Lens) -> Setting {
 
 fn find(candidates: &[GridCandidate<f64>], pattern: &Pattern) -> Result<FoundGrid<f64, 128>, GridError> {
     find_grid(candidates, pattern, &GridOptions::new(pattern, SIZE), &mut GridWorkspace::<f64, 128>::new())
+}
+
+/// The picture seen in a mirror.
+fn mirrored(mut view: View) -> View {
+    for candidate in &mut view.candidates {
+        candidate.center.x = SIZE.0 - candidate.center.x;
+    }
+    view
 }
 
 /// Whether the board is found with its absent circles taken as evidence.
@@ -133,6 +142,62 @@ fn boards_cut_by_the_border_are_placed_by_what_is_missing() {
 }
 
 #[test]
+fn boards_are_found_where_they_are_expected() {
+    let shift = Vector2::new(2.0, -1.5);
+    for (pattern, cut, least) in [(BOARD, true, 290), (symmetric(6, 5), false, 295), (symmetric(6, 6), true, 290)] {
+        let setting = Setting { cut, clutter: 4, ..clean(pattern, Lens::Radtan) };
+        let options = GridOptions::new(&pattern, SIZE);
+        let mut workspace = GridWorkspace::<f64, 128>::new();
+        let mut random = Random::new(14);
+        let (mut views, mut right) = (0, 0);
+        while views < 300 {
+            let view = view(&setting, &mut random);
+            if view.visible < options.minimum_circles + 3 {
+                continue;
+            }
+            views += 1;
+            let expected: Vec<_> = view.dots.iter().map(|dot| dot.map(|dot| dot + shift)).collect();
+            let Ok(found) = find_grid_near(&view.candidates, &pattern, &options, &expected, &mut workspace) else {
+                continue;
+            };
+            assert_eq!(found.ordering, Ordering::Unique);
+            for circle in &found.circles {
+                let truth = view.truth[usize::from(circle.candidate)];
+                assert!(truth.is_none_or(|index| index == usize::from(circle.board)));
+            }
+            right += 1;
+        }
+        assert!(right >= least, "{pattern:?}: {right} of 300");
+    }
+}
+
+#[test]
+fn a_board_that_is_not_where_it_is_expected_is_refused() {
+    let mut random = Random::new(15);
+    let options = GridOptions::new(&BOARD, SIZE);
+    let mut workspace = GridWorkspace::<f64, 128>::new();
+    for _ in 0..50 {
+        let view = view(&clean(BOARD, Lens::Radtan), &mut random);
+        let mut find = |expected: &[Option<Vector2<f64>>]| {
+            find_grid_near(&view.candidates, &BOARD, &options, expected, &mut workspace)
+        };
+        // Half a step down a row: as far from one circle as from the other.
+        let halfway: Vec<_> = (0..36)
+            .map(|index| {
+                let (here, next) = (view.dots[index]?, view.dots[if index < 32 { index + 4 } else { index - 4 }]?);
+                Some((here + next) * 0.5)
+            })
+            .collect();
+        assert_eq!(find(&halfway), Err(GridError::NotAsExpected));
+        // Turned by a half turn, which the board is not.
+        let turned: Vec<_> = view.dots.iter().rev().copied().collect();
+        assert_eq!(find(&turned), Err(GridError::NotAsExpected));
+        assert_eq!(find(&[]), Err(GridError::NotAsExpected));
+        assert_eq!(find(&[Some(Vector2::new(f64::NAN, 0.0)); 36]), Err(GridError::NotAsExpected));
+    }
+}
+
+#[test]
 fn symmetric_boards_are_found_up_to_their_turns() {
     for (pattern, turns) in [(symmetric(6, 3), 2), (symmetric(5, 5), 4), (asymmetric(8, 5), 2)] {
         assert_eq!(symmetry(&pattern), turns);
@@ -175,7 +240,7 @@ fn a_mirrored_chiral_board_is_refused() {
     for lens in LENSES {
         for clutter in [0, 4] {
             for _ in 0..150 {
-                let view = view(&Setting { clutter, ..clean(pattern, lens) }, &mut random).mirrored();
+                let view = mirrored(view(&Setting { clutter, ..clean(pattern, lens) }, &mut random));
                 assert_eq!(outcome(&view, &pattern), Outcome::Refused);
             }
         }
@@ -192,7 +257,7 @@ fn orders_keep_the_sense_of_rotation() {
         for round in 0..200 {
             let mut view = view(&clean(pattern, Lens::Radtan), &mut random);
             if round % 2 == 1 {
-                view = view.mirrored();
+                view = mirrored(view);
             }
             let Ok(found) = find(&view.candidates, &pattern) else { continue };
             found_boards += 1;

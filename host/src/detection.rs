@@ -412,5 +412,6 @@ fn grid_reason(error: GridError) -> &'static str {
         GridError::NotSmooth => "circles scatter too much",
         GridError::WrongBoard { .. } => "circles beside the board",
         GridError::AmbiguousPlacement { .. } => "place on the board not certain",
+        GridError::NotAsExpected => "board not where it is expected",
     }
 }

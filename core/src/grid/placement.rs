@@ -228,3 +228,47 @@ fn is_first_turn(axes: &Axes, turns: usize) -> bool {
 fn apply(axes: &Axes, u: i32, v: i32) -> (i32, i32) {
     (axes[0][0] * u + axes[0][1] * v, axes[1][0] * u + axes[1][1] * v)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn circles_and_sites_are_inverse() {
+        for (layout, rows, columns) in
+            [(Layout::Asymmetric, 9, 4), (Layout::Asymmetric, 8, 5), (Layout::Symmetric, 5, 5)]
+        {
+            let pattern = Pattern { layout, rows, columns };
+            let axes = match layout {
+                Layout::Asymmetric => [[1, 1], [-1, 1]],
+                Layout::Symmetric => [[0, -1], [1, 1]],
+            };
+            let mut placement = Placement { axes, origin: (-3, 5), inside: 0 };
+            for _ in 0..4 {
+                for circle in 0..pattern.circle_count() {
+                    let (u, v) = placement.site(&pattern, circle);
+                    let back = placement.circle(&pattern, u as i8, v as i8);
+                    assert_eq!(back, Some(circle), "{pattern:?} {placement:?}");
+                }
+                if turns_of(&pattern) > 1 {
+                    placement = placement.turned(&pattern);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn windows_hold_what_a_count_says() {
+        let values = [3, -1, 3, 4, 9, 10, 2];
+        for length in 0..12 {
+            for least in 1..8 {
+                let expected: std::vec::Vec<i32> = (-1 - length..=10)
+                    .filter(|start| {
+                        values.iter().filter(|value| (*start..=start + length).contains(*value)).count() >= least
+                    })
+                    .collect();
+                assert_eq!(windows(values.into_iter(), length, least).unwrap().as_slice(), expected.as_slice());
+            }
+        }
+    }
+}

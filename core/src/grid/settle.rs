@@ -9,10 +9,11 @@ use heapless::Vec;
 use nalgebra::{RealField, Vector2};
 
 use super::GridOptions;
+use super::fit::{Precision, Step};
 use super::lattice::Lattice;
 use super::points::Points;
 use super::select::select;
-use super::warp::{Precision, Step, Warp};
+use super::warp::Warp;
 
 /// Most rounds.
 const ROUNDS: usize = 6;

@@ -106,16 +106,8 @@ pub struct View {
     pub truth: Vec<Option<usize>>,
     /// Number of dots among the candidates.
     pub visible: usize,
-}
-
-impl View {
-    /// The picture seen in a mirror.
-    pub fn mirrored(mut self) -> Self {
-        for candidate in &mut self.candidates {
-            candidate.center.x = SIZE.0 - candidate.center.x;
-        }
-        self
-    }
+    /// Where each dot of the board is, whether missing or not; none beyond the image.
+    pub dots: Vec<Option<Vector2<f64>>>,
 }
 
 /// A random view of the board: tilt up to `setting.tilt` in any direction, any roll, from filling
@@ -181,6 +173,7 @@ fn try_view(setting: &Setting, random: &mut Random) -> Option<View> {
         return None;
     }
 
+    let places = dots.clone();
     let mut order: Vec<usize> = (0..dots.len()).collect();
     random.shuffle(&mut order);
     for &index in order.iter().take(setting.missing) {
@@ -214,5 +207,6 @@ fn try_view(setting: &Setting, random: &mut Random) -> Option<View> {
         candidates: entries.iter().map(|&(center, _)| GridCandidate { center, radius: 0.0 }).collect(),
         truth: entries.iter().map(|&(_, truth)| truth).collect(),
         visible,
+        dots: places,
     })
 }
