@@ -44,8 +44,8 @@ pub type Radtan5<T> = Radtan<T, 5>;
 /// Rational radial and tangential distortion with k1 k2 p1 p2 k3 k4 k5 k6.
 pub type Radtan8<T> = Radtan<T, 8>;
 
-/// Evaluations of the distortion that one unprojection may take.
-const MAX_EVALUATIONS: usize = 64;
+/// Points that one unprojection may try.
+const MAX_TRIALS: usize = 256;
 
 /// Largest x² + y² of any domain.
 const SQUARED_RADIUS_CAP: f64 = 1e4;
@@ -60,6 +60,8 @@ pub struct Radtan<T, const N: usize> {
     start: [T; 2],
     /// s_max of the module's documentation.
     squared_radius_limit: T,
+    /// u² + v² of the domain's points is below this.
+    squared_image_limit: T,
 }
 
 /// The radial factor at one point.
@@ -111,12 +113,18 @@ struct Iterate<T> {
 
 impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
     fn new(matrix: CameraMatrix<T>, coefficients: [T; MAX_COEFFICIENTS]) -> Self {
-        let [k1, k2, _, _, _, k4, k5, _] = coefficients;
+        let [k1, k2, p1, p2, _, k4, k5, _] = coefficients;
         // d = 1 + slope s + curvature s² + …
         let slope = k1 - k4;
         let curvature = k2 - k5 - slope * k4;
-        let start = [-slope, nalgebra::convert::<f64, T>(3.0) * slope * slope - curvature];
-        Self { matrix, coefficients, start, squared_radius_limit: domain(coefficients) }
+        let three = nalgebra::convert::<f64, T>(3.0);
+        let start = [-slope, three * slope * slope - curvature];
+        let limit = domain(coefficients);
+        let unlimited =
+            Self { matrix, coefficients, start, squared_radius_limit: limit, squared_image_limit: T::zero() };
+        // Radial distortion rises up to the edge; tangential distortion is at most 3 |q| s long.
+        let image_limit = limit.sqrt() * unlimited.radial_factor(limit).factor + three * p1.hypot(p2) * limit;
+        Self { squared_image_limit: image_limit * image_limit, ..unlimited }
     }
 
     /// The same camera without its tangential distortion.
@@ -213,7 +221,8 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
     /// The (x, y) of the domain that is distorted to `image`.
     fn undistort(&self, image: &Vector2<T>) -> Option<Vector2<T>> {
         let size = image.norm_squared();
-        if !size.is_finite() {
+        let within_reach = size < self.squared_image_limit;
+        if !within_reach {
             return None;
         }
         let half = nalgebra::convert::<f64, T>(0.5);
@@ -223,7 +232,7 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
             if self.contains(&series) { series } else { image * (half * (self.squared_radius_limit / size).sqrt()) };
         let mut current = self.iterate(image, start);
         let mut step = current.step;
-        for _ in 0..MAX_EVALUATIONS {
+        for _ in 0..MAX_TRIALS {
             if current.converged {
                 return Some(current.ideal + current.step).filter(|ideal| self.contains(ideal));
             }
