@@ -16,7 +16,7 @@ use crate::source::{SourceError, SourceErrorKind, Truncation};
 /// A packet that unpacks to more is damaged: a camera would need a minute to fill it.
 const MAX_UNPACKED: usize = 1 << 29;
 
-const SKIP_ADVICE: &str = "the events before it can be used; damaged packets can be left out (see the reading options)";
+const SKIP_ADVICE: &str = "the events before it can be used; damaged packets can be left out (--skip-damaged)";
 
 /// Reads a file packet by packet.
 pub struct PacketReader {
