@@ -122,6 +122,9 @@ pub struct Associator<'a> {
     report: AssociationReport,
 }
 
+/// An associated event with the index of its segment and of its time bin.
+type Associated = (usize, u32, EventObservation);
+
 /// Events for which one thread works in a go.
 const CHUNK: usize = 4096;
 
@@ -158,7 +161,7 @@ impl<'a> Associator<'a> {
         let span = (first.t as f64 * 1e-6 - margin, last.t as f64 * 1e-6 + margin);
         let bins: Vec<SegmentBins> =
             self.segments.iter().map(|(_, trajectory)| SegmentBins::new(trajectory, self.context.bin, span)).collect();
-        let parts: Vec<(Vec<(usize, u32, EventObservation)>, AssociationReport)> = events
+        let parts: Vec<(Vec<Associated>, AssociationReport)> = events
             .par_chunks(CHUNK)
             .zip(self.ranks.par_chunks(CHUNK))
             .enumerate()
@@ -195,7 +198,7 @@ impl<'a> Associator<'a> {
         ordinal: u64,
         bins: &[SegmentBins],
         report: &mut AssociationReport,
-    ) -> Option<(usize, u32, EventObservation)> {
+    ) -> Option<Associated> {
         let settings = self.context.settings;
         let class = class(event.polarity, rank);
         let bias = self.context.state.bias.get(class)?;
@@ -231,8 +234,8 @@ impl<'a> Associator<'a> {
         } else {
             settings.first_band
         };
-        // Also refuses NaN.
-        if !(edge.from_expected(bias).abs() < band) {
+        let distance = edge.from_expected(bias).abs();
+        if distance.is_nan() || distance >= band {
             report.far_from_edge += 1;
             return None;
         }

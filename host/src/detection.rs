@@ -123,6 +123,9 @@ enum Finding {
     Circles(CircleWindow),
 }
 
+/// Board index, centre and radius in pixels.
+type BoardCircle = (usize, Vector2<f64>, f64);
+
 /// Searches a recording, batch by batch, for the board or for circles.
 pub struct DetectionStage<'a> {
     settings: &'a DetectionSettings,
@@ -276,7 +279,7 @@ impl<'a> DetectionStage<'a> {
         detector: &HostDetector,
         workspace: &mut GridWorkspace<f32, CANDIDATES>,
         pattern: Pattern,
-    ) -> Result<Vec<(usize, Vector2<f64>, f64)>, &'static str> {
+    ) -> Result<Vec<BoardCircle>, &'static str> {
         let circles = detector.circles();
         match self.settings.grid {
             Grid::Lattice => {
@@ -318,7 +321,7 @@ impl<'a> DetectionStage<'a> {
         }
     }
 
-    fn frame(&self, window: &Window, events: &[Event], circles: Vec<(usize, Vector2<f64>, f64)>) -> ReferenceFrame {
+    fn frame(&self, window: &Window, events: &[Event], circles: Vec<BoardCircle>) -> ReferenceFrame {
         let (start, end) = (window.start_us as f64 * 1e-6, window.end_us as f64 * 1e-6);
         let circles = circles
             .into_iter()

@@ -1,6 +1,6 @@
 //! The initial model against synthetic frames whose camera and poses are known.
 
-use evcal_core::camera::{Camera, ModelKind, conversion::difference};
+use evcal_core::camera::{Camera, ModelKind, refit::difference};
 use evcal_core::event::{Event, Polarity};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};

@@ -32,12 +32,10 @@ pub fn add_outer_products(product: &mut RowProduct, rows: &[[f64; ROW]]) {
         add_columns::<24, 16, 23, 4>(product, quad);
     }
     for row in rest {
-        let single = std::slice::from_ref(row).as_array();
-        if let Some(single) = single {
-            add_columns::<8, 0, 8, 1>(product, single);
-            add_columns::<16, 8, 16, 1>(product, single);
-            add_columns::<24, 16, 23, 1>(product, single);
-        }
+        let single = std::array::from_ref(row);
+        add_columns::<8, 0, 8, 1>(product, single);
+        add_columns::<16, 8, 16, 1>(product, single);
+        add_columns::<24, 16, 23, 1>(product, single);
     }
 }
 
