@@ -24,17 +24,17 @@ use crate::trajectory::Trajectory;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AssociationSettings {
-    /// Largest distance from the edge while the spread of the events is not known yet [px].
+    /// Largest distance from the edge while the spread of the events is not known yet (px).
     pub first_band: f64,
     /// Largest distance from the class's offset in units of its spread σ.
     pub band: f64,
-    /// Largest distance from the class's offset, whatever σ [px].
+    /// Largest distance from the class's offset, whatever σ (px).
     pub widest_band: f64,
     /// Slowest normal speed of an edge [px/s].
     pub slowest_edge: f64,
     /// Smallest share of the motion that is across the edge; below, the edge slides along itself.
     pub tangent: f64,
-    /// A pixel silent for longer starts a new burst [s].
+    /// A pixel silent for longer starts a new burst (s).
     pub burst_pause: f64,
     /// Most events in one solve; more are thinned evenly.
     pub most_events: usize,
@@ -99,7 +99,7 @@ pub struct AssociationContext<'a> {
     pub sensor: (u16, u16),
     /// The board.
     pub board: &'a Board,
-    /// Length of a time bin [s].
+    /// Length of a time bin (s).
     pub bin: f64,
     /// Whether σ of the classes is known, so that [`AssociationSettings::band`] applies.
     pub sigma_known: bool,
@@ -340,7 +340,7 @@ fn kept_by_thinning(ordinal: u64, share: f64) -> bool {
 pub fn robust_bias(bias: &EventBias, residuals: &mut [Vec<f32>]) -> EventBias {
     /// Fewer events than this leave a class as it was.
     const FEWEST: usize = 100;
-    /// No class is better than this: pixels are whole [px].
+    /// No class is better than this: pixels are whole (px).
     const SMALLEST_SIGMA: f64 = 0.05;
     let mut updated = *bias;
     for (class, values) in updated.iter_mut().zip(residuals) {

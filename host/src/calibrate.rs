@@ -62,7 +62,7 @@ pub struct Calibrated {
     pub initial: InitialModel,
     /// All reference frames found, also those that fell away later.
     pub frames: Vec<ReferenceFrame>,
-    /// For each input the time of its first event or circle in the file [s].
+    /// For each input the time of its first event or circle in the file (s).
     pub starts: Vec<f64>,
     /// Stage reports.
     pub reports: StageReports,
@@ -243,7 +243,7 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
 /// frames than the detection yields.
 const GAP_IN_INTERVALS: f64 = 2.5;
 
-/// Median time between neighbouring frames of a recording [s], 0 without any.
+/// Median time between neighbouring frames of a recording (s), 0 without any.
 fn typical_interval(times: &[(usize, f64)]) -> f64 {
     let pairs = times.iter().zip(times.iter().skip(1));
     let mut intervals: Vec<f64> = pairs.filter(|(a, b)| a.0 == b.0).map(|(a, b)| b.1 - a.1).collect();
@@ -362,9 +362,9 @@ fn sensor_of(input: &Input, given: Option<(u16, u16)>) -> Result<(u16, u16), Cal
 pub struct Pass {
     /// Events handed out.
     pub count: u64,
-    /// Time of the first event in the file [µs].
+    /// Time of the first event in the file (µs).
     pub first: i64,
-    /// Time of the last event in the file [µs].
+    /// Time of the last event in the file (µs).
     pub last: i64,
     /// What the reader assumed.
     pub assumptions: Vec<String>,

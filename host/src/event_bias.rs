@@ -26,12 +26,12 @@ pub struct ClassBias {
     /// Mean signed distance of the class from the geometric edge in pixels, positive outside the
     /// dot.
     pub offset: f64,
-    /// What one over the dot's radius in pixels adds to the offset [px²].
+    /// What one over the dot's radius in pixels adds to the offset (px²).
     pub curvature: f64,
     /// Delay in seconds between the edge's passage and the event, relative to class 0 (first OFF
     /// event of a burst): a delay common to all classes cannot be told from a shift of the clock.
     pub latency: f64,
-    /// What the square of the normal speed in px/s adds to the offset [s²/px], relative to class 0: at
+    /// What the square of the normal speed in px/s adds to the offset (s²/px), relative to class 0: at
     /// high speed the pixel's low-pass no longer delays by a constant time.
     pub bend: f64,
     /// Spread of the class in pixels.

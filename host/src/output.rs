@@ -14,7 +14,7 @@ use crate::reference_frame::ReferenceFrame;
 use crate::result::Calibration;
 use crate::tum;
 
-/// Rate at which trajectories are written [Hz].
+/// Rate at which trajectories are written (Hz).
 pub const TRAJECTORY_RATE: f64 = 200.0;
 
 /// What was written, for the terminal.

@@ -21,7 +21,7 @@ use crate::solve::{FreeParameters, Problem, Residual, SolveError, SolveReport, S
 pub struct RefinementSettings {
     /// Most rounds of association and solve.
     pub rounds: usize,
-    /// Rounds end when the projection changes by less than this, rms over the sensor [px].
+    /// Rounds end when the projection changes by less than this, rms over the sensor (px).
     pub settled: f64,
     /// Most events in the rounds before the last ones.
     pub early_events: usize,
@@ -29,7 +29,7 @@ pub struct RefinementSettings {
     pub offsets: bool,
     /// Fit a latency, and how it bends at high speed, for each event class.
     pub latencies: bool,
-    /// Spread of the events while it is not known yet [px].
+    /// Spread of the events while it is not known yet (px).
     pub first_sigma: f64,
 }
 
@@ -46,7 +46,7 @@ pub struct RoundReport {
     pub association: AssociationReport,
     /// Solve of this round.
     pub solve: SolveReport,
-    /// Root mean square change of the projection over the sensor [px].
+    /// Root mean square change of the projection over the sensor (px).
     pub change: f64,
 }
 
@@ -68,7 +68,7 @@ pub struct RefinementInput<'a, E> {
     pub read: &'a ReadRecording<'a, E>,
     /// Circle centres of each trajectory, where the input is circle tracks.
     pub points: Vec<Vec<PointObservation>>,
-    /// Spread of a circle centre [px].
+    /// Spread of a circle centre (px).
     pub point_sigma: f64,
 }
 
@@ -100,9 +100,9 @@ pub struct Refined {
 pub struct ResidualStatistics {
     /// Number of residuals.
     pub count: usize,
-    /// Root mean square [px].
+    /// Root mean square (px).
     pub rms: f64,
-    /// Median of the absolute value [px].
+    /// Median of the absolute value (px).
     pub median: f64,
 }
 

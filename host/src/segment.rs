@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SegmentSettings {
-    /// A gap between neighbouring reference frames longer than this starts a new segment [s].
+    /// A gap between neighbouring reference frames longer than this starts a new segment (s).
     pub longest_gap: f64,
     /// Fewest reference frames in a segment; at least degree + 1 are needed for its spline.
     pub fewest_frames: usize,
-    /// Shortest segment worth a spline [s].
+    /// Shortest segment worth a spline (s).
     pub shortest: f64,
 }
 
@@ -36,7 +36,7 @@ pub struct SegmentReport {
     pub too_few_frames: usize,
     /// Segments dropped for being too short.
     pub too_short: usize,
-    /// Time covered by the kept segments [s].
+    /// Time covered by the kept segments (s).
     pub duration: f64,
 }
 

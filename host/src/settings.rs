@@ -70,7 +70,7 @@ pub struct DetectionSettings {
     pub extraction: Extraction,
     /// `lattice` or `opencv` grid finder.
     pub grid: Grid,
-    /// Length of the chunks that are searched independently [s].
+    /// Length of the chunks that are searched independently (s).
     pub chunk: f64,
     /// Smallest part of the board's circles that makes a reference frame.
     pub fewest_circles: f64,
@@ -86,13 +86,13 @@ pub struct DetectionSettings {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WindowSettings {
-    /// The step τ [µs].
+    /// The step τ (µs).
     pub step: u32,
-    /// Length of the first window tried at a start [steps].
+    /// Length of the first window tried at a start (steps).
     pub min_interval: u16,
-    /// Length of the longest window tried at a start [steps].
+    /// Length of the longest window tried at a start (steps).
     pub max_interval: u16,
-    /// Time between the end of a successful window and the next start [steps].
+    /// Time between the end of a successful window and the next start (steps).
     pub gap: u16,
     /// A window with at least this many events does not grow any more.
     pub most_events: u32,
@@ -104,7 +104,7 @@ pub struct WindowSettings {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DbscanSettings {
-    /// Neighbourhood radius ε [px], 1 to below 7.
+    /// Neighbourhood radius ε (px), 1 to below 7.
     pub epsilon: f32,
     /// Pixels within ε, the pixel itself included, that make a core pixel.
     pub min_points: u16,
@@ -120,23 +120,23 @@ pub struct CircleSettings {
     pub neighbours: u8,
     /// Smallest cosine between the direction of an arc's curvature and that to its partner.
     pub min_facing: f32,
-    /// Smallest radius [px].
+    /// Smallest radius (px).
     pub min_radius: f32,
-    /// Largest radius [px].
+    /// Largest radius (px).
     pub max_radius: f32,
-    /// Fewest pixels of each cluster [radii].
+    /// Fewest pixels of each cluster (radii).
     pub min_arc: f32,
     /// Largest ratio of the fitted radius to half the distance of the cluster centres (hard).
     pub max_radius_ratio: f32,
     /// Smallest such ratio (hard).
     pub min_radius_ratio: f32,
-    /// Largest distance of the fitted centre from the midpoint of the cluster centres [radii] (hard).
+    /// Largest distance of the fitted centre from the midpoint of the cluster centres (radii) (hard).
     pub max_center_offset: f32,
-    /// Largest mean distance of the pixels from the circle [px] (hard).
+    /// Largest mean distance of the pixels from the circle (px) (hard).
     pub max_error: f32,
-    /// What the mean distance may be beyond `max_error` [radii] (hard).
+    /// What the mean distance may be beyond `max_error` (radii) (hard).
     pub max_relative_error: f32,
-    /// Largest mean distance of the pixels from the circle [radii] (soft).
+    /// Largest mean distance of the pixels from the circle (radii) (soft).
     pub max_soft_error: f32,
 }
 
@@ -148,7 +148,7 @@ pub struct SplineSettings {
     pub rotation: RotationSpline,
     /// Degree p, 2 to 5.
     pub degree: usize,
-    /// Mean distance of knots [s]; longer where reference frames are sparse.
+    /// Mean distance of knots (s); longer where reference frames are sparse.
     pub knot_spacing: f64,
 }
 

@@ -80,7 +80,7 @@ pub struct SolveSettings {
     pub iterations: usize,
     /// Iterations end when the cost falls by less than this fraction.
     pub tolerance: f64,
-    /// Length of a time bin whose events share their basis weights [s].
+    /// Length of a time bin whose events share their basis weights (s).
     pub bin: f64,
 }
 
@@ -102,7 +102,7 @@ pub struct Problem {
     pub mean_scale: f64,
     /// Spread of a circle centre in pixels, for observations that are centres.
     pub point_sigma: f64,
-    /// Latency of each event class that the association took off the events' times [s].
+    /// Latency of each event class that the association took off the events' times (s).
     pub associated_latencies: [f64; CLASS_COUNT],
     /// Observations of each segment.
     pub segments: Vec<SegmentObservations>,

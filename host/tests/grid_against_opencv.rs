@@ -24,6 +24,7 @@ fn compare(setting: &Setting) -> (usize, usize) {
         let view = view(setting, &mut random);
         assert_eq!(view.visible, pattern.circle_count());
         assert!(view.dots.iter().all(Option::is_some));
+        assert!(view.truth.iter().all(Option::is_some), "no clutter");
         let centers: Vec<Vector2<f64>> = view.candidates.iter().map(|candidate| candidate.center).collect();
         let Some(reference) = find_circles_grid(&centers, pattern).expect("OpenCV answers") else { continue };
         let Ok(found) = find_grid(&view.candidates, &pattern, &options, &mut workspace) else { continue };

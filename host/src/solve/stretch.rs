@@ -143,7 +143,7 @@ fn edge_residual<'a>(
 pub struct EventResidual {
     /// Event class.
     pub class: usize,
-    /// Distance from where the model puts the event [px].
+    /// Distance from where the model puts the event (px).
     pub residual: f64,
     /// Metres on the board for each pixel across the edge.
     pub scale: f64,
