@@ -9,9 +9,7 @@ mod grid_views;
 
 use std::time::Instant;
 
-use evcal_core::grid::{
-    CutBoards, GridCircle, GridOptions, GridWorkspace, Ordering, find_grid, find_grid_near, reorder,
-};
+use evcal_core::grid::{GridCircle, GridOptions, GridWorkspace, Ordering, find_grid, find_grid_near, reorder};
 use evcal_core::pattern::{Layout, Pattern};
 use grid_views::{Lens, Random, SIZE, Setting, View, view};
 
@@ -49,7 +47,7 @@ fn print_table(views: usize) {
         }
         line(&Setting { missing: 12, ..clean }, views);
         line(&Setting { missing: 20, ..clean }, views);
-        for placing in [Placing::Alone, Placing::ByTheBorder, Placing::Near] {
+        for placing in [Placing::Alone, Placing::Near] {
             placed_line(&Setting { cut: true, ..clean }, placing, views);
             placed_line(&Setting { cut: true, missing: 3, clutter: 8, noise: 0.5, ..clean }, placing, views);
         }
@@ -72,8 +70,6 @@ fn line(setting: &Setting, count: usize) {
 #[derive(Clone, Copy, Debug)]
 enum Placing {
     Alone,
-    /// That the board is there ([`CutBoards::Accept`]).
-    ByTheBorder,
     /// Where the circles are, wrong by 3 px ([`find_grid_near`]).
     Near,
 }
@@ -81,11 +77,7 @@ enum Placing {
 fn placed_line(setting: &Setting, placing: Placing, count: usize) {
     let mut random = Random::new(1);
     let mut workspace = GridWorkspace::<f64, 128>::new();
-    let cut_boards = match placing {
-        Placing::Alone | Placing::Near => CutBoards::Refuse,
-        Placing::ByTheBorder => CutBoards::Accept,
-    };
-    let options = GridOptions { cut_boards, ..GridOptions::new(&setting.pattern, SIZE) };
+    let options = GridOptions::new(&setting.pattern, SIZE);
     let (mut right, mut intruder, mut wrong, mut used, mut visible) = (0, 0, 0, 0, 0);
     let mut times = Vec::with_capacity(count);
     for _ in 0..count {
@@ -95,9 +87,7 @@ fn placed_line(setting: &Setting, placing: Placing, count: usize) {
         let start = Instant::now();
         let found = match placing {
             Placing::Near => find_grid_near(&view.candidates, &setting.pattern, &options, &expected, &mut workspace),
-            Placing::Alone | Placing::ByTheBorder => {
-                find_grid(&view.candidates, &setting.pattern, &options, &mut workspace)
-            }
+            Placing::Alone => find_grid(&view.candidates, &setting.pattern, &options, &mut workspace),
         };
         times.push(start.elapsed().as_secs_f64());
         let Ok(found) = found else { continue };
@@ -155,7 +145,6 @@ fn name(setting: &Setting, placing: Placing) -> String {
     }
     match placing {
         Placing::Alone => {}
-        Placing::ByTheBorder => name += ", by the border",
         Placing::Near => name += ", near",
     }
     name

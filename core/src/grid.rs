@@ -19,8 +19,8 @@
 //! - The lattice is square in space for some focal length: a sheared order is none.
 //! - Any other placement (shifted, turned) explains fewer candidates, by enough to be unlikely. So
 //!   complete boards are certain; one whose outer circles are missing is refused as soon as it might
-//!   be shifted ([`GridError::AmbiguousPlacement`]). [`CutBoards::Accept`] also lets the border of the image
-//!   speak, and [`find_grid_near`] the windows before.
+//!   be shifted ([`GridError::AmbiguousPlacement`]). Where such a board lies, the windows before can
+//!   tell: [`find_grid_near`].
 //! - A board that a half or a quarter turn maps onto itself (all symmetric ones, asymmetric ones
 //!   with an even number of rows) is reported as [`Ordering::Ambiguous`]; the order returned is the
 //!   one whose first circle lies nearest to the top left. [`reorder`] gives the others.
@@ -63,17 +63,6 @@ pub struct GridCandidate<T> {
     pub radius: T,
 }
 
-/// What to do with a board that reaches beyond the image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CutBoards {
-    /// It is placed only if the circles seen leave no other place.
-    Refuse,
-    /// It may be placed by what is missing: its absent circles lie beyond the border of the image,
-    /// those of other placements would be visible. For boards that are known to be there: a smaller
-    /// board at the border of the image looks the same.
-    Accept,
-}
-
 /// Which boards to accept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridOptions {
@@ -83,8 +72,6 @@ pub struct GridOptions {
     pub minimum_circles: usize,
     /// How many times likelier than any other a placement on the board must be.
     pub minimum_odds: f64,
-    /// What to do with a board that reaches beyond the image.
-    pub cut_boards: CutBoards,
     /// Most points that continue the lattice beside the board. More mean that it is another board.
     pub maximum_outside: usize,
     /// Largest scatter of the circles about a smooth lattice, in parts of the distance of
@@ -109,7 +96,6 @@ impl GridOptions {
             image_size,
             minimum_circles: if enough < count { enough } else { count },
             minimum_odds: 400.0,
-            cut_boards: CutBoards::Refuse,
             maximum_outside: (if side < 2 { 2 } else { side }) - 1,
             maximum_scatter: 0.1,
         }

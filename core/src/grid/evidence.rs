@@ -2,13 +2,13 @@
 //!
 //! Two placements of one lattice differ in the points that they explain, and in the circles that they
 //! miss. A point that is explained by one only would be clutter that happens to lie on a lattice
-//! site for the other: unlikely, the more so the fewer candidates lie beside the lattice. A circle missed
-//! within the image is a miss of the detector; one beyond the border of the image is none. So where a
-//! board might be cut by the border, single points do not decide; and with [`CutBoards::Accept`] a
-//! board that the border cuts is placed, if (nearly) nothing is missing inside.
+//! site for the other: unlikely, the more so the fewer candidates lie beside the lattice. A circle
+//! missed within the image is a miss of the detector; one beyond the border of the image is none. So
+//! where a board might be cut by the border, a single point does not decide.
 //!
-//! Misses are not independent (a row may be hidden, or not move): however many, they count for no
-//! more than [`MOST_FOR_MISSES`].
+//! What is missing never decides alone. Misses are not independent: a row that moves along itself,
+//! or lies on the axis of the motion, is missed as a whole, and the board would be placed a row beside.
+//! However many, misses count for no more than [`MOST_FOR_MISSES`].
 
 use heapless::Vec;
 use nalgebra::RealField;
@@ -17,7 +17,7 @@ use super::lattice::Lattice;
 use super::placement::{Placement, axes_of, visit};
 use super::points::Points;
 use super::warp::LatticeImage;
-use super::{CutBoards, GridError, GridOptions};
+use super::{GridError, GridOptions};
 use crate::pattern::Pattern;
 
 /// Most placements compared; with more of them (nearly) as good none is right.
@@ -97,10 +97,7 @@ pub(super) fn decide<T: RealField + Copy, const N: usize>(
         let within = rival.missed as f64 - best.missed as f64;
         // Beyond the border or not: the points explained more are the circles missed less.
         let anywhere = best.placement.inside as f64 - rival.placement.inside as f64;
-        let misses = match options.cut_boards {
-            CutBoards::Refuse => within.min(anywhere),
-            CutBoards::Accept => within,
-        };
+        let misses = within.min(anywhere);
         let for_misses = (per_miss * nalgebra::convert(misses)).min(nalgebra::convert(MOST_FOR_MISSES));
         if per_point * nalgebra::convert(points) + for_misses < needed {
             let (best, runner_up) = (best.placement.inside, rival.placement.inside);
