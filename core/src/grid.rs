@@ -81,7 +81,7 @@ pub struct GridOptions {
 
 impl GridOptions {
     /// Options for a pattern and the image's width and height in pixels: at least 40 % of the circles
-    /// and no fewer than 12 (below, chance makes boards of clutter), odds of 400.
+    /// and no fewer than 12 (below, chance makes boards of clutter), odds of 5000.
     pub const fn new(pattern: &Pattern, image_size: (f64, f64)) -> Self {
         let count = pattern.circle_count();
         let part = (count * 2).div_ceil(5);
@@ -95,7 +95,7 @@ impl GridOptions {
         Self {
             image_size,
             minimum_circles: if enough < count { enough } else { count },
-            minimum_odds: 400.0,
+            minimum_odds: 5000.0,
             maximum_outside: (if side < 2 { 2 } else { side }) - 1,
             maximum_scatter: 0.1,
         }

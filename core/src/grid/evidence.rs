@@ -6,9 +6,9 @@
 //! missed within the image is a miss of the detector; one beyond the border of the image is none. So
 //! where a board might be cut by the border, a single point does not decide.
 //!
-//! What is missing never decides alone. Misses are not independent: a row that moves along itself,
-//! or lies on the axis of the motion, is missed as a whole, and the board would be placed a row beside.
-//! However many, misses count for no more than [`MOST_FOR_MISSES`].
+//! What is missing speaks against a placement, never for it. Misses are not independent: a row that
+//! moves along itself, or lies on the axis of the motion, is missed as a whole, and the board would
+//! be placed a row beside.
 
 use heapless::Vec;
 use nalgebra::RealField;
@@ -25,9 +25,7 @@ const RIVALS: usize = 32;
 /// Placements that explain fewer points than the best by this many and more are none.
 const CLEAR: usize = 4;
 /// Natural logarithm of the likelihood ratio: most that one point explained more counts.
-const MOST_FOR_POINT: f64 = 6.2;
-/// The same for all circles missed more together.
-const MOST_FOR_MISSES: f64 = 6.2;
+const MOST_FOR_POINT: f64 = 9.2;
 /// Circles nearer to the border of the image than this part of the spacing need not be seen.
 const BORDER: f64 = 0.5;
 
@@ -94,12 +92,9 @@ pub(super) fn decide<T: RealField + Copy, const N: usize>(
     let needed: T = nalgebra::convert::<f64, T>(options.minimum_odds.max(1.0)).ln();
     for rival in rivals.iter().filter(|rival| rival.placement != best.placement) {
         let points = best.placement.inside as f64 - rival.placement.inside as f64 - against as f64;
-        let within = rival.missed as f64 - best.missed as f64;
-        // Beyond the border or not: the points explained more are the circles missed less.
-        let anywhere = best.placement.inside as f64 - rival.placement.inside as f64;
-        let misses = within.min(anywhere);
-        let for_misses = (per_miss * nalgebra::convert(misses)).min(nalgebra::convert(MOST_FOR_MISSES));
-        if per_point * nalgebra::convert(points) + for_misses < needed {
+        let missed_more = best.missed.saturating_sub(rival.missed);
+        let against_misses = per_miss * nalgebra::convert(missed_more as f64);
+        if per_point * nalgebra::convert(points) - against_misses < needed {
             let (best, runner_up) = (best.placement.inside, rival.placement.inside);
             return Err(GridError::AmbiguousPlacement { best, runner_up });
         }
