@@ -39,6 +39,8 @@ if ! new_enough; then
     # Debian's own current Rust, built for its web browsers.
     need_package cargo-web
     need_package rustc-web
+    need_package rust-web-clippy
+    need_package rustfmt-web
 fi
 if [ -n "$missing" ]; then
     echo "setup: installing$missing"
