@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::camera::ModelKind;
 use evcal_core::event::Event;
 use serde::Serialize;
 
@@ -451,11 +451,6 @@ fn no_pattern(report: &DetectionReport, settings: &Settings) -> String {
     };
     text += &format!(": {count} had {reason}: {advice}");
     text
-}
-
-/// The parameters of `camera` by name.
-pub fn parameters_by_name(camera: &Camera<f64>) -> Vec<(&'static str, f64)> {
-    camera.kind().parameter_names().iter().copied().zip(camera.parameters()).collect()
 }
 
 impl Input {

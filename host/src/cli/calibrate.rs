@@ -22,7 +22,7 @@ pub struct Arguments {
     #[arg(long)]
     board: Board,
     /// Camera model: radtan4, radtan, radtan8, kannala-brandt or inverse-radial
-    #[arg(long, default_value = "radtan", value_parser = model)]
+    #[arg(long, default_value = "radtan", value_parser = super::value::model())]
     model: ModelKind,
     /// Circle extraction: hard or soft [default: hard]
     #[arg(long, value_parser = extraction)]
@@ -48,13 +48,6 @@ pub struct Arguments {
     /// Print the stage report
     #[arg(short, long)]
     verbose: bool,
-}
-
-fn model(text: &str) -> Result<ModelKind, String> {
-    ModelKind::from_name(text).ok_or_else(|| {
-        let known: Vec<&str> = ModelKind::ALL.iter().map(|kind| kind.name()).collect();
-        format!("known models are {}", known.join(", "))
-    })
 }
 
 pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
