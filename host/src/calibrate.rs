@@ -18,7 +18,7 @@ use crate::settings::Settings;
 use crate::solve::observation::PointObservation;
 use crate::solve::{SolveError, State};
 use crate::source::{ReadReport, Recording, RecordingKind, SourceError, SourceOptions, sniff};
-use crate::trajectory::fit::{TimedPose, TrajectoryShape, fit};
+use crate::trajectory::fit::{TimedPose, TrajectoryShape, fit, resampled};
 use crate::trajectory::{Trajectory, TrajectoryError};
 
 /// One input: events or circles.
@@ -284,7 +284,8 @@ fn fit_segment(
     let start = spans.iter().fold(first, |start, span| start.min(span.0));
     let end = spans.iter().fold(last, |end, span| end.max(span.1));
     let recording = posed.first().and_then(|posed| in_frames(posed.frame)).map_or(0, |frame| frame.recording);
-    Ok((fit(recording, &poses, start, end, shape)?, points))
+    let trajectory = fit(recording, &poses, start, end, shape)?;
+    Ok((if from_circles { trajectory } else { resampled(&trajectory, shape)? }, points))
 }
 
 struct Detected {

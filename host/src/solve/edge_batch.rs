@@ -1,0 +1,158 @@
+//! The edges of many events of one time bin at once.
+//!
+//! The same formulas as for one event ([`EventEdge`]), in steps that alternate between looking up
+//! bearings, event by event, and arithmetic on all of them, which the compiler vectorises.
+
+use multiversion::multiversion;
+
+use super::bearing_table::{BearingTable, PixelBearing};
+use super::board_ray::{BoardRay, EdgeDistance};
+use super::event_row::{EventEdge, step_to_edge};
+use super::pose_bin::PoseBin;
+use super::{Problem, Residual};
+
+/// Most events in a batch.
+pub const LANES: usize = 64;
+
+type Lane = [f64; LANES];
+
+/// An event as the batch takes it.
+#[derive(Clone, Copy, Debug)]
+pub struct BatchEvent {
+    /// Column and row in pixels.
+    pub pixel: (u16, u16),
+    /// Seconds after the centre of the bin.
+    pub dt: f64,
+    /// Index of the circle on the board.
+    pub circle: u16,
+}
+
+/// Room for a batch.
+pub struct EdgeBatch<'a> {
+    dt: Lane,
+    center: [Lane; 2],
+    bearing: [Lane; 3],
+    by_pixel: [[Lane; 3]; 2],
+    step: [Lane; 2],
+    metres: Lane,
+    scale: Lane,
+    gradient: [Lane; 2],
+    by_translation: [Lane; 3],
+    by_rotation: [Lane; 3],
+    sliding: Lane,
+    in_front: [bool; LANES],
+    entries: [Option<&'a PixelBearing>; LANES],
+}
+
+impl<'a> EdgeBatch<'a> {
+    /// An empty batch.
+    pub fn new() -> Self {
+        let lane = [0.0; LANES];
+        Self {
+            dt: lane,
+            center: [lane; 2],
+            bearing: [lane; 3],
+            by_pixel: [[lane; 3]; 2],
+            step: [lane; 2],
+            metres: lane,
+            scale: lane,
+            gradient: [lane; 2],
+            by_translation: [lane; 3],
+            by_rotation: [lane; 3],
+            sliding: lane,
+            in_front: [false; LANES],
+            entries: [None; LANES],
+        }
+    }
+
+    /// Visits the edge of each of the first [`LANES`] of `events`, in their order; events whose edge is
+    /// not in view are left out. The visitor is told the event's index.
+    #[inline(always)]
+    pub fn visit(
+        &mut self,
+        problem: &Problem,
+        bearings: &'a BearingTable,
+        pose: &PoseBin,
+        events: impl ExactSizeIterator<Item = BatchEvent> + Clone,
+        mut visit: impl FnMut(usize, &EventEdge<'a>),
+    ) {
+        let count = events.len().min(LANES);
+        for (lane, event) in events.clone().take(LANES).enumerate() {
+            let center = problem.circle_centers.get(usize::from(event.circle));
+            let entry = bearings.get(i32::from(event.pixel.0), i32::from(event.pixel.1));
+            self.dt[lane] = event.dt;
+            self.take(lane, center.and(entry), 0.0, 0.0);
+            let center = center.copied().unwrap_or_default();
+            self.center[0][lane] = center[0];
+            self.center[1][lane] = center[1];
+        }
+        if problem.settings.residual == Residual::Pixel {
+            edges(self, pose, problem.radius, count);
+            for (lane, event) in events.take(LANES).enumerate() {
+                let (x, y) = (f64::from(event.pixel.0), f64::from(event.pixel.1));
+                let near = self.entries[lane]
+                    .filter(|_| self.in_front[lane])
+                    .and_then(|_| bearings.nearest(x - self.step[0][lane], y - self.step[1][lane]));
+                let (entry, rest_x, rest_y) = near.map_or((None, 0.0, 0.0), |(entry, x, y)| (Some(entry), x, y));
+                self.take(lane, entry, rest_x, rest_y);
+            }
+        }
+        // The second pass overwrites the step.
+        let step = self.step;
+        edges(self, pose, problem.radius, count);
+        for lane in 0..count {
+            let Some(entry) = self.entries[lane].filter(|_| self.in_front[lane]) else { continue };
+            let at_edge = EdgeDistance {
+                metres: self.metres[lane],
+                scale: self.scale[lane],
+                by_pixel: [self.gradient[0][lane], self.gradient[1][lane]],
+                by_translation: std::array::from_fn(|axis| self.by_translation[axis][lane]),
+                by_rotation: std::array::from_fn(|axis| self.by_rotation[axis][lane]),
+                sliding: self.sliding[lane],
+            };
+            let step = [step[0][lane], step[1][lane]];
+            let residual = problem.settings.residual;
+            let edge = EventEdge::new(pose, at_edge, entry, step, problem.radius, residual, problem.mean_scale);
+            if edge.pixels.is_finite() {
+                visit(lane, &edge);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn take(&mut self, lane: usize, entry: Option<&'a PixelBearing>, rest_x: f64, rest_y: f64) {
+        self.entries[lane] = entry;
+        let Some(entry) = entry else { return };
+        let (bearing, by_pixel) = (entry.bearing_beside(rest_x, rest_y), entry.by_pixel());
+        for axis in 0..3 {
+            self.bearing[axis][lane] = bearing[axis];
+            self.by_pixel[0][axis][lane] = by_pixel[0][axis];
+            self.by_pixel[1][axis][lane] = by_pixel[1][axis];
+        }
+    }
+}
+
+/// Board distance of the first `count` lanes, and the step to the edge.
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
+fn edges(batch: &mut EdgeBatch, pose: &PoseBin, radius: f64, count: usize) {
+    for lane in 0..count.min(LANES) {
+        let bearing = std::array::from_fn(|axis| batch.bearing[axis][lane]);
+        let by_pixel = std::array::from_fn(|pixel| std::array::from_fn(|axis| batch.by_pixel[pixel][axis][lane]));
+        let center = [batch.center[0][lane], batch.center[1][lane]];
+        let ray = BoardRay::new(pose, batch.dt[lane], &bearing);
+        let distance = ray.edge_distance(pose, &by_pixel, center, radius);
+        let step = step_to_edge(&distance);
+        batch.metres[lane] = distance.metres;
+        batch.scale[lane] = distance.scale;
+        batch.sliding[lane] = distance.sliding;
+        batch.in_front[lane] = ray.is_in_front();
+        for axis in 0..2 {
+            batch.gradient[axis][lane] = distance.by_pixel[axis];
+            batch.step[axis][lane] = step[axis];
+        }
+        for axis in 0..3 {
+            batch.by_translation[axis][lane] = distance.by_translation[axis];
+            batch.by_rotation[axis][lane] = distance.by_rotation[axis];
+        }
+    }
+}
