@@ -45,10 +45,10 @@ impl Default for AssociationSettings {
     fn default() -> Self {
         Self {
             first_band: 3.0,
-            band: 4.0,
+            band: 3.0,
             widest_band: 2.5,
             slowest_edge: 30.0,
-            tangent: 0.4,
+            tangent: 0.65,
             burst_pause: 0.1,
             most_events: 1_500_000,
         }
@@ -216,17 +216,17 @@ impl<'a> Associator<'a> {
         }
         let trajectory_bin = bins.get(segment)?;
         let dt = time - trajectory_bin.center(bin);
-        let pixel = self.context.bearings.get(i32::from(event.x), i32::from(event.y));
-        let ray = pixel.map(|pixel| BoardRay::new(pose, dt, &pixel.bearing)).filter(BoardRay::is_in_front);
+        let pixel = [f64::from(event.x), f64::from(event.y)];
+        let place = self.context.bearings.place(pixel[0], pixel[1]);
+        let ray = place.map(|place| BoardRay::new(pose, dt, &place.bearing().0)).filter(BoardRay::is_in_front);
         let circle = ray.and_then(|ray| self.context.board.nearest_circle(ray.point()));
-        let (Some(pixel), Some(ray), Some(circle)) = (pixel, ray, circle) else {
+        let (Some(ray), Some(circle)) = (ray, circle) else {
             report.off_board += 1;
             return None;
         };
         let &center = self.circle_centers.get(circle)?;
         let radius = self.context.board.radius;
-        let place = (event.x, event.y, dt);
-        let Some(edge) = EventEdge::of_event(self.context.bearings, pose, place, (pixel, &ray), center, radius) else {
+        let Some(edge) = EventEdge::of_event(self.context.bearings, pose, (pixel, dt), &ray, center, radius) else {
             report.off_board += 1;
             return None;
         };
@@ -242,7 +242,8 @@ impl<'a> Associator<'a> {
             return None;
         }
         let normal_speed = edge.normal_speed;
-        let speed = normal_speed.hypot(edge.distance.sliding / edge.distance.scale);
+        let sliding = edge.distance.sliding / edge.distance.scale;
+        let speed = (normal_speed * normal_speed + sliding * sliding).sqrt();
         if normal_speed.abs() < settings.slowest_edge || normal_speed.abs() < settings.tangent * speed {
             report.edge_slides += 1;
             return None;

@@ -154,7 +154,7 @@ pub struct SplineSettings {
 
 impl Default for SplineSettings {
     fn default() -> Self {
-        Self { rotation: RotationSpline::Quaternion, degree: 3, knot_spacing: 0.01 }
+        Self { rotation: RotationSpline::Quaternion, degree: 3, knot_spacing: 0.0175 }
     }
 }
 

@@ -5,7 +5,7 @@
 
 use multiversion::multiversion;
 
-use super::bearing_table::{BearingTable, PixelBearing};
+use super::bearing_table::{BearingTable, Place};
 use super::board_ray::{BoardRay, EdgeDistance};
 use super::event_row::{EventEdge, step_to_edge};
 use super::pose_bin::PoseBin;
@@ -41,7 +41,7 @@ pub struct EdgeBatch<'a> {
     by_rotation: [Lane; 3],
     sliding: Lane,
     in_front: [bool; LANES],
-    entries: [Option<&'a PixelBearing>; LANES],
+    places: [Option<Place<'a>>; LANES],
 }
 
 impl<'a> EdgeBatch<'a> {
@@ -61,7 +61,7 @@ impl<'a> EdgeBatch<'a> {
             by_rotation: [lane; 3],
             sliding: lane,
             in_front: [false; LANES],
-            entries: [None; LANES],
+            places: [None; LANES],
         }
     }
 
@@ -79,9 +79,9 @@ impl<'a> EdgeBatch<'a> {
         let count = events.len().min(LANES);
         for (lane, event) in events.clone().take(LANES).enumerate() {
             let center = problem.circle_centers.get(usize::from(event.circle));
-            let entry = bearings.get(i32::from(event.pixel.0), i32::from(event.pixel.1));
+            let place = bearings.place(f64::from(event.pixel.0), f64::from(event.pixel.1));
             self.dt[lane] = event.dt;
-            self.take(lane, center.and(entry), 0.0, 0.0);
+            self.take(lane, center.and(place));
             let center = center.copied().unwrap_or_default();
             self.center[0][lane] = center[0];
             self.center[1][lane] = center[1];
@@ -90,18 +90,16 @@ impl<'a> EdgeBatch<'a> {
             edges(self, pose, problem.radius, count);
             for (lane, event) in events.take(LANES).enumerate() {
                 let (x, y) = (f64::from(event.pixel.0), f64::from(event.pixel.1));
-                let near = self.entries[lane]
-                    .filter(|_| self.in_front[lane])
-                    .and_then(|_| bearings.nearest(x - self.step[0][lane], y - self.step[1][lane]));
-                let (entry, rest_x, rest_y) = near.map_or((None, 0.0, 0.0), |(entry, x, y)| (Some(entry), x, y));
-                self.take(lane, entry, rest_x, rest_y);
+                let met = self.places[lane].is_some() && self.in_front[lane];
+                let place = bearings.place(x - self.step[0][lane], y - self.step[1][lane]);
+                self.take(lane, place.filter(|_| met));
             }
         }
         // The second pass overwrites the step.
         let step = self.step;
         edges(self, pose, problem.radius, count);
         for lane in 0..count {
-            let Some(entry) = self.entries[lane].filter(|_| self.in_front[lane]) else { continue };
+            let Some(place) = self.places[lane].filter(|_| self.in_front[lane]) else { continue };
             let at_edge = EdgeDistance {
                 metres: self.metres[lane],
                 scale: self.scale[lane],
@@ -112,7 +110,7 @@ impl<'a> EdgeBatch<'a> {
             };
             let step = [step[0][lane], step[1][lane]];
             let residual = problem.settings.residual;
-            let edge = EventEdge::new(pose, at_edge, entry, step, problem.radius, residual, problem.mean_scale);
+            let edge = EventEdge::new(pose, at_edge, place, step, problem.radius, residual, problem.mean_scale);
             if edge.pixels.is_finite() {
                 visit(lane, &edge);
             }
@@ -120,10 +118,10 @@ impl<'a> EdgeBatch<'a> {
     }
 
     #[inline(always)]
-    fn take(&mut self, lane: usize, entry: Option<&'a PixelBearing>, rest_x: f64, rest_y: f64) {
-        self.entries[lane] = entry;
-        let Some(entry) = entry else { return };
-        let (bearing, by_pixel) = (entry.bearing_beside(rest_x, rest_y), entry.by_pixel());
+    fn take(&mut self, lane: usize, place: Option<Place<'a>>) {
+        self.places[lane] = place;
+        let Some(place) = place else { return };
+        let (bearing, by_pixel) = place.bearing();
         for axis in 0..3 {
             self.bearing[axis][lane] = bearing[axis];
             self.by_pixel[0][axis][lane] = by_pixel[0][axis];

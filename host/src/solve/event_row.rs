@@ -13,12 +13,12 @@
 //! v = dr/dt, the dot's radius ρ in pixels, the distance s from the middle of the sensor and the edge's
 //! acceleration a (see [`crate::event_bias`]).
 
-use evcal_core::camera::MAX_PARAMETERS;
+use evcal_core::camera::{MAX_COEFFICIENTS, MAX_PARAMETERS};
 
 use crate::event_bias::{BIAS_COUNT, ClassBias, EdgePassage};
 
 use super::Residual;
-use super::bearing_table::{BearingTable, PixelBearing};
+use super::bearing_table::{BearingTable, Place};
 use super::board_ray::{BoardRay, EdgeDistance};
 use super::pose_bin::PoseBin;
 
@@ -27,6 +27,8 @@ use super::pose_bin::PoseBin;
 pub const ROW: usize = 32;
 /// Where the intrinsics begin in a row.
 pub const ROW_INTRINSICS: usize = 6;
+/// Where the coefficients of the camera model begin in a row, after fx, fy, cx and cy.
+const ROW_COEFFICIENTS: usize = ROW_INTRINSICS + 4;
 /// Where the biases of the class begin in a row.
 pub const ROW_OFFSET: usize = ROW_INTRINSICS + MAX_PARAMETERS;
 /// Where the residual stands in a row.
@@ -39,8 +41,8 @@ pub struct EventEdge<'a> {
     pub pixels: f64,
     /// The board distance where derivatives are taken.
     pub distance: EdgeDistance,
-    /// The bearing table's entry where derivatives are taken.
-    pub bearing: &'a PixelBearing,
+    /// Where derivatives are taken.
+    pub place: Place<'a>,
     /// Normal speed of the edge in pixels per second, positive where pixels leave the dot.
     pub normal_speed: f64,
     /// One over the radius of the dot in pixels.
@@ -51,22 +53,23 @@ pub struct EventEdge<'a> {
 }
 
 impl<'a> EventEdge<'a> {
-    /// The edge of the circle at `center` (metres) for the event whose ray is `ray`, at the pixel
-    /// whose entry in the table is `pixel`; `None` when the edge is not in view there.
+    /// The edge of the circle at `center` (metres) for the event at `pixel`, `dt` seconds after the
+    /// centre of the bin, whose ray is `ray`; `None` when the edge is not in view there.
     pub fn of_event(
         bearings: &'a BearingTable,
         pose: &PoseBin,
-        (x, y, dt): (u16, u16, f64),
-        (pixel, ray): (&PixelBearing, &BoardRay),
+        (pixel, dt): ([f64; 2], f64),
+        ray: &BoardRay,
         center: [f64; 2],
         radius: f64,
     ) -> Option<Self> {
-        let at_event = ray.edge_distance(pose, &pixel.by_pixel(), center, radius);
-        let step = step_to_edge(&at_event);
-        let (bearing, rest_x, rest_y) = bearings.nearest(f64::from(x) - step[0], f64::from(y) - step[1])?;
-        let ray = BoardRay::new(pose, dt, &bearing.bearing_beside(rest_x, rest_y));
-        let at_edge = ray.edge_distance(pose, &bearing.by_pixel(), center, radius);
-        let edge = Self::new(pose, at_edge, bearing, step, radius, Residual::Pixel, 1.0);
+        let (_, by_pixel) = bearings.place(pixel[0], pixel[1])?.bearing();
+        let step = step_to_edge(&ray.edge_distance(pose, &by_pixel, center, radius));
+        let place = bearings.place(pixel[0] - step[0], pixel[1] - step[1])?;
+        let (bearing, by_pixel) = place.bearing();
+        let ray = BoardRay::new(pose, dt, &bearing);
+        let at_edge = ray.edge_distance(pose, &by_pixel, center, radius);
+        let edge = Self::new(pose, at_edge, place, step, radius, Residual::Pixel, 1.0);
         (ray.is_in_front() && edge.pixels.is_finite()).then_some(edge)
     }
 
@@ -75,7 +78,7 @@ impl<'a> EventEdge<'a> {
     pub fn new(
         pose: &PoseBin,
         at_edge: EdgeDistance,
-        bearing: &'a PixelBearing,
+        place: Place<'a>,
         step: [f64; 2],
         radius: f64,
         residual: Residual,
@@ -93,7 +96,7 @@ impl<'a> EventEdge<'a> {
             inverse_radius: at_edge.scale / radius,
             acceleration: at_edge.sliding * at_edge.sliding / (radius * at_edge.scale),
             distance: at_edge,
-            bearing,
+            place,
         }
     }
 
@@ -103,7 +106,7 @@ impl<'a> EventEdge<'a> {
         EdgePassage {
             normal_speed: self.normal_speed,
             inverse_radius: self.inverse_radius,
-            corner_share: f64::from(self.bearing.corner_share),
+            corner_share: self.place.corner_share,
             acceleration: self.acceleration,
         }
     }
@@ -125,11 +128,9 @@ impl<'a> EventEdge<'a> {
             row[axis] = distance.by_rotation[axis] * factor;
             row[3 + axis] = distance.by_translation[axis] * factor;
         }
-        let (by_x, by_y) = (-distance.by_pixel[0] * factor, -distance.by_pixel[1] * factor);
-        let [x, y] = &self.bearing.pixel_by_parameter;
-        for parameter in 0..MAX_PARAMETERS {
-            row[ROW_INTRINSICS + parameter] = by_x * f64::from(x[parameter]) + by_y * f64::from(y[parameter]);
-        }
+        let (linear, coefficients) = self.place.by_intrinsics(distance.by_pixel.map(|value| -value * factor));
+        row[ROW_INTRINSICS..ROW_COEFFICIENTS].copy_from_slice(&linear);
+        row[ROW_COEFFICIENTS..ROW_COEFFICIENTS + MAX_COEFFICIENTS].copy_from_slice(&coefficients);
         for (entry, derivative) in row[ROW_OFFSET..].iter_mut().zip(self.passage().derivatives()) {
             *entry = -derivative * weight;
         }
@@ -147,7 +148,6 @@ pub fn step_to_edge(at_event: &EdgeDistance) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::bearing_table::BearingTable;
     use evcal_core::camera::{Camera, ModelKind};
     use evcal_core::spline::MAX_ORDER;
     use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -156,7 +156,6 @@ mod tests {
     const RADIUS: f64 = 0.0175;
     const OFFSET: f64 = -0.4;
     const STEP: f64 = 1e-6;
-    const MEAN_SCALE: f64 = 2e-3;
 
     fn camera(parameters: &[f64]) -> Camera<f64> {
         Camera::from_parameters(ModelKind::Radtan, parameters).unwrap()
@@ -193,15 +192,13 @@ mod tests {
     fn residual(camera: &Camera<f64>, pose: &PoseBin, dt: f64) -> (f64, [f64; ROW]) {
         let table = BearingTable::new(camera, (346, 260));
         let (x, y) = pixel(&self::camera(&PARAMETERS));
-        // The plane residual has no table between pixels, so that its derivatives are exact; the pixel
-        // residual takes the same ones at the edge.
-        let entry = table.get(i32::from(x), i32::from(y)).unwrap();
-        let distance =
-            BoardRay::new(pose, dt, &entry.bearing).edge_distance(pose, &entry.by_pixel(), CENTER, RADIUS);
-        let edge = EventEdge::new(pose, distance, entry, [0.0; 2], RADIUS, Residual::Plane, MEAN_SCALE);
+        let (x, y) = (f64::from(x), f64::from(y));
+        let (bearing, _) = table.place(x, y).unwrap().bearing();
+        let ray = BoardRay::new(pose, dt, &bearing);
+        let edge = EventEdge::of_event(&table, pose, ([x, y], dt), &ray, CENTER, RADIUS).unwrap();
         let residual = edge.pixels - OFFSET;
         let mut row = [0.0; ROW];
-        edge.fill_row(&mut row, residual, 1.0, MEAN_SCALE);
+        edge.fill_row(&mut row, residual, 1.0, edge.distance.scale);
         (residual, row)
     }
 
@@ -235,21 +232,16 @@ mod tests {
         }
         // A later latency means an earlier pose.
         let at = |dt: f64| residual(&reference, &bin, dt).0;
-        let in_pixels = |value: f64| value * edge_scale(&reference, &bin) / MEAN_SCALE;
-        assert_close(in_pixels(row[ROW_OFFSET + 1]), difference(at(-STEP), at(STEP)), "latency");
+        assert_close(row[ROW_OFFSET + 1], difference(at(-STEP), at(STEP)), "latency");
         assert_close(row[ROW_OFFSET], -1.0, "offset");
         assert_close(row[ROW_RESIDUAL], residual(&reference, &bin, 0.0).0, "residual");
     }
 
     fn at_pixel(camera: &Camera<f64>, pose: &PoseBin, table: &BearingTable) -> (BoardRay, EdgeDistance) {
         let (x, y) = pixel(camera);
-        let entry = table.get(i32::from(x), i32::from(y)).unwrap();
-        let ray = BoardRay::new(pose, 0.0, &entry.bearing);
-        (ray, ray.edge_distance(pose, &entry.by_pixel(), CENTER, RADIUS))
-    }
-
-    fn edge_scale(camera: &Camera<f64>, pose: &PoseBin) -> f64 {
-        at_pixel(camera, pose, &BearingTable::new(camera, (346, 260))).1.scale
+        let (bearing, by_pixel) = table.place(f64::from(x), f64::from(y)).unwrap().bearing();
+        let ray = BoardRay::new(pose, 0.0, &bearing);
+        (ray, ray.edge_distance(pose, &by_pixel, CENTER, RADIUS))
     }
 
     #[test]
