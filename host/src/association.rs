@@ -15,7 +15,7 @@ use crate::burst::BurstTracker;
 use crate::event_bias::{class, speed_range};
 use crate::solve::State;
 use crate::solve::bearing_table::BearingTable;
-use crate::solve::board_ray::BoardRay;
+use crate::solve::board_ray::{BoardRay, is_in_front};
 use crate::solve::event_row::EventEdge;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::pose_bin::PoseBin;
@@ -50,7 +50,7 @@ impl Default for AssociationSettings {
             slowest_edge: 30.0,
             tangent: 0.65,
             burst_pause: 0.1,
-            most_events: 1_500_000,
+            most_events: 1_000_000,
         }
     }
 }
@@ -218,7 +218,7 @@ impl<'a> Associator<'a> {
         let dt = time - trajectory_bin.center(bin);
         let pixel = [f64::from(event.x), f64::from(event.y)];
         let place = self.context.bearings.place(pixel[0], pixel[1]);
-        let ray = place.map(|place| BoardRay::new(pose, dt, &place.bearing().0)).filter(BoardRay::is_in_front);
+        let ray = place.map(|place| BoardRay::new(pose, dt, &place.bearing().0)).filter(|ray| is_in_front(ray.depth()));
         let circle = ray.and_then(|ray| self.context.board.nearest_circle(ray.point()));
         let (Some(ray), Some(circle)) = (ray, circle) else {
             report.off_board += 1;

@@ -36,7 +36,7 @@ pub struct RefinementSettings {
 
 impl Default for RefinementSettings {
     fn default() -> Self {
-        Self { rounds: 6, settled: 0.01, early_events: 400_000, offsets: true, latencies: true, first_sigma: 0.5 }
+        Self { rounds: 6, settled: 0.01, early_events: 250_000, offsets: true, latencies: true, first_sigma: 0.5 }
     }
 }
 
@@ -162,7 +162,7 @@ pub fn refine<E: Send>(
             let residuals = statistics(&problem, &state, &bearings);
             return Ok(Refined { state, segments: problem.segments, residuals, rounds });
         }
-        last_early = change < 10.0 * settings.refinement.settled;
+        last_early = change < 20.0 * settings.refinement.settled;
     }
 }
 

@@ -9,7 +9,7 @@
 //! ∂f/∂pixel = Rᵀh · ∂b/∂pixel, and s = ‖∂f/∂pixel‖ is the local scale in metres per pixel.
 //!
 //! All functions are free of branches, so that the compiler can work on several events at once;
-//! [`BoardRay::is_in_front`] tells whether the result means anything.
+//! [`is_in_front`] tells whether the result means anything.
 
 use nalgebra::Vector2;
 
@@ -28,6 +28,13 @@ pub struct BoardRay {
     depth: f64,
     /// Where it meets the board, in metres.
     point: [f64; 2],
+}
+
+/// Whether a ray of this depth meets the board in front of the camera.
+#[inline(always)]
+pub fn is_in_front(depth: f64) -> bool {
+    // Also false for NaN and for rays parallel to the board.
+    depth > 0.0 && depth < 1e6
 }
 
 /// Distance of a ray from the edge of a circle on the board, and its derivatives.
@@ -62,11 +69,10 @@ impl BoardRay {
         Self { bearing, direction, inverse, depth, point }
     }
 
-    /// Whether the ray meets the board in front of the camera.
+    /// Length along the ray to the board, in units of the bearing's length (metres).
     #[inline(always)]
-    pub fn is_in_front(&self) -> bool {
-        // Also false for NaN and for rays parallel to the board.
-        self.depth > 0.0 && self.depth < 1e6
+    pub fn depth(&self) -> f64 {
+        self.depth
     }
 
     /// Where it meets the board, in metres.
@@ -86,7 +92,8 @@ impl BoardRay {
     ) -> EdgeDistance {
         let (x, y) = (self.point[0] - center[0], self.point[1] - center[1]);
         let distance = (x * x + y * y).sqrt();
-        let (normal_x, normal_y) = (x / distance, y / distance);
+        let inverse = 1.0 / distance;
+        let (normal_x, normal_y) = (x * inverse, y * inverse);
         let along = normal_x * self.direction[0] + normal_y * self.direction[1];
         let by_translation = [normal_x, normal_y, -along * self.inverse];
         let by_bearing = pose.to_camera(&by_translation.map(|value| self.depth * value));

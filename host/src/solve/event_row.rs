@@ -19,7 +19,7 @@ use crate::event_bias::{BIAS_COUNT, ClassBias, EdgePassage};
 
 use super::Residual;
 use super::bearing_table::{BearingTable, Place};
-use super::board_ray::{BoardRay, EdgeDistance};
+use super::board_ray::{BoardRay, EdgeDistance, is_in_front};
 use super::pose_bin::PoseBin;
 
 /// Length of a row: pose (rotation 3, translation 3), intrinsics, biases of the class, residual, and
@@ -70,7 +70,7 @@ impl<'a> EventEdge<'a> {
         let ray = BoardRay::new(pose, dt, &bearing);
         let at_edge = ray.edge_distance(pose, &by_pixel, center, radius);
         let edge = Self::new(pose, at_edge, place, step, radius, Residual::Pixel, 1.0);
-        (ray.is_in_front() && edge.pixels.is_finite()).then_some(edge)
+        (is_in_front(ray.depth()) && edge.pixels.is_finite()).then_some(edge)
     }
 
     /// From the board distance at the edge, `step` pixels from the event.
@@ -84,9 +84,9 @@ impl<'a> EventEdge<'a> {
         residual: Residual,
         mean_scale: f64,
     ) -> Self {
-        let along = (at_edge.by_pixel[0] * step[0] + at_edge.by_pixel[1] * step[1]) / at_edge.scale;
+        let along = at_edge.by_pixel[0] * step[0] + at_edge.by_pixel[1] * step[1];
         let pixels = match residual {
-            Residual::Pixel => along + at_edge.metres / at_edge.scale,
+            Residual::Pixel => (along + at_edge.metres) / at_edge.scale,
             Residual::Plane => at_edge.metres / mean_scale,
         };
         let normal_speed = at_edge.normal_speed(pose);

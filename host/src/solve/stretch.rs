@@ -72,7 +72,7 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
     let mut equations = StretchEquations::new(first_pose.first, count, first_pose.order);
     let mut product: RowProduct = [[0.0; ROW]; ROW];
     let mut bin_equations = BinEquations::default();
-    let mut batch = EdgeBatch::new();
+    let mut batch = EdgeBatch::default();
     let mut rows = [[0.0; ROW]; LANES];
 
     for bin in bins {
@@ -173,7 +173,7 @@ pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> V
         else {
             return found;
         };
-        let mut batch = EdgeBatch::new();
+        let mut batch = EdgeBatch::default();
         for bin in observations.bins.get(stretch.bins.clone()).unwrap_or_default() {
             let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
             for part in observations.events.get(bin.first..bin.end).unwrap_or_default().chunks(LANES) {
