@@ -21,10 +21,8 @@ const DURATION: f64 = 3.0;
 const EVENTS_IN_A_BIN: usize = 250;
 
 fn main() {
-    let camera = Camera::from_parameters(
-        ModelKind::Radtan,
-        &[331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03],
-    );
+    let camera =
+        Camera::from_parameters(ModelKind::Radtan, &[331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03]);
     let board: Result<Board, _> = "acircles:9x4:55mm:r17.5mm".parse();
     let (Some(camera), Ok(board)) = (camera, board) else { return };
     for rotation in [RotationSpline::Quaternion, RotationSpline::So3] {
@@ -56,7 +54,10 @@ fn main() {
                 Err(error) => eprintln!("{error}"),
             }
         }
-        println!("joint solve, {rotation} spline, {events} events: {:.0} ns an event and iteration, one core", best * 1e9);
+        println!(
+            "joint solve, {rotation} spline, {events} events: {:.0} ns an event and iteration, one core",
+            best * 1e9
+        );
     }
 }
 

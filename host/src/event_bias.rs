@@ -85,7 +85,15 @@ impl EdgePassage {
     pub fn derivatives(&self) -> [f64; BIAS_COUNT] {
         let speed = self.normal_speed;
         let inverse_radius = self.inverse_radius;
-        [1.0, speed, speed * speed, inverse_radius, speed * self.corner_share, speed * inverse_radius, self.acceleration]
+        [
+            1.0,
+            speed,
+            speed * speed,
+            inverse_radius,
+            speed * self.corner_share,
+            speed * inverse_radius,
+            self.acceleration,
+        ]
     }
 }
 

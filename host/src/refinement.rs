@@ -22,13 +22,15 @@ use crate::solve::{FreeParameters, Problem, Residual, SolveError, SolveReport, S
 pub struct RefinementSettings {
     /// Most rounds of association and solve.
     pub rounds: usize,
-    /// Rounds end when the projection changes by less than this, rms over the sensor (px).
+    /// When a round changes the projection by less than twenty times this (px, rms over the sensor), the
+    /// next round is the last.
     pub settled: f64,
     /// Most events in the rounds before the last ones.
     pub early_events: usize,
     /// Fit an offset from the geometric edge, and what curvature adds to it, for each event class.
     pub offsets: bool,
-    /// Fit a latency, and how it bends at high speed, for each event class.
+    /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event
+    /// class.
     pub latencies: bool,
     /// Spread of the events while it is not known yet (px).
     pub first_sigma: f64,
@@ -148,7 +150,8 @@ pub fn refine<E: Send>(
         let mut problem = problem(input, settings, segments, &state);
         let residuals = residuals(&problem, &state, &bearings);
         if !residuals.is_empty() {
-            problem.mean_scale = residuals.iter().map(|event| f64::from(event.scale)).sum::<f64>() / residuals.len() as f64;
+            problem.mean_scale =
+                residuals.iter().map(|event| f64::from(event.scale)).sum::<f64>() / residuals.len() as f64;
         }
         state.bias = updated_bias(&state, residuals, settings);
         problem.free = free_parameters(&state.camera, &problem, settings.refinement);
@@ -224,11 +227,7 @@ fn problem<E>(
 }
 
 /// Spread, and as a start the offset, of each class from the residuals at `state`.
-fn updated_bias(
-    state: &State,
-    mut residuals: Vec<EventResidual>,
-    settings: StageSettings,
-) -> EventBias {
+fn updated_bias(state: &State, mut residuals: Vec<EventResidual>, settings: StageSettings) -> EventBias {
     let mut bias = state.bias;
     // The paper's residual knows no offsets.
     if settings.refinement.offsets && settings.solve.residual == Residual::Pixel {
