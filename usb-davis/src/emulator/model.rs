@@ -86,6 +86,12 @@ impl Model {
         self
     }
 
+    /// Sets its serial number.
+    pub fn with_serial(mut self, serial: &str) -> Self {
+        serial.clone_into(&mut self.identity.serial);
+        self
+    }
+
     /// Sets registers, among them the read-only ones.
     pub fn with_registers(mut self, registers: impl IntoIterator<Item = (Register, u32)>) -> Self {
         for (register, value) in registers {
@@ -264,7 +270,12 @@ impl Model {
         Some(Err(Stall))
     }
 
-    /// To be called every few milliseconds.
+    /// After what time it wants its next turn.
+    pub(super) fn turn_interval(&self) -> Duration {
+        self.output.turn_interval()
+    }
+
+    /// To be called when it wants a turn.
     pub(super) fn turn(&mut self) {
         self.output.turn();
     }

@@ -17,6 +17,9 @@ pub enum Pace {
     Real,
 }
 
+/// How often the camera looks whether it has something to send, running and at rest.
+const TURN: Duration = Duration::from_millis(1);
+const TURN_AT_REST: Duration = Duration::from_millis(20);
 /// Longest time between two turns that passes for the camera too.
 const TURN_MOST: Duration = Duration::from_millis(5);
 /// Room of the camera's output.
@@ -128,6 +131,11 @@ impl Output {
         self.cut = self.cut.wrapping_add(1);
         self.sent += take as u64;
         Taken::Bytes(bytes)
+    }
+
+    /// After what time it wants its next turn: soon only while there is something to play.
+    pub(super) fn turn_interval(&self) -> Duration {
+        if self.running { TURN } else { TURN_AT_REST }
     }
 
     /// To be called every few milliseconds. Where the computer was too busy for that, the camera's

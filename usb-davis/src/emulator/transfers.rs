@@ -26,28 +26,14 @@ impl<T> QueuedTransfers<T> {
         self.0.push_back(Queued { tag, endpoint, length });
     }
 
-    /// Finishes what the camera has data for, in order. Only the data endpoint ever has.
-    pub(super) fn pump(&mut self, model: &mut Model, mut finish: impl FnMut(T, Result<Vec<u8>, Stall>)) {
-        model.turn();
-        let mut waiting = VecDeque::new();
-        while let Some(transfer) = self.0.pop_front() {
-            let data = if transfer.endpoint == DATA_ENDPOINT { model.bulk(transfer.length) } else { None };
-            match data {
-                Some(data) => finish(transfer.tag, data),
-                None => {
-                    let ends = transfer.endpoint == DATA_ENDPOINT;
-                    waiting.push_back(transfer);
-                    if ends {
-                        break;
-                    }
-                }
-            }
-        }
-        waiting.append(&mut self.0);
-        self.0 = waiting;
-        if !self.0.iter().any(|transfer| transfer.endpoint == DATA_ENDPOINT) {
+    /// The first transfer that the camera has data for, and these. Only the data endpoint ever has.
+    pub(super) fn next(&mut self, model: &mut Model) -> Option<(T, Result<Vec<u8>, Stall>)> {
+        let Some(index) = self.0.iter().position(|transfer| transfer.endpoint == DATA_ENDPOINT) else {
             model.idle();
-        }
+            return None;
+        };
+        let data = model.bulk(self.0.get(index)?.length)?;
+        self.0.remove(index).map(|transfer| (transfer.tag, data))
     }
 
     /// Takes one back.

@@ -42,8 +42,8 @@ pub const ADDRESS: u8 = 3;
 const PRELOAD: &str = "libumockdev-preload.so.0";
 const NODE: &str = "dev/bus/usb/002/003";
 const SOCKET: &str = "ioctl/dev/bus/usb/002/003";
-/// How often the camera looks whether it has something to send.
-const TICK: Duration = Duration::from_millis(1);
+/// How often to look for a program that opens the device.
+const ACCEPT_POLL: Duration = Duration::from_millis(1);
 
 const REQUEST_IOCTL: u64 = 1;
 const ANSWER_DONE: u64 = 3;
@@ -176,9 +176,13 @@ impl EmulatedBus {
         let (of_thread, until) = (Arc::clone(&bus), Arc::clone(&ended));
         thread::spawn(move || {
             while !until.load(Ordering::Relaxed) {
-                thread::sleep(TICK);
-                // It fails when the directory is gone, and then there is no bus.
-                let _ = lock(&of_thread).turn();
+                let interval = {
+                    let mut bus = lock(&of_thread);
+                    // It fails when the directory is gone, and then there is no bus.
+                    let _ = bus.turn();
+                    bus.model.turn_interval()
+                };
+                thread::sleep(interval);
             }
         });
         Ok(Self { directory, bus, ended })
@@ -229,7 +233,7 @@ fn serve(listener: &UnixListener, bus: &Arc<Mutex<Bus>>, ended: &AtomicBool) {
     let mut number = 0;
     while !ended.load(Ordering::Relaxed) {
         let Ok((stream, _)) = listener.accept() else {
-            thread::sleep(TICK);
+            thread::sleep(ACCEPT_POLL);
             continue;
         };
         number += 1;

@@ -99,13 +99,13 @@ impl OpenNode {
 
     /// Completes what the camera has data for.
     pub(super) fn pump(&mut self, model: &mut Model) {
-        let done = &mut self.done;
-        self.pending.pump(model, |urb, data| {
-            done.push_back(match data {
+        model.turn();
+        while let Some((urb, data)) = self.pending.next(model) {
+            self.done.push_back(match data {
                 Ok(data) => urb.done(0, data),
                 Err(Stall) => urb.done(-EPIPE, Vec::new()),
             });
-        });
+        }
     }
 
     /// Ends everything that is pending, as unplugging does.

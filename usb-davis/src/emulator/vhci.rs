@@ -11,6 +11,7 @@ use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -21,9 +22,9 @@ use super::model::{Model, Stall};
 use super::transfers::QueuedTransfers;
 use super::usbip::{Command, Submission, read_command, read_done, unlink_done, write_done};
 
-/// How often the camera looks whether it has something to send.
-const TICK: Duration = Duration::from_millis(1);
-/// Longest wait for the kernel to free the port of a camera that was unplugged.
+/// How often to look whether the kernel has freed the port of a camera that was unplugged, and for
+/// how long.
+const DETACH_POLL: Duration = Duration::from_millis(5);
 const DETACH_TIMEOUT: Duration = Duration::from_secs(5);
 const EPIPE: i32 = 32;
 const ECONNRESET: i32 = 104;
@@ -38,6 +39,7 @@ struct Link {
 }
 
 impl Link {
+    /// Answers a control request; queues or takes back a transfer of another endpoint.
     fn execute(&mut self, command: Command, model: &mut Model) -> io::Result<()> {
         match command {
             Command::Unlink { number, victim } => {
@@ -46,34 +48,27 @@ impl Link {
             }
             Command::Submit(Submission { number, endpoint: 0x00 | READS, setup, data, .. }) => {
                 let [kind, ..] = setup;
-                let answer = match model.control(setup, &data) {
+                self.socket.write_all(&match model.control(setup, &data) {
                     Ok(answer) if kind & READS != 0 => read_done(number, 0, &answer),
                     Ok(_) => write_done(number, 0, data.len()),
                     Err(Stall) => write_done(number, -EPIPE, 0),
-                };
-                self.socket.write_all(&answer)
+                })
             }
             Command::Submit(Submission { number, endpoint, length, .. }) => {
                 self.queued.push(number, endpoint, length);
-                self.pump(model)
+                Ok(())
             }
         }
     }
 
-    /// Sends what the camera has.
-    fn pump(&mut self, model: &mut Model) -> io::Result<()> {
-        let mut sent = Ok(());
-        let socket = &mut self.socket;
-        self.queued.pump(model, |number, data| {
-            let answer = match data {
-                Ok(data) => read_done(number, 0, &data),
-                Err(Stall) => read_done(number, -EPIPE, &[]),
-            };
-            if sent.is_ok() {
-                sent = socket.write_all(&answer);
-            }
-        });
-        sent
+    /// Sends one transfer; whether there was one.
+    fn send(&mut self, model: &mut Model) -> io::Result<bool> {
+        let Some((number, data)) = self.queued.next(model) else { return Ok(false) };
+        self.socket.write_all(&match data {
+            Ok(data) => read_done(number, 0, &data),
+            Err(Stall) => read_done(number, -EPIPE, &[]),
+        })?;
+        Ok(true)
     }
 }
 
@@ -91,14 +86,29 @@ impl Shared {
         }
     }
 
-    fn turn(&mut self) {
-        if let Some(link) = &mut self.link
-            && (link.pump(&mut self.model).is_err() || self.model.take_unplug())
-        {
+    /// Does what came over the connection of this number, which ends with an error.
+    fn receive(&mut self, number: u64, command: io::Result<Command>) {
+        // Another connection may have followed it.
+        let Some(link) = self.link.as_mut().filter(|link| link.number == number) else { return };
+        if command.and_then(|command| link.execute(command, &mut self.model)).is_err() {
             self.unplug();
         }
     }
+
+    /// Sends one transfer, unplugs when it is time. How long there is nothing to do.
+    fn turn(&mut self) -> Duration {
+        self.model.turn();
+        let Some(link) = &mut self.link else { return self.model.turn_interval() };
+        let sent = link.send(&mut self.model);
+        if sent.is_err() || self.model.take_unplug() {
+            self.unplug();
+        }
+        if sent.is_ok_and(|sent| sent) { Duration::ZERO } else { self.model.turn_interval() }
+    }
 }
+
+/// Commands from the kernel, each with the number of the connection.
+type Commands = Sender<(u64, io::Result<Command>)>;
 
 fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
@@ -117,8 +127,9 @@ pub struct Location {
 /// of the process.
 pub struct VirtualCamera {
     shared: Arc<Mutex<Shared>>,
+    commands: Commands,
     ended: Arc<AtomicBool>,
-    ticker: Option<JoinHandle<()>>,
+    worker: Option<JoinHandle<()>>,
     /// How often it was plugged in, and the latest port.
     links: u64,
     port: u32,
@@ -130,16 +141,12 @@ impl VirtualCamera {
         let (link, reader) = connect(0)?;
         let port = link.port;
         let shared = Arc::new(Mutex::new(Shared { model, link: Some(link) }));
-        listen(&shared, reader, 0);
+        let (commands, received) = channel();
+        listen(commands.clone(), reader, 0);
         let ended = Arc::new(AtomicBool::new(false));
         let (of_thread, until) = (Arc::clone(&shared), Arc::clone(&ended));
-        let ticker = thread::spawn(move || {
-            while !until.load(Ordering::Relaxed) {
-                thread::sleep(TICK);
-                lock(&of_thread).turn();
-            }
-        });
-        Ok(Self { shared, ended, ticker: Some(ticker), links: 1, port })
+        let worker = Some(thread::spawn(move || work(&of_thread, &received, &until)));
+        Ok(Self { shared, commands, ended, worker, links: 1, port })
     }
 
     /// Pulls the plug, and waits until the kernel has noticed.
@@ -150,7 +157,7 @@ impl VirtualCamera {
             if Instant::now() >= end {
                 return Err(VhciError::StillAttached { port: self.port });
             }
-            thread::sleep(TICK);
+            thread::sleep(DETACH_POLL);
         }
         Ok(())
     }
@@ -169,7 +176,7 @@ impl VirtualCamera {
             shared.model.power_cycle();
             shared.link = Some(link);
         }
-        listen(&self.shared, reader, number);
+        listen(self.commands.clone(), reader, number);
         Ok(())
     }
 
@@ -197,9 +204,9 @@ impl VirtualCamera {
 impl Drop for VirtualCamera {
     fn drop(&mut self) {
         self.ended.store(true, Ordering::Relaxed);
-        if let Some(ticker) = self.ticker.take() {
+        if let Some(worker) = self.worker.take() {
             // It does not panic.
-            let _ = ticker.join();
+            let _ = worker.join();
         }
         // The port may be the next camera's only one, so it is waited for; nobody is left to be told.
         let _ = self.unplug();
@@ -215,20 +222,31 @@ fn connect(number: u64) -> Result<(Link, UnixStream), VhciError> {
     Ok((Link { number, socket, queued: QueuedTransfers::default(), port }, reader))
 }
 
-/// Answers the kernel's commands until the connection of this number ends.
-fn listen(shared: &Arc<Mutex<Shared>>, mut reader: UnixStream, number: u64) {
-    let shared = Arc::clone(shared);
+/// Reads the kernel's commands until the connection of this number ends, which is the last that it
+/// tells.
+fn listen(commands: Commands, mut reader: UnixStream, number: u64) {
     thread::spawn(move || {
         loop {
             let command = read_command(&mut reader);
-            let mut shared = lock(&shared);
-            let Shared { model, link } = &mut *shared;
-            // Another connection may have followed this one.
-            let Some(link) = link.as_mut().filter(|link| link.number == number) else { break };
-            if command.and_then(|command| link.execute(command, model)).is_err() {
-                shared.unplug();
+            let ends = command.is_err();
+            if commands.send((number, command)).is_err() || ends {
                 break;
             }
         }
     });
+}
+
+/// The camera's life. Commands go before data, as requests on the bus do: a long queue of transfers
+/// does not delay them.
+fn work(shared: &Mutex<Shared>, commands: &Receiver<(u64, io::Result<Command>)>, ended: &AtomicBool) {
+    let mut interval = Duration::ZERO;
+    while !ended.load(Ordering::Relaxed) {
+        interval = match commands.recv_timeout(interval) {
+            Ok((number, command)) => {
+                lock(shared).receive(number, command);
+                Duration::ZERO
+            }
+            Err(_) => lock(shared).turn(),
+        };
+    }
 }
