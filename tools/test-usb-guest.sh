@@ -2,8 +2,8 @@
 # Runs usb-davis/tests/vhci_camera.rs in a virtual machine: a real kernel, its USB core and libusb against
 # the emulated camera on the module vhci-hcd. Needs no KVM and does not touch the kernel of this machine.
 #
-# Installs QEMU and takes the kernel from Debian's package linux-image-amd64, unpacked below the
-# cache directory. Where that cannot be had, it says so and exits with 0.
+# Installs QEMU and takes the kernel from Debian's package linux-image-amd64, unpacked below
+# the target directory. Where that cannot be had, it says so and exits with 0.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -19,6 +19,10 @@ run_as_root() {
     else
         return 1
     fi
+}
+
+update_lists() {
+    run_as_root apt-get -o DPkg::Lock::Timeout=900 update -q
 }
 
 skip() {
@@ -40,7 +44,7 @@ command -v qemu-system-x86_64 >/dev/null 2>&1 || missing="$missing qemu-system-x
 command -v xz >/dev/null 2>&1 || missing="$missing xz-utils"
 if [ -n "$missing" ]; then
     echo "test-usb-guest: installing$missing"
-    run_as_root apt-get -o DPkg::Lock::Timeout=900 update -q || skip "the package lists cannot be updated"
+    update_lists || skip "the package lists cannot be updated"
     # shellcheck disable=SC2086 # one word a package
     run_as_root env DEBIAN_FRONTEND=noninteractive \
         apt-get -o DPkg::Lock::Timeout=900 install -q -y --no-install-recommends $missing ||
@@ -48,15 +52,22 @@ if [ -n "$missing" ]; then
 fi
 
 # Kernel and modules, once for each version. linux-image-cloud-amd64 has no USB.
-package=$(apt-cache depends linux-image-amd64 2>/dev/null | sed -n 's/^ *Depends: \(linux-image-[0-9].*-amd64\)$/\1/p')
-[ -n "$package" ] || skip "apt knows no package linux-image-amd64"
-cache="${XDG_CACHE_HOME:-$HOME/.cache}/evcal/$package"
+find_package() {
+    package=$(apt-cache depends linux-image-amd64 2>/dev/null |
+        sed -n 's/^ *Depends: \(linux-image-[0-9].*-amd64\)$/\1/p' | head -n 1)
+    cache="${CARGO_TARGET_DIR:-target}/usb-guest/$package"
+    [ -n "$package" ]
+}
+download() {
+    rm -rf "$cache"
+    mkdir -p "$cache/package"
+    (cd "$cache/package" && apt-get -q download "$package")
+}
+find_package || { update_lists && find_package; } || skip "apt knows no package linux-image-amd64"
 modules="usb-common usbcore usbip-core vhci-hcd"
 if [ ! -e "$cache/complete" ]; then
     echo "test-usb-guest: unpacking $package into $cache"
-    rm -rf "$cache"
-    mkdir -p "$cache/package"
-    (cd "$cache/package" && apt-get -q download "$package") || skip "$package cannot be downloaded"
+    download || { update_lists && find_package && download; } || skip "$package cannot be downloaded"
     dpkg-deb --fsys-tarfile "$cache/package/$package"_*.deb | tar -x -C "$cache" --wildcards \
         './boot/vmlinuz-*' '*/kernel/drivers/usb/common/*' '*/kernel/drivers/usb/core/*' '*/kernel/drivers/usb/usbip/*'
     rm -r "$cache/package"
@@ -79,41 +90,45 @@ if [ ! -e "$cache/complete" ]; then
     : >"$cache/complete"
 fi
 
-# The test, the program it runs, and the libraries of both.
+# The tests, the programs they run, and the libraries of all.
 build() {
-    cargo test --workspace --release --locked --test vhci_camera --no-run --message-format=json
+    cargo test --workspace --release --locked --test vhci_camera --test emulate --no-run --message-format=json
 }
-test_program=$(build | sed -n 's/.*"executable":"\([^"]*vhci_camera-[^"]*\)".*/\1/p' | tail -n 1)
-[ -n "$test_program" ] || fail "cargo did not say where the test program is"
-recorder="$(dirname "$test_program")/../davis-record"
+executables=$(build | sed -n 's/.*"executable":"\([^"]*\)".*/\1/p')
 root=$(mktemp -d)
-trap 'rm -rf "$root"' EXIT
+trap 'rm -rf "$root" "$root.libraries" "$root.cpio" "$root.log"' EXIT
+chmod 755 "$root"
 mkdir -p "$root/bin" "$root/dev" "$root/proc" "$root/sys" "$root/tmp" "$root/modules"
+chmod 1777 "$root/tmp"
 cp /bin/busybox "$root/bin/"
 for module in $modules; do
     cp "$cache/$module.ko" "$root/modules/"
 done
-strip -o "$root/bin/vhci_camera" "$test_program"
-strip -o "$root/bin/davis-record" "$recorder"
-{ ldd "$test_program"; ldd "$recorder"; } | grep -o '/[^ ]*' | sort -u | while read -r library; do
+for name in vhci_camera emulate davis-record evcal; do
+    # Cargo adds a hash to the names of tests.
+    file=$(echo "$executables" | grep -E "/$name(-[0-9a-f]+)?\$" | tail -n 1)
+    [ -n "$file" ] || fail "cargo did not say where the program $name is"
+    strip -o "$root/bin/$name" "$file"
+    ldd "$file" >>"$root.libraries"
+done
+grep -o '/[^ ]*' "$root.libraries" | sort -u | while read -r library; do
     mkdir -p "$root$(dirname "$library")"
     cp -L "$library" "$root$library"
 done
 cat >"$root/init" <<END
 #!/bin/busybox sh
 /bin/busybox --install -s /bin
-export PATH=/bin DAVIS_RECORD=/bin/davis-record RUST_BACKTRACE=1
+export PATH=/bin DAVIS_RECORD=/bin/davis-record EVCAL=/bin/evcal
 mount -t proc none /proc
 mount -t sysfs none /sys
 mount -t devtmpfs none /dev
 for module in $modules; do insmod /modules/\$module.ko; done
-vhci_camera --ignored --test-threads=1 --nocapture
+vhci_camera --ignored --test-threads=1 --nocapture && emulate --ignored --test-threads=1 --nocapture
 echo "guest: exit status \$?"
 poweroff -f
 END
-chmod 755 "$root/init" "$root/bin/"* && chmod 755 "$root" && chmod 1777 "$root/tmp"
+chmod 755 "$root/init"
 (cd "$root" && find . -print | busybox cpio -o -H newc 2>/dev/null) >"$root.cpio"
-trap 'rm -rf "$root" "$root.cpio" "$root.log"' EXIT
 
 echo "test-usb-guest: starting $package in QEMU"
 # /dev/kvm may exist and not work; the timers are those that hold on a busy host.

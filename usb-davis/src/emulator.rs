@@ -8,11 +8,13 @@
 //! - [`vhci`] plugs the camera into the kernel's virtual USB host controller: every program on the
 //!   computer sees it in `/dev/bus/usb`. Needs root and the module `vhci-hcd`.
 
+mod default_registers;
 mod descriptors;
 mod faults;
 mod model;
 mod output;
 mod piece;
+mod requests;
 #[cfg(target_os = "linux")]
 mod transfers;
 #[cfg(target_os = "linux")]
@@ -24,7 +26,9 @@ mod usbip;
 #[cfg(target_os = "linux")]
 pub mod vhci;
 
+pub use default_registers::default_registers;
 pub use faults::Faults;
-pub use model::{Model, Stall, default_registers};
+pub use model::Model;
 pub use output::Pace;
 pub use piece::{CapturePieces, Piece};
+pub use requests::Stall;

@@ -19,6 +19,7 @@ use serde_json::Value;
 use streams::{event, events, total};
 use tempfile::TempDir;
 use usb_davis::capture::Capture;
+use usb_davis::device::{UDEV_RULE, UDEV_RULE_FILE};
 use usb_davis::emulator::umockdev::{Access, EmulatedBus};
 use usb_davis::emulator::{Faults, Model};
 use usb_davis::protocol::Message;
@@ -155,4 +156,10 @@ fn programs_are_told_of_cameras_that_come_and_go() {
     }
     watcher.kill().expect("it runs still");
     watcher.wait().expect("it was killed");
+}
+
+#[test]
+fn the_documented_udev_rule_is_the_one_that_errors_name() {
+    let page = include_str!("../../docs/usb.md");
+    assert!(page.contains(UDEV_RULE) && page.contains(UDEV_RULE_FILE));
 }

@@ -1,6 +1,6 @@
 //! The camera's USB descriptors.
 
-use super::model::Stall;
+use super::requests::Stall;
 use crate::dump::Identity;
 
 const DEVICE: u8 = 1;

@@ -2,21 +2,17 @@
 
 use std::time::Duration;
 
-use super::descriptors::{descriptor, descriptors};
+use super::default_registers::default_registers;
+use super::descriptors::descriptors;
 use super::faults::Faults;
 use super::output::{Output, Pace, Taken};
 use super::piece::Piece;
-use crate::capture::DATA_ENDPOINT;
+use super::requests::{Stall, standard_request};
 use crate::dump::{DumpHeader, Identity};
 use crate::registers::{
-    REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot, aps, dvs, external_input, imu,
-    mux, sysinfo, usb,
+    REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot, aps, dvs, mux, usb,
 };
 use crate::{PRODUCT_ID, VENDOR_ID};
-
-/// The endpoint is halted, or the request is not known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stall;
 
 /// One emulated camera.
 pub struct Model {
@@ -28,38 +24,6 @@ pub struct Model {
     log: Vec<(Register, u32)>,
     output: Output,
     halted: bool,
-}
-
-/// Registers of a DAVIS346 as far as they say something before it is configured.
-pub fn default_registers() -> RegisterSnapshot {
-    RegisterSnapshot::from_iter([
-        (sysinfo::LOGIC_VERSION, 18),
-        (sysinfo::CHIP_ID, 5),
-        (sysinfo::DEVICE_IS_MASTER, 1),
-        (sysinfo::LOGIC_CLOCK, 100),
-        (sysinfo::ADC_CLOCK, 30),
-        (sysinfo::USB_CLOCK, 80),
-        (sysinfo::CLOCK_DEVIATION, 1008),
-        (sysinfo::LOGIC_PATCH, 1),
-        (dvs::SIZE_COLUMNS, 260),
-        (dvs::SIZE_ROWS, 346),
-        (dvs::ORIENTATION, 0b100),
-        (dvs::HAS_PIXEL_FILTER, 1),
-        (dvs::HAS_BACKGROUND_ACTIVITY_FILTER, 1),
-        (dvs::HAS_REGION_OF_INTEREST, 1),
-        (dvs::HAS_SKIP_EVENTS, 1),
-        (dvs::HAS_POLARITY_FILTER, 1),
-        (dvs::HAS_STATISTICS, 1),
-        (aps::SIZE_COLUMNS, 260),
-        (aps::SIZE_ROWS, 346),
-        (aps::ORIENTATION, 0b100),
-        (aps::COLOR_FILTER, 0),
-        (aps::HAS_GLOBAL_SHUTTER, 1),
-        (imu::TYPE, 2),
-        (imu::ORIENTATION, 0),
-        (external_input::HAS_GENERATOR, 1),
-        (mux::HAS_STATISTICS, 1),
-    ])
 }
 
 impl Model {
@@ -171,8 +135,7 @@ impl Model {
 
     /// Answers a control request: what it returns are the bytes of a read, none for a write.
     pub fn control(&mut self, setup: [u8; 8], data: &[u8]) -> Result<Vec<u8>, Stall> {
-        let [request_type, request, v0, v1, i0, i1, l0, l1] = setup;
-        let (value, index) = (u16::from_le_bytes([v0, v1]), u16::from_le_bytes([i0, i1]));
+        let [request_type, request, v0, v1, i0, _, l0, l1] = setup;
         let register = Register::new(v0, i0);
         let mut answer = match (request_type, request) {
             (0xC0, REQUEST_REGISTER) => self.registers.get(register).unwrap_or(0).to_be_bytes().to_vec(),
@@ -183,7 +146,7 @@ impl Model {
             }
             (0x40, REQUEST_REGISTERS) => {
                 let (records, rest) = data.as_chunks::<REGISTERS_RECORD>();
-                if records.len() != usize::from(value) || !rest.is_empty() {
+                if records.len() != usize::from(u16::from_le_bytes([v0, v1])) || !rest.is_empty() {
                     return Err(Stall);
                 }
                 for &[module, parameter, b0, b1, b2, b3] in records {
@@ -191,46 +154,10 @@ impl Model {
                 }
                 Vec::new()
             }
-            _ => self.standard_request(request_type, request, value, index)?,
+            _ => standard_request(&self.identity, &mut self.halted, setup)?,
         };
         answer.truncate(usize::from(u16::from_le_bytes([l0, l1])));
         Ok(answer)
-    }
-
-    /// Requests that every USB device answers (USB 3.2, table 9-4).
-    fn standard_request(&mut self, kind: u8, request: u8, value: u16, index: u16) -> Result<Vec<u8>, Stall> {
-        const DEVICE: u8 = 0x00;
-        const INTERFACE: u8 = 0x01;
-        const ENDPOINT: u8 = 0x02;
-        const IN: u8 = 0x80;
-        const CLEAR_FEATURE: u8 = 1;
-        const SET_FEATURE: u8 = 3;
-        const ENDPOINT_HALT: u16 = 0;
-        let data_endpoint = index == u16::from(DATA_ENDPOINT);
-        match (kind ^ (kind & IN), kind & IN, request) {
-            // Status of device and interface, of an endpoint.
-            (DEVICE | INTERFACE, IN, 0) => Ok(vec![0, 0]),
-            (ENDPOINT, IN, 0) => Ok(vec![u8::from(data_endpoint && self.halted), 0]),
-            (ENDPOINT, 0, CLEAR_FEATURE | SET_FEATURE) if value == ENDPOINT_HALT => {
-                if data_endpoint {
-                    self.halted = request == SET_FEATURE;
-                }
-                Ok(Vec::new())
-            }
-            // Power saving of device and interface: nothing is saved here.
-            (DEVICE | INTERFACE, 0, CLEAR_FEATURE | SET_FEATURE) => Ok(Vec::new()),
-            (DEVICE, IN, 6) => {
-                let [index, kind] = value.to_le_bytes();
-                descriptor(&self.identity, kind, index)
-            }
-            // Configuration, alternate setting: there is one each.
-            (DEVICE, IN, 8) => Ok(vec![1]),
-            (DEVICE, 0, 9) | (INTERFACE, 0, 11) => Ok(Vec::new()),
-            (INTERFACE, IN, 10) => Ok(vec![0]),
-            // System exit latency, isochronous delay.
-            (DEVICE, 0, 48 | 49) => Ok(Vec::new()),
-            _ => Err(Stall),
-        }
     }
 
     fn write(&mut self, register: Register, value: u32) {
@@ -300,6 +227,8 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::capture::DATA_ENDPOINT;
+    use crate::registers::sysinfo;
 
     const CLEAR_HALT: [u8; 8] = [0x02, 1, 0, 0, DATA_ENDPOINT, 0, 0, 0];
 

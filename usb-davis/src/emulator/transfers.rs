@@ -2,7 +2,8 @@
 
 use std::collections::VecDeque;
 
-use super::model::{Model, Stall};
+use super::model::Model;
+use super::requests::Stall;
 use crate::capture::DATA_ENDPOINT;
 
 struct Queued<T> {

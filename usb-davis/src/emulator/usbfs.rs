@@ -5,7 +5,8 @@
 use std::collections::VecDeque;
 use std::io;
 
-use super::model::{Model, Stall};
+use super::model::Model;
+use super::requests::Stall;
 use super::transfers::QueuedTransfers;
 use crate::capture::DATA_ENDPOINT;
 
