@@ -191,7 +191,8 @@ impl VirtualCamera {
         self.port
     }
 
-    /// Where the kernel put it; `None` until it has, some 100 ms after plugging in.
+    /// Where the kernel put it; `None` until it has and programs can open it, some 100 ms after
+    /// plugging in.
     pub fn location(&self) -> Result<Option<Location>, VhciError> {
         port::location(Path::new(port::CONTROLLER), self.port)
     }

@@ -127,11 +127,13 @@ pub(super) fn is_used(controller: &Path, port: u32) -> Result<bool, VhciError> {
     Ok(ports(controller)?.iter().any(|other| other.number == port && other.state != STATE_FREE))
 }
 
-/// Where the kernel put the device at `port`, once it has.
+/// Where the kernel put the device at `port`, once it has and has configured it.
 pub(super) fn location(controller: &Path, port: u32) -> Result<Option<Location>, VhciError> {
     let Some(port) = ports(controller)?.into_iter().find(|other| other.number == port) else { return Ok(None) };
     let number = |name| fs::read_to_string(Path::new(DEVICES).join(&port.device).join(name)).ok()?.trim().parse().ok();
-    Ok(number("busnum").zip(number("devnum")).map(|(bus, address)| Location { bus, address }))
+    let configured = number("bConfigurationValue").is_some_and(|number| number > 0);
+    let location = number("busnum").zip(number("devnum")).map(|(bus, address)| Location { bus, address });
+    Ok(location.filter(|_| configured))
 }
 
 #[cfg(test)]
