@@ -2,13 +2,18 @@
 #   make demo   builds evcal and calibrates a simulated camera
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test compatibility setup build check bench
+.PHONY: demo test test-usb-guest compatibility setup build check bench
 
 demo: build
 	@sh tools/demo.sh
 
 test: setup check
 	cargo test --workspace --release --locked
+	@$(MAKE) test-usb-guest
+
+# The emulated camera on a real kernel, in a virtual machine; says so where there cannot be one.
+test-usb-guest:
+	@sh tools/test-usb-guest.sh
 
 # A third-party driver must accept the emulated camera. Apart, because it brings its own libusb.
 compatibility: setup
@@ -18,6 +23,7 @@ check: setup
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --release --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked
+	@sh tools/check-no-std.sh
 
 build: setup
 	cargo build --release --locked

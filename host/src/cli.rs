@@ -4,8 +4,12 @@
 
 mod calibrate;
 mod detect;
+#[cfg(target_os = "linux")]
+mod emulate;
 mod evaluate;
 mod info;
+#[cfg(target_os = "linux")]
+mod interrupt;
 mod print;
 mod progress;
 mod simulate;
@@ -41,6 +45,9 @@ enum Command {
     Evaluate(evaluate::Arguments),
     /// Simulate an event camera in front of a board
     Simulate(simulate::Arguments),
+    /// Plug in a DAVIS346 in software that sends a recording (Linux, root, module vhci-hcd)
+    #[cfg(target_os = "linux")]
+    Emulate(emulate::Arguments),
 }
 
 /// What a subcommand returns; an error goes to standard error with exit code 1.
@@ -67,6 +74,8 @@ pub fn run() -> ExitCode {
         Command::Info(arguments) => info::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        #[cfg(target_os = "linux")]
+        Command::Emulate(arguments) => emulate::run(&arguments),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -21,6 +21,7 @@ pub mod initial;
 pub mod opencv;
 pub mod output;
 pub mod picture;
+pub mod playback;
 pub mod reference_frame;
 pub mod refinement;
 pub mod result;
