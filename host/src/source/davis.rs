@@ -4,6 +4,8 @@
 //! Lost bytes and failed transfers are gaps: counted as damaged packets, and events go on behind
 //! them.
 
+pub mod dump;
+
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::{Event, Polarity};
