@@ -194,8 +194,7 @@ fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>
         Light::Low => (FrameSettings::low_light(), InertialSettings::default()),
         Light::Ideal => (FrameSettings::ideal(), InertialSettings::ideal()),
     };
-    let settings =
-        DavisSettings { frames: arguments.frames.then_some(frames), imu: arguments.imu.then_some(imu) };
+    let settings = DavisSettings { frames: arguments.frames.then_some(frames), imu: arguments.imu.then_some(imu) };
     settings.check()?;
     Ok(settings)
 }

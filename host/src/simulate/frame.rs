@@ -214,3 +214,105 @@ impl FrameSensor {
         (mean + offset + noise + 0.5).clamp(0.0, f64::from(FULL_SCALE)) as u16
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Translation3, Vector3};
+
+    use super::*;
+    use crate::simulate::rays::Rays;
+    use crate::simulate::row::STEPPING;
+    use crate::simulate::scene::{Scene, SceneSettings};
+    use crate::simulate::sensor::SensorModel;
+    use crate::simulate::tests::{board, radtan};
+
+    fn stage() -> Stage {
+        let sensor = SensorModel::ideal();
+        let scene = Scene::new(board(), SceneSettings::default(), sensor.point_spread);
+        Stage { rays: Rays::new(&radtan(), 346, 260), scene, sensor, stepping: STEPPING }
+    }
+
+    /// In front of the board's middle, sideways at 0.5 m/s: 1 px in 4 ms at 0.7 m.
+    fn sliding(t: f64) -> Isometry3<f64> {
+        let position = board().middle().push(-0.7) + Vector3::new(0.5 * t, 0.0, 0.0);
+        Isometry3::from_parts(Translation3::from(position), nalgebra::UnitQuaternion::identity())
+    }
+
+    #[test]
+    fn a_frame_is_the_mean_light_of_its_exposure() {
+        let stage = stage();
+        let sensor = FrameSensor::new(&stage, FrameSettings::ideal(), 1);
+        let frame = sensor.expose(&stage, sliding, 3);
+        assert_eq!(
+            frame.times,
+            FrameTimes { start: 120_000, exposure_start: 129_200, exposure_end: 133_200, end: 142_400 }
+        );
+        // Simpson's rule over 100 spans, from the scene alone.
+        let weight = |step: i32| match step {
+            0 | 100 => 1.0,
+            step if step % 2 == 1 => 4.0,
+            _ => 2.0,
+        };
+        let views: Vec<(f64, View)> = (0..=100)
+            .map(|step| (weight(step) / 300.0, View::new(&sliding(0.1292 + f64::from(step) * 4e-5))))
+            .collect();
+        let mut blurred = 0;
+        for index in (0..frame.pixels.len()).step_by(13) {
+            let (x, y) = ((index % 346) as u16, (index / 346) as u16);
+            let ray = stage.rays.get(x, y).unwrap();
+            let radiance = |view: &View| stage.scene.sample(view, ray).radiance;
+            let expected = 700.0 * views.iter().map(|(weight, view)| weight * radiance(view)).sum::<f64>();
+            let value = f64::from(frame.pixels[index]);
+            assert!((value - expected).abs() < 1.0, "({x}, {y}): {value}, not {expected}");
+            let middle = 700.0 * radiance(&views[50].1);
+            blurred += usize::from((middle - expected).abs() > 5.0);
+        }
+        assert!(blurred > 20, "{blurred}");
+    }
+
+    /// Noise from frame to frame has the variance of read and shot noise; what stays is the pattern.
+    #[test]
+    fn noise_has_its_variance() {
+        let stage = stage();
+        let settings = FrameSettings { moments: 1, ..FrameSettings::default() };
+        let sensor = FrameSensor::new(&stage, settings, 1);
+        let frames: Vec<SimulatedFrame> =
+            (0..40).map(|number| sensor.expose(&stage, |_| sliding(0.0), number)).collect();
+        let clean = FrameSensor::new(&stage, FrameSettings { moments: 1, ..FrameSettings::ideal() }, 1);
+        let clean = clean.expose(&stage, |_| sliding(0.0), 0);
+        let (mut variance, mut pattern, mut count) = (0.0, 0.0, 0.0);
+        for (index, &value) in clean.pixels.iter().enumerate().filter(|(_, value)| **value == 700) {
+            let values = frames.iter().map(|frame| f64::from(frame.pixels[index]));
+            let mean = values.clone().sum::<f64>() / 40.0;
+            variance += values.map(|value| (value - mean).powi(2)).sum::<f64>() / 39.0;
+            pattern += (mean - f64::from(value)).powi(2);
+            count += 1.0;
+        }
+        assert!(count > 5000.0);
+        // 9 of the reads, 700 / 30 of the electrons, 1/12 of rounding.
+        let expected = 9.0 + 700.0 / 30.0 + 1.0 / 12.0;
+        assert!((variance / count - expected).abs() < 0.02 * expected, "{}", variance / count);
+        // 4² of pixels, 2² of columns, 7² of gain, and what is left of the noise in a mean of 40.
+        let expected = 16.0 + 4.0 + 49.0 + expected / 40.0;
+        assert!((pattern / count - expected).abs() < 0.05 * expected, "{}", pattern / count);
+    }
+
+    #[test]
+    fn bright_pixels_saturate_and_dark_ones_stay_at_zero() {
+        let stage = stage();
+        let bright = FrameSettings { white: 5000.0, moments: 1, ..FrameSettings::ideal() };
+        let frame = FrameSensor::new(&stage, bright, 1).expose(&stage, sliding, 0);
+        assert_eq!(frame.pixels.iter().max(), Some(&FULL_SCALE));
+        let dark = FrameSettings { white: 1.0, moments: 1, read_noise: 30.0, ..FrameSettings::ideal() };
+        let frame = FrameSensor::new(&stage, dark, 1).expose(&stage, sliding, 0);
+        assert_eq!(frame.pixels.iter().min(), Some(&0));
+    }
+
+    #[test]
+    fn impossible_times_are_refused() {
+        assert!(FrameSettings { exposure: 30_000, ..FrameSettings::default() }.check().is_err());
+        for settings in [FrameSettings::default(), FrameSettings::low_light(), FrameSettings::ideal()] {
+            assert_eq!(settings.check(), Ok(()));
+        }
+    }
+}

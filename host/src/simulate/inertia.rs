@@ -79,12 +79,7 @@ impl InertialSettings {
             ("imu.interval", f64::from(self.interval), (1..=256).contains(&self.interval), "1 to 256 ms"),
             ("imu.accelerometer_scale", f64::from(self.accelerometer_scale), self.accelerometer_scale < 4, SCALE),
             ("imu.gyroscope_scale", f64::from(self.gyroscope_scale), self.gyroscope_scale < 4, SCALE),
-            (
-                "imu.accelerometer_noise",
-                self.accelerometer_noise,
-                not_negative(self.accelerometer_noise),
-                NOT_NEGATIVE,
-            ),
+            ("imu.accelerometer_noise", self.accelerometer_noise, not_negative(self.accelerometer_noise), NOT_NEGATIVE),
             ("imu.gyroscope_noise", self.gyroscope_noise, not_negative(self.gyroscope_noise), NOT_NEGATIVE),
             ("imu.accelerometer_bias", self.accelerometer_bias, not_negative(self.accelerometer_bias), NOT_NEGATIVE),
             ("imu.gyroscope_bias", self.gyroscope_bias, not_negative(self.gyroscope_bias), NOT_NEGATIVE),
@@ -192,4 +187,74 @@ impl InertialUnit {
 /// The nearest number of 16 bits; readings beyond the scale stay at its end.
 fn quantise(value: f64) -> i16 {
     libm::round(value).clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::motion::{Motion, MotionSettings};
+    use crate::simulate::rays::Rays;
+    use crate::simulate::tests::{board, radtan};
+
+    #[test]
+    fn at_rest_it_feels_one_g_upwards() {
+        for angle in [0.0, 90.0f64] {
+            let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, angle.to_radians());
+            let truth = InertialTruth::new(|_| Isometry3::from_parts(Vector3::new(0.1, 0.2, -0.7).into(), turn), 1000);
+            let (sine, cosine) = angle.to_radians().sin_cos();
+            assert!((truth.acceleration - Vector3::new(-sine, -cosine, 0.0)).norm() < 1e-6, "{truth:?}");
+            assert!(truth.angular_velocity.norm() < 1e-9);
+        }
+    }
+
+    /// Dead reckoning from the true readings leads along the trajectory.
+    #[test]
+    fn readings_integrate_to_the_motion() {
+        let motion = Motion::new(&MotionSettings::fast(), &board(), &Rays::new(&radtan(), 346, 260), 2.0, 5).unwrap();
+        let pose = |t: f64| motion.pose(t);
+        let start = pose(0.1);
+        let mut rotation = start.rotation;
+        let mut position = start.translation.vector;
+        let mut velocity = (pose(0.1 + 1e-5).translation.vector - pose(0.1 - 1e-5).translation.vector) / 2e-5;
+        let step = 1e-3;
+        for index in 0..500u64 {
+            // Readings in the middle of each millisecond.
+            let truth = InertialTruth::new(pose, 100_500 + 1000 * index);
+            let half = UnitQuaternion::new(truth.angular_velocity.map(f64::to_radians) * (0.5 * step));
+            rotation *= half;
+            let gravity = Vector3::new(0.0, STANDARD_GRAVITY, 0.0);
+            let acceleration = rotation * (truth.acceleration * STANDARD_GRAVITY) + gravity;
+            rotation *= half;
+            position += velocity * step + acceleration * (0.5 * step * step);
+            velocity += acceleration * step;
+        }
+        let end = pose(0.6);
+        let travelled = (end.translation.vector - start.translation.vector).norm();
+        assert!(travelled > 0.05, "{travelled}");
+        assert!(rotation.angle_to(&end.rotation) < 2e-5, "{}", rotation.angle_to(&end.rotation));
+        assert!((position - end.translation.vector).norm() < 1e-4, "{}", (position - end.translation.vector).norm());
+    }
+
+    #[test]
+    fn readings_are_truth_bias_and_noise_in_the_sensors_steps() {
+        let truth = InertialTruth {
+            time: 7000,
+            acceleration: Vector3::new(0.5, -1.0, 9.0),
+            angular_velocity: Vector3::new(100.0, -30.0, 0.0),
+        };
+        let sample = InertialUnit::new(InertialSettings::ideal(), 1).read(&truth);
+        // 8192 steps per g, 65.536 per °/s; beyond ±4 g it is at the end of its scale.
+        assert_eq!(sample.acceleration, Some([4096, -8192, 32767]));
+        assert_eq!(sample.angular_velocity, Some([6554, -1966, 0]));
+        assert!((sample.temperature_celsius().unwrap() - 29.0).abs() < 0.01);
+
+        let mut unit = InertialUnit::new(InertialSettings::default(), 1);
+        let bias = unit.bias();
+        let readings: Vec<f64> =
+            (0..4000).map(|_| f64::from(unit.read(&truth).angular_velocity_degrees().unwrap()[0])).collect();
+        let mean = readings.iter().sum::<f64>() / 4000.0;
+        let deviation = (readings.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / 3999.0).sqrt();
+        assert!((mean - 100.0 - bias.angular_velocity[0]).abs() < 0.005, "{mean}");
+        assert!((deviation - 0.06).abs() < 0.003, "{deviation}");
+    }
 }

@@ -164,3 +164,141 @@ fn inertial_sample(sample: &ImuSample) -> InertialSample {
         angular_velocity: sample.angular_velocity_degrees().unwrap_or_default(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::{Event, Polarity};
+    use usb_davis::capture::Capture;
+    use usb_davis::protocol::{Message, Polarity as WirePolarity};
+
+    use super::*;
+    use crate::simulate::SimulationSettings;
+    use crate::simulate::frame::FrameSettings;
+    use crate::simulate::inertia::InertialSettings;
+    use crate::simulate::motion::MotionSettings;
+    use crate::simulate::rays::Rays;
+    use crate::simulate::scene::SceneSettings;
+    use crate::simulate::sensor::SensorModel;
+    use crate::simulate::tests::{board, radtan};
+    use crate::source::aedat4::other_streams::{FrameReader, inertial_samples};
+    use crate::source::{Recording, SourceOptions};
+
+    const DAVIS: fn() -> DavisSettings =
+        || DavisSettings { frames: Some(FrameSettings::default()), imu: Some(InertialSettings::default()) };
+
+    fn simulation(width: u16) -> Simulation {
+        let settings = SimulationSettings {
+            duration: 0.14,
+            seed: 3,
+            scene: SceneSettings::default(),
+            sensor: SensorModel::default(),
+            motion: MotionSettings::fast(),
+        };
+        Simulation::new(Rays::new(&radtan(), width, 260), board(), settings).unwrap()
+    }
+
+    /// Everything that the simulation hands over.
+    fn everything(simulation: &Simulation) -> (Vec<Event>, Vec<SimulatedFrame>, Vec<ImuSample>) {
+        let (mut events, mut frames, mut samples) = (Vec::new(), Vec::new(), Vec::new());
+        let collect = |slice: DavisSlice<'_>| {
+            events.extend_from_slice(slice.events);
+            frames.extend_from_slice(slice.frames);
+            samples.extend_from_slice(slice.imu);
+            Ok::<(), ()>(())
+        };
+        simulation.run_davis(&DAVIS(), collect).unwrap();
+        (events, frames, samples)
+    }
+
+    #[test]
+    fn a_dump_decodes_to_what_was_simulated() {
+        let simulation = simulation(346);
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.dvraw");
+        write(&simulation, &DAVIS(), &path, RecordingFormat::Davis346, |_| {}).unwrap();
+        let (events, frames, samples) = everything(&simulation);
+        assert_eq!((frames.len(), samples.len()), (3, 139));
+
+        let mut capture = Capture::open(&path).unwrap();
+        assert_eq!(capture.header().camera_name(), "DAVIS346_evcalsim");
+        let mut decoder = capture.header().decoder();
+        let (mut seen_events, mut seen_frames, mut seen_samples) = (Vec::new(), Vec::new(), Vec::new());
+        let mut latest = (0, 0);
+        while let Some(transfer) = capture.next_transfer().unwrap() {
+            assert!(!transfer.gap_before && transfer.payload.len() <= TRANSFER_MOST);
+            let host_us = transfer.host_ns.unwrap() / 1000;
+            assert!(host_us > latest.0, "host times rise");
+            assert!(host_us - latest.0 < 2000, "a transfer every millisecond");
+            latest.0 = host_us;
+            decoder.decode(transfer.payload, |message| match message {
+                Message::Events(events) => {
+                    latest.1 = events.last().unwrap().time;
+                    seen_events.extend_from_slice(events);
+                }
+                Message::Frame(frame) => {
+                    seen_frames.push((frame.start, frame.exposure_middle(), frame.pixels.to_vec()))
+                }
+                Message::Imu(sample) => seen_samples.push(sample),
+                other => panic!("{other:?}"),
+            });
+            assert!(latest.0 > latest.1, "nothing arrives before it happened");
+        }
+        let expected: Vec<(u64, u16, u16, WirePolarity)> = events
+            .iter()
+            .map(|event| {
+                let polarity = if event.polarity == Polarity::On { WirePolarity::On } else { WirePolarity::Off };
+                (event.t as u64, event.x, event.y, polarity)
+            })
+            .collect();
+        assert!(expected.len() > 50_000);
+        assert!(
+            seen_events.iter().map(|event| (event.time, event.x, event.y, event.polarity)).eq(expected.into_iter())
+        );
+        let expected = frames
+            .into_iter()
+            .map(|SimulatedFrame { times, pixels }| (times.start, Some(times.exposure_start + 2000), pixels));
+        assert!(seen_frames.into_iter().eq(expected));
+        assert_eq!(seen_samples, samples);
+    }
+
+    #[test]
+    fn an_aedat4_file_holds_what_was_simulated() {
+        let simulation = simulation(346);
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.aedat4");
+        write(&simulation, &DAVIS(), &path, RecordingFormat::Aedat4, |_| {}).unwrap();
+        let (events, frames, samples) = everything(&simulation);
+
+        let recording = Recording::new(&path, SourceOptions::default()).unwrap();
+        let counts: Vec<u64> = recording.streams().unwrap().iter().map(|stream| stream.elements).collect();
+        assert_eq!(counts, [events.len() as u64, 3, 139]);
+        let mut reader = recording.open().unwrap();
+        let (mut seen, mut batch) = (Vec::new(), Vec::new());
+        while reader.next_batch(&mut batch).unwrap() {
+            seen.extend_from_slice(&batch);
+        }
+        assert_eq!(seen, events);
+        let mut reader = FrameReader::open(&path).unwrap();
+        for SimulatedFrame { times, pixels } in frames {
+            let frame = reader.next_frame().unwrap().unwrap();
+            assert_eq!(frame.exposure, Some((times.exposure_start as i64, times.exposure_end as i64)));
+            assert_eq!(frame.readout, Some((times.start as i64, times.end as i64)));
+            assert_eq!((frame.size, frame.channels, frame.t), ((346, 260), 1, times.exposure_start as i64 + 2000));
+            assert!(frame.pixels.iter().zip(&pixels).all(|(eight, ten)| u16::from(*eight) == ten / 4));
+        }
+        assert_eq!(reader.next_frame().unwrap(), None);
+        let expected: Vec<InertialSample> = samples.iter().map(inertial_sample).collect();
+        assert_eq!(inertial_samples(&path).unwrap(), expected);
+    }
+
+    #[test]
+    fn other_sensors_have_no_dump() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.dvraw");
+        let result = write(&simulation(320), &DAVIS(), &path, RecordingFormat::Davis346, |_| {});
+        assert!(result.unwrap_err().to_string().contains("320x260"));
+        assert!(!path.exists());
+    }
+
+    const TRANSFER_MOST: usize = 128 * 1024;
+}

@@ -58,12 +58,7 @@ pub struct Encoder<W> {
 
 impl<W: Write + Seek> Encoder<W> {
     /// Writes the header of a file of events.
-    pub fn new(
-        output: W,
-        compression: Compression,
-        sensor: (u16, u16),
-        camera_name: &str,
-    ) -> Result<Self, WriteError> {
+    pub fn new(output: W, compression: Compression, sensor: (u16, u16), camera_name: &str) -> Result<Self, WriteError> {
         Self::with_streams(output, compression, sensor, camera_name, OtherStreams::default())
     }
 
@@ -121,14 +116,7 @@ impl<W: Write + Seek> Encoder<W> {
         self.output.write_all(&stream.to_le_bytes())?;
         self.output.write_all(&size.to_le_bytes())?;
         self.output.write_all(&packed)?;
-        self.table.push(TableRow {
-            stream,
-            byte: self.position + 8,
-            size,
-            elements: elements as i64,
-            first,
-            last,
-        });
+        self.table.push(TableRow { stream, byte: self.position + 8, size, elements: elements as i64, first, last });
         self.position += 8 + packed.len() as u64;
         Ok(())
     }
@@ -230,6 +218,8 @@ fn description(
 #[cfg(test)]
 mod tests {
     use std::io::Cursor;
+
+    use evcal_core::event::Polarity;
 
     use super::*;
     use crate::source::aedat4::flatbuffer;
