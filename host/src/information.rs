@@ -303,6 +303,9 @@ impl fmt::Display for Information {
         if report.damaged_packets > 0 {
             line(f, "warning", format!("{} damaged packets are left out", report.damaged_packets))?;
         }
+        for note in report.stream.notes() {
+            line(f, "warning", note)?;
+        }
         if let Some(truncated) = &report.truncated {
             line(f, "warning", truncated.to_string())?;
         }
