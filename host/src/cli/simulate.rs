@@ -64,9 +64,9 @@ pub struct Arguments {
     /// Format of the recording; dvraw is what a DAVIS346 sends over USB
     #[arg(long, value_enum, default_value_t = Format::Aedat4)]
     format: Format,
-    /// Frames too, 25 a second with a global shutter (aedat4 and dvraw)
-    #[arg(long)]
-    frames: bool,
+    /// Frames too, with a global shutter, so many a second [default: 25] (aedat4 and dvraw)
+    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25")]
+    frames: Option<f64>,
     /// Inertial samples too, 1000 a second (aedat4 and dvraw)
     #[arg(long)]
     imu: bool,
@@ -186,7 +186,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 
 /// Frames and inertial samples, as far as asked for.
 fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>> {
-    if (arguments.frames || arguments.imu) && matches!(arguments.format, Format::Csv | Format::Bin) {
+    if (arguments.frames.is_some() || arguments.imu) && matches!(arguments.format, Format::Csv | Format::Bin) {
         return Err(UsageError("frames and inertial samples need --format aedat4 or dvraw".to_owned()).into());
     }
     let (frames, imu) = match arguments.light {
@@ -194,7 +194,8 @@ fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>
         Light::Low => (FrameSettings::low_light(), InertialSettings::default()),
         Light::Ideal => (FrameSettings::ideal(), InertialSettings::ideal()),
     };
-    let settings = DavisSettings { frames: arguments.frames.then_some(frames), imu: arguments.imu.then_some(imu) };
+    let at_rate = |rate: f64| FrameSettings { interval: (1e6 / rate).round() as u32, ..frames };
+    let settings = DavisSettings { frames: arguments.frames.map(at_rate), imu: arguments.imu.then_some(imu) };
     settings.check()?;
     Ok(settings)
 }

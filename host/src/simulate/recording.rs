@@ -5,7 +5,6 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use usb_davis::configuration::Configuration;
-use usb_davis::dump;
 use usb_davis::protocol::{Frame as WireFrame, ImuSample, Region, Shutter};
 
 use super::davis::{DavisSettings, DavisSlice, DavisTruth};
@@ -14,7 +13,7 @@ use super::{EventCounts, Simulation};
 use crate::source::aedat4::header::Compression;
 use crate::source::aedat4::other_streams::{Frame, InertialSample};
 use crate::source::aedat4::write::{Encoder, OtherStreams};
-use crate::source::davis::dump::{DumpEncoder, davis346_header};
+use crate::source::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
 use crate::source::write::{Encode, EventWriter, OutputFormat, WriteError};
 
 /// Size of the sensor of a DAVIS346.
@@ -23,8 +22,6 @@ pub const DAVIS346_SENSOR: (u16, u16) = (346, 260);
 const CAMERA_NAME: &str = "evcal simulator";
 /// Serial number of the camera in dumps.
 const SERIAL: &str = "evcalsim";
-/// Level at which dumps are compressed: they are made once and kept.
-const DUMP_COMPRESSION: dump::Compression = dump::Compression::Zstd(19);
 
 /// What kind of file to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,7 +85,7 @@ pub fn write(
             header.note = "simulated".to_owned();
             let clocks = header.registers.clocks();
             let exposure_cycles = clocks.cycles(clocks.adc, configuration.exposure);
-            let mut encoder = DumpEncoder::new(File::create(path)?, header, DUMP_COMPRESSION)?;
+            let mut encoder = DumpEncoder::new(File::create(path)?, header, COMPRESSION)?;
             let results = simulation.run_davis(davis, |slice| {
                 tick();
                 encoder.events(slice.events);
