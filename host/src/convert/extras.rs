@@ -12,6 +12,7 @@ use super::{CAMERA_STREAMS, ConvertError};
 use crate::source::aedat4::other_streams::{Frame, FrameReader, InertialSample, inertial_samples};
 use crate::source::aedat4::write::OtherStreams;
 use crate::source::davis::Messages;
+use crate::source::davis::dump::READOUT;
 use crate::source::{ReadReport, SourceError, aedat4};
 
 /// A frame or an inertial sample.
@@ -24,12 +25,13 @@ pub enum Extra {
 }
 
 impl Extra {
-    /// When it begins, in µs.
+    /// When it begins, in µs. Where a frame does not say when its sensor began to be read, it is
+    /// taken to be before the exposure.
     fn start(&self) -> i64 {
         match self {
             Self::Frame(frame) => {
-                let times = [frame.readout.map(|times| times.0), frame.exposure.map(|times| times.0)];
-                times.into_iter().flatten().fold(frame.t, i64::min)
+                let exposure_start = frame.exposure.map_or(frame.t, |times| times.0.min(frame.t));
+                frame.readout.map_or(exposure_start.saturating_sub(READOUT), |times| times.0.min(exposure_start))
             }
             Self::Inertial(sample) => sample.t,
         }

@@ -6,13 +6,13 @@ use std::path::Path;
 
 use evcal_core::event::Event;
 use usb_davis::configuration::Configuration;
-use usb_davis::dump;
+
 use usb_davis::protocol::{Frame as WireFrame, ImuModel, ImuSample, ImuScale, Region, Shutter};
 
 use super::{Extra, Target};
 use crate::source::aedat4::other_streams::{Frame, InertialSample};
 use crate::source::aedat4::write::{Encoder, OtherStreams};
-use crate::source::davis::dump::{DumpEncoder, davis346_header};
+use crate::source::davis::dump::{COMPRESSION, DumpEncoder, READOUT, davis346_header};
 use crate::source::write::{Encode, EventWriter, OutputFormat, WriteError};
 
 /// Size of the sensor of a DAVIS346.
@@ -147,7 +147,7 @@ impl DumpSink {
         }
         let clocks = header.registers.clocks();
         let exposure_cycles_per_us = f64::from(clocks.cycles(clocks.adc, 1_000_000)) / 1e6;
-        let encoder = DumpEncoder::new(File::create_new(path)?, header, dump::Compression::None)?;
+        let encoder = DumpEncoder::new(File::create_new(path)?, header, COMPRESSION)?;
         Ok(Self {
             encoder,
             exposure_cycles_per_us,
@@ -180,7 +180,8 @@ impl DumpSink {
             return false;
         }
         let (exposure_start, exposure_end) = frame.exposure.unwrap_or((frame.t, frame.t));
-        let (start, end) = frame.readout.unwrap_or((exposure_start, exposure_end));
+        let readout = (exposure_start.saturating_sub(READOUT), exposure_end.saturating_add(READOUT));
+        let (start, end) = frame.readout.unwrap_or(readout);
         let (start, end) = (start.min(exposure_start), end.max(exposure_end));
         // Frames follow each other on the wire; the beginning can wait until the exposure.
         let start = start.max(self.frame_end);

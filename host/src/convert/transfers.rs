@@ -4,9 +4,10 @@ use std::fs::File;
 use std::path::Path;
 
 use usb_davis::capture::Capture;
-use usb_davis::dump::{Compression, DumpWriter};
+use usb_davis::dump::DumpWriter;
 
 use super::{ConversionReport, ConvertError};
+use crate::source::davis::dump::COMPRESSION;
 
 /// Copies the transfers of the recording at `from` into a new dump at `to`.
 pub fn copy(from: &Path, to: &Path) -> Result<ConversionReport, ConvertError> {
@@ -15,7 +16,7 @@ pub fn copy(from: &Path, to: &Path) -> Result<ConversionReport, ConvertError> {
     let failed = |error| ConvertError::Write { path: to.to_owned(), error };
     let file = File::create_new(to).map_err(|error| failed(error.into()))?;
     let failed_dump = |error| ConvertError::Write { path: to.to_owned(), error: super::WriteError::Dump(error) };
-    let mut dump = DumpWriter::new(file, capture.header(), Compression::None).map_err(failed_dump)?;
+    let mut dump = DumpWriter::new(file, capture.header(), COMPRESSION).map_err(failed_dump)?;
     let mut report = ConversionReport::default();
     loop {
         match capture.next_transfer() {

@@ -219,6 +219,8 @@ fn description(
 mod tests {
     use std::io::Cursor;
 
+    use evcal_core::event::Polarity;
+
     use super::*;
     use crate::source::aedat4::flatbuffer;
 
