@@ -20,9 +20,9 @@ pub struct LiveSettings {
     pub boards: u64,
     /// Smallest share of the cells of the sensor in which circles were seen.
     pub coverage: f64,
-    /// Columns of cells into which the sensor is cut.
+    /// Columns of cells into which the sensor is cut, 1 to 64.
     pub columns: u16,
-    /// Rows of cells.
+    /// Rows of cells, 1 to 64.
     pub rows: u16,
     /// Fewest circles in a cell that was seen.
     pub circles_per_cell: u64,
