@@ -247,21 +247,22 @@ fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
     let pieces = board_recording(directory.path());
     let sent: u64 = pieces.iter().map(|piece| piece.bytes.len() as u64).sum();
     let unplug = Faults { unplug_at: Some(sent - 1000), ..Faults::default() };
-    for (name, faults) in [("enough", Faults::default()), ("unplugged", unplug)] {
+    // At full pace nothing is dropped, so that the byte at which it is unplugged comes.
+    for (name, faults, pace) in [("enough", Faults::default(), Pace::Real), ("unplugged", unplug, Pace::Full)] {
         let pieces = pieces.clone();
-        let model = Model::new("00000042", move || pieces.clone().into_iter()).with_pace(Pace::Real);
+        let model = Model::new("00000042", move || pieces.clone().into_iter()).with_pace(pace);
         let is_unplugged = faults != Faults::default();
         let bus = EmulatedBus::start(model.with_faults(faults)).unwrap();
         let (live, again) = (directory.path().join(name), directory.path().join(format!("{name}-again")));
         let settings = easy_settings(directory.path());
-        let mut arguments = vec!["live", "--board", BOARD, "-o", text(&live)];
+        let mut arguments = vec!["live", "--board", BOARD, "-o", text(&live), "--duration", "100s"];
         if !is_unplugged {
             arguments.extend(["--settings", text(&settings)]);
         }
         let (code, told, errors) = run(&bus, &arguments);
         let recording = live.join("recording.dvraw");
         assert_eq!(code, Some(i32::from(is_unplugged)), "{told}\n{errors}");
-        assert!(told.contains("Mev/s") && told.contains("% of the sensor"), "{told}");
+        assert!(is_unplugged || (told.contains("Mev/s") && told.contains("% of the sensor")), "{told}");
         assert_eq!(errors.contains("the camera was unplugged"), is_unplugged, "{errors}");
         assert_eq!(told.contains("(stopped)"), !is_unplugged, "{told}");
         let mut arguments = vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&again)];
