@@ -7,6 +7,8 @@ mod camera_arguments;
 mod convert;
 mod detect;
 mod devices;
+#[cfg(target_os = "linux")]
+mod emulate;
 mod evaluate;
 mod info;
 mod interrupt;
@@ -55,6 +57,9 @@ enum Command {
     Evaluate(evaluate::Arguments),
     /// Simulate an event camera in front of a board
     Simulate(simulate::Arguments),
+    /// Plug in a DAVIS346 in software that sends a recording (Linux, root, module vhci-hcd)
+    #[cfg(target_os = "linux")]
+    Emulate(emulate::Arguments),
 }
 
 /// What a subcommand returns; an error goes to standard error with exit code 1.
@@ -85,6 +90,8 @@ pub fn run() -> ExitCode {
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        #[cfg(target_os = "linux")]
+        Command::Emulate(arguments) => emulate::run(&arguments),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

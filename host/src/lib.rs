@@ -24,6 +24,7 @@ pub mod live;
 pub mod opencv;
 pub mod output;
 pub mod picture;
+pub mod playback;
 pub mod reference_frame;
 pub mod refinement;
 pub mod result;

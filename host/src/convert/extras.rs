@@ -54,6 +54,11 @@ impl Extra {
     }
 }
 
+fn frame_start(frame: &Frame) -> i64 {
+    let times = [frame.readout.map(|times| times.0), frame.exposure.map(|times| times.0)];
+    times.into_iter().flatten().fold(frame.t, i64::min)
+}
+
 /// Hands out frames and inertial samples in order of time.
 pub enum Extras {
     /// There are none.
@@ -119,7 +124,7 @@ impl Extras {
         match self {
             Self::None | Self::Camera { .. } => None,
             Self::Aedat4 { next, samples, .. } => {
-                let frame = next.clone().map(|frame| Extra::Frame(frame).start());
+                let frame = next.as_ref().map(frame_start);
                 frame.into_iter().chain(samples.peek().map(|sample| sample.t)).min()
             }
         }
@@ -131,19 +136,17 @@ impl Extras {
         match self {
             Self::None => None,
             Self::Aedat4 { frames, next, samples, .. } => {
-                let frame = next.clone().map(Extra::Frame).filter(|frame| frame.start() <= end);
-                let sample = samples.peek().filter(|sample| sample.t <= end);
-                match (frame, sample) {
-                    (Some(frame), sample) if sample.is_none_or(|sample| frame.start() <= sample.t) => {
-                        *next = frames.next_frame().unwrap_or_else(|error| {
-                            lost.push(format!("frames from here on: {error}"));
-                            None
-                        });
-                        Some(frame)
-                    }
-                    (_, Some(_)) => samples.next().map(Extra::Inertial),
-                    _ => None,
+                let frame = next.as_ref().map(frame_start).filter(|start| *start <= end);
+                let sample = samples.peek().map(|sample| sample.t).filter(|t| *t <= end);
+                if sample.is_some() && frame.is_none_or(|start| sample < Some(start)) {
+                    return samples.next().map(Extra::Inertial);
                 }
+                frame?;
+                let after = frames.next_frame().unwrap_or_else(|error| {
+                    lost.push(format!("frames from here on: {error}"));
+                    None
+                });
+                std::mem::replace(next, after).map(Extra::Frame)
             }
             Self::Camera { messages, waiting, more, .. } => {
                 while *more && waiting.is_empty() {

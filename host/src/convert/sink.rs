@@ -40,7 +40,7 @@ pub struct Sink {
 
 enum Writer {
     Events(EventWriter),
-    Aedat4(Box<Encoder<BufWriter<File>>>),
+    Aedat4(Box<Aedat4Sink>),
     Dump(Box<DumpSink>),
 }
 
@@ -58,7 +58,8 @@ impl Sink {
             Target::Dvraw => Writer::Dump(Box::new(DumpSink::create(path, sensor, camera_name, first)?)),
             Target::Events(OutputFormat::Aedat4(compression)) => {
                 let file = BufWriter::with_capacity(1 << 18, File::create_new(path)?);
-                Writer::Aedat4(Box::new(Encoder::with_streams(file, compression, sensor, camera_name, held)?))
+                let encoder = Encoder::with_streams(file, compression, sensor, camera_name, held)?;
+                Writer::Aedat4(Box::new(Aedat4Sink { encoder, samples: Vec::new() }))
             }
             Target::Events(format) => Writer::Events(EventWriter::create(path, format, sensor, camera_name)?),
         };
@@ -69,7 +70,7 @@ impl Sink {
     pub fn events(&mut self, events: &[Event]) -> Result<(), WriteError> {
         match &mut self.writer {
             Writer::Events(writer) => writer.write(events),
-            Writer::Aedat4(encoder) => encoder.write(events),
+            Writer::Aedat4(file) => file.encoder.write(events),
             Writer::Dump(dump) => {
                 dump.events(events);
                 Ok(())
@@ -81,9 +82,10 @@ impl Sink {
     pub fn extra(&mut self, extra: Extra) -> Result<(), WriteError> {
         let written = match (&mut self.writer, &extra) {
             (Writer::Events(_), _) => false,
-            (Writer::Aedat4(encoder), Extra::Frame(frame)) => encoder.frame(frame).map(|()| true)?,
-            (Writer::Aedat4(encoder), Extra::Inertial(sample)) => {
-                encoder.imu(std::slice::from_ref(sample)).map(|()| true)?
+            (Writer::Aedat4(file), Extra::Frame(frame)) => file.encoder.frame(frame).map(|()| true)?,
+            (Writer::Aedat4(file), Extra::Inertial(sample)) => {
+                file.samples.push(*sample);
+                true
             }
             (Writer::Dump(dump), Extra::Frame(frame)) => dump.frame(frame),
             (Writer::Dump(dump), Extra::Inertial(sample)) => dump.inertial_sample(sample),
@@ -98,8 +100,12 @@ impl Sink {
     /// Everything before `end` has been given.
     pub fn advance(&mut self, end: i64) -> Result<(), WriteError> {
         match &mut self.writer {
-            Writer::Events(_) | Writer::Aedat4(_) => Ok(()),
-            Writer::Dump(dump) => dump.encoder.advance(dump.time(end)),
+            Writer::Events(_) => Ok(()),
+            Writer::Aedat4(file) => file.write_samples(),
+            Writer::Dump(dump) => {
+                dump.sent = end;
+                dump.encoder.advance(dump.time(end))
+            }
         }
     }
 
@@ -107,10 +113,25 @@ impl Sink {
     pub fn finish(self, lost: &mut Vec<String>) -> Result<Written, WriteError> {
         match self.writer {
             Writer::Events(writer) => writer.finish()?,
-            Writer::Aedat4(mut encoder) => encoder.finish()?,
+            Writer::Aedat4(mut file) => {
+                file.write_samples()?;
+                file.encoder.finish()?;
+            }
             Writer::Dump(dump) => dump.finish(lost)?,
         }
         Ok(self.written)
+    }
+}
+
+/// An AEDAT4 file and the samples of its next packets.
+struct Aedat4Sink {
+    encoder: Encoder<BufWriter<File>>,
+    samples: Vec<InertialSample>,
+}
+
+impl Aedat4Sink {
+    fn write_samples(&mut self) -> Result<(), WriteError> {
+        self.encoder.imu(&std::mem::take(&mut self.samples))
     }
 }
 
@@ -120,6 +141,8 @@ struct DumpSink {
     exposure_cycles_per_us: f64,
     /// Time that counts as the camera's zero (µs).
     origin: i64,
+    /// Up to when everything is on the wire.
+    sent: i64,
     /// End of the latest frame and time of the latest inertial sample.
     frame_end: i64,
     inertial_time: i64,
@@ -152,6 +175,7 @@ impl DumpSink {
             encoder,
             exposure_cycles_per_us,
             origin,
+            sent: i64::MIN,
             frame_end: i64::MIN,
             inertial_time: i64::MIN,
             frames_overlap: 0,
@@ -184,7 +208,7 @@ impl DumpSink {
         let (start, end) = frame.readout.unwrap_or(readout);
         let (start, end) = (start.min(exposure_start), end.max(exposure_end));
         // Frames follow each other on the wire; the beginning can wait until the exposure.
-        let start = start.max(self.frame_end);
+        let start = start.max(self.frame_end).max(self.sent);
         if start > exposure_start {
             self.frames_overlap += 1;
             return false;
@@ -209,7 +233,7 @@ impl DumpSink {
     }
 
     fn inertial_sample(&mut self, sample: &InertialSample) -> bool {
-        if sample.t < self.inertial_time {
+        if sample.t < self.inertial_time.max(self.sent) {
             self.samples_back += 1;
             return false;
         }
@@ -234,7 +258,10 @@ impl DumpSink {
                 lost.push(format!("{count} {what}"));
             }
         };
-        tell(self.frames_overlap, "frames that begin before the one before them has ended");
+        tell(
+            self.frames_overlap,
+            "frames that begin before the one before them has ended, or are not in the order of time",
+        );
         tell(self.frames_without_place, "frames in colour or beyond the sensor");
         tell(self.samples_back, "inertial samples earlier than the one before them");
         if self.origin != 0 {
