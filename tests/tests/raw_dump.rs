@@ -83,6 +83,30 @@ fn the_simulated_session_is_made_again_byte_for_byte() {
     assert_same(&directory.path().join("board"), &fixtures().join("board"));
 }
 
+/// The exit code and what goes to standard error.
+fn refused(arguments: &[&str]) -> (Option<i32>, String) {
+    let output = Command::new(program()).arg("simulate").args(arguments).output().expect("it starts");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn what_no_davis346_sends_is_refused() {
+    let directory = TempDir::new().unwrap();
+    let output = directory.path().join("out");
+    let to = ["-o", output.to_str().unwrap()];
+    for (arguments, code, words) in [
+        (["--format", "csv", "--imu"].as_slice(), 2, "need --format aedat4 or dvraw"),
+        (&["--format", "dvraw", "--frames", "60"], 1, "frames.interval"),
+        (&["--format", "dvraw", "--frames=-1"], 1, "frames.interval"),
+        (&["--format", "dvraw", "--sensor", "320x240"], 1, "346x260"),
+    ] {
+        let (found, message) = refused(&[arguments, &to].concat());
+        assert_eq!(found, Some(code), "{arguments:?}: {message}");
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+    assert!(!output.join("events.dvraw").exists());
+}
+
 #[test]
 fn a_dump_calibrates_as_its_events_in_aedat4_do() {
     let directory = TempDir::new().unwrap();

@@ -25,14 +25,10 @@ pub enum Extra {
 }
 
 impl Extra {
-    /// When it begins, in µs. Where a frame does not say when its sensor began to be read, it is
-    /// taken to be before the exposure.
+    /// When it begins, in µs.
     fn start(&self) -> i64 {
         match self {
-            Self::Frame(frame) => {
-                let exposure_start = frame.exposure.map_or(frame.t, |times| times.0.min(frame.t));
-                frame.readout.map_or(exposure_start.saturating_sub(READOUT), |times| times.0.min(exposure_start))
-            }
+            Self::Frame(frame) => frame_start(frame),
             Self::Inertial(sample) => sample.t,
         }
     }
@@ -54,9 +50,11 @@ impl Extra {
     }
 }
 
+/// When a frame begins, in µs: where it does not say when its sensor began to be read, before the
+/// exposure by the time that a camera takes for that.
 fn frame_start(frame: &Frame) -> i64 {
-    let times = [frame.readout.map(|times| times.0), frame.exposure.map(|times| times.0)];
-    times.into_iter().flatten().fold(frame.t, i64::min)
+    let exposure_start = frame.exposure.map_or(frame.t, |times| times.0.min(frame.t));
+    frame.readout.map_or(exposure_start.saturating_sub(READOUT), |times| times.0.min(exposure_start))
 }
 
 /// Hands out frames and inertial samples in order of time.

@@ -161,7 +161,7 @@ impl DumpSink {
         if serial.is_none() {
             header.identity = None;
         }
-        header.writer = concat!("evcal ", env!("CARGO_PKG_VERSION")).to_owned();
+        header.writer = "evcal convert".to_owned();
         header.note = "converted from events; the settings of the camera are not known".to_owned();
         let origin = if (0..LATEST_START).contains(&first) { 0 } else { first };
         if origin != 0 {
