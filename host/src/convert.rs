@@ -149,7 +149,7 @@ pub fn convert(
         TimeOrigin::Unix => extras::start(recording.path(), recording.format())?
             .ok_or_else(|| ConvertError::StartUnknown(recording.path().to_owned()))?,
     };
-    let first = events.first().map(|event| event.t).into_iter().chain(extras.first_time()).min();
+    let zero = zero(events.first().map(|event| event.t), extras.first_time());
     let failed = |error| ConvertError::Write { path: path.to_owned(), error };
     let information = reader.information();
     let sensor = match (information.sensor, target) {
@@ -159,8 +159,7 @@ pub fn convert(
         (None, _) => return Err(ConvertError::SensorUnknown(recording.path().to_owned())),
     };
     let camera_name = information.camera_name.as_deref().unwrap_or_default();
-    let mut sink =
-        Sink::create(path, target, sensor, camera_name, extras.held(), first.unwrap_or(0)).map_err(failed)?;
+    let mut sink = Sink::create(path, target, sensor, camera_name, extras.held(), zero).map_err(failed)?;
     while more {
         let last = events.last().map_or(i64::MAX, |event| event.t);
         events.iter_mut().for_each(|event| event.t = event.t.saturating_add(shift));
@@ -183,6 +182,14 @@ pub fn convert(
     let left_out = extras.left_out(&report.report);
     report.lost.extend(left_out);
     Ok(report)
+}
+
+/// Time that becomes the zero of a camera's clock: 0 as long as the events begin in the hour after it,
+/// else the first time of all. The camera's stream spends a word on every 33 ms before.
+fn zero(events: Option<i64>, extras: Option<i64>) -> i64 {
+    const LATEST_START: i64 = 3_600_000_000;
+    let first = events.into_iter().chain(extras).min().unwrap_or(0);
+    if (0..LATEST_START).contains(&events.unwrap_or(first)) { 0 } else { first }
 }
 
 /// The next events; false at the end, which may be an error.

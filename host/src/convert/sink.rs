@@ -19,10 +19,6 @@ use crate::source::write::{Encode, EventWriter, OutputFormat, WriteError};
 const DAVIS346_SENSOR: (u16, u16) = (346, 260);
 /// What the model of a camera's name is.
 const DAVIS346_NAME: &str = "DAVIS346_";
-/// Times that begin later than this are counted from the first one: the camera's stream counts every
-/// 33 ms of them.
-const LATEST_START: i64 = 3_600_000_000;
-
 /// How much was written beside events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Written {
@@ -45,17 +41,17 @@ enum Writer {
 }
 
 impl Sink {
-    /// Creates the file at `path`. `first` is the first of all times (µs).
+    /// Creates the file at `path`. `zero` becomes the zero of a camera's clock (µs).
     pub fn create(
         path: &Path,
         target: Target,
         sensor: (u16, u16),
         camera_name: &str,
         held: OtherStreams,
-        first: i64,
+        zero: i64,
     ) -> Result<Self, WriteError> {
         let writer = match target {
-            Target::Dvraw => Writer::Dump(Box::new(DumpSink::create(path, sensor, camera_name, first)?)),
+            Target::Dvraw => Writer::Dump(Box::new(DumpSink::create(path, sensor, camera_name, zero)?)),
             Target::Events(OutputFormat::Aedat4(compression)) => {
                 let file = BufWriter::with_capacity(1 << 18, File::create_new(path)?);
                 let encoder = Encoder::with_streams(file, compression, sensor, camera_name, held)?;
@@ -152,7 +148,7 @@ struct DumpSink {
 }
 
 impl DumpSink {
-    fn create(path: &Path, sensor: (u16, u16), camera_name: &str, first: i64) -> Result<Self, WriteError> {
+    fn create(path: &Path, sensor: (u16, u16), camera_name: &str, origin: i64) -> Result<Self, WriteError> {
         if sensor != DAVIS346_SENSOR {
             return Err(WriteError::Sensor(sensor));
         }
@@ -163,7 +159,6 @@ impl DumpSink {
         }
         header.writer = "evcal convert".to_owned();
         header.note = "converted from events; the settings of the camera are not known".to_owned();
-        let origin = if (0..LATEST_START).contains(&first) { 0 } else { first };
         if origin != 0 {
             header.start_unix_ns = u64::try_from(origin).unwrap_or(0).saturating_mul(1000);
             header.note += &format!("; times count from {origin} us");
@@ -175,7 +170,7 @@ impl DumpSink {
             encoder,
             exposure_cycles_per_us,
             origin,
-            sent: i64::MIN,
+            sent: origin,
             frame_end: i64::MIN,
             inertial_time: i64::MIN,
             frames_overlap: 0,
@@ -265,10 +260,9 @@ impl DumpSink {
         tell(self.frames_without_place, "frames in colour or beyond the sensor");
         tell(self.samples_back, "inertial samples earlier than the one before them");
         if self.origin != 0 {
-            lost.push(format!(
-                "times count from {} us (it is in the header; evcal convert --unix-time adds it again)",
-                self.origin
-            ));
+            let back =
+                if self.origin > 0 { " (it is in the header; evcal convert --unix-time adds it again)" } else { "" };
+            lost.push(format!("times count from {} us{back}", self.origin));
         }
         self.encoder.finish()?;
         Ok(())
