@@ -1,5 +1,5 @@
 # Two commands do everything on a fresh Debian machine:
-#   make demo   builds evcal and calibrates a simulated camera
+#   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
 .PHONY: demo test test-usb-guest compatibility setup build check bench

@@ -390,6 +390,7 @@ impl Pass {
         note(report.steps_back, "steps back in time put in order");
         note(report.clock_resets, "clock resets bridged");
         note(report.damaged_packets, "damaged packets left out");
+        notes.extend(report.stream.notes());
         RecordingReport { count: self.count, duration: (self.last - self.first) as f64 * 1e-6, notes }
     }
 }

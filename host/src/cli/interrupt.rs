@@ -30,4 +30,9 @@ impl Interrupt {
     pub fn is_asked(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
+
+    /// From now on the first signal ends the program.
+    pub fn release(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
 }
