@@ -119,7 +119,7 @@ fn nearest_facing<T: RealField + Copy>(
     let limit = usize::from(settings.neighbours).clamp(1, MAX_NEIGHBOURS);
     let diameter = settings.max_radius + settings.max_radius;
     let mut bound = diameter * diameter;
-    let mut found = Vec::new();
+    let mut found: Vec<(T, u16), MAX_NEIGHBOURS> = Vec::new();
     for (index, other) in (0_u16..).zip(others) {
         let distance_squared = (other.center - cluster.center).norm_squared();
         if distance_squared < bound && may_be_arc(other, settings) {

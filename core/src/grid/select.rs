@@ -36,7 +36,7 @@ pub(super) fn select<T: RealField + Copy>(values: &mut [T], rank: usize) -> Opti
 }
 
 /// What `swap` of a slice does, without its panic.
-fn exchange<T: Copy>(values: &mut [T], one: usize, other: usize) {
+pub(super) fn exchange<T: Copy>(values: &mut [T], one: usize, other: usize) {
     let (Some(&first), Some(&second)) = (values.get(one), values.get(other)) else { return };
     for (index, value) in [(one, second), (other, first)] {
         if let Some(place) = values.get_mut(index) {
