@@ -38,7 +38,7 @@ pub enum Progress {
 /// Events that never made it into a window, and windows that were not tried.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BufferCounts {
-    /// Events dropped because the storage was full.
+    /// Events dropped because a complete window was not reported.
     pub overflow: u32,
     /// Events dropped because they came before the start of the window: in the gap after a success.
     pub before_start: u32,
@@ -46,9 +46,16 @@ pub struct BufferCounts {
     pub out_of_order: u32,
     /// Windows that were not worth a try: fewer events than the policy's floor.
     pub too_few_events: u32,
+    /// Windows that ended early because the storage was full.
+    pub full: u32,
+    /// Events forgotten by [`WindowBuffer::restart`].
+    pub forgotten: u32,
 }
 
 /// Collects the events of the current window.
+///
+/// A window that fills the storage ends there: it is complete, and shorter than the policy says, so that
+/// its bounds are those of its events. If nothing is found in it, the start moves on.
 ///
 /// ```
 /// use evcal_core::event::{Event, Polarity};
@@ -126,7 +133,31 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
 
     /// Bounds of the window; the indices count [`events`](Self::events) from 0.
     pub const fn window(&self) -> Window {
-        Window { start_us: self.state.start_us(), end_us: self.state.end_us(), first: 0, last: self.in_window }
+        let end_us = match self.left_out() {
+            Some(event) => event.t,
+            None => self.state.end_us(),
+        };
+        Window { start_us: self.state.start_us(), end_us, first: 0, last: self.in_window }
+    }
+
+    /// Forgets the events at hand and starts anew at `start_us`, if that is later than the start of the window:
+    /// to be called when events were lost before they came here, because a window across the hole would
+    /// have the wrong bounds.
+    pub fn restart(&mut self, start_us: i64) {
+        let forgotten = self.events.len() + usize::from(self.pending.is_some());
+        self.counts.forgotten = self.counts.forgotten.saturating_add(forgotten as u32);
+        self.events.clear();
+        self.pending = None;
+        self.in_window = 0;
+        self.state.skip_to(start_us);
+    }
+
+    /// The event for which the window had no room, if it is full.
+    const fn left_out(&self) -> Option<Event> {
+        match self.pending {
+            Some(event) if event.t < self.state.end_us() => Some(event),
+            _ => None,
+        }
     }
 
     /// What was dropped or passed over so far.
@@ -159,26 +190,35 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         }
     }
 
-    /// Puts the pending event into the window or drops it; true if it lies behind the window.
+    /// Puts the pending event into the window or drops it; true if it lies behind the window, or the
+    /// window is full.
     fn place_pending(&mut self) -> bool {
         let Some(event) = self.pending else { return false };
         if event.t >= self.state.end_us() {
             return true;
         }
-        self.pending = None;
         if event.t < self.state.start_us() {
             self.counts.before_start = self.counts.before_start.saturating_add(1);
         } else if self.events.push_back(PackedEvent::pack(event)).is_ok() {
             self.in_window += 1;
+        } else if self.in_window > 0 {
+            return true;
         } else {
             self.counts.overflow = self.counts.overflow.saturating_add(1);
         }
+        self.pending = None;
         false
     }
 
     fn move_on(&mut self, outcome: Outcome) {
         let old_start_us = self.state.start_us();
-        self.state.report(outcome);
+        let full = self.left_out().is_some();
+        self.counts.full = self.counts.full.saturating_add(u32::from(full));
+        self.state.report(match outcome {
+            // A longer window would hold the same events.
+            Outcome::NotFound { .. } if full => Outcome::NotFound { unique_pixels: u32::MAX },
+            outcome => outcome,
+        });
         let start_us = self.state.start_us();
         while self.events.front().is_some_and(|packed| packed.unpack(old_start_us).t < start_us) {
             self.events.pop_front();
