@@ -75,6 +75,9 @@ pub struct BufferCounts {
 #[derive(Debug)]
 pub struct WindowBuffer<'a, const N: usize> {
     state: WindowState,
+    /// Bounds of the window according to `state`, for the look at every event.
+    start_us: i64,
+    end_us: i64,
     /// Events at or after the start of the window, by time. After a failure some may lie behind its end.
     events: &'a mut Deque<PackedEvent, N>,
     /// How many of `events` lie in the window.
@@ -89,8 +92,11 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
     /// An empty window that starts at `start_us`. What `storage` held is forgotten.
     pub fn new(policy: WindowPolicy, start_us: i64, storage: &'a mut EventStorage<N>) -> Self {
         storage.events.clear();
+        let state = WindowState::new(policy, start_us);
         Self {
-            state: WindowState::new(policy, start_us),
+            state,
+            start_us: state.start_us(),
+            end_us: state.end_us(),
             events: &mut storage.events,
             in_window: 0,
             pending: None,
@@ -103,6 +109,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
     ///
     /// While a window is complete and not reported, further events are dropped and counted as
     /// overflow, so report first.
+    #[inline]
     pub fn push(&mut self, event: Event) -> Progress {
         if self.pending.is_some() || self.in_window < self.events.len() {
             self.counts.overflow = self.counts.overflow.saturating_add(1);
@@ -110,9 +117,20 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         }
         if event.t < self.newest_us {
             self.counts.out_of_order = self.counts.out_of_order.saturating_add(1);
+        } else {
+            self.newest_us = event.t;
         }
-        self.newest_us = self.newest_us.max(event.t);
-        self.pending = Some(Event { t: self.newest_us, ..event });
+        let event = Event { t: self.newest_us, ..event };
+        // Most events need no further look at the window.
+        if event.t < self.start_us {
+            self.counts.before_start = self.counts.before_start.saturating_add(1);
+            return Progress::Collecting;
+        }
+        if event.t < self.end_us && self.events.push_back(PackedEvent::pack(event)).is_ok() {
+            self.in_window += 1;
+            return Progress::Collecting;
+        }
+        self.pending = Some(event);
         self.settle()
     }
 
@@ -126,7 +144,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
 
     /// The events of the window, by time.
     pub fn events(&self) -> impl Iterator<Item = Event> + Clone + '_ {
-        let start_us = self.state.start_us();
+        let start_us = self.start_us;
         let (front, back) = self.events.as_slices();
         front.iter().chain(back).take(self.in_window).map(move |packed| packed.unpack(start_us))
     }
@@ -135,9 +153,9 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
     pub const fn window(&self) -> Window {
         let end_us = match self.left_out() {
             Some(event) => event.t,
-            None => self.state.end_us(),
+            None => self.end_us,
         };
-        Window { start_us: self.state.start_us(), end_us, first: 0, last: self.in_window }
+        Window { start_us: self.start_us, end_us, first: 0, last: self.in_window }
     }
 
     /// Forgets the events at hand and starts anew at `start_us`, if that is later than the start of the window:
@@ -150,12 +168,22 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         self.pending = None;
         self.in_window = 0;
         self.state.skip_to(start_us);
+        self.set_bounds();
+    }
+
+    /// First microsecond of the current window: earlier events are dropped.
+    pub const fn start_us(&self) -> i64 {
+        self.start_us
+    }
+
+    const fn set_bounds(&mut self) {
+        (self.start_us, self.end_us) = (self.state.start_us(), self.state.end_us());
     }
 
     /// The event for which the window had no room, if it is full.
     const fn left_out(&self) -> Option<Event> {
         match self.pending {
-            Some(event) if event.t < self.state.end_us() => Some(event),
+            Some(event) if event.t < self.end_us => Some(event),
             _ => None,
         }
     }
@@ -173,10 +201,11 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
             }
             if self.in_window == 0 {
                 // Nothing until the next event: no window before it can hold anything.
-                let start_us = self.state.start_us();
+                let start_us = self.start_us;
                 let next = self.events.front().map(|packed| packed.unpack(start_us)).or(self.pending);
                 let Some(next) = next else { return Progress::Collecting };
                 self.state.skip_to(next.t);
+                self.set_bounds();
                 self.trim();
                 continue;
             }
@@ -194,10 +223,10 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
     /// window is full.
     fn place_pending(&mut self) -> bool {
         let Some(event) = self.pending else { return false };
-        if event.t >= self.state.end_us() {
+        if event.t >= self.end_us {
             return true;
         }
-        if event.t < self.state.start_us() {
+        if event.t < self.start_us {
             self.counts.before_start = self.counts.before_start.saturating_add(1);
         } else if self.events.push_back(PackedEvent::pack(event)).is_ok() {
             self.in_window += 1;
@@ -211,7 +240,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
     }
 
     fn move_on(&mut self, outcome: Outcome) {
-        let old_start_us = self.state.start_us();
+        let old_start_us = self.start_us;
         let full = self.left_out().is_some();
         self.counts.full = self.counts.full.saturating_add(u32::from(full));
         self.state.report(match outcome {
@@ -219,7 +248,8 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
             Outcome::NotFound { .. } if full => Outcome::NotFound { unique_pixels: u32::MAX },
             outcome => outcome,
         });
-        let start_us = self.state.start_us();
+        self.set_bounds();
+        let start_us = self.start_us;
         while self.events.front().is_some_and(|packed| packed.unpack(old_start_us).t < start_us) {
             self.events.pop_front();
         }
@@ -228,7 +258,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
 
     /// Counts the events that lie in the window.
     fn trim(&mut self) {
-        let (start_us, end_us) = (self.state.start_us(), self.state.end_us());
+        let (start_us, end_us) = (self.start_us, self.end_us);
         let (front, back) = self.events.as_slices();
         let before_end = |packed: &PackedEvent| packed.unpack(start_us).t < end_us;
         self.in_window = front.partition_point(before_end);

@@ -17,7 +17,7 @@
 //! use evcal_detector::{Pipeline, Settings, Source, Storage, row_bytes, row_count};
 //!
 //! // On a device: a static.
-//! let mut storage = Storage::<{ row_bytes(346) }, { row_count(260) }, 2048, 128, 4000>::new();
+//! let mut storage = Storage::<{ row_bytes(346) }, { row_count(260) }, 2048, 128, 4000, 1452, 512>::new();
 //! let settings = Settings::new("my board 1.0", SensorSize { width: 346, height: 260 }, 36);
 //! let mut pipeline = Pipeline::new(settings, &mut storage)?;
 //! let mut source = Source::evt2();
@@ -37,7 +37,7 @@
 //!     }
 //! }
 //! assert_eq!(pipeline.statistics().events, 1);
-//! # Ok::<(), evcal_core::cluster::SensorTooLarge>(())
+//! # Ok::<(), evcal_detector::SetupError>(())
 //! ```
 #![no_std]
 
@@ -52,6 +52,6 @@ mod source;
 mod tests;
 
 pub use evcal_core::cluster::{row_bytes, row_count};
-pub use pipeline::{Pipeline, Storage};
+pub use pipeline::{Pipeline, SetupError, Storage};
 pub use settings::Settings;
 pub use source::Source;

@@ -1,9 +1,13 @@
 //! Events to frames of circles.
 
+use core::fmt;
+
+use evcal_core::budget::LoadShedder;
 use evcal_core::circle::CircleCandidate;
 use evcal_core::cluster::SensorTooLarge;
 use evcal_core::detector::{Detection, Detector};
 use evcal_core::event::Event;
+use evcal_core::filter::{EventFilter, FilterStorage, StorageTooSmall, Verdict};
 use evcal_core::window::{EventStorage, Outcome, Progress, WindowBuffer};
 use evcal_link::{Encoder, Losses, Message, Statistics};
 
@@ -16,8 +20,8 @@ const ANNOUNCE_EVERY_US: i64 = 1_000_000;
 /// All storage of a [`Pipeline`].
 ///
 /// `ROW_BYTES` and `ROWS` follow from the sensor by [`row_bytes`](crate::row_bytes) and [`row_count`](crate::row_count), `RUNS` and
-/// `CLUSTERS` are those of [`Detector`], `EVENTS` is the number of events that a window holds. The
-/// initial value is all zeros.
+/// `CLUSTERS` are those of [`Detector`], `EVENTS` is the number of events that a window holds, `CELLS`
+/// and `SLOTS` are those of [`EventFilter`]. The initial value is all zeros.
 #[derive(Debug)]
 pub struct Storage<
     const ROW_BYTES: usize,
@@ -25,27 +29,76 @@ pub struct Storage<
     const RUNS: usize,
     const CLUSTERS: usize,
     const EVENTS: usize,
+    const CELLS: usize,
+    const SLOTS: usize,
 > {
     detector: Detector<f32, ROW_BYTES, ROWS, RUNS, CLUSTERS>,
     events: EventStorage<EVENTS>,
+    filter: FilterStorage<CELLS, SLOTS>,
 }
 
-impl<const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize, const EVENTS: usize>
-    Storage<ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS>
+impl<
+    const ROW_BYTES: usize,
+    const ROWS: usize,
+    const RUNS: usize,
+    const CLUSTERS: usize,
+    const EVENTS: usize,
+    const CELLS: usize,
+    const SLOTS: usize,
+> Storage<ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS, CELLS, SLOTS>
 {
     /// Empty storage.
     pub const fn new() -> Self {
-        Self { detector: Detector::new(), events: EventStorage::new() }
+        Self { detector: Detector::new(), events: EventStorage::new(), filter: FilterStorage::new() }
     }
 }
 
-impl<const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize, const EVENTS: usize> Default
-    for Storage<ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS>
+impl<
+    const ROW_BYTES: usize,
+    const ROWS: usize,
+    const RUNS: usize,
+    const CLUSTERS: usize,
+    const EVENTS: usize,
+    const CELLS: usize,
+    const SLOTS: usize,
+> Default for Storage<ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS, CELLS, SLOTS>
 {
     fn default() -> Self {
         Self::new()
     }
 }
+
+/// The storage is too small for the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SetupError {
+    /// That of the detector: `ROW_BYTES`, `ROWS`.
+    Detector(SensorTooLarge),
+    /// That of the filter: `CELLS`, `SLOTS`.
+    Filter(StorageTooSmall),
+}
+
+impl From<SensorTooLarge> for SetupError {
+    fn from(error: SensorTooLarge) -> Self {
+        Self::Detector(error)
+    }
+}
+
+impl From<StorageTooSmall> for SetupError {
+    fn from(error: StorageTooSmall) -> Self {
+        Self::Filter(error)
+    }
+}
+
+impl fmt::Display for SetupError {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Detector(error) => error.fmt(formatter),
+            Self::Filter(error) => error.fmt(formatter),
+        }
+    }
+}
+
+impl core::error::Error for SetupError {}
 
 /// Finds the circles in a stream of events and tells the host.
 ///
@@ -60,8 +113,12 @@ pub struct Pipeline<
     const RUNS: usize,
     const CLUSTERS: usize,
     const EVENTS: usize,
+    const CELLS: usize,
+    const SLOTS: usize,
 > {
     settings: Settings,
+    filter: EventFilter<'a, CELLS, SLOTS>,
+    shedder: LoadShedder,
     windows: WindowBuffer<'a, EVENTS>,
     detector: &'a mut Detector<f32, ROW_BYTES, ROWS, RUNS, CLUSTERS>,
     detection: Option<Detection>,
@@ -69,33 +126,41 @@ pub struct Pipeline<
     statistics: Statistics,
     /// What [`Statistics::losses`] were when the last window was sent.
     told: Losses,
-    outside_sensor: u32,
     undecodable: u32,
     announced_us: Option<i64>,
 }
 
-impl<'a, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize, const EVENTS: usize>
-    Pipeline<'a, ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS>
+impl<
+    'a,
+    const ROW_BYTES: usize,
+    const ROWS: usize,
+    const RUNS: usize,
+    const CLUSTERS: usize,
+    const EVENTS: usize,
+    const CELLS: usize,
+    const SLOTS: usize,
+> Pipeline<'a, ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS, CELLS, SLOTS>
 {
     /// Starts with empty storage. A window never grows beyond what `EVENTS` holds.
     ///
     /// # Errors
-    /// The sensor does not fit into `ROW_BYTES` and `ROWS`.
+    /// The storage is too small for the sensor.
     pub fn new(
         mut settings: Settings,
-        storage: &'a mut Storage<ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS>,
-    ) -> Result<Self, SensorTooLarge> {
+        storage: &'a mut Storage<ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS, CELLS, SLOTS>,
+    ) -> Result<Self, SetupError> {
         storage.detector.detect(settings.sensor, [], &settings.detector)?;
         settings.policy.event_cap = settings.policy.event_cap.min(EVENTS as u32);
         Ok(Self {
             settings,
+            filter: EventFilter::new(settings.sensor, settings.filter, &mut storage.filter)?,
+            shedder: LoadShedder::new(settings.budget),
             windows: WindowBuffer::new(settings.policy, 0, &mut storage.events),
             detector: &mut storage.detector,
             detection: None,
             encoder: Encoder::new(),
             statistics: Statistics::default(),
             told: Losses::default(),
-            outside_sensor: 0,
             undecodable: 0,
             announced_us: None,
         })
@@ -104,9 +169,18 @@ impl<'a, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLU
     /// Takes the next event of the sensor.
     pub fn push(&mut self, event: Event) -> Progress {
         self.statistics.events = self.statistics.events.wrapping_add(1);
-        if event.x >= self.settings.sensor.width || event.y >= self.settings.sensor.height {
-            self.outside_sensor = self.outside_sensor.saturating_add(1);
+        if self.filter.judge(&event) != Verdict::Keep {
             return Progress::Collecting;
+        }
+        // Events between two windows cost next to nothing, and nothing of the budget.
+        if event.t >= self.windows.start_us() {
+            let was_shedding = self.shedder.is_shedding();
+            if !self.shedder.admit(&event) {
+                return Progress::Collecting;
+            }
+            if was_shedding {
+                self.windows.restart(event.t);
+            }
         }
         self.windows.push(event)
     }
@@ -165,14 +239,18 @@ impl<'a, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLU
     /// What was counted since the start.
     pub fn statistics(&self) -> Statistics {
         let counts = self.windows.counts();
+        let filtered = self.filter.counts();
         Statistics {
             windows_too_few_events: counts.too_few_events,
             out_of_order: counts.out_of_order,
             losses: Losses {
-                undecodable: self.undecodable.saturating_add(self.outside_sensor),
+                undecodable: self.undecodable.saturating_add(filtered.outside),
+                hot: filtered.hot,
+                background: filtered.background,
+                refractory: filtered.refractory,
+                shed: self.shedder.shed().saturating_add(counts.forgotten),
                 overflow: counts.overflow,
                 in_gap: counts.before_start,
-                ..Losses::default()
             },
             ..self.statistics
         }

@@ -33,6 +33,12 @@ impl Source {
     #[inline]
     pub fn push(&mut self, byte: u8) -> Option<Event> {
         let word = self.words.push(byte)?;
+        self.push_word(word)
+    }
+
+    /// Takes the next word: for a device that receives whole words.
+    #[inline]
+    pub fn push_word(&mut self, word: u32) -> Option<Event> {
         match &mut self.decoder {
             Decoder::Evt2(decoder) => match decoder.push(word)? {
                 Evt2Record::Event(event) => Some(event),

@@ -31,7 +31,7 @@ fn run() -> Result<(), Box<dyn Error>> {
     };
     let bytes = fs::read(input)?;
     let mut output = io::BufWriter::new(fs::File::create(output)?);
-    let mut storage = Box::new(Storage::<{ row_bytes(346) }, { row_count(260) }, 2048, 128, 4000>::new());
+    let mut storage = Box::new(Storage::<{ row_bytes(346) }, { row_count(260) }, 2048, 128, 4000, 1452, 512>::new());
     let settings = Settings::new("evcal in QEMU", SensorSize { width: 346, height: 260 }, 36);
     let mut pipeline = Pipeline::new(settings, &mut storage)?;
     let mut send = |frame: &[u8]| output.write_all(frame).is_ok();
