@@ -25,12 +25,16 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod budget;
 pub mod camera;
 pub mod circle;
 pub mod cluster;
+pub mod decode;
 pub mod detector;
 pub mod event;
+pub mod filter;
 pub mod grid;
 pub mod pattern;
 pub mod spline;
+pub mod undistortion;
 pub mod window;
