@@ -35,17 +35,26 @@ need_program qemu-system-riscv32 qemu-system-misc
 tools/core-only.sh "$out/core-only"
 
 step "programs for $arm, $riscv and this machine"
-(cd firmware && cargo build -q --release --locked --target-dir "$out/host" -p on-host)
 settings=$(tools/embedded-target.sh "$arm" "$riscv")
 eval "$settings"
-build() {
-    (cd firmware && cargo build -q --release --locked --target "$2" --target-dir "$out/$1" -p qemu)
+(
+    cd firmware
+    cargo build -q --release --locked --target-dir "$out/firmware" -p on-host
+    cargo build -q --release --locked --target-dir "$out/firmware" -p qemu --target "$arm" --target "$riscv"
+    RUSTFLAGS="-C target-cpu=cortex-m7" \
+        cargo build -q --release --locked --target-dir "$out/firmware-m7" -p qemu --target "$arm"
+)
+# programs MACHINE: the folder of its programs.
+programs() {
+    case $1 in
+        host) echo "$out/firmware/release" ;;
+        cortex-m4f) echo "$out/firmware/$arm/release" ;;
+        cortex-m7) echo "$out/firmware-m7/$arm/release" ;;
+        rv32imafc) echo "$out/firmware/$riscv/release" ;;
+    esac
 }
-build cortex-m4f "$arm"
-build rv32imafc "$riscv"
-(RUSTFLAGS="-C target-cpu=cortex-m7" && export RUSTFLAGS && build cortex-m7 "$arm")
 
-tools/no-panic.sh "$out/no-panic" "$arm"
+tools/no-panic.sh "$out/firmware" "$arm"
 
 # run MACHINE PROGRAM ARGUMENT...: a program for a machine in QEMU, where an instruction takes 64 ns (Arm) or 1 ns.
 run() {
@@ -55,16 +64,17 @@ run() {
     arguments=arg=$program
     for argument in "$@"; do arguments="$arguments,arg=$argument"; done
     case $machine in
-        cortex-m4f) set -- qemu-system-arm -M mps2-an386 -icount shift=6 -kernel "$out/$machine/$arm/release/$program" ;;
-        cortex-m7) set -- qemu-system-arm -M mps2-an500 -icount shift=6 -kernel "$out/$machine/$arm/release/$program" ;;
-        rv32imafc) set -- qemu-system-riscv32 -M virt -bios none -icount shift=0 -kernel "$out/$machine/$riscv/release/$program" ;;
+        cortex-m4f) set -- qemu-system-arm -M mps2-an386 -icount shift=6 ;;
+        cortex-m7) set -- qemu-system-arm -M mps2-an500 -icount shift=6 ;;
+        rv32imafc) set -- qemu-system-riscv32 -M virt -bios none -icount shift=0 ;;
     esac
-    timeout 600 "$@" -nographic -monitor none -serial none -semihosting-config "enable=on,target=native,$arguments"
+    timeout 600 "$@" -nographic -monitor none -serial none \
+        -semihosting-config "enable=on,target=native,$arguments" -kernel "$(programs "$machine")/$program"
 }
 
 step "the same recording on every machine"
 recording=firmware/testdata/board.evt2
-"$out/host/release/detector-on-host" "$recording" "$out/host.stream" evt2 > "$out/host.txt"
+"$(programs host)/detector-on-host" "$recording" "$out/host.stream" evt2 > "$out/host.txt"
 for machine in cortex-m4f cortex-m7 rv32imafc; do
     run "$machine" detector "$recording" "$out/$machine.stream" evt2 > "$out/$machine.txt" ||
         fail "the detector fails on $machine: $(cat "$out/$machine.txt")"
@@ -83,10 +93,8 @@ figure() { sed -n "s/^$2=//p" "$out/$1.txt"; }
 # section MACHINE NAME...: bytes of sections of the detector.
 sections() {
     machine=$1
-    target=$arm
-    [ "$machine" != rv32imafc ] || target=$riscv
     shift
-    size -A "$out/$machine/$target/release/detector" |
+    size -A "$(programs "$machine")/detector" |
         awk -v wanted=" $* " '{ name = $1; if (index(wanted, " " name " ")) sum += $2 } END { print sum + 0 }'
 }
 ram=$(($(sections cortex-m4f .data .bss .uninit) + $(figure cortex-m4f stack_bytes)))
@@ -122,5 +130,5 @@ echo "instructions per event of a 4000-event window, per spline evaluation:" \
     "RV32IMAFC $(figure rv32imafc-window instructions_per_event), $(figure rv32imafc-spline instructions_per_evaluation)"
 [ -z "$exceeded" ] || fail "over budget:$exceeded"
 
-tools/board-examples.sh "$out/boards"
+tools/board-examples.sh "$out/firmware"
 echo "test-embedded: all passed"

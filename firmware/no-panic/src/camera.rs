@@ -5,6 +5,8 @@ use core::hint::black_box;
 use evcal_core::camera::conversion::{inverse_radial_from_radtan, radtan_from_inverse_radial};
 use evcal_core::camera::refit::{difference, refit};
 use evcal_core::camera::{Camera, CameraModel, InverseRadial, ModelKind, Radtan5};
+use evcal_core::cluster::SensorSize;
+use evcal_core::undistortion::{IdealCamera, UndistortionTable};
 use nalgebra::{RealField, Vector2, Vector3};
 
 use crate::any;
@@ -43,4 +45,19 @@ pub fn conversions<T: RealField + Copy>() {
     if let Some(other) = refit(kind(), &camera, width, height) {
         black_box(difference(&camera, &other, width, height));
     }
+}
+
+/// The undistortion look-up: made from a camera, or from nodes, and used.
+#[inline(never)]
+pub fn undistortion<T: RealField + Copy>() {
+    let sensor = SensorSize { width: black_box(1), height: black_box(1) };
+    let ideal = IdealCamera { fx: any::<T>(), fy: any(), cx: any(), cy: any() };
+    let parameters = [any::<T>(); 9];
+    if let Some(camera) = Camera::from_parameters(kind(), black_box(parameters.as_slice()))
+        && let Ok(table) = UndistortionTable::<64>::new(&camera, &ideal, sensor, black_box(2), black_box(2))
+    {
+        black_box(table.accuracy(&camera, &ideal));
+    }
+    let table = UndistortionTable::<64>::from_nodes(sensor, black_box(2), black_box(2), black_box([[0.0; 2]; 64]));
+    black_box(table.map(|table| table.undistort(black_box(1.0), black_box(1.0)).is_some()).is_ok());
 }

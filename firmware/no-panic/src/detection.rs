@@ -13,7 +13,8 @@ use nalgebra::RealField;
 
 use crate::any;
 
-fn event() -> Event {
+/// An event of which nothing is known.
+pub fn event() -> Event {
     let polarity = if black_box(true) { Polarity::On } else { Polarity::Off };
     black_box(Event { t: black_box(0), x: black_box(1), y: black_box(2), polarity: polarity.opposite() })
 }

@@ -1,4 +1,4 @@
-//! Links only if no panic can be reached from the public functions of the core.
+//! Links only if no panic can be reached from the public functions of core, link and detector.
 //!
 //! The panic handler calls a function that does not exist. It is left out when nothing refers to it;
 //! so a link error says that a panic is reachable. Works on the optimised program as a whole (fat
@@ -11,6 +11,7 @@
 
 mod camera;
 mod detection;
+mod device;
 mod grid;
 mod spline;
 
@@ -32,6 +33,10 @@ fn panic(_: &PanicInfo<'_>) -> ! {
 /// Calls everything that must not panic.
 #[unsafe(no_mangle)]
 extern "C" fn _start() {
+    device::formats();
+    device::filters();
+    device::link();
+    device::pipeline();
     detection::windows();
     detection::detector::<f32>();
     detection::detector::<f64>();
@@ -46,6 +51,8 @@ extern "C" fn _start() {
     camera::every_model::<f64>();
     camera::conversions::<f32>();
     camera::conversions::<f64>();
+    camera::undistortion::<f32>();
+    camera::undistortion::<f64>();
     #[cfg(feature = "deliberate-panic")]
     deliberate_panic();
 }
