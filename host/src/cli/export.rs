@@ -10,6 +10,9 @@ use evcal_core::undistortion::IdealCamera;
 
 use super::{UsageError, print};
 
+/// Turns a table into source code.
+type Writer = fn(&ExportedTable) -> String;
+
 /// Arguments of `evcal export`.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("outputs").required(true).multiple(true))]
@@ -57,8 +60,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         None => fit_table(&camera, &ideal, sensor, arguments.max_error)?,
     };
     let outputs = [
-        (&arguments.rust_table, ExportedTable::rust_module as fn(&ExportedTable) -> String),
-        (&arguments.c_header, ExportedTable::c_header),
+        (&arguments.rust_table, ExportedTable::rust_module as Writer),
+        (&arguments.c_header, ExportedTable::c_header as Writer),
     ];
     let mut written: Vec<&Path> = Vec::new();
     for (path, text) in outputs {

@@ -256,7 +256,8 @@ fn cell(coordinate: f32, pixels: u16, nodes_a_pixel: f32, nodes: u16) -> Option<
 
     fn description(&self) -> Vec<String> {
         let kind = self.camera.kind();
-        let parameters = kind.parameter_names().iter().zip(&self.camera.parameters());
+        let values = self.camera.parameters();
+        let parameters = kind.parameter_names().iter().zip(&values);
         let parameters: Vec<String> = parameters.map(|(name, value)| format!("{name} {value}")).collect();
         let IdealCamera { fx, fy, cx, cy } = self.ideal;
         let [x, y] = self.at;
