@@ -14,8 +14,8 @@
 //! let camera = Camera::from_parameters(ModelKind::Radtan4, &lens).ok_or("no camera")?;
 //! let sensor = SensorSize { width: 346, height: 260 };
 //! let ideal = IdealCamera { fx: 330.0, fy: 330.0, cx: 172.5, cy: 129.5 };
-//! // 44×33 nodes: every 8 pixels.
-//! let table = UndistortionTable::<1452>::new(&camera, &ideal, sensor, 44, 33)?;
+//! // 44×33 nodes: every 8 pixels, 11.6 kB.
+//! let table = UndistortionTable::new(&camera, &ideal, sensor, [44, 33], [[0.0; 2]; 1452])?;
 //! let [x, y] = table.undistort(10.0, 20.0).ok_or("outside")?;
 //! assert!(x < 10.0 && y < 20.0);
 //! assert!(table.accuracy(&camera, &ideal).largest_error < 0.06);
@@ -89,65 +89,68 @@ pub struct TableAccuracy {
     pub without_value: u32,
 }
 
-/// The table, with room for `NODES` nodes of eight bytes.
+/// The table. Its nodes, of eight bytes each, lie in storage that the caller gives: an array, a slice in
+/// flash, a `Vec`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct UndistortionTable<const NODES: usize> {
+pub struct UndistortionTable<N> {
     sensor: SensorSize,
-    columns: u16,
-    rows: u16,
+    /// Columns and rows of nodes.
+    size: [u16; 2],
     /// Nodes per pixel in x and y.
     scale: [f32; 2],
     /// Row by row; NaN where the models have no value.
-    nodes: [[f32; 2]; NODES],
+    nodes: N,
 }
 
-impl<const NODES: usize> UndistortionTable<NODES> {
-    /// The table of `columns` × `rows` nodes from pixels of `camera` to those of `ideal`.
+impl UndistortionTable<&'static [[f32; 2]]> {
+    /// A table whose nodes were computed before, row by row; for a static in flash.
     ///
     /// # Errors
-    /// If there are more nodes than there is room for, or fewer than 2 in a direction.
+    /// If there are fewer nodes than columns × rows, or fewer than 2 in a direction.
+    pub const fn from_nodes(
+        sensor: SensorSize,
+        size: [u16; 2],
+        nodes: &'static [[f32; 2]],
+    ) -> Result<Self, TableError> {
+        match check(sensor, size, nodes.len()) {
+            Ok(()) => Ok(Self { sensor, size, scale: scale(sensor, size), nodes }),
+            Err(error) => Err(error),
+        }
+    }
+}
+
+impl<N: AsRef<[[f32; 2]]>> UndistortionTable<N> {
+    /// The table of `size` (columns, rows) nodes from pixels of `camera` to those of `ideal`, in `storage`.
+    ///
+    /// # Errors
+    /// If there are more nodes than the storage has room for, or fewer than 2 in a direction.
     pub fn new<T: RealField + Copy>(
         camera: &Camera<T>,
         ideal: &IdealCamera<T>,
         sensor: SensorSize,
-        columns: u16,
-        rows: u16,
-    ) -> Result<Self, TableError> {
-        let mut table = Self::from_nodes(sensor, columns, rows, [[f32::NAN; 2]; NODES])?;
+        size: [u16; 2],
+        mut storage: N,
+    ) -> Result<Self, TableError>
+    where
+        N: AsMut<[[f32; 2]]>,
+    {
+        check(sensor, size, storage.as_ref().len())?;
+        let [columns, rows] = size;
         let along = |node: usize, nodes: u16, pixels: u16| {
             let place = node as f64 * f64::from(pixels.saturating_sub(1)) / f64::from(nodes.saturating_sub(1));
             nalgebra::convert::<f64, T>(place)
         };
-        let row_length = usize::from(columns.max(1));
-        for (row, nodes) in table.nodes.chunks_mut(row_length).take(rows.into()).enumerate() {
+        let lines = storage.as_mut().chunks_mut(usize::from(columns.max(1)));
+        for (row, nodes) in lines.take(rows.into()).enumerate() {
             for (column, node) in nodes.iter_mut().enumerate() {
                 let pixel = Vector2::new(along(column, columns, sensor.width), along(row, rows, sensor.height));
-                if let Some(value) = ideal.of_pixel(camera, &pixel) {
-                    *node = [nalgebra::convert_unchecked(value.x), nalgebra::convert_unchecked(value.y)];
-                }
+                *node = match ideal.of_pixel(camera, &pixel) {
+                    Some(value) => [nalgebra::convert_unchecked(value.x), nalgebra::convert_unchecked(value.y)],
+                    None => [f32::NAN; 2],
+                };
             }
         }
-        Ok(table)
-    }
-
-    /// A table whose nodes were computed before, row by row; for a static in flash.
-    ///
-    /// # Errors
-    /// If there are more nodes than there is room for, or fewer than 2 in a direction.
-    pub const fn from_nodes(
-        sensor: SensorSize,
-        columns: u16,
-        rows: u16,
-        nodes: [[f32; 2]; NODES],
-    ) -> Result<Self, TableError> {
-        if columns < 2 || rows < 2 || sensor.width < 2 || sensor.height < 2 {
-            return Err(TableError::TooSmall);
-        }
-        if columns as usize * rows as usize > NODES {
-            return Err(TableError::TooManyNodes);
-        }
-        let scale = [(columns - 1) as f32 / (sensor.width - 1) as f32, (rows - 1) as f32 / (sensor.height - 1) as f32];
-        Ok(Self { sensor, columns, rows, scale, nodes })
+        Ok(Self { sensor, size, scale: scale(sensor, size), nodes: storage })
     }
 
     /// The sensor that the table is for.
@@ -157,13 +160,13 @@ impl<const NODES: usize> UndistortionTable<NODES> {
 
     /// Columns and rows of nodes.
     pub const fn size(&self) -> [u16; 2] {
-        [self.columns, self.rows]
+        self.size
     }
 
     /// The nodes, row by row; NaN where the models have no value.
     pub fn nodes(&self) -> &[[f32; 2]] {
-        let used = usize::from(self.columns) * usize::from(self.rows);
-        self.nodes.get(..used).unwrap_or_default()
+        let [columns, rows] = self.size;
+        self.nodes.as_ref().get(..usize::from(columns) * usize::from(rows)).unwrap_or_default()
     }
 
     /// The pixel of the ideal camera that pixel (x, y) of the sensor belongs to.
@@ -171,12 +174,13 @@ impl<const NODES: usize> UndistortionTable<NODES> {
     /// `None` outside the sensor (−0.5 … width − 0.5) and where the lens model has no value.
     #[inline]
     pub fn undistort(&self, x: f32, y: f32) -> Option<[f32; 2]> {
-        let (column, right) = cell(x, self.sensor.width, self.scale[0], self.columns)?;
-        let (row, below) = cell(y, self.sensor.height, self.scale[1], self.rows)?;
-        let columns = usize::from(self.columns);
+        let [columns, rows] = self.size;
+        let (column, right) = cell(x, self.sensor.width, self.scale[0], columns)?;
+        let (row, below) = cell(y, self.sensor.height, self.scale[1], rows)?;
+        let (columns, nodes) = (usize::from(columns), self.nodes.as_ref());
         let first = row.wrapping_mul(columns).wrapping_add(column);
-        let &[top_left, top_right] = self.nodes.get(first..)?.first_chunk::<2>()?;
-        let &[bottom_left, bottom_right] = self.nodes.get(first.wrapping_add(columns)..)?.first_chunk::<2>()?;
+        let &[top_left, top_right] = nodes.get(first..)?.first_chunk::<2>()?;
+        let &[bottom_left, bottom_right] = nodes.get(first.wrapping_add(columns)..)?.first_chunk::<2>()?;
         let between = |from: f32, to: f32, share: f32| from + (to - from) * share;
         let value = |axis: fn([f32; 2]) -> f32| {
             let top = between(axis(top_left), axis(top_right), right);
@@ -209,6 +213,21 @@ impl<const NODES: usize> UndistortionTable<NODES> {
     }
 }
 
+const fn check(sensor: SensorSize, [columns, rows]: [u16; 2], room: usize) -> Result<(), TableError> {
+    if columns < 2 || rows < 2 || sensor.width < 2 || sensor.height < 2 {
+        return Err(TableError::TooSmall);
+    }
+    if columns as usize * rows as usize > room {
+        return Err(TableError::TooManyNodes);
+    }
+    Ok(())
+}
+
+const fn scale(sensor: SensorSize, [columns, rows]: [u16; 2]) -> [f32; 2] {
+    let along = [columns as f32 - 1.0, rows as f32 - 1.0];
+    [along[0] / (sensor.width as f32 - 1.0), along[1] / (sensor.height as f32 - 1.0)]
+}
+
 /// The cell of nodes that a coordinate lies in, and how far in it, from 0 to 1.
 #[inline]
 fn cell(coordinate: f32, pixels: u16, scale: f32, nodes: u16) -> Option<(usize, f32)> {
@@ -224,7 +243,8 @@ fn cell(coordinate: f32, pixels: u16, scale: f32, nodes: u16) -> Option<(usize, 
 
 #[cfg(test)]
 mod tests {
-    use std::boxed::Box;
+    use std::vec;
+    use std::vec::Vec;
 
     use super::*;
     use crate::camera::ModelKind;
@@ -258,7 +278,7 @@ mod tests {
     #[test]
     fn every_model_is_met_at_every_pixel() {
         for camera in lenses() {
-            let table = Box::new(UndistortionTable::<1452>::new(&camera, &ideal(), SENSOR, 44, 33).unwrap());
+            let table = UndistortionTable::new(&camera, &ideal(), SENSOR, [44, 33], vec![[0.0; 2]; 1452]).unwrap();
             let accuracy = table.accuracy(&camera, &ideal());
             assert!(accuracy.largest_error < 0.15, "{}: {accuracy:?}", camera.kind());
             assert_eq!(accuracy.without_value, 0);
@@ -269,8 +289,8 @@ mod tests {
     #[test]
     fn four_times_the_nodes_have_a_quarter_of_the_error() {
         for camera in lenses() {
-            let coarse = Box::new(UndistortionTable::<400>::new(&camera, &ideal(), SENSOR, 23, 17).unwrap());
-            let fine = Box::new(UndistortionTable::<1600>::new(&camera, &ideal(), SENSOR, 45, 33).unwrap());
+            let coarse = UndistortionTable::new(&camera, &ideal(), SENSOR, [23, 17], vec![[0.0; 2]; 400]).unwrap();
+            let fine = UndistortionTable::new(&camera, &ideal(), SENSOR, [45, 33], vec![[0.0; 2]; 1600]).unwrap();
             let ratio =
                 coarse.accuracy(&camera, &ideal()).largest_error / fine.accuracy(&camera, &ideal()).largest_error;
             assert!((3.0..5.0).contains(&ratio), "{}: {ratio}", camera.kind());
@@ -281,10 +301,10 @@ mod tests {
     #[test]
     fn single_precision_suffices() {
         for camera in lenses() {
-            let parameters: std::vec::Vec<f32> = camera.parameters().iter().map(|&value| value as f32).collect();
+            let parameters: Vec<f32> = camera.parameters().iter().map(|&value| value as f32).collect();
             let single = Camera::from_parameters(camera.kind(), &parameters).unwrap();
-            let table = UndistortionTable::<400>::new(&single, &ideal::<f32>(), SENSOR, 20, 20).unwrap();
-            let exact = UndistortionTable::<400>::new(&camera, &ideal::<f64>(), SENSOR, 20, 20).unwrap();
+            let table = UndistortionTable::new(&single, &ideal::<f32>(), SENSOR, [20, 20], [[0.0; 2]; 400]).unwrap();
+            let exact = UndistortionTable::new(&camera, &ideal::<f64>(), SENSOR, [20, 20], [[0.0; 2]; 400]).unwrap();
             for (node, exact) in table.nodes().iter().zip(exact.nodes()) {
                 let distance = (Vector2::from(*node) - Vector2::from(*exact)).norm();
                 assert!(distance < 2e-3, "{}: {node:?} {exact:?}", camera.kind());
@@ -295,7 +315,7 @@ mod tests {
     #[test]
     fn nodes_are_exact_and_the_sensor_ends_where_it_ends() {
         let camera = lenses().next().unwrap();
-        let table = UndistortionTable::<121>::new(&camera, &ideal(), SENSOR, 11, 11).unwrap();
+        let table = UndistortionTable::new(&camera, &ideal(), SENSOR, [11, 11], [[0.0; 2]; 121]).unwrap();
         for (x, y) in [(0.0, 0.0), (345.0, 0.0), (0.0, 259.0), (345.0, 259.0), (172.5, 129.5), (34.5, 207.2)] {
             let exact = ideal().of_pixel(&camera, &Vector2::new(x, y)).unwrap();
             let [u, v] = table.undistort(x as f32, y as f32).unwrap();
@@ -316,7 +336,7 @@ mod tests {
         let camera: Camera<f64> = camera.unwrap();
         let normalised = IdealCamera::normalised();
         let large = SensorSize { width: 600, height: 600 };
-        let table = Box::new(UndistortionTable::<3600>::new(&camera, &normalised, large, 60, 60).unwrap());
+        let table = UndistortionTable::new(&camera, &normalised, large, [60, 60], vec![[0.0; 2]; 3600]).unwrap();
         assert!(table.undistort(172.0, 129.0).is_some());
         assert_eq!(table.undistort(590.0, 590.0), None);
         let seen = |x: u16, y: u16| normalised.of_pixel(&camera, &Vector2::new(x.into(), y.into())).is_some();
@@ -332,11 +352,18 @@ mod tests {
     #[test]
     fn tables_that_cannot_be_are_refused() {
         let camera = lenses().next().unwrap();
-        let of = |sensor, columns, rows| UndistortionTable::<100>::new(&camera, &ideal(), sensor, columns, rows).err();
+        let of = |sensor, columns, rows| {
+            UndistortionTable::new(&camera, &ideal(), sensor, [columns, rows], [[0.0; 2]; 100]).err()
+        };
         assert_eq!(of(SENSOR, 10, 11), Some(TableError::TooManyNodes));
         assert_eq!(of(SENSOR, u16::MAX, u16::MAX), Some(TableError::TooManyNodes));
         assert_eq!(of(SENSOR, 1, 10), Some(TableError::TooSmall));
         assert_eq!(of(SensorSize { width: 1, height: 1 }, 10, 10), Some(TableError::TooSmall));
         assert_eq!(of(SENSOR, 10, 10), None);
+        static NODES: [[f32; 2]; 4] = [[0.0, 0.0], [345.0, 0.0], [0.0, 259.0], [345.0, 259.0]];
+        const TABLE: Result<UndistortionTable<&'static [[f32; 2]]>, TableError> =
+            UndistortionTable::from_nodes(SENSOR, [2, 2], &NODES);
+        assert_eq!(TABLE.unwrap().undistort(100.0, 200.0).map(|[x, y]| (x.round(), y.round())), Some((100.0, 200.0)));
+        assert_eq!(UndistortionTable::from_nodes(SENSOR, [2, 3], &NODES), Err(TableError::TooManyNodes));
     }
 }

@@ -4,7 +4,9 @@
 
 mod calibrate;
 mod detect;
+mod detector;
 mod evaluate;
+mod export;
 mod info;
 mod print;
 mod progress;
@@ -39,6 +41,8 @@ enum Command {
     Info(info::Arguments),
     /// Compare a calibration with the truth, another calibration or a trajectory
     Evaluate(evaluate::Arguments),
+    /// Write a calibration in a form that other programs and devices read
+    Export(export::Arguments),
     /// Simulate an event camera in front of a board
     Simulate(simulate::Arguments),
 }
@@ -66,6 +70,7 @@ pub fn run() -> ExitCode {
         Command::Detect(arguments) => detect::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
     };
     match outcome {

@@ -8,7 +8,7 @@ use assert_cmd::Command;
 use serde_json::Value;
 use tempfile::TempDir;
 
-const SUBCOMMANDS: [&str; 5] = ["calibrate", "detect", "info", "evaluate", "simulate"];
+const SUBCOMMANDS: [&str; 6] = ["calibrate", "detect", "info", "evaluate", "export", "simulate"];
 /// A lens without distortion whose centre is that of the sensor.
 const PINHOLE: &str = "300,300,172.5,129.5,0,0,0,0";
 

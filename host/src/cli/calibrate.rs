@@ -10,12 +10,14 @@ use evcal::source::SourceOptions;
 use evcal::trajectory::RotationSpline;
 use evcal_core::camera::ModelKind;
 
+use super::detector;
 use super::progress::spinner;
 
 /// Arguments of `evcal calibrate`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recordings of one camera: AEDAT4, CSV or text, EventCalib binary, or circle-track files
+    /// Recordings of one camera: AEDAT4, CSV or text, EventCalib binary, circle tracks, circle streams, or
+    /// the serial port of a detector, serial:PORT?baud=921600&seconds=10
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
     /// Board, for example acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius)
@@ -76,7 +78,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let inputs = arguments
         .recordings
         .iter()
-        .map(|path| Input::open(path, &options, &arguments.board))
+        .map(|path| detector::open_input(path, &options, &arguments.board, &arguments.output, arguments.json))
         .collect::<Result<Vec<Input>, _>>()?;
     let task = Task {
         inputs: &inputs,
