@@ -2,13 +2,23 @@
 #   make demo   builds evcal and calibrates a simulated camera
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test compatibility setup build check bench
+.PHONY: demo test test-embedded test-embedded-slow compatibility setup build check bench
 
 demo: build
 	@sh tools/demo.sh
 
 test: setup check
 	cargo test --workspace --release --locked
+	@$(MAKE) test-embedded
+
+# The core and the detector's firmware on emulated microcontrollers; installs QEMU and compiles core for them.
+test-embedded: build
+	@sh tools/test-embedded.sh
+	@sh tools/test-embedded-calibration.sh
+
+# The core's tests as 32-bit Arm programs, and the example for a real board.
+test-embedded-slow: setup
+	@sh tools/test-embedded-slow.sh
 
 # A third-party driver must accept the emulated camera. Apart, because it brings its own libusb.
 compatibility: setup
