@@ -27,8 +27,7 @@ pub(crate) fn hello(settings: &Settings, capacities: Capacities, first: bool, ti
             break;
         }
     }
-    let (policy, cluster, extraction) =
-        (&settings.policy, &settings.detector.cluster, &settings.detector.extraction);
+    let (policy, cluster, extraction) = (&settings.policy, &settings.detector.cluster, &settings.detector.extraction);
     Hello {
         protocol: PROTOCOL_VERSION,
         first,

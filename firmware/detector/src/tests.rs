@@ -74,10 +74,13 @@ fn run(settings: Settings, events: &[Event], mut room: impl FnMut() -> bool) -> 
 fn dots_are_told_where_they_are() {
     let (messages, statistics) = run(settings(36), &moving_dots(40_000), || true);
     assert!(matches!(&messages[0], Message::Hello(hello) if hello.first && hello.sensor_width == 346));
-    let circles: Vec<_> = messages.iter().filter_map(|message| match message {
-        Message::Circle(circle) => Some(*circle),
-        _ => None,
-    }).collect();
+    let circles: Vec<_> = messages
+        .iter()
+        .filter_map(|message| match message {
+            Message::Circle(circle) => Some(*circle),
+            _ => None,
+        })
+        .collect();
     assert!(statistics.windows_sent >= 2 && circles.len() >= 60, "{statistics:?}");
     for circle in &circles {
         let moved = 500e-6 * circle.time_us as f32;

@@ -31,7 +31,9 @@ macro_rules! row {
 }
 
 fn main() {
-    println!("| sensor | `EVENTS` | `RUNS` | `CLUSTERS` | `CELLS` | `SLOTS` | detector KiB | events KiB | filter KiB | all KiB |");
+    println!(
+        "| sensor | `EVENTS` | `RUNS` | `CLUSTERS` | `CELLS` | `SLOTS` | detector KiB | events KiB | filter KiB | all KiB |"
+    );
     println!("|---|---|---|---|---|---|---|---|---|---|");
     row!(128 x 128, 1024, 64, 2000, 1024, 256);
     row!(320 x 320, 2048, 128, 4000, 1600, 512);

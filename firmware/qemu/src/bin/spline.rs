@@ -24,7 +24,8 @@ fn main() -> ! {
     counter.measure(&mut instructions, || {
         for index in 0..EVALUATIONS {
             let at = f32::from(index) / f32::from(EVALUATIONS);
-            let sample = knots.basis(black_box(at)).ok().and_then(|basis| vector::evaluate(&basis, black_box(&control)));
+            let sample =
+                knots.basis(black_box(at)).ok().and_then(|basis| vector::evaluate(&basis, black_box(&control)));
             evaluated += u32::from(black_box(sample).is_some());
         }
     });

@@ -62,8 +62,7 @@ fn run() -> Result<(), &'static str> {
             if windows.push(event) == Progress::Collecting {
                 continue;
             }
-            let detection =
-                counter.measure(&mut instructions, || detector.detect(SENSOR, windows.events(), &settings));
+            let detection = counter.measure(&mut instructions, || detector.detect(SENSOR, windows.events(), &settings));
             circles += detection.map_err(|_| "the sensor is too large")?.circles.circles;
             count += 1;
             // From the next event on.
