@@ -100,7 +100,7 @@ fn dots_are_told_where_they_are() {
 }
 
 #[test]
-fn every_event_is_accounted_for() {
+fn what_is_filtered_and_shed_is_counted() {
     let budget = EventBudget { events_per_second: 50_000, burst: 1000 };
     let mut events = moving_dots(60_000);
     events.push(Event { t: 60_001, x: 346, y: 0, polarity: Polarity::On });
