@@ -2,7 +2,7 @@
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test test-usb-guest compatibility setup build check bench
+.PHONY: demo test test-usb-guest test-embedded test-embedded-slow compatibility setup build check bench
 
 demo: build
 	@sh tools/demo.sh
@@ -10,10 +10,20 @@ demo: build
 test: setup check
 	cargo test --workspace --release --locked
 	@$(MAKE) test-usb-guest
+	@$(MAKE) test-embedded
 
 # The emulated camera on a real kernel, in a virtual machine; says so where there cannot be one.
 test-usb-guest:
 	@sh tools/test-usb-guest.sh
+
+# The core and the detector's firmware on emulated microcontrollers; installs QEMU and compiles core for them.
+test-embedded: build
+	@sh tools/test-embedded.sh
+	@sh tools/test-embedded-calibration.sh
+
+# The core's tests as 32-bit Arm programs, and the example for a real board.
+test-embedded-slow: setup
+	@sh tools/test-embedded-slow.sh
 
 # A third-party driver must accept the emulated camera. Apart, because it brings its own libusb.
 compatibility: setup

@@ -9,6 +9,9 @@
 //! | module | from | to |
 //! |---|---|---|
 //! | [`event`] | | one change of brightness at one pixel |
+//! | [`decode`] | words of a sensor | events |
+//! | [`filter`] | events | events without hot, refractory and lonely pixels |
+//! | [`budget`] | events | as many as can be worked on |
 //! | [`window`] | events | time windows worth looking at |
 //! | [`cluster`] | events of one polarity | DBSCAN clusters |
 //! | [`circle`] | clusters of both polarities | circle candidates |
@@ -16,6 +19,7 @@
 //! | [`grid`] | circle candidates | the ordered board |
 //! | [`spline`] | control points | poses at any time |
 //! | [`camera`] | points | pixels, and back |
+//! | [`undistortion`] | pixels | pixels without distortion |
 //!
 //! Conventions: pixel (0, 0) is the centre of the top-left pixel; x to the right, y down. Times of
 //! events are in microseconds. A pose `T_world_camera` maps camera coordinates (z forward) to world
@@ -25,12 +29,16 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod budget;
 pub mod camera;
 pub mod circle;
 pub mod cluster;
+pub mod decode;
 pub mod detector;
 pub mod event;
+pub mod filter;
 pub mod grid;
 pub mod pattern;
 pub mod spline;
+pub mod undistortion;
 pub mod window;

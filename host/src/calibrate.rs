@@ -7,13 +7,15 @@ use evcal_core::event::Event;
 use serde::Serialize;
 
 use crate::board::Board;
-use crate::circle_track::{self, CircleFrames, CircleTrackError};
+use crate::circle_stream::{self, CircleStream};
+use crate::circle_track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR, order_frames};
 use crate::event_bias::unknown;
 use crate::initial::{InitialError, InitialModel, InitialReport, initial_model};
 use crate::reference_frame::ReferenceFrame;
 use crate::refinement::{Refined, RefinementError, RefinementInput, RoundReport, StageSettings, refine};
 use crate::segment::{SegmentReport, SegmentSettings, segment};
+use crate::serial::{SerialAddress, SerialError};
 use crate::settings::Settings;
 use crate::solve::observation::PointObservation;
 use crate::solve::{SolveError, State};
@@ -25,16 +27,20 @@ use crate::trajectory::{Trajectory, TrajectoryError};
 pub enum Input {
     /// A recording of events.
     Events(Recording),
-    /// Reference frames from a circle-track file, times from `start`.
+    /// Reference frames from a circle track or circle stream, times from `start`.
     Circles {
-        /// The file.
+        /// The file or port.
         path: PathBuf,
+        /// Sensor size in pixels, if a device told it.
+        sensor: Option<(u16, u16)>,
         /// Its frames; their recording number is set by the calibration.
         frames: Vec<ReferenceFrame>,
         /// Time in the file at which the frames' times count from, in seconds.
         start: f64,
         /// What was taken for granted when the file was read.
         notes: Vec<String>,
+        /// What the grid finder made of circles without a place on the board.
+        detection: DetectionReport,
     },
 }
 
@@ -328,7 +334,8 @@ fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, 
                 all.starts.push(pass.first as f64 * 1e-6);
                 all.recordings.push(pass.into_report());
             }
-            Input::Circles { frames, start, notes, .. } => {
+            Input::Circles { frames, start, notes, detection, .. } => {
+                all.detection.add(detection);
                 let count = frames.iter().map(|frame| frame.circles.len() as u64).sum();
                 let duration = frames.last().map_or(0.0, |last| last.end) - frames.first().map_or(0.0, |f| f.start);
                 all.frames.extend(frames.iter().cloned().map(|frame| ReferenceFrame { recording: index, ..frame }));
@@ -350,7 +357,7 @@ fn file_of(input: &Input) -> String {
 fn sensor_of(input: &Input, given: Option<(u16, u16)>) -> Result<(u16, u16), CalibrateError> {
     let sensor = match input {
         Input::Events(recording) => recording.open()?.information().sensor.or(given),
-        Input::Circles { .. } => given,
+        Input::Circles { sensor, .. } => given.or(*sensor),
     };
     let sensor = sensor.ok_or_else(|| CalibrateError::SensorUnknown { file: file_of(input) })?;
     if sensor.0 > LARGEST_SENSOR.0 || sensor.1 > LARGEST_SENSOR.1 {
@@ -456,8 +463,8 @@ fn no_pattern(report: &DetectionReport, settings: &Settings) -> String {
 }
 
 impl Input {
-    /// Opens a recording or a circle-track file, whichever `path` is. Circles without a place on the
-    /// board are ordered by the grid finder.
+    /// Opens a recording, a circle track or a circle stream, whichever `path` is. Circles without a place on
+    /// the board are ordered by the grid finder.
     ///
     /// # Errors
     /// [`InputError`] when it is neither, or cannot be read.
@@ -466,14 +473,32 @@ impl Input {
             RecordingKind::Events { .. } => Ok(Self::Events(Recording::new(path, options.clone())?)),
             RecordingKind::CircleTrack => {
                 let track = circle_track::read(path, &board.pattern, 0)?;
-                let frames = match track.frames {
-                    CircleFrames::Ordered(frames) => frames,
-                    CircleFrames::Unordered(frames) => order_frames(&frames, &board.pattern),
-                };
-                let start = track.time_origin_us as f64 * 1e-6;
-                Ok(Self::Circles { path: path.to_owned(), frames, start, notes: track.notes })
+                Ok(Self::from_track(path, track, None, board))
             }
+            RecordingKind::CircleStream => Ok(Self::from_stream(path, circle_stream::read(path)?, board)),
         }
+    }
+
+    /// Listens to a serial port; `progress` is told what came so far.
+    ///
+    /// # Errors
+    /// [`SerialError`] when no circle comes.
+    pub fn listen(address: &SerialAddress, board: &Board, progress: impl FnMut(&str)) -> Result<Self, SerialError> {
+        let stream = address.receive(progress)?;
+        Ok(Self::from_stream(Path::new(&address.to_string()), stream, board))
+    }
+
+    fn from_stream(path: &Path, stream: CircleStream, board: &Board) -> Self {
+        Self::from_track(path, stream.track, stream.sensor, board)
+    }
+
+    fn from_track(path: &Path, track: CircleTrack, sensor: Option<(u16, u16)>, board: &Board) -> Self {
+        let (frames, detection) = match track.frames {
+            CircleFrames::Ordered(frames) => (frames, DetectionReport::default()),
+            CircleFrames::Unordered(frames) => order_frames(&frames, &board.pattern, sensor),
+        };
+        let start = track.time_origin_us as f64 * 1e-6;
+        Self::Circles { path: path.to_owned(), sensor, frames, start, notes: track.notes, detection }
     }
 }
 
@@ -483,7 +508,7 @@ pub enum InputError {
     /// It is no recording that can be read.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// It is a circle track with a mistake in it.
+    /// It is a circle track with a mistake in it, or a circle stream without circles.
     #[error(transparent)]
     Circles(#[from] CircleTrackError),
 }

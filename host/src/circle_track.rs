@@ -191,6 +191,27 @@ pub fn write<'a>(
     output.flush()
 }
 
+/// Writes circles whose places on the board are not known as a circle track.
+///
+/// # Errors
+/// When the output refuses.
+pub fn write_unordered<'a>(
+    output: &mut impl Write,
+    frames: impl IntoIterator<Item = &'a UnorderedFrame>,
+    time_origin_us: i64,
+) -> io::Result<()> {
+    writeln!(output, "# circles of no known board\n# time_origin_us {time_origin_us}")?;
+    writeln!(output, "frame,t_s,t_start_s,t_end_s,x_px,y_px,radius_px")?;
+    for (number, frame) in frames.into_iter().enumerate() {
+        for circle in &frame.circles {
+            let radius = circle.radius.map(|radius| radius.to_string()).unwrap_or_default();
+            let (start, end, center) = (frame.start, frame.end, circle.center);
+            writeln!(output, "{number},{},{start},{end},{},{},{radius}", circle.t, center.x, center.y)?;
+        }
+    }
+    output.flush()
+}
+
 /// Layout, rows and columns as in a board description.
 fn describe(pattern: &Pattern) -> String {
     let layout = match pattern.layout {

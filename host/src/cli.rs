@@ -9,7 +9,9 @@ mod detect;
 mod devices;
 #[cfg(target_os = "linux")]
 mod emulate;
+mod detector;
 mod evaluate;
+mod export;
 mod info;
 mod interrupt;
 mod live;
@@ -55,6 +57,8 @@ enum Command {
     Convert(convert::Arguments),
     /// Compare a calibration with the truth, another calibration or a trajectory
     Evaluate(evaluate::Arguments),
+    /// Write a calibration in a form that other programs and devices read
+    Export(export::Arguments),
     /// Simulate an event camera in front of a board
     Simulate(simulate::Arguments),
     /// Plug in a DAVIS346 in software that sends a recording (Linux, root, module vhci-hcd)
@@ -89,6 +93,7 @@ pub fn run() -> ExitCode {
         Command::Info(arguments) => info::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         #[cfg(target_os = "linux")]
         Command::Emulate(arguments) => emulate::run(&arguments),

@@ -17,7 +17,7 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::circle_track::UnorderedFrame;
+use crate::circle_track::{UnorderedCircle, UnorderedFrame};
 use crate::event_pixel::EventPixel;
 use crate::opencv::find_circles_grid;
 use crate::reference_frame::{ObservedCircle, ReferenceFrame};
@@ -106,6 +106,17 @@ pub struct CircleWindow {
     pub circles: Vec<(Vector2<f64>, f64)>,
     /// The events of the window, one entry per pixel and polarity.
     pub pixels: Vec<EventPixel>,
+}
+
+impl CircleWindow {
+    /// The circles as those of a frame without a board, at the middle of the window.
+    pub fn to_frame(&self) -> UnorderedFrame {
+        let t = 0.5 * (self.start + self.end);
+        let circles = self.circles.iter();
+        let circles =
+            circles.map(|&(center, radius)| UnorderedCircle { t, center, radius: Some(radius), velocity: None });
+        UnorderedFrame { start: self.start, end: self.end, circles: circles.collect() }
+    }
 }
 
 /// What is looked for in a window.
@@ -379,40 +390,66 @@ fn frames(findings: Vec<Finding>) -> Vec<ReferenceFrame> {
     frames.collect()
 }
 
-/// Puts the circles of frames from a file in the board's order; frames without a board fall away.
-/// The image size is that of the circles' extent, as a file does not give it.
-pub fn order_frames(frames: &[UnorderedFrame], pattern: &Pattern) -> Vec<ReferenceFrame> {
+/// Puts the circles of frames from elsewhere in the board's order; frames without a board fall away, and
+/// the report says why. Without a sensor size the image is as large as the circles' extent.
+pub fn order_frames(
+    frames: &[UnorderedFrame],
+    pattern: &Pattern,
+    sensor: Option<(u16, u16)>,
+) -> (Vec<ReferenceFrame>, DetectionReport) {
     let circles = || frames.iter().flat_map(|frame| &frame.circles);
-    let size =
-        circles().fold((1.0_f64, 1.0_f64), |size, circle| (size.0.max(circle.center.x), size.1.max(circle.center.y)));
+    let extent = || {
+        circles().fold((1.0_f64, 1.0_f64), |size, circle| (size.0.max(circle.center.x), size.1.max(circle.center.y)))
+    };
+    let size = sensor.map_or_else(extent, |(width, height)| (width.into(), height.into()));
     let options = GridOptions::new(pattern, size);
-    frames
+    let ordered: Vec<Result<ReferenceFrame, GridError>> = frames
         .par_iter()
         .map_init(
             || Box::new(GridWorkspace::<f64, CANDIDATES>::new()),
-            |workspace, frame| {
-                let candidates: Vec<GridCandidate<f64>> = frame
-                    .circles
-                    .iter()
-                    .map(|circle| GridCandidate { center: circle.center, radius: circle.radius.unwrap_or(0.0) })
-                    .collect();
-                let found = find_grid(&candidates, pattern, &options, workspace).ok()?;
-                let circles = found.circles.iter().filter_map(|pair| {
-                    let circle = frame.circles.get(usize::from(pair.candidate))?;
-                    Some(ObservedCircle {
-                        index: usize::from(pair.board),
-                        t: circle.t,
-                        center: circle.center,
-                        radius: circle.radius,
-                        velocity: circle.velocity,
-                    })
-                });
-                let circles = circles.collect();
-                Some(ReferenceFrame { recording: 0, start: frame.start, end: frame.end, circles, pixels: Vec::new() })
-            },
+            |workspace, frame| order_frame(frame, pattern, &options, workspace),
         )
-        .flatten()
-        .collect()
+        .collect();
+    let mut report = DetectionReport { windows: frames.len() as u64, ..DetectionReport::default() };
+    report.circles = circles().count() as u64;
+    let mut found = Vec::new();
+    for frame in ordered {
+        match frame {
+            Ok(frame) => {
+                report.found += 1;
+                report.board_circles += frame.circles.len() as u64;
+                found.push(frame);
+            }
+            Err(error) => *report.grids_refused.entry(grid_reason(error)).or_default() += 1,
+        }
+    }
+    (found, report)
+}
+
+fn order_frame(
+    frame: &UnorderedFrame,
+    pattern: &Pattern,
+    options: &GridOptions,
+    workspace: &mut GridWorkspace<f64, CANDIDATES>,
+) -> Result<ReferenceFrame, GridError> {
+    let candidates: Vec<GridCandidate<f64>> = frame
+        .circles
+        .iter()
+        .map(|circle| GridCandidate { center: circle.center, radius: circle.radius.unwrap_or(0.0) })
+        .collect();
+    let found = find_grid(&candidates, pattern, options, workspace)?;
+    let circles = found.circles.iter().filter_map(|pair| {
+        let circle = frame.circles.get(usize::from(pair.candidate))?;
+        Some(ObservedCircle {
+            index: usize::from(pair.board),
+            t: circle.t,
+            center: circle.center,
+            radius: circle.radius,
+            velocity: circle.velocity,
+        })
+    });
+    let circles = circles.collect();
+    Ok(ReferenceFrame { recording: 0, start: frame.start, end: frame.end, circles, pixels: Vec::new() })
 }
 
 fn unique_pixels(events: &[Event]) -> Vec<EventPixel> {

@@ -32,7 +32,7 @@ pub use error::{SourceError, SourceErrorKind};
 pub use options::{Column, Columns, Damage, OptionError, SourceOptions, TimeUnit};
 pub use reader::{Decode, EventReader, ReadReport, StreamFaults, Truncation};
 
-use crate::circle_track;
+use crate::{circle_stream, circle_track};
 
 /// The formats, in the order in which they are tried.
 pub const FORMATS: &[&Format] =
@@ -113,6 +113,8 @@ pub enum RecordingKind {
     },
     /// Circles that a detector found: see [`crate::circle_track`].
     CircleTrack,
+    /// Circles as a microcontroller sends them: see [`crate::circle_stream`].
+    CircleStream,
 }
 
 /// What the file at `path` holds, found from its content.
@@ -123,6 +125,9 @@ pub fn sniff(path: &Path) -> Result<RecordingKind, SourceError> {
     let head = Head::read(path)?;
     if head.text().is_some_and(circle_track::is_circle_track) {
         return Ok(RecordingKind::CircleTrack);
+    }
+    if circle_stream::is_circle_stream(&head.bytes) {
+        return Ok(RecordingKind::CircleStream);
     }
     Ok(RecordingKind::Events { format: find_format(path, &head)?.name })
 }
@@ -170,7 +175,7 @@ impl Recording {
     pub fn new(path: impl Into<PathBuf>, options: SourceOptions) -> Result<Self, SourceError> {
         let path = path.into();
         let head = Head::read(&path)?;
-        if head.text().is_some_and(circle_track::is_circle_track) {
+        if head.text().is_some_and(circle_track::is_circle_track) || circle_stream::is_circle_stream(&head.bytes) {
             return Err(SourceError::new(&path, SourceErrorKind::CircleTrack));
         }
         let format = find_format(&path, &head)?;

@@ -74,8 +74,8 @@ pub fn refit<T: RealField + Copy>(
     height: u16,
 ) -> Option<Camera<T>> {
     let mut parameters = SVector::<T, MAX_PARAMETERS>::zeros();
-    for (slot, value) in parameters.iter_mut().zip(reference.parameters().into_iter().take(4)) {
-        *slot = value;
+    for (slot, value) in parameters.iter_mut().zip(reference.parameters().iter().take(4)) {
+        *slot = *value;
     }
     let count = kind.parameter_names().len();
     let camera_of =

@@ -63,7 +63,7 @@ pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS
         if !may_be_arc(on_cluster, settings) {
             continue;
         }
-        for (_, off_index) in nearest_facing(on_cluster, off, settings, &mut counts.back_to_back) {
+        for &(_, off_index) in &nearest_facing(on_cluster, off, settings, &mut counts.back_to_back) {
             let Some(off_cluster) = off.get(usize::from(off_index)) else { continue };
             counts.pairs += 1;
             let found = match settings.method {
@@ -119,7 +119,7 @@ fn nearest_facing<T: RealField + Copy>(
     let limit = usize::from(settings.neighbours).clamp(1, MAX_NEIGHBOURS);
     let diameter = settings.max_radius + settings.max_radius;
     let mut bound = diameter * diameter;
-    let mut found = Vec::new();
+    let mut found: Vec<(T, u16), MAX_NEIGHBOURS> = Vec::new();
     for (index, other) in (0_u16..).zip(others) {
         let distance_squared = (other.center - cluster.center).norm_squared();
         if distance_squared < bound && may_be_arc(other, settings) {
@@ -130,9 +130,17 @@ fn nearest_facing<T: RealField + Copy>(
             if found.len() == limit {
                 found.pop();
             }
-            let place = found.iter().rposition(|&(nearer, _)| nearer <= distance_squared).map_or(0, |last| last + 1);
+            // In its place by distance, behind equal ones; those further away move up by one.
+            let mut moving = (distance_squared, index);
+            let mut passed = false;
+            for place in &mut found {
+                passed |= place.0 > distance_squared;
+                if passed {
+                    core::mem::swap(place, &mut moving);
+                }
+            }
             // There is room: `limit` is at most the capacity.
-            if found.insert(place, (distance_squared, index)).is_ok() && found.len() == limit {
+            if found.push(moving).is_ok() && found.len() == limit {
                 bound = found.last().map_or(bound, |&(furthest, _)| furthest);
             }
         }

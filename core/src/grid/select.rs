@@ -13,11 +13,11 @@ pub(super) fn select<T: RealField + Copy>(values: &mut [T], rank: usize) -> Opti
         for index in 0..rest.len() {
             let value = *rest.get(index)?;
             if value < pivot {
-                rest.swap(index, below + equal);
-                rest.swap(below + equal, below);
+                exchange(rest, index, below + equal);
+                exchange(rest, below + equal, below);
                 below += 1;
             } else if value == pivot {
-                rest.swap(index, below + equal);
+                exchange(rest, index, below + equal);
                 equal += 1;
             }
         }
@@ -31,6 +31,16 @@ pub(super) fn select<T: RealField + Copy>(values: &mut [T], rank: usize) -> Opti
         } else {
             rank -= below + equal;
             rest = rest.get_mut(below + equal..)?;
+        }
+    }
+}
+
+/// What `swap` of a slice does, without its panic.
+pub(super) fn exchange<T: Copy>(values: &mut [T], one: usize, other: usize) {
+    let (Some(&first), Some(&second)) = (values.get(one), values.get(other)) else { return };
+    for (index, value) in [(one, second), (other, first)] {
+        if let Some(place) = values.get_mut(index) {
+            *place = value;
         }
     }
 }

@@ -12,7 +12,7 @@ use super::GridOptions;
 use super::fit::{Precision, Step};
 use super::lattice::Lattice;
 use super::points::Points;
-use super::select::select;
+use super::select::{exchange, select};
 use super::warp::Warp;
 
 /// Most rounds.
@@ -189,7 +189,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
                 .is_none_or(|(other_index, other)| other_index > index && other.distance - claim.distance >= contest);
             if keeps {
                 same += usize::from(lattice.at(i32::from(claim.u), i32::from(claim.v)) == Some(claim.point));
-                self.claims.swap(kept, index);
+                exchange(&mut self.claims, kept, index);
                 kept += 1;
             }
         }

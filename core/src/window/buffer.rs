@@ -38,7 +38,7 @@ pub enum Progress {
 /// Events that never made it into a window, and windows that were not tried.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BufferCounts {
-    /// Events dropped because the storage was full.
+    /// Events dropped because a complete window was not reported.
     pub overflow: u32,
     /// Events dropped because they came before the start of the window: in the gap after a success.
     pub before_start: u32,
@@ -46,9 +46,16 @@ pub struct BufferCounts {
     pub out_of_order: u32,
     /// Windows that were not worth a try: fewer events than the policy's floor.
     pub too_few_events: u32,
+    /// Windows that ended early because the storage was full.
+    pub full: u32,
+    /// Events forgotten by [`WindowBuffer::restart`].
+    pub forgotten: u32,
 }
 
 /// Collects the events of the current window.
+///
+/// A window that fills the storage ends there: it is complete, and shorter than the policy says, so that
+/// its bounds are those of its events. If nothing is found in it, the start moves on.
 ///
 /// ```
 /// use evcal_core::event::{Event, Polarity};
@@ -68,6 +75,9 @@ pub struct BufferCounts {
 #[derive(Debug)]
 pub struct WindowBuffer<'a, const N: usize> {
     state: WindowState,
+    /// Bounds of the window according to `state`, for the look at every event.
+    start_us: i64,
+    end_us: i64,
     /// Events at or after the start of the window, by time. After a failure some may lie behind its end.
     events: &'a mut Deque<PackedEvent, N>,
     /// How many of `events` lie in the window.
@@ -82,8 +92,11 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
     /// An empty window that starts at `start_us`. What `storage` held is forgotten.
     pub fn new(policy: WindowPolicy, start_us: i64, storage: &'a mut EventStorage<N>) -> Self {
         storage.events.clear();
+        let state = WindowState::new(policy, start_us);
         Self {
-            state: WindowState::new(policy, start_us),
+            state,
+            start_us: state.start_us(),
+            end_us: state.end_us(),
             events: &mut storage.events,
             in_window: 0,
             pending: None,
@@ -96,6 +109,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
     ///
     /// While a window is complete and not reported, further events are dropped and counted as
     /// overflow, so report first.
+    #[inline]
     pub fn push(&mut self, event: Event) -> Progress {
         if self.pending.is_some() || self.in_window < self.events.len() {
             self.counts.overflow = self.counts.overflow.saturating_add(1);
@@ -103,9 +117,20 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         }
         if event.t < self.newest_us {
             self.counts.out_of_order = self.counts.out_of_order.saturating_add(1);
+        } else {
+            self.newest_us = event.t;
         }
-        self.newest_us = self.newest_us.max(event.t);
-        self.pending = Some(Event { t: self.newest_us, ..event });
+        let event = Event { t: self.newest_us, ..event };
+        // Most events need no further look at the window.
+        if event.t < self.start_us {
+            self.counts.before_start = self.counts.before_start.saturating_add(1);
+            return Progress::Collecting;
+        }
+        if event.t < self.end_us && self.events.push_back(PackedEvent::pack(event)).is_ok() {
+            self.in_window += 1;
+            return Progress::Collecting;
+        }
+        self.pending = Some(event);
         self.settle()
     }
 
@@ -119,14 +144,48 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
 
     /// The events of the window, by time.
     pub fn events(&self) -> impl Iterator<Item = Event> + Clone + '_ {
-        let start_us = self.state.start_us();
+        let start_us = self.start_us;
         let (front, back) = self.events.as_slices();
         front.iter().chain(back).take(self.in_window).map(move |packed| packed.unpack(start_us))
     }
 
     /// Bounds of the window; the indices count [`events`](Self::events) from 0.
     pub const fn window(&self) -> Window {
-        Window { start_us: self.state.start_us(), end_us: self.state.end_us(), first: 0, last: self.in_window }
+        let end_us = match self.left_out() {
+            Some(event) => event.t,
+            None => self.end_us,
+        };
+        Window { start_us: self.start_us, end_us, first: 0, last: self.in_window }
+    }
+
+    /// Forgets the events at hand and starts anew at `start_us`, if that is later than the start of the window:
+    /// to be called when events were lost before they came here, because a window across the hole would
+    /// have the wrong bounds.
+    pub fn restart(&mut self, start_us: i64) {
+        let forgotten = self.events.len() + usize::from(self.pending.is_some());
+        self.counts.forgotten = self.counts.forgotten.saturating_add(forgotten as u32);
+        self.events.clear();
+        self.pending = None;
+        self.in_window = 0;
+        self.state.skip_to(start_us);
+        self.set_bounds();
+    }
+
+    /// First microsecond of the current window: earlier events are dropped.
+    pub const fn start_us(&self) -> i64 {
+        self.start_us
+    }
+
+    const fn set_bounds(&mut self) {
+        (self.start_us, self.end_us) = (self.state.start_us(), self.state.end_us());
+    }
+
+    /// The event for which the window had no room, if it is full.
+    const fn left_out(&self) -> Option<Event> {
+        match self.pending {
+            Some(event) if event.t < self.end_us => Some(event),
+            _ => None,
+        }
     }
 
     /// What was dropped or passed over so far.
@@ -142,10 +201,11 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
             }
             if self.in_window == 0 {
                 // Nothing until the next event: no window before it can hold anything.
-                let start_us = self.state.start_us();
+                let start_us = self.start_us;
                 let next = self.events.front().map(|packed| packed.unpack(start_us)).or(self.pending);
                 let Some(next) = next else { return Progress::Collecting };
                 self.state.skip_to(next.t);
+                self.set_bounds();
                 self.trim();
                 continue;
             }
@@ -159,27 +219,37 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         }
     }
 
-    /// Puts the pending event into the window or drops it; true if it lies behind the window.
+    /// Puts the pending event into the window or drops it; true if it lies behind the window, or the
+    /// window is full.
     fn place_pending(&mut self) -> bool {
         let Some(event) = self.pending else { return false };
-        if event.t >= self.state.end_us() {
+        if event.t >= self.end_us {
             return true;
         }
-        self.pending = None;
-        if event.t < self.state.start_us() {
+        if event.t < self.start_us {
             self.counts.before_start = self.counts.before_start.saturating_add(1);
         } else if self.events.push_back(PackedEvent::pack(event)).is_ok() {
             self.in_window += 1;
+        } else if self.in_window > 0 {
+            return true;
         } else {
             self.counts.overflow = self.counts.overflow.saturating_add(1);
         }
+        self.pending = None;
         false
     }
 
     fn move_on(&mut self, outcome: Outcome) {
-        let old_start_us = self.state.start_us();
-        self.state.report(outcome);
-        let start_us = self.state.start_us();
+        let old_start_us = self.start_us;
+        let full = self.left_out().is_some();
+        self.counts.full = self.counts.full.saturating_add(u32::from(full));
+        self.state.report(match outcome {
+            // A longer window would hold the same events.
+            Outcome::NotFound { .. } if full => Outcome::NotFound { unique_pixels: u32::MAX },
+            outcome => outcome,
+        });
+        self.set_bounds();
+        let start_us = self.start_us;
         while self.events.front().is_some_and(|packed| packed.unpack(old_start_us).t < start_us) {
             self.events.pop_front();
         }
@@ -188,7 +258,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
 
     /// Counts the events that lie in the window.
     fn trim(&mut self) {
-        let (start_us, end_us) = (self.state.start_us(), self.state.end_us());
+        let (start_us, end_us) = (self.start_us, self.end_us);
         let (front, back) = self.events.as_slices();
         let before_end = |packed: &PackedEvent| packed.unpack(start_us).t < end_us;
         self.in_window = front.partition_point(before_end);

@@ -144,17 +144,54 @@ fn the_floor_passes_over_windows_and_counts_them() {
 }
 
 #[test]
-fn a_full_buffer_drops_and_counts() {
+fn a_window_that_fills_the_storage_ends_there() {
     let mut storage = EventStorage::<8>::new();
     let mut windows = WindowBuffer::new(policy(), 0, &mut storage);
-    for t in 0..20 {
-        assert_eq!(windows.push(event(t)), Progress::Collecting);
+    for t in 0..8 {
+        assert_eq!(windows.push(event(t * 10)), Progress::Collecting);
     }
-    assert_eq!(windows.counts().overflow, 12);
-    assert_eq!(windows.push(event(1500)), Progress::Complete);
-    assert_eq!(windows.events().collect::<Vec<_>>(), (0..8).map(event).collect::<Vec<_>>());
-    windows.push(event(1501));
-    assert_eq!(windows.counts().overflow, 13, "an unreported window takes no event");
+    assert_eq!(windows.push(event(90)), Progress::Complete);
+    assert_eq!(windows.window(), Window { start_us: 0, end_us: 90, first: 0, last: 8 });
+    assert_eq!(windows.events().collect::<Vec<_>>(), (0..8).map(|t| event(t * 10)).collect::<Vec<_>>());
+    windows.push(event(91));
+    assert_eq!(windows.counts().overflow, 1, "an unreported window takes no event");
+    // The next start is a step later, so that all events at hand lie before it.
+    assert_eq!(windows.report(NOTHING), Progress::Collecting);
+    assert_eq!((windows.window().start_us, windows.window().len()), (500, 0));
+    assert_eq!((windows.counts().full, windows.counts().before_start), (1, 1));
+}
+
+#[test]
+fn no_event_is_lost_to_a_full_storage_when_every_window_is_reported() {
+    let mut storage = EventStorage::<8>::new();
+    let mut windows = WindowBuffer::new(WindowPolicy { gap: 0, ..policy() }, 0, &mut storage);
+    let mut seen = 0;
+    for t in 0..4000 {
+        let mut progress = windows.push(event(t * 7));
+        while progress == Progress::Complete {
+            let window = windows.window();
+            assert!(windows.events().all(|event| (window.start_us..window.end_us).contains(&event.t)));
+            seen += windows.events().count() as u32;
+            progress = windows.report(Outcome::Found);
+        }
+    }
+    let counts = windows.counts();
+    assert_eq!((counts.overflow, seen + counts.before_start + windows.window().len() as u32), (0, 4000));
+    assert!(counts.full > 0);
+}
+
+#[test]
+fn a_restart_leaves_no_event_before_it() {
+    let mut storage = EventStorage::<8>::new();
+    let mut windows = WindowBuffer::new(policy(), 0, &mut storage);
+    for t in [10, 20, 30] {
+        windows.push(event(t));
+    }
+    windows.restart(1200);
+    assert_eq!(windows.push(event(1300)), Progress::Collecting);
+    assert_eq!(windows.push(event(5000)), Progress::Complete);
+    assert_eq!(windows.window(), Window { start_us: 1200, end_us: 2700, first: 0, last: 1 });
+    assert_eq!(windows.counts().forgotten, 3);
 }
 
 #[test]

@@ -10,13 +10,14 @@ use evcal::source::SourceOptions;
 use evcal::trajectory::RotationSpline;
 use evcal_core::camera::ModelKind;
 
-use super::print;
+use super::{detector, print};
 use super::progress::spinner;
 
 /// Arguments of `evcal calibrate`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recordings of one camera: .dvraw, AEDAT4, CSV or text, EventCalib binary, pcap, or circle-track files
+    /// Recordings of one camera: .dvraw, AEDAT4, CSV or text, EventCalib binary, pcap, circle tracks, circle
+    /// streams, or the serial port of a detector, serial:PORT?baud=921600&seconds=10
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
     /// Sensor size, where a recording does not tell it, for example 346x260
@@ -100,7 +101,7 @@ pub fn calibrate_recordings(
     let options = SourceOptions { sensor, ..SourceOptions::default() };
     let inputs = recordings
         .iter()
-        .map(|path| Input::open(path, &options, &arguments.board))
+        .map(|path| detector::open_input(path, &options, &arguments.board, &arguments.output, arguments.json))
         .collect::<Result<Vec<Input>, _>>()?;
     let task = Task { inputs: &inputs, board: &arguments.board, model: arguments.model, sensor, settings: &settings };
     let bar = spinner(arguments.json);

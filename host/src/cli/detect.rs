@@ -1,25 +1,26 @@
 //! `evcal detect`.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::BufWriter;
 use std::path::PathBuf;
 
 use evcal::board::Board;
 use evcal::calibrate::read_recording;
-use evcal::circle_track;
-use evcal::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
+use evcal::circle_track::{self, UnorderedFrame};
+use evcal::detection::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR};
 use evcal::picture::circle_picture;
 use evcal::settings::{Extraction, Settings};
 use evcal::source::{Recording, SourceOptions};
 use nalgebra::Vector2;
 
-use super::print;
+use super::{detector, print};
 use super::progress::spinner;
 
 /// Arguments of `evcal detect`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recording of events
+    /// Recording of events, circle stream of a detector, or its serial port,
+    /// serial:PORT?baud=921600&seconds=10&save=FILE
     recording: PathBuf,
     /// Board to look for, for example acircles:9x4:55mm:r17.5mm; without it, circles of any kind
     #[arg(long)]
@@ -49,6 +50,19 @@ pub struct Arguments {
 
 /// Runs `evcal detect`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
+    if let Some(stream) = detector::open_stream(&arguments.recording, arguments.json)? {
+        if arguments.picture.is_some() {
+            return Err("a circle stream holds no events to paint: leave out --picture".into());
+        }
+        let wanted = detector::Wanted {
+            board: arguments.board.as_ref(),
+            fewest: arguments.fewest,
+            sensor: arguments.sensor,
+            output: arguments.output.as_deref(),
+            json: arguments.json,
+        };
+        return detector::detect(stream, &wanted);
+    }
     let mut settings = arguments.settings.as_deref().map(Settings::read).transpose()?.unwrap_or_default();
     settings.detection.extraction = arguments.extraction.unwrap_or(settings.detection.extraction);
     let options = SourceOptions { sensor: arguments.sensor, ..SourceOptions::default() };
@@ -90,17 +104,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         None => {
             let (windows, report) = stage.into_circles();
             if let Some(path) = &arguments.output {
-                let mut output = BufWriter::new(create(path)?);
-                writeln!(output, "# circles of no known board\n# time_origin_us {origin}")?;
-                writeln!(output, "frame,t_s,t_start_s,t_end_s,x_px,y_px,radius_px")?;
-                for (number, window) in windows.iter().enumerate() {
-                    let middle = 0.5 * (window.start + window.end);
-                    for (center, radius) in &window.circles {
-                        let (start, end) = (window.start, window.end);
-                        writeln!(output, "{number},{middle},{start},{end},{},{},{radius}", center.x, center.y)?;
-                    }
-                }
-                output.flush()?;
+                let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
+                circle_track::write_unordered(&mut BufWriter::new(create(path)?), &frames, origin)?;
             }
             let fullest = windows.iter().rev().max_by_key(|window| window.circles.len());
             if let (Some(path), Some(window)) = (&arguments.picture, fullest) {

@@ -1,0 +1,200 @@
+//! Words made by hand from the descriptions, streams cut and damaged, and round trips.
+
+use std::vec::Vec;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::event::{Event, Polarity};
+
+fn event(t: i64, x: u16, y: u16, polarity: Polarity) -> Event {
+    Event { t, x, y, polarity }
+}
+
+fn decode_evt2(decoder: &mut Evt2Decoder, words: &[u32]) -> Vec<Evt2Record> {
+    words.iter().filter_map(|&word| decoder.push(word)).collect()
+}
+
+fn times(records: &[Evt2Record]) -> Vec<i64> {
+    let time = |record: &Evt2Record| match record {
+        Evt2Record::Event(event) => event.t,
+        Evt2Record::Trigger(trigger) => trigger.t,
+    };
+    records.iter().map(time).collect()
+}
+
+/// Type, time low and the rest put together bit by bit.
+fn word(kind: u32, low: u32, x: u32, y: u32) -> u32 {
+    kind * 0x1000_0000 + low * 0x40_0000 + x * 0x800 + y
+}
+
+const fn time_high(high: u32) -> u32 {
+    0x8000_0000 + high
+}
+
+#[test]
+fn evt2_words_made_by_hand() {
+    let mut decoder = Evt2Decoder::new();
+    let words = [
+        0x0000_0000, // an event without time
+        0x8000_0010, // 16 × 64 µs
+        0x1140_1807, // ON, 5 µs, (3, 7)
+        0x0fff_ffff, // OFF, 63 µs, (2047, 2047)
+        0xa080_0301, // rising edge of input 3, 2 µs
+        0xafff_e0fe, // falling edge of input 0, 63 µs; the bits between mean nothing
+        0xe123_4567, // vendor
+        0xf000_0000, // vendor
+        0x2000_0000, // no type of EVT 2.0
+        0x8000_0011,
+        0x0028_00f0, // OFF, 0 µs, (1280, 240)
+    ];
+    let expected = [
+        Evt2Record::Event(event(1029, 3, 7, Polarity::On)),
+        Evt2Record::Event(event(1087, 2047, 2047, Polarity::Off)),
+        Evt2Record::Trigger(Trigger { t: 1026, channel: 3, rising: true }),
+        Evt2Record::Trigger(Trigger { t: 1087, channel: 0, rising: false }),
+        Evt2Record::Event(event(1088, 1280, 240, Polarity::Off)),
+    ];
+    assert_eq!(decode_evt2(&mut decoder, &words), expected);
+    let counts = Evt2Counts { without_time: 1, vendor: 2, unknown: 1, ..Evt2Counts::default() };
+    assert_eq!(*decoder.counts(), counts);
+}
+
+#[test]
+fn evt2_time_goes_on_when_it_wraps() {
+    let mut decoder = Evt2Decoder::new();
+    let words =
+        [time_high(0xfff_ffff), word(0, 63, 1, 1), time_high(0), word(0, 0, 1, 1), time_high(1), word(0, 0, 1, 1)];
+    let wrap = 1_i64 << 34;
+    assert_eq!(times(&decode_evt2(&mut decoder, &words)), [wrap - 1, wrap, wrap + 64]);
+    assert_eq!(*decoder.counts(), Evt2Counts::default());
+}
+
+#[test]
+fn one_damaged_time_high_of_evt2_is_not_believed() {
+    for damaged in [0x0fff_0000, 90_000, 7] {
+        let mut decoder = Evt2Decoder::new();
+        let words = [
+            time_high(1000),
+            word(1, 0, 1, 1),
+            time_high(damaged),
+            word(1, 5, 2, 2),
+            time_high(1001),
+            word(1, 0, 3, 3),
+        ];
+        assert_eq!(times(&decode_evt2(&mut decoder, &words)), [64_000, 64_064], "{damaged}");
+        let counts = Evt2Counts { without_time: 1, false_leaps: 1, ..Evt2Counts::default() };
+        assert_eq!(*decoder.counts(), counts);
+    }
+}
+
+#[test]
+fn evt2_time_that_leaps_and_stays_is_followed() {
+    // Two seconds were lost; then the sensor is started again.
+    let mut decoder = Evt2Decoder::new();
+    let words = [
+        time_high(1000),
+        word(1, 0, 1, 1),
+        time_high(32_250),
+        time_high(32_251),
+        word(1, 3, 1, 1),
+        time_high(0),
+        time_high(1),
+        word(1, 9, 1, 1),
+        time_high(2),
+        word(1, 0, 1, 1),
+    ];
+    let end = 32_251 * 64;
+    assert_eq!(times(&decode_evt2(&mut decoder, &words)), [64_000, end + 3, end + 64 + 9, end + 128]);
+    let counts = Evt2Counts { leaps: 1, clock_resets: 1, ..Evt2Counts::default() };
+    assert_eq!(*decoder.counts(), counts);
+}
+
+#[test]
+fn packed_words_made_by_hand() {
+    let mut decoder = PackedDecoder::new();
+    let words = [
+        0x0000_0001, // before any time
+        0x8000_03e8, // 1000 µs
+        0x0020_0c07, // ON, 0 µs, (3, 7)
+        0x7fdf_ffff, // OFF, 511 µs, (2047, 1023)
+        0xffff_ffff, // 2³¹ − 1 µs: 2147482647 µs later is a step back
+        0x0040_0000, // OFF, 1 µs, (0, 0)
+        0x8000_0005, // 6 µs later, past the wrap
+        0x0000_0000,
+    ];
+    let decoded: Vec<Event> = words.iter().filter_map(|&word| decoder.push(word)).collect();
+    let expected = [
+        event(1000, 3, 7, Polarity::On),
+        event(1511, 2047, 1023, Polarity::Off),
+        event(1512, 0, 0, Polarity::Off),
+        event(1517, 0, 0, Polarity::Off),
+    ];
+    assert_eq!(decoded, expected);
+    assert_eq!(*decoder.counts(), PackedCounts { before_time: 1, clock_resets: 1 });
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    for (x, y, packed, evt2) in [(2047, 1023, true, true), (0, 1024, false, true), (2048, 0, false, false)] {
+        let event = event(0, x, y, Polarity::On);
+        assert_eq!(PackedEncoder::new().encode(event).is_ok(), packed);
+        assert_eq!(Evt2Encoder::new().encode(event).is_ok(), evt2);
+    }
+    assert_eq!(Evt2Encoder::new().encode(event(0, 0, 2048, Polarity::On)), Err(DoesNotFit));
+}
+
+/// Events in order of time with pauses up to `pause`; the first is before the clock of packed records wraps.
+fn events(rows: u16, pause: i64) -> impl Strategy<Value = Vec<Event>> {
+    let step = prop_oneof![3 => 0_i64..100, 1 => 0..pause];
+    let part = (step, 0_u16..2048, 0..rows, any::<bool>());
+    (0_i64..1 << 30, prop::collection::vec(part, 0..200)).prop_map(|(start, parts)| {
+        let mut t = start;
+        let event = |(step, x, y, on)| {
+            t += step;
+            event(t, x, y, if on { Polarity::On } else { Polarity::Off })
+        };
+        parts.into_iter().map(event).collect()
+    })
+}
+
+proptest! {
+    #[test]
+    fn packed_events_come_back(events in events(1024, 1_000_000_000)) {
+        let (mut encoder, mut words, mut decoder) = (PackedEncoder::new(), Words::new(), PackedDecoder::new());
+        let coded: Vec<u8> = events
+            .iter()
+            .flat_map(|&event| encoder.encode(event).unwrap())
+            .flat_map(u32::to_le_bytes)
+            .collect();
+        let decoded: Vec<Event> =
+            coded.iter().filter_map(|&byte| words.push(byte)).filter_map(|word| decoder.push(word)).collect();
+        prop_assert_eq!(decoded, events);
+        prop_assert_eq!((*decoder.counts(), words.pending()), (PackedCounts::default(), 0));
+    }
+
+    #[test]
+    fn evt2_events_come_back(events in events(2048, 1_000_000)) {
+        let (mut encoder, mut decoder) = (Evt2Encoder::new(), Evt2Decoder::new());
+        let words: Vec<u32> = events.iter().flat_map(|&event| encoder.encode(event).unwrap()).collect();
+        let expected: Vec<Evt2Record> = events.into_iter().map(Evt2Record::Event).collect();
+        prop_assert_eq!(decode_evt2(&mut decoder, &words), expected);
+        prop_assert_eq!(*decoder.counts(), Evt2Counts::default());
+    }
+
+    /// Whatever comes in, times go back by less than the microseconds of one time high, and every word is accounted for.
+    #[test]
+    fn no_words_make_evt2_time_run_back(words in prop::collection::vec(any::<u32>(), 0..300)) {
+        let mut decoder = Evt2Decoder::new();
+        let records = decode_evt2(&mut decoder, &words);
+        let mut latest = i64::MIN;
+        for t in times(&records) {
+            prop_assert!(t > latest.saturating_sub(64));
+            latest = latest.max(t);
+        }
+        let counts = decoder.counts();
+        let highs = words.iter().filter(|&&word| word >> 28 == 8).count();
+        let skipped = (counts.without_time + counts.vendor + counts.unknown) as usize;
+        prop_assert_eq!(records.len() + skipped + highs, words.len());
+    }
+}

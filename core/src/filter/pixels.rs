@@ -1,0 +1,117 @@
+//! Pixels that fire too often or too soon.
+
+use super::{FilterSettings, Verdict};
+use crate::cluster::SensorSize;
+
+/// Binary digits by which microseconds are cut: a unit is 16 µs, and 16 bits wrap after 1.05 s.
+const UNIT: u32 = 4;
+/// Three periods are shorter than what 16 bits of time can tell apart.
+const LONGEST_PERIOD_US: u32 = 300_000;
+/// Periods that are let pass at most at once; more than 1 is as good as any number.
+const MOST_PERIODS: i64 = 1000;
+const HOT: u16 = 0x8000;
+
+/// The pixel that a slot follows at present.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slot {
+    /// Which of the pixels that share the slot.
+    tag: u16,
+    /// Time of its last event that was not refractory, in units.
+    last: u16,
+    /// Period of its last event.
+    period: u16,
+    /// Number of its events in that period; the highest bit: it is hot because of the period before.
+    count: u16,
+}
+
+impl Slot {
+    pub const EMPTY: Self = Self { tag: 0, last: 0, period: 0, count: 0 };
+}
+
+#[derive(Debug)]
+pub(super) struct PixelFilter<'a, const SLOTS: usize> {
+    slots: &'a mut [Slot; SLOTS],
+    width: u16,
+    /// False if neither filter is on.
+    active: bool,
+    /// Most events in a period.
+    hot_events: u16,
+    /// In units; 0 when off.
+    refractory: u16,
+    period_us: i64,
+    /// Number of the present period, and its end in microseconds.
+    period: u16,
+    period_end_us: i64,
+}
+
+impl<'a, const SLOTS: usize> PixelFilter<'a, SLOTS> {
+    pub fn new(sensor: SensorSize, settings: &FilterSettings, slots: &'a mut [Slot; SLOTS]) -> Option<Self> {
+        let pixels = u64::from(sensor.width) * u64::from(sensor.height);
+        let active = settings.hot_events > 0 || settings.refractory_us > 0;
+        if active && pixels.div_ceil(SLOTS as u64) > 1 << 16 {
+            return None;
+        }
+        slots.fill(Slot::EMPTY);
+        let period_us = i64::from(settings.hot_period_us.clamp(1, LONGEST_PERIOD_US));
+        let longest = settings.refractory_us.min(period_us as u32);
+        Some(Self {
+            slots,
+            width: sensor.width,
+            active,
+            hot_events: if settings.hot_events == 0 { u16::MAX } else { settings.hot_events.min(HOT - 2) },
+            refractory: longest.div_ceil(1 << UNIT) as u16,
+            period_us,
+            // An empty slot is of period 0, which is too long ago.
+            period: 2,
+            period_end_us: period_us,
+        })
+    }
+
+    #[inline]
+    pub fn verdict(&mut self, x: u16, y: u16, elapsed_us: i64) -> Verdict {
+        if !self.active {
+            return Verdict::Keep;
+        }
+        if elapsed_us >= self.period_end_us {
+            self.next_period(elapsed_us);
+        }
+        let pixel = u32::from(y) * u32::from(self.width) + u32::from(x);
+        // SLOTS is a power of two.
+        let Some(slot) = self.slots.get_mut(pixel as usize & (SLOTS - 1)) else { return Verdict::Keep };
+        let tag = (pixel >> SLOTS.trailing_zeros()) as u16;
+        let now = (elapsed_us >> UNIT) as u16;
+
+        let periods = self.period.wrapping_sub(slot.period);
+        if periods != 0 {
+            let hot = periods == 1 && slot.count & !HOT > self.hot_events;
+            slot.count = if hot { HOT } else { 0 };
+            slot.period = self.period;
+        }
+        if slot.tag != tag {
+            if slot.count <= 1 {
+                *slot = Slot { tag, last: now, period: self.period, count: 1 };
+            } else if slot.count & HOT == 0 {
+                slot.count -= 1;
+            }
+            return Verdict::Keep;
+        }
+        let count = (slot.count & !HOT).saturating_add(1).min(HOT - 1);
+        slot.count = (slot.count & HOT) | count;
+        if slot.count > self.hot_events {
+            slot.last = now;
+            return Verdict::Hot;
+        }
+        if periods <= 1 && now.wrapping_sub(slot.last) < self.refractory {
+            return Verdict::Refractory;
+        }
+        slot.last = now;
+        Verdict::Keep
+    }
+
+    #[cold]
+    fn next_period(&mut self, elapsed_us: i64) {
+        let passed = (elapsed_us.saturating_sub(self.period_end_us) / self.period_us.max(1)).saturating_add(1);
+        self.period = self.period.wrapping_add(passed.min(MOST_PERIODS) as u16);
+        self.period_end_us = self.period_end_us.saturating_add(passed.saturating_mul(self.period_us));
+    }
+}

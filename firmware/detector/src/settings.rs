@@ -1,0 +1,44 @@
+//! What a device is set to.
+
+use evcal_core::budget::EventBudget;
+use evcal_core::cluster::SensorSize;
+use evcal_core::detector::DetectorSettings;
+use evcal_core::filter::FilterSettings;
+use evcal_core::window::WindowPolicy;
+
+/// Settings of a device.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Name and version of the firmware, for the user; what is beyond 32 bytes is not sent.
+    pub device: &'static str,
+    /// Size of the sensor in pixels.
+    pub sensor: SensorSize,
+    /// Which events are dropped before anything else looks at them.
+    pub filter: FilterSettings,
+    /// How many events can be worked on; what comes beyond is shed.
+    pub budget: EventBudget,
+    /// Which stretches of time are looked at.
+    pub policy: WindowPolicy,
+    /// Events to circles.
+    pub detector: DetectorSettings<f32>,
+    /// A window with at least this many circles counts as one with the board, and is sent.
+    pub fewest_circles: u16,
+}
+
+impl Settings {
+    /// Settings for a board of `circles` dots.
+    ///
+    /// A window is tried once it has 40 events for each dot, and sent if it has five sixths as many circles as
+    /// the board: fewer tries than on a desktop, where time is cheap.
+    pub fn new(device: &'static str, sensor: SensorSize, circles: u16) -> Self {
+        Self {
+            device,
+            sensor,
+            filter: FilterSettings::default(),
+            budget: EventBudget::default(),
+            policy: WindowPolicy { event_floor: u32::from(circles) * 40, ..WindowPolicy::default() },
+            detector: DetectorSettings::default(),
+            fewest_circles: circles.saturating_sub(circles / 6),
+        }
+    }
+}

@@ -1,0 +1,408 @@
+//! Circle streams: what a detector on a microcontroller sends, from a file or a serial port.
+//!
+//! The frames are those of `evcal-link` (`docs/formats.md` has them byte by byte). The circles of a window
+//! become a frame of a [`CircleTrack`] without places on the board, which the grid finder then gives them.
+//! Damaged, lost and unknown frames cost what they held; all of them are counted and told.
+
+use std::path::Path;
+
+use evcal_link::{Circle, Decoder, DecoderCounts, Hello, Losses, Message, PROTOCOL_VERSION, Statistics, WindowEnd};
+use nalgebra::Vector2;
+
+use crate::circle_track::{CircleFrames, CircleTrack, CircleTrackError, UnorderedCircle, UnorderedFrame};
+
+/// Time from the last window before a device started anew to the first one after, in microseconds: no
+/// trajectory goes across it.
+const RESTART_GAP_US: i64 = 1_000_000;
+
+/// A circle stream that was read to its end.
+#[derive(Clone, Debug)]
+pub struct CircleStream {
+    /// The circles.
+    pub track: CircleTrack,
+    /// Size of the sensor in pixels, if the device said it.
+    pub sensor: Option<(u16, u16)>,
+    /// What the device said of itself, last.
+    pub hello: Option<Hello>,
+    /// Counts of the device since it started, as it told them last.
+    pub statistics: Option<Statistics>,
+    /// What came over the link.
+    pub link: DecoderCounts,
+}
+
+/// Whether a file that begins with these bytes is a circle stream: a frame in it passes its checks.
+pub fn is_circle_stream(head: &[u8]) -> bool {
+    let mut decoder = Decoder::new();
+    head.iter().any(|&byte| decoder.push(byte).is_some())
+}
+
+/// Reads the circle stream in the file at `path`.
+///
+/// # Errors
+/// When the file cannot be read or holds no circle.
+pub fn read(path: &Path) -> Result<CircleStream, CircleTrackError> {
+    let bytes = std::fs::read(path).map_err(|error| CircleTrackError { path: path.to_owned(), kind: error.into() })?;
+    let mut receiver = Receiver::new();
+    receiver.push(&bytes);
+    receiver.finish().ok_or_else(|| CircleTrackError {
+        path: path.to_owned(),
+        kind: crate::circle_track::CircleTrackErrorKind::Empty,
+    })
+}
+
+/// A circle and the microsecond that it belongs to.
+type TimedCircle = (i64, UnorderedCircle);
+
+/// The circles of one window, on the clock of the whole stream.
+struct WindowCircles {
+    start_us: i64,
+    end_us: i64,
+    circles: Vec<TimedCircle>,
+}
+
+/// Takes the bytes of a circle stream as they come.
+#[derive(Default)]
+pub struct Receiver {
+    decoder: Decoder,
+    hello: Option<Hello>,
+    statistics: Option<Statistics>,
+    windows: Vec<WindowCircles>,
+    /// Number of the window whose circles are coming in.
+    number: Option<u32>,
+    circles: Vec<TimedCircle>,
+    /// Added to times of the device; grows when it starts anew.
+    offset_us: i64,
+    last_us: i64,
+    restarts: u32,
+    not_finite: u64,
+    without_end: u64,
+    incomplete: u64,
+    over_capacity: u64,
+    losses: [u64; 7],
+    sensors: Vec<(u16, u16)>,
+}
+
+impl Receiver {
+    /// At the beginning of a stream, or anywhere in it.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes the next bytes.
+    pub fn push(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            if let Some(message) = self.decoder.push(byte) {
+                self.take(message);
+            }
+        }
+    }
+
+    /// Windows and circles so far.
+    pub fn progress(&self) -> (usize, usize) {
+        (self.windows.len(), self.windows.iter().map(|window| window.circles.len()).sum())
+    }
+
+    /// Frames of the link that passed their checks so far.
+    pub fn frames(&self) -> u32 {
+        self.decoder.counts().frames
+    }
+
+    /// The circles, and what became of the rest; `None` if there is no circle.
+    pub fn finish(mut self) -> Option<CircleStream> {
+        self.close_without_end();
+        let origin_us = self.windows.first()?.start_us;
+        let notes = self.notes();
+        let seconds = |time_us: i64| (time_us - origin_us) as f64 * 1e-6;
+        let circles = self.windows.iter().map(|window| window.circles.len()).sum();
+        let frames = self.windows.into_iter().map(|window| UnorderedFrame {
+            start: seconds(window.start_us),
+            end: seconds(window.end_us),
+            circles: window
+                .circles
+                .into_iter()
+                .map(|(time_us, circle)| UnorderedCircle { t: seconds(time_us), ..circle })
+                .collect(),
+        });
+        let track = CircleTrack {
+            frames: CircleFrames::Unordered(frames.collect()),
+            time_origin_us: origin_us,
+            circles,
+            notes,
+        };
+        let sensor = self.sensors.first().copied();
+        Some(CircleStream {
+            track,
+            sensor,
+            hello: self.hello,
+            statistics: self.statistics,
+            link: *self.decoder.counts(),
+        })
+    }
+
+    fn take(&mut self, message: Message) {
+        match message {
+            Message::Hello(hello) => {
+                if hello.first && (self.hello.is_some() || !self.windows.is_empty()) {
+                    self.restart(device_time(hello.time_us));
+                }
+                let sensor = (hello.sensor_width, hello.sensor_height);
+                if sensor.0 > 0 && sensor.1 > 0 && !self.sensors.contains(&sensor) {
+                    self.sensors.push(sensor);
+                }
+                self.hello = Some(hello);
+            }
+            Message::Circle(circle) => self.take_circle(&circle),
+            Message::WindowEnd(end) => self.close(&end),
+            Message::Statistics(statistics) => self.statistics = Some(statistics),
+        }
+    }
+
+    fn take_circle(&mut self, circle: &Circle) {
+        if self.number != Some(circle.window) {
+            self.close_without_end();
+        }
+        let values = [circle.x, circle.y, circle.radius];
+        if values.iter().any(|value| !value.is_finite()) {
+            self.not_finite += 1;
+            return;
+        }
+        self.number = Some(circle.window);
+        let [x, y, radius] = values.map(f64::from);
+        let unordered = UnorderedCircle { t: 0.0, center: Vector2::new(x, y), radius: Some(radius), velocity: None };
+        self.circles.push((device_time(circle.time_us), unordered));
+    }
+
+    fn close(&mut self, end: &WindowEnd) {
+        if self.number.is_some_and(|number| number != end.window) {
+            self.close_without_end();
+        }
+        let capacity = [end.pixels_over_capacity, end.clusters_over_capacity, end.circles_over_capacity];
+        self.over_capacity += u64::from(capacity.iter().any(|&count| count > 0));
+        for (sum, lost) in self.losses.iter_mut().zip(causes(&end.losses)) {
+            *sum += u64::from(lost.1);
+        }
+        self.incomplete += u64::from(self.circles.len() < usize::from(end.circles));
+        let start_us = device_time(end.start_us);
+        self.store(start_us, start_us.saturating_add(i64::from(end.length_us)));
+    }
+
+    /// Ends a window whose end was lost: its times are those of its circles.
+    fn close_without_end(&mut self) {
+        let times = || self.circles.iter().map(|(time_us, _)| *time_us);
+        if let (Some(first), Some(last)) = (times().min(), times().max()) {
+            self.without_end += 1;
+            self.store(first, last);
+        }
+    }
+
+    /// Keeps the circles at hand as a window between two times of the device.
+    fn store(&mut self, start_us: i64, end_us: i64) {
+        self.number = None;
+        let circles = std::mem::take(&mut self.circles);
+        if circles.is_empty() {
+            return;
+        }
+        if start_us.saturating_add(self.offset_us) < self.last_us {
+            self.restart(start_us);
+        }
+        let shift = |time_us: i64| time_us.saturating_add(self.offset_us);
+        let window = WindowCircles {
+            start_us: shift(start_us),
+            end_us: shift(end_us),
+            circles: circles.into_iter().map(|(time_us, circle)| (shift(time_us), circle)).collect(),
+        };
+        self.last_us = window.start_us;
+        self.windows.push(window);
+    }
+
+    /// The device's clock begins anew at `time_us`; the stream's goes on.
+    fn restart(&mut self, time_us: i64) {
+        self.close_without_end();
+        self.restarts += 1;
+        let last_us = self.windows.last().map_or(0, |window| window.end_us);
+        self.offset_us = last_us.saturating_add(RESTART_GAP_US).saturating_sub(time_us);
+        self.last_us = i64::MIN;
+    }
+
+    /// What the user should know, in sentences.
+    fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if let Some(hello) = &self.hello {
+            notes.push(format!("sent by {:?}, {} x {} pixels", hello.device, hello.sensor_width, hello.sensor_height));
+            if hello.protocol > PROTOCOL_VERSION {
+                notes.push(format!(
+                    "the device speaks version {} of the circle stream, this program {PROTOCOL_VERSION}: some of it may not be understood",
+                    hello.protocol
+                ));
+            }
+        }
+        if let [first, .., last] = self.sensors.as_slice() {
+            notes.push(format!(
+                "the device changed its sensor from {} x {} to {} x {} pixels: is it one recording?",
+                first.0, first.1, last.0, last.1
+            ));
+        }
+        let link = self.decoder.counts();
+        for (count, what) in [
+            (u64::from(link.damaged), "frames of the link arrived damaged and were left out"),
+            (u64::from(link.lost), "frames of the link are missing: damaged, lost on the way or never sent"),
+            (u64::from(link.unknown), "frames are of a kind not known here: the device is newer than this program"),
+            (u64::from(link.malformed), "frames are intact but make no sense: the device is at fault"),
+            (u64::from(self.restarts), "times the device started anew; the times after it are shifted"),
+            (self.without_end, "windows lack their end"),
+            (self.incomplete, "windows lack some of their circles"),
+            (self.not_finite, "circles are no numbers and were left out"),
+            (self.over_capacity, "windows held more than the detector has room for"),
+        ] {
+            if count > 0 {
+                notes.push(format!("{count} {what}"));
+            }
+        }
+        let lost = self.losses.iter().zip(causes(&Losses::default())).filter(|(count, _)| **count > 0);
+        let lost: Vec<String> = lost.map(|(count, (cause, _))| format!("{count} {cause}")).collect();
+        if !lost.is_empty() {
+            notes.push(format!("events that reached no window on the device: {}", lost.join(", ")));
+        }
+        notes
+    }
+}
+
+/// Times of a device fit 63 bits for 292 000 years.
+fn device_time(time_us: u64) -> i64 {
+    i64::try_from(time_us).unwrap_or(i64::MAX / 4).min(i64::MAX / 4)
+}
+
+/// Names and counts of what events were lost to.
+fn causes(losses: &Losses) -> [(&'static str, u32); 7] {
+    [
+        ("undecodable", losses.undecodable),
+        ("of hot pixels", losses.hot),
+        ("without a neighbour", losses.background),
+        ("of refractory pixels", losses.refractory),
+        ("shed for want of time", losses.shed),
+        ("beyond the capacity of a window", losses.overflow),
+        ("between windows", losses.in_gap),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_link::{DeviceName, Encoder};
+
+    use super::*;
+
+    fn hello(first: bool) -> Message {
+        let device = DeviceName::try_from("test 1").unwrap();
+        Message::Hello(Hello {
+            protocol: PROTOCOL_VERSION,
+            first,
+            device,
+            sensor_width: 320,
+            sensor_height: 240,
+            ..Hello::default()
+        })
+    }
+
+    /// The messages of a window of `count` circles that starts at `start_us` and is 4 ms long.
+    fn window(number: u32, start_us: u64, count: u16) -> Vec<Message> {
+        let circle = |index: u16| {
+            let x = 10.0 * f32::from(index) + 0.25;
+            let time_us = start_us + 2000;
+            Message::Circle(Circle { window: number, time_us, x, y: 7.5, radius: 4.0, ..Circle::default() })
+        };
+        let losses = Losses { shed: 3, ..Losses::default() };
+        let end =
+            WindowEnd { window: number, start_us, length_us: 4000, circles: count, losses, ..WindowEnd::default() };
+        (0..count).map(circle).chain([Message::WindowEnd(end)]).collect()
+    }
+
+    fn encode(messages: &[Message]) -> Vec<Vec<u8>> {
+        let mut encoder = Encoder::new();
+        messages.iter().map(|message| encoder.encode(message).to_vec()).collect()
+    }
+
+    fn receive(bytes: &[u8]) -> Option<CircleStream> {
+        let mut receiver = Receiver::new();
+        for part in bytes.chunks(5) {
+            receiver.push(part);
+        }
+        receiver.finish()
+    }
+
+    fn frames(stream: &CircleStream) -> &[UnorderedFrame] {
+        match &stream.track.frames {
+            CircleFrames::Unordered(frames) => frames,
+            CircleFrames::Ordered(_) => panic!("a stream knows no places"),
+        }
+    }
+
+    #[test]
+    fn windows_become_frames() {
+        let messages = [vec![hello(true)], window(0, 5_000_000, 2), window(1, 5_010_000, 0), window(2, 5_020_000, 3)];
+        let stream = receive(&encode(&messages.concat()).concat()).unwrap();
+        assert_eq!((stream.sensor, stream.track.circles), (Some((320, 240)), 5));
+        assert_eq!(stream.track.time_origin_us, 5_000_000);
+        let [first, second] = frames(&stream) else { panic!() };
+        assert_eq!((first.start, first.end, first.circles.len()), (0.0, 0.004, 2));
+        assert_eq!((second.start, second.end, second.circles.len()), (0.02, 0.024, 3));
+        let expected =
+            UnorderedCircle { t: 0.022, center: Vector2::new(20.25, 7.5), radius: Some(4.0), velocity: None };
+        assert_eq!(second.circles[2], expected);
+        assert_eq!(
+            stream.track.notes,
+            [
+                "sent by \"test 1\", 320 x 240 pixels",
+                "events that reached no window on the device: 9 shed for want of time"
+            ]
+        );
+    }
+
+    #[test]
+    fn a_lost_end_and_lost_circles_are_told() {
+        let messages = [vec![hello(true)], window(0, 0, 2), window(1, 10_000, 2), window(2, 20_000, 2)].concat();
+        let mut parts = encode(&messages);
+        parts[5].clear(); // a circle of window 1
+        parts[3].clear(); // the end of window 0
+        let stream = receive(&parts.concat()).unwrap();
+        assert_eq!(frames(&stream).iter().map(|frame| frame.circles.len()).collect::<Vec<_>>(), [2, 1, 2]);
+        assert_eq!((frames(&stream)[0].start, frames(&stream)[0].end), (0.0, 0.0));
+        let notes = stream.track.notes.join("; ");
+        for part in ["2 frames of the link are missing", "1 windows lack their end", "1 windows lack some"] {
+            assert!(notes.contains(part), "{notes}");
+        }
+    }
+
+    #[test]
+    fn time_goes_on_when_a_device_starts_anew() {
+        let run = [vec![hello(true)], window(0, 1000, 1), window(1, 11_000, 1)].concat();
+        let bytes = encode(&run).concat();
+        // The first message of the second run arrives, that of the third does not.
+        let third = encode(&run)[1..].concat();
+        let stream = receive(&[bytes.clone(), bytes, third].concat()).unwrap();
+        let starts: Vec<f64> = frames(&stream).iter().map(|frame| frame.start).collect();
+        assert!(starts.is_sorted() && starts.len() == 6, "{starts:?}");
+        assert!(starts[2] - starts[1] > 1.0 && starts[4] - starts[3] > 1.0, "{starts:?}");
+        assert!((starts[3] - starts[2] - 0.01).abs() < 1e-9, "{starts:?}");
+        assert!(stream.track.notes.iter().any(|note| note.starts_with("2 times the device started anew")));
+    }
+
+    #[test]
+    fn streams_are_recognised_and_other_bytes_are_not() {
+        let messages = [vec![hello(true)], window(0, 0, 2)].concat();
+        let bytes = encode(&messages).concat();
+        assert!(is_circle_stream(&bytes) && is_circle_stream(&bytes[9..]));
+        for other in [b"".as_slice(), b"t_us,x,y,p\n1,2,3,1\n", &[0; 1000], &bytes[..20]] {
+            assert!(!is_circle_stream(other));
+            assert!(receive(other).is_none());
+        }
+        assert!(receive(&encode(&[hello(true)]).concat()).is_none());
+    }
+
+    #[test]
+    fn circles_that_are_no_numbers_are_left_out() {
+        let bad = |x| Message::Circle(Circle { x, radius: 1.0, ..Circle::default() });
+        let stream = receive(&encode(&[bad(f32::NAN), bad(f32::INFINITY), bad(3.0)]).concat()).unwrap();
+        assert_eq!(stream.track.circles, 1);
+        assert!(stream.track.notes.iter().any(|note| note.starts_with("2 circles are no numbers")));
+    }
+}

@@ -1,0 +1,216 @@
+//! A circle stream from a serial port: `serial:/dev/ttyACM0?baud=921600&seconds=10&save=FILE`.
+
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::{Duration, Instant};
+
+use crate::circle_stream::{CircleStream, Receiver};
+
+const PREFIX: &str = "serial:";
+const DEFAULT_BAUD: u32 = 921_600;
+const DEFAULT_SECONDS: f64 = 10.0;
+/// How long a read waits before it looks at the clock.
+const POLL: Duration = Duration::from_millis(50);
+
+/// Which port to listen to, and how long.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SerialAddress {
+    /// Path or name of the port.
+    pub port: String,
+    /// Bits per second; of no effect on a port that is USB all the way.
+    pub baud: u32,
+    /// How long to listen, in seconds.
+    pub seconds: f64,
+    /// Where to write the bytes as they come.
+    pub save: Option<PathBuf>,
+}
+
+/// Why nothing came from a serial port.
+#[derive(Debug, thiserror::Error)]
+pub enum SerialError {
+    /// The address cannot be understood.
+    #[error("{address}: {what}; write serial:PORT?baud=921600&seconds=10&save=FILE, all but the port optional")]
+    Address {
+        /// The address.
+        address: String,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// The port cannot be opened.
+    #[error("{port} cannot be opened: {error}; is the device plugged in, and may you use it (group dialout)?")]
+    Open {
+        /// The port.
+        port: String,
+        /// What the system said.
+        error: serialport::Error,
+    },
+    /// The file to save to cannot be written.
+    #[error("{}: {error}", path.display())]
+    Save {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        error: io::Error,
+    },
+    /// No circle arrived.
+    #[error("{port}: no circle in {bytes} bytes ({frames} messages); {advice}")]
+    Nothing {
+        /// The port.
+        port: String,
+        /// Bytes received.
+        bytes: u64,
+        /// Messages that arrived.
+        frames: u32,
+        /// What to do.
+        advice: &'static str,
+    },
+}
+
+impl SerialAddress {
+    /// Whether a file name is an address of a serial port instead.
+    pub fn is_address(path: &Path) -> bool {
+        path.to_str().is_some_and(|text| text.starts_with(PREFIX))
+    }
+
+    /// Listens until the time is over or the device is gone; `progress` is told what came so far.
+    ///
+    /// # Errors
+    /// When the port cannot be opened, what comes cannot be saved, or no circle arrives.
+    pub fn receive(&self, mut progress: impl FnMut(&str)) -> Result<CircleStream, SerialError> {
+        let create =
+            |path: &Path| File::create(path).map_err(|error| SerialError::Save { path: path.to_owned(), error });
+        let mut file = self.save.as_deref().map(create).transpose()?;
+        let mut notes = Vec::new();
+        let mut port = serialport::new(&self.port, self.baud)
+            .timeout(POLL)
+            .open()
+            .map_err(|error| SerialError::Open { port: self.port.clone(), error })?;
+        let start = Instant::now();
+        let mut receiver = Receiver::new();
+        let mut buffer = [0; 4096];
+        let mut bytes = 0_u64;
+        while start.elapsed().as_secs_f64() < self.seconds {
+            match port.read(&mut buffer) {
+                Ok(0) => {
+                    notes.push(self.ended(start, "it was closed"));
+                    break;
+                }
+                Ok(count) => {
+                    let new = buffer.get(..count).unwrap_or_default();
+                    // A full disk ends the saving, not the listening.
+                    if let Some(Err(error)) = file.as_mut().map(|file| file.write_all(new)) {
+                        notes.push(format!("the stream could not be saved to its end: {error}"));
+                        file = None;
+                    }
+                    receiver.push(new);
+                    bytes += count as u64;
+                }
+                Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => {}
+                Err(error) => {
+                    notes.push(self.ended(start, &error.to_string()));
+                    break;
+                }
+            }
+            let (windows, circles) = receiver.progress();
+            let elapsed = start.elapsed().as_secs_f64();
+            progress(&format!(
+                "{}: {elapsed:.0} of {} s, {windows} windows, {circles} circles",
+                self.port, self.seconds
+            ));
+        }
+        let frames = receiver.frames();
+        let stream = receiver.finish();
+        let mut stream = stream.ok_or_else(|| SerialError::Nothing {
+            port: self.port.clone(),
+            bytes,
+            frames,
+            advice: match (bytes, frames) {
+                (0, _) => "is it the right port, and is the firmware running?",
+                (_, 0) => "is the baud rate right, and does the firmware send a circle stream?",
+                _ => "does the sensor see the moving board?",
+            },
+        })?;
+        stream.track.notes.extend(notes);
+        Ok(stream)
+    }
+
+    fn ended(&self, start: Instant, reason: &str) -> String {
+        format!("{} ended after {:.1} s: {reason}", self.port, start.elapsed().as_secs_f64())
+    }
+}
+
+impl FromStr for SerialAddress {
+    type Err = SerialError;
+
+    fn from_str(text: &str) -> Result<Self, SerialError> {
+        let wrong = |what: String| SerialError::Address { address: text.to_owned(), what };
+        let address = text.strip_prefix(PREFIX).ok_or_else(|| wrong("does not begin with serial:".to_owned()))?;
+        let (port, options) = address.split_once('?').unwrap_or((address, ""));
+        if port.is_empty() {
+            return Err(wrong("names no port".to_owned()));
+        }
+        let mut parsed = Self { port: port.to_owned(), baud: DEFAULT_BAUD, seconds: DEFAULT_SECONDS, save: None };
+        for option in options.split('&').filter(|option| !option.is_empty()) {
+            let (name, value) = option.split_once('=').ok_or_else(|| wrong(format!("{option:?} has no value")))?;
+            let refuse = || wrong(format!("{value:?} is no value of {name}"));
+            match name {
+                "baud" => parsed.baud = value.parse().ok().filter(|baud| *baud > 0).ok_or_else(refuse)?,
+                "seconds" => {
+                    let positive = |seconds: &f64| seconds.is_finite() && *seconds > 0.0;
+                    parsed.seconds = value.parse().ok().filter(positive).ok_or_else(refuse)?;
+                }
+                "save" if !value.is_empty() => parsed.save = Some(PathBuf::from(value)),
+                "save" => return Err(refuse()),
+                _ => return Err(wrong(format!("there is no option {name:?}"))),
+            }
+        }
+        Ok(parsed)
+    }
+}
+
+impl fmt::Display for SerialAddress {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{PREFIX}{}", self.port)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_a_port_and_options() {
+        let address = |port: &str| SerialAddress { port: port.into(), baud: 921_600, seconds: 10.0, save: None };
+        let parse = |text: &str| text.parse::<SerialAddress>();
+        assert_eq!(parse("serial:/dev/ttyACM0").unwrap(), address("/dev/ttyACM0"));
+        assert_eq!(
+            parse("serial:COM3?baud=115200&seconds=2.5&save=a b.bin").unwrap(),
+            SerialAddress { baud: 115_200, seconds: 2.5, save: Some("a b.bin".into()), ..address("COM3") }
+        );
+        for (text, part) in [
+            ("/dev/ttyACM0", "begin"),
+            ("serial:", "no port"),
+            ("serial:?baud=9600", "no port"),
+            ("serial:p?baud=fast", "\"fast\" is no value of baud"),
+            ("serial:p?baud=0", "baud"),
+            ("serial:p?seconds=-1", "seconds"),
+            ("serial:p?seconds=nan", "seconds"),
+            ("serial:p?save=", "save"),
+            ("serial:p?parity=odd", "parity"),
+            ("serial:p?baud", "no value"),
+        ] {
+            let error = parse(text).unwrap_err().to_string();
+            assert!(error.contains(part) && error.contains("serial:PORT"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_port_that_is_not_there_is_an_error_with_advice() {
+        let address: SerialAddress = "serial:/dev/there-is-no-such-port".parse().unwrap();
+        let error = address.receive(|_| {}).unwrap_err().to_string();
+        assert!(error.contains("/dev/there-is-no-such-port") && error.contains("plugged in"), "{error}");
+    }
+}

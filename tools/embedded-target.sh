@@ -1,0 +1,125 @@
+#!/bin/sh
+# Makes cargo able to build for the microcontroller targets given:
+#
+#   eval "$(tools/embedded-target.sh thumbv7em-none-eabihf riscv32imafc-unknown-none-elf)"
+#
+# Targets that the installed compiler has (`rustup target add ...`) are used as they are. Where one is
+# missing, `core` is built once from Debian's Rust sources with Debian's compiler of the same version
+# and kept below ~/.cache; what is printed makes cargo use both. Only `core` is built: whatever
+# needs `alloc` or `std` does not compile.
+set -eu
+
+say() { echo "embedded-target: $*" >&2; }
+
+run_as_root() {
+    if [ "$(id -u)" -eq 0 ]; then
+        "$@"
+    elif command -v sudo >/dev/null 2>&1; then
+        sudo "$@"
+    else
+        say "please run as root: $*"
+        exit 1
+    fi
+}
+
+has_package() {
+    dpkg-query -W -f='${Status}' "$1" 2>/dev/null | grep -q 'install ok installed'
+}
+
+need_packages() {
+    missing=""
+    for package in "$@"; do
+        has_package "$package" || missing="$missing $package"
+    done
+    [ -n "$missing" ] || return 0
+    if ! command -v apt-get >/dev/null 2>&1; then
+        say "this is not Debian or a relative: install$missing, or run: rustup target add $targets"
+        exit 1
+    fi
+    say "installing$missing"
+    run_as_root apt-get -o DPkg::Lock::Timeout=900 update -q >&2
+    # shellcheck disable=SC2086 # one word a package
+    run_as_root env DEBIAN_FRONTEND=noninteractive \
+        apt-get -o DPkg::Lock::Timeout=900 install -q -y --no-install-recommends $missing >&2
+}
+
+has_target() {
+    directory=$(rustc --print target-libdir --target "$1" 2>/dev/null) || return 1
+    ls "$directory"/libcore-*.rlib >/dev/null 2>&1
+}
+
+[ $# -gt 0 ] || { say "usage: embedded-target.sh TARGET..."; exit 2; }
+targets="$*"
+missing_targets=""
+for target in "$@"; do
+    has_target "$target" || missing_targets="$missing_targets $target"
+done
+if [ -z "$missing_targets" ]; then
+    exit 0
+fi
+
+need_packages rustc-web rust-web-src
+compiler=/usr/bin/rustc
+sources=/usr/lib/rustlib/src/rust/library
+version=$("$compiler" --version | cut -d ' ' -f 2)
+host=$("$compiler" --version --verbose | sed -n 's/^host: //p')
+if ! "$compiler" --version --verbose | grep -q "^release: $version" || [ ! -d "$sources/core" ]; then
+    say "$compiler has no matching sources in $sources"
+    exit 1
+fi
+# The linker comes with rustup's compiler, or from Debian.
+linker=$(rustc --print sysroot)/lib/rustlib/$host/bin/rust-lld
+if [ ! -x "$linker" ]; then
+    linker=$(command -v ld.lld || true)
+    if [ -z "$linker" ]; then
+        need_packages lld
+        linker=$(command -v ld.lld)
+    fi
+fi
+
+cache=${XDG_CACHE_HOME:-$HOME/.cache}/embedded-rust/$version
+sysroot=$cache/sysroot
+mkdir -p "$sysroot/lib/rustlib" "$cache/build/src"
+# Build scripts and procedural macros run on this machine.
+ln -sfn "$("$compiler" --print sysroot)/lib/rustlib/$host" "$sysroot/lib/rustlib/$host"
+printf '#!/bin/sh\nexec %s --sysroot %s "$@"\n' "$compiler" "$sysroot" > "$cache/rustc.new"
+chmod +x "$cache/rustc.new"
+mv "$cache/rustc.new" "$cache/rustc"
+cat > "$cache/build/Cargo.toml" <<'MANIFEST'
+[package]
+name = "empty"
+edition = "2024"
+[profile.release]
+panic = "abort"
+MANIFEST
+echo '#![no_std]' > "$cache/build/src/lib.rs"
+mkdir -p "$cache/build/.cargo"
+cat > "$cache/build/.cargo/config.toml" <<CONFIGURATION
+[source.crates-io]
+replace-with = "sources-of-the-compiler"
+[source.sources-of-the-compiler]
+directory = "$sources/vendor"
+CONFIGURATION
+
+for target in $targets; do
+    libraries=$sysroot/lib/rustlib/$target/lib
+    if ! ls "$libraries"/libcore-*.rlib >/dev/null 2>&1; then
+        say "building core $version for $target (about a minute)"
+        (
+            # No setting of the calling build reaches this one; with LLVM bitcode, so that fat LTO works.
+            unset CARGO_TARGET_DIR CARGO_BUILD_TARGET CARGO_ENCODED_RUSTFLAGS
+            cd "$cache/build"
+            RUSTC=$compiler RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Cembed-bitcode=yes \
+                cargo build -q --release --offline -Zbuild-std=core --target "$target" --target-dir "$cache/build/target" >&2
+        )
+        rm -rf "$libraries.new"
+        mkdir -p "$libraries.new"
+        cp "$cache/build/target/$target/release/deps"/libcore-*.rlib \
+            "$cache/build/target/$target/release/deps"/libcompiler_builtins-*.rlib "$libraries.new/"
+        rm -rf "$libraries"
+        mv "$libraries.new" "$libraries"
+    fi
+    variable=$(echo "$target" | tr 'a-z-' 'A-Z_')
+    echo "export CARGO_TARGET_${variable}_LINKER=$linker"
+done
+echo "export RUSTC=$cache/rustc"
