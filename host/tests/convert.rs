@@ -75,7 +75,7 @@ fn sample(t: i64, turn: f32) -> InertialSample {
         t,
         temperature: 21.0 + 3339.0 / 333.87,
         // Whole units of the camera: at ±4 g and ±500 °/s, where the rate is above that at ±1000 °/s.
-        acceleration: [8192.0 / 8192.0, -1.0 / 8192.0, 0.0],
+        acceleration: [1.0, -1.0 / 8192.0, 0.0],
         angular_velocity: [turn, -turn, 250.0],
     }
 }
