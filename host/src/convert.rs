@@ -113,6 +113,9 @@ pub enum ConvertError {
     StartUnknown(PathBuf),
 }
 
+/// What comes later than this after the last event has a damaged time (µs).
+const AFTERWARDS: i64 = 60_000_000;
+
 /// Names of the formats that hold what a camera sends.
 const CAMERA_STREAMS: [&str; 2] = [crate::source::davis::FORMAT.name, crate::source::davis::BARE_FORMAT.name];
 
@@ -160,8 +163,10 @@ pub fn convert(
     };
     let camera_name = information.camera_name.as_deref().unwrap_or_default();
     let mut sink = Sink::create(path, target, sensor, camera_name, extras.held(), zero).map_err(failed)?;
+    let mut latest = zero;
     while more {
-        let last = events.last().map_or(i64::MAX, |event| event.t);
+        let last = events.last().map_or(latest, |event| event.t);
+        latest = last;
         events.iter_mut().for_each(|event| event.t = event.t.saturating_add(shift));
         sink.events(&events).map_err(failed)?;
         while let Some(extra) = extras.next_until(last, &mut report.lost) {
@@ -171,8 +176,12 @@ pub fn convert(
         progress(reader.report().events);
         more = next(&mut reader, &mut events, &mut report);
     }
-    while let Some(extra) = extras.next_until(i64::MAX, &mut report.lost) {
+    let end = latest.saturating_add(AFTERWARDS);
+    while let Some(extra) = extras.next_until(end, &mut report.lost) {
         sink.extra(extra.later(shift)).map_err(failed)?;
+    }
+    if extras.next_until(i64::MAX, &mut report.lost).is_some() {
+        report.lost.push("frames or inertial samples more than a minute after the last event".to_owned());
     }
     let written = sink.finish(&mut report.lost).map_err(failed)?;
     report.report = reader.report().clone();

@@ -19,6 +19,9 @@ use crate::source::write::{Encode, EventWriter, OutputFormat, WriteError};
 const DAVIS346_SENSOR: (u16, u16) = (346, 260);
 /// What the model of a camera's name is.
 const DAVIS346_NAME: &str = "DAVIS346_";
+/// A frame that takes longer has damaged times (µs).
+const LONGEST_FRAME: i64 = 60_000_000;
+
 /// How much was written beside events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Written {
@@ -204,7 +207,7 @@ impl DumpSink {
         let (start, end) = (start.min(exposure_start), end.max(exposure_end));
         // Frames follow each other on the wire; the beginning can wait until the exposure.
         let start = start.max(self.frame_end).max(self.sent);
-        if start > exposure_start {
+        if start > exposure_start || end.saturating_sub(start) > LONGEST_FRAME {
             self.frames_overlap += 1;
             return false;
         }
@@ -253,10 +256,7 @@ impl DumpSink {
                 lost.push(format!("{count} {what}"));
             }
         };
-        tell(
-            self.frames_overlap,
-            "frames that begin before the one before them has ended, or are not in the order of time",
-        );
+        tell(self.frames_overlap, "frames whose times overlap, are out of order or cannot be");
         tell(self.frames_without_place, "frames in colour or beyond the sensor");
         tell(self.samples_back, "inertial samples earlier than the one before them");
         if self.origin != 0 {
