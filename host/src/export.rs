@@ -1,3 +1,4 @@
 //! Files that other programs load.
 
+pub mod opencv_camera;
 pub mod opencv_yaml;

@@ -78,6 +78,8 @@ enum Motion {
     Fast,
     /// 700 px/s
     Blur,
+    /// 350 px/s, with pauses, and looks away from the board
+    Interrupted,
 }
 
 /// Presets of the pixels.
@@ -115,6 +117,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             Motion::Slow => MotionSettings::slow(),
             Motion::Fast => MotionSettings::fast(),
             Motion::Blur => MotionSettings::blur(),
+            Motion::Interrupted => MotionSettings::interrupted(arguments.duration),
         },
     };
     let simulation = Simulation::new(Rays::new(&camera, width, height), arguments.board, settings)?;
