@@ -41,7 +41,9 @@ pub struct OutputError {
 }
 
 /// Writes `calibration.json`, `camera.yaml`, `trajectory.txt`, `settings.toml`, `circles.csv`,
-/// `stages.txt` and pictures of a good and a bad reference frame into `folder`, which is created.
+/// `stages.txt` and pictures of a good and a bad reference frame into `folder`, which is created. Of
+/// several recordings, each has its own clock: those after the first have their own `trajectory-2.txt`,
+/// `circles-2.csv` and so on.
 ///
 /// # Errors
 /// [`OutputError`] names the file that could not be written.
@@ -58,12 +60,18 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
     put(folder.join("calibration.json"), json.as_bytes())?;
     put(folder.join("settings.toml"), task.settings.to_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
-    let poses = trajectory(calibrated).map_err(|error| OutputError { file: "trajectory.txt".to_owned(), error })?;
-    put(folder.join("trajectory.txt"), &poses)?;
     let mut circles = Vec::new();
     for (recording, start) in calibrated.starts.iter().enumerate() {
+        let of_recording = |name: &str, extension: &str| match recording {
+            0 => format!("{name}.{extension}"),
+            _ => format!("{name}-{}.{extension}", recording + 1),
+        };
+        let name = of_recording("trajectory", "txt");
+        let poses =
+            trajectory(calibrated, recording, *start).map_err(|error| OutputError { file: name.clone(), error })?;
+        put(folder.join(name), &poses)?;
         let frames = calibrated.frames.iter().filter(|frame| frame.recording == recording);
-        let name = if recording == 0 { "circles.csv".to_owned() } else { format!("circles-{}.csv", recording + 1) };
+        let name = of_recording("circles", "csv");
         circles.clear();
         circle_track::write(&mut circles, frames, &task.board.pattern, (start * 1e6).round() as i64)
             .map_err(|error| OutputError { file: name.clone(), error })?;
@@ -119,10 +127,10 @@ fn pictures(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Pictur
     good.into_iter().chain(bad).collect()
 }
 
-fn trajectory(calibrated: &Calibrated) -> io::Result<Vec<u8>> {
+/// The poses of one recording, which begins at `start` seconds of its own clock.
+fn trajectory(calibrated: &Calibrated, recording: usize, start: f64) -> io::Result<Vec<u8>> {
     let mut poses = Vec::new();
-    for trajectory in &calibrated.refined.state.trajectories {
-        let start = calibrated.starts.get(trajectory.recording).copied().unwrap_or(0.0);
+    for trajectory in calibrated.refined.state.trajectories.iter().filter(|one| one.recording == recording) {
         let first = (trajectory.start() * TRAJECTORY_RATE).ceil() as i64;
         let last = (trajectory.end() * TRAJECTORY_RATE).floor() as i64;
         poses.extend((first..=last).filter_map(|step| {

@@ -76,6 +76,8 @@ pub struct DetectionSettings {
     pub chunk: f64,
     /// Smallest part of the board's circles that makes a reference frame.
     pub fewest_circles: f64,
+    /// Longest time over which frames tell where the board lies in a window that does not (s).
+    pub longest_prediction: f64,
     /// Window policy.
     pub window: WindowSettings,
     /// DBSCAN.
@@ -167,6 +169,7 @@ impl Default for DetectionSettings {
             grid: Grid::Lattice,
             chunk: 0.1,
             fewest_circles: 0.4,
+            longest_prediction: 0.03,
             window: WindowSettings::default(),
             cluster: DbscanSettings::default(),
             circle: CircleSettings::default(),

@@ -117,7 +117,7 @@ fn nothing_but_damage_is_refused() {
         ("bare", head.to_owned(), &["bare.csv", "no events"]),
         ("first", format!("{head}nan,1,2,1\n"), &["first.csv", "line 3"]),
         ("infinite", format!("{head}10,1,2,1\ninf,1,2,1\n20,3,4,0\n"), &["infinite.csv", "line 4"]),
-        ("negative", format!("{head}10,-1,2,1\n"), &["negative.csv", "line 3"]),
+        ("negative", format!("{head}10,-1,2,1\n"), &["negative.csv", "no events"]),
         ("polarity", format!("{head}10,1,2,7\n"), &["polarity.csv", "line 3"]),
         ("sizeless", "t_us,x,y,p\n10,1,2,1\n20,3,4,0\n".to_owned(), &["sizeless.csv", "--sensor"]),
     ] {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use evcal_tests::accuracy::Accuracy;
 use evcal_tests::lens::RADTAN4;
-use evcal_tests::{made, read_json, text};
+use evcal_tests::{json, made, read_json, text};
 use serde_json::Value;
 
 fn segments(calibration: &Path) -> Vec<(u64, f64, f64)> {
@@ -67,6 +67,12 @@ fn several_recordings_of_one_camera_are_solved_together() {
     assert_eq!(counts, [simulated(&first), simulated(&second)]);
     assert!(calibration.join("circles-2.csv").exists());
     assert_accurate(&calibration, &first);
+    // Each recording has its own clock, and its own trajectory.
+    let [estimate, truth] = [calibration.join("trajectory-2.txt"), second.join("trajectory.txt")];
+    let trajectories = ["--trajectory", text(&estimate), "--true-trajectory", text(&truth), "--json"];
+    let figures = json(&[&["evaluate", text(&calibration), "--truth", text(&second)][..], &trajectories].concat());
+    let error = figures["trajectory"]["best_time_shift"]["as_is_m"]["rmse"].as_f64().unwrap();
+    assert!(error < 5e-3, "{error} m");
 }
 
 #[test]

@@ -59,6 +59,7 @@ const RANGES: &[(&str, Range)] = &[
     // A chunk is held in memory, and so are those searched together with it.
     ("detection.chunk", above(0.0, "s").to(10.0)),
     ("detection.fewest_circles", from_to(0.0, 1.0, "of the board's circles")),
+    ("detection.longest_prediction", at_least(0.0, "s")),
     ("detection.window.step", from_to(1.0, 1e6, "us")),
     ("detection.window.min_interval", at_least(1.0, "steps")),
     ("detection.window.max_interval", at_least(1.0, "steps")),

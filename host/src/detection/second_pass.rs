@@ -1,0 +1,125 @@
+//! Windows whose circles lie on the board in a place that the grid finder could not tell, judged by
+//! the reference frames around them.
+//!
+//! Where the border of the image cuts the board, several placements explain the circles equally well.
+//! The frames just before or just after tell where each circle must be, if motion carries on as it was.
+//! The pass goes through the windows once forward and once backward, on one thread, so that what it
+//! places helps to place the next.
+
+use evcal_core::grid::GridCandidate;
+use evcal_core::window::Window;
+use nalgebra::Vector2;
+
+use crate::reference_frame::ReferenceFrame;
+
+/// A window with a lattice of which the place on the board is not certain.
+pub(super) struct Uncertain {
+    /// The chunk among those searched together.
+    pub chunk: usize,
+    pub window: Window,
+    pub candidates: Vec<GridCandidate<f32>>,
+}
+
+impl Uncertain {
+    fn start(&self) -> f64 {
+        self.window.start_us as f64 * 1e-6
+    }
+
+    fn end(&self) -> f64 {
+        self.window.end_us as f64 * 1e-6
+    }
+}
+
+/// How far in time frames and windows are from each other.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Spacing {
+    /// Time between two frames at least (s).
+    pub gap: f64,
+    /// Time over which circles can be predicted (s).
+    pub longest: f64,
+}
+
+/// Where the circles of the board (by index, `circles` of them) are expected in the middle of a window,
+/// from the frame nearest in time and the one beyond it; `None` if that is too long before or after.
+fn expected(
+    circles: usize,
+    window: &Uncertain,
+    near: &ReferenceFrame,
+    far: Option<&ReferenceFrame>,
+    longest: f64,
+) -> Option<Vec<Option<Vector2<f32>>>> {
+    let elapsed = 0.5 * (window.start() + window.end()) - near.t();
+    if elapsed.abs() > longest {
+        return None;
+    }
+    let far = far.filter(|far| (near.t() - far.t()).abs() <= longest);
+    let velocity = |index: usize, center: Vector2<f64>| {
+        let far = far?;
+        let before = far.circles.iter().find(|circle| circle.index == index)?;
+        Some((center - before.center) / (near.t() - far.t()))
+    };
+    let velocities: Vec<Option<Vector2<f64>>> =
+        near.circles.iter().map(|circle| velocity(circle.index, circle.center)).collect();
+    let known = velocities.iter().flatten().count().max(1) as f64;
+    let mean = velocities.iter().flatten().sum::<Vector2<f64>>() / known;
+    let mut pixels = vec![None; circles];
+    for (circle, velocity) in near.circles.iter().zip(&velocities) {
+        if let Some(slot) = pixels.get_mut(circle.index) {
+            *slot = Some((circle.center + velocity.unwrap_or(mean) * elapsed).cast());
+        }
+    }
+    Some(pixels)
+}
+
+/// Adds to `found` the frames that `place` makes of `uncertain` windows and the expected pixels of the
+/// board's circles. All are in the order of time; `before` are the last two frames of what was searched
+/// before, the later one first. Returns all frames in the order of time, and how many were added.
+pub(super) fn second_pass(
+    circles: usize,
+    before: [Option<&ReferenceFrame>; 2],
+    found: Vec<ReferenceFrame>,
+    uncertain: Vec<Uncertain>,
+    spacing: Spacing,
+    mut place: impl FnMut(&Uncertain, &[Option<Vector2<f32>>]) -> Option<ReferenceFrame>,
+) -> (Vec<ReferenceFrame>, u64) {
+    let mut added = 0;
+    let mut frames: Vec<ReferenceFrame> = Vec::with_capacity(found.len());
+    let mut left: Vec<Uncertain> = Vec::new();
+    let mut found = found.into_iter().peekable();
+    for window in uncertain {
+        while let Some(frame) = found.next_if(|frame| frame.start < window.end() + spacing.gap) {
+            frames.push(frame);
+        }
+        let (near, far) = {
+            let mut latest = frames.iter().rev().chain(before.into_iter().flatten());
+            (latest.next(), latest.next())
+        };
+        if near.is_some_and(|near| window.start() < near.end + spacing.gap) {
+            continue;
+        }
+        let pixels = near.and_then(|near| expected(circles, &window, near, far, spacing.longest));
+        match pixels.and_then(|pixels| place(&window, &pixels)) {
+            Some(frame) => {
+                frames.push(frame);
+                added += 1;
+            }
+            None => left.push(window),
+        }
+    }
+    frames.extend(found);
+    for window in left.iter().rev() {
+        let next = frames.partition_point(|frame| frame.start < window.end() + spacing.gap);
+        let mut following = frames.iter().skip(next);
+        let (near, far) = (following.next(), following.next());
+        let before = next.checked_sub(1).and_then(|index| frames.get(index));
+        if before.is_some_and(|before| window.start() < before.end + spacing.gap) {
+            continue;
+        }
+        let pixels = near.and_then(|near| expected(circles, window, near, far, spacing.longest));
+        if let Some(frame) = pixels.and_then(|pixels| place(window, &pixels)) {
+            frames.insert(next, frame);
+            added += 1;
+        }
+    }
+    (frames, added)
+}
