@@ -20,6 +20,10 @@ pub fn stage_report(calibrated: &Calibrated) -> String {
         "windows        {} tried, {} held the board ({} more had too few events)",
         detection.windows, detection.found, detection.too_few_events
     );
+    if detection.found_by_neighbours > 0 {
+        let _ =
+            writeln!(text, "               {} of them placed by the frames around them", detection.found_by_neighbours);
+    }
     for (reason, count) in &detection.grids_refused {
         let _ = writeln!(text, "               {count} refused: {reason}");
     }

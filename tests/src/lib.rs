@@ -8,6 +8,7 @@ use std::sync::OnceLock;
 use std::time::SystemTime;
 use std::{fs, io};
 
+use evcal_core::camera::{Camera, ModelKind};
 use serde_json::Value;
 
 pub mod accuracy;
@@ -92,6 +93,15 @@ pub fn json(arguments: &[&str]) -> Value {
 pub fn read_json(path: &Path) -> Value {
     let text = fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// The camera of `calibration.json` or `truth.json`.
+pub fn camera(file: &Path) -> Camera<f64> {
+    let description = &read_json(file)["camera"];
+    let kind = description["model"].as_str().and_then(ModelKind::from_name).expect("a camera file names its model");
+    let value = |name: &&str| description["parameters"][*name].as_f64().expect("a camera file has all parameters");
+    let parameters: Vec<f64> = kind.parameter_names().iter().map(value).collect();
+    Camera::from_parameters(kind, &parameters).expect("the model takes its parameters")
 }
 
 /// A path as an argument.

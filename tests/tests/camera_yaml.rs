@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::camera::Camera;
 use evcal_tests::lens::{INVERSE_RADIAL, KANNALA_BRANDT, Lens, RADTAN, RADTAN4, RADTAN8};
-use evcal_tests::{read_json, text};
+use evcal_tests::{camera, text};
 use nalgebra::{Vector2, Vector3};
 use opencv::calib3d::{fisheye_project_points_vec_def, project_points_def};
 use opencv::core::{FileStorage, FileStorage_READ, Mat, Point2d, Point3d, Vec3d, Vector};
@@ -54,15 +54,6 @@ impl Storage {
     }
 }
 
-/// The camera of `calibration.json`.
-fn camera(folder: &Path) -> Camera<f64> {
-    let calibration = read_json(&folder.join("calibration.json"));
-    let kind = ModelKind::from_name(calibration["camera"]["model"].as_str().unwrap()).unwrap();
-    let value = |name: &&str| calibration["camera"]["parameters"][*name].as_f64().unwrap();
-    let parameters: Vec<f64> = kind.parameter_names().iter().map(value).collect();
-    Camera::from_parameters(kind, &parameters).unwrap()
-}
-
 /// The distances between pixels all over the sensor and where OpenCV sees their bearings.
 fn distances(storage: &Storage, camera: &Camera<f64>, pixels: impl Iterator<Item = Vector2<f64>>) -> Vec<f64> {
     let seen: Vec<(Vector2<f64>, Vector3<f64>)> =
@@ -81,7 +72,7 @@ fn agrees(lens: Lens) {
     let folder = lens.own_calibration();
     let storage = Storage::open(&folder.join("camera.yaml"));
     assert_eq!((storage.number("image_width"), storage.number("image_height")), (346.0, 260.0));
-    let distances = distances(&storage, &camera(&folder), pixels());
+    let distances = distances(&storage, &camera(&folder.join("calibration.json")), pixels());
     assert!(distances.len() == 121, "{} of 121 pixels have a bearing", distances.len());
     let largest = distances.iter().copied().fold(0.0, f64::max);
     assert!(largest < 1e-6, "{}: {largest} px", lens.model);
@@ -116,7 +107,7 @@ fn inverse_radial() {
         (storage.word("distortion_model"), storage.word("refit_from")),
         ("radtan".into(), "inverse-radial".into())
     );
-    let camera = camera(&folder);
+    let camera = camera(&folder.join("calibration.json"));
     let [radius, rms, max] = ["refit_radius", "refit_error_rms", "refit_error_max"].map(|name| storage.number(name));
     assert!(radius > 150.0 && max < 0.1, "{max} px up to {radius} px");
     let center = Vector2::new(camera.parameters()[2], camera.parameters()[3]);

@@ -123,3 +123,73 @@ pub(super) fn second_pass(
     }
     (frames, added)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference_frame::ObservedCircle;
+
+    const SPACING: Spacing = Spacing { gap: 0.005, longest: 0.03 };
+    const WINDOW: f64 = 0.002;
+
+    /// Where circle `index` is at `t`: 300 px/s to the right, 100 px/s up.
+    fn truth(index: usize, t: f64) -> Vector2<f64> {
+        Vector2::new(40.0 + 30.0 * index as f64 + 300.0 * t, 90.0 - 100.0 * t)
+    }
+
+    fn frame(start: f64, circles: std::ops::Range<usize>) -> ReferenceFrame {
+        let (end, t) = (start + WINDOW, start + 0.5 * WINDOW);
+        let circles =
+            circles.map(|index| ObservedCircle { index, t, center: truth(index, t), radius: None, velocity: None });
+        ReferenceFrame { recording: 0, start, end, circles: circles.collect(), pixels: Vec::new() }
+    }
+
+    fn window(start: f64) -> Uncertain {
+        let (start_us, end_us) = ((start * 1e6).round() as i64, ((start + WINDOW) * 1e6).round() as i64);
+        Uncertain { chunk: 0, window: Window { start_us, end_us, first: 0, last: 0 }, candidates: Vec::new() }
+    }
+
+    /// A pass in which every window is placed that comes with expected pixels; they must be the truth.
+    fn pass(before: [Option<&ReferenceFrame>; 2], found: Vec<ReferenceFrame>, starts: &[f64]) -> (Vec<f64>, u64) {
+        let uncertain = starts.iter().map(|&start| window(start)).collect();
+        let (frames, added) = second_pass(6, before, found, uncertain, SPACING, |window, expected| {
+            let middle = 0.5 * (window.start() + window.end());
+            for (index, pixel) in expected.iter().enumerate() {
+                let error = pixel.map_or(0.0, |pixel| (pixel.cast() - truth(index, middle)).norm());
+                assert!(error < 1e-3, "circle {index}: {error} px");
+            }
+            assert!(expected.iter().flatten().count() >= 3);
+            Some(frame(window.start(), 0..4))
+        });
+        (frames.iter().map(|frame| frame.start).collect(), added)
+    }
+
+    #[test]
+    fn windows_are_placed_after_frames_and_before_them() {
+        let found = vec![frame(0.100, 0..5), frame(0.110, 1..6), frame(0.160, 0..5), frame(0.170, 0..5)];
+        let (starts, added) = pass([None, None], found, &[0.090, 0.120, 0.130, 0.150]);
+        assert_eq!(starts, [0.090, 0.100, 0.110, 0.120, 0.130, 0.150, 0.160, 0.170]);
+        assert_eq!(added, 4);
+    }
+
+    #[test]
+    fn frames_of_the_search_before_help() {
+        let (later, earlier) = (frame(0.090, 0..5), frame(0.080, 0..5));
+        assert_eq!(pass([Some(&later), Some(&earlier)], Vec::new(), &[0.1]), (vec![0.1], 1));
+    }
+
+    #[test]
+    fn frames_keep_their_distance() {
+        let found = vec![frame(0.100, 0..5), frame(0.110, 0..5)];
+        // Too near to a frame before, to one after, to both; and longer windows from the same start.
+        let (starts, added) = pass([None, None], found, &[0.098, 0.1045, 0.106, 0.115, 0.118, 0.118, 0.121]);
+        assert_eq!((starts, added), (vec![0.100, 0.110, 0.118], 1));
+    }
+
+    #[test]
+    fn too_long_after_a_frame_nothing_is_known() {
+        let found = vec![frame(0.100, 0..5), frame(0.110, 0..5)];
+        let (starts, added) = pass([None, None], found, &[0.050, 0.150]);
+        assert_eq!((starts, added), (vec![0.100, 0.110], 0));
+    }
+}
