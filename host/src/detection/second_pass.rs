@@ -150,7 +150,8 @@ mod tests {
     }
 
     /// A pass in which every window is placed that comes with expected pixels; they must be the truth.
-    fn pass(before: [Option<&ReferenceFrame>; 2], found: Vec<ReferenceFrame>, starts: &[f64]) -> (Vec<f64>, u64) {
+    /// Starts of the frames in µs, and how many were added.
+    fn pass(before: [Option<&ReferenceFrame>; 2], found: Vec<ReferenceFrame>, starts: &[f64]) -> (Vec<i64>, u64) {
         let uncertain = starts.iter().map(|&start| window(start)).collect();
         let (frames, added) = second_pass(6, before, found, uncertain, SPACING, |window, expected| {
             let middle = 0.5 * (window.start() + window.end());
@@ -161,21 +162,21 @@ mod tests {
             assert!(expected.iter().flatten().count() >= 3);
             Some(frame(window.start(), 0..4))
         });
-        (frames.iter().map(|frame| frame.start).collect(), added)
+        (frames.iter().map(|frame| (frame.start * 1e6).round() as i64).collect(), added)
     }
 
     #[test]
     fn windows_are_placed_after_frames_and_before_them() {
         let found = vec![frame(0.100, 0..5), frame(0.110, 1..6), frame(0.160, 0..5), frame(0.170, 0..5)];
         let (starts, added) = pass([None, None], found, &[0.090, 0.120, 0.130, 0.150]);
-        assert_eq!(starts, [0.090, 0.100, 0.110, 0.120, 0.130, 0.150, 0.160, 0.170]);
+        assert_eq!(starts, [90_000, 100_000, 110_000, 120_000, 130_000, 150_000, 160_000, 170_000]);
         assert_eq!(added, 4);
     }
 
     #[test]
     fn frames_of_the_search_before_help() {
         let (later, earlier) = (frame(0.090, 0..5), frame(0.080, 0..5));
-        assert_eq!(pass([Some(&later), Some(&earlier)], Vec::new(), &[0.1]), (vec![0.1], 1));
+        assert_eq!(pass([Some(&later), Some(&earlier)], Vec::new(), &[0.1]), (vec![100_000], 1));
     }
 
     #[test]
@@ -183,13 +184,13 @@ mod tests {
         let found = vec![frame(0.100, 0..5), frame(0.110, 0..5)];
         // Too near to a frame before, to one after, to both; and longer windows from the same start.
         let (starts, added) = pass([None, None], found, &[0.098, 0.1045, 0.106, 0.115, 0.118, 0.118, 0.121]);
-        assert_eq!((starts, added), (vec![0.100, 0.110, 0.118], 1));
+        assert_eq!((starts, added), (vec![100_000, 110_000, 118_000], 1));
     }
 
     #[test]
     fn too_long_after_a_frame_nothing_is_known() {
         let found = vec![frame(0.100, 0..5), frame(0.110, 0..5)];
         let (starts, added) = pass([None, None], found, &[0.050, 0.150]);
-        assert_eq!((starts, added), (vec![0.100, 0.110], 0));
+        assert_eq!((starts, added), (vec![100_000, 110_000], 0));
     }
 }
