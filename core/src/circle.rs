@@ -34,6 +34,9 @@ pub enum Method {
     Soft,
 }
 
+/// Largest number of neighbours that can be tried for a cluster.
+pub const MAX_NEIGHBOURS: usize = 8;
+
 /// Settings of the extraction.
 ///
 /// The defaults are for dots of 3 to 25 px radius, seen at up to 60° from the front, and windows in
@@ -43,7 +46,8 @@ pub struct ExtractionSettings<T> {
     /// How a circle follows from a pair.
     /// Default: [`Method::Hard`].
     pub method: Method,
-    /// Number of nearest facing clusters of the other polarity tried for each ON cluster, at most 8.
+    /// Number of nearest facing clusters of the other polarity tried for each ON cluster, at most
+    /// [`MAX_NEIGHBOURS`].
     /// Default: 4.
     pub neighbours: u8,
     /// Smallest cosine of the angle between the direction in which an arc is curved and that to its

@@ -35,7 +35,7 @@ use nalgebra::{RealField, Vector2};
 /// Settings of the clustering.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClusterSettings {
-    /// Neighbourhood radius ε in pixels, from 1 to below 5. Must stay below the gap between the arcs
+    /// Neighbourhood radius ε in pixels, from 1 to [`Self::LARGEST_EPSILON`] (4.99). Must stay below the gap between the arcs
     /// of neighbouring dots.
     /// Default: 2.5.
     pub epsilon: f32,
@@ -45,6 +45,11 @@ pub struct ClusterSettings {
     /// Clusters of fewer pixels are dropped as noise.
     /// Default: 5.
     pub min_pixels: u16,
+}
+
+impl ClusterSettings {
+    /// Largest [`epsilon`](Self::epsilon) that there is room for, in pixels.
+    pub const LARGEST_EPSILON: f32 = bitmap::MARGIN as f32 + 0.99;
 }
 
 impl Default for ClusterSettings {

@@ -307,6 +307,34 @@ pub(crate) mod tests {
         })
     }
 
+    /// Angular velocity at `u` of a curve of rotations by central differences, in the turned frame.
+    pub(crate) fn numeric_angular_velocity(curve: impl Fn(f64) -> UnitQuaternion<f64>, u: f64) -> Vector3<f64> {
+        numeric_turn(|step| curve(u + step), 1e-5)
+    }
+
+    /// Turn of a rotation per unit of its argument at 0 by central differences, in the turned frame.
+    fn numeric_turn(rotation: impl Fn(f64) -> UnitQuaternion<f64>, step: f64) -> Vector3<f64> {
+        rotation::log(&(rotation(-step).inverse() * rotation(step))) / (2.0 * step)
+    }
+
+    /// Whether the Jacobians of a rotation are right: `turned` gives the rotation after the control
+    /// point of this index was turned on the right.
+    pub(crate) fn jacobians_agree(
+        jacobians: &[Matrix3<f64>; MAX_ORDER],
+        turned: impl Fn(usize, &UnitQuaternion<f64>) -> UnitQuaternion<f64>,
+    ) -> bool {
+        jacobians.iter().enumerate().all(|(index, jacobian)| {
+            (0..3).all(|axis| {
+                let turn = |angle: f64| {
+                    let mut vector = Vector3::zeros();
+                    vector[axis] = angle;
+                    turned(index, &rotation::exp(&vector))
+                };
+                (jacobian.column(axis) - numeric_turn(turn, 1e-6)).norm() < 1e-8
+            })
+        })
+    }
+
     /// The Greville abscissae: control points there reproduce linear functions of `u`.
     pub(crate) fn greville(knots: &[f64], degree: usize) -> impl Iterator<Item = f64> {
         knots[1..knots.len() - 1].windows(degree).map(move |window| window.iter().sum::<f64>() / degree as f64)

@@ -20,7 +20,8 @@ use crate::settings::Settings;
 use crate::solve::observation::PointObservation;
 use crate::solve::{SolveError, State};
 use crate::source::{ReadReport, Recording, RecordingKind, SourceError, SourceOptions, sniff};
-use crate::trajectory::fit::{TimedPose, TrajectoryShape, fit, resampled};
+use crate::timed_pose::TimedPose;
+use crate::trajectory::fit::{TrajectoryShape, fit, resampled};
 use crate::trajectory::{Trajectory, TrajectoryError};
 
 /// One input: events or circles.
@@ -171,7 +172,10 @@ pub enum CalibrateError {
 pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
     let settings = task.settings;
     let detected = detect_all(task, &mut progress)?;
-    let Detected { sensor, frames, starts, recordings, detection, events } = detected;
+    let Detected { sensor, frames, starts, recordings, detection, events, damage } = detected;
+    if let (true, Some(damage)) = (frames.is_empty(), damage) {
+        return Err(CalibrateError::Source(damage));
+    }
     if frames.is_empty() {
         return Err(CalibrateError::NoPattern(no_pattern(&detection, settings)));
     }
@@ -185,7 +189,7 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
         .filter_map(|posed| frames.get(posed.frame).map(|frame| (frame.recording, frame.t())))
         .collect();
     let segmentation = SegmentSettings {
-        longest_gap: settings.segment.longest_gap.max(GAP_IN_INTERVALS * typical_interval(&times)),
+        longest_gap: settings.segment.longest_gap.max(settings.segment.longest_gap_ratio * typical_interval(&times)),
         ..settings.segment.clone()
     };
     let (ranges, segments) = segment(&times, settings.spline.degree, &segmentation);
@@ -245,10 +249,6 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
     Ok(Calibrated { sensor, refined, initial, frames, starts, reports })
 }
 
-/// A gap of this many typical frame intervals does not end a segment: circle files may hold fewer
-/// frames than the detection yields.
-const GAP_IN_INTERVALS: f64 = 2.5;
-
 /// Median time between neighbouring frames of a recording (s), 0 without any.
 fn typical_interval(times: &[(usize, f64)]) -> f64 {
     let pairs = times.iter().zip(times.iter().skip(1));
@@ -301,6 +301,8 @@ struct Detected {
     recordings: Vec<RecordingReport>,
     detection: DetectionReport,
     events: u64,
+    /// What the first damaged recording broke off with.
+    damage: Option<SourceError>,
 }
 
 fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, CalibrateError> {
@@ -311,6 +313,7 @@ fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, 
         recordings: Vec::new(),
         detection: DetectionReport::default(),
         events: 0,
+        damage: None,
     };
     for (index, input) in task.inputs.iter().enumerate() {
         let sensor = sensor_of(input, task.sensor)?;
@@ -332,7 +335,8 @@ fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, 
                 all.detection.add(&report);
                 all.events += pass.count;
                 all.starts.push(pass.first as f64 * 1e-6);
-                all.recordings.push(pass.into_report());
+                all.recordings.push(pass.to_report());
+                all.damage = all.damage.or(pass.damage);
             }
             Input::Circles { frames, start, notes, detection, .. } => {
                 all.detection.add(detection);
@@ -378,12 +382,14 @@ pub struct Pass {
     pub assumptions: Vec<String>,
     /// What the reader met.
     pub report: ReadReport,
+    /// What ended the pass before the end of the recording.
+    pub damage: Option<SourceError>,
 }
 
 impl Pass {
     /// The pass as a report.
-    pub fn into_report(self) -> RecordingReport {
-        let mut notes = self.assumptions;
+    pub fn to_report(&self) -> RecordingReport {
+        let mut notes = self.assumptions.clone();
         let report = &self.report;
         if let Some(truncation) = &report.truncated {
             notes.push(truncation.to_string());
@@ -398,6 +404,9 @@ impl Pass {
         note(report.clock_resets, "clock resets bridged");
         note(report.damaged_packets, "damaged packets left out");
         notes.extend(report.stream.notes());
+        if let Some(error) = &self.damage {
+            notes.push(format!("read up to its damage only: {error}"));
+        }
         RecordingReport { count: self.count, duration: (self.last - self.first) as f64 * 1e-6, notes }
     }
 }
@@ -409,20 +418,28 @@ impl Pass {
 pub fn read_events(inputs: &[Input], index: usize, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, SourceError> {
     let Some(Input::Events(recording)) = inputs.get(index) else {
         let report = ReadReport::default();
-        return Ok(Pass { count: 0, first: 0, last: 0, assumptions: Vec::new(), report });
+        return Ok(Pass { count: 0, first: 0, last: 0, assumptions: Vec::new(), report, damage: None });
     };
     read_recording(recording, visit)
 }
 
-/// Hands all events of a recording to `visit`, with times from its first event.
+/// Hands all events of a recording to `visit`, with times from its first event; of a damaged recording
+/// those before the damage.
 ///
 /// # Errors
-/// [`SourceError`] when the recording cannot be read.
+/// [`SourceError`] when not one event can be read.
 pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, SourceError> {
     let mut reader = recording.open()?;
     let mut events = Vec::new();
     let (mut count, mut first, mut last) = (0, None, 0);
-    while reader.next_batch(&mut events)? {
+    let damage = loop {
+        match reader.next_batch(&mut events) {
+            Ok(true) => {}
+            Ok(false) => break None,
+            // What was read before the damage counts.
+            Err(error) if count > 0 => break Some(error),
+            Err(error) => return Err(error),
+        }
         let start = *first.get_or_insert_with(|| events.first().map_or(0, |event| event.t));
         last = events.last().map_or(last, |event| event.t);
         count += events.len() as u64;
@@ -430,9 +447,9 @@ pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) ->
             event.t -= start;
         }
         visit(&events);
-    }
+    };
     let assumptions = reader.information().notes.clone();
-    Ok(Pass { count, first: first.unwrap_or(0), last, assumptions, report: reader.report().clone() })
+    Ok(Pass { count, first: first.unwrap_or(0), last, assumptions, report: reader.report().clone(), damage })
 }
 
 /// Why no window held the board, and what to do about it.

@@ -1,10 +1,13 @@
 //! A camera as JSON: the part of `calibration.json` and `truth.json` that describes the lens.
 
-use std::collections::BTreeMap;
+mod parameters;
+
 use std::path::Path;
 
 use evcal_core::camera::{Camera, ModelKind};
 use serde::{Deserialize, Serialize};
+
+pub use self::parameters::Parameters;
 
 /// Sensor size in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -20,8 +23,9 @@ pub struct SensorSize {
 pub struct CameraDescription {
     /// Name of the model, for example `radtan`.
     pub model: String,
-    /// Parameters by name: `fx`, `fy`, `cx`, `cy` in pixels and the distortion coefficients.
-    pub parameters: BTreeMap<String, f64>,
+    /// Parameters by name, in the model's order: `fx`, `fy`, `cx`, `cy` in pixels and the distortion
+    /// coefficients. A file may give them in any order.
+    pub parameters: Parameters,
 }
 
 /// The part of a JSON file that this module reads; other keys are left alone.
@@ -67,9 +71,8 @@ pub enum CameraFileError {
 impl CameraDescription {
     /// Describes `camera`.
     pub fn new(camera: &Camera<f64>) -> Self {
-        let names = camera.kind().parameter_names();
-        let values = camera.parameters();
-        let parameters = names.iter().zip(&values).map(|(name, value)| ((*name).to_owned(), *value)).collect();
+        let names = camera.kind().parameter_names().iter().copied();
+        let parameters = Parameters::new(names.zip(camera.parameters()));
         Self { model: camera.kind().name().to_owned(), parameters }
     }
 
@@ -84,7 +87,7 @@ impl CameraDescription {
         })?;
         let mut values = Vec::new();
         for name in kind.parameter_names() {
-            values.push(*self.parameters.get(*name).ok_or_else(|| format!("camera parameter {name} is missing"))?);
+            values.push(self.parameters.get(name).ok_or_else(|| format!("camera parameter {name} is missing"))?);
         }
         Camera::from_parameters(kind, &values).ok_or_else(|| format!("model {} refuses its parameters", self.model))
     }

@@ -4,19 +4,22 @@
 //! clusters → circles → grid), so that chunks run in parallel and the result does not depend on the
 //! number of threads.
 
+mod second_pass;
+
 use std::collections::BTreeMap;
 
 use evcal_core::circle::CircleCounts;
 use evcal_core::cluster::{SensorSize, row_bytes, row_count};
 use evcal_core::detector::Detector;
 use evcal_core::event::Event;
-use evcal_core::grid::{GridCandidate, GridError, GridOptions, GridWorkspace, find_grid};
+use evcal_core::grid::{GridCandidate, GridCircle, GridError, GridOptions, GridWorkspace, find_grid, find_grid_near};
 use evcal_core::pattern::Pattern;
 use evcal_core::window::{Outcome, Window, WindowPlanner};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use self::second_pass::{Spacing, Uncertain, second_pass};
 use crate::circle_track::{UnorderedCircle, UnorderedFrame};
 use crate::event_pixel::EventPixel;
 use crate::opencv::find_circles_grid;
@@ -47,6 +50,8 @@ pub struct DetectionReport {
     pub windows: u64,
     /// Windows in which the board was found.
     pub found: u64,
+    /// Those of them in which only the frames around them told where the board lies.
+    pub found_by_neighbours: u64,
     /// Circles found in all windows.
     pub circles: u64,
     /// Pairs of clusters that were refused, by reason.
@@ -66,6 +71,7 @@ impl DetectionReport {
         self.too_few_events += other.too_few_events;
         self.windows += other.windows;
         self.found += other.found;
+        self.found_by_neighbours += other.found_by_neighbours;
         self.circles += other.circles;
         self.overflowed += other.overflowed;
         self.board_circles += other.board_circles;
@@ -134,8 +140,34 @@ enum Finding {
     Circles(CircleWindow),
 }
 
+impl Finding {
+    fn frame(&self) -> Option<&ReferenceFrame> {
+        match self {
+            Self::Frame(frame) => Some(frame),
+            Self::Circles(_) => None,
+        }
+    }
+
+    fn into_frame(self) -> Option<ReferenceFrame> {
+        match self {
+            Self::Frame(frame) => Some(frame),
+            Self::Circles(_) => None,
+        }
+    }
+}
+
 /// Board index, centre and radius in pixels.
 type BoardCircle = (usize, Vector2<f64>, f64);
+
+/// Why there is no board in a window.
+enum NoBoard {
+    Reason(&'static str),
+    /// These circles form a lattice whose place on the board is not certain.
+    PlaceUncertain(Vec<GridCandidate<f32>>),
+}
+
+/// What a chunk gave.
+type Searched = (Vec<Finding>, Vec<Uncertain>, DetectionReport);
 
 /// Searches a recording, batch by batch, for the board or for circles.
 pub struct DetectionStage<'a> {
@@ -212,19 +244,61 @@ impl<'a> DetectionStage<'a> {
     fn search(&mut self) {
         let waiting = std::mem::take(&mut self.waiting);
         let length = self.chunk_length();
-        let parts: Vec<(Vec<Finding>, DetectionReport)> = waiting
+        let parts: Vec<Searched> = waiting
             .par_iter()
+            .enumerate()
             .map_init(
                 || (Box::new(HostDetector::new()), Box::new(GridWorkspace::<f32, CANDIDATES>::new())),
-                |(detector, workspace), (index, events)| {
+                |(detector, workspace), (chunk, (index, events))| {
                     let span = (index * length, (index + 1) * length);
-                    self.search_chunk(detector, workspace, events, span)
+                    self.search_chunk(detector, workspace, chunk, events, span)
                 },
             )
             .collect();
-        for (findings, report) in parts {
+        let (mut found, mut uncertain) = (Vec::new(), Vec::new());
+        for (findings, windows, report) in parts {
             self.report.add(&report);
-            self.findings.extend(findings);
+            found.extend(findings);
+            uncertain.extend(windows);
+        }
+        match self.wanted {
+            Wanted::Board(pattern) => self.place_uncertain(&waiting, found, uncertain, pattern),
+            Wanted::Circles(_) => self.findings.extend(found),
+        }
+    }
+
+    /// Adds the frames found in the chunks `waiting`, and those that they help to find.
+    fn place_uncertain(
+        &mut self,
+        waiting: &[(i64, Vec<Event>)],
+        found: Vec<Finding>,
+        uncertain: Vec<Uncertain>,
+        pattern: Pattern,
+    ) {
+        let policy = self.settings.window.policy();
+        let spacing = Spacing {
+            gap: f64::from(policy.gap) * f64::from(policy.step_us) * 1e-6,
+            longest: self.settings.longest_prediction,
+        };
+        let mut workspace = Box::new(GridWorkspace::<f32, CANDIDATES>::new());
+        let options = self.grid_options(&pattern);
+        let place = |window: &Uncertain, expected: &[Option<Vector2<f32>>]| {
+            let grid = find_grid_near(&window.candidates, &pattern, &options, expected, &mut workspace).ok()?;
+            let events = &waiting.get(window.chunk)?.1;
+            let events = events.get(window.window.first..window.window.last)?;
+            Some(self.frame(&window.window, events, board_circles(&grid.circles, &window.candidates)))
+        };
+        let mut latest = self.findings.iter().rev().filter_map(Finding::frame);
+        let before = [latest.next(), latest.next()];
+        let found = found.into_iter().filter_map(Finding::into_frame).collect();
+        let (frames, added) = second_pass(pattern.circle_count(), before, found, uncertain, spacing, place);
+        let circles = frames.iter().map(|frame| frame.circles.len() as u64).sum::<u64>();
+        self.findings.extend(frames.into_iter().map(Finding::Frame));
+        self.report.board_circles += circles;
+        self.report.found += added;
+        self.report.found_by_neighbours += added;
+        if let Some(refused) = self.report.grids_refused.get_mut(PLACE_UNCERTAIN) {
+            *refused -= added.min(*refused);
         }
     }
 
@@ -232,10 +306,12 @@ impl<'a> DetectionStage<'a> {
         &self,
         detector: &mut HostDetector,
         workspace: &mut GridWorkspace<f32, CANDIDATES>,
+        chunk: usize,
         events: &[Event],
         span: (i64, i64),
-    ) -> (Vec<Finding>, DetectionReport) {
+    ) -> Searched {
         let mut findings = Vec::new();
+        let mut uncertain = Vec::new();
         let mut report = DetectionReport::default();
         let start = events.first().map_or(span.0, |event| event.t);
         let mut planner = WindowPlanner::new(self.settings.window.policy(), start, span.1);
@@ -262,18 +338,22 @@ impl<'a> DetectionStage<'a> {
                             pixels: unique_pixels(inside),
                         })
                     })
-                    .ok_or("too few circles"),
+                    .ok_or(NoBoard::Reason("too few circles")),
             };
             match finding {
                 Ok(finding) => {
                     report.found += 1;
-                    if let Finding::Frame(frame) = &finding {
-                        report.board_circles += frame.circles.len() as u64;
-                    }
                     findings.push(finding);
                     planner.report(Outcome::Found);
                 }
-                Err(reason) => {
+                Err(refusal) => {
+                    let reason = match refusal {
+                        NoBoard::Reason(reason) => reason,
+                        NoBoard::PlaceUncertain(candidates) => {
+                            uncertain.push(Uncertain { chunk, window, candidates });
+                            PLACE_UNCERTAIN
+                        }
+                    };
                     *report.grids_refused.entry(reason).or_default() += 1;
                     let unique_pixels = detection.clusters.events.saturating_sub(detection.clusters.both_polarities);
                     planner.report(Outcome::NotFound { unique_pixels });
@@ -281,7 +361,14 @@ impl<'a> DetectionStage<'a> {
             }
         }
         report.too_few_events += u64::from(planner.too_few_events());
-        (findings, report)
+        (findings, uncertain, report)
+    }
+
+    fn grid_options(&self, pattern: &Pattern) -> GridOptions {
+        GridOptions {
+            minimum_circles: self.settings.fewest_circles(pattern),
+            ..GridOptions::new(pattern, (f64::from(self.sensor.width), f64::from(self.sensor.height)))
+        }
     }
 
     /// Board index, centre and radius of each circle, or why there is no board.
@@ -290,7 +377,7 @@ impl<'a> DetectionStage<'a> {
         detector: &HostDetector,
         workspace: &mut GridWorkspace<f32, CANDIDATES>,
         pattern: Pattern,
-    ) -> Result<Vec<BoardCircle>, &'static str> {
+    ) -> Result<Vec<BoardCircle>, NoBoard> {
         let circles = detector.circles();
         match self.settings.grid {
             Grid::Lattice => {
@@ -299,27 +386,20 @@ impl<'a> DetectionStage<'a> {
                     .take(CANDIDATES)
                     .map(|circle| GridCandidate { center: circle.center, radius: circle.radius })
                     .collect();
-                let options = GridOptions {
-                    minimum_circles: self.settings.fewest_circles(&pattern),
-                    ..GridOptions::new(&pattern, (f64::from(self.sensor.width), f64::from(self.sensor.height)))
-                };
-                let found = find_grid(&candidates, &pattern, &options, workspace).map_err(grid_reason)?;
-                Ok(found
-                    .circles
-                    .iter()
-                    .filter_map(|pair| {
-                        let circle = circles.get(usize::from(pair.candidate))?;
-                        Some((usize::from(pair.board), circle.center.cast(), f64::from(circle.radius)))
-                    })
-                    .collect())
+                match find_grid(&candidates, &pattern, &self.grid_options(&pattern), workspace) {
+                    Ok(found) => Ok(board_circles(&found.circles, &candidates)),
+                    Err(GridError::AmbiguousPlacement { .. }) => Err(NoBoard::PlaceUncertain(candidates)),
+                    Err(error) => Err(NoBoard::Reason(grid_reason(error))),
+                }
             }
             Grid::Opencv => {
                 if circles.len() < pattern.circle_count() {
-                    return Err("too few circles");
+                    return Err(NoBoard::Reason("too few circles"));
                 }
                 let centers: Vec<Vector2<f64>> = circles.iter().map(|circle| circle.center.cast()).collect();
-                let order =
-                    find_circles_grid(&centers, pattern).map_err(|_| "OpenCV failed")?.ok_or("OpenCV found no grid")?;
+                let order = find_circles_grid(&centers, pattern)
+                    .map_err(|_| NoBoard::Reason("OpenCV failed"))?
+                    .ok_or(NoBoard::Reason("OpenCV found no grid"))?;
                 Ok(order
                     .iter()
                     .enumerate()
@@ -362,13 +442,13 @@ impl<'a> DetectionStage<'a> {
     /// in order of time: for those who cannot wait for the end.
     pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
         self.search();
-        frames(std::mem::take(&mut self.findings))
+        std::mem::take(&mut self.findings).into_iter().filter_map(Finding::into_frame).collect()
     }
 
     /// The reference frames in order of time, and the report.
     pub fn into_frames(self) -> (Vec<ReferenceFrame>, DetectionReport) {
         let (findings, report) = self.finish();
-        (frames(findings), report)
+        (findings.into_iter().filter_map(Finding::into_frame).collect(), report)
     }
 
     /// The windows with circles in order of time, and the report.
@@ -380,14 +460,6 @@ impl<'a> DetectionStage<'a> {
         });
         (windows.collect(), report)
     }
-}
-
-fn frames(findings: Vec<Finding>) -> Vec<ReferenceFrame> {
-    let frames = findings.into_iter().filter_map(|finding| match finding {
-        Finding::Frame(frame) => Some(frame),
-        Finding::Circles(_) => None,
-    });
-    frames.collect()
 }
 
 /// Puts the circles of frames from elsewhere in the board's order; frames without a board fall away, and
@@ -452,12 +524,23 @@ fn order_frame(
     Ok(ReferenceFrame { recording: 0, start: frame.start, end: frame.end, circles, pixels: Vec::new() })
 }
 
+/// The circles of a board that was found among `candidates`.
+fn board_circles(found: &[GridCircle], candidates: &[GridCandidate<f32>]) -> Vec<BoardCircle> {
+    let circle = |pair: &GridCircle| {
+        let candidate = candidates.get(usize::from(pair.candidate))?;
+        Some((usize::from(pair.board), candidate.center.cast(), f64::from(candidate.radius)))
+    };
+    found.iter().filter_map(circle).collect()
+}
+
 fn unique_pixels(events: &[Event]) -> Vec<EventPixel> {
     let mut pixels: Vec<EventPixel> = events.iter().map(EventPixel::new).collect();
     pixels.sort_unstable();
     pixels.dedup();
     pixels
 }
+
+const PLACE_UNCERTAIN: &str = "place on the board not certain";
 
 fn grid_reason(error: GridError) -> &'static str {
     match error {
@@ -467,7 +550,7 @@ fn grid_reason(error: GridError) -> &'static str {
         GridError::TooFewCircles { .. } => "too few circles of a board",
         GridError::NotSmooth => "circles scatter too much",
         GridError::WrongBoard { .. } => "circles beside the board",
-        GridError::AmbiguousPlacement { .. } => "place on the board not certain",
+        GridError::AmbiguousPlacement { .. } => PLACE_UNCERTAIN,
         GridError::NotAsExpected => "board not where it is expected",
     }
 }

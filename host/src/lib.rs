@@ -35,5 +35,7 @@ pub mod settings;
 pub mod simulate;
 pub mod solve;
 pub mod source;
+pub mod stage_report;
+pub mod timed_pose;
 pub mod trajectory;
 pub mod tum;

@@ -171,6 +171,28 @@ fn intrinsics_of(camera_matrix: &Mat, distortion: &Mat, coefficients: usize) -> 
     (fx > 0.0 && fy > 0.0).then_some(Intrinsics { focal: [fx, fy], center: [cx, cy], distortion })
 }
 
+/// What a calibration of OpenCV gives back.
+struct RawCalibration {
+    camera_matrix: Mat,
+    coefficients: Mat,
+    rms: f64,
+    view_rms: Vec<f64>,
+    rotations: Vector<Mat>,
+    translations: Vector<Mat>,
+}
+
+impl RawCalibration {
+    /// `None` unless all of it is there, for this number of views and of coefficients, and finite.
+    fn checked(self, views: usize, coefficients: usize) -> Option<Calibration> {
+        let intrinsics = intrinsics_of(&self.camera_matrix, &self.coefficients, coefficients)?;
+        let poses = poses(&self.rotations, &self.translations)?;
+        let Self { rms, view_rms, .. } = self;
+        let finite = rms.is_finite() && view_rms.iter().all(|rms| rms.is_finite());
+        let complete = finite && view_rms.len() == views && poses.len() == views;
+        complete.then(|| Calibration { intrinsics, rms, views: (0..views).collect(), view_rms, poses })
+    }
+}
+
 /// OpenCV's `calibrateCamera` (Zhang 2000) on `views` of a planar board.
 ///
 /// `sensor` is (width, height) in pixels and serves for the first guess of the principal point.
@@ -218,23 +240,11 @@ pub fn calibrate_pinhole(
             flags,
             TermCriteria { typ: 3, max_count: CALIBRATION_ITERATIONS, epsilon: CALIBRATION_CHANGE },
         )?;
-        Ok((camera_matrix, coefficients, rms, view_rms, rotations, translations))
+        let view_rms = doubles(&view_rms).unwrap_or_default();
+        Ok(RawCalibration { camera_matrix, coefficients, rms, view_rms, rotations, translations })
     };
-    let (camera_matrix, coefficients, rms, view_rms, rotations, translations) =
-        run().map_err(|error| exception(CALL, error))?;
-    let collect = || {
-        let intrinsics = intrinsics_of(&camera_matrix, &coefficients, distortion.coefficient_count())?;
-        let poses = poses(&rotations, &translations)?;
-        let view_rms = doubles(&view_rms)?;
-        (rms.is_finite() && view_rms.len() == views.len() && poses.len() == views.len()).then(|| Calibration {
-            intrinsics,
-            rms,
-            views: (0..views.len()).collect(),
-            view_rms,
-            poses,
-        })
-    };
-    collect().ok_or(OpencvError::Unusable { call: CALL })
+    let raw = run().map_err(|error| exception(CALL, error))?;
+    raw.checked(views.len(), distortion.coefficient_count()).ok_or(OpencvError::Unusable { call: CALL })
 }
 
 fn calibrate_fisheye_once(views: &[&View], sensor: (u16, u16), iterations: i32) -> Result<Calibration, OpencvError> {
@@ -275,23 +285,10 @@ fn calibrate_fisheye_once(views: &[&View], sensor: (u16, u16), iterations: i32) 
                 .sum();
             view_rms.push((sum / view.image.len() as f64).sqrt());
         }
-        Ok((camera_matrix, coefficients, rms, view_rms, rotations, translations))
+        Ok(RawCalibration { camera_matrix, coefficients, rms, view_rms, rotations, translations })
     };
-    let (camera_matrix, coefficients, rms, view_rms, rotations, translations) =
-        run().map_err(|error| exception(CALL, error))?;
-    let collect = || {
-        let intrinsics = intrinsics_of(&camera_matrix, &coefficients, 4)?;
-        let poses = poses(&rotations, &translations)?;
-        let finite = rms.is_finite() && view_rms.iter().all(|rms| rms.is_finite());
-        (finite && poses.len() == views.len()).then(|| Calibration {
-            intrinsics,
-            rms,
-            views: (0..views.len()).collect(),
-            view_rms,
-            poses,
-        })
-    };
-    collect().ok_or(OpencvError::Unusable { call: CALL })
+    let raw = run().map_err(|error| exception(CALL, error))?;
+    raw.checked(views.len(), 4).ok_or(OpencvError::Unusable { call: CALL })
 }
 
 /// The views among `indices` that OpenCV's fisheye calibration can digest, found by halving.

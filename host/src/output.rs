@@ -4,14 +4,19 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector2;
+
 use crate::board::Board;
 use crate::calibrate::{Calibrated, Task};
 use crate::circle_track;
+use crate::export::opencv_camera::opencv_camera;
 use crate::export::opencv_yaml::opencv_yaml;
 use crate::initial::PosedFrame;
 use crate::picture::{Picture, reference_frame_picture};
 use crate::reference_frame::ReferenceFrame;
 use crate::result::Calibration;
+use crate::stage_report::stage_report;
+use crate::timed_pose::TimedPose;
 use crate::tum;
 
 /// Rate at which trajectories are written (Hz).
@@ -36,7 +41,9 @@ pub struct OutputError {
 }
 
 /// Writes `calibration.json`, `camera.yaml`, `trajectory.txt`, `settings.toml`, `circles.csv`,
-/// `stages.txt` and pictures of a good and a bad reference frame into `folder`, which is created.
+/// `stages.txt` and pictures of a good and a bad reference frame into `folder`, which is created. Of
+/// several recordings, each has its own clock: those after the first have their own `trajectory-2.txt`,
+/// `circles-2.csv` and so on.
 ///
 /// # Errors
 /// [`OutputError`] names the file that could not be written.
@@ -49,16 +56,22 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
     let json = serde_json::to_string_pretty(&calibration)
         .map_err(|error| OutputError { file: "calibration.json".to_owned(), error: error.into() })?;
     let stage_report = stage_report(calibrated);
-    let summary = summary(&calibration);
+    let mut summary = summary(&calibration);
     put(folder.join("calibration.json"), json.as_bytes())?;
     put(folder.join("settings.toml"), task.settings.to_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
-    let poses = trajectory(calibrated).map_err(|error| OutputError { file: "trajectory.txt".to_owned(), error })?;
-    put(folder.join("trajectory.txt"), &poses)?;
     let mut circles = Vec::new();
     for (recording, start) in calibrated.starts.iter().enumerate() {
+        let of_recording = |name: &str, extension: &str| match recording {
+            0 => format!("{name}.{extension}"),
+            _ => format!("{name}-{}.{extension}", recording + 1),
+        };
+        let name = of_recording("trajectory", "txt");
+        let poses =
+            trajectory(calibrated, recording, *start).map_err(|error| OutputError { file: name.clone(), error })?;
+        put(folder.join(name), &poses)?;
         let frames = calibrated.frames.iter().filter(|frame| frame.recording == recording);
-        let name = if recording == 0 { "circles.csv".to_owned() } else { format!("circles-{}.csv", recording + 1) };
+        let name = of_recording("circles", "csv");
         circles.clear();
         circle_track::write(&mut circles, frames, &task.board.pattern, (start * 1e6).round() as i64)
             .map_err(|error| OutputError { file: name.clone(), error })?;
@@ -68,10 +81,30 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
         let path = folder.join(name);
         picture.write_png(&path).map_err(|error| OutputError { file: path.display().to_string(), error })?;
     }
-    if let Some(yaml) = opencv_yaml(&calibrated.refined.state.camera, calibrated.sensor, calibration.residuals.rms) {
-        put(folder.join("camera.yaml"), yaml.as_bytes())?;
+    let camera = opencv_camera(&calibrated.refined.state.camera, calibrated.sensor, covered_radius(calibrated));
+    match &camera {
+        Some(camera) => {
+            if let Some(yaml) = opencv_yaml(camera, calibrated.sensor, calibration.residuals.rms) {
+                put(folder.join("camera.yaml"), yaml.as_bytes())?;
+            }
+            if let Some(refit) = &camera.refit {
+                let _ = write!(summary, "\ncamera.yaml: {refit}");
+            }
+        }
+        None => summary += "\nno camera.yaml: OpenCV has no model near this one where the board was seen",
     }
     Ok(Written { json, summary, stage_report })
+}
+
+/// Distance from the principal point up to which circles of the board were seen (px).
+fn covered_radius(calibrated: &Calibrated) -> f64 {
+    let parameters = calibrated.refined.state.camera.parameters();
+    let Some((&[_, _, cx, cy], _)) = parameters.split_first_chunk::<4>() else { return 0.0 };
+    let seen = |posed: &PosedFrame| calibrated.frames.get(posed.frame).map(|frame| frame.circles.iter());
+    let circles = calibrated.initial.frames.iter().filter_map(seen).flatten();
+    circles
+        .map(|circle| (circle.center - Vector2::new(cx, cy)).norm() + circle.radius.unwrap_or(0.0))
+        .fold(0.0, f64::max)
 }
 
 /// The reference frames with the smallest and the largest error of the initial model.
@@ -94,15 +127,15 @@ fn pictures(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Pictur
     good.into_iter().chain(bad).collect()
 }
 
-fn trajectory(calibrated: &Calibrated) -> io::Result<Vec<u8>> {
+/// The poses of one recording, which begins at `start` seconds of its own clock.
+fn trajectory(calibrated: &Calibrated, recording: usize, start: f64) -> io::Result<Vec<u8>> {
     let mut poses = Vec::new();
-    for trajectory in &calibrated.refined.state.trajectories {
-        let start = calibrated.starts.get(trajectory.recording).copied().unwrap_or(0.0);
+    for trajectory in calibrated.refined.state.trajectories.iter().filter(|one| one.recording == recording) {
         let first = (trajectory.start() * TRAJECTORY_RATE).ceil() as i64;
         let last = (trajectory.end() * TRAJECTORY_RATE).floor() as i64;
         poses.extend((first..=last).filter_map(|step| {
             let t = step as f64 / TRAJECTORY_RATE;
-            trajectory.pose(t).map(|pose| tum::TimedPose { t: t + start, pose })
+            trajectory.pose(t).map(|pose| TimedPose { t: t + start, pose })
         }));
     }
     let mut text = Vec::new();
@@ -115,8 +148,8 @@ fn summary(calibration: &Calibration) -> String {
     let sensor = calibration.sensor;
     let _ = writeln!(text, "camera {} on {} x {} pixels", calibration.camera.model, sensor.width, sensor.height);
     for name in ordered_names(&calibration.camera.model) {
-        let value = calibration.camera.parameters.get(name).copied().unwrap_or(f64::NAN);
-        let sigma = calibration.sigma.parameters.get(name).copied().unwrap_or(f64::NAN);
+        let value = calibration.camera.parameters.get(name).unwrap_or(f64::NAN);
+        let sigma = calibration.sigma.parameters.get(name).unwrap_or(f64::NAN);
         let _ = writeln!(text, "  {name:<3} {value:>12.5} ± {sigma:.5}");
     }
     let residuals = calibration.residuals;
@@ -129,81 +162,14 @@ fn summary(calibration: &Calibration) -> String {
         residuals.count,
         calibration.segments.len()
     );
+    for (index, recording) in calibration.stages.recordings.iter().enumerate() {
+        for note in &recording.notes {
+            let _ = write!(text, "\nnote on recording {}: {note}", index + 1);
+        }
+    }
     text
 }
 
 fn ordered_names(model: &str) -> Vec<&'static str> {
     evcal_core::camera::ModelKind::from_name(model).map_or_else(Vec::new, |kind| kind.parameter_names().to_vec())
-}
-
-fn stage_report(calibrated: &Calibrated) -> String {
-    let reports = &calibrated.reports;
-    let mut text = String::new();
-    for recording in &reports.recordings {
-        let _ = writeln!(text, "recording      {} events or circles in {:.3} s", recording.count, recording.duration);
-        for note in &recording.notes {
-            let _ = writeln!(text, "               {note}");
-        }
-    }
-    let detection = &reports.detection;
-    let _ = writeln!(
-        text,
-        "windows        {} tried, {} held the board ({} more had too few events)",
-        detection.windows, detection.found, detection.too_few_events
-    );
-    for (reason, count) in &detection.grids_refused {
-        let _ = writeln!(text, "               {count} refused: {reason}");
-    }
-    let _ = writeln!(text, "circles        {} found, {} on boards", detection.circles, detection.board_circles);
-    for (reason, count) in &detection.pairs_refused {
-        let _ = writeln!(text, "               {count} pairs refused: {reason}");
-    }
-    let initial = &reports.initial;
-    let _ = writeln!(
-        text,
-        "initial model  {} frames in, {} kept",
-        calibrated.frames.len(),
-        calibrated.initial.frames.len()
-    );
-    if !initial.reasons().is_empty() {
-        let _ = writeln!(text, "               {}", initial.reasons());
-    }
-    let segments = &reports.segments;
-    let _ = writeln!(
-        text,
-        "segments       {} frames in, {} kept in {} segments of {:.3} s ({} too few frames, {} too short, {} without spline)",
-        segments.frames_in,
-        segments.frames_out,
-        segments.segments,
-        segments.duration,
-        segments.too_few_frames,
-        segments.too_short,
-        reports.segments_without_spline
-    );
-    for (index, round) in reports.rounds.iter().enumerate() {
-        let association = &round.association;
-        let _ = writeln!(
-            text,
-            "round {:<2}       {} events: {} outside segments, {} thinned, {} off the board, {} far from an edge, {} on a sliding edge, {} of wrong polarity, {} kept",
-            index + 1,
-            association.events,
-            association.outside_segments,
-            association.thinned,
-            association.off_board,
-            association.far_from_edge,
-            association.edge_slides,
-            association.wrong_polarity,
-            association.kept
-        );
-        let _ = writeln!(
-            text,
-            "               {} observations, {} iterations, cost {:.1} -> {:.1}, projection moved {:.4} px",
-            round.solve.observations,
-            round.solve.iterations,
-            round.solve.initial_cost,
-            round.solve.final_cost,
-            round.change
-        );
-    }
-    text
 }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::burst::RANK_COUNT;
 use crate::calibrate::{Calibrated, StageReports};
-use crate::camera_file::{CameraDescription, SensorSize};
+use crate::camera_file::{CameraDescription, Parameters, SensorSize};
 use crate::event_bias::{CLASS_COUNT, ClassBias};
 
 /// Everything that a calibration found out. Field order is the order in the file.
@@ -100,14 +100,10 @@ impl Calibration {
         let camera = &state.camera;
         let names = camera.kind().parameter_names();
         let last = calibrated.refined.rounds.last();
-        let sigma = names
-            .iter()
-            .enumerate()
-            .map(|(index, name)| {
-                let value = last.and_then(|round| round.solve.sigma.get(index)).copied().unwrap_or(0.0);
-                ((*name).to_owned(), value)
-            })
-            .collect();
+        let sigma = Parameters::new(names.iter().enumerate().map(|(index, name)| {
+            let value = last.and_then(|round| round.solve.sigma.get(index)).copied().unwrap_or(0.0);
+            (*name, value)
+        }));
         let from_events = calibrated.refined.segments.iter().any(|segment| !segment.events.is_empty());
         let statistics = calibrated.refined.residuals;
         let segments = state.trajectories.iter().zip(&calibrated.refined.segments);

@@ -11,6 +11,9 @@ use serde::{Deserialize, Serialize};
 pub struct SegmentSettings {
     /// A gap between neighbouring reference frames longer than this starts a new segment (s).
     pub longest_gap: f64,
+    /// A gap of up to this many median intervals of the frames does not start a new segment either:
+    /// circle files may hold fewer frames than the detection yields.
+    pub longest_gap_ratio: f64,
     /// Fewest reference frames in a segment; at least degree + 1 are needed for its spline.
     pub fewest_frames: usize,
     /// Shortest segment worth a spline (s).
@@ -19,7 +22,7 @@ pub struct SegmentSettings {
 
 impl Default for SegmentSettings {
     fn default() -> Self {
-        Self { longest_gap: 0.03, fewest_frames: 4, shortest: 0.02 }
+        Self { longest_gap: 0.03, longest_gap_ratio: 2.5, fewest_frames: 4, shortest: 0.02 }
     }
 }
 

@@ -4,6 +4,8 @@
 //! `--settings`. A file may hold any part of them; an unknown name is an error. Times are in
 //! seconds and lengths in pixels unless a name's documentation says otherwise.
 
+mod range;
+
 use std::path::Path;
 
 use evcal_core::circle::{ExtractionSettings, Method};
@@ -77,6 +79,8 @@ pub struct DetectionSettings {
     pub chunk: f64,
     /// Smallest part of the board's circles that makes a reference frame.
     pub fewest_circles: f64,
+    /// Longest time over which frames tell where the board lies in a window that does not (s).
+    pub longest_prediction: f64,
     /// Window policy.
     pub window: WindowSettings,
     /// DBSCAN.
@@ -107,7 +111,7 @@ pub struct WindowSettings {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DbscanSettings {
-    /// Neighbourhood radius ε (px), 1 to below 7.
+    /// Neighbourhood radius ε (px), 1 to 4.99.
     pub epsilon: f32,
     /// Pixels within ε, the pixel itself included, that make a core pixel.
     pub min_points: u16,
@@ -168,6 +172,7 @@ impl Default for DetectionSettings {
             grid: Grid::Lattice,
             chunk: 0.1,
             fewest_circles: 0.4,
+            longest_prediction: 0.03,
             window: WindowSettings::default(),
             cluster: DbscanSettings::default(),
             circle: CircleSettings::default(),
@@ -291,7 +296,7 @@ pub enum SettingsError {
         /// The file.
         file: String,
         /// Which value, and what it may be.
-        reason: &'static str,
+        reason: String,
     },
 }
 
@@ -309,27 +314,10 @@ impl Settings {
         Ok(settings)
     }
 
-    fn check(&self) -> Result<(), &'static str> {
-        let positive = |value: f64| value > 0.0 && value.is_finite();
-        if !(2..=evcal_core::spline::MAX_DEGREE).contains(&self.spline.degree) {
-            return Err("spline.degree must be 2 to 5");
-        }
-        if !positive(self.spline.knot_spacing) {
-            return Err("spline.knot_spacing must be a positive number of seconds");
-        }
-        if !positive(self.detection.chunk) {
-            return Err("detection.chunk must be a positive number of seconds");
-        }
-        if !positive(self.solve.bin) || !positive(self.solve.huber) {
-            return Err("solve.bin and solve.huber must be positive");
-        }
-        if !positive(self.refinement.first_sigma) {
-            return Err("refinement.first_sigma must be a positive number of pixels");
-        }
-        if self.detection.window.min_interval == 0 || self.detection.window.step == 0 {
-            return Err("detection.window.step and detection.window.min_interval must be at least 1");
-        }
-        Ok(())
+    /// Refuses numbers that are out of their range.
+    fn check(&self) -> Result<(), String> {
+        let table = toml::Table::try_from(self).map_err(|error| error.to_string())?;
+        range::check(&table)
     }
 
     /// The settings as TOML.

@@ -28,7 +28,7 @@ use self::rays::Rays;
 use self::row::{Row, STEPPING, Slice, Stage, TICK};
 use self::scene::{Scene, View};
 use crate::board::Board;
-use crate::tum::TimedPose;
+use crate::timed_pose::TimedPose;
 
 pub mod arbiter;
 pub mod clock;

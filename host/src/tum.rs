@@ -5,14 +5,7 @@ use std::io::{self, BufRead, Write};
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
-/// A pose and its time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TimedPose {
-    /// Time in seconds.
-    pub t: f64,
-    /// `T_world_camera` in metres.
-    pub pose: Isometry3<f64>,
-}
+use crate::timed_pose::TimedPose;
 
 /// Why a trajectory could not be read.
 #[derive(Debug, thiserror::Error)]

@@ -64,6 +64,33 @@ pub struct Radtan<T, const N: usize> {
     squared_image_limit: T,
 }
 
+/// A number of coefficients.
+#[derive(Clone, Copy, Debug)]
+pub struct Coefficients<const N: usize>;
+
+/// The numbers of coefficients of which there is a model: other instances of [`Radtan`] are no camera.
+pub trait Named {
+    /// Name of the model.
+    const MODEL: &'static str;
+    /// Names of its parameters.
+    const PARAMETERS: &'static [&'static str];
+}
+
+impl Named for Coefficients<4> {
+    const MODEL: &'static str = "radtan4";
+    const PARAMETERS: &'static [&'static str] = parameter_names!["k1", "k2", "p1", "p2"];
+}
+
+impl Named for Coefficients<5> {
+    const MODEL: &'static str = "radtan";
+    const PARAMETERS: &'static [&'static str] = parameter_names!["k1", "k2", "p1", "p2", "k3"];
+}
+
+impl Named for Coefficients<8> {
+    const MODEL: &'static str = "radtan8";
+    const PARAMETERS: &'static [&'static str] = parameter_names!["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
+}
+
 /// The radial factor at one point.
 struct RadialFactor<T> {
     /// d(s).
@@ -290,19 +317,12 @@ fn domain<T: RealField + Copy>(coefficients: [T; MAX_COEFFICIENTS]) -> T {
     positive_until(&margin, cap).min(positive_until(&denominator, cap))
 }
 
-impl<T: RealField + Copy, const N: usize> CameraModel<T> for Radtan<T, N> {
-    const NAME: &'static str = match N {
-        4 => "radtan4",
-        5 => "radtan",
-        8 => "radtan8",
-        _ => panic!("radial-tangential models have 4, 5 or 8 coefficients"),
-    };
-    const PARAMETER_NAMES: &'static [&'static str] = match N {
-        4 => parameter_names!["k1", "k2", "p1", "p2"],
-        5 => parameter_names!["k1", "k2", "p1", "p2", "k3"],
-        8 => parameter_names!["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
-        _ => panic!("radial-tangential models have 4, 5 or 8 coefficients"),
-    };
+impl<T: RealField + Copy, const N: usize> CameraModel<T> for Radtan<T, N>
+where
+    Coefficients<N>: Named,
+{
+    const NAME: &'static str = Coefficients::<N>::MODEL;
+    const PARAMETER_NAMES: &'static [&'static str] = Coefficients::<N>::PARAMETERS;
 
     fn from_parameters(parameters: &[T]) -> Option<Self> {
         let (matrix, own) = CameraMatrix::split::<N>(parameters)?;

@@ -40,25 +40,33 @@ pub fn difference<T: RealField + Copy>(
     width: u16,
     height: u16,
 ) -> Difference<T> {
+    difference_where(reference, other, width, height, |_| true)
+}
+
+/// As [`difference`], on the pixels that are `inside`.
+pub fn difference_where<T: RealField + Copy>(
+    reference: &Camera<T>,
+    other: &Camera<T>,
+    width: u16,
+    height: u16,
+    inside: impl Fn(&Vector2<T>) -> bool,
+) -> Difference<T> {
     let mut sum = T::zero();
     let mut largest = T::zero();
-    let mut compared = 0;
-    for pixel in grid(width, height) {
+    let (mut compared, mut outside) = (0, 0);
+    for pixel in grid(width, height).filter(inside) {
         let seen = reference.unproject(&pixel).and_then(|bearing| other.project(&bearing));
         if let Some(seen) = seen {
             let square = (seen - pixel).norm_squared();
             sum += square;
             largest = largest.max(square);
             compared += 1;
+        } else {
+            outside += 1;
         }
     }
     let mean = if compared > 0 { sum / nalgebra::convert(compared as f64) } else { T::zero() };
-    Difference {
-        root_mean_square: mean.sqrt(),
-        largest: largest.sqrt(),
-        compared,
-        outside: usize::from(GRID) * usize::from(GRID) - compared,
-    }
+    Difference { root_mean_square: mean.sqrt(), largest: largest.sqrt(), compared, outside }
 }
 
 /// The camera of model `kind` nearest to `reference` on a `width` × `height` sensor.
@@ -73,6 +81,18 @@ pub fn refit<T: RealField + Copy>(
     width: u16,
     height: u16,
 ) -> Option<Camera<T>> {
+    refit_where(kind, reference, width, height, |_| true)
+}
+
+/// As [`refit`], on the pixels that are `inside`: beyond the region that a calibration saw, a
+/// polynomial goes anywhere, and should not count. `None` if fewer than half of these pixels remain.
+pub fn refit_where<T: RealField + Copy>(
+    kind: ModelKind,
+    reference: &Camera<T>,
+    width: u16,
+    height: u16,
+    inside: impl Fn(&Vector2<T>) -> bool,
+) -> Option<Camera<T>> {
     let mut parameters = SVector::<T, MAX_PARAMETERS>::zeros();
     for (slot, value) in parameters.iter_mut().zip(reference.parameters().iter().take(4)) {
         *slot = *value;
@@ -81,8 +101,9 @@ pub fn refit<T: RealField + Copy>(
     let camera_of =
         |parameters: &SVector<T, MAX_PARAMETERS>| Camera::from_parameters(kind, parameters.as_slice().get(..count)?);
     let mut camera = camera_of(&parameters)?;
-    let mut equations = normal_equations(reference, &camera, width, height);
-    if equations.compared < usize::from(GRID) * usize::from(GRID) / 2 {
+    let mut equations = normal_equations(reference, &camera, grid(width, height).filter(&inside));
+    let needed = grid(width, height).filter(&inside).count() / 2;
+    if equations.compared < needed.max(1) {
         return None;
     }
     let ten = nalgebra::convert::<f64, T>(10.0);
@@ -92,7 +113,7 @@ pub fn refit<T: RealField + Copy>(
         let trial = equations.step(damping).map(|step| parameters + step);
         let better = trial.and_then(|trial| {
             let camera = camera_of(&trial)?;
-            let next = normal_equations(reference, &camera, width, height);
+            let next = normal_equations(reference, &camera, grid(width, height).filter(&inside));
             (next.compared >= equations.compared && next.cost < equations.cost).then_some((trial, camera, next))
         });
         match better {
@@ -134,12 +155,11 @@ struct NormalEquations<T> {
 fn normal_equations<T: RealField + Copy>(
     reference: &Camera<T>,
     camera: &Camera<T>,
-    width: u16,
-    height: u16,
+    pixels: impl Iterator<Item = Vector2<T>>,
 ) -> NormalEquations<T> {
     let mut equations =
         NormalEquations { matrix: SMatrix::zeros(), right: SVector::zeros(), cost: T::zero(), compared: 0 };
-    for pixel in grid(width, height) {
+    for pixel in pixels {
         let projection = reference.unproject(&pixel).and_then(|bearing| camera.project_with_jacobians(&bearing));
         let Some(projection) = projection else { continue };
         let error = pixel - projection.pixel;
@@ -216,6 +236,20 @@ mod tests {
             let apart = difference(&reference, &found, WIDTH, HEIGHT);
             assert!(apart.outside == 0 && apart.largest < 0.01, "{kind}: {apart:?}");
         }
+    }
+
+    /// A polynomial that turns round in the corners, where nothing was seen.
+    #[test]
+    fn what_was_not_seen_does_not_spoil_the_fit() {
+        let reference = camera(ModelKind::InverseRadial, &[0.3, 0.1, 0.1, 2.0, -6.0]);
+        let seen = |pixel: &Vector2<f64>| (pixel - Vector2::new(171.3, 127.8)).norm() < 150.0;
+        let inside = |camera: &Camera<f64>| difference_where(&reference, camera, WIDTH, HEIGHT, seen);
+        let everywhere = refit(ModelKind::Radtan, &reference, WIDTH, HEIGHT).unwrap();
+        let here = refit_where(ModelKind::Radtan, &reference, WIDTH, HEIGHT, seen).unwrap();
+        let (everywhere, here) = (inside(&everywhere), inside(&here));
+        assert_eq!(here.compared, grid(WIDTH, HEIGHT).filter(seen).count());
+        assert!(here.root_mean_square < 0.3 * everywhere.root_mean_square, "{here:?} {everywhere:?}");
+        assert!(refit_where(ModelKind::Radtan, &reference, WIDTH, HEIGHT, |_| false).is_none());
     }
 
     #[test]

@@ -1,13 +1,10 @@
 //! Pairs of clusters to circle candidates.
 
 use super::fit::{Circle, fit_circle, total_deviation, toward_center};
-use super::{CircleCandidate, ExtractionSettings, Method};
+use super::{CircleCandidate, ExtractionSettings, MAX_NEIGHBOURS, Method};
 use crate::cluster::{CentralMoments, Cluster, PixelRun};
 use heapless::Vec;
 use nalgebra::RealField;
-
-/// Largest number of neighbours tried for a cluster.
-const MAX_NEIGHBOURS: usize = 8;
 
 /// How many pairs were looked at, and why the rest fell away.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -74,24 +74,6 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// Moments of points that need not be pixels, straight from their definition.
-    fn moments(points: &[(f64, f64)]) -> CentralMoments<f64> {
-        let n = points.len() as f64;
-        let mean_x = points.iter().map(|p| p.0).sum::<f64>() / n;
-        let mean_y = points.iter().map(|p| p.1).sum::<f64>() / n;
-        let sum = |f: &dyn Fn(f64, f64) -> f64| points.iter().map(|p| f(p.0 - mean_x, p.1 - mean_y)).sum::<f64>();
-        CentralMoments {
-            n,
-            mean_x,
-            mean_y,
-            uu: sum(&|u, _| u * u),
-            uv: sum(&|u, v| u * v),
-            vv: sum(&|_, v| v * v),
-            uz: sum(&|u, v| u * (u * u + v * v)),
-            vz: sum(&|u, v| v * (u * u + v * v)),
-        }
-    }
-
     fn arc(circle: &Circle<f64>, from: f64, to: f64) -> impl Iterator<Item = (f64, f64)> {
         let circle = *circle;
         (0..40).map(move |index| {
@@ -111,7 +93,7 @@ mod tests {
         ) {
             let circle = Circle { center: Vector2::new(x, y), radius };
             let points: Vec<(f64, f64)> = arc(&circle, from, from + length).collect();
-            let fit = fit_circle(&moments(&points)).unwrap();
+            let fit = fit_circle(&CentralMoments::by_definition(&points)).unwrap();
             prop_assert!((fit.center - circle.center).norm() < 1e-6 * radius, "{:?}", fit);
             prop_assert!((fit.radius - radius).abs() < 1e-6 * radius, "{:?}", fit);
         }
@@ -145,7 +127,7 @@ mod tests {
         ) {
             let circle = Circle { center: Vector2::new(0.0, 0.0), radius };
             let points: Vec<(f64, f64)> = arc(&circle, middle - half_angle, middle + half_angle).collect();
-            let inward = toward_center(&moments(&points)).normalize();
+            let inward = toward_center(&CentralMoments::by_definition(&points)).normalize();
             let expected = -Vector2::new(middle.cos(), middle.sin());
             prop_assert!((inward - expected).norm() < 1e-6);
         }
@@ -169,8 +151,8 @@ mod tests {
     #[test]
     fn a_line_has_no_circle() {
         let line: Vec<(f64, f64)> = (0..20).map(|x| (f64::from(x), 2.0 * f64::from(x) + 1.0)).collect();
-        assert_eq!(fit_circle(&moments(&line)), None);
-        assert_eq!(fit_circle(&moments(&[(3.0, 4.0)])), None);
+        assert_eq!(fit_circle(&CentralMoments::by_definition(&line)), None);
+        assert_eq!(fit_circle(&CentralMoments::by_definition(&[(3.0, 4.0)])), None);
     }
 
     #[test]

@@ -182,6 +182,27 @@ fn from_i64<T: RealField>(value: i64) -> T {
 }
 
 #[cfg(test)]
+impl CentralMoments<f64> {
+    /// Moments of points that need not be pixels, straight from their definition.
+    pub(crate) fn by_definition(points: &[(f64, f64)]) -> Self {
+        let n = points.len() as f64;
+        let mean_x = points.iter().map(|p| p.0).sum::<f64>() / n;
+        let mean_y = points.iter().map(|p| p.1).sum::<f64>() / n;
+        let sum = |f: &dyn Fn(f64, f64) -> f64| points.iter().map(|p| f(p.0 - mean_x, p.1 - mean_y)).sum::<f64>();
+        Self {
+            n,
+            mean_x,
+            mean_y,
+            uu: sum(&|u, _| u * u),
+            uv: sum(&|u, v| u * v),
+            vv: sum(&|_, v| v * v),
+            uz: sum(&|u, v| u * (u * u + v * v)),
+            vz: sum(&|u, v| v * (u * u + v * v)),
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
@@ -195,24 +216,9 @@ mod tests {
         sums
     }
 
-    /// Central moments straight from their definition, in f64.
     fn direct(pixels: &[(i32, i32)]) -> CentralMoments<f64> {
-        let n = pixels.len() as f64;
-        let mean_x = pixels.iter().map(|p| f64::from(p.0)).sum::<f64>() / n;
-        let mean_y = pixels.iter().map(|p| f64::from(p.1)).sum::<f64>() / n;
-        let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 {
-            pixels.iter().map(|p| f(f64::from(p.0) - mean_x, f64::from(p.1) - mean_y)).sum()
-        };
-        CentralMoments {
-            n,
-            mean_x,
-            mean_y,
-            uu: sum(&|u, _| u * u),
-            uv: sum(&|u, v| u * v),
-            vv: sum(&|_, v| v * v),
-            uz: sum(&|u, v| u * (u * u + v * v)),
-            vz: sum(&|u, v| v * (u * u + v * v)),
-        }
+        let points: Vec<(f64, f64)> = pixels.iter().map(|&(x, y)| (x.into(), y.into())).collect();
+        CentralMoments::by_definition(&points)
     }
 
     fn close(a: &CentralMoments<f64>, b: &CentralMoments<f64>) -> bool {

@@ -31,8 +31,8 @@ struct DiscRow {
 impl Neighbourhood {
     /// The disc of radius ε, clamped to 1…4.99 px. A NaN counts as 1.
     pub(super) fn new(settings: &ClusterSettings) -> Self {
-        let largest = MARGIN as f32 + 0.99;
-        let epsilon = if settings.epsilon >= 1.0 { settings.epsilon.min(largest) } else { 1.0 };
+        let epsilon =
+            if settings.epsilon >= 1.0 { settings.epsilon.min(ClusterSettings::LARGEST_EPSILON) } else { 1.0 };
         let epsilon_squared = epsilon * epsilon;
         let mut rows = [DiscRow::default(); MARGIN + 1];
         let mut radius = 0;

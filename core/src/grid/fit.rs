@@ -324,6 +324,7 @@ fn solve<T: RealField + Copy>(factor: &[[T; COUNT]; COUNT], mut right: [T; COUNT
 #[cfg(test)]
 mod tests {
     use super::super::GridCandidate;
+    use super::super::settle::{APPROACH, FIT};
     use super::super::warp::LatticeImage;
     use super::*;
 
@@ -349,30 +350,14 @@ mod tests {
         (points, lattice)
     }
 
-    const SCHEDULE: [Step; 14] = [
-        Step::Homography,
-        Step::Homography,
-        Step::Homography,
-        Step::Distortion,
-        Step::Distortion,
-        Step::Distortion,
-        Step::All,
-        Step::All,
-        Step::All,
-        Step::All,
-        Step::Robust,
-        Step::Robust,
-        Step::Robust,
-        Step::Robust,
-    ];
-
     #[test]
     fn the_map_of_its_own_form_is_found() {
         let sites = (-3..=3).flat_map(|v| (-3..=3).map(move |u| (u, v)));
         let (points, lattice) = lattice_of(sites);
         let mut warp = Warp::affine(&lattice, &points, (346.0, 260.0)).unwrap();
         let mut squares = Vec::<f64, 64>::new();
-        let precision = warp.fit(&lattice, &points, &SCHEDULE, &mut squares).unwrap();
+        let schedule = [&APPROACH[..], &FIT].concat();
+        let precision = warp.fit(&lattice, &points, &schedule, &mut squares).unwrap();
         for site in lattice.sites() {
             let local = warp.at(&points.position(site.point).unwrap()).unwrap();
             let deviation = precision.deviation(&local, site.position(), true);

@@ -18,7 +18,7 @@ use super::warp::Warp;
 /// Most rounds.
 const ROUNDS: usize = 6;
 /// Steps that bring the map near.
-const APPROACH: [Step; 9] = [
+pub(super) const APPROACH: [Step; 9] = [
     Step::Homography,
     Step::Homography,
     Step::Homography,
@@ -30,7 +30,7 @@ const APPROACH: [Step; 9] = [
     Step::All,
 ];
 /// Steps of every round; they end when they gain nothing.
-const FIT: [Step; 4] = [Step::Robust; 4];
+pub(super) const FIT: [Step; 4] = [Step::Robust; 4];
 /// A point may be off by this many standard deviations.
 const DEVIATIONS: f64 = 4.0;
 /// A point never lies further from its place than this part of the spacing.

@@ -276,7 +276,7 @@ fn the_documented_example_is_what_is_sent() {
     let documented =
         include_str!("../../../docs/formats.md").lines().find(|line| line.starts_with("01 01 02")).unwrap();
     let bytes: Vec<u8> = documented.split(' ').map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
-    assert_eq!(Encoder::new().encode(&Message::Circle(circle)), bytes);
+    assert_eq!(Encoder::new().encode(&Message::Circle(circle)).as_slice(), bytes);
 }
 
 #[test]

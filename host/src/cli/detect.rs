@@ -13,8 +13,8 @@ use evcal::settings::{Extraction, Settings};
 use evcal::source::{Recording, SourceOptions};
 use nalgebra::Vector2;
 
-use super::{detector, print};
 use super::progress::spinner;
+use super::{detector, print};
 
 /// Arguments of `evcal detect`.
 #[derive(clap::Args)]
@@ -85,7 +85,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let pass = read_recording(&recording, &mut |events| stage.push(events))?;
     bar.finish_and_clear();
     let origin = pass.first;
-    let notes = pass.into_report().notes;
+    let notes = pass.to_report().notes;
     let report = match &arguments.board {
         Some(board) => {
             let (frames, report) = stage.into_frames();

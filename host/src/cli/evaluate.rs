@@ -9,7 +9,8 @@ use evcal::camera_file;
 use evcal::evaluate::intrinsics::{IntrinsicsComparison, compare_intrinsics};
 use evcal::evaluate::projection_difference::{ProjectionDifference, projection_difference};
 use evcal::evaluate::trajectory_error::{Association, TrajectoryError, best_time_shift, trajectory_error};
-use evcal::tum::{self, TimedPose};
+use evcal::timed_pose::TimedPose;
+use evcal::tum;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 

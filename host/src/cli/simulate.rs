@@ -87,6 +87,8 @@ enum Motion {
     Fast,
     /// 700 px/s
     Blur,
+    /// 350 px/s, with pauses, and looks away from the board
+    Interrupted,
 }
 
 /// Presets of the pixels.
@@ -125,6 +127,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             Motion::Slow => MotionSettings::slow(),
             Motion::Fast => MotionSettings::fast(),
             Motion::Blur => MotionSettings::blur(),
+            Motion::Interrupted => MotionSettings::interrupted(arguments.duration),
         },
     };
     let davis = davis_settings(arguments)?;

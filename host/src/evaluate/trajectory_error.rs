@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 use serde::Serialize;
 
 use super::Statistics;
-use crate::tum::TimedPose;
+use crate::timed_pose::TimedPose;
 
 /// Which true pose belongs to an estimated one.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,6 +6,7 @@
 
 use std::f64::consts::{PI, TAU};
 
+use evcal_core::grid::{reorder, symmetry};
 use evcal_core::pattern::Pattern;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -19,24 +20,8 @@ use crate::reference_frame::ObservedCircle;
 /// For each turn of the board in its plane that maps it onto itself: the new index of every circle.
 /// The first turn is none.
 pub fn board_turns(pattern: Pattern) -> Vec<Vec<usize>> {
-    let positions: Vec<(i32, i32)> = (0..pattern.circle_count()).map(|index| pattern.lattice_position(index)).collect();
-    let width = positions.iter().map(|position| position.0).max().unwrap_or(0);
-    let height = positions.iter().map(|position| position.1).max().unwrap_or(0);
-    let turn = |quarters: usize| -> Option<Vec<usize>> {
-        positions
-            .iter()
-            .map(|&(x, y)| {
-                let (x, y) = match quarters {
-                    0 => (x, y),
-                    1 => (height - y, x),
-                    2 => (width - x, height - y),
-                    _ => (y, width - x),
-                };
-                pattern.index_at(x, y)
-            })
-            .collect()
-    };
-    (0..4).filter_map(turn).collect()
+    let turned = |turn| (0..pattern.circle_count()).filter_map(|index| reorder(&pattern, index, turn)).collect();
+    (0..symmetry(&pattern)).map(turned).collect()
 }
 
 /// The affine map from lattice positions to pixels that fits best; `None` for circles in one line.

@@ -23,6 +23,7 @@ use crate::board::Board;
 /// |---|---|
 /// | [`MotionSettings::slow`] | 150 px/s |
 /// | [`MotionSettings::fast`] | 350 px/s |
+/// | [`MotionSettings::interrupted`] | 350 px/s while the camera moves |
 /// | [`MotionSettings::blur`] | 700 px/s |
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -76,12 +77,29 @@ impl MotionSettings {
         Self { mean_speed: 350.0, tremor: 0.1, ..Self::slow() }
     }
 
+    /// Quick sweeps of 350 px/s with a pause in every three seconds, and a look away in every three
+    /// seconds, up to `duration` seconds.
+    pub fn interrupted(duration: f64) -> Self {
+        let spans = |first: f64| {
+            let starts = (0..).map(move |round| first + INTERRUPTION_PERIOD * f64::from(round));
+            let starts = starts.take_while(|start| *start < duration);
+            starts.map(|start| Interval { start, end: start + INTERRUPTION_LENGTH }).collect()
+        };
+        Self { pauses: spans(FIRST_PAUSE), absences: spans(FIRST_ABSENCE), ..Self::fast() }
+    }
+
     /// Sweeps that blur every picture: 700 px/s.
     pub fn blur() -> Self {
         Self { mean_speed: 700.0, tremor: 0.15, ..Self::slow() }
     }
 }
 
+/// Time from one pause, or one look away, to the next in seconds.
+const INTERRUPTION_PERIOD: f64 = 3.0;
+/// Length of a pause or a look away in seconds, without its ramps.
+const INTERRUPTION_LENGTH: f64 = 0.3;
+const FIRST_PAUSE: f64 = 0.6;
+const FIRST_ABSENCE: f64 = 2.0;
 const PAUSE_RAMP: f64 = 0.2;
 const ABSENCE_RAMP: f64 = 0.8;
 /// Frequency of the rise and fall of the speed in hertz.

@@ -226,8 +226,8 @@ mod tests {
                 for axis in 0..3 {
                     // A ten-thousandth of a pixel.
                     assert!((bearing[axis] - exact.bearing[axis]).abs() < 3e-7, "{kind} {x} {y}");
-                    for column in 0..2 {
-                        assert!((by_pixel[column][axis] - exact.by_pixel[(axis, column)]).abs() < 3e-6);
+                    for (column, derivative) in by_pixel.iter().enumerate() {
+                        assert!((derivative[axis] - exact.by_pixel[(axis, column)]).abs() < 3e-6);
                     }
                 }
                 let projected = camera.project_with_jacobians(&exact.bearing).unwrap();

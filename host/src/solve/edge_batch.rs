@@ -139,11 +139,11 @@ impl<'a> EdgeBatch<'a> {
         self.places[lane] = place;
         let Some(place) = place else { return };
         let (bearing, by_pixel) = place.bearing();
-        for axis in 0..3 {
-            self.rays.bearing[axis][lane] = bearing[axis];
-            self.rays.by_pixel[0][axis][lane] = by_pixel[0][axis];
-            self.rays.by_pixel[1][axis][lane] = by_pixel[1][axis];
-        }
+        let store = |lanes: &mut [Lane; 3], values: [f64; 3]| {
+            lanes.iter_mut().zip(values).for_each(|(to, value)| to[lane] = value);
+        };
+        store(&mut self.rays.bearing, bearing);
+        self.rays.by_pixel.iter_mut().zip(by_pixel).for_each(|(lanes, values)| store(lanes, values));
     }
 }
 
@@ -164,13 +164,12 @@ fn meet(rays: &Rays, pose: &PoseBin, radius: f64, count: usize, edges: &mut Edge
         edges.metres[lane] = distance.metres;
         edges.scale[lane] = distance.scale;
         edges.sliding[lane] = distance.sliding;
-        for axis in 0..2 {
-            edges.gradient[axis][lane] = distance.by_pixel[axis];
-            edges.step[axis][lane] = step[axis];
-        }
-        for axis in 0..3 {
-            edges.by_translation[axis][lane] = distance.by_translation[axis];
-            edges.by_rotation[axis][lane] = distance.by_rotation[axis];
-        }
+        let store = |lanes: &mut [Lane], values: &[f64]| {
+            lanes.iter_mut().zip(values).for_each(|(to, value)| to[lane] = *value);
+        };
+        store(&mut edges.gradient, &distance.by_pixel);
+        store(&mut edges.step, &step);
+        store(&mut edges.by_translation, &distance.by_translation);
+        store(&mut edges.by_rotation, &distance.by_rotation);
     }
 }

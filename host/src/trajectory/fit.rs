@@ -14,15 +14,7 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::{RotationControl, RotationSpline, Trajectory, TrajectoryError, knots};
 use crate::banded::BandedCholesky;
-
-/// The pose of the camera at one time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TimedPose {
-    /// Time in seconds since the start of the recording.
-    pub t: f64,
-    /// T_world_camera.
-    pub pose: Isometry3<f64>,
-}
+use crate::timed_pose::TimedPose;
 
 /// What kind of trajectory to fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +33,8 @@ pub struct TrajectoryShape {
 /// noise of 1 mm does 5 ms beyond the last pose.
 const SMOOTHNESS: f64 = 1e-2;
 
-/// Fits a trajectory from `start` to `end` (seconds) to `poses` in the order of time. The number of
+/// Fits a trajectory from `start` to `end` (seconds since the start of the recording, as are the times
+/// of `poses`) to `poses` in the order of time. The number of
 /// control points follows from the knot spacing, but is never above the number of poses.
 ///
 /// # Errors

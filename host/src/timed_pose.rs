@@ -1,0 +1,12 @@
+//! A pose of the camera at one time.
+
+use nalgebra::Isometry3;
+
+/// A pose and its time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TimedPose {
+    /// Time in seconds, on the clock that its user states.
+    pub t: f64,
+    /// `T_world_camera` in metres.
+    pub pose: Isometry3<f64>,
+}
