@@ -6,10 +6,10 @@ mod calibrate;
 mod camera_arguments;
 mod convert;
 mod detect;
+mod detector;
 mod devices;
 #[cfg(target_os = "linux")]
 mod emulate;
-mod detector;
 mod evaluate;
 mod export;
 mod info;

@@ -10,8 +10,8 @@ use evcal::source::SourceOptions;
 use evcal::trajectory::RotationSpline;
 use evcal_core::camera::ModelKind;
 
-use super::{detector, print};
 use super::progress::spinner;
+use super::{detector, print};
 
 /// Arguments of `evcal calibrate`.
 #[derive(clap::Args)]

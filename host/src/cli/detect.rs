@@ -13,8 +13,8 @@ use evcal::settings::{Extraction, Settings};
 use evcal::source::{Recording, SourceOptions};
 use nalgebra::Vector2;
 
-use super::{detector, print};
 use super::progress::spinner;
+use super::{detector, print};
 
 /// Arguments of `evcal detect`.
 #[derive(clap::Args)]
