@@ -1,15 +1,20 @@
 # Two commands do everything on a fresh Debian machine:
-#   make demo   builds evcal and calibrates a simulated camera
+#   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test test-embedded test-embedded-slow compatibility setup build check bench
+.PHONY: demo test test-usb-guest test-embedded test-embedded-slow compatibility setup build check bench
 
 demo: build
 	@sh tools/demo.sh
 
 test: setup check
 	cargo test --workspace --release --locked
+	@$(MAKE) test-usb-guest
 	@$(MAKE) test-embedded
+
+# The emulated camera on a real kernel, in a virtual machine; says so where there cannot be one.
+test-usb-guest:
+	@sh tools/test-usb-guest.sh
 
 # The core and the detector's firmware on emulated microcontrollers; installs QEMU and compiles core for them.
 test-embedded: build
@@ -28,6 +33,7 @@ check: setup
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --release --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked
+	@sh tools/check-no-std.sh
 
 build: setup
 	cargo build --release --locked

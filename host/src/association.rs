@@ -12,10 +12,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
 use crate::burst::BurstTracker;
-use crate::event_bias::{EventBias, class};
+use crate::event_bias::{class, speed_range};
 use crate::solve::State;
 use crate::solve::bearing_table::BearingTable;
-use crate::solve::event_row::{board_point, board_velocity, pixel_residual};
+use crate::solve::board_ray::{BoardRay, is_in_front};
+use crate::solve::event_row::EventEdge;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::pose_bin::PoseBin;
 use crate::trajectory::Trajectory;
@@ -44,12 +45,12 @@ impl Default for AssociationSettings {
     fn default() -> Self {
         Self {
             first_band: 3.0,
-            band: 4.0,
+            band: 3.0,
             widest_band: 2.5,
             slowest_edge: 30.0,
-            tangent: 0.4,
+            tangent: 0.65,
             burst_pause: 0.1,
-            most_events: 1_500_000,
+            most_events: 1_000_000,
         }
     }
 }
@@ -215,22 +216,23 @@ impl<'a> Associator<'a> {
         }
         let trajectory_bin = bins.get(segment)?;
         let dt = time - trajectory_bin.center(bin);
-        let moved = pose.moved(dt);
-        let pixel = self.context.bearings.get(event.x, event.y);
-        let point = pixel.and_then(|pixel| board_point(pose, &moved, &pixel.bearing));
-        let circle = point.and_then(|point| self.context.board.nearest_circle(point));
-        let (Some(pixel), Some(circle)) = (pixel, circle) else {
+        let pixel = [f64::from(event.x), f64::from(event.y)];
+        let place = self.context.bearings.place(pixel[0], pixel[1]);
+        let ray = place.map(|place| BoardRay::new(pose, dt, &place.bearing().0)).filter(|ray| is_in_front(ray.depth()));
+        let circle = ray.and_then(|ray| self.context.board.nearest_circle(ray.point()));
+        let (Some(ray), Some(circle)) = (ray, circle) else {
             report.off_board += 1;
             return None;
         };
         let &center = self.circle_centers.get(circle)?;
         let radius = self.context.board.radius;
-        let Some(edge) = pixel_residual(pose, &moved, self.context.bearings, (event.x, event.y), center, radius) else {
+        let Some(edge) = EventEdge::of_event(self.context.bearings, pose, (pixel, dt), &ray, center, radius) else {
             report.off_board += 1;
             return None;
         };
+        let speed_range = speed_range(edge.normal_speed);
         let band = if self.context.sigma_known {
-            (settings.band * bias.sigma).min(settings.widest_band)
+            (settings.band * bias.sigma[speed_range]).min(settings.widest_band)
         } else {
             settings.first_band
         };
@@ -240,7 +242,8 @@ impl<'a> Associator<'a> {
             return None;
         }
         let normal_speed = edge.normal_speed;
-        let speed = board_velocity(pose, &moved, &pixel.bearing).norm() / edge.distance.scale;
+        let sliding = edge.distance.sliding / edge.distance.scale;
+        let speed = (normal_speed * normal_speed + sliding * sliding).sqrt();
         if normal_speed.abs() < settings.slowest_edge || normal_speed.abs() < settings.tangent * speed {
             report.edge_slides += 1;
             return None;
@@ -256,6 +259,7 @@ impl<'a> Associator<'a> {
             y: event.y,
             circle: u16::try_from(circle).ok()?,
             class: class as u8,
+            speed_range: speed_range as u8,
         };
         Some((segment, bin, observation))
     }
@@ -335,40 +339,9 @@ fn kept_by_thinning(ordinal: u64, share: f64) -> bool {
     (position as f64) < share * (1_u64 << 53) as f64
 }
 
-/// Offsets and spreads of the event classes from their residuals (with the old offsets already
-/// taken off): median and median absolute deviation.
-pub fn robust_bias(bias: &EventBias, residuals: &mut [Vec<f32>]) -> EventBias {
-    /// Fewer events than this leave a class as it was.
-    const FEWEST: usize = 100;
-    /// No class is better than this: pixels are whole (px).
-    const SMALLEST_SIGMA: f64 = 0.05;
-    let mut updated = *bias;
-    for (class, values) in updated.iter_mut().zip(residuals) {
-        if values.len() < FEWEST {
-            continue;
-        }
-        let median = median(values);
-        class.offset += f64::from(median);
-        for value in values.iter_mut() {
-            *value = (*value - median).abs();
-        }
-        class.sigma = (1.4826 * f64::from(self::median(values))).max(SMALLEST_SIGMA);
-    }
-    updated
-}
-
-fn median(values: &mut [f32]) -> f32 {
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return 0.0;
-    }
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::event_bias::unknown;
 
     #[test]
     fn thinning_keeps_the_share_that_is_asked_for() {
@@ -376,16 +349,5 @@ mod tests {
             let kept = (0..100_000).filter(|&ordinal| kept_by_thinning(ordinal, share)).count();
             assert!((kept as f64 / 100_000.0 - share).abs() < 1e-3, "{share}: {kept}");
         }
-    }
-
-    #[test]
-    fn bias_is_the_median_and_its_deviation() {
-        let values: Vec<f32> = (-500..=500).map(|i| 0.25 + i as f32 / 1000.0).collect();
-        let mut residuals = vec![Vec::new(); crate::event_bias::CLASS_COUNT];
-        residuals[2] = values;
-        let bias = robust_bias(&unknown(1.0), &mut residuals);
-        assert!((bias[2].offset - 0.25).abs() < 1e-6);
-        assert!((bias[2].sigma - 1.4826 * 0.25).abs() < 1e-3);
-        assert_eq!(bias[0], unknown(1.0)[0]);
     }
 }

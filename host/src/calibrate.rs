@@ -20,7 +20,7 @@ use crate::settings::Settings;
 use crate::solve::observation::PointObservation;
 use crate::solve::{SolveError, State};
 use crate::source::{ReadReport, Recording, RecordingKind, SourceError, SourceOptions, sniff};
-use crate::trajectory::fit::{TimedPose, TrajectoryShape, fit};
+use crate::trajectory::fit::{TimedPose, TrajectoryShape, fit, resampled};
 use crate::trajectory::{Trajectory, TrajectoryError};
 
 /// One input: events or circles.
@@ -290,7 +290,8 @@ fn fit_segment(
     let start = spans.iter().fold(first, |start, span| start.min(span.0));
     let end = spans.iter().fold(last, |end, span| end.max(span.1));
     let recording = posed.first().and_then(|posed| in_frames(posed.frame)).map_or(0, |frame| frame.recording);
-    Ok((fit(recording, &poses, start, end, shape)?, points))
+    let trajectory = fit(recording, &poses, start, end, shape)?;
+    Ok((if from_circles { trajectory } else { resampled(&trajectory, shape)? }, points))
 }
 
 struct Detected {
@@ -396,6 +397,7 @@ impl Pass {
         note(report.steps_back, "steps back in time put in order");
         note(report.clock_resets, "clock resets bridged");
         note(report.damaged_packets, "damaged packets left out");
+        notes.extend(report.stream.notes());
         RecordingReport { count: self.count, duration: (self.last - self.first) as f64 * 1e-6, notes }
     }
 }

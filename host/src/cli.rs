@@ -3,13 +3,21 @@
 //! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage.
 
 mod calibrate;
+mod camera_arguments;
+mod convert;
 mod detect;
+mod devices;
+#[cfg(target_os = "linux")]
+mod emulate;
 mod detector;
 mod evaluate;
 mod export;
 mod info;
+mod interrupt;
+mod live;
 mod print;
 mod progress;
+mod record;
 mod simulate;
 mod source_arguments;
 mod value;
@@ -37,14 +45,25 @@ enum Command {
     Calibrate(calibrate::Arguments),
     /// Find the board's circles in a recording and write them to a file
     Detect(detect::Arguments),
+    /// List the cameras that are plugged in
+    Devices(devices::Arguments),
+    /// Record a camera
+    Record(record::Arguments),
+    /// Record a camera until it has seen enough of the board, then calibrate it
+    Live(live::Arguments),
     /// Tell what is in a recording
     Info(info::Arguments),
+    /// Turn a recording into another format
+    Convert(convert::Arguments),
     /// Compare a calibration with the truth, another calibration or a trajectory
     Evaluate(evaluate::Arguments),
     /// Write a calibration in a form that other programs and devices read
     Export(export::Arguments),
     /// Simulate an event camera in front of a board
     Simulate(simulate::Arguments),
+    /// Plug in a DAVIS346 in software that sends a recording (Linux, root, module vhci-hcd)
+    #[cfg(target_os = "linux")]
+    Emulate(emulate::Arguments),
 }
 
 /// What a subcommand returns; an error goes to standard error with exit code 1.
@@ -68,10 +87,16 @@ pub fn run() -> ExitCode {
     let outcome = match arguments.command {
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Detect(arguments) => detect::run(&arguments),
+        Command::Devices(arguments) => devices::run(&arguments),
+        Command::Record(arguments) => record::run(&arguments),
+        Command::Live(arguments) => live::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
+        Command::Convert(arguments) => convert::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        #[cfg(target_os = "linux")]
+        Command::Emulate(arguments) => emulate::run(&arguments),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

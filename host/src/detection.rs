@@ -353,14 +353,22 @@ impl<'a> DetectionStage<'a> {
         (self.findings, self.report)
     }
 
+    /// Whole chunks that wait to be searched.
+    pub fn waiting_chunks(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Searches the chunks that wait and hands out the reference frames found since the last time,
+    /// in order of time: for those who cannot wait for the end.
+    pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
+        self.search();
+        frames(std::mem::take(&mut self.findings))
+    }
+
     /// The reference frames in order of time, and the report.
     pub fn into_frames(self) -> (Vec<ReferenceFrame>, DetectionReport) {
         let (findings, report) = self.finish();
-        let frames = findings.into_iter().filter_map(|finding| match finding {
-            Finding::Frame(frame) => Some(frame),
-            Finding::Circles(_) => None,
-        });
-        (frames.collect(), report)
+        (frames(findings), report)
     }
 
     /// The windows with circles in order of time, and the report.
@@ -372,6 +380,14 @@ impl<'a> DetectionStage<'a> {
         });
         (windows.collect(), report)
     }
+}
+
+fn frames(findings: Vec<Finding>) -> Vec<ReferenceFrame> {
+    let frames = findings.into_iter().filter_map(|finding| match finding {
+        Finding::Frame(frame) => Some(frame),
+        Finding::Circles(_) => None,
+    });
+    frames.collect()
 }
 
 /// Puts the circles of frames from elsewhere in the board's order; frames without a board fall away, and

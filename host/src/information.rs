@@ -286,7 +286,7 @@ impl fmt::Display for Information {
                 format!("{count} with over {HOT_FACTOR} times the median; events of the hottest: {shown}"),
             )?;
         }
-        for stream in &self.streams {
+        for stream in self.streams.iter().filter(|stream| stream.packets > 0) {
             line(f, "stream", format!("{}: {} in {} packets", stream.name, stream.elements, stream.packets))?;
         }
         let report = &self.report;
@@ -302,6 +302,9 @@ impl fmt::Display for Information {
         }
         if report.damaged_packets > 0 {
             line(f, "warning", format!("{} damaged packets are left out", report.damaged_packets))?;
+        }
+        for note in report.stream.notes() {
+            line(f, "warning", note)?;
         }
         if let Some(truncated) = &report.truncated {
             line(f, "warning", truncated.to_string())?;

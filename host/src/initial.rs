@@ -10,7 +10,7 @@
 
 mod bundle;
 mod cross_validation;
-mod homography;
+pub mod homography;
 mod intrinsics;
 mod neighbour_vote;
 mod pose;

@@ -6,13 +6,14 @@ use evcal_core::event::Event;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use crate::association::{AssociationContext, AssociationReport, AssociationSettings, Associator, robust_bias};
+use crate::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
 use crate::board::Board;
+use crate::event_bias::robust::{class_spreads, common_spread, shift_offsets};
 use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, unknown};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::levenberg::solve;
 use crate::solve::observation::{PointObservation, SegmentObservations};
-use crate::solve::stretch::{visit_points, visit_residuals};
+use crate::solve::stretch::{EventResidual, residuals, visit_points};
 use crate::solve::{FreeParameters, Problem, Residual, SolveError, SolveReport, SolveSettings, State};
 
 /// How often to associate and solve, and which biases to fit.
@@ -21,13 +22,15 @@ use crate::solve::{FreeParameters, Problem, Residual, SolveError, SolveReport, S
 pub struct RefinementSettings {
     /// Most rounds of association and solve.
     pub rounds: usize,
-    /// Rounds end when the projection changes by less than this, rms over the sensor (px).
+    /// When a round changes the projection by less than twenty times this (px, rms over the sensor), the
+    /// next round is the last.
     pub settled: f64,
     /// Most events in the rounds before the last ones.
     pub early_events: usize,
     /// Fit an offset from the geometric edge, and what curvature adds to it, for each event class.
     pub offsets: bool,
-    /// Fit a latency, and how it bends at high speed, for each event class.
+    /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event
+    /// class.
     pub latencies: bool,
     /// Spread of the events while it is not known yet (px).
     pub first_sigma: f64,
@@ -35,7 +38,7 @@ pub struct RefinementSettings {
 
 impl Default for RefinementSettings {
     fn default() -> Self {
-        Self { rounds: 6, settled: 0.01, early_events: 400_000, offsets: true, latencies: true, first_sigma: 0.5 }
+        Self { rounds: 6, settled: 0.01, early_events: 250_000, offsets: true, latencies: true, first_sigma: 0.5 }
     }
 }
 
@@ -144,8 +147,13 @@ pub fn refine<E: Send>(
         let bearings = BearingTable::new(&state.camera, input.sensor);
         let (segments, association) = associate_all(input, &state, &bearings, settings, !first, share)?;
         kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
-        let mut problem = problem(input, settings, segments, &state, &bearings);
-        state.bias = updated_bias(&problem, &state, &bearings, settings.refinement);
+        let mut problem = problem(input, settings, segments, &state);
+        let residuals = residuals(&problem, &state, &bearings);
+        if !residuals.is_empty() {
+            problem.mean_scale =
+                residuals.iter().map(|event| f64::from(event.scale)).sum::<f64>() / residuals.len() as f64;
+        }
+        state.bias = updated_bias(&state, residuals, settings);
         problem.free = free_parameters(&state.camera, &problem, settings.refinement);
         let before = state.camera;
         let (solved, solve_report) = solve(&problem, state)?;
@@ -157,7 +165,7 @@ pub fn refine<E: Send>(
             let residuals = statistics(&problem, &state, &bearings);
             return Ok(Refined { state, segments: problem.segments, residuals, rounds });
         }
-        last_early = change < 10.0 * settings.refinement.settled;
+        last_early = change < 20.0 * settings.refinement.settled;
     }
 }
 
@@ -203,10 +211,9 @@ fn problem<E>(
     settings: StageSettings,
     segments: Vec<SegmentObservations>,
     state: &State,
-    bearings: &BearingTable,
 ) -> Problem {
     let circle_centers = (0..input.board.circle_count()).map(|index| input.board.circle_center(index).into()).collect();
-    let mut problem = Problem {
+    Problem {
         sensor: input.sensor,
         circle_centers,
         radius: input.board.radius,
@@ -216,40 +223,20 @@ fn problem<E>(
         segments,
         free: FreeParameters { intrinsics: 0, biases: [[false; BIAS_COUNT]; CLASS_COUNT] },
         settings: settings.solve.clone(),
-    };
-    // Scales of the pixel residual, whatever the solve itself will use.
-    let own = std::mem::replace(&mut problem.settings.residual, Residual::Pixel);
-    let (mut sum, mut count) = (0.0, 0_usize);
-    for segment in 0..problem.segments.len() {
-        visit_residuals(&problem, state, bearings, segment, |event| {
-            sum += event.scale;
-            count += 1;
-        });
     }
-    problem.settings.residual = own;
-    if count > 0 {
-        problem.mean_scale = sum / count as f64;
-    }
-    problem
 }
 
 /// Spread, and as a start the offset, of each class from the residuals at `state`.
-fn updated_bias(problem: &Problem, state: &State, bearings: &BearingTable, settings: &RefinementSettings) -> EventBias {
-    let mut residuals: Vec<Vec<f32>> = vec![Vec::new(); CLASS_COUNT];
-    for segment in 0..problem.segments.len() {
-        visit_residuals(problem, state, bearings, segment, |event| {
-            if let Some(values) = residuals.get_mut(event.class) {
-                values.push(event.residual as f32);
-            }
-        });
+fn updated_bias(state: &State, mut residuals: Vec<EventResidual>, settings: StageSettings) -> EventBias {
+    let mut bias = state.bias;
+    // The paper's residual knows no offsets.
+    if settings.refinement.offsets && settings.solve.residual == Residual::Pixel {
+        shift_offsets(&mut bias, &mut residuals);
+        class_spreads(&mut bias, &residuals);
+    } else {
+        common_spread(&mut bias, &residuals);
     }
-    if settings.offsets {
-        return robust_bias(&state.bias, &mut residuals);
-    }
-    // Without offsets the classes are not told apart: one spread for all.
-    let mut all = vec![residuals.concat()];
-    let pooled = robust_bias(&state.bias, &mut all);
-    state.bias.map(|class| crate::event_bias::ClassBias { sigma: pooled[0].sigma, ..class })
+    bias
 }
 
 /// The parameters that may change: classes with hardly any events keep their biases, and the
@@ -267,7 +254,7 @@ fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &Refinemen
         // The paper's residual knows no biases.
         let enough = count >= FEWEST && problem.settings.residual == Residual::Pixel;
         let (offset, latency) = (enough && settings.offsets, enough && settings.latencies);
-        [offset, latency, latency, offset]
+        [offset, latency, latency, offset, latency, latency, latency]
     });
     // What delays all events alike cannot be told from a shift of the clock.
     biases[0][1] = false;
@@ -276,9 +263,9 @@ fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &Refinemen
 }
 
 fn statistics(problem: &Problem, state: &State, bearings: &BearingTable) -> ResidualStatistics {
-    let mut sizes: Vec<f32> = Vec::new();
+    let events = residuals(problem, state, bearings);
+    let mut sizes: Vec<f32> = events.iter().map(|event| event.residual.abs()).collect();
     for segment in 0..problem.segments.len() {
-        visit_residuals(problem, state, bearings, segment, |event| sizes.push(event.residual.abs() as f32));
         visit_points(problem, state, segment, |distance| sizes.push(distance as f32));
     }
     let count = sizes.len();

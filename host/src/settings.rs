@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::association::AssociationSettings;
 use crate::initial::InitialSettings;
+use crate::live::LiveSettings;
 use crate::refinement::RefinementSettings;
 use crate::segment::SegmentSettings;
 use crate::solve::SolveSettings;
@@ -60,6 +61,8 @@ pub struct Settings {
     pub solve: SolveSettings,
     /// Rounds of association and solve, and the biases of events.
     pub refinement: RefinementSettings,
+    /// When a live camera has seen enough.
+    pub live: LiveSettings,
 }
 
 /// Settings of the stages from events to reference frames.
@@ -154,7 +157,7 @@ pub struct SplineSettings {
 
 impl Default for SplineSettings {
     fn default() -> Self {
-        Self { rotation: RotationSpline::Quaternion, degree: 3, knot_spacing: 0.01 }
+        Self { rotation: RotationSpline::Quaternion, degree: 3, knot_spacing: 0.0175 }
     }
 }
 

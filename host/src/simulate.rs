@@ -7,6 +7,9 @@
 //! same events on any number of threads: rows of pixels are independent and each has its own
 //! stream of random numbers.
 //!
+//! A DAVIS sends frames ([`frame`]) and inertial samples ([`inertia`]) of the same motion too
+//! ([`davis`]); they change nothing of the events.
+//!
 //! Time runs in slices of 25 ms that bound the memory, slices in ticks of 50 µs at which poses are
 //! known; each pixel looks at the ticks it needs.
 
@@ -29,10 +32,14 @@ use crate::tum::TimedPose;
 
 pub mod arbiter;
 pub mod clock;
+pub mod davis;
+pub mod frame;
+pub mod inertia;
 pub mod motion;
 pub mod pixel;
 pub mod random;
 pub mod rays;
+pub mod recording;
 mod row;
 pub mod scene;
 pub mod sensor;

@@ -7,6 +7,8 @@
 //! border of global parameters ([`normal`]); the rows are analytic ([`event_row`], [`point_row`]).
 
 pub mod bearing_table;
+pub mod board_ray;
+pub mod edge_batch;
 pub mod event_row;
 pub mod levenberg;
 pub mod normal;

@@ -30,7 +30,7 @@ pub mod write;
 
 pub use error::{SourceError, SourceErrorKind};
 pub use options::{Column, Columns, Damage, OptionError, SourceOptions, TimeUnit};
-pub use reader::{Decode, EventReader, ReadReport, Truncation};
+pub use reader::{Decode, EventReader, ReadReport, StreamFaults, Truncation};
 
 use crate::{circle_stream, circle_track};
 

@@ -6,6 +6,7 @@
 //! pictures follow from the control traffic, if that was captured.
 
 mod packets;
+mod repair;
 mod survey;
 mod usb;
 
@@ -17,6 +18,7 @@ use packets::{PacketReader, is_packet_file};
 use survey::survey;
 use usb::{BULK, UsbPacket};
 
+pub use repair::{GapRepair, RepairCounts};
 pub use usb::DeviceAddress;
 
 use crate::dump::{Advanced, Damage, DumpError, DumpHeader, DumpReader, MAGIC, Transfer, TransferStatus};
@@ -85,6 +87,7 @@ pub struct Capture<R: Read = BufReader<File>> {
     source: Source<R>,
     header: DumpHeader,
     registers: RegisterSnapshot,
+    repair: GapRepair,
 }
 
 impl Capture {
@@ -135,7 +138,7 @@ impl<R: Read + Seek> Capture<R> {
             CaptureFormat::BarePayload => (Source::Bare { input, payload: Vec::new() }, DumpHeader::default()),
         };
         let registers = header.registers.clone();
-        Ok(Self { source, header, registers })
+        Ok(Self { source, header, registers, repair: GapRepair::default() })
     }
 
     /// What the recording says of its camera. Where it says nothing (bare payload, no control
@@ -217,31 +220,27 @@ impl<R: Read + Seek> Capture<R> {
         }
     }
 
-    /// Decodes the next transfer. Lost bytes and failed transfers become gaps. False at the end.
+    /// Decodes the next transfer. Lost bytes and failed transfers become gaps, after which the time
+    /// is put right by the host times ([`GapRepair`]). False at the end.
     pub fn decode_next<S: AsRef<[u16]> + AsMut<[u16]>>(
         &mut self,
         decoder: &mut Decoder<S>,
         sink: impl FnMut(Message<'_>),
     ) -> Result<bool, CaptureError> {
-        let Some(transfer) = self.next_transfer()? else { return Ok(false) };
-        decode_transfer(&transfer, decoder, sink);
-        Ok(true)
+        let mut repair = std::mem::take(&mut self.repair);
+        let decoded = self.next_transfer().map(|transfer| match transfer {
+            Some(transfer) => {
+                repair.decode(&transfer, decoder, sink);
+                true
+            }
+            None => false,
+        });
+        self.repair = repair;
+        decoded
     }
-}
 
-/// Gives a transfer to a decoder: a gap first if bytes were lost, the payload if it can be trusted,
-/// a gap instead of it if not. That the camera went away ends the stream but makes no gap in it.
-pub fn decode_transfer<S: AsRef<[u16]> + AsMut<[u16]>>(
-    transfer: &Transfer<'_>,
-    decoder: &mut Decoder<S>,
-    mut sink: impl FnMut(Message<'_>),
-) {
-    if transfer.gap_before {
-        decoder.gap(&mut sink);
-    }
-    if transfer.status.is_good() {
-        decoder.decode(transfer.payload, sink);
-    } else if transfer.status != TransferStatus::NoDevice {
-        decoder.gap(sink);
+    /// What [`Capture::decode_next`] did about gaps so far.
+    pub fn repairs(&self) -> RepairCounts {
+        self.repair.counts()
     }
 }

@@ -5,24 +5,34 @@ use std::path::PathBuf;
 use evcal::board::Board;
 use evcal::calibrate::{Input, Task, calibrate};
 use evcal::output::write_folder;
-use evcal::settings::{Extraction, Grid, Settings};
+use evcal::settings::{Extraction, Grid, Settings, SettingsError};
 use evcal::source::SourceOptions;
 use evcal::trajectory::RotationSpline;
 use evcal_core::camera::ModelKind;
 
-use super::detector;
+use super::{detector, print};
 use super::progress::spinner;
 
 /// Arguments of `evcal calibrate`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recordings of one camera: AEDAT4, CSV or text, EventCalib binary, circle tracks, circle streams, or
-    /// the serial port of a detector, serial:PORT?baud=921600&seconds=10
+    /// Recordings of one camera: .dvraw, AEDAT4, CSV or text, EventCalib binary, pcap, circle tracks, circle
+    /// streams, or the serial port of a detector, serial:PORT?baud=921600&seconds=10
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
+    /// Sensor size, where a recording does not tell it, for example 346x260
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
+    sensor: Option<(u16, u16)>,
+    #[command(flatten)]
+    calibration: CalibrationArguments,
+}
+
+/// What is calibrated, and how; whatever the events come from.
+#[derive(clap::Args)]
+pub struct CalibrationArguments {
     /// Board, for example acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius)
     #[arg(long)]
-    board: Board,
+    pub board: Board,
     /// Camera model: radtan4, radtan, radtan8, kannala-brandt or inverse-radial
     #[arg(long, default_value = "radtan", value_parser = super::value::model())]
     model: ModelKind,
@@ -38,18 +48,26 @@ pub struct Arguments {
     /// Settings file (TOML); names and defaults are in docs/settings.md
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
-    /// Sensor size, where a recording does not tell it, for example 346x260
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
-    sensor: Option<(u16, u16)>,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
-    output: PathBuf,
+    pub output: PathBuf,
     /// Print the calibration as JSON
     #[arg(long)]
-    json: bool,
+    pub json: bool,
     /// Print the stage report
     #[arg(short, long)]
     verbose: bool,
+}
+
+impl CalibrationArguments {
+    /// All thresholds.
+    pub fn settings(&self) -> Result<Settings, SettingsError> {
+        let mut settings = self.settings.as_deref().map(Settings::read).transpose()?.unwrap_or_default();
+        settings.detection.extraction = self.extraction.unwrap_or(settings.detection.extraction);
+        settings.detection.grid = self.grid.unwrap_or(settings.detection.grid);
+        settings.spline.rotation = self.rotation.unwrap_or(settings.spline.rotation);
+        Ok(settings)
+    }
 }
 
 pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
@@ -70,36 +88,33 @@ fn grid(text: &str) -> Result<Grid, &'static str> {
 
 /// Runs `evcal calibrate`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    let mut settings = arguments.settings.as_deref().map(Settings::read).transpose()?.unwrap_or_default();
-    settings.detection.extraction = arguments.extraction.unwrap_or(settings.detection.extraction);
-    settings.detection.grid = arguments.grid.unwrap_or(settings.detection.grid);
-    settings.spline.rotation = arguments.rotation.unwrap_or(settings.spline.rotation);
-    let options = SourceOptions { sensor: arguments.sensor, ..SourceOptions::default() };
-    let inputs = arguments
-        .recordings
+    calibrate_recordings(&arguments.recordings, arguments.sensor, &arguments.calibration)
+}
+
+/// Calibrates from `recordings` and writes the results.
+pub fn calibrate_recordings(
+    recordings: &[PathBuf],
+    sensor: Option<(u16, u16)>,
+    arguments: &CalibrationArguments,
+) -> super::Outcome {
+    let settings = arguments.settings()?;
+    let options = SourceOptions { sensor, ..SourceOptions::default() };
+    let inputs = recordings
         .iter()
         .map(|path| detector::open_input(path, &options, &arguments.board, &arguments.output, arguments.json))
         .collect::<Result<Vec<Input>, _>>()?;
-    let task = Task {
-        inputs: &inputs,
-        board: &arguments.board,
-        model: arguments.model,
-        sensor: arguments.sensor,
-        settings: &settings,
-    };
+    let task = Task { inputs: &inputs, board: &arguments.board, model: arguments.model, sensor, settings: &settings };
     let bar = spinner(arguments.json);
     let calibrated = calibrate(&task, |message| bar.set_message(message.to_owned()))?;
     bar.set_message("writing results");
     let written = write_folder(&arguments.output, &calibrated, &task)?;
     bar.finish_and_clear();
     if arguments.json {
-        println!("{}", written.json);
-    } else {
-        println!("{}", written.summary);
-        if arguments.verbose {
-            println!("\n{}", written.stage_report);
-        }
-        println!("\nwritten to {}", arguments.output.display());
+        return print::line(written.json);
     }
-    Ok(())
+    print::line(written.summary)?;
+    if arguments.verbose {
+        print::line(format!("\n{}", written.stage_report))?;
+    }
+    print::line(format!("\nwritten to {}", arguments.output.display()))
 }

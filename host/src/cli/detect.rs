@@ -13,7 +13,7 @@ use evcal::settings::{Extraction, Settings};
 use evcal::source::{Recording, SourceOptions};
 use nalgebra::Vector2;
 
-use super::detector;
+use super::{detector, print};
 use super::progress::spinner;
 
 /// Arguments of `evcal detect`.
@@ -114,27 +114,23 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             report
         }
     };
-    print(arguments, &report, &notes)
+    tell(arguments, &report, &notes)
 }
 
 fn create(path: &PathBuf) -> Result<File, String> {
     File::create(path).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-fn print(arguments: &Arguments, report: &DetectionReport, notes: &[String]) -> super::Outcome {
+fn tell(arguments: &Arguments, report: &DetectionReport, notes: &[String]) -> super::Outcome {
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(report)?);
-        return Ok(());
-    }
-    for note in notes {
-        println!("note: {note}");
+        return print::line(serde_json::to_string_pretty(report)?);
     }
     let found = if arguments.board.is_some() { "held the board" } else { "held enough circles" };
-    println!("{} events, {} windows tried, {} {found}", report.events, report.windows, report.found);
-    println!("{} windows had too few events to be tried", report.too_few_events);
+    let mut text: String = notes.iter().map(|note| format!("note: {note}\n")).collect();
+    text += &format!("{} events, {} windows tried, {} {found}\n", report.events, report.windows, report.found);
+    text += &format!("{} windows had too few events to be tried\n", report.too_few_events);
     for (reason, count) in &report.grids_refused {
-        println!("{count} windows refused: {reason}");
+        text += &format!("{count} windows refused: {reason}\n");
     }
-    println!("{} circles, {} of them on boards", report.circles, report.board_circles);
-    Ok(())
+    print::line(format!("{text}{} circles, {} of them on boards", report.circles, report.board_circles))
 }

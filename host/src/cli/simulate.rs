@@ -7,13 +7,18 @@ use std::{fmt, fs};
 use clap::ValueEnum;
 use evcal::board::Board;
 use evcal::camera_file::{self, SensorSize};
+use evcal::simulate::davis::{DavisDescription, DavisSettings, DavisTruth};
+use evcal::simulate::frame::FrameSettings;
+use evcal::simulate::inertia::InertialSettings;
 use evcal::simulate::motion::MotionSettings;
 use evcal::simulate::rays::Rays;
+use evcal::simulate::recording::{self, DAVIS346_SENSOR, RecordingFormat};
 use evcal::simulate::scene::SceneSettings;
 use evcal::simulate::sensor::SensorModel;
 use evcal::simulate::truth::Truth;
 use evcal::simulate::{EventCounts, Simulation, SimulationSettings};
-use evcal::source::write::{EventWriter, OutputFormat};
+use evcal::source::aedat4::header::Compression;
+use evcal::source::write::OutputFormat;
 use evcal::tum;
 use evcal_core::camera::{Camera, ModelKind};
 
@@ -21,14 +26,12 @@ use super::{UsageError, print, progress, value};
 
 /// Rate of the poses in the trajectory file in hertz.
 const TRAJECTORY_RATE: f64 = 1000.0;
-/// Name of the camera in the recording.
-const CAMERA_NAME: &str = "evcal simulator";
-const SENSOR: (u16, u16) = (346, 260);
 
 /// Arguments of `evcal simulate`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Directory for events.aedat4 (or .csv, .bin), truth.json and trajectory.txt
+    /// Directory for events.aedat4 (or .dvraw, .csv, .bin), truth.json, trajectory.txt, and with
+    /// --frames frames.csv, with --imu imu.csv
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Camera model [default: a radtan lens with a field of view of about 55 degrees]
@@ -58,9 +61,15 @@ pub struct Arguments {
     /// Seed of all that is random; the same seed gives the same files
     #[arg(long, value_name = "NUMBER", default_value_t = 1)]
     seed: u64,
-    /// Format of the recording
+    /// Format of the recording; dvraw is what a DAVIS346 sends over USB
     #[arg(long, value_enum, default_value_t = Format::Aedat4)]
     format: Format,
+    /// Frames too, with a global shutter, so many a second [default: 25] (aedat4 and dvraw)
+    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25")]
+    frames: Option<f64>,
+    /// Inertial samples too, 1000 a second (aedat4 and dvraw)
+    #[arg(long)]
+    imu: bool,
     /// Print the truth as JSON
     #[arg(long)]
     json: bool,
@@ -95,6 +104,7 @@ enum Light {
 #[derive(Clone, Copy, ValueEnum)]
 enum Format {
     Aedat4,
+    Dvraw,
     Csv,
     Bin,
 }
@@ -117,23 +127,43 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             Motion::Blur => MotionSettings::blur(),
         },
     };
+    let davis = davis_settings(arguments)?;
     let simulation = Simulation::new(Rays::new(&camera, width, height), arguments.board, settings)?;
 
     let directory = &arguments.output;
     fs::create_dir_all(directory).map_err(|error| at(directory, error))?;
-    let events = directory.join(match arguments.format {
-        Format::Aedat4 => "events.aedat4",
-        Format::Csv => "events.csv",
-        Format::Bin => "events.bin",
-    });
-    let counts = write_events(&simulation, &events, arguments.json)?;
-    let truth = Truth::new(&camera, &simulation, counts);
-    let truth_file = directory.join("truth.json");
-    fs::write(&truth_file, serde_json::to_string_pretty(&truth)? + "\n").map_err(|error| at(&truth_file, error))?;
-    let trajectory_file = directory.join("trajectory.txt");
+    let (name, format) = match arguments.format {
+        Format::Aedat4 if davis == DavisSettings::default() => {
+            ("events.aedat4", RecordingFormat::Events(OutputFormat::Aedat4(Compression::Zstd)))
+        }
+        Format::Aedat4 => ("events.aedat4", RecordingFormat::Aedat4),
+        Format::Dvraw => ("events.dvraw", RecordingFormat::Davis346),
+        Format::Csv => ("events.csv", RecordingFormat::Events(OutputFormat::Text)),
+        Format::Bin => ("events.bin", RecordingFormat::Events(OutputFormat::EventCalib)),
+    };
+    let recording = directory.join(name);
+    let (counts, davis_truth) = simulate(&simulation, &davis, &recording, format, arguments.json)?;
+    let mut files = vec![recording];
+    let mut truth = Truth::new(&camera, &simulation, counts);
+    if davis != DavisSettings::default() {
+        truth.davis = Some(DavisDescription { settings: davis, imu_bias: davis_truth.bias });
+    }
     let mut trajectory = Vec::new();
     tum::write(&mut trajectory, &simulation.trajectory(TRAJECTORY_RATE))?;
-    fs::write(&trajectory_file, trajectory).map_err(|error| at(&trajectory_file, error))?;
+    let mut put = |name: &str, content: &[u8]| {
+        let path = directory.join(name);
+        fs::write(&path, content).map_err(|error| at(&path, error))?;
+        files.push(path);
+        Ok::<(), String>(())
+    };
+    put("truth.json", (serde_json::to_string_pretty(&truth)? + "\n").as_bytes())?;
+    put("trajectory.txt", &trajectory)?;
+    if davis.frames.is_some() {
+        put("frames.csv", davis_truth.frames_csv().as_bytes())?;
+    }
+    if davis.imu.is_some() {
+        put("imu.csv", davis_truth.imu_csv().as_bytes())?;
+    }
 
     if arguments.json {
         return print::json(&truth);
@@ -143,14 +173,31 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     }
     let total = counts.off + counts.on;
     print::line(format!(
-        "{total} events in {} s ({:.1} % ON), board at {:.0} px/s on average\n{}\n{}\n{}",
+        "{total} events in {} s ({:.1} % ON), board at {:.0} px/s on average",
         arguments.duration,
         100.0 * counts.on as f64 / total.max(1) as f64,
         truth.mean_speed,
-        events.display(),
-        truth_file.display(),
-        trajectory_file.display()
-    ))
+    ))?;
+    if davis != DavisSettings::default() {
+        print::line(format!("{} frames, {} inertial samples", davis_truth.frames.len(), davis_truth.imu.len()))?;
+    }
+    files.iter().try_for_each(|file| print::line(file.display()))
+}
+
+/// Frames and inertial samples, as far as asked for.
+fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>> {
+    if (arguments.frames.is_some() || arguments.imu) && matches!(arguments.format, Format::Csv | Format::Bin) {
+        return Err(UsageError("frames and inertial samples need --format aedat4 or dvraw".to_owned()).into());
+    }
+    let (frames, imu) = match arguments.light {
+        Light::Default => (FrameSettings::default(), InertialSettings::default()),
+        Light::Low => (FrameSettings::low_light(), InertialSettings::default()),
+        Light::Ideal => (FrameSettings::ideal(), InertialSettings::ideal()),
+    };
+    let at_rate = |rate: f64| FrameSettings { interval: (1e6 / rate).round() as u32, ..frames };
+    let settings = DavisSettings { frames: arguments.frames.map(at_rate), imu: arguments.imu.then_some(imu) };
+    settings.check()?;
+    Ok(settings)
 }
 
 /// The lens and the size of the sensor.
@@ -158,7 +205,7 @@ fn lens(arguments: &Arguments) -> Result<(Camera<f64>, SensorSize), Box<dyn Erro
     if let Some(file) = &arguments.camera {
         return Ok(camera_file::read(file)?);
     }
-    let (width, height) = arguments.sensor.unwrap_or(SENSOR);
+    let (width, height) = arguments.sensor.unwrap_or(DAVIS346_SENSOR);
     let (kind, parameters) = match arguments.model {
         Some(kind) => (kind, arguments.parameters.clone()),
         None => {
@@ -180,24 +227,21 @@ fn lens(arguments: &Arguments) -> Result<(Camera<f64>, SensorSize), Box<dyn Erro
     Ok((camera, SensorSize { width, height }))
 }
 
-fn write_events(simulation: &Simulation, path: &Path, silent: bool) -> Result<EventCounts, Box<dyn Error>> {
-    let failed = |error| at(path, error);
-    let format = OutputFormat::from_extension(path)?;
-    let rays = simulation.rays();
-    let mut writer = EventWriter::create(path, format, (rays.width(), rays.height()), CAMERA_NAME).map_err(failed)?;
+/// Writes the recording, with a spinner unless `silent`.
+fn simulate(
+    simulation: &Simulation,
+    davis: &DavisSettings,
+    path: &Path,
+    format: RecordingFormat,
+    silent: bool,
+) -> Result<(EventCounts, DavisTruth), Box<dyn Error>> {
     let spinner = progress::spinner(silent);
-    let slices = simulation.slice_count();
-    let mut done = 0;
-    let counts = simulation
-        .run(|events| {
-            done += 1;
-            spinner.set_message(format!("{} % simulated", 100 * done / slices.max(1)));
-            writer.write(events)
-        })
-        .map_err(failed)?;
+    let slices = simulation.slice_count().max(1);
+    let results = recording::write(simulation, davis, path, format, |done| {
+        spinner.set_message(format!("{} % simulated", 100 * done / slices));
+    });
     spinner.finish_and_clear();
-    writer.finish().map_err(failed)?;
-    Ok(counts)
+    Ok(results.map_err(|error| at(path, error))?)
 }
 
 /// An error that names its file.

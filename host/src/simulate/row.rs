@@ -53,8 +53,9 @@ pub struct Stage {
 }
 
 impl Stage {
+    /// What pixel (x, y) sees from `view`.
     #[inline]
-    fn look(&self, view: &View, x: u16, y: u16) -> Sample {
+    pub fn look(&self, view: &View, x: u16, y: u16) -> Sample {
         match self.rays.get(x, y) {
             Some(ray) => self.scene.sample(view, ray),
             None => Sample { radiance: self.scene.settings().background, edge: f64::NEG_INFINITY },
@@ -62,7 +63,7 @@ impl Stage {
     }
 
     /// Light at pixel (x, y) relative to the middle of the image.
-    fn gain(&self, x: u16, y: u16) -> f64 {
+    pub fn gain(&self, x: u16, y: u16) -> f64 {
         let middle = |size: u16| 0.5 * (f64::from(size) - 1.0);
         let (half_width, half_height) = (middle(self.rays.width()), middle(self.rays.height()));
         let (dx, dy) = (f64::from(x) - half_width, f64::from(y) - half_height);

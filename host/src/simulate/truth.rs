@@ -3,6 +3,7 @@
 use evcal_core::camera::Camera;
 use serde::{Deserialize, Serialize};
 
+use super::davis::DavisDescription;
 use super::{EventCounts, Simulation, SimulationSettings};
 use crate::camera_file::{CameraDescription, SensorSize};
 
@@ -24,10 +25,14 @@ pub struct Truth {
     pub off_events: u64,
     /// Number of ON events.
     pub on_events: u64,
+    /// Frames and inertial samples, if there are any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub davis: Option<DavisDescription>,
 }
 
 impl Truth {
-    /// The truth of `simulation` through the lens `camera`, which gave these `counts`.
+    /// The truth of `simulation` through the lens `camera`, which gave these `counts` of events and
+    /// nothing else.
     pub fn new(camera: &Camera<f64>, simulation: &Simulation, counts: EventCounts) -> Self {
         let settings = simulation.settings().clone();
         let board = simulation.scene().board();
@@ -40,6 +45,7 @@ impl Truth {
             off_events: counts.off,
             on_events: counts.on,
             settings,
+            davis: None,
         }
     }
 }

@@ -19,6 +19,9 @@ use super::{GLOBAL_COUNT, bias_index};
 /// columns is filled.
 pub type RowProduct = [[f64; ROW]; ROW];
 
+/// One past the last line that is used.
+const END: usize = ROW_RESIDUAL + 1;
+
 /// Adds the outer products of `rows` to `product`.
 ///
 /// Each element is a sum in the order of the rows, whatever the vector width, so that all machines
@@ -29,13 +32,15 @@ pub fn add_outer_products(product: &mut RowProduct, rows: &[[f64; ROW]]) {
     for quad in quads {
         add_columns::<8, 0, 8, 4>(product, quad);
         add_columns::<16, 8, 16, 4>(product, quad);
-        add_columns::<24, 16, 23, 4>(product, quad);
+        add_columns::<24, 16, 24, 4>(product, quad);
+        add_columns::<32, 24, END, 4>(product, quad);
     }
     for row in rest {
         let single = std::array::from_ref(row);
         add_columns::<8, 0, 8, 1>(product, single);
         add_columns::<16, 8, 16, 1>(product, single);
-        add_columns::<24, 16, 23, 1>(product, single);
+        add_columns::<24, 16, 24, 1>(product, single);
+        add_columns::<32, 24, END, 1>(product, single);
     }
 }
 

@@ -16,6 +16,8 @@ pub struct EventObservation {
     pub circle: u16,
     /// Event class (see [`crate::event_bias::class`]).
     pub class: u8,
+    /// Range of the edge's normal speed (see [`crate::event_bias::speed_range`]).
+    pub speed_range: u8,
 }
 
 /// One observed circle centre with its own time.

@@ -45,31 +45,7 @@ impl PoseBin {
     }
 }
 
-/// A pose moved on from its bin's centre, to first order in the elapsed time.
-#[derive(Clone, Copy, Debug)]
-pub struct MovedPose {
-    /// Camera centre in world coordinates, metres.
-    pub translation: [f64; 3],
-    rotation_vector: [f64; 3],
-}
-
 impl PoseBin {
-    /// The pose `dt` seconds after the bin's centre.
-    #[inline(always)]
-    pub fn moved(&self, dt: f64) -> MovedPose {
-        MovedPose {
-            translation: std::array::from_fn(|axis| self.translation[axis] + dt * self.linear_velocity[axis]),
-            rotation_vector: std::array::from_fn(|axis| dt * self.angular_velocity[axis]),
-        }
-    }
-
-    /// Turns a bearing of the camera at `moved` into the camera frame at the bin's centre.
-    #[inline(always)]
-    pub fn bearing_at_center(&self, moved: &MovedPose, bearing: &[f64; 3]) -> [f64; 3] {
-        let turn = cross(&moved.rotation_vector, bearing);
-        std::array::from_fn(|axis| bearing[axis] + turn[axis])
-    }
-
     /// Rotates a vector of the camera frame into the world frame.
     #[inline(always)]
     pub fn to_world(&self, vector: &[f64; 3]) -> [f64; 3] {

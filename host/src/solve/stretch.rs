@@ -3,15 +3,17 @@
 use std::ops::Range;
 
 use nalgebra::Vector2;
+use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
-use super::event_row::{EdgeResidual, ROW, ROW_RESIDUAL, fill_row, pixel_residual, plane_residual};
+use super::edge_batch::{BatchEvent, EdgeBatch, LANES};
+use super::event_row::{EventEdge, ROW, ROW_RESIDUAL};
 use super::normal::{BinEquations, RowProduct, StretchEquations, add_outer_products};
 use super::observation::{EventObservation, SegmentObservations};
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
 use super::{Problem, Residual, State};
-use crate::event_bias::CLASS_COUNT;
+use crate::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
 
 /// A run of bins (and of circle centres) of one segment, small enough to be a unit of work.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,7 +29,6 @@ pub struct Stretch {
 /// Bins in a stretch: long enough that merging costs little, short enough to share among threads.
 const STRETCH_BINS: usize = 128;
 const STRETCH_POINTS: usize = 512;
-const ROW_BUFFER: usize = 64;
 
 /// Cuts all segments into stretches.
 pub fn stretches(segments: &[SegmentObservations]) -> Vec<Stretch> {
@@ -71,28 +72,27 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
     let mut equations = StretchEquations::new(first_pose.first, count, first_pose.order);
     let mut product: RowProduct = [[0.0; ROW]; ROW];
     let mut bin_equations = BinEquations::default();
+    let mut batch = EdgeBatch::default();
+    let mut rows = [[0.0; ROW]; LANES];
 
     for bin in bins {
         let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
         let events = observations.events.get(bin.first..bin.end).unwrap_or_default();
         for group in events.chunk_by(|a, b| a.class == b.class) {
             let class = group.first().map_or(0, |event| usize::from(event.class)).min(CLASS_COUNT - 1);
-            let bias = &state.bias[class];
-            let inverse_sigma = 1.0 / bias.sigma;
-            let mut rows = [[0.0; ROW]; ROW_BUFFER];
-            for part in group.chunks(ROW_BUFFER) {
+            for part in group.chunks(LANES) {
                 let mut filled = 0;
-                for event in part {
-                    let Some(edge) = edge_residual(problem, state, bearings, &pose, event) else { continue };
+                visit_edges(problem, state, bearings, (&pose, part), &mut batch, |event, edge, bias| {
                     let residual = edge.from_expected(bias);
+                    let inverse_sigma = 1.0 / bias.sigma[usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1)];
                     let (cost, root_weight) = huber(residual * inverse_sigma, problem.settings.huber);
                     equations.cost += cost;
                     equations.count += 1;
                     if let Some(row) = rows.get_mut(filled) {
-                        fill_row(row, &edge, residual, root_weight * inverse_sigma);
+                        edge.fill_row(row, residual, root_weight * inverse_sigma, scale_of(problem, edge));
                         filled += 1;
                     }
-                }
+                });
                 add_outer_products(&mut product, rows.get(..filled).unwrap_or_default());
             }
             bin_equations.add_class(&mut product, class, &mut equations);
@@ -119,57 +119,77 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
     equations
 }
 
+/// Metres on the board for each unit of the residual.
 #[inline(always)]
-fn edge_residual<'a>(
+fn scale_of(problem: &Problem, edge: &EventEdge) -> f64 {
+    match problem.settings.residual {
+        Residual::Pixel => edge.distance.scale,
+        Residual::Plane => problem.mean_scale,
+    }
+}
+
+/// Visits the edges of at most [`LANES`] events of one bin.
+#[inline(always)]
+fn visit_edges<'a>(
     problem: &Problem,
     state: &State,
     bearings: &'a BearingTable,
-    pose: &PoseBin,
-    event: &EventObservation,
-) -> Option<EdgeResidual<'a>> {
-    let &center = problem.circle_centers.get(usize::from(event.circle))?;
-    let class = usize::from(event.class);
-    let later = problem.associated_latencies.get(class)? - state.bias.get(class)?.latency;
-    let moved = pose.moved(f64::from(event.dt) + later);
-    let pixel = (event.x, event.y);
-    match problem.settings.residual {
-        Residual::Pixel => pixel_residual(pose, &moved, bearings, pixel, center, problem.radius),
-        Residual::Plane => plane_residual(pose, &moved, bearings, pixel, center, problem.radius, problem.mean_scale),
-    }
+    (pose, events): (&PoseBin, &[EventObservation]),
+    batch: &mut EdgeBatch<'a>,
+    mut visit: impl FnMut(&EventObservation, &EventEdge, &ClassBias),
+) {
+    let class_of = |event: &EventObservation| usize::from(event.class).min(CLASS_COUNT - 1);
+    let batched = events.iter().map(|event| {
+        let class = class_of(event);
+        let later = problem.associated_latencies[class] - state.bias[class].latency;
+        BatchEvent { pixel: (event.x, event.y), dt: f64::from(event.dt) + later, circle: event.circle }
+    });
+    batch.visit(problem, bearings, pose, batched, |index, edge| {
+        if let Some(event) = events.get(index) {
+            visit(event, edge, &state.bias[class_of(event)]);
+        }
+    });
 }
 
 /// The residual of one event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EventResidual {
     /// Event class.
-    pub class: usize,
+    pub class: u8,
+    /// Range of the edge's normal speed.
+    pub speed_range: u8,
     /// Distance from where the model puts the event (px).
-    pub residual: f64,
+    pub residual: f32,
     /// Metres on the board for each pixel across the edge.
-    pub scale: f64,
+    pub scale: f32,
 }
 
-/// Visits the residual of every event of one segment.
-pub fn visit_residuals(
-    problem: &Problem,
-    state: &State,
-    bearings: &BearingTable,
-    segment: usize,
-    mut visit: impl FnMut(EventResidual),
-) {
-    let (Some(observations), Some(trajectory)) = (problem.segments.get(segment), state.trajectories.get(segment))
-    else {
-        return;
-    };
-    for bin in &observations.bins {
-        let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
-        for event in observations.events.get(bin.first..bin.end).unwrap_or_default() {
-            let Some(edge) = edge_residual(problem, state, bearings, &pose, event) else { continue };
-            let class = usize::from(event.class).min(CLASS_COUNT - 1);
-            let residual = edge.from_expected(&state.bias[class]);
-            visit(EventResidual { class, residual, scale: edge.distance.scale });
+/// The residuals of all events, in their order.
+pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> Vec<EventResidual> {
+    let of_stretch = |stretch: &Stretch| {
+        let mut found = Vec::new();
+        let (Some(observations), Some(trajectory)) =
+            (problem.segments.get(stretch.segment), state.trajectories.get(stretch.segment))
+        else {
+            return found;
+        };
+        let mut batch = EdgeBatch::default();
+        for bin in observations.bins.get(stretch.bins.clone()).unwrap_or_default() {
+            let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
+            for part in observations.events.get(bin.first..bin.end).unwrap_or_default().chunks(LANES) {
+                visit_edges(problem, state, bearings, (&pose, part), &mut batch, |event, edge, bias| {
+                    found.push(EventResidual {
+                        class: event.class,
+                        speed_range: event.speed_range,
+                        residual: edge.from_expected(bias) as f32,
+                        scale: edge.distance.scale as f32,
+                    });
+                });
+            }
         }
-    }
+        found
+    };
+    stretches(&problem.segments).par_iter().map(of_stretch).collect::<Vec<_>>().concat()
 }
 
 /// Visits the distance in pixels of every circle centre of one segment from its projection.

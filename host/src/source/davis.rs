@@ -1,23 +1,29 @@
 //! Recordings of what a DAVIS346 sent over USB: `.dvraw` dumps, pcap and pcapng captures, and the
 //! bare stream.
 //!
-//! Lost bytes and failed transfers are gaps: counted as damaged packets, and events go on behind
-//! them.
+//! Lost bytes and failed transfers are gaps: they are counted, events go on behind them, and the time
+//! is put right by the computer's clock. Where the camera's clock was reset, times go on 1 s after the
+//! latest one.
 
-use std::path::{Path, PathBuf};
+pub mod dump;
+mod messages;
 
-use evcal_core::event::{Event, Polarity};
-use usb_davis::capture::{Capture, CaptureError, CaptureFormat, sniff};
-use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarity};
+use std::path::Path;
 
-use super::{Decode, Format, Head, ReadReport, SourceError, SourceErrorKind, SourceInformation, Truncation};
+use evcal_core::event::Event;
+pub use messages::Messages;
+pub use messages::{CameraClock, event};
+use usb_davis::capture::{CaptureFormat, sniff};
+use usb_davis::protocol::Message;
+
+use super::{Decode, Format, Head, ReadReport, SourceError, SourceInformation, StreamSummary};
 
 /// Dumps and captures, which begin with a mark.
 pub const FORMAT: Format = Format {
     name: "DAVIS USB recording",
     recognise: |head| is(head, &[CaptureFormat::Dvraw, CaptureFormat::Packets]),
     open: |path, _| open(path, FORMAT.name),
-    streams: |_| Ok(Vec::new()),
+    streams: summarise,
 };
 
 /// The stream alone, which can be told from other files only by its words.
@@ -25,7 +31,7 @@ pub const BARE_FORMAT: Format = Format {
     name: "bare DAVIS stream",
     recognise: |head| is(head, &[CaptureFormat::BarePayload]),
     open: |path, _| open(path, BARE_FORMAT.name),
-    streams: |_| Ok(Vec::new()),
+    streams: summarise,
 };
 
 const BATCH: usize = 32_768;
@@ -35,34 +41,24 @@ fn is(head: &Head, formats: &[CaptureFormat]) -> bool {
 }
 
 struct Transfers {
-    path: PathBuf,
-    capture: Capture,
-    decoder: Decoder<Vec<u16>>,
+    messages: Messages,
     information: SourceInformation,
 }
 
-fn error(path: &Path, error: CaptureError) -> SourceError {
-    match error {
-        CaptureError::Io(error) => SourceError::io(path, error),
-        error => SourceError::new(path, SourceErrorKind::Layout(error.to_string())),
-    }
-}
-
 fn open(path: &Path, format: &'static str) -> Result<Box<dyn Decode>, SourceError> {
-    let capture = Capture::open(path).map_err(|reason| error(path, reason))?;
-    let header = capture.header();
-    let decoder = header.decoder();
+    let messages = Messages::open(path)?;
+    let header = messages.header();
     let mut notes = Vec::new();
     if header.registers.is_empty() {
         notes.push("the recording does not hold the camera's registers: taken for a DAVIS346".to_owned());
     }
     let information = SourceInformation {
         format,
-        sensor: Some(decoder.layout().dvs.size()),
+        sensor: Some(header.registers.layout().dvs.size()),
         camera_name: header.identity.is_some().then(|| header.camera_name()),
         notes,
     };
-    Ok(Box::new(Transfers { path: path.to_owned(), capture, decoder, information }))
+    Ok(Box::new(Transfers { messages, information }))
 }
 
 impl Decode for Transfers {
@@ -71,46 +67,55 @@ impl Decode for Transfers {
     }
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
-        let mut take = |message: Message<'_>| match message {
-            Message::Events(events) => batch.extend(events.iter().map(|event| Event {
-                t: i64::try_from(event.time).unwrap_or(i64::MAX),
-                x: event.x,
-                y: event.y,
-                polarity: match event.polarity {
-                    WirePolarity::Off => Polarity::Off,
-                    WirePolarity::On => Polarity::On,
-                },
-            })),
-            Message::Frame(_) => *report.other_packets.entry("frames".to_owned()).or_default() += 1,
-            Message::Imu(_) => *report.other_packets.entry("inertial samples".to_owned()).or_default() += 1,
-            Message::Signal(_) => *report.other_packets.entry("signals".to_owned()).or_default() += 1,
-            Message::Anomaly(anomaly) if anomaly.kind == AnomalyKind::Gap => report.damaged_packets += 1,
-            Message::Anomaly(_) | Message::TimestampReset { .. } => {}
-        };
-        let before = self.decoder.counts().events;
-        loop {
-            let more =
-                self.capture.decode_next(&mut self.decoder, &mut take).map_err(|reason| error(&self.path, reason))?;
-            if !more {
-                break;
-            }
-            if self.decoder.counts().events - before >= BATCH as u64 {
-                return Ok(true);
-            }
+        let mut more = true;
+        while more && batch.len() < BATCH {
+            more = self.messages.next(|message, shift| {
+                if let Message::Events(events) = message {
+                    batch.extend(events.iter().map(|wire| event(wire, shift)));
+                }
+            })?;
         }
-        let unfinished = self.capture.damage().unfinished;
-        if unfinished > 0 {
-            let byte = std::fs::metadata(&self.path).map_or(0, |file| file.len()).saturating_sub(unfinished);
-            report.truncated = Some(Truncation { byte, lost: "a transfer is incomplete".to_owned() });
-        }
-        Ok(false)
+        self.messages.report(report);
+        Ok(more)
     }
+}
+
+/// Counts what the stream holds.
+fn summarise(path: &Path) -> Result<Vec<StreamSummary>, SourceError> {
+    let mut messages = Messages::open(path)?;
+    let names = ["events", "frames", "inertial samples", "signals"];
+    let mut summaries =
+        names.map(|name| StreamSummary { name: name.to_owned(), packets: 0, elements: 0, times_us: None });
+    let mut more = true;
+    while more {
+        let mut met = [false; 4];
+        more = messages.next(|message, shift| {
+            let time = |time: u64| i64::try_from(time).unwrap_or(i64::MAX).saturating_add(shift);
+            let (index, count, first, last) = match message {
+                Message::Events(events) => {
+                    let Some((first, last)) = events.first().zip(events.last()) else { return };
+                    (0, events.len() as u64, first.time, last.time)
+                }
+                Message::Frame(frame) => (1, 1, frame.start, frame.start),
+                Message::Imu(sample) => (2, 1, sample.time, sample.time),
+                Message::Signal(signal) => (3, 1, signal.time, signal.time),
+                Message::Anomaly(_) | Message::TimestampReset { .. } => return,
+            };
+            if let (Some(summary), Some(met)) = (summaries.get_mut(index), met.get_mut(index)) {
+                summary.packets += u64::from(!std::mem::replace(met, true));
+                summary.elements += count;
+                summary.times_us = Some((summary.times_us.map_or(time(first), |times| times.0), time(last)));
+            }
+        })?;
+    }
+    Ok(summaries.into())
 }
 
 #[cfg(test)]
 mod tests {
+    use evcal_core::event::Polarity;
     use usb_davis::dump::{Compression, DumpHeader, DumpWriter, Transfer, TransferStatus};
-    use usb_davis::protocol::{Encoder, Layout, PolarityEvent};
+    use usb_davis::protocol::{Encoder, Layout, Polarity as WirePolarity, PolarityEvent};
 
     use super::*;
     use crate::source::{Recording, SourceOptions};

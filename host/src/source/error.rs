@@ -38,7 +38,7 @@ pub enum SourceErrorKind {
     },
     /// Nothing that we know.
     #[error(
-        "is in no format known here (known: AEDAT4, text with a line `t x y p` per event, EventCalib binary); \
+        "is in no format known here (known: AEDAT4, .dvraw, pcap and pcapng of a DAVIS346, text with a line `t x y p` per event, EventCalib binary); \
          was it cut off at its beginning?"
     )]
     UnknownFormat,

@@ -11,7 +11,7 @@ use super::{MAX_SENSOR_SIZE, SourceError, SourceErrorKind, SourceInformation, So
 /// A step back of at most this many microseconds is jitter; a larger one is a clock that was reset.
 const LARGEST_JITTER: i64 = 100_000;
 /// After a reset, time goes on this many microseconds after the latest event.
-const PAUSE_AFTER_RESET: i64 = 1_000_000;
+pub(super) const PAUSE_AFTER_RESET: i64 = 1_000_000;
 /// More resets than this mean that the events are not in the order of time.
 const MAX_RESETS: u64 = 16;
 /// Times beyond ±2⁵⁵ µs (1100 years) are no times; with at most [`MAX_RESETS`] shifts of twice that,
@@ -62,10 +62,56 @@ pub struct ReadReport {
     pub clock_resets: u64,
     /// Packets left out because they could not be decoded.
     pub damaged_packets: u64,
+    /// What was wrong with a camera's stream; nothing in formats that hold no such stream.
+    pub stream: StreamFaults,
     /// Packets of other streams that were passed over, by stream.
     pub other_packets: BTreeMap<String, u64>,
     /// Set when the file ends too early.
     pub truncated: Option<Truncation>,
+}
+
+/// What was wrong with a stream as a camera sends it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct StreamFaults {
+    /// Places where bytes were lost.
+    pub gaps: u64,
+    /// Those after which the time was put right by the computer's clock, because words that count time
+    /// had been lost.
+    pub repaired_gaps: u64,
+    /// By how much that was in all, in microseconds.
+    pub restored_us: u64,
+    /// How often the camera's clock was reset after it had told a time. Times go on 1 s after the latest.
+    pub clock_resets: u64,
+    /// Events that the camera dropped because the computer read too slowly, if it was asked.
+    pub dropped: u64,
+    /// Words that no healthy camera sends, by what is wrong with them.
+    pub faults: BTreeMap<&'static str, u64>,
+}
+
+impl StreamFaults {
+    /// What there is to tell, in sentences.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if self.gaps > 0 {
+            notes.push(format!("bytes of the stream are missing in {} places", self.gaps));
+        }
+        if self.repaired_gaps > 0 {
+            notes.push(format!(
+                "after {} of them {:.3} s of the camera's time were missing too, and are put right by the computer's clock",
+                self.repaired_gaps,
+                self.restored_us as f64 / 1e6
+            ));
+        }
+        if self.dropped > 0 {
+            let dropped = self.dropped;
+            notes.push(format!("the camera dropped {dropped} events because the computer read too slowly"));
+        }
+        if self.clock_resets > 0 {
+            notes.push(format!("the camera's clock was reset {} times; later times are shifted", self.clock_resets));
+        }
+        notes.extend(self.faults.iter().map(|(what, count)| format!("faults in the stream: {count} times {what}")));
+        notes
+    }
 }
 
 /// One pass through a recording.

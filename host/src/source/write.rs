@@ -5,6 +5,8 @@ use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
+use usb_davis::dump::DumpError;
+use usb_davis::protocol::EncodeError;
 
 use super::aedat4::header::Compression;
 use super::{aedat4, event_calib, text};
@@ -18,6 +20,15 @@ pub enum WriteError {
     /// More than a size field can hold.
     #[error("a packet or header is too large for its format")]
     TooLarge,
+    /// A DAVIS346 has another sensor.
+    #[error("a DAVIS346 has 346x260 pixels; the recording is for a sensor of {}x{}", .0.0, .0.1)]
+    Sensor((u16, u16)),
+    /// A camera could not have sent this.
+    #[error("cannot be said in the words of a DAVIS346: {0}")]
+    Wire(#[from] EncodeError),
+    /// A dump refuses it.
+    #[error("cannot be written: {0}")]
+    Dump(#[from] DumpError),
     /// No format has this file name extension.
     #[error("{}: unknown extension; use .aedat4, .csv, .txt or .bin", .0.display())]
     Extension(PathBuf),

@@ -58,6 +58,28 @@ pub fn fit(
     fit_control_points(recording, poses, start, end, count, shape.degree, shape.rotation)
 }
 
+/// The same curve on knots of the wanted spacing all along: events determine the curve also where
+/// reference frames, and so the knots of [`fit`], are sparse. A curve whose knots are nowhere further
+/// apart comes back as it is.
+///
+/// # Errors
+/// As [`fit`].
+pub fn resampled(trajectory: &Trajectory, shape: &TrajectoryShape) -> Result<Trajectory, TrajectoryError> {
+    /// Samples for each span: enough to determine it, and to follow the old curve.
+    const SAMPLES: f64 = 4.0;
+    let widest = trajectory.knots.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    if widest <= shape.knot_spacing {
+        return Ok(trajectory.clone());
+    }
+    let (start, end) = (trajectory.start(), trajectory.end());
+    let count = ((end - start) / shape.knot_spacing * SAMPLES).ceil().max(4.0 * (shape.degree + 1) as f64) as usize;
+    let poses: Vec<TimedPose> = (0..=count)
+        .map(|index| if index == count { end } else { start + (end - start) * index as f64 / count as f64 })
+        .filter_map(|t| trajectory.pose(t).map(|pose| TimedPose { t, pose }))
+        .collect();
+    fit(trajectory.recording, &poses, start, end, shape)
+}
+
 /// As [`fit`], with the number of control points given.
 ///
 /// # Errors

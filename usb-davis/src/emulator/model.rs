@@ -1,128 +1,34 @@
-//! The camera as its USB side sees it.
+//! The camera as its USB side sees it: registers, requests, endpoints.
 
-use std::collections::VecDeque;
-use std::io::{Read, Seek};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use crate::capture::{Capture, CaptureError};
-use crate::dump::Identity;
+use super::default_registers::default_registers;
+use super::descriptors::descriptors;
+use super::faults::Faults;
+use super::output::{Output, Pace, Taken};
+use super::piece::Piece;
+use super::requests::{Stall, standard_request};
+use crate::dump::{DumpHeader, Identity};
 use crate::registers::{
-    REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot, aps, dvs, external_input, imu,
-    mux, sysinfo, usb,
+    REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot, aps, dvs, mux, usb,
 };
 use crate::{PRODUCT_ID, VENDOR_ID};
-
-/// A part of the stream and when the camera produces it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Piece {
-    /// Time since the start in µs.
-    pub time: u64,
-    /// Bytes of the stream.
-    pub bytes: Vec<u8>,
-}
-
-/// How fast the stream is played.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Pace {
-    /// As fast as the client reads; nothing is ever dropped.
-    #[default]
-    Full,
-    /// By the pieces' times. What does not fit into the FIFO, because no transfer is queued, is
-    /// dropped and counted by register 0.83, as the camera does.
-    Real,
-}
-
-/// What goes wrong. Bytes count from the start of the stream.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Faults {
-    /// The camera is unplugged once this many bytes were sent.
-    pub unplug_at: Option<u64>,
-    /// The data endpoint halts once this many bytes were sent.
-    pub stall_at: Option<u64>,
-    /// Lengths of the transfers, over and over, odd ones included; none: as long as asked for.
-    pub cuts: Vec<usize>,
-    /// Another program has the camera.
-    pub busy: bool,
-}
-
-/// The endpoint is halted, or the request is not known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stall;
-
-/// Longest time between two turns that passes for the camera too.
-const TURN_MOST: Duration = Duration::from_millis(5);
-/// Room of the camera's output.
-const FIFO_BYTES: usize = 64 * 1024;
 
 /// One emulated camera.
 pub struct Model {
     identity: Identity,
+    /// The registers with power just switched on.
+    factory: RegisterSnapshot,
     registers: RegisterSnapshot,
     /// Register writes in the order in which they came.
     log: Vec<(Register, u32)>,
-    source: Box<dyn FnMut() -> Box<dyn Iterator<Item = Piece> + Send> + Send>,
-    pieces: Box<dyn Iterator<Item = Piece> + Send>,
-    /// A piece whose time has not come.
-    next: Option<Piece>,
-    fifo: VecDeque<u8>,
-    pace: Pace,
-    delay: Duration,
-    faults: Faults,
-    started: Option<Instant>,
-    /// When it was last given the processor, and for how long it was kept from it.
-    turned: Option<Instant>,
-    asleep: Duration,
-    sent_last: Option<Instant>,
-    sent: u64,
-    cut: usize,
+    output: Output,
     halted: bool,
-}
-
-/// Registers of a DAVIS346 as far as they say something before it is configured.
-pub fn default_registers() -> RegisterSnapshot {
-    RegisterSnapshot::from_iter([
-        (sysinfo::LOGIC_VERSION, 18),
-        (sysinfo::CHIP_ID, 5),
-        (sysinfo::DEVICE_IS_MASTER, 1),
-        (sysinfo::LOGIC_CLOCK, 100),
-        (sysinfo::ADC_CLOCK, 30),
-        (sysinfo::USB_CLOCK, 80),
-        (sysinfo::CLOCK_DEVIATION, 1008),
-        (sysinfo::LOGIC_PATCH, 1),
-        (dvs::SIZE_COLUMNS, 260),
-        (dvs::SIZE_ROWS, 346),
-        (dvs::ORIENTATION, 0b100),
-        (dvs::HAS_PIXEL_FILTER, 1),
-        (dvs::HAS_BACKGROUND_ACTIVITY_FILTER, 1),
-        (dvs::HAS_REGION_OF_INTEREST, 1),
-        (dvs::HAS_SKIP_EVENTS, 1),
-        (dvs::HAS_POLARITY_FILTER, 1),
-        (dvs::HAS_STATISTICS, 1),
-        (aps::SIZE_COLUMNS, 260),
-        (aps::SIZE_ROWS, 346),
-        (aps::ORIENTATION, 0b100),
-        (aps::COLOR_FILTER, 0),
-        (aps::HAS_GLOBAL_SHUTTER, 1),
-        (imu::TYPE, 2),
-        (imu::ORIENTATION, 0),
-        (external_input::HAS_GENERATOR, 1),
-        (mux::HAS_STATISTICS, 1),
-    ])
-}
-
-/// The transfers of a recording as pieces of a stream.
-pub fn pieces_of_capture<R: Read + Seek>(capture: &mut Capture<R>) -> Result<Vec<Piece>, CaptureError> {
-    let mut pieces = Vec::new();
-    while let Some(transfer) = capture.next_transfer()? {
-        let time = transfer.host_ns.unwrap_or(0) / 1000;
-        pieces.push(Piece { time, bytes: transfer.payload.to_vec() });
-    }
-    Ok(pieces)
 }
 
 impl Model {
     /// A camera with this serial number. Each time it is started it sends what `source` returns.
-    pub fn new<I>(serial: &str, mut source: impl FnMut() -> I + Send + 'static) -> Self
+    pub fn new<I>(serial: &str, source: impl FnMut() -> I + Send + 'static) -> Self
     where
         I: Iterator<Item = Piece> + Send + 'static,
     {
@@ -130,21 +36,10 @@ impl Model {
             Identity { vendor_id: VENDOR_ID, product_id: PRODUCT_ID, device_version: 6, serial: serial.to_owned() };
         Self {
             identity,
+            factory: default_registers(),
             registers: default_registers(),
             log: Vec::new(),
-            source: Box::new(move || Box::new(source())),
-            pieces: Box::new(std::iter::empty()),
-            next: None,
-            fifo: VecDeque::new(),
-            pace: Pace::default(),
-            delay: Duration::ZERO,
-            faults: Faults::default(),
-            started: None,
-            turned: None,
-            asleep: Duration::ZERO,
-            sent_last: None,
-            sent: 0,
-            cut: 0,
+            output: Output::new(source),
             halted: false,
         }
     }
@@ -155,27 +50,49 @@ impl Model {
         self
     }
 
+    /// Sets its serial number.
+    pub fn with_serial(mut self, serial: &str) -> Self {
+        serial.clone_into(&mut self.identity.serial);
+        self
+    }
+
     /// Sets registers, among them the read-only ones.
     pub fn with_registers(mut self, registers: impl IntoIterator<Item = (Register, u32)>) -> Self {
-        registers.into_iter().for_each(|(register, value)| self.registers.set(register, value));
+        for (register, value) in registers {
+            self.factory.set(register, value);
+            self.registers.set(register, value);
+        }
         self
+    }
+
+    /// Makes it the camera of a recording, as far as that describes it: descriptors and read-only
+    /// registers. Counters begin at zero.
+    pub fn with_header(self, header: &DumpHeader) -> Self {
+        let is_counter = |register: Register| matches!(register.module, 0 | 1) && register.parameter > 80;
+        let kept = |register: Register| register.is_read_only() && !is_counter(register);
+        let registers: Vec<_> = header.registers.iter().filter(|(register, _)| kept(*register)).collect();
+        let model = self.with_registers(registers);
+        match &header.identity {
+            Some(identity) => model.with_identity(identity.clone()),
+            None => model,
+        }
     }
 
     /// Sets how fast it plays.
     pub fn with_pace(mut self, pace: Pace) -> Self {
-        self.pace = pace;
+        self.output.pace = pace;
         self
     }
 
     /// Sets how long after a start the stream begins.
     pub fn with_delay(mut self, delay: Duration) -> Self {
-        self.delay = delay;
+        self.output.delay = delay;
         self
     }
 
     /// Sets what goes wrong.
     pub fn with_faults(mut self, faults: Faults) -> Self {
-        self.faults = faults;
+        self.output.faults = faults;
         self
     }
 
@@ -196,21 +113,29 @@ impl Model {
 
     /// Bytes sent since the latest start.
     pub fn sent(&self) -> u64 {
-        self.sent
+        self.output.sent()
     }
 
-    pub(super) fn faults(&self) -> &Faults {
-        &self.faults
+    /// Switches the power off and on: registers are as they were at first.
+    pub fn power_cycle(&mut self) {
+        self.registers = self.factory.clone();
+        self.output.clear();
+        self.halted = false;
     }
 
-    pub(super) fn is_to_be_unplugged(&self) -> bool {
-        self.faults.unplug_at.is_some_and(|at| self.sent >= at)
+    /// Whether it is time to unplug it; true once.
+    pub(super) fn take_unplug(&mut self) -> bool {
+        self.output.take_unplug()
+    }
+
+    /// Device and configuration descriptor, as sysfs shows them.
+    pub(super) fn descriptors(&self) -> Vec<u8> {
+        descriptors(&self.identity)
     }
 
     /// Answers a control request: what it returns are the bytes of a read, none for a write.
     pub fn control(&mut self, setup: [u8; 8], data: &[u8]) -> Result<Vec<u8>, Stall> {
-        let [request_type, request, v0, v1, i0, i1, l0, l1] = setup;
-        let (value, index) = (u16::from_le_bytes([v0, v1]), u16::from_le_bytes([i0, i1]));
+        let [request_type, request, v0, v1, i0, _, l0, l1] = setup;
         let register = Register::new(v0, i0);
         let mut answer = match (request_type, request) {
             (0xC0, REQUEST_REGISTER) => self.registers.get(register).unwrap_or(0).to_be_bytes().to_vec(),
@@ -221,7 +146,7 @@ impl Model {
             }
             (0x40, REQUEST_REGISTERS) => {
                 let (records, rest) = data.as_chunks::<REGISTERS_RECORD>();
-                if records.len() != usize::from(value) || !rest.is_empty() {
+                if records.len() != usize::from(u16::from_le_bytes([v0, v1])) || !rest.is_empty() {
                     return Err(Stall);
                 }
                 for &[module, parameter, b0, b1, b2, b3] in records {
@@ -229,11 +154,7 @@ impl Model {
                 }
                 Vec::new()
             }
-            (0x80, 6) => self.descriptor(v1, v0, index)?,
-            (0x80, 8) => vec![1],
-            (0x80, 0) => vec![0, 0],
-            (0x00, 9) | (0x01, 11) => Vec::new(),
-            _ => return Err(Stall),
+            _ => standard_request(&self.identity, &mut self.halted, setup)?,
         };
         answer.truncate(usize::from(u16::from_le_bytes([l0, l1])));
         Ok(answer)
@@ -246,11 +167,10 @@ impl Model {
         }
         let ran = self.runs();
         self.registers.set(register, value);
-        if self.runs() && !ran {
-            self.pieces = (self.source)();
-            (self.next, self.started, self.sent, self.cut) = (None, Some(Instant::now()), 0, 0);
-            self.asleep = Duration::ZERO;
-            self.fifo.clear();
+        match (ran, self.runs()) {
+            (false, true) => self.output.start(),
+            (true, false) => self.output.stop(),
+            _ => {}
         }
     }
 
@@ -261,118 +181,40 @@ impl Model {
         path && [dvs::RUN, aps::RUN].into_iter().any(on)
     }
 
-    fn descriptor(&self, kind: u8, index: u8, _language: u16) -> Result<Vec<u8>, Stall> {
-        match (kind, index) {
-            (1, 0) => Ok(self.device_descriptor().to_vec()),
-            (2, 0) => Ok(CONFIGURATION_DESCRIPTOR.to_vec()),
-            (3, 0) => Ok(vec![4, 3, 0x09, 0x04]),
-            (3, 1) => Ok(string_descriptor("INI")),
-            (3, 2) => Ok(string_descriptor("DAViS FX3")),
-            (3, 3) => Ok(string_descriptor(&self.identity.serial)),
-            _ => Err(Stall),
-        }
-    }
-
-    pub(super) fn device_descriptor(&self) -> [u8; 18] {
-        let [v0, v1] = self.identity.vendor_id.to_le_bytes();
-        let [p0, p1] = self.identity.product_id.to_le_bytes();
-        let [d0, d1] = self.identity.device_version.to_le_bytes();
-        [18, 1, 0x00, 0x03, 0, 0, 0, 9, v0, v1, p0, p1, d0, d1, 1, 2, 3, 1]
-    }
-
-    /// Device and configuration descriptor, as sysfs shows them.
-    pub(super) fn descriptors(&self) -> Vec<u8> {
-        [&self.device_descriptor()[..], CONFIGURATION_DESCRIPTOR].concat()
-    }
-
     /// What a transfer from the data endpoint of at most `room` bytes brings now; `None` if there is
     /// nothing yet.
     pub fn bulk(&mut self, room: usize) -> Option<Result<Vec<u8>, Stall>> {
-        if self.halted {
-            return Some(Err(Stall));
-        }
-        let room = self.limit(room)?;
-        self.fill(room);
-        let take = self.fifo.len().min(room);
-        if take == 0 || (take < room && self.waits()) {
-            return None;
-        }
-        self.sent_last = Some(Instant::now());
-        if !self.faults.cuts.is_empty() {
-            self.cut += 1;
-        }
-        self.sent += take as u64;
-        Some(Ok(self.fifo.drain(..take).collect()))
-    }
-
-    /// Whether a transfer that is not full must wait still: register 9.1.
-    fn waits(&self) -> bool {
-        let clocks = self.registers.clocks();
-        let cycles = self.registers.get(usb::EARLY_PACKET_DELAY).unwrap_or(0);
-        let delay = Duration::from_secs_f64(clocks.microseconds(clocks.usb, cycles) / 1e6);
-        self.pace == Pace::Real && self.sent_last.is_some_and(|last| last.elapsed() < delay)
-    }
-
-    /// `room` cut to the next fault; `None` if that is now.
-    fn limit(&mut self, room: usize) -> Option<usize> {
-        let left = |at: Option<u64>| at.map_or(u64::MAX, |at| at.saturating_sub(self.sent));
-        if left(self.faults.stall_at) == 0 {
-            self.faults.stall_at = None;
-            self.halted = true;
-            return None;
-        }
-        let cuts = &self.faults.cuts;
-        let cut = cuts.get(self.cut % cuts.len().max(1)).copied().unwrap_or(room).max(1);
-        let left = left(self.faults.stall_at).min(left(self.faults.unplug_at));
-        Some(room.min(cut).min(usize::try_from(left).unwrap_or(usize::MAX)))
-    }
-
-    /// To be called every few milliseconds. Where the computer was too busy for that, the camera's
-    /// time stood still: a real camera would not have sent everything at once afterwards.
-    pub(super) fn turn(&mut self) {
-        let now = Instant::now();
-        let gap = self.turned.replace(now).map_or(Duration::ZERO, |turned| now - turned);
-        self.asleep += gap.saturating_sub(TURN_MOST);
-    }
-
-    /// The next piece, if its time has come.
-    fn due(&mut self) -> Option<Piece> {
-        if !self.runs() {
-            return None;
-        }
-        let elapsed = self.started.map_or(Duration::ZERO, |started| started.elapsed()).saturating_sub(self.asleep);
-        let elapsed = elapsed.checked_sub(self.delay)?;
-        let piece = self.next.take().or_else(|| self.pieces.next())?;
-        if self.pace == Pace::Real && Duration::from_micros(piece.time) > elapsed {
-            self.next = Some(piece);
-            return None;
-        }
-        Some(piece)
-    }
-
-    fn fill(&mut self, room: usize) {
-        while self.fifo.len() < room {
-            let Some(piece) = self.due() else { return };
-            self.fifo.extend(piece.bytes);
-        }
-    }
-
-    /// Counts a piece as one dropped event.
-    fn drop_piece(&mut self) {
-        let dropped = self.registers.counter(mux::DVS_DROPPED).unwrap_or(0) + 1;
-        self.registers.set(mux::DVS_DROPPED, (dropped >> 32) as u32);
-        self.registers.set(mux::DVS_DROPPED.next(), dropped as u32);
-    }
-
-    /// Lets time pass without a queued transfer.
-    pub(super) fn idle(&mut self) {
-        while self.pace == Pace::Real {
-            let Some(piece) = self.due() else { return };
-            if self.fifo.len() + piece.bytes.len() > FIFO_BYTES {
-                self.drop_piece();
-            } else {
-                self.fifo.extend(piece.bytes);
+        if !self.halted {
+            let clocks = self.registers.clocks();
+            let cycles = self.registers.get(usb::EARLY_PACKET_DELAY).unwrap_or(0);
+            let delay = Duration::from_secs_f64(clocks.microseconds(clocks.usb, cycles) / 1e6);
+            match self.output.take(room, delay) {
+                Taken::Nothing => return None,
+                Taken::Bytes(bytes) => return Some(Ok(bytes)),
+                Taken::Halt => self.halted = true,
             }
+        }
+        Some(Err(Stall))
+    }
+
+    /// After what time it wants its next turn.
+    pub(super) fn turn_interval(&self) -> Duration {
+        self.output.turn_interval()
+    }
+
+    /// To be called when it wants a turn.
+    pub(super) fn turn(&mut self) {
+        self.output.turn();
+    }
+
+    /// Lets time pass without a queued transfer. Each piece that found no room counts as one dropped
+    /// event.
+    pub(super) fn idle(&mut self) {
+        let dropped = self.output.idle();
+        if dropped > 0 {
+            let dropped = self.registers.counter(mux::DVS_DROPPED).unwrap_or(0) + dropped;
+            self.registers.set(mux::DVS_DROPPED, (dropped >> 32) as u32);
+            self.registers.set(mux::DVS_DROPPED.next(), dropped as u32);
         }
     }
 
@@ -382,36 +224,21 @@ impl Model {
     }
 }
 
-/// One interface, bulk endpoint 0x82, interrupt endpoint 0x81, each with its companion (USB 3).
-const CONFIGURATION_DESCRIPTOR: &[u8] = &[
-    9, 2, 44, 0, 1, 1, 0, 0x80, 100, //
-    9, 4, 0, 0, 2, 0xFF, 0, 0, 0, //
-    7, 5, 0x82, 2, 0x00, 0x04, 0, 6, 0x30, 15, 0, 0, 0, //
-    7, 5, 0x81, 3, 0x40, 0x00, 1, 6, 0x30, 0, 0, 0x40, 0,
-];
-
-fn string_descriptor(text: &str) -> Vec<u8> {
-    let units: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).take(252).collect();
-    let mut descriptor = vec![(units.len() + 2) as u8, 3];
-    descriptor.extend(units);
-    descriptor
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::capture::DATA_ENDPOINT;
+    use crate::registers::sysinfo;
 
-    fn running(pieces: Vec<Piece>) -> Model {
-        let mut model = Model::new("1", move || pieces.clone().into_iter());
-        for register in [mux::RUN_CHIP, usb::RUN, mux::TIMESTAMP_RUN, mux::RUN, dvs::RUN] {
-            model.write(register, 1);
-        }
-        model
+    const CLEAR_HALT: [u8; 8] = [0x02, 1, 0, 0, DATA_ENDPOINT, 0, 0, 0];
+
+    fn none() -> Model {
+        Model::new("00000001", std::iter::empty::<Piece>)
     }
 
     #[test]
     fn control_requests() {
-        let mut model = Model::new("00000001", std::iter::empty::<Piece>);
+        let mut model = none();
         assert_eq!(model.control([0xC0, 0xBF, 6, 0, 0, 0, 4, 0], &[]), Ok(vec![0, 0, 0, 18]));
         assert_eq!(model.control([0x40, 0xBF, 5, 0, 10, 0, 4, 0], &[0, 0, 0x42, 0x7F]), Ok(vec![]));
         assert_eq!(model.registers().get(Register::new(5, 10)), Some(0x427F));
@@ -423,33 +250,47 @@ mod tests {
         assert_eq!(model.registers().get(dvs::SIZE_COLUMNS), Some(260));
         assert_eq!(model.control([0x80, 6, 0, 1, 0, 0, 8, 0], &[]).map(|answer| answer.len()), Ok(8));
         assert_eq!(model.control([0x40, 0xB9, 0, 0, 0, 0, 0, 0], &[]), Err(Stall));
-        assert_eq!(usize::from(CONFIGURATION_DESCRIPTOR[2]), CONFIGURATION_DESCRIPTOR.len());
+        model.power_cycle();
+        assert_eq!(model.registers(), &default_registers());
     }
 
     #[test]
-    fn faults_come_at_their_byte() {
-        let pieces = vec![Piece { time: 0, bytes: (0..100).collect() }];
-        let mut model = running(pieces.clone());
-        model.faults = Faults { cuts: vec![7, 3], stall_at: Some(12), unplug_at: Some(20), busy: false };
-        let lengths: Vec<_> = (0..3).map(|_| model.bulk(64).map(|sent| sent.map(|bytes| bytes.len()))).collect();
-        assert_eq!(lengths, [Some(Ok(7)), Some(Ok(3)), Some(Ok(2))]);
-        assert_eq!(model.bulk(64), None);
-        assert_eq!(model.bulk(64), Some(Err(Stall)));
-        model.clear_halt();
-        assert_eq!(model.bulk(64), Some(Ok(vec![12, 13, 14])));
-        assert!(!model.is_to_be_unplugged());
-        while !model.is_to_be_unplugged() {
-            assert!(model.bulk(64).is_some());
+    fn a_halt_lasts_until_it_is_cleared_by_request() {
+        let pieces = [Piece { time: 0, bytes: vec![1; 100] }];
+        let faults = Faults { stall_at: Some(60), ..Faults::default() };
+        let mut model = Model::new("1", move || pieces.clone().into_iter()).with_faults(faults);
+        for register in [mux::RUN_CHIP, usb::RUN, mux::TIMESTAMP_RUN, mux::RUN, dvs::RUN] {
+            assert_eq!(model.bulk(64), None);
+            model.write(register, 1);
         }
-        assert_eq!(model.sent(), 20);
+        let status = |model: &mut Model| model.control([0x82, 0, 0, 0, DATA_ENDPOINT, 0, 2, 0], &[]);
+        assert_eq!((model.bulk(64), status(&mut model)), (Some(Ok(vec![1; 60])), Ok(vec![0, 0])));
+        assert_eq!((model.bulk(64), status(&mut model)), (Some(Err(Stall)), Ok(vec![1, 0])));
+        assert_eq!(model.bulk(64), Some(Err(Stall)));
+        assert_eq!(model.control(CLEAR_HALT, &[]), Ok(vec![]));
+        assert_eq!((model.bulk(64), status(&mut model)), (Some(Ok(vec![1; 40])), Ok(vec![0, 0])));
     }
 
     #[test]
-    fn what_no_transfer_takes_is_dropped_and_counted_at_real_pace() {
-        let pieces = (0..100).map(|_| Piece { time: 0, bytes: vec![0; 1000] }).collect();
-        let mut model = running(pieces).with_pace(Pace::Real);
+    fn a_piece_without_room_counts_as_a_dropped_event() {
+        let pieces: Vec<_> = (0..100).map(|_| Piece { time: 0, bytes: vec![0; 1000] }).collect();
+        let mut model = Model::new("1", move || pieces.clone().into_iter()).with_pace(Pace::Real);
+        for register in [mux::RUN_CHIP, usb::RUN, mux::TIMESTAMP_RUN, mux::RUN, dvs::RUN] {
+            model.write(register, 1);
+        }
         model.idle();
         assert_eq!(model.registers().counter(mux::DVS_DROPPED), Some(35));
-        assert_eq!(model.bulk(1 << 20).expect("65 of 100 fit").map(|bytes| bytes.len()), Ok(65_000));
+    }
+
+    #[test]
+    fn a_recording_describes_its_camera() {
+        let identity = Identity { serial: "00000007".to_owned(), ..none().identity().clone() };
+        let registers = [(sysinfo::LOGIC_PATCH, 2), (mux::RUN, 1), (mux::DVS_DROPPED.next(), 5), (dvs::DROPPED, 6)];
+        let header = DumpHeader::new(Some(identity.clone()), registers.into_iter().collect());
+        let model = none().with_header(&header);
+        assert_eq!(model.identity(), &identity);
+        let mut expected = default_registers();
+        expected.set(sysinfo::LOGIC_PATCH, 2);
+        assert_eq!(model.registers(), &expected);
     }
 }

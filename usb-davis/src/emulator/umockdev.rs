@@ -13,9 +13,12 @@
 //! The device node is a FIFO of one page: libusb waits for it to become writable, as it is while
 //! there is something to reap. A byte in it makes it full.
 
+mod tree;
+mod uevent;
+
 use std::fs;
 use std::io::{self, Read, Write};
-use std::os::unix::fs::symlink;
+use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -26,6 +29,8 @@ use std::time::Duration;
 use rustix::fd::OwnedFd;
 use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat, open};
 
+use uevent::Action;
+
 use super::model::Model;
 use super::usbfs::{Memory, OpenNode};
 
@@ -35,13 +40,10 @@ pub const BUS: u8 = 2;
 pub const ADDRESS: u8 = 3;
 
 const PRELOAD: &str = "libumockdev-preload.so.0";
-const HUB: &str = "sys/devices/pci0000:00/0000:00:14.0/usb2";
-const DEVICE: &str = "sys/devices/pci0000:00/0000:00:14.0/usb2/2-1";
-const DEVICE_LINK: &str = "sys/bus/usb/devices/2-1";
 const NODE: &str = "dev/bus/usb/002/003";
 const SOCKET: &str = "ioctl/dev/bus/usb/002/003";
-/// How often the camera looks whether it has something to send.
-const TICK: Duration = Duration::from_millis(1);
+/// How often to look for a program that opens the device.
+const ACCEPT_POLL: Duration = Duration::from_millis(1);
 
 const REQUEST_IOCTL: u64 = 1;
 const ANSWER_DONE: u64 = 3;
@@ -49,25 +51,41 @@ const ANSWER_READ_MEMORY: u64 = 5;
 const ANSWER_WRITE_MEMORY: u64 = 6;
 const EINVAL: i32 = 22;
 
+/// Who may use the camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Access {
+    /// Everybody.
+    #[default]
+    Free,
+    /// Another program has it.
+    Busy,
+    /// Only the superuser, as without a udev rule.
+    Forbidden,
+}
+
 struct Bus {
+    directory: PathBuf,
     model: Model,
     nodes: Vec<(u64, OpenNode)>,
+    access: Access,
     unplugged: bool,
+    /// How many udev messages there were.
+    messages: u64,
     fifo: OwnedFd,
     fifo_full: bool,
 }
 
 impl Bus {
     /// Sends what can be sent, unplugs when it is time, and shows whether there is something to reap.
-    fn turn(&mut self) {
+    fn turn(&mut self) -> io::Result<()> {
         if !self.unplugged {
             for (_, node) in &mut self.nodes {
-                if node.claimed || !node.is_ready() {
+                if !node.gone && (node.claimed || !node.is_ready()) {
                     node.pump(&mut self.model);
                 }
             }
-            if self.model.is_to_be_unplugged() {
-                self.unplug();
+            if self.model.take_unplug() {
+                self.unplug()?;
             }
         }
         let ready = self.nodes.iter().any(|(_, node)| node.is_ready());
@@ -79,11 +97,30 @@ impl Bus {
             };
             self.fifo_full = if moved { !ready } else { self.fifo_full };
         }
+        Ok(())
     }
 
-    fn unplug(&mut self) {
-        self.unplugged = true;
-        self.nodes.iter_mut().for_each(|(_, node)| node.shut_down());
+    fn unplug(&mut self) -> io::Result<()> {
+        if !std::mem::replace(&mut self.unplugged, true) {
+            self.nodes.iter_mut().for_each(|(_, node)| node.shut_down());
+            tree::hide(&self.directory)?;
+            self.tell(Action::Remove)?;
+        }
+        Ok(())
+    }
+
+    fn plug_in(&mut self) -> io::Result<()> {
+        if std::mem::replace(&mut self.unplugged, false) {
+            self.model.power_cycle();
+            tree::show(&self.directory)?;
+            self.tell(Action::Add)?;
+        }
+        Ok(())
+    }
+
+    fn tell(&mut self, action: Action) -> io::Result<()> {
+        self.messages += 1;
+        uevent::send(&self.directory, action, self.messages, tree::DEVICE_PATH, BUS, ADDRESS)
     }
 }
 
@@ -98,6 +135,10 @@ fn lock(bus: &Mutex<Bus>) -> MutexGuard<'_, Bus> {
     bus.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+fn set_mode(path: &Path, mode: u32) -> io::Result<()> {
+    fs::set_permissions(path, fs::Permissions::from_mode(mode))
+}
+
 impl EmulatedBus {
     /// Plugs the camera in.
     pub fn start(model: Model) -> io::Result<Self> {
@@ -105,29 +146,43 @@ impl EmulatedBus {
         // The path of a socket may have 108 bytes.
         let name = format!("davis-{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
         let directory = std::env::temp_dir().join(name);
-        make_tree(&directory, &model)?;
+        tree::make(&directory, &model)?;
+        tree::show(&directory)?;
         let node = directory.join(NODE);
         mknodat(CWD, &node, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)?;
         let fifo = open(&node, OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty())?;
         rustix::pipe::fcntl_setpipe_size(&fifo, 4096)?;
         rustix::io::write(&fifo, &[0])?;
-        let bus = Bus { model, nodes: Vec::new(), unplugged: false, fifo, fifo_full: true };
+        let bus = Bus {
+            directory: directory.clone(),
+            model,
+            nodes: Vec::new(),
+            access: Access::Free,
+            unplugged: false,
+            messages: 0,
+            fifo,
+            fifo_full: true,
+        };
         let bus = Arc::new(Mutex::new(bus));
         let ended = Arc::new(AtomicBool::new(false));
         let listener = UnixListener::bind(directory.join(SOCKET))?;
         listener.set_nonblocking(true)?;
+        // Programs of other users put sockets there, too, to listen to udev.
+        set_mode(&directory, 0o1777)?;
+        set_mode(&directory.join(SOCKET), 0o666)?;
+        set_mode(&node, 0o666)?;
         let (of_thread, until) = (Arc::clone(&bus), Arc::clone(&ended));
         thread::spawn(move || serve(&listener, &of_thread, &until));
-        let (of_thread, until, link) = (Arc::clone(&bus), Arc::clone(&ended), directory.join(DEVICE_LINK));
+        let (of_thread, until) = (Arc::clone(&bus), Arc::clone(&ended));
         thread::spawn(move || {
             while !until.load(Ordering::Relaxed) {
-                thread::sleep(TICK);
-                let mut bus = lock(&of_thread);
-                bus.turn();
-                if bus.unplugged {
-                    // It may be gone already.
-                    let _ = fs::remove_file(&link);
-                }
+                let interval = {
+                    let mut bus = lock(&of_thread);
+                    // It fails when the directory is gone, and then there is no bus.
+                    let _ = bus.turn();
+                    bus.model.turn_interval()
+                };
+                thread::sleep(interval);
             }
         });
         Ok(Self { directory, bus, ended })
@@ -138,11 +193,25 @@ impl EmulatedBus {
         [("LD_PRELOAD", PathBuf::from(PRELOAD)), ("UMOCKDEV_DIR", self.directory.clone())]
     }
 
-    /// Pulls the plug.
-    pub fn unplug(&self) {
+    /// Pulls the plug. Programs see the camera go, and those that listen to udev are told.
+    pub fn unplug(&self) -> io::Result<()> {
         let mut bus = lock(&self.bus);
-        bus.unplug();
-        bus.turn();
+        bus.unplug()?;
+        bus.turn()
+    }
+
+    /// Plugs the camera in again, after [`EmulatedBus::unplug`] or a fault did the opposite. Its
+    /// registers are as they were at first; who had it open must open it again.
+    pub fn plug_in(&self) -> io::Result<()> {
+        lock(&self.bus).plug_in()
+    }
+
+    /// Sets who may use the camera from now on.
+    pub fn set_access(&self, access: Access) -> io::Result<()> {
+        let mut bus = lock(&self.bus);
+        bus.access = access;
+        let mode = if access == Access::Forbidden { 0o000 } else { 0o666 };
+        set_mode(&self.directory.join(NODE), mode)
     }
 
     /// Looks at the camera.
@@ -159,60 +228,28 @@ impl Drop for EmulatedBus {
     }
 }
 
-fn make_tree(directory: &Path, model: &Model) -> io::Result<()> {
-    let write = |path: &str, name: &str, contents: &[u8]| fs::write(directory.join(path).join(name), contents);
-    for path in [DEVICE, "sys/bus/usb/devices", "dev/bus/usb/002", "ioctl/dev/bus/usb/002"] {
-        fs::create_dir_all(directory.join(path))?;
-    }
-    let identity = model.identity();
-    let product = format!("{:x}/{:x}/{:x}", identity.vendor_id, identity.product_id, identity.device_version);
-    for (path, node, minor, product, depth) in
-        [(HUB, "001", 128, "1d6b/3/601".to_owned(), "../../../../"), (DEVICE, "003", 130, product, "../../../../../")]
-    {
-        let number = minor - 127;
-        let uevent = format!(
-            "MAJOR=189\nMINOR={minor}\nDEVNAME=bus/usb/002/{node}\nDEVTYPE=usb_device\nDRIVER=usb\nPRODUCT={product}\nTYPE=0/0/0\nBUSNUM=002\nDEVNUM={node}\n"
-        );
-        write(path, "uevent", uevent.as_bytes())?;
-        write(path, "busnum", b"2\n")?;
-        write(path, "devnum", format!("{number}\n").as_bytes())?;
-        write(path, "dev", format!("189:{minor}\n").as_bytes())?;
-        write(path, "speed", b"5000\n")?;
-        write(path, "bConfigurationValue", b"1\n")?;
-        write(path, "bNumConfigurations", b"1\n")?;
-        write(path, "bDeviceClass", b"00\n")?;
-        symlink(format!("{depth}bus/usb"), directory.join(path).join("subsystem"))?;
-    }
-    for (name, value) in
-        [("idVendor", identity.vendor_id), ("idProduct", identity.product_id), ("bcdDevice", identity.device_version)]
-    {
-        write(DEVICE, name, format!("{value:04x}\n").as_bytes())?;
-    }
-    write(DEVICE, "serial", format!("{}\n", identity.serial).as_bytes())?;
-    write(DEVICE, "descriptors", &model.descriptors())?;
-    let hub: [u8; 18] = [18, 1, 0, 3, 9, 0, 3, 9, 0x6B, 0x1D, 3, 0, 1, 6, 0, 0, 0, 1];
-    write(HUB, "descriptors", &hub)?;
-    symlink("../../../devices/pci0000:00/0000:00:14.0/usb2", directory.join("sys/bus/usb/devices/usb2"))?;
-    symlink("../../../devices/pci0000:00/0000:00:14.0/usb2/2-1", directory.join(DEVICE_LINK))
-}
-
 /// Takes connections, one for each open device node.
 fn serve(listener: &UnixListener, bus: &Arc<Mutex<Bus>>, ended: &AtomicBool) {
     let mut number = 0;
     while !ended.load(Ordering::Relaxed) {
         let Ok((stream, _)) = listener.accept() else {
-            thread::sleep(TICK);
+            thread::sleep(ACCEPT_POLL);
             continue;
         };
         number += 1;
         let (bus, id) = (Arc::clone(bus), number);
         thread::spawn(move || {
-            lock(&bus).nodes.push((id, OpenNode::default()));
-            // An error is the client's end.
+            {
+                let mut bus = lock(&bus);
+                let mut node = OpenNode::default();
+                node.gone = bus.unplugged;
+                bus.nodes.push((id, node));
+            }
+            // An error is the client's end, or that of the bus.
             let _ = answer(stream, &bus, id);
             let mut bus = lock(&bus);
             bus.nodes.retain(|(other, _)| *other != id);
-            bus.turn();
+            let _ = bus.turn();
         });
     }
 }
@@ -247,16 +284,17 @@ fn answer(stream: UnixStream, bus: &Mutex<Bus>, id: u64) -> io::Result<()> {
         let number = |index: usize| numbers.get(index).copied().map_or(0, u64::from_ne_bytes);
         let (command, request, argument) = (number(0), number(1), number(2));
         let mut guard = lock(bus);
-        let Bus { model, nodes, unplugged, .. } = &mut *guard;
-        let elsewhere = nodes.iter().any(|(other, node)| *other != id && node.claimed);
+        let Bus { model, nodes, access, .. } = &mut *guard;
+        let claimed = |(other, node): &(u64, OpenNode)| *other != id && node.claimed && !node.gone;
+        let elsewhere = *access == Access::Busy || nodes.iter().any(claimed);
         let node = nodes.iter_mut().find(|(other, _)| *other == id);
         let result = match node {
             Some((_, node)) if command == REQUEST_IOCTL => {
-                node.ioctl(request as u32, argument, model, elsewhere, *unplugged, &mut memory)?
+                node.ioctl(request as u32, argument, model, elsewhere, &mut memory)?
             }
             _ => Err(EINVAL),
         };
-        guard.turn();
+        guard.turn()?;
         drop(guard);
         let (result, error) = match result {
             Ok(result) => (result, 0),

@@ -6,6 +6,8 @@ use std::collections::VecDeque;
 use std::io;
 
 use super::model::Model;
+use super::requests::Stall;
+use super::transfers::QueuedTransfers;
 use crate::capture::DATA_ENDPOINT;
 
 pub(super) const EAGAIN: i32 = 11;
@@ -52,11 +54,10 @@ pub(super) trait Memory {
     fn write(&mut self, address: u64, bytes: &[u8]) -> io::Result<()>;
 }
 
+/// A request block and its buffer, both by their addresses in the client.
 struct Urb {
     address: u64,
-    endpoint: u8,
     buffer: u64,
-    length: usize,
 }
 
 struct Done {
@@ -71,15 +72,24 @@ struct Done {
 /// One open device node.
 #[derive(Default)]
 pub(super) struct OpenNode {
-    pending: VecDeque<Urb>,
+    pending: QueuedTransfers<Urb>,
     done: VecDeque<Done>,
     pub(super) claimed: bool,
+    /// The camera of which it was the node was unplugged.
+    pub(super) gone: bool,
 }
 
 fn number<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     let mut number = [0; N];
     number.iter_mut().zip(bytes.iter().skip(at)).for_each(|(to, from)| *to = *from);
     number
+}
+
+impl Urb {
+    fn done(self, status: i32, data: Vec<u8>) -> Done {
+        let actual = data.len();
+        Done { urb: self.address, status, buffer: self.buffer, data, actual }
+    }
 }
 
 impl OpenNode {
@@ -91,53 +101,32 @@ impl OpenNode {
     /// Completes what the camera has data for.
     pub(super) fn pump(&mut self, model: &mut Model) {
         model.turn();
-        let mut waiting = VecDeque::new();
-        while let Some(urb) = self.pending.pop_front() {
-            if urb.endpoint != DATA_ENDPOINT {
-                waiting.push_back(urb);
-                continue;
-            }
-            match model.bulk(urb.length) {
-                Some(Ok(data)) => self.finish(urb, 0, data),
-                Some(Err(_)) => self.finish(urb, -EPIPE, Vec::new()),
-                None => {
-                    waiting.push_back(urb);
-                    break;
-                }
-            }
+        while let Some((urb, data)) = self.pending.next(model) {
+            self.done.push_back(match data {
+                Ok(data) => urb.done(0, data),
+                Err(Stall) => urb.done(-EPIPE, Vec::new()),
+            });
         }
-        waiting.extend(self.pending.drain(..));
-        self.pending = waiting;
-        if self.pending.is_empty() {
-            model.idle();
-        }
-    }
-
-    fn finish(&mut self, urb: Urb, status: i32, data: Vec<u8>) {
-        let actual = data.len();
-        self.done.push_back(Done { urb: urb.address, status, buffer: urb.buffer, data, actual });
     }
 
     /// Ends everything that is pending, as unplugging does.
     pub(super) fn shut_down(&mut self) {
-        while let Some(urb) = self.pending.pop_front() {
-            self.finish(urb, -ESHUTDOWN, Vec::new());
-        }
+        self.gone = true;
+        self.done.extend(self.pending.drain().map(|urb| urb.done(-ESHUTDOWN, Vec::new())));
     }
 
-    /// Answers an ioctl: its result, or an error number. `claimed_elsewhere`: another node has the
-    /// interface.
+    /// Answers an ioctl: its result, or an error number. `claimed_elsewhere`: another program has
+    /// the interface.
     pub(super) fn ioctl(
         &mut self,
         request: u32,
         argument: u64,
         model: &mut Model,
         claimed_elsewhere: bool,
-        unplugged: bool,
         memory: &mut impl Memory,
     ) -> io::Result<Result<u64, i32>> {
         if request == REAP || request == REAP_NOW {
-            let nothing = if unplugged { ENODEV } else { EAGAIN };
+            let nothing = if self.gone { ENODEV } else { EAGAIN };
             let Some(done) = self.done.pop_front() else { return Ok(Err(nothing)) };
             if !done.data.is_empty() {
                 memory.write(done.buffer, &done.data)?;
@@ -148,20 +137,18 @@ impl OpenNode {
             return Ok(Ok(0));
         }
         if request == DISCARD {
-            let Some(index) = self.pending.iter().position(|urb| urb.address == argument) else {
+            let Some(urb) = self.pending.remove(|urb| urb.address == argument) else {
                 return Ok(Err(EINVAL));
             };
-            if let Some(urb) = self.pending.remove(index) {
-                self.finish(urb, -ENOENT, Vec::new());
-            }
+            self.done.push_back(urb.done(-ENOENT, Vec::new()));
             return Ok(Ok(0));
         }
-        if unplugged {
+        if self.gone {
             return Ok(Err(ENODEV));
         }
         Ok(match request {
             SUBMIT => self.submit(argument, model, memory)?,
-            CLAIM | DISCONNECT_CLAIM if claimed_elsewhere || model.faults().busy => Err(EBUSY),
+            CLAIM | DISCONNECT_CLAIM if claimed_elsewhere => Err(EBUSY),
             CLAIM | DISCONNECT_CLAIM => {
                 self.claimed = true;
                 Ok(0)
@@ -191,12 +178,11 @@ impl OpenNode {
         let [kind, endpoint, ..] = block;
         let buffer = u64::from_ne_bytes(number(&block, 16));
         let length = usize::try_from(i32::from_ne_bytes(number(&block, 24))).unwrap_or(0);
-        let urb = Urb { address, endpoint, buffer, length };
         if kind != TYPE_CONTROL {
             if kind == TYPE_BULK && endpoint != DATA_ENDPOINT {
                 return Ok(Err(ENOENT));
             }
-            self.pending.push_back(urb);
+            self.pending.push(Urb { address, buffer }, endpoint, length);
             self.pump(model);
             return Ok(Ok(0));
         }

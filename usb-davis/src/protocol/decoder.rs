@@ -135,7 +135,8 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
     /// at the next word that tells time.
     ///
     /// The time goes on from the latest one. Should a wrap word be among what was lost, all later
-    /// times are too small by a multiple of 2^15 µs, which the stream itself cannot tell.
+    /// times are too small by a multiple of 2^15 µs, which the stream itself cannot tell; who knows
+    /// how many were lost says so with [`Decoder::restore_wraps`].
     pub fn gap(&mut self, mut sink: impl FnMut(Message<'_>)) {
         self.offset += u64::from(self.half.take().is_some());
         self.row = NO_ROW;
@@ -143,6 +144,18 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         self.frame.interrupt();
         self.imu.interrupt();
         self.anomaly(AnomalyKind::Gap, self.offset, 0, &mut sink);
+    }
+
+    /// Adds `count` × 2^15 µs for wrap words that were lost, to be called right after
+    /// [`Decoder::gap`]. [`crate::capture::GapRepair`] finds the count from the computer's clock.
+    pub fn restore_wraps(&mut self, count: u64) {
+        self.wrap = self.wrap.saturating_add(count.saturating_mul(1 << 15));
+        self.time = self.time.max(self.wrap);
+    }
+
+    /// The time at the latest wrap or reset in µs, to which the low 15 bits of a timestamp are added.
+    pub fn wrap_time(&self) -> u64 {
+        self.wrap
     }
 
     fn words(&mut self, words: &[[u8; 2]], sink: &mut impl FnMut(Message<'_>)) {

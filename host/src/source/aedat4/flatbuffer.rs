@@ -88,6 +88,11 @@ impl<'a> Table<'a> {
         Ok(self.scalar(index)?.map_or(default, i32::from_le_bytes))
     }
 
+    /// Field `index` as f32.
+    pub fn f32(&self, index: usize, default: f32) -> Result<f32, Malformed> {
+        Ok(self.scalar(index)?.map_or(default, f32::from_le_bytes))
+    }
+
     /// Field `index` as i64.
     pub fn i64(&self, index: usize, default: i64) -> Result<i64, Malformed> {
         Ok(self.scalar(index)?.map_or(default, i64::from_le_bytes))

@@ -3,7 +3,7 @@
 //! | identifier | root table | elements |
 //! |---|---|---|
 //! | `FRME` | one frame: times of frame and exposure, format, size, position, pixels | |
-//! | `IMUS` | vector of tables, field 0 = time | samples |
+//! | `IMUS` | vector of tables: time, temperature, accelerations, angular velocities | samples |
 //! | `TRIG` | vector of tables, field 0 = time | triggers |
 
 use std::path::Path;
@@ -15,6 +15,7 @@ use super::{EVENTS, describe, event, events};
 use crate::source::{SourceError, SourceErrorKind, StreamSummary};
 
 const FRAMES: &str = "FRME";
+const INERTIAL: &str = "IMUS";
 
 /// A picture of the camera's frame sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,6 +25,9 @@ pub struct Frame {
     pub t: i64,
     /// Start and end of the exposure in µs, where the file gives them.
     pub exposure: Option<(i64, i64)>,
+    /// Start and end of reading the sensor in µs, the exposure between them, where the file gives
+    /// them.
+    pub readout: Option<(i64, i64)>,
     /// Width and height in pixels.
     pub size: (u16, u16),
     /// Column and row of the sensor at which the picture begins.
@@ -87,15 +91,67 @@ fn frame(table: &Table) -> Result<Frame, Malformed> {
     if pixels.len() != usize::from(width) * usize::from(height) * channels {
         return Err(Malformed("a frame does not have as many pixels as its size says"));
     }
-    let exposure = (table.i64(3, -1)?, table.i64(4, -1)?);
+    let span = |start, end| -> Result<Option<(i64, i64)>, Malformed> {
+        let span = (table.i64(start, -1)?, table.i64(end, -1)?);
+        Ok(Some(span).filter(|(start, end)| *start >= 0 && end >= start))
+    };
     Ok(Frame {
         t: table.i64(0, 0)?,
-        exposure: Some(exposure).filter(|(start, end)| *start >= 0 && end >= start),
+        exposure: span(3, 4)?,
+        readout: span(1, 2)?,
         size: (width, height),
         position: (side(8)?, side(9)?),
         channels,
         pixels: pixels.to_vec(),
     })
+}
+
+/// One reading of the inertial measurement unit, in camera axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InertialSample {
+    /// Time stamp in µs, on the clock of the events.
+    pub t: i64,
+    /// Temperature in °C.
+    pub temperature: f32,
+    /// Accelerations x, y, z less gravity, in g. Zeros where they were not measured.
+    pub acceleration: [f32; 3],
+    /// Angular velocities about x, y, z in °/s. Zeros where they were not measured.
+    pub angular_velocity: [f32; 3],
+}
+
+/// Reads the first stream of inertial samples of the file at `path`; empty without such a stream. A
+/// file that was cut off gives what is whole.
+///
+/// # Errors
+/// When the file cannot be read or a packet is damaged.
+pub fn inertial_samples(path: &Path) -> Result<Vec<InertialSample>, SourceError> {
+    let mut packets = PacketReader::open(path)?;
+    let mut streams = packets.header().streams.iter();
+    let stream = streams.find(|stream| stream.type_identifier == INERTIAL).map(|stream| stream.id);
+    let mut samples = Vec::new();
+    while let Some(head) = packets.next_packet()? {
+        if Some(head.stream) == stream && !head.cut_off {
+            let content = packets.content(&head)?;
+            let parsed = inertial_packet(content, &mut samples);
+            parsed.map_err(|Malformed(what)| packets.damaged(&head, what))?;
+        }
+    }
+    Ok(samples)
+}
+
+fn inertial_packet(content: &[u8], samples: &mut Vec<InertialSample>) -> Result<(), Malformed> {
+    let vector = flatbuffer::root(content, b"IMUS")?.vector(0)?;
+    for index in 0..vector.length {
+        let table = vector.table(index)?;
+        let axes = |first: usize| Ok([table.f32(first, 0.0)?, table.f32(first + 1, 0.0)?, table.f32(first + 2, 0.0)?]);
+        samples.push(InertialSample {
+            t: table.i64(0, 0)?,
+            temperature: table.f32(1, 0.0)?,
+            acceleration: axes(2)?,
+            angular_velocity: axes(5)?,
+        });
+    }
+    Ok(())
 }
 
 /// Counts what the streams of the file at `path` hold. Packets that are damaged or cut off count as
@@ -150,7 +206,7 @@ fn elements(
             (events.len() as u64, times)
         }),
         FRAMES => flatbuffer::root(content, b"FRME").and_then(|table| table.i64(0, 0)).map(|t| (1, Some((t, t)))),
-        "IMUS" => tables(content, b"IMUS"),
+        INERTIAL => tables(content, b"IMUS"),
         "TRIG" => tables(content, b"TRIG"),
         _ => Ok((0, None)),
     };
@@ -203,6 +259,7 @@ mod tests {
         let expected = Frame {
             t: 1000,
             exposure: Some((900, 1100)),
+            readout: None,
             size: (3, 2),
             position: (5, 6),
             channels: 1,

@@ -1,0 +1,243 @@
+//! Recording a live camera: every transfer goes to the disk as it comes, whatever else happens.
+//!
+//! The loop runs on the calling thread and does little: write, count, hand a transfer over. What
+//! takes longer belongs on another thread (see [`crate::live`]). Between camera and loop lies the
+//! queue of `usb_davis::device`, which holds more than a second of the camera's top rate.
+
+use std::fs::File;
+use std::io;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+use usb_davis::configuration::Streams;
+use usb_davis::device::{Camera, DeviceError, Queue, Stream, StreamError};
+use usb_davis::dump::{Compression, DumpError, DumpWriter, Transfer};
+use usb_davis::protocol::Decoder;
+
+/// Longest wait for a transfer: how often the watcher is asked at least.
+const PATIENCE: Duration = Duration::from_millis(50);
+/// Time between two [`Moment::Status`].
+const STATUS_INTERVAL: Duration = Duration::from_secs(1);
+
+/// What to record.
+#[derive(Clone, Copy, Debug)]
+pub struct RecordingPlan {
+    /// What the camera sends.
+    pub streams: Streams,
+    /// Transfers under way, and memory for those that wait.
+    pub queue: Queue,
+    /// For how long; without it, until the watcher or the camera ends it.
+    pub duration: Option<Duration>,
+}
+
+/// How a recording goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct RecordingStatus {
+    /// Time since it began in seconds.
+    pub seconds: f64,
+    /// Bytes that the camera sent.
+    pub bytes: u64,
+    /// Pixel events in them.
+    pub events: u64,
+    /// Events per second since the status before.
+    pub event_rate: f64,
+    /// Events that the camera dropped, by its own counters.
+    pub dropped: u64,
+}
+
+/// What the watcher of a recording is told.
+#[derive(Clone, Copy, Debug)]
+pub enum Moment<'a> {
+    /// A transfer came and is on the disk.
+    Transfer(&'a Transfer<'a>),
+    /// Once a second: how it goes.
+    Status(&'a RecordingStatus),
+    /// Nothing came for a while.
+    Silence,
+}
+
+/// Why a recording ended.
+#[derive(Debug, thiserror::Error)]
+pub enum Ending {
+    /// The watcher wanted it.
+    #[error("stopped")]
+    Asked,
+    /// Its time was over.
+    #[error("the time is over")]
+    Duration,
+    /// The camera went away or failed.
+    #[error("{0}")]
+    Camera(StreamError),
+    /// The file could not be written any more.
+    #[error("the recording could not be written: {0}")]
+    File(DumpError),
+}
+
+impl Ending {
+    /// Whether it ended as planned.
+    pub fn is_good(&self) -> bool {
+        matches!(self, Self::Asked | Self::Duration)
+    }
+}
+
+/// What was recorded.
+#[derive(Debug)]
+pub struct RecordingReport {
+    /// The file.
+    pub path: PathBuf,
+    /// How it went, as of the end.
+    pub status: RecordingStatus,
+    /// Transfers.
+    pub transfers: u64,
+    /// Bytes of the file.
+    pub file_bytes: u64,
+    /// Faults in the stream.
+    pub faults: u64,
+    /// Transfers that could not be queued at once because this computer was too slow.
+    pub starved: u64,
+    /// Why it ended.
+    pub ending: Ending,
+}
+
+/// Why nothing was recorded.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file is there already.
+    #[error("{} is there already and is not overwritten: choose another name", .0.display())]
+    Exists(PathBuf),
+    /// The file cannot be made.
+    #[error("{}: {error}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: DumpError,
+    },
+    /// The camera cannot be started.
+    #[error(transparent)]
+    Camera(#[from] DeviceError),
+}
+
+/// Records what `camera` sends into a new file at `path`, until the time is over, `watch` breaks or
+/// the camera ends. Whatever came is in the file then; the report says why it ended.
+///
+/// # Errors
+/// [`RecordingError`] if it cannot begin.
+pub fn record(
+    camera: &mut Camera,
+    path: &Path,
+    plan: &RecordingPlan,
+    mut watch: impl FnMut(Moment<'_>) -> ControlFlow<()>,
+) -> Result<RecordingReport, RecordingError> {
+    let failed = |error: DumpError| RecordingError::File { path: path.to_owned(), error };
+    let file = File::create_new(path).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => RecordingError::Exists(path.to_owned()),
+        _ => failed(error.into()),
+    })?;
+    let mut dump = DumpWriter::new(file, &camera.header(), Compression::None).map_err(failed)?;
+    let mut counter = Decoder::new(camera.layout());
+    let mut stream = camera.start(plan.streams, plan.queue)?;
+    let mut progress = Progress::default();
+    let ending = run(&mut stream, &mut dump, &mut counter, &mut progress, plan, &mut watch);
+    // A camera that fails to stop has nothing to lose any more.
+    let _ = stream.stop();
+    let statistics = stream.statistics();
+    drop(stream);
+    // An unplugged camera cannot be asked: what it said last holds.
+    let counters = camera.read_drop_counters().unwrap_or_default();
+    let file_bytes = dump.bytes();
+    let closed = dump.registers(counters).and_then(|()| dump.finish()).and_then(|file| Ok(file.sync_all()?));
+    let ending = match (ending, closed) {
+        (ending, Err(error)) if ending.is_good() => Ending::File(error),
+        (ending, _) => ending,
+    };
+    let counts = counter.counts();
+    let status =
+        RecordingStatus { dropped: camera.dropped_events(), ..progress.status(counts.events, statistics.bytes) };
+    Ok(RecordingReport {
+        path: path.to_owned(),
+        status,
+        transfers: statistics.transfers,
+        file_bytes,
+        faults: counts.anomalies.total(),
+        starved: statistics.starved,
+        ending,
+    })
+}
+
+/// Takes transfers until the end, and what is under way then.
+fn run(
+    stream: &mut Stream<'_>,
+    dump: &mut DumpWriter<File>,
+    counter: &mut Decoder,
+    progress: &mut Progress,
+    plan: &RecordingPlan,
+    watch: &mut impl FnMut(Moment<'_>) -> ControlFlow<()>,
+) -> Ending {
+    let mut wanted = None;
+    loop {
+        let go_on = match stream.next(PATIENCE) {
+            Ok(Some(transfer)) => {
+                if let Err(error) = dump.transfer(&transfer) {
+                    return Ending::File(error);
+                }
+                counter.decode(transfer.payload, |_| {});
+                watch(Moment::Transfer(&transfer))
+            }
+            Ok(None) => watch(Moment::Silence),
+            Err(StreamError::Stopped) => return wanted.unwrap_or(Ending::Asked),
+            Err(error) => return Ending::Camera(error),
+        };
+        if wanted.is_some() {
+            continue;
+        }
+        let mut end = go_on.is_break().then_some(Ending::Asked);
+        if progress.is_due() {
+            // Should the camera be gone, the next transfer tells.
+            let _ = stream.camera().read_drop_counters();
+            let dropped = stream.camera().dropped_events();
+            let status = progress.status(counter.counts().events, stream.statistics().bytes);
+            if watch(Moment::Status(&RecordingStatus { dropped, ..status })).is_break() {
+                end = end.or(Some(Ending::Asked));
+            }
+        }
+        if plan.duration.is_some_and(|duration| progress.began.elapsed() >= duration) {
+            end = end.or(Some(Ending::Duration));
+        }
+        if end.is_some() {
+            wanted = end;
+            // What is under way still comes, then `Stopped`, also if the camera did not answer.
+            let _ = stream.stop();
+        }
+    }
+}
+
+/// The clock of a recording.
+struct Progress {
+    began: Instant,
+    /// When the latest status was made, and how many events there were then.
+    told: Instant,
+    told_events: u64,
+}
+
+impl Default for Progress {
+    fn default() -> Self {
+        let now = Instant::now();
+        Self { began: now, told: now, told_events: 0 }
+    }
+}
+
+impl Progress {
+    fn is_due(&self) -> bool {
+        self.told.elapsed() >= STATUS_INTERVAL
+    }
+
+    fn status(&mut self, events: u64, bytes: u64) -> RecordingStatus {
+        let span = self.told.elapsed().as_secs_f64();
+        let event_rate = if span > 0.0 { (events - self.told_events) as f64 / span } else { 0.0 };
+        (self.told, self.told_events) = (Instant::now(), events);
+        RecordingStatus { seconds: self.began.elapsed().as_secs_f64(), bytes, events, event_rate, dropped: 0 }
+    }
+}

@@ -1,0 +1,57 @@
+//! Which camera, and how it is set up.
+
+use std::time::Duration;
+
+use clap::ValueEnum;
+use evcal::camera_recording::RecordingPlan;
+use usb_davis::configuration::{Configuration, Streams};
+use usb_davis::device::{Camera, DeviceError, Queue, Selector};
+
+use super::value;
+
+/// Options of every subcommand that runs a camera.
+#[derive(clap::Args)]
+pub struct CameraArguments {
+    /// Stop after this time, for example 10s [default: at Ctrl-C]
+    #[arg(long, value_name = "TIME", value_parser = value::seconds)]
+    duration: Option<f64>,
+    /// Record frames, too: 9 MB/s more
+    #[arg(long)]
+    frames: bool,
+    /// Settings of the camera
+    #[arg(long, value_enum, default_value_t = Preset::Calibration)]
+    preset: Preset,
+    /// Serial number of the camera [default: the first that can be used]
+    #[arg(long, value_name = "NUMBER")]
+    serial: Option<String>,
+}
+
+/// Settings of the camera.
+#[derive(Clone, Copy, ValueEnum)]
+enum Preset {
+    /// Without the background-activity filter, which would take the first event of each edge
+    Calibration,
+    /// As iniVation's software sets it up
+    Default,
+}
+
+impl CameraArguments {
+    /// Opens the camera and sets it up.
+    pub fn open(&self) -> Result<Camera, DeviceError> {
+        let mut camera = Camera::open(&Selector { serial: self.serial.clone(), ..Selector::default() })?;
+        camera.configure(&match self.preset {
+            Preset::Calibration => Configuration::calibration(),
+            Preset::Default => Configuration::default(),
+        })?;
+        Ok(camera)
+    }
+
+    /// What to record, and for how long.
+    pub fn plan(&self) -> RecordingPlan {
+        RecordingPlan {
+            streams: if self.frames { Streams::ALL } else { Streams::EVENTS },
+            queue: Queue::default(),
+            duration: self.duration.map(|seconds| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)),
+        }
+    }
+}

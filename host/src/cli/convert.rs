@@ -1,0 +1,51 @@
+//! `evcal convert`.
+
+use std::path::PathBuf;
+
+use evcal::convert::{Target, TimeOrigin, convert};
+use evcal::source::Recording;
+
+use super::source_arguments::SourceArguments;
+use super::{print, progress};
+
+/// Arguments of `evcal convert`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Recording: .dvraw, pcap, AEDAT4, text or EventCalib binary, told apart by its content
+    #[arg(value_name = "IN")]
+    input: PathBuf,
+    /// File to write; one that is there already is left alone
+    #[arg(value_name = "OUT")]
+    output: PathBuf,
+    /// Format to write: dvraw, aedat4, csv or bin (EventCalib) [default: by the extension of OUT]
+    #[arg(long, value_name = "FORMAT")]
+    to: Option<Target>,
+    /// Count times from 1970, by the time at which the recording of a camera began
+    #[arg(long)]
+    unix_time: bool,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Print what was converted as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `evcal convert`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let (input, output) = (&arguments.input, &arguments.output);
+    let target = arguments.to.map_or_else(|| Target::from_extension(output), Ok)?;
+    let origin = if arguments.unix_time { TimeOrigin::Unix } else { TimeOrigin::Kept };
+    let recording = Recording::new(input, arguments.source.options())?;
+    let bar = progress::spinner(arguments.json);
+    let report = convert(&recording, output, target, origin, |events| bar.set_message(format!("{events} events")))?;
+    bar.finish_and_clear();
+    if arguments.json {
+        print::json(&report)?;
+    } else {
+        print::line(format!("{}: {report}", output.display()))?;
+    }
+    match report.error {
+        Some(error) => Err(format!("{error}\nwhat came before is in {}", output.display()).into()),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,126 @@
+//! Where the ray of a pixel meets the board, and how far that is from a circle's edge.
+//!
+//! With the bearing b of a pixel, the pose (R, p) = `T_world_camera` and a circle's centre l on the
+//! board plane z = 0:
+//!
+//! d = R b, X = p − (p_z / d_z) d (the ray meets the board), n = (X − l) / ‖X − l‖,
+//! f = ‖X − l‖ − radius, h = λ (n_x, n_y, −(n · d_xy) / d_z), λ = −p_z / d_z,
+//! ∂f/∂ω = b × Rᵀh (rotation perturbed in the camera frame), ∂f/∂p = h / λ,
+//! ∂f/∂pixel = Rᵀh · ∂b/∂pixel, and s = ‖∂f/∂pixel‖ is the local scale in metres per pixel.
+//!
+//! All functions are free of branches, so that the compiler can work on several events at once;
+//! [`is_in_front`] tells whether the result means anything.
+
+use nalgebra::Vector2;
+
+use super::pose_bin::{PoseBin, cross, dot};
+
+/// A ray and where it meets the board plane.
+#[derive(Clone, Copy, Debug)]
+pub struct BoardRay {
+    /// Bearing in the camera frame at the bin's centre.
+    bearing: [f64; 3],
+    /// Direction in the world frame.
+    direction: [f64; 3],
+    /// One over the direction's z.
+    inverse: f64,
+    /// Length along `direction` to the board.
+    depth: f64,
+    /// Where it meets the board, in metres.
+    point: [f64; 2],
+}
+
+/// Whether a ray of this depth meets the board in front of the camera.
+#[inline(always)]
+pub fn is_in_front(depth: f64) -> bool {
+    // Also false for NaN and for rays parallel to the board.
+    depth > 0.0 && depth < 1e6
+}
+
+/// Distance of a ray from the edge of a circle on the board, and its derivatives.
+#[derive(Clone, Copy, Debug)]
+pub struct EdgeDistance {
+    /// Signed distance from the circle's edge in metres on the board plane, positive outside.
+    pub metres: f64,
+    /// Metres on the board plane for each pixel across the edge.
+    pub scale: f64,
+    /// Derivative of `metres` by pixel x and y, in metres per pixel.
+    pub by_pixel: [f64; 2],
+    /// Derivative of `metres` by the camera centre in the world frame.
+    pub by_translation: [f64; 3],
+    /// Derivative of `metres` by a rotation perturbation in the camera frame (metres per radian).
+    pub by_rotation: [f64; 3],
+    /// How fast a pixel's ray slides along the edge, in m/s.
+    pub sliding: f64,
+}
+
+impl BoardRay {
+    /// The ray of `bearing` (camera frame) at `dt` seconds after the centre of `pose`'s bin; the pose
+    /// moves on to first order.
+    #[inline(always)]
+    pub fn new(pose: &PoseBin, dt: f64, bearing: &[f64; 3]) -> Self {
+        let turn = cross(&pose.angular_velocity, bearing);
+        let bearing: [f64; 3] = std::array::from_fn(|axis| bearing[axis] + dt * turn[axis]);
+        let direction = pose.to_world(&bearing);
+        let camera: [f64; 3] = std::array::from_fn(|axis| pose.translation[axis] + dt * pose.linear_velocity[axis]);
+        let inverse = 1.0 / direction[2];
+        let depth = -camera[2] * inverse;
+        let point = [camera[0] + depth * direction[0], camera[1] + depth * direction[1]];
+        Self { bearing, direction, inverse, depth, point }
+    }
+
+    /// Length along the ray to the board, in units of the bearing's length (metres).
+    #[inline(always)]
+    pub fn depth(&self) -> f64 {
+        self.depth
+    }
+
+    /// Where it meets the board, in metres.
+    pub fn point(&self) -> Vector2<f64> {
+        Vector2::from(self.point)
+    }
+
+    /// Distance from the edge of the circle at `center` with `radius` (metres). `by_pixel` is the
+    /// derivative of the bearing by pixel x and y.
+    #[inline(always)]
+    pub fn edge_distance(
+        &self,
+        pose: &PoseBin,
+        by_pixel: &[[f64; 3]; 2],
+        center: [f64; 2],
+        radius: f64,
+    ) -> EdgeDistance {
+        let (x, y) = (self.point[0] - center[0], self.point[1] - center[1]);
+        let distance = (x * x + y * y).sqrt();
+        let inverse = 1.0 / distance;
+        let (normal_x, normal_y) = (x * inverse, y * inverse);
+        let along = normal_x * self.direction[0] + normal_y * self.direction[1];
+        let by_translation = [normal_x, normal_y, -along * self.inverse];
+        let by_bearing = pose.to_camera(&by_translation.map(|value| self.depth * value));
+        let by_rotation = cross(&self.bearing, &by_bearing);
+        let by_pixel = [dot(&by_bearing, &by_pixel[0]), dot(&by_bearing, &by_pixel[1])];
+        let scale = (by_pixel[0] * by_pixel[0] + by_pixel[1] * by_pixel[1]).sqrt();
+        let velocity = self.velocity(pose);
+        let sliding = normal_x * velocity[1] - normal_y * velocity[0];
+        EdgeDistance { metres: distance - radius, scale, by_pixel, by_translation, by_rotation, sliding }
+    }
+
+    /// Velocity in m/s with which the point where a fixed pixel's ray meets the board moves over it.
+    #[inline(always)]
+    pub fn velocity(&self, pose: &PoseBin) -> [f64; 2] {
+        let turning = pose.to_world(&cross(&pose.angular_velocity, &self.bearing));
+        let depth_rate = -(pose.linear_velocity[2] + self.depth * turning[2]) * self.inverse;
+        std::array::from_fn(|axis| {
+            pose.linear_velocity[axis] + depth_rate * self.direction[axis] + self.depth * turning[axis]
+        })
+    }
+}
+
+impl EdgeDistance {
+    /// How fast the distance grows at a fixed pixel, in pixels per second: the normal speed of the
+    /// edge, positive where the pixel leaves the dot (it becomes brighter).
+    #[inline(always)]
+    pub fn normal_speed(&self, pose: &PoseBin) -> f64 {
+        (dot(&self.by_rotation, &pose.angular_velocity) + dot(&self.by_translation, &pose.linear_velocity)) / self.scale
+    }
+}

@@ -1,0 +1,136 @@
+//! What the camera said, with times that go on over gaps and restarts of its clock.
+
+use std::path::{Path, PathBuf};
+
+use evcal_core::event::{Event, Polarity};
+use usb_davis::capture::{Capture, CaptureError};
+use usb_davis::dump::DumpHeader;
+use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarity, PolarityEvent};
+use usb_davis::registers::{dvs, mux};
+
+use crate::source::reader::PAUSE_AFTER_RESET;
+use crate::source::{ReadReport, SourceError, SourceErrorKind, StreamFaults, Truncation};
+
+/// An event of the wire as an event of a recording, `shift` µs later.
+pub fn event(event: &PolarityEvent, shift: i64) -> Event {
+    Event {
+        t: i64::try_from(event.time).unwrap_or(i64::MAX).saturating_add(shift),
+        x: event.x,
+        y: event.y,
+        polarity: match event.polarity {
+            WirePolarity::Off => Polarity::Off,
+            WirePolarity::On => Polarity::On,
+        },
+    }
+}
+
+/// Makes one time of the camera's, which begins at zero whenever its clock is reset: it goes on 1 s
+/// after the latest time before.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CameraClock {
+    shift: i64,
+    latest: Option<i64>,
+    resets: u64,
+}
+
+impl CameraClock {
+    /// Takes note of a message; gives what to add to its times, in µs.
+    pub fn shift(&mut self, message: &Message<'_>) -> i64 {
+        let time = match message {
+            Message::Events(events) => events.last().map(|event| event.time),
+            Message::Signal(signal) => Some(signal.time),
+            Message::Imu(sample) => Some(sample.time),
+            Message::Frame(frame) => Some(frame.end),
+            Message::Anomaly(_) => None,
+            Message::TimestampReset { .. } => {
+                if let Some(latest) = self.latest {
+                    self.shift = latest.saturating_add(PAUSE_AFTER_RESET);
+                    self.resets += 1;
+                }
+                None
+            }
+        };
+        let time = time.map(|time| i64::try_from(time).unwrap_or(i64::MAX).saturating_add(self.shift));
+        self.latest = self.latest.max(time);
+        self.shift
+    }
+}
+
+/// The messages of a recording of transfers.
+pub struct Messages {
+    path: PathBuf,
+    capture: Capture,
+    decoder: Decoder<Vec<u16>>,
+    clock: CameraClock,
+    other: [u64; 3],
+    ended: bool,
+}
+
+impl Messages {
+    /// Opens a dump, a capture or a bare stream.
+    pub fn open(path: &Path) -> Result<Self, SourceError> {
+        let capture = Capture::open(path).map_err(|reason| error(path, reason))?;
+        let decoder = capture.header().decoder();
+        let clock = CameraClock::default();
+        Ok(Self { path: path.to_owned(), capture, decoder, clock, other: [0; 3], ended: false })
+    }
+
+    /// What the recording says of its camera.
+    pub fn header(&self) -> &DumpHeader {
+        self.capture.header()
+    }
+
+    /// Hands over the messages of the next transfer, each with what to add to its times in µs; false
+    /// at the end.
+    pub fn next(&mut self, mut sink: impl FnMut(Message<'_>, i64)) -> Result<bool, SourceError> {
+        let (clock, [frames, samples, signals]) = (&mut self.clock, &mut self.other);
+        let take = |message: Message<'_>| {
+            match message {
+                Message::Frame(_) => *frames += 1,
+                Message::Imu(_) => *samples += 1,
+                Message::Signal(_) => *signals += 1,
+                _ => {}
+            }
+            let shift = clock.shift(&message);
+            sink(message, shift);
+        };
+        let more = self.capture.decode_next(&mut self.decoder, take).map_err(|reason| error(&self.path, reason))?;
+        self.ended = !more;
+        Ok(more)
+    }
+
+    /// Says in `report` what was met so far.
+    pub fn report(&self, report: &mut ReadReport) {
+        let repairs = self.capture.repairs();
+        let faults = self.decoder.counts().anomalies;
+        let faults = faults.iter().filter(|(kind, _)| *kind != AnomalyKind::Gap);
+        report.stream = StreamFaults {
+            gaps: repairs.gaps,
+            repaired_gaps: repairs.repaired,
+            restored_us: repairs.restored_us,
+            clock_resets: self.clock.resets,
+            dropped: [mux::DVS_DROPPED, dvs::DROPPED]
+                .into_iter()
+                .filter_map(|register| self.capture.registers().counter(register))
+                .fold(0, u64::saturating_add),
+            faults: faults.map(|(kind, count)| (kind.text(), count)).collect(),
+        };
+        for (name, count) in ["frames", "inertial samples", "signals"].into_iter().zip(self.other) {
+            if count > 0 {
+                report.other_packets.insert(name.to_owned(), count);
+            }
+        }
+        let unfinished = self.capture.damage().unfinished;
+        if self.ended && unfinished > 0 {
+            let byte = std::fs::metadata(&self.path).map_or(0, |file| file.len()).saturating_sub(unfinished);
+            report.truncated = Some(Truncation { byte, lost: "a transfer is incomplete".to_owned() });
+        }
+    }
+}
+
+fn error(path: &Path, error: CaptureError) -> SourceError {
+    match error {
+        CaptureError::Io(error) => SourceError::io(path, error),
+        error => SourceError::new(path, SourceErrorKind::Layout(error.to_string())),
+    }
+}

@@ -1,0 +1,278 @@
+//! `evcal devices`, `record` and `live`, as a user runs them, on an emulated camera on umockdev's
+//! preload library (Debian package `umockdev`).
+#![cfg(target_os = "linux")]
+
+use std::fs::{self, Permissions};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use evcal::source::{Recording, SourceOptions};
+use serde_json::Value;
+use usb_davis::capture::Capture;
+use usb_davis::emulator::umockdev::{Access, EmulatedBus};
+use usb_davis::emulator::{Faults, Model, Pace, Piece};
+use usb_davis::protocol::{Encoder, Layout, Polarity, PolarityEvent};
+
+const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
+const NOBODY: u32 = 65_534;
+/// Long enough for a computer that has other things to do.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// `count` events as pieces of some 16 KiB.
+fn events(count: u64) -> impl Iterator<Item = Piece> + Send + 'static {
+    let mut encoder = Encoder::new(Layout::DAVIS346);
+    (0..count).step_by(3000).map(move |first| {
+        let mut bytes = Vec::new();
+        for index in first..(first + 3000).min(count) {
+            let mixed = index.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
+            let (x, y) = ((mixed % 346) as u16, (mixed / 346 % 260) as u16);
+            let event = PolarityEvent { time: index / 3, x, y, polarity: Polarity::On };
+            encoder.event(&event, &mut bytes).unwrap();
+        }
+        Piece { time: first / 3, bytes }
+    })
+}
+
+fn camera(count: u64) -> Model {
+    Model::new("00000042", move || events(count))
+}
+
+fn total(count: u64) -> u64 {
+    events(count).map(|piece| piece.bytes.len() as u64).sum()
+}
+
+fn command(bus: &EmulatedBus, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
+    command.args(arguments).envs(bus.environment());
+    command
+}
+
+fn run(bus: &EmulatedBus, arguments: &[&str]) -> (Option<i32>, String, String) {
+    ended(command(bus, arguments).output().unwrap())
+}
+
+fn ended(output: Output) -> (Option<i32>, String, String) {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+/// Starts it in the background.
+fn start(bus: &EmulatedBus, arguments: &[&str]) -> Child {
+    command(bus, arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+/// Waits for something to become true.
+fn wait_for(what: &str, mut is_true: impl FnMut() -> bool) {
+    let end = Instant::now() + PATIENCE;
+    while !is_true() {
+        assert!(Instant::now() < end, "{what} did not happen (is the package umockdev installed?)");
+        sleep(Duration::from_millis(20));
+    }
+}
+
+fn interrupt(child: Child) -> (Option<i32>, String, String) {
+    let status = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(status.success());
+    ended(child.wait_with_output().unwrap())
+}
+
+fn count(path: &Path) -> u64 {
+    let mut reader = Recording::new(path, SourceOptions::default()).unwrap().open().unwrap();
+    let mut batch = Vec::new();
+    while reader.next_batch(&mut batch).unwrap() {}
+    assert!(reader.report().stream.faults.is_empty());
+    reader.report().events
+}
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|_| panic!("{text}"))
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn cameras_are_listed_and_a_busy_one_says_so() {
+    let bus = EmulatedBus::start(camera(3000)).unwrap();
+    let (code, listing, errors) = run(&bus, &["devices"]);
+    assert_eq!(code, Some(0), "{errors}");
+    let expected = "DAVIS346, serial number 00000042, bus 2, address 3, firmware 6, logic 18.1, ready";
+    assert_eq!(listing.trim(), expected);
+    let (_, listing, _) = run(&bus, &["devices", "--json"]);
+    let listing = json(&listing);
+    assert_eq!((&listing[0]["state"], &listing[0]["serial"]), (&"ready".into(), &"00000042".into()));
+
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("busy.dvraw");
+    let recorder = start(&bus, &["record", text(&file)]);
+    wait_for("the recording", || bus.model(|model| model.sent()) >= total(3000));
+    let (code, listing, errors) = run(&bus, &["devices"]);
+    assert_eq!(code, Some(1));
+    assert!(listing.contains("busy") && errors.contains("used by another program; end that first"), "{errors}");
+    let (code, listing, _) = run(&bus, &["devices", "--json"]);
+    assert_eq!((code, json(&listing)[0]["state"].as_str()), (Some(1), Some("busy")));
+    assert_eq!(interrupt(recorder).0, Some(0));
+}
+
+#[test]
+fn a_forbidden_camera_comes_with_the_rule_that_opens_it() {
+    let bus = EmulatedBus::start(camera(0)).unwrap();
+    bus.set_access(Access::Forbidden).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    fs::set_permissions(directory.path(), Permissions::from_mode(0o755)).unwrap();
+    let program = directory.path().join("evcal");
+    fs::copy(env!("CARGO_BIN_EXE_evcal"), &program).unwrap();
+    let mut command = Command::new(&program);
+    command.arg("devices").envs(bus.environment());
+    // Root may open everything.
+    if fs::metadata(directory.path()).unwrap().uid() == 0 {
+        command.uid(NOBODY).gid(NOBODY);
+    }
+    let (code, listing, errors) = ended(command.output().unwrap());
+    assert_eq!(code, Some(1), "{listing} {errors}");
+    assert!(listing.contains("forbidden"), "{listing}");
+    assert!(errors.contains("/etc/udev/rules.d/") && errors.contains(r#"ATTR{idVendor}=="152a""#), "{errors}");
+}
+
+#[test]
+fn an_absent_camera_is_a_failure_with_advice() {
+    let bus = EmulatedBus::start(camera(3000)).unwrap();
+    bus.unplug().unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    assert_eq!(run(&bus, &["devices", "--json"]).1.trim(), "[]");
+    let output = directory.path().join("output");
+    let recording = directory.path().join("none.dvraw");
+    for arguments in [
+        ["devices"].as_slice(),
+        &["record", text(&recording)],
+        &["live", "--board", BOARD, "-o", text(&output)],
+        &["record", text(&recording), "--serial", "00000007"],
+    ] {
+        let (code, _, errors) = run(&bus, arguments);
+        assert_eq!(code, Some(1), "{arguments:?}");
+        assert!(errors.contains("no camera found") && errors.contains("is it plugged in?"), "{errors}");
+    }
+    assert!(!recording.exists() && !output.exists());
+}
+
+#[test]
+fn a_recording_ends_with_its_time_or_at_ctrl_c_and_has_everything() {
+    const COUNT: u64 = 200_000;
+    let bus = EmulatedBus::start(camera(COUNT)).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("interrupted.dvraw");
+    let recorder = start(&bus, &["record", text(&file)]);
+    wait_for("the stream", || bus.model(|model| model.sent()) >= total(COUNT));
+    let (code, told, errors) = interrupt(recorder);
+    assert_eq!((code, errors.as_str()), (Some(0), ""), "{told}");
+    assert!(told.contains("200000 events") && told.contains("(stopped)"), "{told}");
+    assert_eq!(count(&file), COUNT);
+    assert_eq!(Capture::open(&file).unwrap().header().camera_name(), "DAVIS346_00000042");
+
+    let timed = directory.path().join("timed.dvraw");
+    let (code, told, errors) = run(&bus, &["record", text(&timed), "--duration", "3s", "--json"]);
+    assert_eq!(code, Some(0), "{errors}");
+    let report = json(&told);
+    assert_eq!((&report["ending"], &report["dropped"]), (&"the time is over".into(), &0.into()));
+    assert_eq!(report["events"].as_u64(), Some(count(&timed)));
+
+    let before = fs::read(&timed).unwrap();
+    let (code, _, errors) = run(&bus, &["record", text(&timed), "--duration", "1s"]);
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("choose another name"), "{errors}");
+    assert_eq!(fs::read(&timed).unwrap(), before);
+}
+
+#[test]
+fn unplugged_in_mid_stream_everything_before_it_is_kept() {
+    const COUNT: u64 = 200_000;
+    for (faults, reason) in [
+        (Faults { unplug_at: Some(total(COUNT) / 2), ..Faults::default() }, "unplugged"),
+        (Faults { stall_at: Some(total(COUNT) / 2), ..Faults::default() }, "halted"),
+    ] {
+        let bus = EmulatedBus::start(camera(COUNT).with_faults(faults)).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("half.dvraw");
+        let (code, told, errors) = run(&bus, &["record", text(&file)]);
+        assert_eq!(code, Some(1), "{told}");
+        assert!(errors.contains(reason) && errors.contains("what came before is in"), "{errors}");
+        assert!(count(&file).abs_diff(COUNT / 2) < COUNT / 100);
+    }
+}
+
+/// A simulated recording of the board and what the camera sends of it.
+fn board_recording(directory: &Path) -> Vec<Piece> {
+    let evcal = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    };
+    let (folder, dump) = (directory.join("simulated"), directory.join("simulated.dvraw"));
+    let options = ["--board", BOARD, "--duration", "3s", "--motion", "fast", "--seed", "7"];
+    evcal(&[["simulate", "-o", text(&folder)].as_slice(), &options].concat());
+    evcal(&["convert", text(&folder.join("events.aedat4")), text(&dump)]);
+    let mut capture = Capture::open(&dump).unwrap();
+    let mut pieces = Vec::new();
+    while let Some(transfer) = capture.next_transfer().unwrap() {
+        pieces.push(Piece { time: transfer.host_ns.unwrap() / 1000, bytes: transfer.payload.to_vec() });
+    }
+    pieces
+}
+
+/// Settings with which 100 boards are enough and the display leaves nothing out.
+fn easy_settings(directory: &Path) -> PathBuf {
+    let path = directory.join("easy.toml");
+    let text = "[live]\nboards = 100\ncoverage = 0.1\nboards_per_tilt = 0\nlongest_wait = 1000.0\n";
+    fs::write(&path, text).unwrap();
+    path
+}
+
+fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let files = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut files: Vec<_> = files
+        .filter(|path| path.extension().is_none_or(|extension| extension != "dvraw"))
+        .map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), fs::read(path).unwrap()))
+        .collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
+    let directory = tempfile::tempdir().unwrap();
+    let pieces = board_recording(directory.path());
+    let sent: u64 = pieces.iter().map(|piece| piece.bytes.len() as u64).sum();
+    let unplug = Faults { unplug_at: Some(sent - 1000), ..Faults::default() };
+    // At full pace nothing is dropped, so that the byte at which it is unplugged comes.
+    for (name, faults, pace) in [("enough", Faults::default(), Pace::Real), ("unplugged", unplug, Pace::Full)] {
+        let pieces = pieces.clone();
+        let model = Model::new("00000042", move || pieces.clone().into_iter()).with_pace(pace);
+        let is_unplugged = faults != Faults::default();
+        let bus = EmulatedBus::start(model.with_faults(faults)).unwrap();
+        let (live, again) = (directory.path().join(name), directory.path().join(format!("{name}-again")));
+        let settings = easy_settings(directory.path());
+        let mut arguments = vec!["live", "--board", BOARD, "-o", text(&live), "--duration", "100s"];
+        if !is_unplugged {
+            arguments.extend(["--settings", text(&settings)]);
+        }
+        let (code, told, errors) = run(&bus, &arguments);
+        let recording = live.join("recording.dvraw");
+        assert_eq!(code, Some(i32::from(is_unplugged)), "{told}\n{errors}");
+        assert!(is_unplugged || (told.contains("Mev/s") && told.contains("% of the sensor")), "{told}");
+        assert_eq!(errors.contains("the camera was unplugged"), is_unplugged, "{errors}");
+        assert_eq!(told.contains("(stopped)"), !is_unplugged, "{told}");
+        let mut arguments = vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&again)];
+        if !is_unplugged {
+            arguments.extend(["--settings", text(&settings)]);
+        }
+        let output = Command::new(env!("CARGO_BIN_EXE_evcal")).args(&arguments).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let (live, again) = (results(&live), results(&again));
+        assert!(live.iter().any(|(name, _)| name == "calibration.json"), "{told}");
+        assert!(live == again, "{name}: the results differ");
+    }
+}

@@ -1,0 +1,195 @@
+//! The fixtures: raw dumps of a DAVIS346 are recordings like any other. See `fixtures/README.md`.
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use evcal::source::aedat4::header::Compression;
+use evcal::source::write::{EventWriter, OutputFormat};
+use evcal::source::{Recording, SourceOptions};
+use evcal_core::event::{Event, Polarity};
+use serde_json::Value;
+use tempfile::TempDir;
+
+const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
+const CRADLE: &str = "newtons-cradle.dvraw";
+
+fn fixtures() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("fixtures")
+}
+
+/// The program, which Cargo builds beside this test.
+fn program() -> PathBuf {
+    let test = std::env::current_exe().expect("a test has a path");
+    let folder = test.parent().and_then(Path::parent).expect("tests lie in PROFILE/deps");
+    let program = folder.join(format!("evcal{}", std::env::consts::EXE_SUFFIX));
+    assert!(program.exists(), "{} is not built: test the whole workspace", program.display());
+    program
+}
+
+/// Runs a command to its good end and returns what it printed.
+fn succeed(command: &mut Command) -> String {
+    let output = command.stderr(Stdio::piped()).output().expect("it starts");
+    assert!(output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("it prints text")
+}
+
+/// Runs evcal with words and paths.
+fn evcal(arguments: &[&dyn AsRef<OsStr>]) -> String {
+    succeed(Command::new(program()).args(arguments.iter().map(|argument| argument.as_ref())))
+}
+
+/// The files of a folder and what is in them.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = std::fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+    entries
+        .map(|entry| {
+            let path = entry.expect("an entry can be read").path();
+            let name = path.file_name().expect("it has a name").to_string_lossy().into_owned();
+            (name, std::fs::read(&path).expect("a file can be read"))
+        })
+        .collect()
+}
+
+/// Both folders hold the same files.
+fn assert_same(left: &Path, right: &Path) {
+    let (left, right) = (files(left), files(right));
+    assert!(!left.is_empty());
+    assert!(left.keys().eq(right.keys()), "{:?} and {:?}", left.keys(), right.keys());
+    for (name, content) in &left {
+        let differs = content.iter().zip(&right[name]).position(|(a, b)| a != b);
+        assert!(*content == right[name], "{name} differs, first at byte {differs:?}");
+    }
+}
+
+fn events(path: &Path) -> Vec<Event> {
+    let recording = Recording::new(path, SourceOptions::default()).expect("it is known");
+    let mut reader = recording.open().expect("it can be read");
+    let (mut events, mut batch) = (Vec::new(), Vec::new());
+    while reader.next_batch(&mut batch).expect("it is whole") {
+        events.extend_from_slice(&batch);
+    }
+    let report = reader.report();
+    assert_eq!((report.damaged_packets, report.steps_back, report.out_of_range), (0, 0, 0));
+    events
+}
+
+#[test]
+fn the_simulated_session_is_made_again_byte_for_byte() {
+    let directory = TempDir::new().unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("tools").join("make-fixtures.sh");
+    succeed(Command::new("sh").arg(script).env("EVCAL", program()).env("FIXTURES", directory.path()));
+    assert_same(&directory.path().join("board"), &fixtures().join("board"));
+}
+
+/// The exit code and what goes to standard error.
+fn refused(arguments: &[&str]) -> (Option<i32>, String) {
+    let output = Command::new(program()).arg("simulate").args(arguments).output().expect("it starts");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn what_no_davis346_sends_is_refused() {
+    let directory = TempDir::new().unwrap();
+    let output = directory.path().join("out");
+    let to = ["-o", output.to_str().unwrap()];
+    for (arguments, code, words) in [
+        (["--format", "csv", "--imu"].as_slice(), 2, "need --format aedat4 or dvraw"),
+        (&["--format", "dvraw", "--frames", "60"], 1, "frames.interval"),
+        (&["--format", "dvraw", "--frames=-1"], 1, "frames.interval"),
+        (&["--format", "dvraw", "--sensor", "320x240"], 1, "346x260"),
+    ] {
+        let (found, message) = refused(&[arguments, &to].concat());
+        assert_eq!(found, Some(code), "{arguments:?}: {message}");
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+    assert!(!output.join("events.dvraw").exists());
+}
+
+#[test]
+fn a_dump_calibrates_as_its_events_in_aedat4_do() {
+    let directory = TempDir::new().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    let dump = fixtures().join("board/events.dvraw");
+    let format = OutputFormat::Aedat4(Compression::Zstd);
+    let mut writer = EventWriter::create(&at("events.aedat4"), format, (346, 260), "a camera").unwrap();
+    writer.write(&events(&dump)).unwrap();
+    writer.finish().unwrap();
+
+    evcal(&[&"calibrate", &dump, &"--board", &BOARD, &"-o", &at("from-dump")]);
+    evcal(&[&"calibrate", &at("events.aedat4"), &"--board", &BOARD, &"-o", &at("from-aedat4")]);
+    assert_same(&at("from-dump"), &at("from-aedat4"));
+
+    // Both could be wrong: they are not.
+    let evaluation = evcal(&[&"evaluate", &at("from-dump"), &"--truth", &fixtures().join("board"), &"--json"]);
+    let evaluation: Value = serde_json::from_str(&evaluation).unwrap();
+    for (name, tolerance) in [("fx", 1e-3 * 332.16), ("fy", 1e-3 * 332.16), ("cx", 0.5), ("cy", 0.5)] {
+        let difference = evaluation["intrinsics"]["parameters"][name]["difference"].as_f64().unwrap();
+        assert!(difference.abs() < tolerance, "{name} is wrong by {difference} px");
+    }
+}
+
+/// FNV-1a, 64 bits, of the events: time in µs since the first one (i64), x, y (u16), ON (u8), all
+/// little-endian.
+fn digest(events: &[Event]) -> u64 {
+    let first = events.first().map_or(0, |event| event.t);
+    let mut hash = 0xcbf2_9ce4_8422_2325_u64;
+    for event in events {
+        let on = u8::from(event.polarity == Polarity::On);
+        let (t, x, y) = ((event.t - first).to_le_bytes(), event.x.to_le_bytes(), event.y.to_le_bytes());
+        for byte in t.into_iter().chain(x).chain(y).chain([on]) {
+            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    }
+    hash
+}
+
+/// Number and digest of the original's events as iniVation's dv-processing 2.0.4 reads them.
+const ORIGINAL: (usize, u64) = (319_512, 0x4910_52a0_4e81_de6b);
+
+#[test]
+fn the_real_recording_has_the_events_of_the_original() {
+    let events = events(&fixtures().join(CRADLE));
+    assert_eq!((events.len(), digest(&events)), ORIGINAL);
+}
+
+/// The balls are of one size, hang in a row, and cannot overlap: where two were found beside each
+/// other their centres are a ball's width apart.
+#[test]
+fn the_balls_of_the_real_recording_are_found() {
+    let directory = TempDir::new().unwrap();
+    let output = directory.path().join("circles.csv");
+    let settings = fixtures().join("newtons-cradle.toml");
+    evcal(&[&"detect", &fixtures().join(CRADLE), &"--settings", &settings, &"-o", &output]);
+
+    let text = std::fs::read_to_string(&output).unwrap();
+    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let place = |name: &str| names.iter().position(|other| *other == name).unwrap();
+    let columns = ["frame", "x_px", "y_px", "radius_px"].map(place);
+    let mut windows: BTreeMap<u32, Vec<[f64; 2]>> = BTreeMap::new();
+    let mut circles = 0;
+    for line in lines {
+        let fields: Vec<f64> = line.split(',').map(|field| field.parse().unwrap()).collect();
+        let [frame, x, y, radius] = columns.map(|column| fields[column]);
+        circles += 1;
+        // The row of the balls in the image, and their radius.
+        if (radius - 20.0).abs() < 2.0 && (y - 157.0).abs() < 10.0 {
+            windows.entry(frame as u32).or_default().push([x, y]);
+        }
+    }
+    let balls: usize = windows.values().map(Vec::len).sum();
+    assert!(balls >= 90 && 10 * balls >= 6 * circles, "{balls} of {circles} circles are balls");
+    assert!(windows.len() >= 50, "balls in {} windows", windows.len());
+    let mut neighbours = 0;
+    for balls in windows.values_mut() {
+        balls.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        for pair in balls.windows(2) {
+            let distance = (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
+            assert!(distance > 40.0, "two balls {distance} px apart overlap");
+            neighbours += usize::from(distance < 48.0);
+        }
+    }
+    assert!(neighbours >= 20, "{neighbours} pairs of neighbours");
+}

@@ -1,0 +1,267 @@
+//! Puts the time right after bytes were lost.
+//!
+//! The stream tells time by 15 bits and by words that count how often these wrapped, every 32.8 ms.
+//! If such words are lost, all later times are short by a multiple of 2^15 µs. The computer's clock
+//! tells how many: a transfer arrives about as long after its last word as transfers before the gap
+//! did after theirs.
+
+use crate::dump::{Transfer, TransferStatus};
+use crate::protocol::word::{Special, Word};
+use crate::protocol::{Decoder, Message};
+
+/// Time between wraps in µs.
+const WRAP: i64 = 1 << 15;
+/// Arrivals this much earlier than expected still count to the same wrap; later ones may be late by
+/// the rest of a wrap (µs).
+const EARLY: i64 = 8192;
+/// How far back arrivals are compared: longer would mix in the drift of the clocks (µs).
+const MEMORY: i64 = 1_000_000;
+
+/// Gaps, and what was done about the time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RepairCounts {
+    /// Gaps.
+    pub gaps: u64,
+    /// Gaps in which wrap words had been lost.
+    pub repaired: u64,
+    /// Time that they stood for, in µs.
+    pub restored_us: u64,
+}
+
+/// The smallest difference between the computer's clock and the camera's of late: transfers that
+/// waited for the computer have a larger one.
+#[derive(Clone, Copy, Debug, Default)]
+struct Offset {
+    /// Since when `recent` is kept, in µs of the computer's clock.
+    since: i64,
+    recent: Option<i64>,
+    before: Option<i64>,
+}
+
+impl Offset {
+    fn add(&mut self, host: i64, camera: i64) {
+        if host - self.since > MEMORY {
+            (self.before, self.recent, self.since) = (self.recent, None, host);
+        }
+        let offset = host - camera;
+        self.recent = Some(self.recent.map_or(offset, |recent| recent.min(offset)));
+    }
+
+    fn get(&self) -> Option<i64> {
+        self.recent.into_iter().chain(self.before).min()
+    }
+}
+
+/// Decodes transfers, and puts the time right after each gap.
+///
+/// Lost wrap words are counted by the host times of the transfers. A transfer that reaches the
+/// computer more than 24 ms late right after a gap is taken for one wrap more. Without host times,
+/// or before the first good transfer, the time still never runs back over a gap. It runs on at least
+/// to the first time that the stream then tells.
+#[derive(Clone, Debug, Default)]
+pub struct GapRepair {
+    offset: Offset,
+    /// A gap after which no word has told time yet.
+    open: bool,
+    counts: RepairCounts,
+}
+
+impl GapRepair {
+    /// What was done so far.
+    pub fn counts(&self) -> RepairCounts {
+        self.counts
+    }
+
+    /// Gives a transfer to a decoder: a gap first if bytes were lost, the payload if it can be
+    /// trusted, a gap instead of it if not. That the camera went away ends the stream but makes no
+    /// gap in it.
+    pub fn decode<S: AsRef<[u16]> + AsMut<[u16]>>(
+        &mut self,
+        transfer: &Transfer<'_>,
+        decoder: &mut Decoder<S>,
+        mut sink: impl FnMut(Message<'_>),
+    ) {
+        let lost = !transfer.status.is_good() && transfer.status != TransferStatus::NoDevice;
+        if transfer.gap_before || lost {
+            decoder.gap(&mut sink);
+            self.counts.gaps += 1;
+            self.open = true;
+        }
+        if !transfer.status.is_good() {
+            return;
+        }
+        let host = transfer.host_ns.and_then(|host| i64::try_from(host / 1000).ok());
+        if self.open
+            && let Some(told) = Told::new(transfer.payload)
+        {
+            self.open = false;
+            self.restore(&told, host, decoder);
+        }
+        let resets = decoder.counts().timestamp_resets;
+        decoder.decode(transfer.payload, sink);
+        if decoder.counts().timestamp_resets != resets {
+            self.offset = Offset::default();
+        }
+        if let (false, Some(host), Ok(camera)) = (self.open, host, i64::try_from(decoder.time())) {
+            self.offset.add(host, camera);
+        }
+    }
+
+    fn restore<S: AsRef<[u16]> + AsMut<[u16]>>(&mut self, told: &Told, host: Option<i64>, decoder: &mut Decoder<S>) {
+        let signed = |time: u64| i64::try_from(time).unwrap_or(i64::MAX);
+        let (wrap, time) = (signed(decoder.wrap_time()), signed(decoder.time()));
+        // The time must not run back.
+        let fewest = (time.saturating_sub(wrap).saturating_sub(told.first) + WRAP - 1).div_euclid(WRAP);
+        let expected = self.offset.get().zip(host).map_or(0, |(offset, host)| {
+            let end = host.saturating_sub(offset);
+            end.saturating_sub(wrap).saturating_sub(told.last).saturating_add(EARLY).div_euclid(WRAP)
+        });
+        if let Ok(wraps @ 1..) = u64::try_from(fewest.max(expected)) {
+            decoder.restore_wraps(wraps);
+            self.counts.repaired += 1;
+            self.counts.restored_us = self.counts.restored_us.saturating_add(wraps.saturating_mul(1 << 15));
+        }
+    }
+}
+
+/// The first and the last time that a piece of stream tells, in µs since a wrap before it, up to a
+/// restart of the time.
+struct Told {
+    first: i64,
+    last: i64,
+}
+
+impl Told {
+    /// `None` if no word tells time.
+    fn new(payload: &[u8]) -> Option<Self> {
+        let (mut first, mut last, mut wrap) = (None, 0, 0);
+        let (words, _) = payload.as_chunks::<2>();
+        for word in words {
+            last = match Word::parse(u16::from_le_bytes(*word)) {
+                Word::Timestamp(low) => wrap + i64::from(low),
+                Word::Wrap(times) => {
+                    wrap += i64::from(times) * WRAP;
+                    wrap
+                }
+                // Nothing was lost that a new time would need.
+                Word::Special(Special::TimestampReset) => break,
+                _ => continue,
+            };
+            first = first.or(Some(last));
+        }
+        first.map(|first| Self { first, last })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::protocol::{Encoder, Layout, Polarity, PolarityEvent};
+
+    /// Transfers of one event each ms, or at `times`: (time in µs, bytes).
+    fn transfers(times: impl IntoIterator<Item = u64>) -> Vec<(u64, Vec<u8>)> {
+        let mut encoder = Encoder::new(Layout::DAVIS346);
+        let transfer = |time| {
+            let mut bytes = Vec::new();
+            let event = PolarityEvent { time, x: 3, y: 4, polarity: Polarity::On };
+            encoder.event(&event, &mut bytes).expect("in order");
+            (time, bytes)
+        };
+        times.into_iter().map(transfer).collect()
+    }
+
+    /// Plays transfers: those whose number `lost` names are lost, `delay` is by how much the computer
+    /// is late. The times that come out, and the repairs.
+    fn play(
+        all: &[(u64, Vec<u8>)],
+        lost: impl Fn(usize) -> bool,
+        delay: impl Fn(usize) -> u64,
+        clock: bool,
+    ) -> (Vec<u64>, RepairCounts) {
+        let mut decoder = Decoder::new(Layout::DAVIS346);
+        let mut repair = GapRepair::default();
+        let mut times = Vec::new();
+        let mut gap_before = false;
+        for (index, (time, payload)) in all.iter().enumerate() {
+            if lost(index) {
+                gap_before = true;
+                continue;
+            }
+            let host_ns = clock.then_some((time + 500_000 + delay(index)) * 1000);
+            let status = TransferStatus::Completed;
+            let transfer = Transfer { host_ns, gap_before, status, payload };
+            gap_before = false;
+            repair.decode(&transfer, &mut decoder, |message| {
+                if let Message::Events(events) = message {
+                    times.extend(events.iter().map(|event| event.time));
+                }
+            });
+        }
+        (times, repair.counts())
+    }
+
+    #[test]
+    fn times_after_gaps_of_any_length_are_those_without_them() {
+        let all = transfers((1..3000).map(|index| index * 1003));
+        let jitter = |index: usize| (index as u64).wrapping_mul(0x9E37_79B9) % 7000;
+        for length in [1, 10, 31, 32, 33, 64, 65, 100, 327, 1000, 2000] {
+            let lost = |index: usize| (500..500 + length).contains(&index);
+            let (times, counts) = play(&all, lost, jitter, true);
+            let kept = all.iter().enumerate().filter(|(index, _)| !lost(*index)).map(|(_, transfer)| transfer.0);
+            // A transfer after a gap that tells no time of its own gives no event.
+            let missing = kept.clone().filter(|time| !times.contains(time)).count();
+            assert!(missing <= 1, "{length}: {missing}");
+            assert!(times.iter().all(|time| kept.clone().any(|kept| kept == *time)), "{length}");
+            let wraps = all[500 + length].0 / 32_768 - all[499].0 / 32_768;
+            let carried = u64::from(all[500 + length].0 / 32_768 != all[499 + length].0 / 32_768);
+            assert_eq!(counts.restored_us, (wraps - carried) * 32_768, "{length}");
+            assert_eq!((counts.gaps, counts.repaired), (1, u64::from(counts.restored_us > 0)), "{length}");
+        }
+    }
+
+    #[test]
+    fn a_failed_transfer_is_such_a_gap_and_a_restart_of_the_time_is_none() {
+        let all = transfers((1..300).map(|index| index * 1000));
+        let mut decoder = Decoder::new(Layout::DAVIS346);
+        let mut repair = GapRepair::default();
+        let mut latest = 0;
+        for (time, payload) in &all {
+            let failed = (100_000..=200_000).contains(time);
+            let status = if failed { TransferStatus::Error } else { TransferStatus::Completed };
+            let transfer = Transfer { host_ns: Some(time * 1000), gap_before: false, status, payload };
+            repair.decode(&transfer, &mut decoder, |message| {
+                if let Message::Events(events) = message {
+                    latest = events[0].time;
+                    assert_eq!(latest, *time);
+                }
+            });
+        }
+        assert_eq!(latest, 299_000);
+        assert_eq!(repair.counts(), RepairCounts { gaps: 101, repaired: 1, restored_us: 3 * 32_768 });
+
+        let mut bytes = Vec::new();
+        Encoder::new(Layout::DAVIS346).timestamp_reset(&mut bytes);
+        let transfer = |host_ns, gap_before, payload| Transfer {
+            host_ns: Some(host_ns),
+            gap_before,
+            status: TransferStatus::Completed,
+            payload,
+        };
+        repair.decode(&transfer(900_000_000, true, &bytes), &mut decoder, |_| {});
+        assert_eq!((decoder.time(), repair.counts().repaired), (0, 1));
+        // The difference of the clocks is another one now.
+        repair.decode(&transfer(901_000_000, false, &all[0].1), &mut decoder, |_| {});
+        repair.decode(&transfer(921_000_000, true, &all[20].1), &mut decoder, |_| {});
+        assert_eq!((decoder.time(), repair.counts().repaired), (21_000, 1));
+    }
+
+    #[test]
+    fn without_a_clock_time_does_not_run_back() {
+        let all = transfers((1..300).map(|index| index * 1000));
+        for length in [1, 20, 32, 60, 150] {
+            let (times, counts) = play(&all, |index| (100..100 + length).contains(&index), |_| 0, false);
+            assert!(times.is_sorted(), "{length}");
+            assert!(counts.restored_us <= 32_768, "{length}");
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! What goes wrong, on demand.
+
+/// Faults of the camera. Bytes count from the start of the stream.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Faults {
+    /// The camera is unplugged once this many bytes were sent; once only.
+    pub unplug_at: Option<u64>,
+    /// The data endpoint halts once this many bytes were sent; once only.
+    pub stall_at: Option<u64>,
+    /// Lengths of the transfers, over and over, odd ones included; none: as long as asked for.
+    pub cuts: Vec<usize>,
+    /// Of so many words of the stream, the last is replaced by one that no camera sends. None or 0:
+    /// none is.
+    pub bad_word_every: Option<u64>,
+}
+
+/// Words that no camera sends, in turn: an unknown special, a row and a column outside the sensor,
+/// unknown sub-codes of the two miscellaneous words.
+const BAD_WORDS: [u16; 5] = [0x0FFF, 0x1FFF, 0x2FFF, 0x5F00, 0x6C00];
+
+impl Faults {
+    /// `room` for a transfer after `sent` bytes, cut to the next fault. `cut` counts the transfers.
+    pub(super) fn limit(&self, room: usize, sent: u64, cut: usize) -> usize {
+        let cut = self.cuts.get(cut % self.cuts.len().max(1)).copied().unwrap_or(room).max(1);
+        let next = [self.stall_at, self.unplug_at].into_iter().flatten().min();
+        let left = next.map_or(u64::MAX, |at| at.saturating_sub(sent));
+        room.min(cut).min(usize::try_from(left).unwrap_or(usize::MAX))
+    }
+
+    /// Puts bad words into `bytes`, which come after `sent` bytes of the stream.
+    pub(super) fn spoil(&self, bytes: &mut [u8], sent: u64) {
+        let Some(every) = self.bad_word_every.filter(|&every| every > 0) else { return };
+        for (byte, position) in bytes.iter_mut().zip(sent..) {
+            let word = position / 2 + 1;
+            if word.is_multiple_of(every) {
+                let turn = (word / every - 1) % BAD_WORDS.len() as u64;
+                let bad = BAD_WORDS.get(turn as usize).copied().unwrap_or_default();
+                let [low, high] = bad.to_le_bytes();
+                *byte = if position % 2 == 0 { low } else { high };
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::protocol::{Decoder, Layout};
+
+    #[test]
+    fn bad_words_are_where_they_should_be_however_the_stream_is_cut() {
+        let faults = Faults { bad_word_every: Some(7), ..Faults::default() };
+        let mut whole = [0x01, 0x80].repeat(70);
+        let mut parts = whole.clone();
+        faults.spoil(&mut whole, 0);
+        let mut sent = 0;
+        for part in parts.chunks_mut(3) {
+            faults.spoil(part, sent);
+            sent += part.len() as u64;
+        }
+        assert_eq!(whole, parts);
+        let mut decoder = Decoder::new(Layout::DAVIS346);
+        let mut offsets = Vec::new();
+        decoder.decode(&whole, |message| {
+            if let crate::protocol::Message::Anomaly(anomaly) = message {
+                offsets.push(anomaly.offset);
+            }
+        });
+        assert_eq!(offsets, (1..=10).map(|fault| fault * 14 - 2).collect::<Vec<u64>>());
+    }
+}
