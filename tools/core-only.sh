@@ -10,7 +10,10 @@ rm -rf "$out/sysroot" "$out/probe"
 host=$(rustc --version --verbose | sed -n 's/^host: //p')
 libraries=$out/sysroot/lib/rustlib/$host/lib
 mkdir -p "$libraries"
-cp "$(rustc --print target-libdir)"/libcore-*.rlib "$(rustc --print target-libdir)"/libcompiler_builtins-*.rlib "$libraries/"
+# Some compilers keep the metadata in files of their own, ending in rmeta.
+for library in "$(rustc --print target-libdir)"/libcore-*.r* "$(rustc --print target-libdir)"/libcompiler_builtins-*.r*; do
+    cp "$library" "$libraries/"
+done
 
 # With --target, the flags reach what is compiled for the device and not the build scripts.
 core_only() {
