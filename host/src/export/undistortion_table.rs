@@ -107,10 +107,10 @@ impl ExportedTable {
         for line in self.description() {
             let _ = writeln!(text, " * {line}");
         }
+        text += " */\n";
         let _ = write!(
             text,
             "\
- */
 #ifndef EVCAL_UNDISTORTION_H
 #define EVCAL_UNDISTORTION_H
 
