@@ -10,11 +10,12 @@ use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vect
 /// Distance of neighbouring columns' circles, halved, and of rows on the board in metres.
 const SPACING: f64 = 0.055;
 
-/// The lines of a table as numbers; comments and the line of names are passed over.
+/// The lines of a table as numbers, NaN for empty fields; comments and the line of names are passed over.
 fn numbers(file: &Path, separator: char) -> Vec<Vec<f64>> {
     let text = fs::read_to_string(file).unwrap();
     let rows = text.lines().filter(|line| !line.starts_with(|first: char| first == '#' || first.is_alphabetic()));
-    rows.map(|row| row.split(separator).map(|field| field.parse().unwrap()).collect()).collect()
+    let number = |field: &str| if field.is_empty() { f64::NAN } else { field.parse().unwrap() };
+    rows.map(|row| row.split(separator).map(number).collect()).collect()
 }
 
 /// T_world_camera at each millisecond.
