@@ -136,6 +136,14 @@ const RANGES: &[(&str, Range)] = &[
     ("refinement.settled", at_least(0.0, "px")),
     ("refinement.early_events", at_least(1.0, "events")),
     ("refinement.first_sigma", above(0.0, "px")),
+    ("live.boards", at_least(0.0, "windows")),
+    ("live.coverage", from_to(0.0, 1.0, "of the sensor")),
+    ("live.columns", from_to(1.0, 64.0, "cells")),
+    ("live.rows", from_to(1.0, 64.0, "cells")),
+    ("live.circles_per_cell", at_least(1.0, "circles")),
+    ("live.tilt", from_to(0.0, 90.0, "degrees")),
+    ("live.boards_per_tilt", at_least(0.0, "windows")),
+    ("live.longest_wait", at_least(0.0, "s")),
 ];
 
 /// Pairs of which the first must not exceed the second.
