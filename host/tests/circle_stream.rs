@@ -1,9 +1,10 @@
 //! What a detector on a microcontroller sends, calibrated on the host: from a file and from a serial port.
 
 use std::f64::consts::TAU;
-use std::fs;
+use std::fs::{self, File};
 use std::io::Write;
-use std::path::Path;
+use std::os::fd::AsRawFd;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
@@ -122,6 +123,18 @@ fn notes(calibration: &Value) -> String {
     calibration["stages"]["recordings"][0]["notes"].to_string()
 }
 
+/// A pseudo-terminal: the device's end, the path of the computer's, and the computer's held open but not
+/// locked, for bytes to wait in it until the program comes.
+fn port_pair() -> (TTYPort, PathBuf, File) {
+    let (device, computer) = TTYPort::pair().unwrap();
+    // A program that inherits the device's end would never hear it hang up.
+    // SAFETY: a flag is set on a descriptor that `device` owns.
+    assert_eq!(unsafe { libc::fcntl(device.as_raw_fd(), libc::F_SETFD, libc::FD_CLOEXEC) }, 0);
+    let path = PathBuf::from(computer.name().unwrap());
+    let open = File::open(&path).unwrap();
+    (device, path, open)
+}
+
 #[test]
 fn a_stream_is_calibrated_from_a_file_and_from_a_serial_port_alike() {
     let directory = TempDir::new().unwrap();
@@ -133,10 +146,9 @@ fn a_stream_is_calibrated_from_a_file_and_from_a_serial_port_alike() {
     assert_eq!(from_file["sensor"], serde_json::json!({"width": WIDTH, "height": HEIGHT}));
     assert!(notes(&from_file).contains("test detector"), "{}", notes(&from_file));
 
-    let (mut device, mut computer) = TTYPort::pair().unwrap();
-    computer.set_exclusive(false).unwrap();
+    let (mut device, computer, _open) = port_pair();
     let output = directory.path().join("serial");
-    let address = format!("serial:{}?baud=115200&seconds=600", computer.name().unwrap());
+    let address = format!("serial:{}?baud=115200&seconds=600", computer.display());
     let program = calibrate(&address, &output);
     device.set_timeout(Duration::from_secs(300)).unwrap();
     for part in bytes.chunks(301) {
@@ -144,16 +156,20 @@ fn a_stream_is_calibrated_from_a_file_and_from_a_serial_port_alike() {
     }
     device.flush().unwrap();
     // What is unread when the device goes is lost.
-    let mut quiet = 0;
-    while quiet < 20 {
-        quiet = if computer.bytes_to_read().unwrap() == 0 { quiet + 1 } else { 0 };
-        std::thread::sleep(Duration::from_millis(10));
+    let saved = || {
+        let entries = fs::read_dir(&output).ok()?.map(|entry| entry.unwrap().path());
+        entries.into_iter().find(|path| path.extension().is_some_and(|extension| extension == "circles"))
+    };
+    let arrived = || saved().is_some_and(|path| fs::metadata(path).unwrap().len() == bytes.len() as u64);
+    for _ in 0..3000 {
+        if arrived() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(100));
     }
     drop(device);
     let from_port = json(&program.wait_with_output().unwrap());
-    let saved = fs::read_dir(&output).unwrap().map(|entry| entry.unwrap().path());
-    let saved: Vec<_> = saved.filter(|path| path.extension().is_some_and(|extension| extension == "circles")).collect();
-    assert_eq!(fs::read(&saved[0]).unwrap(), bytes);
+    assert_eq!(fs::read(saved().unwrap()).unwrap(), bytes);
     assert_eq!(from_port["camera"], from_file["camera"]);
     assert!(notes(&from_port).contains("ended after"), "{}", notes(&from_port));
 }
@@ -212,9 +228,8 @@ fn what_cannot_be_heard_is_told() {
     assert!(code == Some(2) && message.contains("\"bits\"") && message.contains("serial:PORT"), "{message}");
     let (code, message) = run("serial:/dev/ttyNONE");
     assert!(code == Some(1) && message.contains("/dev/ttyNONE") && message.contains("plugged in"), "{message}");
-    let (mut device, mut computer) = TTYPort::pair().unwrap();
-    computer.set_exclusive(false).unwrap();
+    let (mut device, computer, _open) = port_pair();
     device.write_all(b"no circles here").unwrap();
-    let (code, message) = run(&format!("serial:{}?seconds=1", computer.name().unwrap()));
+    let (code, message) = run(&format!("serial:{}?seconds=1", computer.display()));
     assert!(code == Some(1) && message.contains("no circle in 15 bytes") && message.contains("baud"), "{message}");
 }
