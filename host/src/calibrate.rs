@@ -1,6 +1,7 @@
 //! The whole calibration: stages 1 to 11 in their order.
 
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{SyncSender, sync_channel};
 
 use evcal_core::camera::ModelKind;
 use evcal_core::event::Event;
@@ -423,16 +424,30 @@ pub fn read_events(inputs: &[Input], index: usize, visit: &mut dyn FnMut(&[Event
     read_recording(recording, visit)
 }
 
+/// Batches that are read while earlier ones are worked on.
+const READ_AHEAD: usize = 4;
+
 /// Hands all events of a recording to `visit`, with times from its first event; of a damaged recording
-/// those before the damage.
+/// those before the damage. A thread of its own reads ahead.
 ///
 /// # Errors
 /// [`SourceError`] when not one event can be read.
 pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, SourceError> {
+    std::thread::scope(|scope| {
+        let (sender, batches) = sync_channel(READ_AHEAD);
+        let reader = scope.spawn(move || read_ahead(recording, &sender));
+        for events in batches {
+            visit(&events);
+        }
+        reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })
+}
+
+fn read_ahead(recording: &Recording, sender: &SyncSender<Vec<Event>>) -> Result<Pass, SourceError> {
     let mut reader = recording.open()?;
-    let mut events = Vec::new();
     let (mut count, mut first, mut last) = (0, None, 0);
     let damage = loop {
+        let mut events = Vec::new();
         match reader.next_batch(&mut events) {
             Ok(true) => {}
             Ok(false) => break None,
@@ -446,7 +461,10 @@ pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) ->
         for event in &mut events {
             event.t -= start;
         }
-        visit(&events);
+        if sender.send(events).is_err() {
+            // Nobody listens any more.
+            break None;
+        }
     };
     let assumptions = reader.information().notes.clone();
     Ok(Pass { count, first: first.unwrap_or(0), last, assumptions, report: reader.report().clone(), damage })
