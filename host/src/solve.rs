@@ -15,6 +15,7 @@ pub mod normal;
 pub mod observation;
 pub mod point_row;
 pub mod pose_bin;
+pub mod smoothness;
 pub mod stretch;
 pub mod system;
 
@@ -84,11 +85,23 @@ pub struct SolveSettings {
     pub tolerance: f64,
     /// Length of a time bin whose events share their basis weights (s).
     pub bin: f64,
+    /// Acceleration of the camera that is nothing unusual (m/s²): what holds it where no event does.
+    pub acceleration: f64,
+    /// Angular acceleration of the camera that is nothing unusual (rad/s²).
+    pub angular_acceleration: f64,
 }
 
 impl Default for SolveSettings {
     fn default() -> Self {
-        Self { residual: Residual::Pixel, huber: 1.5, iterations: 12, tolerance: 1e-5, bin: 0.5e-3 }
+        Self {
+            residual: Residual::Pixel,
+            huber: 1.5,
+            iterations: 12,
+            tolerance: 1e-5,
+            bin: 0.5e-3,
+            acceleration: 100.0,
+            angular_acceleration: 300.0,
+        }
     }
 }
 

@@ -132,6 +132,8 @@ const RANGES: &[(&str, Range)] = &[
     ("solve.iterations", at_least(1.0, "")),
     ("solve.tolerance", from_to(0.0, 1.0, "")),
     ("solve.bin", above(0.0, "s")),
+    ("solve.acceleration", above(0.0, "m/s²")),
+    ("solve.angular_acceleration", above(0.0, "rad/s²")),
     ("refinement.rounds", at_least(1.0, "")),
     ("refinement.settled", at_least(0.0, "px")),
     ("refinement.early_events", at_least(1.0, "events")),

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
 use super::normal::StretchEquations;
+use super::smoothness::{Acceleration, accelerations};
 use super::stretch::{Stretch, linearise, stretches};
 use super::system::System;
 use super::{GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
@@ -76,7 +77,11 @@ fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> System {
     let equations: Vec<(Stretch, StretchEquations)> =
         stretches.par_iter().map(|stretch| (stretch.clone(), linearise(problem, state, &bearings, stretch))).collect();
     let control_points: Vec<usize> = state.trajectories.iter().map(|t| t.control_point_count()).collect();
-    System::merge(&control_points, &equations)
+    let mut system = System::merge(&control_points, &equations);
+    let smoothness: Vec<Vec<Acceleration>> =
+        state.trajectories.iter().map(|trajectory| accelerations(trajectory, &problem.settings)).collect();
+    system.add_smoothness(&smoothness);
+    system
 }
 
 /// `state` moved by a step; `None` when the camera model refuses the parameters.

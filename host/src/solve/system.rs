@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::GLOBAL_COUNT;
 use super::normal::{Block, BorderBlock, StretchEquations};
+use super::smoothness::Acceleration;
 use super::stretch::Stretch;
 use crate::banded::BandedCholesky;
 
@@ -92,6 +93,16 @@ impl System {
         Self { segments, corner, corner_gradient, cost, count }
     }
 
+    /// Adds the accelerations of the control points of each segment, in their order.
+    pub fn add_smoothness(&mut self, segments: &[Vec<Acceleration>]) {
+        for (segment, accelerations) in self.segments.iter_mut().zip(segments) {
+            for acceleration in accelerations {
+                self.cost += 0.5 * acceleration.residual.iter().map(|value| value * value).sum::<f64>();
+                segment.add(acceleration);
+            }
+        }
+    }
+
     /// Solves the system damped by `damping` (relative to the diagonal) for the free parameters.
     pub fn solve(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Step, NotPositiveDefinite> {
         let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
@@ -165,6 +176,29 @@ impl Eliminated {
 }
 
 impl SegmentSystem {
+    fn add(&mut self, acceleration: &Acceleration) {
+        let weight = |point: usize, axis: usize| {
+            if axis < 3 { acceleration.rotation[point] } else { acceleration.translation[point] }
+        };
+        // The acceleration couples three control points; a spline of degree 1 couples two.
+        if self.order < 3 {
+            return;
+        }
+        for row in 0..3 {
+            let index = acceleration.first + row;
+            let Some(gradient) = self.gradient.get_mut(index) else { return };
+            for (axis, (sum, residual)) in gradient.iter_mut().zip(acceleration.residual).enumerate() {
+                *sum += weight(row, axis) * residual;
+            }
+            for column in 0..=row {
+                let Some(block) = self.blocks.get_mut(index * self.order + row - column) else { return };
+                for axis in 0..6 {
+                    block[(axis, axis)] += weight(row, axis) * weight(column, axis);
+                }
+            }
+        }
+    }
+
     fn eliminate(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
         let dimension = 6 * self.border.len();
         let mut band = BandedCholesky::zeros(dimension, (6 * self.order - 1).min(dimension.saturating_sub(1)));

@@ -1,0 +1,105 @@
+//! What holds a trajectory where no event does: a hand cannot accelerate without bounds.
+//!
+//! Where the board hardly moves there are hardly any events, and the ends of a segment would fly off. Each
+//! three neighbouring control points c therefore have an acceleration (of the centre, and of the rotation as
+//! the difference of the rotation vectors between neighbours), at their Greville abscissae g:
+//!
+//! a = 2 ((c₂ − c₁) / (g₂ − g₁) − (c₁ − c₀) / (g₁ − g₀)) / (g₂ − g₀),
+//!
+//! and the cost is a² / (2 σ²) with σ far above what events leave open.
+
+use evcal_core::spline::rotation::log;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::SolveSettings;
+use crate::trajectory::{RotationControl, Trajectory};
+
+/// One acceleration in units of its σ, and its derivatives.
+pub struct Acceleration {
+    /// First of the three control points.
+    pub first: usize,
+    /// Rotation (camera frame), then translation.
+    pub residual: [f64; 6],
+    /// Derivative of the rotation's residual by each control point's rotation, a multiple of unity.
+    pub rotation: [f64; 3],
+    /// Derivative of the translation's residual by each control point's translation, a multiple of unity.
+    pub translation: [f64; 3],
+}
+
+/// The accelerations of all control points of `trajectory`.
+pub fn accelerations(trajectory: &Trajectory, settings: &SolveSettings) -> Vec<Acceleration> {
+    let abscissae = greville(trajectory);
+    let turns = turns(&trajectory.rotation);
+    let factors = abscissae.windows(3).map(|three| {
+        let half = 0.5 * (three[2] - three[0]);
+        [1.0 / ((three[1] - three[0]) * half), 1.0 / ((three[2] - three[1]) * half)]
+    });
+    factors
+        .zip(trajectory.translation.windows(3))
+        .zip(turns.windows(2))
+        .enumerate()
+        .map(|(first, (([before, after], points), turns))| {
+            let weights = |sigma: f64| [before / sigma, -(before + after) / sigma, after / sigma];
+            let (rotation, translation) = (weights(settings.angular_acceleration), weights(settings.acceleration));
+            let turning = turns[1] * rotation[2] - turns[0] * rotation[0];
+            let moving = points[0] * translation[0] + points[1] * translation[1] + points[2] * translation[2];
+            let residual = [turning.x, turning.y, turning.z, moving.x, moving.y, moving.z];
+            Acceleration { first, residual, rotation, translation }
+        })
+        .collect()
+}
+
+/// Mean of the knots that each control point acts between (s).
+fn greville(trajectory: &Trajectory) -> Vec<f64> {
+    let degree = trajectory.degree.max(1);
+    let inner = trajectory.knots.len().saturating_sub(1);
+    let knots = trajectory.knots.get(1..inner).unwrap_or_default();
+    knots.windows(degree).map(|window| window.iter().sum::<f64>() / degree as f64).collect()
+}
+
+/// Rotation vectors from each control point to the next (rad, camera frame).
+fn turns(control: &RotationControl) -> Vec<Vector3<f64>> {
+    let turn = |a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>| log(&(a.inverse() * b));
+    let of_units = |units: &[UnitQuaternion<f64>]| units.windows(2).map(|pair| turn(&pair[0], &pair[1])).collect();
+    match control {
+        RotationControl::Quaternion(control) => {
+            let units: Vec<_> = control.iter().map(|point| UnitQuaternion::new_normalize(*point)).collect();
+            of_units(&units)
+        }
+        RotationControl::So3(control) => of_units(control),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trajectory(place: impl Fn(f64) -> f64) -> Trajectory {
+        let mut trajectory = Trajectory {
+            recording: 0,
+            knots: vec![0.0, 0.0, 0.0, 0.0, 0.1, 0.3, 0.4, 0.4, 0.4, 0.4],
+            degree: 3,
+            translation: Vec::new(),
+            rotation: RotationControl::So3(Vec::new()),
+        };
+        let abscissae = greville(&trajectory);
+        trajectory.translation = abscissae.iter().map(|&t| Vector3::new(place(t), 0.0, 1.0)).collect();
+        let units = abscissae.iter().map(|&t| UnitQuaternion::from_euler_angles(0.0, place(t), 0.0));
+        trajectory.rotation = RotationControl::So3(units.collect());
+        trajectory
+    }
+
+    #[test]
+    fn constant_velocity_costs_nothing_and_acceleration_is_that_of_the_curve() {
+        let settings = SolveSettings { acceleration: 10.0, angular_acceleration: 5.0, ..SolveSettings::default() };
+        for found in accelerations(&trajectory(|t| 0.2 + 3.0 * t), &settings) {
+            assert!(found.residual.iter().all(|value| value.abs() < 1e-9), "{:?}", found.residual);
+        }
+        let found = accelerations(&trajectory(|t| 2.0 * t * t), &settings);
+        assert_eq!(found.len(), 4);
+        for found in found {
+            assert!((found.residual[3] - 4.0 / 10.0).abs() < 1e-9, "{:?}", found.residual);
+            assert!((found.residual[1] - 4.0 / 5.0).abs() < 1e-9, "{:?}", found.residual);
+        }
+    }
+}
