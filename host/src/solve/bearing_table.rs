@@ -1,7 +1,7 @@
 //! Bearings of all pixels and their derivatives, computed once for each set of intrinsics.
 //!
 //! The bearings are those of every pixel; their derivatives change slowly and are kept for cells of
-//! [`CELL`] × [`CELL`] pixels, with their slopes: the table is read at random, so that its size is time.
+//! 4 × 4 pixels, with their slopes: the table is read at random, so that its size is time.
 
 use evcal_core::camera::{Camera, MAX_COEFFICIENTS, Unprojection};
 use nalgebra::Vector2;
