@@ -217,16 +217,20 @@ impl<'a> Associator<'a> {
         let trajectory_bin = bins.get(segment)?;
         let dt = time - trajectory_bin.center(bin);
         let pixel = [f64::from(event.x), f64::from(event.y)];
-        let place = self.context.bearings.place(pixel[0], pixel[1]);
-        let ray = place.map(|place| BoardRay::new(pose, dt, &place.bearing().0)).filter(|ray| is_in_front(ray.depth()));
-        let circle = ray.and_then(|ray| self.context.board.nearest_circle(ray.point()));
-        let (Some(ray), Some(circle)) = (ray, circle) else {
+        let ray = self.context.bearings.place(pixel[0], pixel[1]).map(|place| {
+            let (bearing, by_pixel) = place.bearing();
+            (BoardRay::new(pose, dt, &bearing), by_pixel)
+        });
+        let ray = ray.filter(|(ray, _)| is_in_front(ray.depth()));
+        let circle = ray.and_then(|(ray, _)| self.context.board.nearest_circle(ray.point()));
+        let (Some((ray, by_pixel)), Some(circle)) = (ray, circle) else {
             report.off_board += 1;
             return None;
         };
         let &center = self.circle_centers.get(circle)?;
         let radius = self.context.board.radius;
-        let Some(edge) = EventEdge::of_event(self.context.bearings, pose, (pixel, dt), &ray, center, radius) else {
+        let ray = (&ray, &by_pixel);
+        let Some(edge) = EventEdge::of_event(self.context.bearings, pose, (pixel, dt), ray, center, radius) else {
             report.off_board += 1;
             return None;
         };

@@ -126,7 +126,9 @@ fn a_forbidden_camera_comes_with_the_rule_that_opens_it() {
     let directory = tempfile::tempdir().unwrap();
     fs::set_permissions(directory.path(), Permissions::from_mode(0o755)).unwrap();
     let program = directory.path().join("evcal");
-    fs::copy(env!("CARGO_BIN_EXE_evcal"), &program).unwrap();
+    // Not `fs::copy`: a test that starts a program meanwhile would hand it the file open for writing.
+    let copy = Command::new("cp").arg(env!("CARGO_BIN_EXE_evcal")).arg(&program).status().unwrap();
+    assert!(copy.success());
     let mut command = Command::new(&program);
     command.arg("devices").envs(bus.environment());
     // Root may open everything.

@@ -9,6 +9,7 @@ use evcal::source::aedat4::header::Compression;
 use evcal::source::write::{EventWriter, OutputFormat};
 use evcal::source::{Recording, SourceOptions};
 use evcal_core::event::{Event, Polarity};
+use evcal_tests::program;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -17,15 +18,6 @@ const CRADLE: &str = "newtons-cradle.dvraw";
 
 fn fixtures() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("fixtures")
-}
-
-/// The program, which Cargo builds beside this test.
-fn program() -> PathBuf {
-    let test = std::env::current_exe().expect("a test has a path");
-    let folder = test.parent().and_then(Path::parent).expect("tests lie in PROFILE/deps");
-    let program = folder.join(format!("evcal{}", std::env::consts::EXE_SUFFIX));
-    assert!(program.exists(), "{} is not built: test the whole workspace", program.display());
-    program
 }
 
 /// Runs a command to its good end and returns what it printed.

@@ -31,7 +31,10 @@ const NOBODY: u32 = 65_534;
 fn program() -> TempDir {
     let directory = tempfile::tempdir().expect("a directory can be made");
     fs::set_permissions(directory.path(), Permissions::from_mode(0o777)).expect("it is ours");
-    fs::copy(env!("CARGO_BIN_EXE_davis-record"), directory.path().join("davis-record")).expect("it can be copied");
+    // Not `fs::copy`: another test that starts a program meanwhile would hand it the open file, and
+    // a file that somebody may write to cannot be run.
+    let copy = Command::new("cp").arg(env!("CARGO_BIN_EXE_davis-record")).arg(directory.path()).status();
+    assert!(copy.expect("cp runs").success());
     directory
 }
 

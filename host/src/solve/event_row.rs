@@ -54,17 +54,17 @@ pub struct EventEdge<'a> {
 
 impl<'a> EventEdge<'a> {
     /// The edge of the circle at `center` (metres) for the event at `pixel`, `dt` seconds after the
-    /// centre of the bin, whose ray is `ray`; `None` when the edge is not in view there.
+    /// centre of the bin, whose ray is `ray` and whose bearing changes `by_pixel`; `None` when the edge is
+    /// not in view there.
     pub fn of_event(
         bearings: &'a BearingTable,
         pose: &PoseBin,
         (pixel, dt): ([f64; 2], f64),
-        ray: &BoardRay,
+        (ray, by_pixel): (&BoardRay, &[[f64; 3]; 2]),
         center: [f64; 2],
         radius: f64,
     ) -> Option<Self> {
-        let (_, by_pixel) = bearings.place(pixel[0], pixel[1])?.bearing();
-        let step = step_to_edge(&ray.edge_distance(pose, &by_pixel, center, radius));
+        let step = step_to_edge(&ray.edge_distance(pose, by_pixel, center, radius));
         let place = bearings.place(pixel[0] - step[0], pixel[1] - step[1])?;
         let (bearing, by_pixel) = place.bearing();
         let ray = BoardRay::new(pose, dt, &bearing);
@@ -190,9 +190,9 @@ mod tests {
 
     fn residual(camera: &Camera<f64>, pose: &PoseBin, dt: f64, [x, y]: [f64; 2]) -> (f64, [f64; ROW]) {
         let table = BearingTable::new(camera, (346, 260));
-        let (bearing, _) = table.place(x, y).unwrap().bearing();
+        let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
         let ray = BoardRay::new(pose, dt, &bearing);
-        let edge = EventEdge::of_event(&table, pose, ([x, y], dt), &ray, CENTER, RADIUS).unwrap();
+        let edge = EventEdge::of_event(&table, pose, ([x, y], dt), (&ray, &by_pixel), CENTER, RADIUS).unwrap();
         let residual = edge.pixels - OFFSET;
         let mut row = [0.0; ROW];
         edge.fill_row(&mut row, residual, 1.0, edge.distance.scale);

@@ -12,6 +12,7 @@ use evcal_core::spline::rotation::log;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::SolveSettings;
+use crate::trajectory::knots::greville;
 use crate::trajectory::{RotationControl, Trajectory};
 
 /// One acceleration in units of its σ, and its derivatives.
@@ -28,7 +29,7 @@ pub struct Acceleration {
 
 /// The accelerations of all control points of `trajectory`.
 pub fn accelerations(trajectory: &Trajectory, settings: &SolveSettings) -> Vec<Acceleration> {
-    let abscissae = greville(trajectory);
+    let abscissae = greville(&trajectory.knots, trajectory.degree);
     let turns = turns(&trajectory.rotation);
     let factors = abscissae.windows(3).map(|three| {
         let half = 0.5 * (three[2] - three[0]);
@@ -47,14 +48,6 @@ pub fn accelerations(trajectory: &Trajectory, settings: &SolveSettings) -> Vec<A
             Acceleration { first, residual, rotation, translation }
         })
         .collect()
-}
-
-/// Mean of the knots that each control point acts between (s).
-fn greville(trajectory: &Trajectory) -> Vec<f64> {
-    let degree = trajectory.degree.max(1);
-    let inner = trajectory.knots.len().saturating_sub(1);
-    let knots = trajectory.knots.get(1..inner).unwrap_or_default();
-    knots.windows(degree).map(|window| window.iter().sum::<f64>() / degree as f64).collect()
 }
 
 /// Rotation vectors from each control point to the next (rad, camera frame).
@@ -82,7 +75,7 @@ mod tests {
             translation: Vec::new(),
             rotation: RotationControl::So3(Vec::new()),
         };
-        let abscissae = greville(&trajectory);
+        let abscissae = greville(&trajectory.knots, trajectory.degree);
         trajectory.translation = abscissae.iter().map(|&t| Vector3::new(place(t), 0.0, 1.0)).collect();
         let units = abscissae.iter().map(|&t| UnitQuaternion::from_euler_angles(0.0, place(t), 0.0));
         trajectory.rotation = RotationControl::So3(units.collect());

@@ -151,12 +151,7 @@ impl<'a> Design<'a> {
         if self.first_fixed && self.last_fixed {
             return Vec::new();
         }
-        let degree = self.knots.degree();
-        let knots = self.knots.as_slice();
-        let greville: Vec<f64> = knots[1..knots.len() - 1]
-            .windows(degree)
-            .map(|window| window.iter().sum::<f64>() / degree as f64)
-            .collect();
+        let greville = knots::greville(self.knots.as_slice(), self.knots.degree());
         let factors = greville.windows(3).enumerate().map(|(first, three)| {
             let (before, after) = (three[1] - three[0], three[2] - three[1]);
             let scale = 0.5 * (before + after) * SMOOTHNESS.sqrt();

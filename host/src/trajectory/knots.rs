@@ -55,6 +55,14 @@ pub fn from_times(
     Ok(knots)
 }
 
+/// Greville abscissae (s): for each control point of a spline of `degree` the mean of the knots that it
+/// acts between. Control points that move evenly over them give a curve that moves evenly over time.
+pub fn greville(knots: &[f64], degree: usize) -> Vec<f64> {
+    let degree = degree.max(1);
+    let inner = knots.get(1..knots.len().saturating_sub(1)).unwrap_or_default();
+    inner.windows(degree).map(|window| window.iter().sum::<f64>() / degree as f64).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
