@@ -39,7 +39,10 @@ fn main() {
             point_sigma: 0.1,
             associated_latencies: [0.0; CLASS_COUNT],
             segments: vec![observations],
-            free: FreeParameters { intrinsics: 9, biases: [[true; BIAS_COUNT]; CLASS_COUNT] },
+            free: FreeParameters {
+                intrinsics: std::array::from_fn(|index| index < 9),
+                biases: [[true; BIAS_COUNT]; CLASS_COUNT],
+            },
             settings,
         };
         let state = State { camera, bias: unknown(0.3), trajectories: vec![trajectory] };

@@ -13,6 +13,7 @@ use crate::circle_track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR, order_frames};
 use crate::event_bias::unknown;
 use crate::initial::{InitialError, InitialModel, InitialReport, initial_model};
+use crate::other_board::OtherBoard;
 use crate::reference_frame::ReferenceFrame;
 use crate::refinement::{Refined, RefinementError, RefinementInput, RoundReport, StageSettings, refine};
 use crate::segment::{SegmentReport, SegmentSettings, segment};
@@ -24,6 +25,8 @@ use crate::source::{ReadReport, Recording, RecordingKind, SourceError, SourceOpt
 use crate::timed_pose::TimedPose;
 use crate::trajectory::fit::{TrajectoryShape, fit, resampled};
 use crate::trajectory::{Trajectory, TrajectoryError};
+use crate::trust::{Trust, examine};
+use crate::verdict::{Verdict, verdict};
 
 /// One input: events or circles.
 pub enum Input {
@@ -74,6 +77,10 @@ pub struct Calibrated {
     pub starts: Vec<f64>,
     /// Stage reports.
     pub reports: StageReports,
+    /// How sure the result is, and what speaks for it.
+    pub trust: Trust,
+    /// Whether it is good.
+    pub verdict: Verdict,
 }
 
 /// What every stage took in and gave out.
@@ -178,7 +185,8 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
         return Err(CalibrateError::Source(damage));
     }
     if frames.is_empty() {
-        return Err(CalibrateError::NoPattern(no_pattern(&detection, settings)));
+        let other = other_board(task, sensor)?.map(|other| format!("; {other}"));
+        return Err(CalibrateError::NoPattern(no_pattern(&detection, settings) + &other.unwrap_or_default()));
     }
     progress(&format!("initial model from {} reference frames", frames.len()));
     let initial = initial_model(&frames, task.board, sensor, task.model, &settings.initial)?;
@@ -247,7 +255,11 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
         segments_without_spline,
         rounds: refined.rounds.clone(),
     };
-    Ok(Calibrated { sensor, refined, initial, frames, starts, reports })
+    progress("examination");
+    let trust =
+        examine(&refined, task.board, &settings.uncertainty, &settings.split_half).map_err(CalibrateError::Solve)?;
+    let verdict = verdict(&refined.state.camera, &trust, task.board, sensor, Vec::new(), &settings.verdict);
+    Ok(Calibrated { sensor, refined, initial, frames, starts, reports, trust, verdict })
 }
 
 /// Median time between neighbouring frames of a recording (s), 0 without any.
@@ -468,6 +480,20 @@ fn read_ahead(recording: &Recording, sender: &SyncSender<Vec<Event>>) -> Result<
     };
     let assumptions = reader.information().notes.clone();
     Ok(Pass { count, first: first.unwrap_or(0), last, assumptions, report: reader.report().clone(), damage })
+}
+
+/// What the board in the recordings looks like, if not like the stated one.
+fn other_board(task: &Task, sensor: (u16, u16)) -> Result<Option<String>, SourceError> {
+    for (index, input) in task.inputs.iter().enumerate() {
+        if let Input::Events(_) = input {
+            let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);
+            read_events(task.inputs, index, &mut |events| other.push(events))?;
+            if let Some(found) = other.finish() {
+                return Ok(Some(found));
+            }
+        }
+    }
+    Ok(None)
 }
 
 /// Why no window held the board, and what to do about it.

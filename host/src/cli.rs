@@ -18,6 +18,7 @@ mod live;
 mod print;
 mod progress;
 mod record;
+mod repeat;
 mod simulate;
 mod source_arguments;
 mod value;
@@ -57,6 +58,8 @@ enum Command {
     Convert(convert::Arguments),
     /// Compare a calibration with the truth, another calibration or a trajectory
     Evaluate(evaluate::Arguments),
+    /// Calibrate random parts of a recording, to see how repeatable the result is
+    Repeat(repeat::Arguments),
     /// Write a calibration in a form that other programs and devices read
     Export(export::Arguments),
     /// Simulate an event camera in front of a board
@@ -93,6 +96,7 @@ pub fn run() -> ExitCode {
         Command::Info(arguments) => info::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Repeat(arguments) => repeat::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         #[cfg(target_os = "linux")]

@@ -152,6 +152,14 @@ fn summary(calibration: &Calibration) -> String {
         let sigma = calibration.sigma.parameters.get(name).unwrap_or(f64::NAN);
         let _ = writeln!(text, "  {name:<3} {value:>12.5} ± {sigma:.5}");
     }
+    let _ = writeln!(text, "{}", calibration.verdict);
+    if let Some(halves) = &calibration.split_half {
+        let _ = writeln!(
+            text,
+            "halves differ by {:.4} px (expected {:.4}); held-out residual {:.4} px, own {:.4} px",
+            halves.difference_rms, halves.expected_rms, halves.held_out.rms, halves.held_out.own_rms
+        );
+    }
     let residuals = calibration.residuals;
     let _ = write!(
         text,

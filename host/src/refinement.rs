@@ -1,7 +1,7 @@
 //! Stages 10 and 11 in turn: associate, solve, associate anew with the better model, until it stops
 //! paying.
 
-use evcal_core::camera::Camera;
+use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::event::Event;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,8 @@ use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, unknown};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::levenberg::solve;
 use crate::solve::observation::{PointObservation, SegmentObservations};
-use crate::solve::stretch::{EventResidual, residuals, visit_points};
+use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
+use crate::solve::stretch::{EventResidual, residuals};
 use crate::solve::{FreeParameters, Problem, Residual, SolveError, SolveReport, SolveSettings, State};
 
 /// How often to associate and solve, and which biases to fit.
@@ -90,23 +91,12 @@ pub struct StageSettings<'a> {
 pub struct Refined {
     /// The final estimate.
     pub state: State,
-    /// The observations of the last round.
-    pub segments: Vec<SegmentObservations>,
+    /// The problem of the last round with its observations.
+    pub problem: Problem,
     /// Robust residual statistics of the last round.
     pub residuals: ResidualStatistics,
     /// One report a round.
     pub rounds: Vec<RoundReport>,
-}
-
-/// How far events are from where the model puts them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct ResidualStatistics {
-    /// Number of residuals.
-    pub count: usize,
-    /// Root mean square (px).
-    pub rms: f64,
-    /// Median of the absolute value (px).
-    pub median: f64,
 }
 
 /// Why the refinement failed.
@@ -162,8 +152,8 @@ pub fn refine<E: Send>(
         rounds.push(RoundReport { association, solve: solve_report, change });
         if final_round || input.events == 0 {
             let bearings = BearingTable::new(&state.camera, input.sensor);
-            let residuals = statistics(&problem, &state, &bearings);
-            return Ok(Refined { state, segments: problem.segments, residuals, rounds });
+            let residuals = residual_statistics(&problem, &state, &bearings);
+            return Ok(Refined { state, problem, residuals, rounds });
         }
         last_early = change < 20.0 * settings.refinement.settled;
     }
@@ -221,7 +211,7 @@ fn problem<E>(
         point_sigma: input.point_sigma,
         associated_latencies: state.bias.map(|bias| bias.latency),
         segments,
-        free: FreeParameters { intrinsics: 0, biases: [[false; BIAS_COUNT]; CLASS_COUNT] },
+        free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [[false; BIAS_COUNT]; CLASS_COUNT] },
         settings: settings.solve.clone(),
     }
 }
@@ -259,22 +249,7 @@ fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &Refinemen
     // What delays all events alike cannot be told from a shift of the clock.
     biases[0][1] = false;
     biases[0][2] = false;
-    FreeParameters { intrinsics: camera.parameters().len(), biases }
-}
-
-fn statistics(problem: &Problem, state: &State, bearings: &BearingTable) -> ResidualStatistics {
-    let events = residuals(problem, state, bearings);
-    let mut sizes: Vec<f32> = events.iter().map(|event| event.residual.abs()).collect();
-    for segment in 0..problem.segments.len() {
-        visit_points(problem, state, segment, |distance| sizes.push(distance as f32));
-    }
-    let count = sizes.len();
-    if count == 0 {
-        return ResidualStatistics::default();
-    }
-    let square: f64 = sizes.iter().map(|&size| f64::from(size) * f64::from(size)).sum();
-    let median = *sizes.select_nth_unstable_by(count / 2, f32::total_cmp).1;
-    ResidualStatistics { count, rms: (square / count as f64).sqrt(), median: f64::from(median) }
+    FreeParameters { intrinsics: std::array::from_fn(|index| index < camera.parameters().len()), biases }
 }
 
 /// Root mean square change of where bearings project, over a grid on the sensor, in pixels.

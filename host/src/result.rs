@@ -5,7 +5,11 @@ use serde::Serialize;
 use crate::burst::RANK_COUNT;
 use crate::calibrate::{Calibrated, StageReports};
 use crate::camera_file::{CameraDescription, Parameters, SensorSize};
+use crate::coverage::Coverage;
 use crate::event_bias::{CLASS_COUNT, ClassBias};
+use crate::split_half::{HeldOut, SplitHalf};
+use crate::trust::{ObservedRadius, Trust};
+use crate::verdict::Verdict;
 
 /// Everything that a calibration found out. Field order is the order in the file.
 #[derive(Clone, Debug, Serialize)]
@@ -22,8 +26,18 @@ pub struct Calibration {
     pub sensor: SensorSize,
     /// The lens.
     pub camera: CameraDescription,
-    /// Standard deviation of each lens parameter if residuals were independent: a lower bound.
+    /// Whether it is good, and why.
+    pub verdict: Verdict,
+    /// Standard deviation of each lens parameter.
     pub sigma: CameraDescription,
+    /// How sure the result is.
+    pub uncertainty: UncertaintySummary,
+    /// Where on the sensor and from where the board was seen.
+    pub coverage: Coverage,
+    /// Two halves of the recordings calibrated apart, if they are long enough.
+    pub split_half: Option<SplitHalfSummary>,
+    /// The circles' radius as the events see it.
+    pub observed_radius: Option<ObservedRadius>,
     /// The lens before the joint solve.
     pub initial_camera: CameraDescription,
     /// The board, as on the command line.
@@ -78,6 +92,73 @@ pub struct Residuals {
     pub median: f64,
 }
 
+/// How sure a result is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct UncertaintySummary {
+    /// Covariance of the lens parameters, in the order of the model.
+    pub covariance: Vec<Vec<f64>>,
+    /// Variance over what it would be if all observations were independent.
+    pub inflation: f64,
+    /// Independent observations that would determine the camera as well.
+    pub effective_observations: f64,
+    /// Blocks of time that the inflation was found with.
+    pub blocks: usize,
+    /// Expected root mean square error of the projection over the sensor (px).
+    pub projection_rms: f64,
+    /// What it stays below with a probability of 95 % (px).
+    pub projection_rms_95: f64,
+    /// Greatest standard deviation of the projection (px).
+    pub projection_max: f64,
+    /// The pixel where it is greatest.
+    pub projection_max_at: [f64; 2],
+}
+
+impl UncertaintySummary {
+    fn new(trust: &Trust) -> Self {
+        let Trust { uncertainty, projection, .. } = trust;
+        Self {
+            covariance: uncertainty.covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),
+            inflation: uncertainty.inflation,
+            effective_observations: uncertainty.effective_observations(),
+            blocks: uncertainty.blocks,
+            projection_rms: projection.rms,
+            projection_rms_95: projection.rms_95,
+            projection_max: projection.max,
+            projection_max_at: projection.max_at,
+        }
+    }
+}
+
+/// Two calibrations from one half of the observations each.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SplitHalfSummary {
+    /// The two cameras.
+    pub cameras: [CameraDescription; 2],
+    /// Root mean square difference of their projections (px).
+    pub difference_rms: f64,
+    /// Greatest difference (px).
+    pub difference_max: f64,
+    /// The root mean square difference to expect (px).
+    pub expected_rms: f64,
+    /// What it stays below in 95 of 100 cases if the uncertainties are right (px).
+    pub bound: f64,
+    /// How well each half's camera explains the other half.
+    pub held_out: HeldOut,
+}
+
+impl From<&SplitHalf> for SplitHalfSummary {
+    fn from(halves: &SplitHalf) -> Self {
+        Self {
+            cameras: halves.cameras.clone(),
+            difference_rms: halves.difference.rms,
+            difference_max: halves.difference.max,
+            expected_rms: halves.expected_rms,
+            bound: halves.bound,
+            held_out: halves.held_out,
+        }
+    }
+}
+
 /// One trajectory segment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SegmentSummary {
@@ -99,14 +180,11 @@ impl Calibration {
         let state = &calibrated.refined.state;
         let camera = &state.camera;
         let names = camera.kind().parameter_names();
-        let last = calibrated.refined.rounds.last();
-        let sigma = Parameters::new(names.iter().enumerate().map(|(index, name)| {
-            let value = last.and_then(|round| round.solve.sigma.get(index)).copied().unwrap_or(0.0);
-            (*name, value)
-        }));
-        let from_events = calibrated.refined.segments.iter().any(|segment| !segment.events.is_empty());
+        let trust = &calibrated.trust;
+        let sigma = Parameters::new(names.iter().copied().zip(trust.uncertainty.sigma()));
+        let from_events = calibrated.refined.problem.segments.iter().any(|segment| !segment.events.is_empty());
         let statistics = calibrated.refined.residuals;
-        let segments = state.trajectories.iter().zip(&calibrated.refined.segments);
+        let segments = state.trajectories.iter().zip(&calibrated.refined.problem.segments);
         Self {
             format: "evcal-calibration",
             version: 1,
@@ -114,6 +192,11 @@ impl Calibration {
             pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)",
             sensor: SensorSize { width: calibrated.sensor.0, height: calibrated.sensor.1 },
             camera: CameraDescription::new(camera),
+            verdict: calibrated.verdict.clone(),
+            uncertainty: UncertaintySummary::new(trust),
+            coverage: trust.coverage.clone(),
+            split_half: trust.split_half.as_ref().map(SplitHalfSummary::from),
+            observed_radius: trust.radius,
             sigma: CameraDescription { model: camera.kind().name().to_owned(), parameters: sigma },
             initial_camera: CameraDescription::new(&calibrated.initial.camera),
             board: board.to_string(),

@@ -21,7 +21,10 @@ use crate::live::LiveSettings;
 use crate::refinement::RefinementSettings;
 use crate::segment::SegmentSettings;
 use crate::solve::SolveSettings;
+use crate::split_half::SplitHalfSettings;
 use crate::trajectory::RotationSpline;
+use crate::uncertainty::UncertaintySettings;
+use crate::verdict::VerdictSettings;
 
 /// How a circle follows from a pair of clusters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,6 +66,12 @@ pub struct Settings {
     pub solve: SolveSettings,
     /// Rounds of association and solve, and the biases of events.
     pub refinement: RefinementSettings,
+    /// How sure the intrinsics are.
+    pub uncertainty: UncertaintySettings,
+    /// Comparison of two halves of the observations.
+    pub split_half: SplitHalfSettings,
+    /// When a calibration is good.
+    pub verdict: VerdictSettings,
     /// When a live camera has seen enough.
     pub live: LiveSettings,
 }

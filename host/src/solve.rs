@@ -15,6 +15,7 @@ pub mod normal;
 pub mod observation;
 pub mod point_row;
 pub mod pose_bin;
+pub mod residual_statistics;
 pub mod smoothness;
 pub mod stretch;
 pub mod system;
@@ -49,8 +50,8 @@ pub enum Residual {
 /// Which parameters beside the control points may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FreeParameters {
-    /// Number of intrinsics of the camera model; the rest of [`MAX_PARAMETERS`] stays unused.
-    pub intrinsics: usize,
+    /// Which intrinsics are free, in the order of the camera model; those beyond its own stay unused.
+    pub intrinsics: [bool; MAX_PARAMETERS],
     /// Which biases of each event class are free.
     pub biases: [[bool; BIAS_COUNT]; CLASS_COUNT],
 }
@@ -59,8 +60,8 @@ impl FreeParameters {
     /// One flag for each global parameter.
     pub fn mask(&self) -> [bool; GLOBAL_COUNT] {
         let mut mask = [false; GLOBAL_COUNT];
-        for flag in mask.iter_mut().take(self.intrinsics.min(MAX_PARAMETERS)) {
-            *flag = true;
+        for (flag, free) in mask.iter_mut().zip(self.intrinsics) {
+            *flag = free;
         }
         for (class, biases) in self.biases.iter().enumerate() {
             for (bias, &free) in biases.iter().enumerate() {
@@ -151,9 +152,6 @@ pub struct SolveReport {
     pub initial_cost: f64,
     /// Sum of ρ after.
     pub final_cost: f64,
-    /// Standard deviation of each global parameter, if residuals were independent with the spread
-    /// of their class; zero where a parameter is held.
-    pub sigma: Vec<f64>,
 }
 
 /// Why a joint solve failed.

@@ -165,6 +165,7 @@ pub struct Recording {
     path: PathBuf,
     options: SourceOptions,
     format: &'static Format,
+    span: Option<(i64, i64)>,
 }
 
 impl Recording {
@@ -179,7 +180,13 @@ impl Recording {
             return Err(SourceError::new(&path, SourceErrorKind::CircleTrack));
         }
         let format = find_format(&path, &head)?;
-        Ok(Self { path, options, format })
+        Ok(Self { path, options, format, span: None })
+    }
+
+    /// The part of the recording from the first of these times, in microseconds as in the file, up to the
+    /// second, which is not part of it.
+    pub fn section(&self, span: (i64, i64)) -> Self {
+        Self { span: Some(span), ..self.clone() }
     }
 
     /// Where the recording is.
@@ -198,7 +205,7 @@ impl Recording {
     /// When the file cannot be opened or its header cannot be understood.
     pub fn open(&self) -> Result<EventReader, SourceError> {
         let decoder = (self.format.open)(&self.path, &self.options)?;
-        EventReader::new(&self.path, decoder, &self.options)
+        Ok(EventReader::new(&self.path, decoder, &self.options)?.within(self.span))
     }
 
     /// Counts what the streams of the recording hold; empty where there is but one stream of events.

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use evcal_core::camera::ModelKind;
+
 use crate::{BOARD, made, text};
 
 /// A camera model with the parameters of a plausible lens before 346 × 260 pixels.
@@ -32,6 +34,11 @@ pub const INVERSE_RADIAL: Lens =
 pub const ALL: [Lens; 5] = [RADTAN4, RADTAN, RADTAN8, KANNALA_BRANDT, INVERSE_RADIAL];
 
 impl Lens {
+    /// The model.
+    pub fn kind(&self) -> ModelKind {
+        ModelKind::from_name(self.model).expect("the model is one of evcal's")
+    }
+
     /// Folder of a simulated recording through this lens, with events.aedat4 (or .csv), truth.json and
     /// trajectory.txt.
     pub fn simulation(&self, name: &str, options: &[&str]) -> PathBuf {

@@ -27,15 +27,31 @@ pub struct Arguments {
     calibration: CalibrationArguments,
 }
 
-/// What is calibrated, and how; whatever the events come from.
+/// Where results go, and what is printed.
 #[derive(clap::Args)]
 pub struct CalibrationArguments {
+    #[command(flatten)]
+    pub method: MethodArguments,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Print the calibration as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Print the stage report
+    #[arg(short, long)]
+    verbose: bool,
+}
+
+/// What is calibrated, and how; whatever the events come from.
+#[derive(clap::Args)]
+pub struct MethodArguments {
     /// Board, for example acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius)
     #[arg(long)]
     pub board: Board,
     /// Camera model: radtan4, radtan, radtan8, kannala-brandt or inverse-radial
     #[arg(long, default_value = "radtan", value_parser = super::value::model())]
-    model: ModelKind,
+    pub model: ModelKind,
     /// Circle extraction: hard or soft [default: hard]
     #[arg(long, value_parser = extraction)]
     extraction: Option<Extraction>,
@@ -48,18 +64,9 @@ pub struct CalibrationArguments {
     /// Settings file (TOML); names and defaults are in docs/settings.md
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
-    /// Folder for the results
-    #[arg(short, long, value_name = "DIR")]
-    pub output: PathBuf,
-    /// Print the calibration as JSON
-    #[arg(long)]
-    pub json: bool,
-    /// Print the stage report
-    #[arg(short, long)]
-    verbose: bool,
 }
 
-impl CalibrationArguments {
+impl MethodArguments {
     /// All thresholds.
     pub fn settings(&self) -> Result<Settings, SettingsError> {
         let mut settings = self.settings.as_deref().map(Settings::read).transpose()?.unwrap_or_default();
@@ -97,13 +104,14 @@ pub fn calibrate_recordings(
     sensor: Option<(u16, u16)>,
     arguments: &CalibrationArguments,
 ) -> super::Outcome {
-    let settings = arguments.settings()?;
+    let method = &arguments.method;
+    let settings = method.settings()?;
     let options = SourceOptions { sensor, ..SourceOptions::default() };
     let inputs = recordings
         .iter()
-        .map(|path| detector::open_input(path, &options, &arguments.board, &arguments.output, arguments.json))
+        .map(|path| detector::open_input(path, &options, &method.board, &arguments.output, arguments.json))
         .collect::<Result<Vec<Input>, _>>()?;
-    let task = Task { inputs: &inputs, board: &arguments.board, model: arguments.model, sensor, settings: &settings };
+    let task = Task { inputs: &inputs, board: &method.board, model: method.model, sensor, settings: &settings };
     let bar = spinner(arguments.json);
     let calibrated = calibrate(&task, |message| bar.set_message(message.to_owned()))?;
     bar.set_message("writing results");

@@ -27,8 +27,9 @@ pub struct Arguments {
 /// Runs `evcal live`: records while it looks for the board, then calibrates from the recording as
 /// `evcal calibrate` does.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    let CalibrationArguments { board, output, json, .. } = &arguments.calibration;
-    let settings = arguments.calibration.settings()?;
+    let CalibrationArguments { method, output, json, .. } = &arguments.calibration;
+    let board = &method.board;
+    let settings = method.settings()?;
     let interrupt = Interrupt::catch()?;
     let mut camera = arguments.camera.open()?;
     fs::create_dir_all(output).map_err(|error| format!("{}: {error}", output.display()))?;

@@ -89,6 +89,12 @@ enum Motion {
     Blur,
     /// 350 px/s, with pauses, and looks away from the board
     Interrupted,
+    /// 350 px/s, the board far away
+    Far,
+    /// 350 px/s, the board hardly tilted
+    HeadOn,
+    /// 350 px/s, in one corner of the image only
+    Corner,
 }
 
 /// Presets of the pixels.
@@ -127,6 +133,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             Motion::Slow => MotionSettings::slow(),
             Motion::Fast => MotionSettings::fast(),
             Motion::Blur => MotionSettings::blur(),
+            Motion::Far => MotionSettings::far(),
+            Motion::HeadOn => MotionSettings::head_on(),
+            Motion::Corner => MotionSettings::corner(),
             Motion::Interrupted => MotionSettings::interrupted(arguments.duration),
         },
     };

@@ -148,12 +148,14 @@ fn difference(
     })
 }
 
-fn grid_size(width: u16, height: u16) -> (u16, u16) {
+/// Columns and rows of the grid of pixels on a sensor.
+pub(crate) fn grid_size(width: u16, height: u16) -> (u16, u16) {
     let rows = (f64::from(COLUMNS) * f64::from(height) / f64::from(width.max(1))).round();
     (COLUMNS, rows.clamp(2.0, 1000.0) as u16)
 }
 
-fn grid(width: u16, height: u16) -> Vec<Vector2<f64>> {
+/// The grid of pixels on a sensor, row by row.
+pub(crate) fn grid(width: u16, height: u16) -> Vec<Vector2<f64>> {
     let (columns, rows) = grid_size(width, height);
     let place = |index: u16, count: u16, size: u16| {
         f64::from(index) * (f64::from(size) - 1.0) / f64::from(count.saturating_sub(1).max(1))

@@ -25,6 +25,7 @@ use crate::board::Board;
 /// | [`MotionSettings::fast`] | 350 px/s |
 /// | [`MotionSettings::interrupted`] | 350 px/s while the camera moves |
 /// | [`MotionSettings::blur`] | 700 px/s |
+/// | [`MotionSettings::far`], [`MotionSettings::head_on`], [`MotionSettings::corner`] | 350 px/s |
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotionSettings {
@@ -46,6 +47,11 @@ pub struct MotionSettings {
     pub roll_offset: f64,
     /// How far the circle area may leave the image, as a share of the half field of view.
     pub overshoot: f64,
+    /// Where in the image the board's middle is on average, right and down from the middle of the image, as
+    /// a share of the half field of view.
+    pub aim: [f64; 2],
+    /// How much of the room that the image leaves the board's middle uses, 0 to 1.
+    pub reach: f64,
     /// Amplitude of the tremor in degrees.
     pub tremor: f64,
     /// Spans in which the camera is held still; 0.2 s of slowing down and speeding up around them.
@@ -66,6 +72,8 @@ impl MotionSettings {
             roll: 50.0,
             roll_offset: 0.0,
             overshoot: 0.1,
+            aim: [0.0, 0.0],
+            reach: 1.0,
             tremor: 0.06,
             pauses: Vec::new(),
             absences: Vec::new(),
@@ -86,6 +94,21 @@ impl MotionSettings {
             starts.map(|start| Interval { start, end: start + INTERRUPTION_LENGTH }).collect()
         };
         Self { pauses: spans(FIRST_PAUSE), absences: spans(FIRST_ABSENCE), ..Self::fast() }
+    }
+
+    /// Quick sweeps two and a half times as far away: the board fills a third of the image.
+    pub fn far() -> Self {
+        Self { distance_scale: 2.6, ..Self::fast() }
+    }
+
+    /// Quick sweeps in which the board is hardly tilted.
+    pub fn head_on() -> Self {
+        Self { tilt: 8.0, ..Self::fast() }
+    }
+
+    /// Quick motion in the upper left corner of the image only.
+    pub fn corner() -> Self {
+        Self { fill: [0.35, 0.45], aim: [-0.45, -0.45], reach: 0.15, ..Self::fast() }
     }
 
     /// Sweeps that blur every picture: 700 px/s.
@@ -214,7 +237,8 @@ impl Motion {
             let room = self.half_view[axis] * (1.0 + self.settings.overshoot) - libm::atan(extent[axis] / distance);
             // A smooth max(room, 0).
             let amplitude = 0.5 * (room + libm::hypot(room, 0.02));
-            self.center[axis] + amplitude * self.aim[axis].at(phase)
+            let middle = self.center[axis] + self.settings.aim[axis] * self.half_view[axis];
+            middle + self.settings.reach * amplitude * self.aim[axis].at(phase)
         };
         let away = self.half_view.x * 2.0 + 2.0 * libm::atan(self.half_size.norm() / distance) + 0.2;
         let azimuth = aim(0) + self.absences.level(t) * away.min(2.6);

@@ -103,6 +103,9 @@ impl SimulationSettings {
             ("motion.roll", motion.roll, not_negative(motion.roll), NOT_NEGATIVE),
             ("motion.roll_offset", motion.roll_offset, motion.roll_offset.is_finite(), "a number"),
             ("motion.overshoot", motion.overshoot, (-1.0..=1.0).contains(&motion.overshoot), "from -1 to 1"),
+            ("motion.aim", motion.aim[0], motion.aim[0].abs() <= 1.0, "from -1 to 1"),
+            ("motion.aim", motion.aim[1], motion.aim[1].abs() <= 1.0, "from -1 to 1"),
+            ("motion.reach", motion.reach, (0.0..=1.0).contains(&motion.reach), "from 0 to 1"),
             ("motion.tremor", motion.tremor, (0.0..=5.0).contains(&motion.tremor), "from 0 to 5 degrees"),
         ];
         for (name, value, right, range) in checks {

@@ -1,5 +1,6 @@
 //! Levenberg-Marquardt over all parameters.
 
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
@@ -63,21 +64,48 @@ pub fn solve(problem: &Problem, mut state: State) -> Result<(State, SolveReport)
         }
     }
     report.final_cost = system.cost;
-    let covariance = system.global_covariance(&free).map_err(|_| SolveError::Singular)?;
-    report.sigma = vec![0.0; GLOBAL_COUNT];
-    let set = (0..GLOBAL_COUNT).filter(|&global| free[global]);
-    for (position, global) in set.enumerate() {
-        report.sigma[global] = covariance[(position, position)].max(0.0).sqrt();
-    }
     Ok((state, report))
 }
 
+/// Covariance of the intrinsics at `state`, in the order of the camera model, if observations were
+/// independent; rows and columns of parameters that are held are zero.
+///
+/// # Errors
+/// [`SolveError::Singular`] when the observations do not determine the free parameters.
+pub fn formal_covariance(problem: &Problem, state: &State) -> Result<DMatrix<f64>, SolveError> {
+    let free = problem.free.mask();
+    let system = assemble(problem, state, &stretches(&problem.segments));
+    let covariance = system.global_covariance(&free).map_err(|_| SolveError::Singular)?;
+    Ok(intrinsics_of(&covariance, &free, state.camera.parameters().len()))
+}
+
+/// A matrix over the free global parameters, or over the first of them, as one over the first `count`
+/// parameters; rows and columns of those that are held are zero.
+pub fn intrinsics_of(matrix: &DMatrix<f64>, free: &[bool; GLOBAL_COUNT], count: usize) -> DMatrix<f64> {
+    let mut part = DMatrix::zeros(count, count);
+    let places = || (0..GLOBAL_COUNT).filter(|&global| free[global]).enumerate().filter(|(_, global)| *global < count);
+    for (row, to_row) in places() {
+        for (column, to_column) in places() {
+            part[(to_row, to_column)] = matrix[(row, column)];
+        }
+    }
+    part
+}
+
 fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> System {
+    system_of(problem, state, &linearised(problem, state, stretches))
+}
+
+/// The normal equations of each of `stretches` at `state`.
+pub fn linearised(problem: &Problem, state: &State, stretches: &[Stretch]) -> Vec<(Stretch, StretchEquations)> {
     let bearings = BearingTable::new(&state.camera, problem.sensor);
-    let equations: Vec<(Stretch, StretchEquations)> =
-        stretches.par_iter().map(|stretch| (stretch.clone(), linearise(problem, state, &bearings, stretch))).collect();
+    stretches.par_iter().map(|stretch| (stretch.clone(), linearise(problem, state, &bearings, stretch))).collect()
+}
+
+/// The system of `equations`, which cover all observations, with what holds the trajectories.
+pub fn system_of(problem: &Problem, state: &State, equations: &[(Stretch, StretchEquations)]) -> System {
     let control_points: Vec<usize> = state.trajectories.iter().map(|t| t.control_point_count()).collect();
-    let mut system = System::merge(&control_points, &equations);
+    let mut system = System::merge(&control_points, equations);
     let smoothness: Vec<Vec<Acceleration>> =
         state.trajectories.iter().map(|trajectory| accelerations(trajectory, &problem.settings)).collect();
     system.add_smoothness(&smoothness);

@@ -7,7 +7,7 @@
 
 use evcal_core::camera::MAX_PARAMETERS;
 use multiversion::multiversion;
-use nalgebra::{Matrix3, SMatrix};
+use nalgebra::{DMatrix, Matrix3, SMatrix};
 
 use crate::event_bias::BIAS_COUNT;
 
@@ -108,6 +108,28 @@ impl StretchEquations {
     /// Number of control points.
     pub fn control_point_count(&self) -> usize {
         self.border.len()
+    }
+
+    /// The block-banded symmetric matrix of the control points times `columns`, which has six rows a
+    /// control point.
+    pub fn banded_times(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut product = DMatrix::zeros(columns.nrows(), columns.ncols());
+        for index in 0..self.control_point_count() {
+            for back in 0..self.order.min(index + 1) {
+                let mut block = self.blocks[index * self.order + back];
+                if back == 0 {
+                    block.fill_upper_triangle_with_lower_triangle();
+                }
+                let (row, column) = (6 * index, 6 * (index - back));
+                let mut target = product.rows_mut(row, 6);
+                target.gemm(1.0, &block, &columns.rows(column, 6), 1.0);
+                if back > 0 {
+                    let mut target = product.rows_mut(column, 6);
+                    target.gemm_tr(1.0, &block, &columns.rows(row, 6), 1.0);
+                }
+            }
+        }
+        product
     }
 }
 

@@ -26,6 +26,16 @@ pub struct Stretch {
     pub points: Range<usize>,
 }
 
+impl Stretch {
+    /// Time of the first observation in seconds, 0 without any.
+    pub fn start(&self, segments: &[SegmentObservations]) -> f64 {
+        let observations = segments.get(self.segment);
+        let bin = observations.and_then(|segment| segment.bins.get(self.bins.clone())?.first());
+        let point = observations.and_then(|segment| segment.points.get(self.points.clone())?.first());
+        bin.map(|bin| bin.t).or(point.map(|point| point.t)).unwrap_or(0.0)
+    }
+}
+
 /// Bins in a stretch: long enough that merging costs little, short enough to share among threads.
 const STRETCH_BINS: usize = 128;
 const STRETCH_POINTS: usize = 512;

@@ -38,6 +38,15 @@ pub struct Step {
     pub predicted: f64,
 }
 
+/// What a part of the observations says of the free global parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contribution {
+    /// Its share of the gradient.
+    pub gradient: DVector<f64>,
+    /// Its share of the information matrix.
+    pub information: DMatrix<f64>,
+}
+
 /// The linear system could not be solved: its matrix is not positive definite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotPositiveDefinite;
@@ -140,6 +149,47 @@ impl System {
             schur -= segment.eliminate(0.0, &free)?.schur;
         }
         Ok(schur.cholesky().ok_or(NotPositiveDefinite)?.inverse())
+    }
+
+    /// What each of `stretches` says of the free global parameters once the trajectories give way.
+    ///
+    /// With A⁻¹B the way the control points follow the global parameters, a stretch with the equations
+    /// (Aₖ, Bₖ, Cₖ) and the gradient (gₖ, hₖ) has the gradient hₖ − (A⁻¹B)ᵀgₖ and the information
+    /// Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B; over all stretches these add up to those of the system,
+    /// but for the share of what holds the trajectories.
+    pub fn contributions(
+        &self,
+        stretches: &[(Stretch, StretchEquations)],
+        free: &[bool; GLOBAL_COUNT],
+    ) -> Result<Vec<Contribution>, NotPositiveDefinite> {
+        let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
+        let follows: Vec<DMatrix<f64>> = self
+            .segments
+            .par_iter()
+            .map(|segment| {
+                let columns = segment.eliminate(0.0, &free)?.columns;
+                Ok(DMatrix::from_fn(6 * segment.border.len(), free.len(), |row, column| columns[column][row]))
+            })
+            .collect::<Result<_, NotPositiveDefinite>>()?;
+        let of_stretch = |(stretch, equations): &(Stretch, StretchEquations)| {
+            let segment = follows.get(stretch.segment)?;
+            let rows = 6 * equations.control_point_count();
+            let follows = segment.rows(6 * equations.first, rows);
+            let gradient = DVector::from_iterator(rows, equations.gradient.iter().flatten().copied());
+            let own = DVector::from_fn(free.len(), |row, _| equations.corner_gradient[free[row]]);
+            let border =
+                DMatrix::from_fn(rows, free.len(), |row, column| equations.border[row / 6][(row % 6, free[column])]);
+            let corner = DMatrix::from_fn(free.len(), free.len(), |row, column| {
+                equations.corner[(free[row.max(column)], free[row.min(column)])]
+            });
+            let mixed = border.transpose() * follows;
+            let moved = equations.banded_times(&follows.into_owned());
+            Some(Contribution {
+                gradient: own - follows.transpose() * gradient,
+                information: corner - &mixed - mixed.transpose() + follows.transpose() * moved,
+            })
+        };
+        Ok(stretches.par_iter().filter_map(of_stretch).collect())
     }
 
     /// −gᵀδ − ½ δᵀHδ, using Hδ = −g − damping·Dδ: for small damping half of −gᵀδ.

@@ -124,6 +124,7 @@ pub struct EventReader {
     decoded: u64,
     ended: bool,
     pending: Option<SourceError>,
+    span: Option<(i64, i64)>,
 }
 
 /// The state that makes times non-decreasing.
@@ -160,7 +161,13 @@ impl EventReader {
             decoded: 0,
             ended: false,
             pending: None,
+            span: None,
         })
+    }
+
+    /// The same, but only events from the first of these times up to the second are handed out.
+    pub(super) fn within(self, span: Option<(i64, i64)>) -> Self {
+        Self { span, ..self }
     }
 
     /// What is known of the recording.
@@ -204,8 +211,21 @@ impl EventReader {
                 self.ended = true;
                 self.pending = Some(SourceError::new(&self.path, kind));
             }
+            self.cut(events);
         }
         Ok(true)
+    }
+
+    /// Takes away what is not in the span asked for; behind it nothing more is read.
+    fn cut(&mut self, events: &mut Vec<Event>) {
+        let Some((start, end)) = self.span else { return };
+        if events.last().is_some_and(|event| event.t >= end) {
+            self.ended = true;
+            self.pending = None;
+        }
+        let before = events.len();
+        events.retain(|event| (start..end).contains(&event.t));
+        self.report.events -= (before - events.len()) as u64;
     }
 
     /// Puts times in order and drops what is out of range; on an error, `events` are those before it.

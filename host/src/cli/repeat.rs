@@ -1,0 +1,91 @@
+//! `evcal repeat`.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use evcal::calibrate::Task;
+use evcal::repeat::{RepeatSettings, Repetition, repeat};
+use evcal::source::{Recording, SourceOptions};
+
+use super::calibrate::MethodArguments;
+use super::progress::spinner;
+use super::{UsageError, print, value};
+
+/// Arguments of `evcal repeat`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A recording of events
+    recording: PathBuf,
+    /// Sensor size, where the recording does not tell it, for example 346x260
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
+    sensor: Option<(u16, u16)>,
+    #[command(flatten)]
+    method: MethodArguments,
+    /// Number of parts
+    #[arg(long, value_name = "COUNT", default_value_t = 10)]
+    runs: usize,
+    /// Length of each part in seconds
+    #[arg(long, value_name = "TIME", default_value = "4s", value_parser = value::seconds)]
+    seconds: f64,
+    /// Seed of the parts' random places; the same seed gives the same result
+    #[arg(long, value_name = "NUMBER", default_value_t = 1)]
+    seed: u64,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `evcal repeat`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    if arguments.runs < 2 || arguments.seconds <= 0.0 {
+        return Err(UsageError("--runs must be at least 2, and --seconds above 0".to_owned()).into());
+    }
+    let settings = arguments.method.settings()?;
+    let sensor = arguments.sensor;
+    let recording = Recording::new(&arguments.recording, SourceOptions { sensor, ..SourceOptions::default() })?;
+    let (board, model) = (&arguments.method.board, arguments.method.model);
+    let task = Task { inputs: &[], board, model, sensor, settings: &settings };
+    let parts = RepeatSettings { runs: arguments.runs, seconds: arguments.seconds, seed: arguments.seed };
+    let bar = spinner(arguments.json);
+    let repetition = repeat(&recording, &task, &parts, |run| {
+        bar.set_message(format!("part {} of {}", run + 1, arguments.runs));
+    })?;
+    bar.finish_and_clear();
+    if arguments.json {
+        return print::line(serde_json::to_string_pretty(&repetition)?);
+    }
+    print::line(table(&repetition))
+}
+
+fn table(repetition: &Repetition) -> String {
+    let mut text = String::new();
+    for run in &repetition.runs {
+        let _ = write!(text, "{:8.3} s to {:8.3} s  ", run.start, run.end);
+        let _ = match &run.outcome {
+            Ok(camera) => writeln!(
+                text,
+                "fx {:9.3} ± {:.3}, {:.4} px from the mean (95 % stated: {:.4})",
+                camera.parameters.first().unwrap_or(&f64::NAN),
+                camera.sigma.first().unwrap_or(&f64::NAN),
+                camera.difference,
+                camera.stated
+            ),
+            Err(reason) => writeln!(text, "none: {reason}"),
+        };
+    }
+    let _ =
+        writeln!(text, "\n{:<4} {:>12} {:>11} {:>11} {:>7}", repetition.model, "mean", "scatter", "stated σ", "ratio");
+    for parameter in &repetition.parameters {
+        let _ = writeln!(
+            text,
+            "{:<4} {:>12.5} {:>11.5} {:>11.5} {:>7.2}",
+            parameter.name,
+            parameter.mean,
+            parameter.scatter,
+            parameter.stated,
+            parameter.stated / parameter.scatter
+        );
+    }
+    let _ = write!(text, "projection: {:.4} px rms from that of the mean", repetition.projection);
+    text
+}

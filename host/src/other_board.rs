@@ -1,0 +1,84 @@
+//! When the board is not found: is it another one than stated?
+//!
+//! The circles of the first seconds are read as what users mix up: a print seen as in a mirror, rows and
+//! columns exchanged, the other layout. A reading that fits many windows is told.
+
+use evcal_core::event::Event;
+use evcal_core::pattern::{Layout, Pattern};
+
+use crate::board::Board;
+use crate::circle_track::UnorderedFrame;
+use crate::detection::{CircleWindow, DetectionStage, order_frames};
+use crate::settings::DetectionSettings;
+
+/// So much of a recording is looked at (µs).
+const LONGEST: i64 = 4_000_000;
+
+/// A reading must fit at least this share of the windows that hold as many circles as half the board.
+const FEWEST_FITS: f64 = 0.2;
+
+/// Collects the circles of the first seconds of a recording.
+pub struct OtherBoard<'a> {
+    stage: DetectionStage<'a>,
+    board: Board,
+    sensor: (u16, u16),
+}
+
+impl<'a> OtherBoard<'a> {
+    /// For a recording in which `board` was not found.
+    pub fn new(settings: &'a DetectionSettings, board: &Board, sensor: (u16, u16)) -> Self {
+        let fewest = board.circle_count().div_ceil(2);
+        Self { stage: DetectionStage::for_circles(settings, sensor, fewest), board: *board, sensor }
+    }
+
+    /// Takes the next events; their times count from the start of the recording.
+    pub fn push(&mut self, events: &[Event]) {
+        let end = events.partition_point(|event| event.t <= LONGEST);
+        self.stage.push(events.get(..end).unwrap_or_default());
+    }
+
+    /// What the circles look like instead, as a sentence; `None` when no reading fits.
+    pub fn finish(self) -> Option<String> {
+        let (windows, _) = self.stage.into_circles();
+        let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
+        let pattern = self.board.pattern;
+        let mirrored: Vec<UnorderedFrame> = frames.iter().map(|frame| mirrored(frame, self.sensor)).collect();
+        let exchanged = Pattern { rows: pattern.columns, columns: pattern.rows, ..pattern };
+        let layout = match pattern.layout {
+            Layout::Asymmetric => Layout::Symmetric,
+            Layout::Symmetric => Layout::Asymmetric,
+        };
+        let readings = [
+            (&mirrored, pattern, None),
+            (&frames, exchanged, Some(exchanged)),
+            (&frames, Pattern { layout, ..pattern }, Some(Pattern { layout, ..pattern })),
+            (&frames, Pattern { layout, ..exchanged }, Some(Pattern { layout, ..exchanged })),
+        ];
+        let fits = readings.into_iter().map(|(frames, pattern, other)| {
+            let (found, _) = order_frames(frames, &pattern, Some(self.sensor));
+            (found.len(), other)
+        });
+        let (count, other) = fits.max_by_key(|(count, _)| *count)?;
+        if count == 0 || (count as f64) < FEWEST_FITS * frames.len() as f64 {
+            return None;
+        }
+        Some(match other {
+            None => format!(
+                "{count} of {} windows show the board as in a mirror: is the print mirrored, or is the image flipped?",
+                frames.len()
+            ),
+            Some(pattern) => {
+                let other = Board { pattern, ..self.board };
+                format!("{count} of {} windows fit --board {other} instead", frames.len())
+            }
+        })
+    }
+}
+
+fn mirrored(frame: &UnorderedFrame, sensor: (u16, u16)) -> UnorderedFrame {
+    let mut frame = frame.clone();
+    for circle in &mut frame.circles {
+        circle.center.x = f64::from(sensor.0) - 1.0 - circle.center.x;
+    }
+    frame
+}

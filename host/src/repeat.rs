@@ -1,0 +1,184 @@
+//! How repeatable a calibration is: random parts of a recording, each calibrated on its own.
+
+use evcal_core::camera::Camera;
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+
+use crate::calibrate::{CalibrateError, Calibrated, Input, Task, calibrate};
+use crate::evaluate::projection_difference::projection_difference;
+use crate::simulate::random::uniform_in;
+use crate::source::{Recording, SourceError};
+
+/// How many parts, and how long.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RepeatSettings {
+    /// Number of parts.
+    pub runs: usize,
+    /// Length of a part in seconds.
+    pub seconds: f64,
+    /// Seed of the random starts.
+    pub seed: u64,
+}
+
+/// One part of the recording and its camera.
+#[derive(Clone, Debug, Serialize)]
+pub struct Run {
+    /// Start of the part in seconds since the first event.
+    pub start: f64,
+    /// End of the part.
+    pub end: f64,
+    /// Parameters in the order of the camera model, or why there are none.
+    pub outcome: Result<RunCamera, String>,
+}
+
+/// The camera of one part.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunCamera {
+    /// Its parameters, in the order of the model.
+    pub parameters: Vec<f64>,
+    /// Their stated standard deviations.
+    pub sigma: Vec<f64>,
+    /// Root mean square difference of its projection from that of the mean of all parts (px).
+    pub difference: f64,
+    /// What that difference should stay below by its stated uncertainty in 95 of 100 cases (px).
+    pub stated: f64,
+}
+
+/// One parameter over all runs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ParameterScatter {
+    /// Name of the parameter.
+    pub name: &'static str,
+    /// Mean over the runs.
+    pub mean: f64,
+    /// Standard deviation over the runs.
+    pub scatter: f64,
+    /// Root mean square of the stated standard deviations.
+    pub stated: f64,
+}
+
+/// What repetition showed.
+#[derive(Clone, Debug, Serialize)]
+pub struct Repetition {
+    /// The camera model.
+    pub model: &'static str,
+    /// Every run.
+    pub runs: Vec<Run>,
+    /// Every parameter; empty with fewer than two cameras.
+    pub parameters: Vec<ParameterScatter>,
+    /// Root mean square over the runs of the projection's difference from that of the mean camera (px).
+    pub projection: f64,
+}
+
+/// Why a recording cannot be cut.
+#[derive(Debug, thiserror::Error)]
+pub enum RepeatError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// It is shorter than a part.
+    #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it")]
+    TooShort {
+        /// Its length (s).
+        duration: f64,
+        /// Length wanted (s).
+        seconds: f64,
+    },
+}
+
+/// Calibrates `settings.runs` random parts of `recording`, as `task` says but for its inputs.
+///
+/// # Errors
+/// [`RepeatError`] when the recording cannot be read or is shorter than a part. A part that cannot be
+/// calibrated is a [`Run`] with its reason.
+pub fn repeat(
+    recording: &Recording,
+    task: &Task,
+    settings: &RepeatSettings,
+    mut progress: impl FnMut(usize),
+) -> Result<Repetition, RepeatError> {
+    let pass = crate::calibrate::read_recording(recording, &mut |_| {})?;
+    let duration = (pass.last - pass.first) as f64 * 1e-6;
+    if duration < settings.seconds {
+        return Err(RepeatError::TooShort { duration, seconds: settings.seconds });
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
+    let mut runs = Vec::new();
+    let mut cameras: Vec<(usize, Calibrated)> = Vec::new();
+    for index in 0..settings.runs {
+        progress(index);
+        let start = uniform_in(&mut rng, 0.0, duration - settings.seconds);
+        let end = start + settings.seconds;
+        let span = (pass.first + (start * 1e6) as i64, pass.first + (end * 1e6) as i64);
+        let inputs = [Input::Events(recording.section(span))];
+        let outcome: Result<Calibrated, CalibrateError> = calibrate(&Task { inputs: &inputs, ..*task }, |_| {});
+        let outcome = match outcome {
+            Ok(calibrated) => {
+                let camera = calibrated.refined.state.camera;
+                let stated = calibrated.trust.projection.rms_95;
+                let sigma = calibrated.trust.uncertainty.sigma();
+                cameras.push((index, calibrated));
+                Ok(RunCamera { parameters: camera.parameters().to_vec(), sigma, difference: 0.0, stated })
+            }
+            Err(error) => Err(error.to_string()),
+        };
+        runs.push(Run { start, end, outcome });
+    }
+    let summary = Summary::of(task, &cameras);
+    for (index, calibrated) in &cameras {
+        let (Some(mean), Some(run)) = (&summary.mean, runs.get_mut(*index)) else { continue };
+        let (width, height) = calibrated.sensor;
+        let difference = projection_difference(mean, &calibrated.refined.state.camera, width, height);
+        if let (Ok(camera), Ok(difference)) = (&mut run.outcome, difference) {
+            camera.difference = difference.rms;
+        }
+    }
+    let squares = runs.iter().filter_map(|run| run.outcome.as_ref().ok()).map(|run| run.difference * run.difference);
+    let projection = (squares.sum::<f64>() / cameras.len().max(1) as f64).sqrt();
+    Ok(Repetition { model: task.model.name(), runs, parameters: summary.parameters, projection })
+}
+
+struct Summary {
+    mean: Option<Camera<f64>>,
+    parameters: Vec<ParameterScatter>,
+}
+
+impl Summary {
+    fn of(task: &Task, cameras: &[(usize, Calibrated)]) -> Self {
+        let names = task.model.parameter_names();
+        if cameras.len() < 2 {
+            return Self { mean: None, parameters: Vec::new() };
+        }
+        let columns: Vec<DVector<f64>> = cameras
+            .iter()
+            .map(|(_, calibrated)| {
+                let parameters = calibrated.refined.state.camera.parameters();
+                DVector::from_column_slice(&parameters)
+            })
+            .collect();
+        let values = DMatrix::from_columns(&columns);
+        let mean = values.column_mean();
+        let parameters = names
+            .iter()
+            .zip(values.row_iter())
+            .enumerate()
+            .map(|(index, (name, row))| {
+                let squares: f64 = row.iter().map(|value| (value - mean[index]) * (value - mean[index])).sum();
+                let stated: f64 = cameras
+                    .iter()
+                    .filter_map(|(_, calibrated)| calibrated.trust.uncertainty.sigma().get(index).copied())
+                    .map(|sigma| sigma * sigma)
+                    .sum();
+                ParameterScatter {
+                    name,
+                    mean: mean[index],
+                    scatter: (squares / (cameras.len() - 1) as f64).sqrt(),
+                    stated: (stated / cameras.len() as f64).sqrt(),
+                }
+            })
+            .collect();
+        Self { mean: Camera::from_parameters(task.model, mean.as_slice()), parameters }
+    }
+}

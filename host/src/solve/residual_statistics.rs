@@ -1,0 +1,34 @@
+//! How far the observations are from where a state puts them, in two figures.
+
+use serde::Serialize;
+
+use super::bearing_table::BearingTable;
+use super::stretch::{residuals, visit_points};
+use super::{Problem, State};
+
+/// How far events are from where the model puts them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ResidualStatistics {
+    /// Number of residuals.
+    pub count: usize,
+    /// Root mean square (px).
+    pub rms: f64,
+    /// Median of the absolute value (px).
+    pub median: f64,
+}
+
+/// Statistics of all residuals of `problem` at `state`; `bearings` are those of its camera.
+pub fn residual_statistics(problem: &Problem, state: &State, bearings: &BearingTable) -> ResidualStatistics {
+    let events = residuals(problem, state, bearings);
+    let mut sizes: Vec<f32> = events.iter().map(|event| event.residual.abs()).collect();
+    for segment in 0..problem.segments.len() {
+        visit_points(problem, state, segment, |distance| sizes.push(distance as f32));
+    }
+    let count = sizes.len();
+    if count == 0 {
+        return ResidualStatistics::default();
+    }
+    let square: f64 = sizes.iter().map(|&size| f64::from(size) * f64::from(size)).sum();
+    let median = *sizes.select_nth_unstable_by(count / 2, f32::total_cmp).1;
+    ResidualStatistics { count, rms: (square / count as f64).sqrt(), median: f64::from(median) }
+}

@@ -1,0 +1,147 @@
+//! Two halves of the observations, calibrated apart.
+//!
+//! Time is cut into slices; the even ones make one half, the odd ones the other. Each half is solved on its
+//! own, from the common result on: two cameras from data that have no event in common. They should differ
+//! by what the stated uncertainty of both says, and each should explain the other half's events about as well
+//! as that half's own camera does (with the trajectory free in both cases).
+
+use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use serde::{Deserialize, Serialize};
+
+use crate::camera_file::CameraDescription;
+use crate::evaluate::projection_difference::{ProjectionDifference, projection_difference};
+use crate::solve::bearing_table::BearingTable;
+use crate::solve::levenberg::{formal_covariance, solve};
+use crate::solve::observation::SegmentObservations;
+use crate::solve::residual_statistics::residual_statistics;
+use crate::solve::{FreeParameters, Problem, SolveSettings, State};
+use crate::uncertainty::projection::projection_uncertainty;
+
+/// How the halves are cut and solved.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SplitHalfSettings {
+    /// Length of a slice of time (s).
+    pub slice: f64,
+    /// Fewest slices in all; shorter recordings are not halved.
+    pub fewest_slices: usize,
+    /// Most iterations of each solve.
+    pub iterations: usize,
+}
+
+impl Default for SplitHalfSettings {
+    fn default() -> Self {
+        Self { slice: 0.5, fewest_slices: 4, iterations: 6 }
+    }
+}
+
+/// How well a camera explains events that it was not calibrated from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct HeldOut {
+    /// Observations in both halves.
+    pub count: usize,
+    /// Root mean square residual with the camera of the other half (px).
+    pub rms: f64,
+    /// The same with the half's own camera (px).
+    pub own_rms: f64,
+}
+
+/// Two calibrations from one half of the observations each.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SplitHalf {
+    /// The two cameras.
+    pub cameras: [CameraDescription; 2],
+    /// Where the second would put what the first sees.
+    pub difference: ProjectionDifference,
+    /// The root mean square difference that their stated uncertainties lead to expect (px).
+    pub expected_rms: f64,
+    /// What it stays below in 95 of 100 cases if those are right (px).
+    pub bound: f64,
+    /// Held-out residuals.
+    pub held_out: HeldOut,
+}
+
+impl SplitHalf {
+    /// Whether the halves differ by no more than stated.
+    pub fn consistent(&self) -> bool {
+        self.difference.rms <= self.bound
+    }
+}
+
+/// Halves `problem`, which `state` solves, and compares; `inflation` is that of the whole
+/// ([`crate::uncertainty::Uncertainty::inflation`]). `None` when there is too little to halve.
+pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &SplitHalfSettings) -> Option<SplitHalf> {
+    let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
+    if total < settings.slice * settings.fewest_slices.max(2) as f64 {
+        return None;
+    }
+    let halves = [0, 1].map(|parity| half(problem, settings, parity));
+    let mut solved: Vec<State> = Vec::new();
+    let mut covariance = None;
+    for half in &halves {
+        let (own, _) = solve(half, state.clone()).ok()?;
+        let formal = formal_covariance(half, &own).ok()? * inflation;
+        covariance = Some(covariance.map_or_else(|| formal.clone(), |sum: nalgebra::DMatrix<f64>| sum + &formal));
+        solved.push(own);
+    }
+    let [first, second] = solved.as_slice() else { return None };
+    let (width, height) = problem.sensor;
+    let difference = projection_difference(&first.camera, &second.camera, width, height).ok()?;
+    let expected = projection_uncertainty(&state.camera, &covariance?, problem.sensor).ok()?;
+
+    let mut held_out = HeldOut { count: 0, rms: 0.0, own_rms: 0.0 };
+    for ((half, own), other) in halves.iter().zip([first, second]).zip([&second.camera, &first.camera]) {
+        let own_residuals = residual_statistics(half, own, &BearingTable::new(&own.camera, half.sensor));
+        let held = with_camera_held(half, own, other)?;
+        held_out.count += own_residuals.count;
+        held_out.rms += held.rms * held.rms * held.count as f64;
+        held_out.own_rms += own_residuals.rms * own_residuals.rms * own_residuals.count as f64;
+    }
+    let mean = |sum: f64| (sum / held_out.count.max(1) as f64).sqrt();
+    let held_out = HeldOut { rms: mean(held_out.rms), own_rms: mean(held_out.own_rms), ..held_out };
+    Some(SplitHalf {
+        cameras: [CameraDescription::new(&first.camera), CameraDescription::new(&second.camera)],
+        difference,
+        expected_rms: expected.rms,
+        bound: expected.rms_95,
+        held_out,
+    })
+}
+
+/// Residuals of `half` with `camera`, its trajectories solved anew.
+fn with_camera_held(
+    half: &Problem,
+    own: &State,
+    camera: &Camera<f64>,
+) -> Option<crate::solve::residual_statistics::ResidualStatistics> {
+    let held = Problem {
+        free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], ..half.free },
+        segments: half.segments.clone(),
+        circle_centers: half.circle_centers.clone(),
+        settings: half.settings.clone(),
+        ..*half
+    };
+    let (state, _) = solve(&held, State { camera: *camera, ..own.clone() }).ok()?;
+    Some(residual_statistics(&held, &state, &BearingTable::new(camera, held.sensor)))
+}
+
+/// The slices of `problem` whose number has this parity.
+fn half(problem: &Problem, settings: &SplitHalfSettings, parity: i64) -> Problem {
+    let wanted = |t: f64| (t / settings.slice).floor() as i64 & 1 == parity;
+    let of_segment = |segment: &SegmentObservations| {
+        let mut part = SegmentObservations::default();
+        for bin in segment.bins.iter().filter(|bin| wanted(bin.t)) {
+            let first = part.events.len();
+            part.events.extend_from_slice(segment.events.get(bin.first..bin.end).unwrap_or_default());
+            part.bins.push(crate::solve::observation::EventBin { t: bin.t, first, end: part.events.len() });
+        }
+        part.points.extend(segment.points.iter().filter(|point| wanted(point.t)));
+        part
+    };
+    Problem {
+        segments: problem.segments.iter().map(of_segment).collect(),
+        circle_centers: problem.circle_centers.clone(),
+        settings: SolveSettings { iterations: settings.iterations, ..problem.settings.clone() },
+        ..*problem
+    }
+}

@@ -1,0 +1,91 @@
+//! How far a calibration can be trusted: uncertainty, coverage, comparison of halves, verdict.
+
+use serde::Serialize;
+
+use crate::board::Board;
+use crate::coverage::{Coverage, coverage};
+use crate::refinement::Refined;
+use crate::solve::SolveError;
+use crate::split_half::{SplitHalf, SplitHalfSettings, split_half};
+use crate::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
+use crate::uncertainty::{Uncertainty, UncertaintySettings, uncertainty};
+
+/// What speaks for and against a calibration.
+#[derive(Clone, Debug)]
+pub struct Trust {
+    /// Covariance of the intrinsics.
+    pub uncertainty: Uncertainty,
+    /// What it means in the image.
+    pub projection: ProjectionUncertainty,
+    /// What was seen.
+    pub coverage: Coverage,
+    /// Two halves calibrated apart; `None` when the recordings are too short for that.
+    pub split_half: Option<SplitHalf>,
+    /// What the events say of the circles' radius; `None` without events.
+    pub radius: Option<ObservedRadius>,
+}
+
+/// The circles' radius as the events see it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ObservedRadius {
+    /// Mean distance of the events from the stated edge in pixels, positive outside the dot.
+    pub mean_offset: f64,
+    /// Metres on the board for each pixel, on average.
+    pub scale: f64,
+    /// Radius in metres at which that mean would be the usual one.
+    pub radius: f64,
+}
+
+/// Events lie inside of the edge by this much on average (px): they happen where the logarithm of the
+/// blurred edge changes, which is on its dark side.
+const USUAL_OFFSET: f64 = -0.45;
+
+/// Examines `refined`.
+///
+/// # Errors
+/// [`SolveError::Singular`] when the observations do not determine the camera.
+pub fn examine(
+    refined: &Refined,
+    board: &Board,
+    uncertainty_settings: &UncertaintySettings,
+    split_half_settings: &SplitHalfSettings,
+) -> Result<Trust, SolveError> {
+    let (problem, state) = (&refined.problem, &refined.state);
+    let uncertainty = uncertainty(problem, state, uncertainty_settings)?;
+    let projection = projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor)
+        .map_err(|_| SolveError::Singular)?;
+    Ok(Trust {
+        projection,
+        coverage: coverage(problem, state, board),
+        split_half: split_half(problem, state, uncertainty.inflation, split_half_settings),
+        radius: observed_radius(refined, board),
+        uncertainty,
+    })
+}
+
+fn observed_radius(refined: &Refined, board: &Board) -> Option<ObservedRadius> {
+    let bias = &refined.state.bias;
+    let scale = refined.problem.mean_scale;
+    let inverse_radius = scale / board.radius;
+    let (mut sum, mut count) = (0.0, 0_usize);
+    // The mean over both polarities: what delays events moves them to opposite sides.
+    let mut of_polarity = [(0.0, 0_usize); 2];
+    for event in refined.problem.segments.iter().flat_map(|segment| &segment.events) {
+        let class = usize::from(event.class);
+        let polarity = class / crate::burst::RANK_COUNT;
+        if let (Some(bias), Some(part)) = (bias.get(class), of_polarity.get_mut(polarity)) {
+            part.0 += bias.offset + bias.curvature * inverse_radius;
+            part.1 += 1;
+        }
+    }
+    for (part, events) in of_polarity {
+        if events > 0 {
+            sum += part / events as f64;
+            count += 1;
+        }
+    }
+    (count > 0).then(|| {
+        let mean_offset = sum / count as f64;
+        ObservedRadius { mean_offset, scale, radius: board.radius + (mean_offset - USUAL_OFFSET) * scale }
+    })
+}

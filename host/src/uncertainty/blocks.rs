@@ -1,0 +1,120 @@
+//! Scatter of the estimate when blocks of time are left out.
+
+use nalgebra::DMatrix;
+
+use crate::solve::system::Contribution;
+
+/// Sums what the stretches of observations that begin at `times` (segment, seconds) say, for each block of
+/// `length` seconds of a segment.
+pub fn sum_by_block(times: &[(usize, f64)], contributions: &[Contribution], length: f64) -> Vec<Contribution> {
+    let block = |&(segment, t): &(usize, f64)| (segment, (t / length).floor() as i64);
+    let mut keyed: Vec<_> = times.iter().map(block).zip(contributions).collect();
+    keyed.sort_by_key(|(block, _)| *block);
+    keyed
+        .chunk_by(|a, b| a.0 == b.0)
+        .filter_map(|group| {
+            let (first, rest) = group.split_first()?;
+            Some(rest.iter().fold(first.1.clone(), |mut sum, (_, part)| {
+                sum.gradient += &part.gradient;
+                sum.information += &part.information;
+                sum
+            }))
+        })
+        .collect()
+}
+
+/// Covariance of the first `intrinsics` parameters by the jackknife over `blocks`; `formal` is the inverse
+/// of the whole information. `None` with fewer than two blocks.
+///
+/// Leaving out block k moves the estimate by (S − Sₖ)⁻¹ gₖ to first order.
+pub fn jackknife(formal: &DMatrix<f64>, blocks: &[Contribution], intrinsics: usize) -> Option<DMatrix<f64>> {
+    let count = blocks.len();
+    if count < 2 {
+        return None;
+    }
+    let information = formal.clone().cholesky()?.inverse();
+    let mut sum = DMatrix::zeros(intrinsics, intrinsics);
+    for block in blocks {
+        // Where a block alone determines a parameter, the estimate without it does not exist; the block's
+        // own pull is then the most that can be said.
+        let step = match (&information - &block.information).cholesky() {
+            Some(rest) => rest.solve(&block.gradient),
+            None => formal * &block.gradient,
+        };
+        let step = step.rows(0, intrinsics).into_owned();
+        sum += &step * step.transpose();
+    }
+    Some(sum * ((count - 1) as f64 / count as f64))
+}
+
+/// How much larger `covariance` is than `formal`: the mean over all directions in which the parameters can
+/// change, each counted in units of its own formal σ.
+pub fn inflation(formal: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Option<f64> {
+    let count = formal.nrows();
+    (count > 0).then_some(())?;
+    Some(formal.clone().cholesky()?.solve(covariance).trace() / count as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DVector;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::simulate::random::uniform_in;
+
+    /// Measurements of two numbers, x and x + y, at 60 times, each repeated `copies` times.
+    fn contributions(copies: usize) -> (Vec<(usize, f64)>, Vec<Contribution>) {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let variance = 1.0 / 3.0;
+        let mut noise: Vec<[f64; 2]> =
+            (0..60).map(|_| [uniform_in(&mut rng, -1.0, 1.0), uniform_in(&mut rng, -1.0, 1.0)]).collect();
+        // The estimate is where the sum of the gradients is zero.
+        let mean = [0, 1].map(|axis| noise.iter().map(|pair| pair[axis]).sum::<f64>() / 60.0);
+        noise.iter_mut().for_each(|pair| *pair = [pair[0] - mean[0], pair[1] - mean[1]]);
+        let jacobian = DMatrix::from_row_slice(2, 2, &[1.0, 0.0, 1.0, 1.0]);
+        let all = noise.iter().enumerate().flat_map(|(index, pair)| {
+            let one = Contribution {
+                gradient: jacobian.transpose() * DVector::from_column_slice(pair) / variance,
+                information: jacobian.transpose() * &jacobian / variance,
+            };
+            vec![((0, index as f64 * 0.1 + 0.01), one); copies]
+        });
+        all.unzip()
+    }
+
+    fn ratio(copies: usize, length: f64) -> f64 {
+        let (times, contributions) = contributions(copies);
+        let information = contributions.iter().fold(DMatrix::zeros(2, 2), |sum, one| sum + &one.information);
+        let formal = information.try_inverse().unwrap();
+        let covariance = jackknife(&formal, &sum_by_block(&times, &contributions, length), 2).unwrap();
+        inflation(&formal, &covariance).unwrap()
+    }
+
+    #[test]
+    fn independent_observations_are_not_inflated() {
+        assert!((ratio(1, 0.1) - 1.0).abs() < 0.2, "{}", ratio(1, 0.1));
+    }
+
+    /// The same measurement written down ten times is still one.
+    #[test]
+    fn copies_count_once() {
+        assert!((ratio(10, 0.1) / ratio(1, 0.1) - 10.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_block_that_alone_determines_a_parameter_is_no_catastrophe() {
+        let contribution = |value: f64, index: usize| {
+            let mut information = DMatrix::zeros(2, 2);
+            information[(index, index)] = 4.0;
+            let mut gradient = DVector::zeros(2);
+            gradient[index] = value;
+            Contribution { gradient, information }
+        };
+        let blocks = [contribution(1.0, 0), contribution(-1.0, 0), contribution(0.0, 1)];
+        let formal = DMatrix::from_diagonal(&DVector::from_column_slice(&[1.0 / 8.0, 1.0 / 4.0]));
+        let covariance = jackknife(&formal, &blocks, 2).unwrap();
+        assert!(covariance.iter().all(|value| value.is_finite()));
+    }
+}

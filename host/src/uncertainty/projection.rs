@@ -1,0 +1,204 @@
+//! What the covariance of the intrinsics means in the image.
+//!
+//! A bearing goes through the estimated lens to a pixel; how far would it land elsewhere, had the
+//! intrinsics come out otherwise? Part of that is only a camera frame turned by a little, which no user of
+//! the calibration can notice: the rotation that fits best over the sensor is taken out, as in
+//! [`projection_difference`](crate::evaluate::projection_difference) (and as mrcal's projection uncertainty
+//! does), so that the two can be compared.
+
+use evcal_core::camera::Camera;
+use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2};
+use serde::Serialize;
+
+use crate::evaluate::projection_difference::{grid, grid_size};
+
+/// How sure the projection is at one pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct GridUncertainty {
+    /// The pixel.
+    pub pixel: [f64; 2],
+    /// Standard deviation of the projection in the direction in which it is largest, in pixels; `None`
+    /// where the lens model ends.
+    pub sigma: Option<f64>,
+}
+
+/// How sure the projection is over the sensor.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ProjectionUncertainty {
+    /// Columns of the grid, from the first to the last pixel of a row.
+    pub columns: u16,
+    /// Rows of the grid, from the first to the last pixel of a column.
+    pub rows: u16,
+    /// The uncertainty, row by row.
+    pub grid: Vec<GridUncertainty>,
+    /// Root mean square over the sensor of the distance from the true projection that is to be
+    /// expected (px).
+    pub rms: f64,
+    /// What that root mean square stays below with a probability of 95 % (px).
+    pub rms_95: f64,
+    /// Greatest standard deviation (px).
+    pub max: f64,
+    /// The pixel where it is greatest.
+    pub max_at: [f64; 2],
+}
+
+/// The lens model sees too little of the sensor, or the covariance is not of its parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the lens model sees fewer than 3 points of the sensor")]
+pub struct NoView;
+
+/// The projection uncertainty of `camera` on a sensor of (width, height) pixels from the covariance of its
+/// parameters, in their order.
+///
+/// # Errors
+/// [`NoView`] when the lens sees next to nothing of the sensor.
+pub fn projection_uncertainty(
+    camera: &Camera<f64>,
+    covariance: &DMatrix<f64>,
+    (width, height): (u16, u16),
+) -> Result<ProjectionUncertainty, NoView> {
+    let pixels = grid(width, height);
+    let count = camera.parameters().len();
+    if covariance.shape() != (count, count) {
+        return Err(NoView);
+    }
+    // At each pixel: derivatives of the projection by the parameters, and by a turn of the camera.
+    let places: Vec<Option<(DMatrix<f64>, nalgebra::Matrix2x3<f64>)>> = pixels
+        .iter()
+        .map(|pixel| {
+            let bearing = camera.unproject(pixel)?;
+            let projection = camera.project_with_jacobians(&bearing)?;
+            let by_parameters = DMatrix::from_fn(2, count, |row, column| projection.by_parameters[(row, column)]);
+            Some((by_parameters, -projection.by_point * bearing.cross_matrix()))
+        })
+        .collect();
+    let seen: Vec<_> = places.iter().flatten().collect();
+    let mut turns = Matrix3::zeros();
+    let mut mixed = DMatrix::zeros(3, count);
+    for (by_parameters, by_turn) in &seen {
+        turns += by_turn.transpose() * by_turn;
+        mixed += by_turn.transpose() * by_parameters;
+    }
+    let (Some(turns), true) = (turns.cholesky(), seen.len() >= 3) else { return Err(NoView) };
+    let turn_by_parameters = -turns.solve(&mixed);
+
+    let mut square = DMatrix::zeros(count, count);
+    let mut worst = (0.0, Vector2::zeros());
+    let uncertain = places.iter().zip(&pixels).map(|(place, pixel)| {
+        let sigma = place.as_ref().map(|(by_parameters, by_turn)| {
+            let change = by_parameters + by_turn * &turn_by_parameters;
+            square += change.transpose() * &change;
+            let spread = &change * covariance * change.transpose();
+            let spread = Matrix2::new(spread[(0, 0)], spread[(0, 1)], spread[(1, 0)], spread[(1, 1)]);
+            let sigma = spread.symmetric_eigenvalues().max().max(0.0).sqrt();
+            if sigma > worst.0 {
+                worst = (sigma, *pixel);
+            }
+            sigma
+        });
+        GridUncertainty { pixel: (*pixel).into(), sigma }
+    });
+    let grid: Vec<GridUncertainty> = uncertain.collect();
+    let spread = covariance * square / seen.len() as f64;
+    let mean = spread.trace().max(0.0);
+    let variance = 2.0 * (&spread * &spread).trace().max(0.0);
+    let (columns, rows) = grid_size(width, height);
+    Ok(ProjectionUncertainty {
+        columns,
+        rows,
+        grid,
+        rms: mean.sqrt(),
+        rms_95: quantile_95(mean, variance).sqrt(),
+        max: worst.0,
+        max_at: worst.1.into(),
+    })
+}
+
+/// What a sum of squares of normal variables with this mean and variance stays below in 95 of 100 cases: a
+/// scaled χ² of the same two (Satterthwaite 1946), its quantile by Wilson and Hilferty (1931).
+fn quantile_95(mean: f64, variance: f64) -> f64 {
+    const NORMAL_95: f64 = 1.644_853_626_951_472_2;
+    if variance <= 0.0 {
+        return mean;
+    }
+    let scale = variance / (2.0 * mean);
+    let freedom = mean / scale;
+    let share = 2.0 / (9.0 * freedom);
+    scale * freedom * libm::pow((1.0 - share + NORMAL_95 * share.sqrt()).max(0.0), 3.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::ModelKind;
+    use nalgebra::DVector;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::evaluate::projection_difference::projection_difference;
+    use crate::simulate::random::uniform_in;
+
+    const SIZE: (u16, u16) = (346, 260);
+    const PARAMETERS: [f64; 9] = [331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -0.0004, 0.0005, -0.03];
+
+    fn camera(parameters: &[f64]) -> Camera<f64> {
+        Camera::from_parameters(ModelKind::Radtan, parameters).unwrap()
+    }
+
+    /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables.
+    #[test]
+    fn quantiles_are_those_of_chi_square() {
+        for (freedom, quantile, tolerance) in [(1.0, 3.841, 0.12), (2.0, 5.991, 0.05), (10.0, 18.307, 0.02)] {
+            let found = quantile_95(freedom, 2.0 * freedom);
+            assert!((found - quantile).abs() < tolerance, "{freedom}: {found}");
+        }
+    }
+
+    /// Cameras drawn from the covariance differ from the middle one as the uncertainty says.
+    #[test]
+    fn drawn_cameras_scatter_as_stated() {
+        const DRAWS: usize = 300;
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let sigma = [0.1, 0.12, 0.2, 0.15, 1e-3, 2e-3, 1e-4, 1e-4, 1e-3];
+        // Correlated: fx and fy move together.
+        let mut root = DMatrix::from_diagonal(&DVector::from_column_slice(&sigma));
+        root[(1, 0)] = 0.1;
+        let covariance = &root * root.transpose();
+        let middle = camera(&PARAMETERS);
+        let stated = projection_uncertainty(&middle, &covariance, SIZE).unwrap();
+        let mut squares = Vec::new();
+        let mut corner = [[0.0; 2]; 2];
+        for _ in 0..DRAWS {
+            // A sum of twelve uniform numbers is as good as normal.
+            let normal = DVector::from_fn(9, |_, _| (0..12).map(|_| uniform_in(&mut rng, -0.5, 0.5)).sum::<f64>());
+            let step = &root * normal;
+            let drawn: Vec<f64> = PARAMETERS.iter().zip(step.iter()).map(|(value, step)| value + step).collect();
+            let difference = projection_difference(&middle, &camera(&drawn), SIZE.0, SIZE.1).unwrap();
+            squares.push(difference.rms * difference.rms);
+            let [x, y] = difference.grid[0].difference.unwrap();
+            corner[0][0] += x * x / DRAWS as f64;
+            corner[0][1] += x * y / DRAWS as f64;
+            corner[1][1] += y * y / DRAWS as f64;
+        }
+        let rms = (squares.iter().sum::<f64>() / DRAWS as f64).sqrt();
+        assert!((rms / stated.rms - 1.0).abs() < 0.1, "{rms} {}", stated.rms);
+        let inside = squares.iter().filter(|square| square.sqrt() < stated.rms_95).count();
+        assert!((270..=297).contains(&inside), "{inside} of {DRAWS}");
+        let spread = Matrix2::new(corner[0][0], corner[0][1], corner[0][1], corner[1][1]);
+        let sigma = spread.symmetric_eigenvalues().max().sqrt();
+        assert!((sigma / stated.grid[0].sigma.unwrap() - 1.0).abs() < 0.15, "{sigma} {:?}", stated.grid[0]);
+    }
+
+    #[test]
+    fn a_principal_point_alone_is_nearly_a_rotation() {
+        let mut covariance = DMatrix::zeros(9, 9);
+        covariance[(2, 2)] = 1.0;
+        let stated = projection_uncertainty(&camera(&PARAMETERS), &covariance, SIZE).unwrap();
+        assert!(stated.rms < 0.3 && stated.rms > 0.0, "{}", stated.rms);
+    }
+
+    #[test]
+    fn a_covariance_of_another_model_is_refused() {
+        assert_eq!(projection_uncertainty(&camera(&PARAMETERS), &DMatrix::zeros(8, 8), SIZE), Err(NoView));
+    }
+}

@@ -1,0 +1,112 @@
+//! What `evcal calibrate` says of good and of bad recordings.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use evcal_tests::lens::{self, RADTAN};
+use evcal_tests::{BOARD, evcal, made, read_json, text};
+use serde_json::Value;
+
+/// The verdict on a calibration from `events`.
+fn verdict(name: &str, events: &Path, board: &str) -> Value {
+    let calibration = made(name, &["calibrate", text(events), "--board", board, "--model", RADTAN.model]);
+    read_json(&calibration.join("calibration.json"))["verdict"].clone()
+}
+
+/// Events of three seconds of this motion.
+fn events(motion: &str) -> PathBuf {
+    RADTAN.simulation(motion, &["--motion", motion, "--duration", "3s", "--seed", "4"]).join("events.aedat4")
+}
+
+/// Whether the verdict's sentence tells this cause.
+fn names(verdict: &Value, cause: &str) -> bool {
+    let findings = verdict["findings"].as_array().expect("findings");
+    findings.iter().any(|finding| {
+        let reason = finding["reason"].as_str().expect("a reason");
+        finding["cause"] == cause && verdict["sentence"].as_str().expect("a sentence").contains(reason)
+    })
+}
+
+#[test]
+fn nothing_speaks_against_a_good_recording() {
+    for lens in lens::ALL {
+        let verdict = read_json(&lens.own_calibration().join("calibration.json"))["verdict"].clone();
+        assert_eq!(verdict["grade"], "good", "{}: {verdict:#}", lens.model);
+    }
+}
+
+#[test]
+fn a_board_far_away() {
+    let verdict = verdict("far", &events("far"), BOARD);
+    assert!(names(&verdict, "far-away"), "{verdict:#}");
+}
+
+#[test]
+fn a_board_seen_head_on() {
+    let verdict = verdict("head-on", &events("head-on"), BOARD);
+    assert!(names(&verdict, "head-on"), "{verdict:#}");
+}
+
+#[test]
+fn a_board_in_one_corner() {
+    let verdict = verdict("corner", &events("corner"), BOARD);
+    assert!(names(&verdict, "uncovered"), "{verdict:#}");
+    assert!(verdict["sentence"].as_str().unwrap().contains("at the lower right"), "{verdict:#}");
+}
+
+#[test]
+fn two_seconds() {
+    let events = RADTAN.simulation("short", &["--motion", "fast", "--duration", "2s"]).join("events.aedat4");
+    let verdict = verdict("short", &events, BOARD);
+    assert!(names(&verdict, "short"), "{verdict:#}");
+}
+
+/// A radius and a spacing that are wrong by a tenth: only their ratio can be seen.
+#[test]
+fn circles_of_another_size() {
+    let events = RADTAN.recording().join("events.aedat4");
+    for (name, board) in [
+        ("radius", "acircles:9x4:55mm:r19.5mm"),
+        ("smaller-radius", "acircles:9x4:55mm:r15.5mm"),
+        ("spacing", "acircles:9x4:50mm:r17.5mm"),
+    ] {
+        let verdict = verdict(name, &events, board);
+        assert_eq!(verdict["grade"], "not-good", "{board}: {verdict:#}");
+        assert!(names(&verdict, "radius-disagrees"), "{board}: {verdict:#}");
+        assert!(verdict["sentence"].as_str().unwrap().contains("spacing"), "{verdict:#}");
+    }
+}
+
+/// Only boards whose number of rows is even differ from their mirror image.
+#[test]
+fn a_mirrored_print() {
+    let board = "acircles:8x4:55mm:r17.5mm";
+    let options =
+        ["simulate", "--board", board, "--motion", "fast", "--duration", "2s", "--format", "csv", "--seed", "3"];
+    let recording = made("even", &options);
+    let csv = fs::read_to_string(recording.join("events.csv")).unwrap();
+    let mirrored = csv.lines().map(|line| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if let Ok(x) = cells[1].parse::<u16>() {
+            cells[1] = (345 - x).to_string();
+        }
+        cells.join(",") + "\n"
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("mirrored.csv");
+    fs::write(&file, mirrored.collect::<String>()).unwrap();
+    let output = folder.path().join("output");
+    let finished = evcal(&["calibrate", text(&file), "--sensor", "346x260", "--board", board, "-o", text(&output)]);
+    assert_eq!(finished.code, Some(1), "{finished:?}");
+    assert!(finished.stderr.contains("is the print mirrored"), "{finished:?}");
+}
+
+#[test]
+fn another_board() {
+    let events = RADTAN.recording().join("events.aedat4");
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("output");
+    let finished = evcal(&["calibrate", text(&events), "--board", "acircles:4x9:55mm:r17.5mm", "-o", text(&output)]);
+    assert_eq!(finished.code, Some(1), "{finished:?}");
+    assert!(finished.stderr.contains("fit --board acircles:9x4:55mm:r17.5mm instead"), "{finished:?}");
+}
