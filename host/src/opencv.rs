@@ -113,6 +113,20 @@ pub struct Calibration {
 const CALIBRATION_ITERATIONS: i32 = 40;
 const CALIBRATION_CHANGE: f64 = 1e-7;
 
+/// Stack of the calibrations: OpenBLAS, which many machines have in place of the reference BLAS, puts
+/// work space on the stack that the usual 2 to 8 MiB cannot hold.
+const STACK: usize = 64 << 20;
+
+/// Runs a calibration with room on its stack.
+fn with_room<T: Send>(call: &'static str, work: impl FnOnce() -> opencv::Result<T> + Send) -> Result<T, OpencvError> {
+    let outcome = std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new().stack_size(STACK).spawn_scoped(scope, work);
+        let thread = thread.map_err(|error| OpencvError::Exception { call, message: error.to_string() })?;
+        Ok(thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    })?;
+    outcome.map_err(|error| exception(call, error))
+}
+
 static SINGLE_THREAD: LazyLock<Result<(), OpencvError>> =
     LazyLock::new(|| core::set_num_threads(1).map_err(|error| exception("setNumThreads", error)));
 
@@ -243,7 +257,7 @@ pub fn calibrate_pinhole(
         let view_rms = doubles(&view_rms).unwrap_or_default();
         Ok(RawCalibration { camera_matrix, coefficients, rms, view_rms, rotations, translations })
     };
-    let raw = run().map_err(|error| exception(CALL, error))?;
+    let raw = with_room(CALL, run)?;
     raw.checked(views.len(), distortion.coefficient_count()).ok_or(OpencvError::Unusable { call: CALL })
 }
 
@@ -287,7 +301,7 @@ fn calibrate_fisheye_once(views: &[&View], sensor: (u16, u16), iterations: i32) 
         }
         Ok(RawCalibration { camera_matrix, coefficients, rms, view_rms, rotations, translations })
     };
-    let raw = run().map_err(|error| exception(CALL, error))?;
+    let raw = with_room(CALL, run)?;
     raw.checked(views.len(), 4).ok_or(OpencvError::Unusable { call: CALL })
 }
 

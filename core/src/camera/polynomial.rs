@@ -160,6 +160,7 @@ impl<T: RealField + Copy, const N: usize> RadialFunction<T, N> {
         let [b1, b2] = self.inverse;
         let series = value * (T::one() + square * (b1 + square * b2));
         let mut argument = if series >= low && series < high { series } else { high * half };
+        let mut last_step = high;
         for _ in 0..MAX_STEPS {
             let (reached, slope) = self.value_and_slope(argument);
             let error = value - reached;
@@ -170,7 +171,11 @@ impl<T: RealField + Copy, const N: usize> RadialFunction<T, N> {
             }
             let step = error / slope;
             let next = argument + step;
-            argument = if next >= low && next <= high { next } else { low + (high - low) * half };
+            // Steps that do not shrink could go to and fro across an inflection for ever.
+            let shrinks = step.abs() <= last_step.abs() * half;
+            let last = argument;
+            argument = if next >= low && next <= high && shrinks { next } else { low + (high - low) * half };
+            last_step = argument - last;
             if step * step <= precision * slope.min(T::one()) {
                 return Some(argument);
             }

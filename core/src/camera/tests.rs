@@ -326,6 +326,22 @@ fn fisheye_sees_behind_the_image_plane() {
     assert_eq!(camera.unproject(&Vector2::new(170.0 + 100.0 * 3.15, 127.0)), None);
 }
 
+/// Newton's method alone steps to and fro between two angles here.
+#[test]
+fn a_fisheye_with_an_inflection_is_inverted() {
+    let coefficients =
+        [0.009_846_689_147_363_67, 0.189_246_635_868_112_05, 0.194_425_167_183_059_47, -0.088_087_022_348_287_73];
+    let parameters: Vec<f64> = [80.0, 72.0, 172.0, 131.0].into_iter().chain(coefficients).collect();
+    let camera = Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap();
+    let angles = (1..1500).map(|step| f64::from(step) * 1e-3);
+    for angle in angles.chain([1.071_338_912_678_142]) {
+        let (sine, cosine) = angle.sin_cos();
+        let bearing = Vector3::new(sine, 0.0, cosine);
+        let found = camera.unproject(&camera.project(&bearing).unwrap()).unwrap();
+        assert!((found - bearing).norm() < 1e-11, "{bearing} {found}");
+    }
+}
+
 /// k1 < 0 alone folds where 1 + 3 k1 s = 0.
 #[test]
 fn barrel_distortion_ends_at_its_fold() {

@@ -145,12 +145,12 @@ mod tests {
         Camera::from_parameters(ModelKind::Radtan, parameters).unwrap()
     }
 
-    /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables.
+    /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables; Wilson's and Hilferty's are within 3 %.
     #[test]
     fn quantiles_are_those_of_chi_square() {
-        for (freedom, quantile, tolerance) in [(1.0, 3.841, 0.12), (2.0, 5.991, 0.05), (10.0, 18.307, 0.02)] {
+        for (freedom, quantile) in [(1.0, 3.841), (2.0, 5.991), (10.0, 18.307)] {
             let found = quantile_95(freedom, 2.0 * freedom);
-            assert!((found - quantile).abs() < tolerance, "{freedom}: {found}");
+            assert!((found / quantile - 1.0).abs() < 0.03, "{freedom}: {found}");
         }
     }
 
