@@ -2,12 +2,12 @@
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test test-usb-guest test-embedded test-embedded-slow compatibility setup build check bench
+.PHONY: demo test test-usb-guest test-embedded test-embedded-slow compatibility setup readers build check bench
 
 demo: build
 	@sh tools/demo.sh
 
-test: setup check
+test: setup readers check
 	cargo test --workspace --release --locked
 	@$(MAKE) test-usb-guest
 	@$(MAKE) test-embedded
@@ -43,3 +43,7 @@ bench: setup
 
 setup:
 	@sh tools/setup.sh
+
+# The programs that tests read evcal's files with: OpenCV, mrcal, dv-processing, renderers.
+readers: setup
+	@sh tools/setup-readers.sh

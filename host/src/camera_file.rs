@@ -5,6 +5,7 @@ mod parameters;
 use std::path::Path;
 
 use evcal_core::camera::{Camera, ModelKind};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 pub use self::parameters::Parameters;
@@ -98,10 +99,22 @@ impl CameraDescription {
 /// # Errors
 /// [`CameraFileError`].
 pub fn read(path: &Path) -> Result<(Camera<f64>, SensorSize), CameraFileError> {
+    let parsed: CameraFile = parse(path)?;
+    let camera = parsed.camera.camera().map_err(|reason| wrong(path, reason))?;
+    Ok((camera, parsed.sensor))
+}
+
+/// Reads a JSON file that holds a [`CameraFile`] and more.
+///
+/// # Errors
+/// [`CameraFileError`].
+pub fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
-    let parsed: CameraFile =
-        serde_json::from_str(&text).map_err(|error| CameraFileError::Parse { file: file.clone(), error })?;
-    let camera = parsed.camera.camera().map_err(|reason| CameraFileError::Model { file, reason })?;
-    Ok((camera, parsed.sensor))
+    serde_json::from_str(&text).map_err(|error| CameraFileError::Parse { file, error })
+}
+
+/// The error for a camera that is none.
+pub fn wrong(path: &Path, reason: String) -> CameraFileError {
+    CameraFileError::Model { file: path.display().to_string(), reason }
 }

@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage.
 
+mod board;
 mod calibrate;
 mod camera_arguments;
 mod convert;
@@ -21,6 +22,7 @@ mod record;
 mod repeat;
 mod simulate;
 mod source_arguments;
+mod undistort;
 mod value;
 
 use std::error::Error;
@@ -62,6 +64,10 @@ enum Command {
     Repeat(repeat::Arguments),
     /// Write a calibration in a form that other programs and devices read
     Export(export::Arguments),
+    /// Take the distortion of the lens out of recordings and pictures
+    Undistort(undistort::Arguments),
+    /// Print a board at exact scale
+    Board(board::Arguments),
     /// Simulate an event camera in front of a board
     Simulate(simulate::Arguments),
     /// Plug in a DAVIS346 in software that sends a recording (Linux, root, module vhci-hcd)
@@ -98,6 +104,8 @@ pub fn run() -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Repeat(arguments) => repeat::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
+        Command::Undistort(arguments) => undistort::run(&arguments),
+        Command::Board(arguments) => board::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         #[cfg(target_os = "linux")]
         Command::Emulate(arguments) => emulate::run(&arguments),

@@ -4,7 +4,7 @@
 //! as the original does. Frames and inertial samples are kept where both formats hold them; the
 //! report names what is not.
 
-mod extras;
+pub(crate) mod extras;
 mod sink;
 mod transfers;
 
@@ -119,6 +119,14 @@ const AFTERWARDS: i64 = 60_000_000;
 /// Names of the formats that hold what a camera sends.
 const CAMERA_STREAMS: [&str; 2] = [crate::source::davis::FORMAT.name, crate::source::davis::BARE_FORMAT.name];
 
+/// What is done to a recording on its way.
+pub struct Change<'a> {
+    /// Changes a batch of events; times must stay in order.
+    pub events: &'a mut dyn FnMut(&mut Vec<Event>),
+    /// Changes a frame or an inertial sample, not its times.
+    pub(crate) extra: &'a mut dyn FnMut(&mut Extra),
+}
+
 /// Writes the content of `recording` to a new file at `path`. `progress` is told the number of events
 /// done.
 ///
@@ -130,14 +138,30 @@ pub fn convert(
     path: &Path,
     target: Target,
     origin: TimeOrigin,
+    progress: impl FnMut(u64),
+) -> Result<ConversionReport, ConvertError> {
+    let from_camera = CAMERA_STREAMS.contains(&recording.format());
+    if from_camera && target == Target::Dvraw && !path.exists() {
+        return transfers::copy(recording.path(), path);
+    }
+    let unchanged = Change { events: &mut |_| {}, extra: &mut |_| {} };
+    convert_changed(recording, path, target, origin, unchanged, progress)
+}
+
+/// As [`convert`], of a recording that is changed on its way: transfers of a camera are never copied.
+///
+/// # Errors
+/// As there.
+pub fn convert_changed(
+    recording: &Recording,
+    path: &Path,
+    target: Target,
+    origin: TimeOrigin,
+    change: Change,
     mut progress: impl FnMut(u64),
 ) -> Result<ConversionReport, ConvertError> {
     if path.exists() {
         return Err(ConvertError::Exists(path.to_owned()));
-    }
-    let from_camera = CAMERA_STREAMS.contains(&recording.format());
-    if from_camera && target == Target::Dvraw {
-        return transfers::copy(recording.path(), path);
     }
     let mut reader = recording.open()?;
     let mut events = Vec::new();
@@ -168,8 +192,11 @@ pub fn convert(
         let last = events.last().map_or(latest, |event| event.t);
         latest = last;
         events.iter_mut().for_each(|event| event.t = event.t.saturating_add(shift));
+        (change.events)(&mut events);
         sink.events(&events).map_err(failed)?;
-        while let Some(extra) = extras.next_until(last, &mut report.lost) {
+        report.events += events.len() as u64;
+        while let Some(mut extra) = extras.next_until(last, &mut report.lost) {
+            (change.extra)(&mut extra);
             sink.extra(extra.later(shift)).map_err(failed)?;
         }
         sink.advance(last.saturating_add(shift)).map_err(failed)?;
@@ -177,7 +204,8 @@ pub fn convert(
         more = next(&mut reader, &mut events, &mut report);
     }
     let end = latest.saturating_add(AFTERWARDS);
-    while let Some(extra) = extras.next_until(end, &mut report.lost) {
+    while let Some(mut extra) = extras.next_until(end, &mut report.lost) {
+        (change.extra)(&mut extra);
         sink.extra(extra.later(shift)).map_err(failed)?;
     }
     if extras.next_until(i64::MAX, &mut report.lost).is_some() {
@@ -186,7 +214,6 @@ pub fn convert(
     let written = sink.finish(&mut report.lost).map_err(failed)?;
     report.report = reader.report().clone();
     report.notes = reader.information().notes.clone();
-    report.events = report.report.events;
     (report.frames, report.inertial_samples) = (written.frames, written.inertial_samples);
     let left_out = extras.left_out(&report.report);
     report.lost.extend(left_out);

@@ -7,6 +7,7 @@
 pub mod association;
 pub mod banded;
 pub mod board;
+pub mod board_sheet;
 pub mod burst;
 pub mod calibrate;
 pub mod camera_file;
@@ -45,4 +46,8 @@ pub mod trajectory;
 pub mod trust;
 pub mod tum;
 pub mod uncertainty;
+pub mod undistort;
 pub mod verdict;
+
+/// Version of the program, which its files name.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");

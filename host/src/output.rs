@@ -4,13 +4,12 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use nalgebra::Vector2;
-
 use crate::board::Board;
 use crate::calibrate::{Calibrated, Task};
 use crate::circle_track;
-use crate::export::opencv_camera::opencv_camera;
-use crate::export::opencv_yaml::opencv_yaml;
+use crate::export::calibrated_camera::CalibratedCamera;
+use crate::export::format::Format;
+use crate::export::{kalibr, opencv, ros};
 use crate::initial::PosedFrame;
 use crate::picture::{Picture, reference_frame_picture};
 use crate::reference_frame::ReferenceFrame;
@@ -21,6 +20,12 @@ use crate::tum;
 
 /// Rate at which trajectories are written (Hz).
 pub const TRAJECTORY_RATE: f64 = 200.0;
+
+/// Folder of files for other programs.
+const EXPORTS: &str = "exports";
+
+/// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
+const FOR_OTHERS: &[(Format, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
 
 /// What was written, for the terminal.
 pub struct Written {
@@ -40,8 +45,8 @@ pub struct OutputError {
     error: io::Error,
 }
 
-/// Writes `calibration.json`, `camera.yaml`, `trajectory.txt`, `settings.toml`, `circles.csv`,
-/// `stages.txt` and pictures of a good and a bad reference frame into `folder`, which is created. Of
+/// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `settings.toml`,
+/// `circles.csv`, `stages.txt` and pictures of a good and a bad reference frame into `folder`, which is created. Of
 /// several recordings, each has its own clock: those after the first have their own `trajectory-2.txt`,
 /// `circles-2.csv` and so on.
 ///
@@ -81,30 +86,27 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
         let path = folder.join(name);
         picture.write_png(&path).map_err(|error| OutputError { file: path.display().to_string(), error })?;
     }
-    let camera = opencv_camera(&calibrated.refined.state.camera, calibrated.sensor, covered_radius(calibrated));
-    match &camera {
-        Some(camera) => {
-            if let Some(yaml) = opencv_yaml(camera, calibrated.sensor, calibration.residuals.rms) {
-                put(folder.join("camera.yaml"), yaml.as_bytes())?;
+    let names = ordered_names(&calibration.camera.model);
+    let sigma = names.iter().map(|name| calibration.sigma.parameters.get(name)).collect();
+    let camera = CalibratedCamera::new(calibrated, task.board, sigma);
+    let exports = Path::new(EXPORTS);
+    std::fs::create_dir_all(folder.join(exports))
+        .map_err(|error| OutputError { file: folder.join(exports).display().to_string(), error })?;
+    for (format, place) in FOR_OTHERS {
+        let name = if *place == EXPORTS { exports.join(format.file) } else { format.file.into() };
+        match format.export(&camera) {
+            Ok(exported) => {
+                put(folder.join(&name), exported.text.as_bytes())?;
+                if let Some(refit) = exported.refit {
+                    let _ = write!(summary, "\n{}: {refit}", name.display());
+                }
             }
-            if let Some(refit) = &camera.refit {
-                let _ = write!(summary, "\ncamera.yaml: {refit}");
+            Err(error) => {
+                let _ = write!(summary, "\nno {}: {error}", name.display());
             }
         }
-        None => summary += "\nno camera.yaml: OpenCV has no model near this one where the board was seen",
     }
     Ok(Written { json, summary, stage_report })
-}
-
-/// Distance from the principal point up to which circles of the board were seen (px).
-fn covered_radius(calibrated: &Calibrated) -> f64 {
-    let parameters = calibrated.refined.state.camera.parameters();
-    let Some((&[_, _, cx, cy], _)) = parameters.split_first_chunk::<4>() else { return 0.0 };
-    let seen = |posed: &PosedFrame| calibrated.frames.get(posed.frame).map(|frame| frame.circles.iter());
-    let circles = calibrated.initial.frames.iter().filter_map(seen).flatten();
-    circles
-        .map(|circle| (circle.center - Vector2::new(cx, cy)).norm() + circle.radius.unwrap_or(0.0))
-        .fold(0.0, f64::max)
 }
 
 /// The reference frames with the smallest and the largest error of the initial model.

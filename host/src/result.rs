@@ -7,6 +7,7 @@ use crate::calibrate::{Calibrated, StageReports};
 use crate::camera_file::{CameraDescription, Parameters, SensorSize};
 use crate::coverage::Coverage;
 use crate::event_bias::{CLASS_COUNT, ClassBias};
+use crate::export::covered_region::CoveredRegion;
 use crate::split_half::{HeldOut, SplitHalf};
 use crate::trust::{ObservedRadius, Trust};
 use crate::verdict::Verdict;
@@ -40,6 +41,8 @@ pub struct Calibration {
     pub observed_radius: Option<ObservedRadius>,
     /// The lens before the joint solve.
     pub initial_camera: CameraDescription,
+    /// Corners (px) of the convex region of the sensor in which the board was seen.
+    pub covered_region: Vec<[f64; 2]>,
     /// The board, as on the command line.
     pub board: String,
     /// Event classes and their biases; empty when the input is circle centres.
@@ -188,7 +191,7 @@ impl Calibration {
         Self {
             format: "evcal-calibration",
             version: 1,
-            program: env!("CARGO_PKG_VERSION"),
+            program: crate::VERSION,
             pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)",
             sensor: SensorSize { width: calibrated.sensor.0, height: calibrated.sensor.1 },
             camera: CameraDescription::new(camera),
@@ -199,6 +202,7 @@ impl Calibration {
             observed_radius: trust.radius,
             sigma: CameraDescription { model: camera.kind().name().to_owned(), parameters: sigma },
             initial_camera: CameraDescription::new(&calibrated.initial.camera),
+            covered_region: CoveredRegion::of_calibration(calibrated).corners().iter().map(|&c| c.into()).collect(),
             board: board.to_string(),
             event_classes: if from_events { EventClass::all(&state.bias) } else { Vec::new() },
             residuals: Residuals {

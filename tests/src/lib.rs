@@ -13,6 +13,7 @@ use serde_json::Value;
 
 pub mod accuracy;
 pub mod lens;
+pub mod readers;
 
 /// The board of all simulated recordings.
 pub const BOARD: &str = "acircles:9x4:55mm:r17.5mm";

@@ -1,14 +1,21 @@
 //! `evcal export`.
 
+use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use evcal::camera_file;
+use clap::builder::PossibleValuesParser;
+use evcal::export::calibrated_camera::{CalibratedCamera, ROS_TOPIC, UNNAMED};
+use evcal::export::format::{Exported, FORMATS, Format};
+use evcal::export::nearest::Refit;
 use evcal::export::undistortion_table::{ExportedTable, fit_table, table};
 use evcal_core::camera::Camera;
 use evcal_core::undistortion::IdealCamera;
 
 use super::{UsageError, print};
+
+/// Name that stands for every format.
+const ALL: &str = "all";
 
 /// Turns a table into source code.
 type Writer = fn(&ExportedTable) -> String;
@@ -19,6 +26,28 @@ type Writer = fn(&ExportedTable) -> String;
 pub struct Arguments {
     /// The calibration: calibration.json, or truth.json of a simulation
     calibration: PathBuf,
+    /// Write the camera as another program reads it
+    #[arg(long, value_name = "NAME", group = "outputs", value_parser = format_names())]
+    format: Option<String>,
+    /// File for --format, or the folder for --format all [default: standard output]
+    #[arg(short, long, value_name = "FILE", requires = "format")]
+    output: Option<PathBuf>,
+    /// Name of the camera in the file, such as DAVIS346_00000001
+    #[arg(long, value_name = "NAME", requires = "format", default_value = UNNAMED)]
+    camera_name: String,
+    /// Topic of the camera's images, for Kalibr
+    #[arg(long, value_name = "TOPIC", requires = "format", default_value = ROS_TOPIC)]
+    ros_topic: String,
+    #[command(flatten)]
+    table: TableArguments,
+    /// Print what was written as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Which look-up for a device, and how good.
+#[derive(clap::Args)]
+struct TableArguments {
     /// Write the undistortion look-up for events as a Rust module that needs nothing but `core`
     #[arg(long, value_name = "FILE", group = "outputs")]
     rust_table: Option<PathBuf>,
@@ -35,9 +64,11 @@ pub struct Arguments {
     /// [default: that of the calibration]
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
     ideal: Option<Vec<f64>>,
-    /// Print what was written as JSON
-    #[arg(long)]
-    json: bool,
+}
+
+/// The formats, and `all` of them.
+fn format_names() -> PossibleValuesParser {
+    PossibleValuesParser::new(FORMATS.iter().map(|format| format.name).chain([ALL]))
 }
 
 fn nodes(text: &str) -> Result<[u16; 2], String> {
@@ -49,41 +80,141 @@ fn nodes(text: &str) -> Result<[u16; 2], String> {
 
 /// Runs `evcal export`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    let (camera, sensor) = camera_file::read(&arguments.calibration)?;
-    let sensor = (sensor.width, sensor.height);
-    if !(arguments.max_error.is_finite() && arguments.max_error > 0.0) {
+    let calibrated = CalibratedCamera {
+        name: arguments.camera_name.clone(),
+        ros_topic: arguments.ros_topic.clone(),
+        ..CalibratedCamera::read(&arguments.calibration)?
+    };
+    let mut report = serde_json::Map::new();
+    let mut written = Vec::new();
+    if let Some(name) = arguments.format.as_deref() {
+        let refits = write_formats(arguments, name, &calibrated, &mut written)?;
+        report.insert("refits".to_owned(), serde_json::to_value(refits)?);
+    }
+    if arguments.table.rust_table.is_some() || arguments.table.c_header.is_some() {
+        write_tables(arguments, &calibrated, &mut report, &mut written)?;
+    }
+    if arguments.json {
+        report.insert("written".to_owned(), serde_json::to_value(written)?);
+        return print::json(&report);
+    }
+    Ok(())
+}
+
+/// What a refit cost, for the JSON report.
+#[derive(serde::Serialize)]
+struct RefitReport {
+    format: &'static str,
+    model: &'static str,
+    rms_px: f64,
+    max_px: f64,
+    sensor_max_px: f64,
+}
+
+/// Writes the format of this name or all of them.
+fn write_formats(
+    arguments: &Arguments,
+    name: &str,
+    calibrated: &CalibratedCamera,
+    written: &mut Vec<PathBuf>,
+) -> Result<Vec<RefitReport>, Box<dyn Error>> {
+    let mut refits = Vec::new();
+    let mut refit_report = |format: &'static str, refit: Option<Refit>| {
+        refits.extend(refit.map(|refit| RefitReport {
+            format,
+            model: refit.to.name(),
+            rms_px: refit.covered.rms,
+            max_px: refit.covered.largest,
+            sensor_max_px: refit.sensor.largest,
+        }));
+    };
+    let Some(format) = Format::from_name(name) else {
+        let folder = arguments.output.as_deref();
+        let folder = folder.ok_or_else(|| UsageError("--format all takes a folder: add -o DIR".to_owned()))?;
+        fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+        for format in FORMATS {
+            match format.export(calibrated) {
+                Ok(exported) => {
+                    let path = folder.join(format.file);
+                    write_file(arguments, &path, &exported, written)?;
+                    refit_report(format.name, exported.refit);
+                }
+                // The others are worth having all the same.
+                Err(error) => print::aside(format!("not written: {error}")),
+            }
+        }
+        return Ok(refits);
+    };
+    let exported = format.export(calibrated)?;
+    match arguments.output.as_deref() {
+        Some(path) => write_file(arguments, path, &exported, written)?,
+        None if arguments.json => {
+            return Err(UsageError("--json needs a file for the format: add -o FILE".to_owned()).into());
+        }
+        None => {
+            print::text(&exported.text)?;
+            if let Some(refit) = exported.refit {
+                print::aside(format!("note: {refit}"));
+            }
+        }
+    }
+    refit_report(format.name, exported.refit);
+    Ok(refits)
+}
+
+fn write_file(arguments: &Arguments, path: &Path, exported: &Exported, written: &mut Vec<PathBuf>) -> super::Outcome {
+    fs::write(path, &exported.text).map_err(|error| format!("{}: {error}", path.display()))?;
+    written.push(path.to_owned());
+    if arguments.json {
+        return Ok(());
+    }
+    let refit = exported.refit.map(|refit| format!(": {refit}")).unwrap_or_default();
+    print::line(format!("written to {}{refit}", path.display()))
+}
+
+/// Writes the look-ups that were asked for.
+fn write_tables(
+    arguments: &Arguments,
+    calibrated: &CalibratedCamera,
+    report: &mut serde_json::Map<String, serde_json::Value>,
+    written: &mut Vec<PathBuf>,
+) -> super::Outcome {
+    let options = &arguments.table;
+    let CalibratedCamera { camera, sensor, .. } = calibrated;
+    if !(options.max_error.is_finite() && options.max_error > 0.0) {
         return Err(UsageError("--max-error must be a number of pixels above 0".to_owned()).into());
     }
-    let ideal = ideal_camera(arguments, &camera)?;
-    let exported = match arguments.nodes {
-        Some(size) => table(&camera, &ideal, sensor, size)?,
-        None => fit_table(&camera, &ideal, sensor, arguments.max_error)?,
+    let ideal = ideal_camera(options, camera)?;
+    let exported = match options.nodes {
+        Some(size) => table(camera, &ideal, *sensor, size)?,
+        None => fit_table(camera, &ideal, *sensor, options.max_error)?,
     };
     let outputs = [
-        (&arguments.rust_table, ExportedTable::rust_module as Writer),
-        (&arguments.c_header, ExportedTable::c_header as Writer),
+        (&options.rust_table, ExportedTable::rust_module as Writer),
+        (&options.c_header, ExportedTable::c_header as Writer),
     ];
-    let mut written: Vec<&Path> = Vec::new();
     for (path, text) in outputs {
         if let Some(path) = path {
             fs::write(path, text(&exported)).map_err(|error| format!("{}: {error}", path.display()))?;
-            written.push(path);
+            written.push(path.clone());
+            if !arguments.json {
+                print::line(format!("written to {}", path.display()))?;
+            }
         }
     }
     let ([columns, rows], [x, y]) = (exported.table.size(), exported.at);
-    if arguments.json {
-        return print::json(&serde_json::json!({
-            "written": written,
-            "columns": columns,
-            "rows": rows,
-            "bytes": exported.bytes(),
-            "largest_error_px": exported.largest_error,
-            "at": exported.at,
-            "pixels_without_value": exported.without_value,
-        }));
+    for (name, value) in [
+        ("columns", columns.into()),
+        ("rows", rows.into()),
+        ("bytes", exported.bytes().into()),
+        ("largest_error_px", exported.largest_error.into()),
+        ("at", serde_json::to_value(exported.at)?),
+        ("pixels_without_value", exported.without_value.into()),
+    ] {
+        report.insert(name.to_owned(), value);
     }
-    for path in written {
-        print::line(format!("written to {}", path.display()))?;
+    if arguments.json {
+        return Ok(());
     }
     print::line(format!(
         "undistortion look-up of {columns} x {rows} nodes, {} bytes; largest error {:.4} px, at pixel ({x}, {y})",
@@ -96,10 +227,10 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     Ok(())
 }
 
-fn ideal_camera(arguments: &Arguments, camera: &Camera<f64>) -> Result<IdealCamera<f64>, UsageError> {
+fn ideal_camera(options: &TableArguments, camera: &Camera<f64>) -> Result<IdealCamera<f64>, UsageError> {
     let wrong = || UsageError("--ideal takes fx,fy,cx,cy, finite, with positive focal lengths".to_owned());
     let parameters = camera.parameters();
-    let given = arguments.ideal.as_deref().unwrap_or(parameters.get(..4).unwrap_or_default());
+    let given = options.ideal.as_deref().unwrap_or(parameters.get(..4).unwrap_or_default());
     let &[fx, fy, cx, cy] = given else { return Err(wrong()) };
     let good = [fx, fy, cx, cy].iter().all(|value| value.is_finite()) && fx > 0.0 && fy > 0.0;
     good.then_some(IdealCamera { fx, fy, cx, cy }).ok_or_else(wrong)

@@ -17,3 +17,16 @@ pub fn line(text: impl Display) -> super::Outcome {
 pub fn json(value: &impl Serialize) -> super::Outcome {
     line(serde_json::to_string(value)?)
 }
+
+/// Prints `text`, which has its own line ends. A reader that has left is no error.
+pub fn text(text: &str) -> super::Outcome {
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(format!("standard output: {error}").into()),
+        _ => Ok(()),
+    }
+}
+
+/// Prints what is not part of the output, on standard error.
+pub fn aside(text: impl Display) {
+    eprintln!("evcal: {text}");
+}

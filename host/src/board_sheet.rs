@@ -1,0 +1,353 @@
+//! The printed board: where everything lies on a sheet of paper, before it becomes PDF or SVG.
+//!
+//! Lengths are millimetres, x to the right and y down from the top-left corner of the sheet. The board's
+//! rows run along x, so that what is read upright is seen by a camera as the board's own frame.
+
+pub mod paper;
+pub mod pdf;
+pub mod svg;
+
+use std::fmt;
+
+use evcal_core::pattern::{Layout, Pattern};
+
+use crate::board::Board;
+use paper::{PAPERS, Paper};
+
+/// White around a dot, at least: to the next mark or text.
+const CLEARANCE: f64 = 6.0;
+/// Length of the end lines of a ruler; the others are shorter.
+const END_TICK: f64 = 4.0;
+const TICK: f64 = 2.5;
+/// Distance of the lines of a ruler.
+const TICK_DISTANCE: f64 = 10.0;
+/// Longest ruler: within the reach of a caliper.
+const LONGEST_RULER: f64 = 100.0;
+const THIN: f64 = 0.1;
+/// Letters: Courier, whose letters are all 0.6 of the size wide.
+const LETTER_SIZE: f64 = 2.6;
+const LETTER_WIDTH: f64 = 0.6 * LETTER_SIZE;
+const LINE_HEIGHT: f64 = 3.6;
+/// Length of an arrow of the orientation mark.
+const ARROW: f64 = 7.0;
+/// Radius of a dot by the spacing, where no board is given: that of 17.5 mm on 55 mm.
+const RADIUS_BY_SPACING: f64 = 17.5 / 55.0;
+/// What arithmetic may lose (mm).
+const ROUNDING: f64 = 1e-9;
+/// Smallest spacing that is proposed.
+const SMALLEST_SPACING: f64 = 2.0;
+
+/// A dot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dot {
+    /// Its centre (mm).
+    pub center: [f64; 2],
+    /// Its radius (mm).
+    pub radius: f64,
+}
+
+/// A thin line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line {
+    /// One end (mm).
+    pub from: [f64; 2],
+    /// The other (mm).
+    pub to: [f64; 2],
+    /// Its width (mm).
+    pub width: f64,
+}
+
+/// A line of letters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Words {
+    /// Left end of the base line (mm).
+    pub at: [f64; 2],
+    /// Size of the letters (mm), each 0.6 of it wide.
+    pub size: f64,
+    /// The letters, all ASCII.
+    pub text: String,
+}
+
+/// A sheet that shows a board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardSheet {
+    /// Width and height of the sheet (mm).
+    pub size: [f64; 2],
+    /// The board on it.
+    pub board: Board,
+    /// Length of both rulers (mm).
+    pub ruler: f64,
+    /// The dots, in the order of the board's circles.
+    pub dots: Vec<Dot>,
+    /// Rulers and orientation mark.
+    pub lines: Vec<Line>,
+    /// What is written on it.
+    pub words: Vec<Words>,
+}
+
+/// A board does not fit.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub struct DoesNotFit {
+    board: Board,
+    paper: Paper,
+    /// Smallest sheet that holds it (mm).
+    pub needed: [f64; 2],
+    /// The board of this layout with the largest spacing that fits on the paper.
+    pub largest: Option<Board>,
+    /// Papers on which the board fits.
+    pub papers: Vec<&'static str>,
+}
+
+impl fmt::Display for DoesNotFit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { board, paper, needed: [width, height], largest, papers } = self;
+        write!(f, "{board} does not fit on {paper}: it needs {width:.0} x {height:.0} mm with margins and rulers; ")?;
+        match largest {
+            Some(largest) => write!(f, "the largest of its kind that fits is --board {largest}")?,
+            None => write!(f, "this paper is too small for any board of its kind")?,
+        }
+        if papers.is_empty() {
+            write!(f, ", and no paper that evcal knows is large enough: give its size as --paper WIDTHxHEIGHTmm")
+        } else {
+            write!(f, "; it fits on {}", papers.join(", "))
+        }
+    }
+}
+
+/// Lays out `board` on `paper`, upright or lying, with at least `margin` mm left white along the edges.
+///
+/// # Errors
+/// [`DoesNotFit`] says what would.
+pub fn board_sheet(board: &Board, paper: &Paper, margin: f64) -> Result<BoardSheet, DoesNotFit> {
+    lay_out(board, paper, margin).ok_or_else(|| {
+        let fits = |paper: &&Paper| lay_out(board, paper, margin).is_some();
+        DoesNotFit {
+            board: *board,
+            paper: *paper,
+            needed: needed(board, margin),
+            largest: largest_board(board.pattern, board.radius / board.spacing, paper, margin),
+            papers: PAPERS.iter().filter(fits).map(|paper| paper.name).collect(),
+        }
+    })
+}
+
+/// The board of this `pattern` with the largest spacing, in whole millimetres, that fits on `paper`.
+pub fn board_that_fits(pattern: Pattern, paper: &Paper, margin: f64) -> Option<Board> {
+    largest_board(pattern, RADIUS_BY_SPACING, paper, margin)
+}
+
+fn largest_board(pattern: Pattern, radius_by_spacing: f64, paper: &Paper, margin: f64) -> Option<Board> {
+    let longest = paper.size.into_iter().fold(0.0, f64::max).ceil() as u32;
+    (1..=longest).rev().map(f64::from).filter(|spacing| *spacing >= SMALLEST_SPACING).find_map(|spacing| {
+        // In tenths of a millimetre.
+        let radius = (spacing * radius_by_spacing * 10.0).floor() / 10.0;
+        let board = Board { pattern, spacing: spacing / 1e3, radius: radius / 1e3 };
+        (radius > 0.0 && lay_out(&board, paper, margin).is_some()).then_some(board)
+    })
+}
+
+/// Width and height of the area of the dots (mm).
+fn dots_size(board: &Board) -> [f64; 2] {
+    let (columns, rows) = (f64::from(board.pattern.columns), f64::from(board.pattern.rows));
+    let across = match board.pattern.layout {
+        Layout::Asymmetric => 2.0 * columns - 1.0,
+        Layout::Symmetric => columns - 1.0,
+    };
+    [across, rows - 1.0].map(|steps| (steps * board.spacing + 2.0 * board.radius) * 1e3)
+}
+
+/// Width of the white, ruler and mark between the margin and the dots: left, top.
+const LEFT: f64 = END_TICK + CLEARANCE;
+const TOP: f64 = LINE_HEIGHT + CLEARANCE;
+
+/// Height of ruler and writing between the dots and the margin.
+fn bottom(lines: usize) -> f64 {
+    CLEARANCE + END_TICK + 1.0 + LINE_HEIGHT * lines as f64
+}
+
+fn needed(board: &Board, margin: f64) -> [f64; 2] {
+    let [width, height] = dots_size(board);
+    let first_line = format!("--board {board}").len() as f64 * LETTER_WIDTH;
+    let inner = (width + LEFT).max(LEFT + TICK_DISTANCE).max(first_line);
+    [inner, height + TOP + bottom(writing(board, LONGEST_RULER, inner).len())].map(|side| side + 2.0 * margin)
+}
+
+/// What stands below the dots, in lines of at most `width` mm.
+fn writing(board: &Board, ruler: f64, width: f64) -> Vec<String> {
+    let millimetres = |metres: f64| (metres * 1e7).round() / 1e4;
+    let sentences = format!(
+        "evcal {}. Print at 100 %, without scaling: both rulers must measure {ruler} mm between their end lines. \
+         Spacing {} mm, neighbours {:.3} mm apart, dots {} mm across. If a caliper says otherwise, tell evcal what it says.",
+        crate::VERSION,
+        millimetres(board.spacing),
+        board.neighbour_distance() * 1e3,
+        millimetres(2.0 * board.radius)
+    );
+    let most = (width / LETTER_WIDTH).floor().max(1.0) as usize;
+    let mut lines = vec![format!("--board {board}")];
+    let mut line = String::new();
+    for word in sentences.split(' ') {
+        if !line.is_empty() && line.len() + 1 + word.len() > most {
+            lines.push(std::mem::take(&mut line));
+        }
+        if !line.is_empty() {
+            line.push(' ');
+        }
+        line += word;
+    }
+    lines.push(line);
+    lines
+}
+
+/// The sheet the way round that leaves more room, if the board fits either way.
+fn lay_out(board: &Board, paper: &Paper, margin: f64) -> Option<BoardSheet> {
+    let [short, long] = paper.size;
+    let sheets = [[short, long], [long, short]].map(|size| draw(board, size, margin));
+    let room = |(_, room): &(BoardSheet, f64)| *room;
+    let best = sheets.into_iter().flatten().reduce(|a, b| if room(&b) > room(&a) { b } else { a });
+    best.map(|(sheet, _)| sheet)
+}
+
+/// The sheet of this width and height, and what it leaves free in the tighter direction (mm).
+fn draw(board: &Board, size: [f64; 2], margin: f64) -> Option<(BoardSheet, f64)> {
+    let [width, height] = dots_size(board);
+    let across = size[0] - 2.0 * margin;
+    let inner = [across - LEFT, size[1] - 2.0 * margin - TOP];
+    // A shorter ruler takes no more lines to write.
+    let below = bottom(writing(board, LONGEST_RULER, across).len());
+    let longest = inner[0].min(inner[1] - below).min(LONGEST_RULER);
+    let ruler = (longest / TICK_DISTANCE).floor() * TICK_DISTANCE;
+    let text = writing(board, ruler, across);
+    let widest = text.iter().map(String::len).max().unwrap_or(0) as f64 * LETTER_WIDTH;
+    let free = [inner[0] - width, inner[1] - below - height];
+    let room = free[0].min(free[1]);
+    if ruler < TICK_DISTANCE || widest > across + ROUNDING || room < -ROUNDING {
+        return None;
+    }
+    let radius = board.radius * 1e3;
+    let first = [margin + LEFT + free[0] / 2.0 + radius, margin + TOP + free[1] / 2.0 + radius];
+    let dots = (0..board.circle_count()).map(|index| {
+        let center = board.circle_center(index) * 1e3;
+        Dot { center: [first[0] + center.x, first[1] + center.y], radius }
+    });
+    let mut lines = ruler_lines([margin + LEFT, size[1] - margin - below + CLEARANCE], [1.0, 0.0], ruler);
+    lines.extend(ruler_lines([margin, margin + TOP], [0.0, 1.0], ruler));
+    let mark = [first[0] - radius, first[1] - radius - CLEARANCE];
+    lines.extend(arrow(mark));
+    let base = size[1] - margin - below + CLEARANCE + END_TICK + 1.0;
+    let mut words: Vec<Words> = text
+        .into_iter()
+        .zip(1..)
+        .map(|(text, line)| Words { at: [margin, base + LINE_HEIGHT * f64::from(line) - 0.8], size: LETTER_SIZE, text })
+        .collect();
+    words.push(Words { at: [mark[0] + ARROW + 1.5, mark[1] + 0.9], size: LETTER_SIZE, text: "x".to_owned() });
+    Some((BoardSheet { size, board: *board, ruler, dots: dots.collect(), lines, words }, room))
+}
+
+/// A ruler of `length` from `start` along `direction`, its lines to the right of that.
+fn ruler_lines(start: [f64; 2], direction: [f64; 2], length: f64) -> Vec<Line> {
+    let at = |along: f64, across: f64| {
+        [
+            start[0] + along * direction[0] + across * direction[1],
+            start[1] + along * direction[1] + across * direction[0],
+        ]
+    };
+    let ticks = (length / TICK_DISTANCE).round() as u32;
+    let mut lines = vec![Line { from: at(0.0, 0.0), to: at(length, 0.0), width: THIN }];
+    lines.extend((0..=ticks).map(|tick| {
+        let end = if tick == 0 || tick == ticks { END_TICK } else { TICK };
+        let along = f64::from(tick) * TICK_DISTANCE;
+        Line { from: at(along, 0.0), to: at(along, end), width: THIN }
+    }));
+    lines
+}
+
+/// An arrow along a row, above the first circle: too thin to be taken for a dot.
+fn arrow(start: [f64; 2]) -> [Line; 3] {
+    let tip = [start[0] + ARROW, start[1]];
+    let line = |from| Line { from, to: tip, width: 2.0 * THIN };
+    [line(start), line([tip[0] - 1.5, tip[1] - 0.8]), line([tip[0] - 1.5, tip[1] + 0.8])]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MARGIN: f64 = 10.0;
+
+    fn board(text: &str) -> Board {
+        text.parse().unwrap()
+    }
+
+    fn paper(text: &str) -> Paper {
+        text.parse().unwrap()
+    }
+
+    #[test]
+    fn everything_keeps_off_the_margin_and_marks_keep_off_the_dots() {
+        for (text, paper_name) in [
+            ("acircles:9x4:20mm:r6mm", "a4"),
+            ("acircles:4x9:13mm:r4mm", "letter"),
+            ("circles:5x8:25mm:r8mm", "a3"),
+            ("circles:2x2:8mm:r3mm", "100x90mm"),
+        ] {
+            let sheet = board_sheet(&board(text), &paper(paper_name), MARGIN).unwrap();
+            let inside = |[x, y]: [f64; 2], around: f64| {
+                let keeps = |at: f64, size: f64| at - around >= MARGIN - 1e-9 && at + around <= size - MARGIN + 1e-9;
+                keeps(x, sheet.size[0]) && keeps(y, sheet.size[1])
+            };
+            assert_eq!(sheet.dots.len(), board(text).circle_count());
+            assert!(sheet.dots.iter().all(|dot| inside(dot.center, dot.radius)), "{text}");
+            for line in &sheet.lines {
+                assert!(inside(line.from, 0.0) && inside(line.to, 0.0), "{text}: {line:?}");
+                for dot in &sheet.dots {
+                    for end in [line.from, line.to] {
+                        let away = (end[0] - dot.center[0]).hypot(end[1] - dot.center[1]) - dot.radius;
+                        assert!(away >= CLEARANCE - 2.0, "{text}: {line:?} {dot:?}");
+                    }
+                }
+            }
+            for words in &sheet.words {
+                let end = [words.at[0] + words.text.len() as f64 * LETTER_WIDTH, words.at[1]];
+                assert!(inside(words.at, 0.0) && inside(end, 0.0) && words.text.is_ascii(), "{text}: {words:?}");
+                let lowest = sheet.dots.iter().map(|dot| dot.center[1] + dot.radius).fold(0.0, f64::max);
+                assert!(words.text == "x" || words.at[1] - words.size > lowest + CLEARANCE - 2.0, "{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_sheet_lies_where_the_board_is_wide() {
+        let upright = board_sheet(&board("acircles:9x4:20mm:r6mm"), &paper("a4"), MARGIN).unwrap();
+        let lying = board_sheet(&board("acircles:5x7:19mm:r6mm"), &paper("a4"), MARGIN).unwrap();
+        assert_eq!((upright.size, lying.size), ([210.0, 297.0], [297.0, 210.0]));
+        assert_eq!(upright.ruler, 100.0);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_told_what_does() {
+        let error = board_sheet(&board("acircles:9x4:55mm:r17.5mm"), &paper("a4"), MARGIN).unwrap_err();
+        let largest = error.largest.unwrap();
+        assert!(board_sheet(&largest, &paper("a4"), MARGIN).is_ok());
+        let more = Board { spacing: largest.spacing + 1e-3, ..largest };
+        assert!(board_sheet(&more, &paper("a4"), MARGIN).is_err());
+        assert!(error.papers.contains(&"a1") && !error.papers.contains(&"a2"), "{error}");
+        let [width, height] = error.needed;
+        let exact = Paper { name: "custom", size: [width.min(height), width.max(height)] };
+        assert!(board_sheet(&board("acircles:9x4:55mm:r17.5mm"), &exact, MARGIN).is_ok(), "{error}");
+        let text = error.to_string();
+        assert!(text.contains(&format!("--board {largest}")) && text.contains("fits on a1"), "{text}");
+        let huge = board_sheet(&board("circles:9x9:1m:r10cm"), &paper("a4"), MARGIN).unwrap_err().to_string();
+        assert!(huge.contains("no paper that evcal knows"), "{huge}");
+        let tiny = board_sheet(&board("circles:9x9:1m:r10cm"), &paper("30x30mm"), MARGIN).unwrap_err().to_string();
+        assert!(tiny.contains("too small for any board"), "{tiny}");
+    }
+
+    #[test]
+    fn the_default_board_has_the_proportions_of_the_documentation() {
+        let pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
+        let fits = board_that_fits(pattern, &paper("a4"), MARGIN).unwrap();
+        assert!(fits.spacing >= 0.023 && (fits.radius / fits.spacing - RADIUS_BY_SPACING).abs() < 0.005, "{fits}");
+        assert!(fits.to_string().parse::<Board>().is_ok());
+    }
+}

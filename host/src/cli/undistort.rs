@@ -1,0 +1,199 @@
+//! `evcal undistort`.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use evcal::camera_file::{self, CameraDescription, CameraFile, SensorSize};
+use evcal::convert::Target;
+use evcal::source::Recording;
+use evcal::undistort::PixelMap;
+use evcal::undistort::picture::undistort_picture;
+use evcal::undistort::recording::{
+    Maps, UndistortionReport, undistort_frames, undistort_recording, undistort_sub_pixel,
+};
+use evcal::undistort::sub_pixel::SubPixelFormat;
+use evcal::undistort::target::{Projection, optimal_matrix, same_matrix};
+use evcal_core::camera::Camera;
+
+use super::source_arguments::SourceArguments;
+use super::{UsageError, print, progress};
+
+/// Extensions of pictures.
+const PICTURES: [&str; 9] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "pnm"];
+
+/// Arguments of `evcal undistort`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A recording, or pictures of the calibrated sensor (PNG, JPEG, TIFF, BMP, PNM)
+    #[arg(required = true, value_name = "IN")]
+    inputs: Vec<PathBuf>,
+    /// The calibration: calibration.json, or truth.json of a simulation
+    #[arg(short, long, value_name = "FILE")]
+    calibration: PathBuf,
+    /// Recording or picture to write; for several pictures, a folder
+    #[arg(short, long, value_name = "OUT", required_unless_present = "frames")]
+    output: Option<PathBuf>,
+    /// How the camera without distortion projects: pinhole, or equidistant for lenses that see too much for that
+    #[arg(long, default_value = "pinhole", value_parser = projection)]
+    model: Projection,
+    /// Part of the image kept, from 0 (no black corners) to 1 (all of it), as in OpenCV's
+    /// getOptimalNewCameraMatrix [default: the camera matrix stays]
+    #[arg(long, value_name = "0..1")]
+    alpha: Option<f64>,
+    /// Keep the fractions of pixels: OUT is .csv, .txt or .bin (EventCalib)
+    #[arg(long)]
+    subpixel: bool,
+    /// Format of the recording to write: dvraw, aedat4, csv or bin [default: by the extension of OUT]
+    #[arg(long, value_name = "FORMAT", conflicts_with = "subpixel")]
+    to: Option<Target>,
+    /// Write the frames of the recording as PNG into this folder
+    #[arg(long, value_name = "DIR")]
+    frames: Option<PathBuf>,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Print what was written as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn projection(text: &str) -> Result<Projection, &'static str> {
+    match text {
+        "pinhole" => Ok(Projection::Pinhole),
+        "equidistant" => Ok(Projection::Equidistant),
+        _ => Err("write pinhole or equidistant"),
+    }
+}
+
+fn is_picture(path: &Path) -> bool {
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+    extension.is_some_and(|extension| PICTURES.contains(&extension.as_str()))
+}
+
+/// Runs `evcal undistort`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let (camera, sensor) = camera_file::read(&arguments.calibration)?;
+    let size = (sensor.width, sensor.height);
+    let new = match arguments.alpha {
+        Some(alpha) if !(0.0..=1.0).contains(&alpha) => {
+            return Err(UsageError("--alpha must be from 0 to 1".to_owned()).into());
+        }
+        Some(alpha) => optimal_matrix(&camera, arguments.model, size, alpha)?,
+        None => same_matrix(&camera, arguments.model)?,
+    };
+    let maps = Maps { forth: PixelMap::new(&camera, &new, size), back: PixelMap::new(&new, &camera, size) };
+    let pictures = arguments.inputs.iter().filter(|path| is_picture(path)).count();
+    match (arguments.inputs.as_slice(), pictures) {
+        ([recording], 0) => undistort_one(arguments, recording, &maps, &new, sensor),
+        (inputs, count) if inputs.len() == count => undistort_pictures(arguments, &maps, &new, sensor),
+        _ => Err(UsageError("give one recording, or pictures only".to_owned()).into()),
+    }
+}
+
+fn undistort_one(
+    arguments: &Arguments,
+    path: &Path,
+    maps: &Maps,
+    new: &Camera<f64>,
+    sensor: SensorSize,
+) -> super::Outcome {
+    let mut options = arguments.source.options();
+    // A recording that does not know its sensor is one of the calibrated sensor.
+    options.sensor = options.sensor.or(Recording::new(path, options.clone())?.open()?.information().sensor);
+    options.sensor = options.sensor.or(Some((sensor.width, sensor.height)));
+    let recording = Recording::new(path, options)?;
+    let bar = progress::spinner(arguments.json);
+    let tell = |events| bar.set_message(format!("{events} events"));
+    let mut report = None;
+    if let Some(output) = &arguments.output {
+        let done = if arguments.subpixel {
+            undistort_sub_pixel(&recording, output, SubPixelFormat::from_extension(output)?, maps, tell)?
+        } else {
+            let target = arguments.to.map_or_else(|| Target::from_extension(output), Ok)?;
+            undistort_recording(&recording, output, target, maps, tell)?
+        };
+        write_camera(&beside(output), new, sensor)?;
+        report = Some((output, done));
+    }
+    let mut frames = None;
+    if let Some(folder) = &arguments.frames {
+        frames = Some((folder, undistort_frames(&recording, folder, maps)?));
+        write_camera(&folder.join("camera.json"), new, sensor)?;
+    }
+    bar.finish_and_clear();
+    if arguments.json {
+        print::json(&serde_json::json!({
+            "camera": CameraDescription::new(new),
+            "recording": report.as_ref().map(|(_, report)| report),
+            "pictures": frames.map(|(_, count)| count),
+        }))?;
+    } else {
+        print::line(describe(new))?;
+        if let Some((output, UndistortionReport { events_outside, conversion })) = &report {
+            print::line(format!("{}: {conversion}", output.display()))?;
+            print::line(format!("{events_outside} events were beyond the new image and are left out"))?;
+            print::line(format!("the camera is in {}", beside(output).display()))?;
+        }
+        if let Some((folder, count)) = frames {
+            print::line(format!("{}: {count} pictures, and the camera in camera.json", folder.display()))?;
+        }
+    }
+    match report {
+        Some((output, UndistortionReport { conversion, .. })) => match conversion.error {
+            Some(error) => Err(format!("{error}\nwhat came before is in {}", output.display()).into()),
+            None => Ok(()),
+        },
+        None => Ok(()),
+    }
+}
+
+fn undistort_pictures(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sensor: SensorSize) -> super::Outcome {
+    let for_recordings = arguments.subpixel || arguments.to.is_some() || arguments.frames.is_some();
+    let Some(output) = arguments.output.as_ref().filter(|_| !for_recordings) else {
+        return Err(UsageError("--subpixel, --to and --frames are for recordings; pictures take -o".to_owned()).into());
+    };
+    let single = arguments.inputs.len() == 1 && is_picture(output);
+    if !single {
+        fs::create_dir_all(output).map_err(|error| format!("{}: {error}", output.display()))?;
+    }
+    let mut written = Vec::new();
+    for input in &arguments.inputs {
+        let path = if single { output.clone() } else { output.join(input.file_name().unwrap_or_default()) };
+        if path.exists() {
+            return Err(
+                format!("{} is there already and is not overwritten: choose another name", path.display()).into()
+            );
+        }
+        let picture = undistort_picture(input, &maps.back)?;
+        picture.save(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+        written.push(path);
+    }
+    let camera = if single { beside(output) } else { output.join("camera.json") };
+    write_camera(&camera, new, sensor)?;
+    if arguments.json {
+        return print::json(&serde_json::json!({ "camera": CameraDescription::new(new), "written": written }));
+    }
+    print::line(describe(new))?;
+    for path in written {
+        print::line(format!("written to {}", path.display()))?;
+    }
+    print::line(format!("the camera is in {}", camera.display()))
+}
+
+/// Where the camera of an output is written: `events.csv` has `events.camera.json`.
+fn beside(output: &Path) -> PathBuf {
+    output.with_extension("camera.json")
+}
+
+fn write_camera(path: &Path, camera: &Camera<f64>, sensor: SensorSize) -> super::Outcome {
+    let text = serde_json::to_string_pretty(&CameraFile { sensor, camera: CameraDescription::new(camera) })?;
+    fs::write(path, text).map_err(|error| format!("{}: {error}", path.display()))?;
+    Ok(())
+}
+
+fn describe(camera: &Camera<f64>) -> String {
+    let parameters = camera.parameters();
+    match parameters.first_chunk::<4>() {
+        Some([fx, fy, cx, cy]) => format!("without distortion: fx {fx:.3}, fy {fy:.3}, cx {cx:.3}, cy {cy:.3}"),
+        None => String::new(),
+    }
+}

@@ -1,0 +1,96 @@
+//! What is known of a camera when it is exported.
+
+use std::path::Path;
+
+use evcal_core::camera::Camera;
+use serde::Deserialize;
+
+use super::covered_region::CoveredRegion;
+use crate::board::Board;
+use crate::calibrate::Calibrated;
+use crate::camera_file::{self, CameraDescription, CameraFileError, SensorSize};
+
+/// Name of a camera that has none.
+pub const UNNAMED: &str = "camera";
+
+/// Topic of the camera's images in ROS, where none is given.
+pub const ROS_TOPIC: &str = "/dvs/image_raw";
+
+/// A camera and what its calibration says of it.
+#[derive(Clone, Debug)]
+pub struct CalibratedCamera {
+    /// The lens.
+    pub camera: Camera<f64>,
+    /// Width and height in pixels.
+    pub sensor: (u16, u16),
+    /// Model and serial number, such as `DAVIS346_00000001`.
+    pub name: String,
+    /// Topic of its images in ROS.
+    pub ros_topic: String,
+    /// Where the board was seen.
+    pub covered: CoveredRegion,
+    /// Standard deviation of each parameter, in the model's order, if known.
+    pub sigma: Option<Vec<f64>>,
+    /// Root mean square of the residuals in pixels, if known.
+    pub residual_rms: Option<f64>,
+    /// The board, if known.
+    pub board: Option<Board>,
+}
+
+/// The part of `calibration.json` that is exported. Of `truth.json` only the first two are there.
+#[derive(Deserialize)]
+struct CalibrationFile {
+    sensor: SensorSize,
+    camera: CameraDescription,
+    covered_region: Option<Vec<[f64; 2]>>,
+    sigma: Option<CameraDescription>,
+    residuals: Option<Residuals>,
+    board: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct Residuals {
+    rms: f64,
+}
+
+impl CalibratedCamera {
+    /// The camera of a calibration that was just made.
+    pub fn new(calibrated: &Calibrated, board: &Board, sigma: Option<Vec<f64>>) -> Self {
+        Self {
+            camera: calibrated.refined.state.camera,
+            sensor: calibrated.sensor,
+            name: UNNAMED.to_owned(),
+            ros_topic: ROS_TOPIC.to_owned(),
+            covered: CoveredRegion::of_calibration(calibrated),
+            sigma,
+            residual_rms: Some(calibrated.refined.residuals.rms),
+            board: Some(*board),
+        }
+    }
+
+    /// Reads `calibration.json`, or `truth.json` of a simulation: there the whole sensor counts as seen.
+    ///
+    /// # Errors
+    /// [`CameraFileError`].
+    pub fn read(path: &Path) -> Result<Self, CameraFileError> {
+        let file: CalibrationFile = camera_file::parse(path)?;
+        let camera = file.camera.camera().map_err(|reason| camera_file::wrong(path, reason))?;
+        let sensor = (file.sensor.width, file.sensor.height);
+        let covered = match file.covered_region {
+            Some(corners) => CoveredRegion::around(corners.into_iter().map(Into::into), sensor),
+            None => CoveredRegion::whole(sensor),
+        };
+        let names = camera.kind().parameter_names();
+        let sigma = file.sigma.and_then(|sigma| names.iter().map(|name| sigma.parameters.get(name)).collect());
+        Ok(Self {
+            camera,
+            sensor,
+            name: UNNAMED.to_owned(),
+            ros_topic: ROS_TOPIC.to_owned(),
+            covered,
+            sigma,
+            residual_rms: file.residuals.map(|residuals| residuals.rms),
+            board: file.board.and_then(|board| board.parse().ok()),
+        })
+    }
+}

@@ -1,0 +1,55 @@
+//! The calibration XML of DV: OpenCV's, with the camera in a node of its own name.
+
+use evcal_core::camera::ModelKind;
+use evcal_core::pattern::Layout;
+
+use super::file_storage::{self, Entry, Value, entry, valid_name};
+use super::format::{Content, Format};
+
+/// `dv.xml`. Distortion is a column of five, or of four for a fisheye.
+pub const FORMAT: Format = Format {
+    name: "dv-xml",
+    file: "dv.xml",
+    models: &[ModelKind::Radtan, ModelKind::KannalaBrandt],
+    substitutes: &[ModelKind::Radtan, ModelKind::KannalaBrandt],
+    write: |content| file_storage::xml(&content.remarks(), &entries(content)),
+};
+
+fn entries(content: &Content) -> Vec<Entry> {
+    let calibrated = content.calibrated;
+    let (width, height) = calibrated.sensor;
+    let fisheye = content.model == ModelKind::KannalaBrandt;
+    let camera = vec![
+        entry("camera_matrix", Value::Matrix { rows: 3, values: content.camera_matrix().to_vec() }),
+        entry("distortion_coefficients", Value::column(content.distortion)),
+        entry("image_width", Value::Integer(width.into())),
+        entry("image_height", Value::Integer(height.into())),
+    ];
+    let distortion_model = if fisheye { "Equidistant" } else { "RadialTangential" };
+    let mut entries = vec![
+        entry(valid_name(&calibrated.name), Value::Map(camera)),
+        entry("use_fisheye_model", Value::Integer(fisheye.into())),
+        entry("type", Value::Word("camera".to_owned())),
+        entry("distortion_model", Value::Word(distortion_model.to_owned())),
+    ];
+    if let Some(board) = &calibrated.board {
+        let (columns, rows) = (i64::from(board.pattern.columns), i64::from(board.pattern.rows));
+        let pattern_type = match board.pattern.layout {
+            Layout::Asymmetric => "asymmetricCirclesGrid",
+            Layout::Symmetric => "circlesGrid",
+        };
+        entries.extend([
+            entry("pattern_width", Value::Integer(columns)),
+            entry("pattern_height", Value::Integer(rows)),
+            entry("pattern_type", Value::Word(pattern_type.to_owned())),
+            entry("board_width", Value::Integer(columns)),
+            entry("board_height", Value::Integer(rows)),
+            // In centimetres, as DV asks for it.
+            entry("square_size", Value::Real(board.spacing * 100.0)),
+        ]);
+    }
+    if let Some(rms) = calibrated.residual_rms {
+        entries.push(entry("calibration_error", Value::Real(rms)));
+    }
+    entries
+}

@@ -1,0 +1,204 @@
+//! The camera that a format can hold: the calibrated one, or the nearest of another model.
+
+use std::fmt;
+
+use evcal_core::camera::refit::refit_where;
+use evcal_core::camera::{Camera, ModelKind};
+use nalgebra::Vector2;
+
+use super::covered_region::CoveredRegion;
+
+/// About how many pixels two cameras are compared at.
+const SAMPLES: f64 = 1e5;
+
+/// OpenCV's models, of which each has the coefficients of the one before and more.
+const RADTAN_FAMILY: [ModelKind; 3] = [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8];
+
+/// A camera of a model that the format has.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Nearest {
+    /// The camera.
+    pub camera: Camera<f64>,
+    /// What it cost to get it, where the calibrated model is another one.
+    pub refit: Option<Refit>,
+}
+
+/// How a camera was replaced by the nearest one of another model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refit {
+    /// The calibrated model.
+    pub from: ModelKind,
+    /// The model that replaces it.
+    pub to: ModelKind,
+    /// How far the cameras are apart where the board was seen, where they were brought together.
+    pub covered: Distance,
+    /// How far they are apart on the whole sensor.
+    pub sensor: Distance,
+}
+
+/// How far two cameras are apart.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Distance {
+    /// Root mean square, in pixels.
+    pub rms: f64,
+    /// Largest, in pixels.
+    pub largest: f64,
+    /// Share of the pixels that the replacement cannot see.
+    pub unseen: f64,
+}
+
+impl fmt::Display for Refit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { from, to, covered, sensor } = self;
+        write!(
+            f,
+            "this format has no model {from}; {to} was fitted to it where the board was seen, and is {:.4} px rms, \
+             {:.4} px at most, away from it there ({:.4} px at most on the whole sensor)",
+            covered.rms, covered.largest, sensor.largest
+        )?;
+        if sensor.unseen > 0.0 {
+            write!(f, "; {to} does not see {:.1} % of the sensor", 100.0 * sensor.unseen)?;
+        }
+        Ok(())
+    }
+}
+
+/// The camera of one of `models` that stands for `camera`.
+///
+/// It is `camera` itself if its model is among them, or the same camera where all that a model lacks
+/// or has beyond it is zero. Else every model of `substitutes` is fitted to `camera` within
+/// `covered`, all parameters of it, and the one that comes nearest is taken. `None` if none sees the region.
+pub fn nearest(
+    camera: &Camera<f64>,
+    models: &[ModelKind],
+    substitutes: &[ModelKind],
+    sensor: (u16, u16),
+    covered: &CoveredRegion,
+) -> Option<Nearest> {
+    let from = camera.kind();
+    if models.contains(&from) {
+        return Some(Nearest { camera: *camera, refit: None });
+    }
+    if let Some(same) = models.iter().find_map(|&to| same_camera(camera, to)) {
+        return Some(Nearest { camera: same, refit: None });
+    }
+    let fitted = substitutes.iter().filter_map(|&to| {
+        let near = refit_where(to, camera, sensor.0, sensor.1, |pixel| covered.contains(pixel))?;
+        let there = distance(camera, &near, sensor, |pixel| covered.contains(pixel))?;
+        let everywhere = distance(camera, &near, sensor, |_| true)?;
+        Some((near, Refit { from, to, covered: there, sensor: everywhere }))
+    });
+    let best = fitted.min_by(|(_, a), (_, b)| {
+        let order = a.covered.unseen.total_cmp(&b.covered.unseen);
+        order.then(a.covered.largest.total_cmp(&b.covered.largest))
+    });
+    best.map(|(camera, refit)| Nearest { camera, refit: Some(refit) })
+}
+
+/// The very same camera in another model of OpenCV's family.
+fn same_camera(camera: &Camera<f64>, to: ModelKind) -> Option<Camera<f64>> {
+    if !RADTAN_FAMILY.contains(&camera.kind()) || !RADTAN_FAMILY.contains(&to) {
+        return None;
+    }
+    let count = to.parameter_names().len();
+    let mut parameters = camera.parameters().to_vec();
+    parameters.resize(parameters.len().max(count), 0.0);
+    let (kept, beyond) = parameters.split_at_checked(count)?;
+    beyond.iter().all(|value| *value == 0.0).then(|| Camera::from_parameters(to, kept)).flatten()
+}
+
+/// How far `other` is from `reference`, in its pixels, at pixels all over the sensor that are `inside`; `None` if there
+/// are none that `reference` sees.
+fn distance(
+    reference: &Camera<f64>,
+    other: &Camera<f64>,
+    sensor: (u16, u16),
+    inside: impl Fn(&Vector2<f64>) -> bool,
+) -> Option<Distance> {
+    let all = f64::from(sensor.0) * f64::from(sensor.1);
+    let step = (all / SAMPLES).sqrt().ceil().max(1.0) as usize;
+    let pixels = (0..sensor.1).step_by(step).flat_map(|y| (0..sensor.0).step_by(step).map(move |x| (x, y)));
+    let (mut sum, mut largest, mut seen, mut unseen) = (0.0, 0.0_f64, 0_u32, 0_u32);
+    for (x, y) in pixels {
+        let pixel = Vector2::new(f64::from(x), f64::from(y));
+        if !inside(&pixel) {
+            continue;
+        }
+        let Some(bearing) = reference.unproject(&pixel) else { continue };
+        match other.project(&bearing) {
+            Some(projected) => {
+                let square = (projected - pixel).norm_squared();
+                sum += square;
+                largest = largest.max(square);
+                seen += 1;
+            }
+            None => unseen += 1,
+        }
+    }
+    let compared = f64::from(seen) + f64::from(unseen);
+    (seen > 0).then(|| Distance {
+        rms: (sum / f64::from(seen)).sqrt(),
+        largest: largest.sqrt(),
+        unseen: f64::from(unseen) / compared,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SENSOR: (u16, u16) = (346, 260);
+
+    fn camera(kind: ModelKind, coefficients: &[f64]) -> Camera<f64> {
+        let parameters: Vec<f64> = [335.3, 334.9, 171.2, 128.8].iter().chain(coefficients).copied().collect();
+        Camera::from_parameters(kind, &parameters).unwrap()
+    }
+
+    fn region() -> CoveredRegion {
+        let corners = [[20.0, 15.0], [320.0, 10.0], [330.0, 250.0], [25.0, 245.0]];
+        CoveredRegion::around(corners.map(Vector2::from), SENSOR)
+    }
+
+    #[test]
+    fn a_refit_says_what_it_costs() {
+        let calibrated = camera(ModelKind::InverseRadial, &[0.33, 0.16, 0.09, 0.04, 0.02]);
+        let models = [ModelKind::Radtan, ModelKind::KannalaBrandt];
+        let Nearest { camera: near, refit } = nearest(&calibrated, &models, &models, SENSOR, &region()).unwrap();
+        let refit = refit.unwrap();
+        assert_eq!((near.kind(), refit.from, refit.to), (refit.to, ModelKind::InverseRadial, refit.to));
+        let pixels = (0..26).flat_map(|row| (0..34).map(move |column| Vector2::new(column as f64, row as f64) * 10.0));
+        let mut largest: f64 = 0.0;
+        for pixel in pixels.filter(|pixel| region().contains(pixel)) {
+            let bearing = calibrated.unproject(&pixel).unwrap();
+            largest = largest.max((near.project(&bearing).unwrap() - pixel).norm());
+        }
+        assert!(largest <= refit.covered.largest && refit.covered.largest < 0.05, "{largest}: {refit}");
+        assert!(refit.to_string().contains("no model inverse-radial; "), "{refit}");
+        for to in models {
+            let other = nearest(&calibrated, &[], &[to], SENSOR, &region()).unwrap().refit.unwrap();
+            assert!(refit.covered.largest <= other.covered.largest, "{to}");
+        }
+    }
+
+    #[test]
+    fn coefficients_that_are_zero_can_be_left_out_or_added() {
+        let five = camera(ModelKind::Radtan, &[-0.3, 0.1, 0.001, -0.0005, 0.0]);
+        let four = camera(ModelKind::Radtan4, &[-0.3, 0.1, 0.001, -0.0005]);
+        for (from, to) in [(five, four), (four, five)] {
+            let models = [to.kind()];
+            assert_eq!(nearest(&from, &models, &models, SENSOR, &region()), Some(Nearest { camera: to, refit: None }));
+        }
+        let sixth = camera(ModelKind::Radtan, &[-0.3, 0.1, 0.001, -0.0005, -0.05]);
+        let refitted = nearest(&sixth, &[ModelKind::Radtan4], &[ModelKind::Radtan4], SENSOR, &region()).unwrap();
+        assert_ne!(refitted.camera.parameters()[4..], sixth.parameters()[4..8]);
+        let dropped = distance(&sixth, &four, SENSOR, |pixel| region().contains(pixel)).unwrap();
+        assert!(refitted.refit.unwrap().covered.largest < 0.2 * dropped.largest);
+    }
+
+    #[test]
+    fn what_was_never_seen_has_no_twin() {
+        let calibrated = camera(ModelKind::InverseRadial, &[0.33, 0.16, 0.09, 0.04, 0.02]);
+        let nothing = CoveredRegion::around([], SENSOR);
+        assert_eq!(nearest(&calibrated, &[ModelKind::Radtan], &[ModelKind::Radtan], SENSOR, &nothing), None);
+    }
+}

@@ -1,0 +1,30 @@
+//! Numbers as every reader understands them.
+
+/// The shortest decimal that is read back as the same f64, with a point and without an exponent: what
+/// YAML 1.1 and Kalibr take for a real number.
+pub fn decimal(value: f64) -> String {
+    let text = value.to_string();
+    if text.contains('.') { text } else { format!("{text}.0") }
+}
+
+/// [`decimal`]s with commas between them.
+pub fn decimals(values: &[f64]) -> String {
+    values.iter().map(|value| decimal(*value)).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_large_and_whole_numbers_have_a_point_and_no_exponent() {
+        for (value, text) in [(345.0, "345.0"), (-1e-7, "-0.0000001"), (0.1 + 0.2, "0.30000000000000004")] {
+            assert_eq!(decimal(value), text);
+        }
+        for value in [f64::MIN_POSITIVE, 1.7e300, -0.36951234567890123] {
+            let text = decimal(value);
+            assert!(text.contains('.') && !text.contains('e') && text.parse() == Ok(value), "{text}");
+        }
+        assert_eq!(decimals(&[1.0, -0.5]), "1.0, -0.5");
+    }
+}

@@ -1,0 +1,63 @@
+//! OpenCV's `FileStorage`: `camera_matrix` and `distortion_coefficients`, as its calibration sample writes them.
+//!
+//! Coefficients are in OpenCV's order; those of a Kannala-Brandt camera are for `cv::fisheye`, and those
+//! of an omnidirectional one for `cv::omnidir` with `xi` beside them. `distortion_model` says which:
+//! `radtan`, `fisheye` or `omnidir`.
+
+use evcal_core::camera::ModelKind;
+
+use super::file_storage::{self, Entry, Value, entry};
+use super::format::{Content, Format};
+
+const MODELS: &[ModelKind] = &[ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt];
+
+/// Radtan with eight coefficients is not among them: beyond what was seen, a rational function may have poles.
+const SUBSTITUTES: &[ModelKind] = &[ModelKind::Radtan, ModelKind::KannalaBrandt];
+
+/// YAML, which OpenCV alone reads.
+pub const YAML: Format = Format {
+    name: "opencv-yaml",
+    file: "camera.yaml",
+    models: MODELS,
+    substitutes: SUBSTITUTES,
+    write: |content| file_storage::yaml(&content.remarks(), &entries(content)),
+};
+
+/// XML.
+pub const XML: Format = Format {
+    name: "opencv-xml",
+    file: "camera.xml",
+    models: MODELS,
+    substitutes: SUBSTITUTES,
+    write: |content| file_storage::xml(&content.remarks(), &entries(content)),
+};
+
+/// JSON.
+pub const JSON: Format = Format {
+    name: "opencv-json",
+    file: "camera.json",
+    models: MODELS,
+    substitutes: SUBSTITUTES,
+    write: |content| file_storage::json(&content.remarks(), &entries(content)),
+};
+
+fn entries(content: &Content) -> Vec<Entry> {
+    let (width, height) = content.calibrated.sensor;
+    let model = if content.model == ModelKind::KannalaBrandt { "fisheye" } else { "radtan" };
+    let mut entries = vec![
+        entry("image_width", Value::Integer(width.into())),
+        entry("image_height", Value::Integer(height.into())),
+        entry("distortion_model", Value::Word(model.to_owned())),
+        entry("camera_matrix", Value::Matrix { rows: 3, values: content.camera_matrix().to_vec() }),
+        entry("distortion_coefficients", Value::row(content.distortion)),
+    ];
+    if let Some(rms) = content.calibrated.residual_rms {
+        entries.push(entry("avg_reprojection_error", Value::Real(rms)));
+    }
+    if let Some(refit) = content.refit {
+        entries.push(entry("refit_from", Value::Word(refit.from.to_string())));
+        entries.push(entry("refit_error_rms", Value::Real(refit.covered.rms)));
+        entries.push(entry("refit_error_max", Value::Real(refit.covered.largest)));
+    }
+    entries
+}

@@ -1,0 +1,178 @@
+//! Recordings without distortion.
+
+use std::fs;
+use std::path::Path;
+
+use evcal_core::event::Event;
+use serde::Serialize;
+
+use super::PixelMap;
+use super::picture::{PictureError, undistort_frame, write_frame};
+use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
+use crate::convert::extras::{Extra, Extras};
+use crate::convert::{Change, ConversionReport, ConvertError, Target, TimeOrigin, convert_changed};
+use crate::source::write::WriteError;
+use crate::source::{EventReader, Recording, SourceError};
+
+/// The maps between a camera and the one without distortion.
+pub struct Maps {
+    /// From old to new pixels.
+    pub forth: PixelMap,
+    /// From new to old pixels.
+    pub back: PixelMap,
+}
+
+/// What became of a recording.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct UndistortionReport {
+    /// Events that were beyond the new image and are left out.
+    pub events_outside: u64,
+    /// What was written, and what was met on the way.
+    #[serde(flatten)]
+    pub conversion: ConversionReport,
+}
+
+/// Nothing, or not all, was undistorted.
+#[derive(Debug, thiserror::Error)]
+pub enum UndistortError {
+    /// The recording cannot be read, or the output not be written.
+    #[error(transparent)]
+    Convert(#[from] ConvertError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// A frame cannot be written.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// It is of another sensor.
+    #[error("{file} is of a sensor with {} x {} pixels, the calibration of one with {} x {}", found.0, found.1, calibrated.0, calibrated.1)]
+    Sensor {
+        /// The recording.
+        file: String,
+        /// Its sensor.
+        found: (u16, u16),
+        /// That of the calibration.
+        calibrated: (u16, u16),
+    },
+    /// The folder of the frames cannot be created.
+    #[error("{folder}: {error}")]
+    Folder {
+        /// The folder.
+        folder: String,
+        /// What the system said.
+        error: std::io::Error,
+    },
+}
+
+fn check_sensor(recording: &Recording, reader: &EventReader, maps: &Maps) -> Result<(), UndistortError> {
+    let calibrated = maps.forth.sensor();
+    match reader.information().sensor {
+        Some(found) if found != calibrated => {
+            Err(UndistortError::Sensor { file: recording.path().display().to_string(), found, calibrated })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Writes the undistorted `recording` to a new file at `path`: events at their nearest pixels, frames interpolated.
+/// `progress` is told the number of events done.
+///
+/// # Errors
+/// [`UndistortError`] if it cannot begin or the output cannot be written. Should the recording break off, what came
+/// before is written, and the report says so.
+pub fn undistort_recording(
+    recording: &Recording,
+    path: &Path,
+    target: Target,
+    maps: &Maps,
+    progress: impl FnMut(u64),
+) -> Result<UndistortionReport, UndistortError> {
+    check_sensor(recording, &recording.open()?, maps)?;
+    let mut events_outside = 0;
+    let mut move_events = |events: &mut Vec<Event>| {
+        let before = events.len();
+        events.retain_mut(|event| {
+            let pixel = maps.forth.nearest_pixel(event.x, event.y);
+            if let Some([x, y]) = pixel {
+                (event.x, event.y) = (x, y);
+            }
+            pixel.is_some()
+        });
+        events_outside += (before - events.len()) as u64;
+    };
+    let mut move_frame = |extra: &mut Extra| {
+        if let Extra::Frame(frame) = extra {
+            undistort_frame(frame, &maps.back);
+        }
+    };
+    let change = Change { events: &mut move_events, extra: &mut move_frame };
+    let conversion = convert_changed(recording, path, target, TimeOrigin::Kept, change, progress)?;
+    Ok(UndistortionReport { events_outside, conversion })
+}
+
+/// As [`undistort_recording`], with the fractions of pixels kept. Frames are left out.
+///
+/// # Errors
+/// As there.
+pub fn undistort_sub_pixel(
+    recording: &Recording,
+    path: &Path,
+    format: SubPixelFormat,
+    maps: &Maps,
+    mut progress: impl FnMut(u64),
+) -> Result<UndistortionReport, UndistortError> {
+    if path.exists() {
+        return Err(ConvertError::Exists(path.to_owned()).into());
+    }
+    let mut reader = recording.open()?;
+    check_sensor(recording, &reader, maps)?;
+    let failed = |error| ConvertError::Write { path: path.to_owned(), error: WriteError::Io(error) };
+    let mut writer = SubPixelWriter::create(path, format, maps.forth.sensor()).map_err(failed)?;
+    let mut report = UndistortionReport::default();
+    let mut events = Vec::new();
+    loop {
+        match reader.next_batch(&mut events) {
+            Ok(true) => {}
+            Ok(false) => break,
+            Err(error) => {
+                report.conversion.error = Some(error.to_string());
+                break;
+            }
+        }
+        for event in &events {
+            match maps.forth.get_on_sensor(event.x, event.y) {
+                Some(place) => {
+                    writer.write(event, place).map_err(failed)?;
+                    report.conversion.events += 1;
+                }
+                None => report.events_outside += 1,
+            }
+        }
+        progress(reader.report().events);
+    }
+    writer.finish().map_err(failed)?;
+    report.conversion.report = reader.report().clone();
+    report.conversion.notes = reader.information().notes.clone();
+    report.conversion.lost = Extras::none().left_out(reader.report());
+    Ok(report)
+}
+
+/// Writes the undistorted frames of `recording` as `frame-000000-T.png`, T the middle of the exposure in µs, into
+/// `folder`, which is created; their number.
+///
+/// # Errors
+/// [`UndistortError`]; frames before a damaged one are written.
+pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Result<u64, UndistortError> {
+    check_sensor(recording, &recording.open()?, maps)?;
+    fs::create_dir_all(folder)
+        .map_err(|error| UndistortError::Folder { folder: folder.display().to_string(), error })?;
+    let mut extras = Extras::open(recording.path(), recording.format())?;
+    let (mut lost, mut written) = (Vec::new(), 0);
+    while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
+        let Extra::Frame(mut frame) = extra else { continue };
+        undistort_frame(&mut frame, &maps.back);
+        let path = folder.join(format!("frame-{written:06}-{}.png", frame.t));
+        written += u64::from(write_frame(&frame, &path)?);
+    }
+    Ok(written)
+}

@@ -1,0 +1,81 @@
+//! Undistorted events with the fractions of their pixels.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use evcal_core::event::Event;
+
+/// A format whose events may lie between pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SubPixelFormat {
+    /// Lines of time (µs), x, y (four decimals), polarity.
+    Text,
+    /// EventCalib's records, whose coordinates are f64.
+    EventCalib,
+}
+
+/// The extension stands for a format that holds whole pixels only.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: fractions of pixels can be written to .csv, .txt or .bin (EventCalib)", .0.display())]
+pub struct NoFractions(PathBuf);
+
+impl SubPixelFormat {
+    /// The format that the extension of `path` stands for.
+    ///
+    /// # Errors
+    /// [`NoFractions`].
+    pub fn from_extension(path: &Path) -> Result<Self, NoFractions> {
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        match extension.as_deref() {
+            Some("csv" | "txt") => Ok(Self::Text),
+            Some("bin") => Ok(Self::EventCalib),
+            _ => Err(NoFractions(path.to_owned())),
+        }
+    }
+}
+
+/// Writes events that lie between pixels.
+pub struct SubPixelWriter {
+    output: BufWriter<File>,
+    format: SubPixelFormat,
+}
+
+impl SubPixelWriter {
+    /// Creates the file at `path`, which must not be there yet, for a sensor of (width, height) pixels.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn create(path: &Path, format: SubPixelFormat, sensor: (u16, u16)) -> io::Result<Self> {
+        let mut output = BufWriter::with_capacity(1 << 18, File::create_new(path)?);
+        if format == SubPixelFormat::Text {
+            writeln!(output, "# undistorted, sensor {} x {}\nt_us,x,y,p", sensor.0, sensor.1)?;
+        }
+        Ok(Self { output, format })
+    }
+
+    /// Writes `event` as one at (x, y).
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn write(&mut self, event: &Event, [x, y]: [f64; 2]) -> io::Result<()> {
+        let polarity = event.polarity.index();
+        match self.format {
+            SubPixelFormat::Text => writeln!(self.output, "{},{x:.4},{y:.4},{polarity}", event.t),
+            SubPixelFormat::EventCalib => {
+                for value in [event.t as f64 / 1e6, x, y] {
+                    self.output.write_all(&value.to_le_bytes())?;
+                }
+                self.output.write_all(&[polarity as u8])
+            }
+        }
+    }
+
+    /// Closes the file.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.output.flush()
+    }
+}

@@ -1,0 +1,134 @@
+//! Printed boards: rendered by programs that render PDF and SVG, found and measured by OpenCV.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use evcal_tests::readers::{ask, python, run};
+use evcal_tests::{evcal, json, succeed, text};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+const MILLIMETRES_PER_INCH: f64 = 25.4;
+
+/// Boards, papers and resolutions (dots an inch).
+const SHEETS: [(&str, &str, &str, f64); 4] = [
+    ("acircles:9x4:23mm:r7.3mm", "a4", "210x297", 300.0),
+    ("acircles:4x9:13.5mm:r4mm", "letter", "279.4x215.9", 400.0),
+    ("circles:5x8:33mm:r10.5mm", "a3", "420x297", 200.0),
+    ("acircles:9x4:55mm:r17.5mm", "600x500mm", "500x600", 100.0),
+];
+
+/// Renders both files as grey pictures.
+fn render(folder: &Path, index: usize, dpi: f64) -> [PathBuf; 2] {
+    let base = folder.join(format!("sheet-{index}"));
+    let (pdf, svg) = (base.with_extension("pdf"), base.with_extension("svg"));
+    let dots = dpi.to_string();
+    run(
+        "pdftoppm",
+        &["-r", &dots, "-gray", "-png", "-singlefile", text(&pdf), text(&folder.join(format!("pdf-{index}")))],
+    );
+    let of_svg = folder.join(format!("svg-{index}.png"));
+    run("rsvg-convert", &["-d", &dots, "-p", &dots, "-o", text(&of_svg), text(&svg)]);
+    [folder.join(format!("pdf-{index}.png")), of_svg]
+}
+
+#[test]
+fn opencv_finds_and_measures_what_was_asked_for() {
+    let folder = TempDir::new().unwrap();
+    let mut questions = Vec::new();
+    let mut expected = Vec::new();
+    for (index, (board, paper, size, dpi)) in SHEETS.into_iter().enumerate() {
+        let base = folder.path().join(format!("sheet-{index}"));
+        let (pdf, svg) = (base.with_extension("pdf"), base.with_extension("svg"));
+        let arguments =
+            ["board", "--board", board, "--paper", paper, "--pdf", text(&pdf), "--svg", text(&svg), "--json"];
+        let report = json(&arguments);
+        let [width, height] = ["width_mm", "height_mm"].map(|side| report[side].as_f64().unwrap());
+        assert_eq!(format!("{width}x{height}"), size);
+        let words: Vec<&str> = board.split(':').collect();
+        let (rows, columns) = words[1].split_once('x').unwrap();
+        for picture in render(folder.path(), index, dpi) {
+            questions.push(json!({
+                "file": picture, "layout": words[0],
+                "columns": columns.parse::<u32>().unwrap(), "rows": rows.parse::<u32>().unwrap(),
+            }));
+            expected.push((board, dpi, report.clone()));
+        }
+        // The size of the page, and the board's own text.
+        let information = run("pdfinfo", &[text(&pdf)]);
+        let page = information.lines().find_map(|line| line.strip_prefix("Page size:")).unwrap();
+        let points: Vec<f64> = page.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+        for (points, side) in points.iter().zip([width, height]) {
+            assert!((points - side / MILLIMETRES_PER_INCH * 72.0).abs() < 0.01, "{page}");
+        }
+        assert!(run("pdftotext", &[text(&pdf), "-"]).contains(&format!("--board {board}\n")));
+        let source = fs::read_to_string(&svg).unwrap();
+        assert!(source.contains(&format!("--board {board}")) && source.contains("mm\""), "{source}");
+    }
+    let answers = ask(&python(), "board.py", &Value::Array(questions));
+    for (answer, (text, dpi, report)) in answers.as_array().unwrap().iter().zip(&expected) {
+        check(answer, text, *dpi, report);
+    }
+}
+
+fn check(answer: &Value, text: &str, dpi: f64, report: &Value) {
+    let board: evcal::board::Board = text.parse().unwrap();
+    let pixels = |millimetres: f64| millimetres / MILLIMETRES_PER_INCH * dpi;
+    let [width, height] = ["width_mm", "height_mm"].map(|side| pixels(report[side].as_f64().unwrap()));
+    let size = ["width", "height"].map(|side| answer[side].as_f64().unwrap());
+    assert!((size[0] - width).abs() <= 1.0 && (size[1] - height).abs() <= 1.0, "{text}: {size:?}, {width} x {height}");
+    let centers: Vec<[f64; 2]> = serde_json::from_value(answer["centers"].clone()).unwrap();
+    let radii: Vec<f64> = serde_json::from_value(answer["radii"].clone()).unwrap();
+    assert_eq!(centers.len(), board.circle_count());
+    let first: [f64; 2] = serde_json::from_value(report["first_dot_mm"].clone()).unwrap();
+    // OpenCV may begin at the other end of a symmetric grid.
+    let turned = (centers[0][1] - pixels(first[1])).abs() > pixels(1.0);
+    let mut largest: f64 = 0.0;
+    for (index, center) in centers.iter().enumerate() {
+        let index = if turned { centers.len() - 1 - index } else { index };
+        let place = board.circle_center(index) * 1e3;
+        let ideal = [first[0] + place.x, first[1] + place.y].map(pixels);
+        largest = largest.max((center[0] - ideal[0]).hypot(center[1] - ideal[1]));
+    }
+    // 0.1 % of the spacing.
+    let spacing = pixels(board.spacing * 1e3);
+    assert!(largest < 1e-3 * spacing, "{text}: centres are off by {largest} px of {spacing}");
+    let radius = pixels(board.radius * 1e3);
+    for found in &radii {
+        assert!((found / radius - 1.0).abs() < 1e-3, "{text}: {found} px, not {radius}");
+    }
+    let worst = radii.iter().map(|found| (found / radius - 1.0).abs()).fold(0.0, f64::max);
+    println!(
+        "{text}: centres within {:.4} % of the spacing, radii within {:.4} %",
+        100.0 * largest / spacing,
+        100.0 * worst
+    );
+}
+
+#[test]
+fn without_a_board_the_paper_is_filled() {
+    let folder = TempDir::new().unwrap();
+    let pdf = folder.path().join("board.pdf");
+    let said = succeed(&["board", "--paper", "a3", "--pdf", text(&pdf)]);
+    let board = said.split("--board ").nth(1).unwrap().trim();
+    assert!(board.starts_with("acircles:9x4:3"), "{said}");
+    assert!(run("pdftotext", &[text(&pdf), "-"]).contains(board));
+}
+
+#[test]
+fn what_does_not_fit_and_wrong_use_are_told() {
+    for (arguments, code, part) in [
+        (
+            &["--board", evcal_tests::BOARD, "--pdf", "/nonexistent/b.pdf"][..],
+            1,
+            "largest of its kind that fits is --board",
+        ),
+        (&["--pdf", "/nonexistent/b.pdf"], 1, "/nonexistent/b.pdf"),
+        (&["--paper", "a3"], 2, "--pdf"),
+        (&["--paper", "b9", "--pdf", "b.pdf"], 2, "600x400mm"),
+        (&["--margin=-1", "--svg", "b.svg"], 2, "--margin"),
+    ] {
+        let refused = evcal(&[&["board"], arguments].concat());
+        assert!(refused.code == Some(code) && refused.stderr.contains(part), "{arguments:?}: {refused:?}");
+    }
+}

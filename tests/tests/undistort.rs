@@ -1,0 +1,200 @@
+//! `evcal undistort` against OpenCV, on events and pictures.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use evcal::source::{Recording, SourceOptions};
+use evcal_core::event::Event;
+use evcal_tests::lens::{KANNALA_BRANDT, Lens, RADTAN};
+use evcal_tests::readers::{ask, python};
+use evcal_tests::{evcal, json, read_json, text};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+/// A recording of 0.3 s with frames through this lens.
+fn recording(lens: &Lens) -> PathBuf {
+    lens.simulation("short", &["--motion", "fast", "--duration", "300ms", "--frames"])
+}
+
+fn events(path: &Path) -> Vec<Event> {
+    let mut reader = Recording::new(path, SourceOptions::default()).unwrap().open().unwrap();
+    let (mut all, mut batch) = (Vec::new(), Vec::new());
+    while reader.next_batch(&mut batch).unwrap() {
+        all.append(&mut batch);
+    }
+    all
+}
+
+/// fx 0 cx, 0 fy cy, 0 0 1 of a camera file, and the coefficients.
+fn matrix_and_distortion(file: &Path) -> (Value, Vec<f64>) {
+    let parameters = evcal_tests::camera(file).parameters();
+    let [fx, fy, cx, cy] = parameters[..4] else { panic!("four parameters come first") };
+    (json!([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), parameters[4..].to_vec())
+}
+
+/// A picture with soft waves: bilinear interpolation is nearly exact, and every error of place shows.
+fn picture(folder: &Path) -> PathBuf {
+    let path = folder.join("waves.png");
+    let wave = |x: u32, y: u32| 128.0 + 50.0 * (f64::from(x) * 0.13).sin() + 50.0 * (f64::from(y) * 0.11).cos();
+    let waves = image::ImageBuffer::from_fn(346, 260, |x, y| image::Luma([wave(x, y) as u8]));
+    waves.save(&path).unwrap();
+    path
+}
+
+fn agrees(lens: Lens, alpha: Option<&str>) {
+    let folder = TempDir::new().unwrap();
+    let source = recording(&lens);
+    let (truth, aedat4) = (source.join("truth.json"), source.join("events.aedat4"));
+    let camera = ["-c", text(&truth)];
+    let alpha_arguments = alpha.map_or(vec![], |alpha| vec!["--alpha", alpha]);
+    let undistort = |input: &Path, output: &Path, more: &[&str]| {
+        let paths = ["undistort", text(input), "-o", text(output), "--json"];
+        json(&[&paths[..], &camera, &alpha_arguments, more].concat())
+    };
+
+    let sub_pixel = folder.path().join("sub-pixel.csv");
+    let told = undistort(&aedat4, &sub_pixel, &["--subpixel"]);
+    let before = events(&aedat4);
+    let waves = picture(folder.path());
+    let straight = folder.path().join("straight.png");
+    undistort(&waves, &straight, &[]);
+    let new_file = folder.path().join("sub-pixel.camera.json");
+    assert_eq!(read_json(&new_file), read_json(&folder.path().join("straight.camera.json")));
+
+    let (matrix, distortion) = matrix_and_distortion(&truth);
+    let (new_matrix, none) = matrix_and_distortion(&new_file);
+    assert!(none.iter().all(|value| *value == 0.0));
+    let points: Vec<[u16; 2]> = before.iter().take(20_000).map(|event| [event.x, event.y]).collect();
+    let question = json!({
+        "matrix": matrix, "distortion": distortion, "fisheye": lens.model == "kannala-brandt", "new_matrix": new_matrix,
+        "points": points, "picture": waves, "alpha": alpha.unwrap_or("0").parse::<f64>().unwrap(),
+    });
+    let opencv = ask(&python(), "undistort.py", &question);
+
+    // Events, in their order, without those beyond the image.
+    let expected: Vec<[f64; 2]> = serde_json::from_value(opencv["points"].clone()).unwrap();
+    let on_image = |[x, y]: [f64; 2]| x >= -0.5 && x < 345.5 && y >= -0.5 && y < 259.5;
+    let lines = fs::read_to_string(&sub_pixel).unwrap();
+    let written: Vec<Vec<f64>> = lines
+        .lines()
+        .filter(|line| line.starts_with(|first: char| first.is_ascii_digit()))
+        .map(|line| line.split(',').map(|value| value.parse().unwrap()).collect())
+        .collect();
+    let mut rows = written.iter();
+    let mut outside = 0_u64;
+    for (event, expected) in before.iter().zip(&expected) {
+        if !on_image(*expected) {
+            outside += 1;
+            continue;
+        }
+        let row = rows.next().unwrap();
+        assert_eq!((row[0], row[3]), (event.t as f64, f64::from(event.polarity.index() as u8)));
+        let apart = (row[1] - expected[0]).hypot(row[2] - expected[1]);
+        assert!(apart < 1e-4, "{} {event:?}: {row:?}, {expected:?}", lens.model);
+    }
+    assert_eq!(told["recording"]["events"], written.len());
+    assert_eq!(told["recording"]["events_outside"], before.len() - written.len());
+    assert!(alpha == Some("1") || outside > 0, "no event leaves the image");
+
+    // The picture.
+    let rows: Vec<Vec<f64>> = serde_json::from_value(opencv["picture"].clone()).unwrap();
+    let found = image::open(&straight).unwrap().into_luma8();
+    let mut worst = 0.0_f64;
+    for (x, y, pixel) in found.enumerate_pixels() {
+        worst = worst.max((f64::from(pixel.0[0]) - rows[y as usize][x as usize]).abs());
+    }
+    // OpenCV interpolates at multiples of 1/32 px: at the black rim up to 1/64 of 230 grey levels, and both round.
+    assert!(worst <= 5.0, "{}: {worst} grey levels", lens.model);
+    println!("{} alpha {alpha:?}: {} events, picture within {worst} grey levels", lens.model, written.len());
+
+    if let (Some(_), Some(optimal)) = (alpha, opencv["optimal"].as_array()) {
+        // OpenCV inverts its distortion by five steps of a fixed-point iteration only.
+        for (row, column) in [(0, 0), (1, 1), (0, 2), (1, 2)] {
+            let (ours, theirs) = (new_matrix[row][column].as_f64().unwrap(), optimal[row][column].as_f64().unwrap());
+            assert!((ours - theirs).abs() < 0.01 * 346.0, "{row} {column}: {ours} {theirs}");
+        }
+    }
+}
+
+#[test]
+fn radtan_keeps_its_matrix() {
+    agrees(RADTAN, None);
+}
+
+#[test]
+fn radtan_without_black_corners() {
+    agrees(RADTAN, Some("0"));
+}
+
+#[test]
+fn radtan_loses_nothing() {
+    agrees(RADTAN, Some("1"));
+}
+
+#[test]
+fn kannala_brandt_keeps_its_matrix() {
+    agrees(KANNALA_BRANDT, None);
+}
+
+#[test]
+fn recordings_are_written_in_every_format_with_their_frames() {
+    let folder = TempDir::new().unwrap();
+    let source = recording(&RADTAN);
+    let (truth, aedat4) = (source.join("truth.json"), source.join("events.aedat4"));
+    let output = |name: &str| folder.path().join(name);
+    let undistort = |name: &str, more: &[&str]| {
+        let target = output(name);
+        let arguments = ["undistort", text(&aedat4), "-c", text(&truth), "-o", text(&target), "--json"];
+        (json(&[&arguments, more].concat()), target)
+    };
+    let (_, sub_pixel) = undistort("fractions.csv", &["--subpixel"]);
+    let lines = fs::read_to_string(sub_pixel).unwrap();
+    let rounded: Vec<(i64, u16, u16)> = lines
+        .lines()
+        .filter_map(|line| {
+            let values: Vec<f64> = line.split(',').map_while(|value| value.parse().ok()).collect();
+            let &[t, x, y, _] = values.as_slice() else { return None };
+            Some((t as i64, (x + 0.5).floor() as u16, (y + 0.5).floor() as u16))
+        })
+        .collect();
+    for name in ["events.aedat4", "events.csv", "events.bin", "events.dvraw"] {
+        let (told, path) = undistort(name, &[]);
+        assert_eq!(told["recording"]["events"], rounded.len(), "{name}");
+        let holds_frames = name.ends_with("aedat4") || name.ends_with("dvraw");
+        assert_eq!(told["recording"]["frames"].as_u64().unwrap() > 0, holds_frames, "{name}: {told}");
+        if name.ends_with("csv") || name.ends_with("aedat4") {
+            let written: Vec<(i64, u16, u16)> = events(&path).iter().map(|event| (event.t, event.x, event.y)).collect();
+            assert!(written == rounded, "{name}");
+        }
+    }
+    let pictures = output("frames");
+    let arguments = ["undistort", text(&aedat4), "-c", text(&truth), "--frames", text(&pictures), "--json"];
+    let count = json(&arguments)["pictures"].as_u64().unwrap();
+    assert!(count > 0 && fs::read_dir(&pictures).unwrap().count() as u64 == count + 1);
+    assert!(pictures.join("camera.json").exists());
+}
+
+#[test]
+fn what_cannot_be_undistorted_is_told() {
+    let folder = TempDir::new().unwrap();
+    let source = recording(&RADTAN);
+    let (truth, aedat4) = (source.join("truth.json"), source.join("events.aedat4"));
+    let small = folder.path().join("small.png");
+    image::GrayImage::new(64, 48).save(&small).unwrap();
+    let there = folder.path().join("there.csv");
+    fs::write(&there, "").unwrap();
+    let new = folder.path().join("new.aedat4");
+    for (input, output, options, code, part) in [
+        (&small, &folder.path().join("o.png"), &[][..], 1, "64 x 48"),
+        (&aedat4, &there, &[], 1, "already"),
+        (&aedat4, &new, &["--subpixel"], 1, ".bin (EventCalib)"),
+        (&aedat4, &new, &["--alpha", "2"], 2, "--alpha"),
+        (&aedat4, &new, &["--sensor", "640x480"], 1, "640 x 480"),
+        (&aedat4, &new, &["--model", "fisheye"], 2, "equidistant"),
+    ] {
+        let arguments = ["undistort", text(input), "-c", text(&truth), "-o", text(output)];
+        let refused = evcal(&[&arguments, options].concat());
+        assert!(refused.code == Some(code) && refused.stderr.contains(part), "{options:?}: {refused:?}");
+    }
+    assert!(!new.exists());
+}
