@@ -20,6 +20,7 @@ pub mod evaluate;
 pub mod event_bias;
 pub mod event_pixel;
 pub mod export;
+pub mod frames;
 pub mod information;
 pub mod initial;
 pub mod live;
