@@ -1,5 +1,7 @@
 //! The whole calibration: stages 1 to 11 in their order.
 
+mod frames;
+
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
 
@@ -12,6 +14,9 @@ use crate::circle_stream::{self, CircleStream};
 use crate::circle_track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR, order_frames};
 use crate::event_bias::unknown;
+use crate::frames::calibration::NoFrameCalibration;
+use crate::frames::joint::{JointPoints, JointReport, NoJointPoints};
+use crate::frames::witness::FrameOutcome;
 use crate::initial::{InitialError, InitialModel, InitialReport, initial_model};
 use crate::other_board::OtherBoard;
 use crate::reference_frame::ReferenceFrame;
@@ -27,6 +32,8 @@ use crate::trajectory::fit::{TrajectoryShape, fit, resampled};
 use crate::trajectory::{Trajectory, TrajectoryError};
 use crate::trust::{Trust, examine};
 use crate::verdict::{Verdict, verdict};
+
+pub use self::frames::calibrate_from_frames;
 
 /// One input: events or circles.
 pub enum Input {
@@ -49,6 +56,18 @@ pub enum Input {
     },
 }
 
+/// What the camera's own frames are for, where the recordings have them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FrameUse {
+    /// They are calibrated apart, and compared with the events.
+    #[default]
+    Witness,
+    /// They are compared, then frames and events are solved together.
+    Joint,
+    /// Nothing.
+    Ignore,
+}
+
 /// What is calibrated, from what.
 pub struct Task<'a> {
     /// Recordings of one camera.
@@ -59,6 +78,8 @@ pub struct Task<'a> {
     pub model: ModelKind,
     /// Sensor size where the recordings do not tell it.
     pub sensor: Option<(u16, u16)>,
+    /// What frames are for.
+    pub frames: FrameUse,
     /// Thresholds.
     pub settings: &'a Settings,
 }
@@ -75,6 +96,10 @@ pub struct Calibrated {
     pub frames: Vec<ReferenceFrame>,
     /// For each input the time of its first event or circle in the file (s).
     pub starts: Vec<f64>,
+    /// What the camera's own frames say of it; `None` where the recordings have none.
+    pub witness: Option<FrameOutcome>,
+    /// How frames and events were solved together, if they were.
+    pub joint: Option<JointReport>,
     /// Stage reports.
     pub reports: StageReports,
     /// How sure the result is, and what speaks for it.
@@ -171,6 +196,27 @@ pub enum CalibrateError {
     /// The joint solve failed.
     #[error(transparent)]
     Solve(SolveError),
+    /// There are no frames.
+    #[error("{file} holds no frames, and frames were asked for: record with --frames, or leave them out")]
+    NoFrames {
+        /// The files.
+        file: String,
+    },
+    /// The frames give no calibration.
+    #[error("no calibration from the camera's frames: {0}")]
+    Frames(NoFrameCalibration),
+    /// Frames and events cannot be solved together.
+    #[error("frames and events cannot be solved together: {0}")]
+    JointFrames(NoJointPoints),
+}
+
+impl From<RefinementError<SourceError>> for CalibrateError {
+    fn from(error: RefinementError<SourceError>) -> Self {
+        match error {
+            RefinementError::Read(error) => Self::Source(error),
+            RefinementError::Solve(error) => Self::Solve(error),
+        }
+    }
 }
 
 /// Calibrates a camera. `progress` is told what is going on, in words.
@@ -239,14 +285,34 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
         points,
         point_sigma: initial.report.rms.max(0.02),
     };
-    let state = State { camera: initial.camera, bias: unknown(settings.refinement.first_sigma), trajectories };
     let stage =
         StageSettings { refinement: &settings.refinement, association: &settings.association, solve: &settings.solve };
-    let refined = refine(&input, state, stage, |round| progress(&format!("joint solve, round {}", round + 1)))
-        .map_err(|error| match error {
-            RefinementError::Read(error) => CalibrateError::Source(error),
-            RefinementError::Solve(error) => CalibrateError::Solve(error),
-        })?;
+    let solved = |input: &RefinementInput<SourceError>, state: State, progress: &mut dyn FnMut(&str)| {
+        refine(input, state, stage, |round| progress(&format!("joint solve, round {}", round + 1)))
+    };
+    let state = State { camera: initial.camera, bias: unknown(settings.refinement.first_sigma), trajectories };
+    let mut refined = solved(&input, state, &mut progress)?;
+
+    progress("examination");
+    let examined = |refined: &Refined| {
+        examine(refined, task.board, &settings.uncertainty, &settings.split_half).map_err(CalibrateError::Solve)
+    };
+    let mut trust = examined(&refined)?;
+    let (mut witness, mut joint) = (None, None);
+    if task.frames != FrameUse::Ignore {
+        let seen = frames::see_frames(task, Some(&starts), &mut progress)?;
+        let from_frames = frames::frame_calibration(task, seen, sensor, &mut progress);
+        witness = from_frames
+            .as_ref()
+            .map(|calibration| frames::outcome(task, &refined.state.camera, &trust.uncertainty, sensor, calibration));
+        if task.frames == FrameUse::Joint {
+            let JointPoints { points, report } = frames::observations(task, &refined, from_frames.as_ref())?;
+            let input = RefinementInput { points, point_sigma: report.spread, ..input };
+            refined = solved(&input, refined.state, &mut progress)?;
+            trust = examined(&refined)?;
+            joint = Some(report);
+        }
+    }
     let reports = StageReports {
         recordings,
         detection,
@@ -255,11 +321,9 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
         segments_without_spline,
         rounds: refined.rounds.clone(),
     };
-    progress("examination");
-    let trust =
-        examine(&refined, task.board, &settings.uncertainty, &settings.split_half).map_err(CalibrateError::Solve)?;
-    let verdict = verdict(&refined.state.camera, &trust, task.board, sensor, Vec::new(), &settings.verdict);
-    Ok(Calibrated { sensor, refined, initial, frames, starts, reports, trust, verdict })
+    let findings = witness.as_ref().and_then(FrameOutcome::finding).into_iter().collect();
+    let verdict = verdict(&refined.state.camera, &trust, task.board, sensor, findings, &settings.verdict);
+    Ok(Calibrated { sensor, refined, initial, frames, starts, witness, joint, reports, trust, verdict })
 }
 
 /// Median time between neighbouring frames of a recording (s), 0 without any.

@@ -1,5 +1,7 @@
 //! What a calibration saw: where on the sensor the observations lie, and from where the board was seen.
 
+use evcal_core::camera::Camera;
+use nalgebra::Isometry3;
 use serde::Serialize;
 
 use crate::board::Board;
@@ -82,14 +84,33 @@ fn cell([x, y]: [f64; 2], (width, height): (u16, u16)) -> usize {
 
 /// What the observations of `problem`, which `state` solves, saw of `board`.
 pub fn coverage(problem: &Problem, state: &State, board: &Board) -> Coverage {
-    let mut counts = vec![0; CELLS.0 * CELLS.1];
     let events = problem.segments.iter().flat_map(|segment| &segment.events);
     let points = problem.segments.iter().flat_map(|segment| &segment.points);
     let pixels = events
         .map(|event| [f64::from(event.x), f64::from(event.y)])
         .chain(points.map(|point| [point.pixel.x, point.pixel.y]));
+    let poses = state.trajectories.iter().flat_map(|trajectory| {
+        let steps = ((trajectory.end() - trajectory.start()) / INTERVAL) as usize;
+        let times = (0..=steps).map(|step| trajectory.start() + step as f64 * INTERVAL);
+        times.filter_map(|t| trajectory.pose(t))
+    });
+    let duration = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
+    coverage_of(&state.camera, problem.sensor, board, pixels, poses, duration)
+}
+
+/// What observations at these `pixels`, made from these `poses` (`T_world_camera`) in `duration` seconds, saw
+/// of `board`.
+pub fn coverage_of(
+    camera: &Camera<f64>,
+    sensor: (u16, u16),
+    board: &Board,
+    pixels: impl Iterator<Item = [f64; 2]>,
+    poses: impl Iterator<Item = Isometry3<f64>>,
+    duration: f64,
+) -> Coverage {
+    let mut counts = vec![0; CELLS.0 * CELLS.1];
     for pixel in pixels {
-        if let Some(count) = counts.get_mut(cell(pixel, problem.sensor)) {
+        if let Some(count) = counts.get_mut(cell(pixel, sensor)) {
             *count += 1;
         }
     }
@@ -97,31 +118,26 @@ pub fn coverage(problem: &Problem, state: &State, board: &Board) -> Coverage {
     let circles: Vec<_> = (0..board.circle_count()).map(|index| board.circle_center(index).push(0.0)).collect();
     let middle = circles.iter().sum::<nalgebra::Vector3<f64>>() / circles.len().max(1) as f64;
     let (mut distances, mut tilts, mut fills) = (Vec::new(), Vec::new(), Vec::new());
-    for trajectory in &state.trajectories {
-        let steps = ((trajectory.end() - trajectory.start()) / INTERVAL) as usize;
-        let times = (0..=steps).map(|step| trajectory.start() + step as f64 * INTERVAL);
-        for pose in times.filter_map(|t| trajectory.pose(t)) {
-            let from_board = pose.translation.vector - middle;
-            distances.push(from_board.norm());
-            let cosine = from_board.z.abs() / from_board.norm().max(f64::MIN_POSITIVE);
-            tilts.push(libm::acos(cosine.min(1.0)).to_degrees());
-            let projected = circles.iter().filter_map(|circle| {
-                state.camera.project(&pose.inverse_transform_vector(&(circle - pose.translation.vector)))
-            });
-            let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-            for pixel in projected {
-                for axis in 0..2 {
-                    low[axis] = low[axis].min(pixel[axis]);
-                    high[axis] = high[axis].max(pixel[axis]);
-                }
-            }
-            let side = (high[0] - low[0]).max(high[1] - low[1]);
-            if side.is_finite() {
-                fills.push(side / f64::from(problem.sensor.0.min(problem.sensor.1)));
+    for pose in poses {
+        let from_board = pose.translation.vector - middle;
+        distances.push(from_board.norm());
+        let cosine = from_board.z.abs() / from_board.norm().max(f64::MIN_POSITIVE);
+        tilts.push(libm::acos(cosine.min(1.0)).to_degrees());
+        let projected = circles
+            .iter()
+            .filter_map(|circle| camera.project(&pose.inverse_transform_vector(&(circle - pose.translation.vector))));
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for pixel in projected {
+            for axis in 0..2 {
+                low[axis] = low[axis].min(pixel[axis]);
+                high[axis] = high[axis].max(pixel[axis]);
             }
         }
+        let side = (high[0] - low[0]).max(high[1] - low[1]);
+        if side.is_finite() {
+            fills.push(side / f64::from(sensor.0.min(sensor.1)));
+        }
     }
-    let duration = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
     let mut coverage = Coverage {
         columns: CELLS.0,
         rows: CELLS.1,

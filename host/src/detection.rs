@@ -542,7 +542,8 @@ fn unique_pixels(events: &[Event]) -> Vec<EventPixel> {
 
 const PLACE_UNCERTAIN: &str = "place on the board not certain";
 
-fn grid_reason(error: GridError) -> &'static str {
+/// Why the grid finder found no board, as reports count it.
+pub(crate) fn grid_reason(error: GridError) -> &'static str {
     match error {
         GridError::TooManyCandidates { .. } => "too many circles",
         GridError::TooFewCandidates { .. } => "too few circles",

@@ -21,6 +21,7 @@ pub mod evaluate;
 pub mod event_bias;
 pub mod event_pixel;
 pub mod export;
+pub mod frames;
 pub mod information;
 pub mod initial;
 pub mod live;

@@ -10,6 +10,7 @@ use crate::circle_track;
 use crate::export::calibrated_camera::CalibratedCamera;
 use crate::export::format::Format;
 use crate::export::{kalibr, opencv, ros};
+use crate::frames::witness::FrameOutcome;
 use crate::initial::PosedFrame;
 use crate::picture::{Picture, reference_frame_picture};
 use crate::reference_frame::ReferenceFrame;
@@ -129,9 +130,17 @@ fn pictures(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Pictur
     good.into_iter().chain(bad).collect()
 }
 
-/// The poses of one recording, which begins at `start` seconds of its own clock.
+/// The poses of one recording, which begins at `start` seconds of its own clock: along the trajectories, or those of
+/// the frames where there is none.
 fn trajectory(calibrated: &Calibrated, recording: usize, start: f64) -> io::Result<Vec<u8>> {
     let mut poses = Vec::new();
+    if calibrated.refined.state.trajectories.is_empty() {
+        let of_frame = |posed: &PosedFrame| {
+            let frame = calibrated.frames.get(posed.frame).filter(|frame| frame.recording == recording)?;
+            Some(TimedPose { t: frame.t() + start, pose: posed.pose })
+        };
+        poses.extend(calibrated.initial.frames.iter().filter_map(of_frame));
+    }
     for trajectory in calibrated.refined.state.trajectories.iter().filter(|one| one.recording == recording) {
         let first = (trajectory.start() * TRAJECTORY_RATE).ceil() as i64;
         let last = (trajectory.end() * TRAJECTORY_RATE).floor() as i64;
@@ -172,6 +181,28 @@ fn summary(calibration: &Calibration) -> String {
         residuals.count,
         calibration.segments.len()
     );
+    match &calibration.frames {
+        Some(FrameOutcome::Witness(witness)) => {
+            let _ = write!(text, "\nframes: {}", witness.sentence);
+        }
+        Some(FrameOutcome::Silent(silent)) => {
+            let _ = write!(text, "\nframes: no calibration to compare with: {silent}");
+        }
+        Some(FrameOutcome::Only(frames)) => {
+            let _ = write!(text, "\nfrom {} of {} frames", frames.report.used, frames.report.detection.frames);
+        }
+        None => {}
+    }
+    if let Some(joint) = &calibration.joint_frames {
+        let _ = write!(
+            text,
+            "\nsolved together with {} dots of {} frames, which come {:.3} ± {:.3} ms before the events of their moment",
+            joint.dots,
+            joint.frames,
+            1e3 * joint.time_offset,
+            1e3 * joint.time_offset_sigma
+        );
+    }
     for (index, recording) in calibration.stages.recordings.iter().enumerate() {
         for note in &recording.notes {
             let _ = write!(text, "\nnote on recording {}: {note}", index + 1);

@@ -8,6 +8,8 @@ use crate::camera_file::{CameraDescription, Parameters, SensorSize};
 use crate::coverage::Coverage;
 use crate::event_bias::{CLASS_COUNT, ClassBias};
 use crate::export::covered_region::CoveredRegion;
+use crate::frames::joint::JointReport;
+use crate::frames::witness::FrameOutcome;
 use crate::split_half::{HeldOut, SplitHalf};
 use crate::trust::{ObservedRadius, Trust};
 use crate::verdict::Verdict;
@@ -51,6 +53,12 @@ pub struct Calibration {
     pub residuals: Residuals,
     /// Trajectory segments.
     pub segments: Vec<SegmentSummary>,
+    /// What the camera's own frames say; absent where the recordings have none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<FrameOutcome>,
+    /// How frames and events were solved together; absent where they were not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joint_frames: Option<JointReport>,
     /// What every stage took in and gave out.
     pub stages: StageReports,
 }
@@ -220,6 +228,8 @@ impl Calibration {
                     observations: observations.events.len() + observations.points.len(),
                 })
                 .collect(),
+            frames: calibrated.witness.clone(),
+            joint_frames: calibrated.joint.clone(),
             stages: calibrated.reports.clone(),
         }
     }

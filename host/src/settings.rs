@@ -16,6 +16,7 @@ use evcal_core::window::{Advance, WindowPolicy};
 use serde::{Deserialize, Serialize};
 
 use crate::association::AssociationSettings;
+use crate::frames::FrameSettings;
 use crate::initial::InitialSettings;
 use crate::live::LiveSettings;
 use crate::refinement::RefinementSettings;
@@ -72,6 +73,8 @@ pub struct Settings {
     pub split_half: SplitHalfSettings,
     /// When a calibration is good.
     pub verdict: VerdictSettings,
+    /// The camera's frames as a witness.
+    pub frames: FrameSettings,
     /// When a live camera has seen enough.
     pub live: LiveSettings,
 }

@@ -67,6 +67,8 @@ pub struct EventCounts {
 #[derive(Clone, Debug)]
 pub struct Simulation {
     stage: Stage,
+    /// What the frames see, where it is not what the events see.
+    frame_stage: Option<Stage>,
     motion: Motion,
     settings: SimulationSettings,
 }
@@ -79,7 +81,14 @@ impl Simulation {
             .ok_or(SimulationError::NoFieldOfView)?;
         let scene = Scene::new(board, settings.scene, settings.sensor.point_spread);
         let stage = Stage { rays, scene, sensor: settings.sensor.clone(), stepping: STEPPING };
-        Ok(Self { stage, motion, settings })
+        Ok(Self { stage, frame_stage: None, motion, settings })
+    }
+
+    /// The same, but frames look through a lens with these `rays`: no camera does, which a calibration
+    /// should notice.
+    pub fn with_frame_rays(mut self, rays: Rays) -> Self {
+        self.frame_stage = Some(Stage { rays, ..self.stage.clone() });
+        self
     }
 
     /// What is simulated.

@@ -3,6 +3,8 @@
 use std::fmt::Write as _;
 
 use crate::calibrate::Calibrated;
+use crate::frames::joint::JointReport;
+use crate::frames::witness::{FrameOutcome, FrameWitness};
 
 /// The report of all stages of a calibration, in their order.
 pub fn stage_report(calibrated: &Calibrated) -> String {
@@ -12,6 +14,12 @@ pub fn stage_report(calibrated: &Calibrated) -> String {
         let _ = writeln!(text, "recording      {} events or circles in {:.3} s", recording.count, recording.duration);
         for note in &recording.notes {
             let _ = writeln!(text, "               {note}");
+        }
+    }
+    if let Some(outcome) = &calibrated.witness {
+        frame_report(&mut text, outcome, calibrated.joint.as_ref());
+        if let FrameOutcome::Only(_) = outcome {
+            return text;
         }
     }
     let detection = &reports.detection;
@@ -79,4 +87,72 @@ pub fn stage_report(calibrated: &Calibrated) -> String {
         );
     }
     text
+}
+
+/// What became of the camera's own frames.
+fn frame_report(text: &mut String, outcome: &FrameOutcome, joint: Option<&JointReport>) {
+    let report = outcome.report();
+    let detection = &report.detection;
+    let _ = writeln!(text, "frames         {} read, {} held the board", detection.frames, detection.with_board);
+    for (reason, count) in &detection.refused {
+        let _ = writeln!(text, "               {count} refused: {reason}");
+    }
+    let _ = writeln!(
+        text,
+        "dots           {} measured, {} on boards, edges blurred by {:.2} px",
+        detection.dots, detection.board_dots, detection.blur
+    );
+    for (reason, count) in &detection.dots_refused {
+        let _ = writeln!(text, "               {count} refused: {reason}");
+    }
+    if detection.without_exposure > 0 {
+        let _ = writeln!(text, "               {} frames without times of exposure", detection.without_exposure);
+    }
+    for note in &detection.notes {
+        let _ = writeln!(text, "               {note}");
+    }
+    match outcome {
+        FrameOutcome::Witness(witness) => witness_report(text, witness),
+        FrameOutcome::Silent(silent) => {
+            let _ = writeln!(text, "               no calibration: {silent}");
+        }
+        FrameOutcome::Only(frames) => {
+            let _ = writeln!(
+                text,
+                "               {} frames with {} dots used ({}); a centre scatters by {:.3} px, variance {:.1} times that of \
+                 independent centres",
+                report.used, report.dots_used, report.dropped, frames.spread, frames.inflation
+            );
+        }
+    }
+    if let Some(joint) = joint {
+        let _ = writeln!(
+            text,
+            "               {} dots of {} frames solved with the events ({} elsewhere), {:.3} ± {:.3} ms later, spread {:.3} px",
+            joint.dots,
+            joint.frames,
+            joint.dots_elsewhere,
+            1e3 * joint.time_offset,
+            1e3 * joint.time_offset_sigma,
+            joint.spread
+        );
+    }
+}
+
+fn witness_report(text: &mut String, witness: &FrameWitness) {
+    let report = &witness.report;
+    let _ = writeln!(
+        text,
+        "               {} frames with {} dots used ({}); a centre scatters by {:.3} px, variance {:.1} times that of \
+         independent centres",
+        report.used, report.dots_used, report.dropped, witness.spread, witness.inflation
+    );
+    for parameter in &witness.parameters {
+        let _ = writeln!(
+            text,
+            "               {:<3} {:>12.5} ± {:.5} from frames, {:>12.5} from events",
+            parameter.name, parameter.frames, parameter.frames_sigma, parameter.events
+        );
+    }
+    let _ = writeln!(text, "               {}", witness.sentence);
 }

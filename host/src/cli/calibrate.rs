@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use evcal::board::Board;
-use evcal::calibrate::{Input, Task, calibrate};
+use evcal::calibrate::{FrameUse, Input, Task, calibrate, calibrate_from_frames};
 use evcal::output::write_folder;
 use evcal::settings::{Extraction, Grid, Settings, SettingsError};
 use evcal::source::SourceOptions;
@@ -32,6 +32,12 @@ pub struct Arguments {
 pub struct CalibrationArguments {
     #[command(flatten)]
     pub method: MethodArguments,
+    /// Calibrate from the camera's own frames alone, as ordinary image calibration does
+    #[arg(long, conflicts_with = "joint_frames")]
+    frames_only: bool,
+    /// Solve the camera's own frames and its events together
+    #[arg(long)]
+    joint_frames: bool,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
@@ -111,9 +117,12 @@ pub fn calibrate_recordings(
         .iter()
         .map(|path| detector::open_input(path, &options, &method.board, &arguments.output, arguments.json))
         .collect::<Result<Vec<Input>, _>>()?;
-    let task = Task { inputs: &inputs, board: &method.board, model: method.model, sensor, settings: &settings };
+    let frames = if arguments.joint_frames { FrameUse::Joint } else { FrameUse::Witness };
+    let task = Task { inputs: &inputs, board: &method.board, model: method.model, sensor, frames, settings: &settings };
     let bar = spinner(arguments.json);
-    let calibrated = calibrate(&task, |message| bar.set_message(message.to_owned()))?;
+    let progress = |message: &str| bar.set_message(message.to_owned());
+    let calibrated =
+        if arguments.frames_only { calibrate_from_frames(&task, progress)? } else { calibrate(&task, progress)? };
     bar.set_message("writing results");
     let written = write_folder(&arguments.output, &calibrated, &task)?;
     bar.finish_and_clear();

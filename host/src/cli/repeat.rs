@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use evcal::calibrate::Task;
+use evcal::calibrate::{FrameUse, Task};
 use evcal::repeat::{RepeatSettings, Repetition, repeat};
 use evcal::source::{Recording, SourceOptions};
 
@@ -44,7 +44,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let sensor = arguments.sensor;
     let recording = Recording::new(&arguments.recording, SourceOptions { sensor, ..SourceOptions::default() })?;
     let (board, model) = (&arguments.method.board, arguments.method.model);
-    let task = Task { inputs: &[], board, model, sensor, settings: &settings };
+    let task = Task { inputs: &[], board, model, sensor, frames: FrameUse::Ignore, settings: &settings };
     let parts = RepeatSettings { runs: arguments.runs, seconds: arguments.seconds, seed: arguments.seed };
     let bar = spinner(arguments.json);
     let repetition = repeat(&recording, &task, &parts, |run| {

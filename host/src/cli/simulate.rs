@@ -6,7 +6,7 @@ use std::{fmt, fs};
 
 use clap::ValueEnum;
 use evcal::board::Board;
-use evcal::camera_file::{self, SensorSize};
+use evcal::camera_file::{self, CameraDescription, SensorSize};
 use evcal::simulate::davis::{DavisDescription, DavisSettings, DavisTruth};
 use evcal::simulate::frame::FrameSettings;
 use evcal::simulate::inertia::InertialSettings;
@@ -67,6 +67,9 @@ pub struct Arguments {
     /// Frames too, with a global shutter, so many a second [default: 25] (aedat4 and dvraw)
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25")]
     frames: Option<f64>,
+    /// Another lens for the frames, to see a calibration notice: parameters of the same model
+    #[arg(long, value_name = "NUMBERS", requires = "frames", value_delimiter = ',', allow_hyphen_values = true)]
+    frame_lens: Vec<f64>,
     /// Inertial samples too, 1000 a second (aedat4 and dvraw)
     #[arg(long)]
     imu: bool,
@@ -140,7 +143,13 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         },
     };
     let davis = davis_settings(arguments)?;
-    let simulation = Simulation::new(Rays::new(&camera, width, height), arguments.board, settings)?;
+    let mut simulation = Simulation::new(Rays::new(&camera, width, height), arguments.board, settings)?;
+    let mut frame_camera = None;
+    if !arguments.frame_lens.is_empty() {
+        let lens = of_model(camera.kind(), &arguments.frame_lens)?;
+        simulation = simulation.with_frame_rays(Rays::new(&lens, width, height));
+        frame_camera = Some(CameraDescription::new(&lens));
+    }
 
     let directory = &arguments.output;
     fs::create_dir_all(directory).map_err(|error| at(directory, error))?;
@@ -158,7 +167,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let mut files = vec![recording];
     let mut truth = Truth::new(&camera, &simulation, counts);
     if davis != DavisSettings::default() {
-        truth.davis = Some(DavisDescription { settings: davis, imu_bias: davis_truth.bias });
+        truth.davis = Some(DavisDescription { settings: davis, frame_camera, imu_bias: davis_truth.bias });
     }
     let mut trajectory = Vec::new();
     tum::write(&mut trajectory, &simulation.trajectory(TRAJECTORY_RATE))?;
@@ -227,7 +236,12 @@ fn lens(arguments: &Arguments) -> Result<(Camera<f64>, SensorSize), Box<dyn Erro
             (ModelKind::Radtan, vec![focal, focal, center[0], center[1], -0.35, 0.15, 0.0, 0.0, 0.0])
         }
     };
-    let camera = Camera::from_parameters(kind, &parameters).ok_or_else(|| {
+    Ok((of_model(kind, &parameters)?, SensorSize { width, height }))
+}
+
+/// The lens with these parameters.
+fn of_model(kind: ModelKind, parameters: &[f64]) -> Result<Camera<f64>, UsageError> {
+    Camera::from_parameters(kind, parameters).ok_or_else(|| {
         let names = kind.parameter_names();
         UsageError(format!(
             "model {kind} takes {} parameters {}, all finite, with positive focal lengths; {} were given",
@@ -235,8 +249,7 @@ fn lens(arguments: &Arguments) -> Result<(Camera<f64>, SensorSize), Box<dyn Erro
             names.join(","),
             parameters.len()
         ))
-    })?;
-    Ok((camera, SensorSize { width, height }))
+    })
 }
 
 /// Writes the recording, with a spinner unless `silent`.

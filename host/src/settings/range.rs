@@ -151,6 +151,17 @@ const RANGES: &[(&str, Range)] = &[
     ("verdict.coverage", from_to(0.0, 1.0, "of the sensor")),
     ("verdict.radius", at_least(0.0, "of the radius")),
     ("verdict.square_pixels", at_least(0.0, "of the focal length")),
+    ("frames.min_contrast", from_to(0.0, 1.0, "of the light")),
+    ("frames.min_radius", at_least(1.0, "px")),
+    ("frames.max_radius", above(1.0, "px").to(1000.0)),
+    ("frames.max_elongation", at_least(1.0, "")),
+    ("frames.max_ellipse_error", above(0.0, "")),
+    ("frames.max_unevenness", above(0.0, "")),
+    ("frames.max_blur", above(0.0, "px")),
+    ("frames.huber", above(0.0, "σ")),
+    ("frames.agreement", above(0.0, "")),
+    ("frames.too_uncertain", above(0.0, "px")),
+    ("frames.max_time_offset", at_least(0.0, "s")),
     ("live.boards", at_least(0.0, "windows")),
     ("live.coverage", from_to(0.0, 1.0, "of the sensor's cells")),
     ("live.columns", from_to(1.0, 64.0, "cells")),
@@ -164,6 +175,7 @@ const RANGES: &[(&str, Range)] = &[
 /// Pairs of which the first must not exceed the second.
 const ORDERED: &[(&str, &str)] = &[
     ("detection.circle.min_radius", "detection.circle.max_radius"),
+    ("frames.min_radius", "frames.max_radius"),
     ("detection.circle.min_radius_ratio", "detection.circle.max_radius_ratio"),
 ];
 

@@ -8,6 +8,7 @@ use super::frame::{FrameSensor, FrameSettings, FrameTimes, SimulatedFrame};
 use super::inertia::{InertialBias, InertialSettings, InertialTruth, InertialUnit};
 use super::row::TICK;
 use super::{EventCounts, SLICE_TICKS, Simulation, SimulationError};
+use crate::camera_file::CameraDescription;
 
 /// What a camera sends beside its events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -42,11 +43,14 @@ pub struct DavisSlice<'a> {
 }
 
 /// The streams beside the events, as `truth.json` has them.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DavisDescription {
     /// How they were made.
     pub settings: DavisSettings,
+    /// The lens of the frames, where it is not that of the events.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame_camera: Option<CameraDescription>,
     /// Constant errors of the inertial unit, if there is one.
     pub imu_bias: Option<InertialBias>,
 }
@@ -71,7 +75,8 @@ impl Simulation {
         mut sink: impl FnMut(DavisSlice<'_>) -> Result<(), E>,
     ) -> Result<(EventCounts, DavisTruth), E> {
         let seed = self.settings.seed;
-        let sensor = settings.frames.map(|frames| (frames, FrameSensor::new(&self.stage, frames, seed)));
+        let stage = self.frame_stage.as_ref().unwrap_or(&self.stage);
+        let sensor = settings.frames.map(|frames| (frames, FrameSensor::new(stage, frames, seed)));
         let mut unit = settings.imu.map(|imu| (imu, InertialUnit::new(imu, seed)));
         let mut truth = DavisTruth { bias: unit.as_ref().map(|(_, unit)| unit.bias()), ..DavisTruth::default() };
         let time_of = |tick: usize| (tick as f64 * TICK) as u64;
@@ -86,7 +91,7 @@ impl Simulation {
                 let number = |taken: &[FrameTimes]| u32::try_from(taken.len()).unwrap_or(u32::MAX);
                 let mut times = FrameTimes::new(settings, number(&truth.frames));
                 while times.start < end && times.end < time_of(ticks) {
-                    frames.push(sensor.expose(&self.stage, |t| self.pose(t), number(&truth.frames)));
+                    frames.push(sensor.expose(stage, |t| self.pose(t), number(&truth.frames)));
                     truth.frames.push(times);
                     times = FrameTimes::new(settings, number(&truth.frames));
                 }

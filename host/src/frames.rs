@@ -1,0 +1,30 @@
+//! The camera's own frames: a second, independent calibration of the same pixels.
+//!
+//! A DAVIS takes ordinary pictures with the pixels that send events. Where a recording has them, the
+//! camera is calibrated from them too, in the ordinary way, and both results are compared: sensor, lens
+//! and board are the same, but light, detector, residual and every correction of events are not.
+//!
+//! pictures → dark spots → dots → board → reference frames → first camera and poses
+//! ([`crate::initial`]) → bundle → witness.
+
+pub mod bundle;
+pub mod calibration;
+pub mod circle_image;
+pub mod dark_spots;
+pub mod detection;
+pub mod dot;
+pub mod image;
+pub mod joint;
+pub mod settings;
+pub mod witness;
+
+pub use settings::FrameSettings;
+
+/// The middle one of `values`; `None` without any.
+fn median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return None;
+    }
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}

@@ -1,0 +1,307 @@
+//! Camera and the pose of every frame together, by least squares on the centres of dots, and how sure
+//! the camera is.
+//!
+//! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) less the measured one.
+//! The normal equations have a block for each frame's pose and a border of camera parameters; poses are
+//! eliminated frame by frame.
+//!
+//! The errors within a frame are not independent: blur, the shutter and the paper move all its dots
+//! together. Frames are. So the covariance is the jackknife's over frames (Efron 1982): with the border
+//! S = Σ S_f after elimination and the frame's gradient g_f, leaving out frame f moves the parameters by
+//! δ_f = (S − S_f)⁻¹ g_f, and the covariance is (n − 1) / n Σ δ_f δ_fᵀ.
+
+use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use nalgebra::{Cholesky, DMatrix, DVector, Isometry3, Matrix6, SMatrix, SVector, U6, Vector2, Vector6};
+use rayon::prelude::*;
+
+use super::circle_image::{CircleImage, circle_image_center};
+use super::median;
+use crate::initial::{distortion_prior, huber_cost, huber_weight, step_pose};
+
+type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
+type BorderVector = SVector<f64, MAX_PARAMETERS>;
+
+/// A dot: its circle's centre on the board (m) and its centre of area in the picture (px).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenDot {
+    /// Centre of the circle on the board in metres.
+    pub object: Vector2<f64>,
+    /// Centre of area in pixels.
+    pub image: Vector2<f64>,
+}
+
+/// The dots of one frame and its pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameView {
+    /// The dots.
+    pub dots: Vec<SeenDot>,
+    /// `T_camera_world`.
+    pub pose: Isometry3<f64>,
+}
+
+/// A camera from frames.
+#[derive(Clone, Debug)]
+pub struct FrameBundle {
+    /// The camera.
+    pub camera: Camera<f64>,
+    /// `T_camera_world` of each view.
+    pub poses: Vec<Isometry3<f64>>,
+    /// Covariance of the camera's parameters, in the order of the model.
+    pub covariance: DMatrix<f64>,
+    /// Variance of the parameters over that of independent residuals, on average.
+    pub inflation: f64,
+    /// Standard deviation of a centre along one axis (px), of most centres.
+    pub spread: f64,
+    /// Root mean square distance of the centres from where the result puts them (px).
+    pub rms: f64,
+    /// Median of that distance.
+    pub median: f64,
+    /// Steps taken.
+    pub steps: usize,
+}
+
+/// Steps that one pass may take.
+const MOST_STEPS: usize = 50;
+/// A step that lowers the cost by less than this part of it is the last one.
+const SMALLEST_GAIN: f64 = 1e-10;
+/// Passes, each with the spread that the one before has left.
+const PASSES: usize = 3;
+/// Smallest spread that is believed (px).
+const SMALLEST_SPREAD: f64 = 0.002;
+
+/// What stays the same during a solve.
+struct Target<'a> {
+    radius: f64,
+    views: &'a [FrameView],
+    prior: [f64; MAX_PARAMETERS],
+    /// Huber's bound in pixels.
+    bound: f64,
+}
+
+/// Normal equations of one view.
+struct ViewEquations {
+    border: Border,
+    gradient: BorderVector,
+    mixed: SMatrix<f64, MAX_PARAMETERS, 6>,
+    block: Matrix6<f64>,
+    block_gradient: Vector6<f64>,
+    squares: f64,
+}
+
+/// One view with its pose eliminated.
+struct Eliminated {
+    border: Border,
+    gradient: BorderVector,
+    factor: Cholesky<f64, U6>,
+}
+
+impl ViewEquations {
+    fn new(camera: &Camera<f64>, pose: &Isometry3<f64>, view: &FrameView, target: &Target<'_>) -> Self {
+        let mut sum = Self {
+            border: Border::zeros(),
+            gradient: BorderVector::zeros(),
+            mixed: SMatrix::zeros(),
+            block: Matrix6::zeros(),
+            block_gradient: Vector6::zeros(),
+            squares: 0.0,
+        };
+        for dot in &view.dots {
+            let Some(image) = CircleImage::new(camera, pose, dot.object, target.radius) else { continue };
+            let error = image.center - dot.image;
+            let squared = error.norm_squared();
+            let weight = huber_weight(squared, target.bound);
+            let by_camera = image.by_parameters.transpose() * weight;
+            let by_pose = image.by_pose.transpose() * weight;
+            sum.border += by_camera * image.by_parameters;
+            sum.gradient += by_camera * error;
+            sum.mixed += by_camera * image.by_pose;
+            sum.block += by_pose * image.by_pose;
+            sum.block_gradient += by_pose * error;
+            sum.squares += weight * squared;
+        }
+        sum
+    }
+
+    fn eliminate(&self, damping: f64) -> Option<Eliminated> {
+        let mut block = self.block;
+        for index in 0..6 {
+            block[(index, index)] *= 1.0 + damping;
+        }
+        let factor = block.cholesky()?;
+        let border = self.border - self.mixed * factor.solve(&self.mixed.transpose());
+        let gradient = self.gradient - self.mixed * factor.solve(&self.block_gradient);
+        Some(Eliminated { border, gradient, factor })
+    }
+}
+
+/// The estimate of one step.
+struct Estimate {
+    camera: Camera<f64>,
+    poses: Vec<Isometry3<f64>>,
+    cost: f64,
+}
+
+impl Target<'_> {
+    fn cost(&self, camera: &Camera<f64>, poses: &[Isometry3<f64>]) -> f64 {
+        let of_view = |(view, pose): (&FrameView, &Isometry3<f64>)| -> f64 {
+            let distance = |dot: &SeenDot| {
+                circle_image_center(camera, pose, dot.object, self.radius)
+                    .map_or(f64::INFINITY, |center| (center - dot.image).norm_squared())
+            };
+            view.dots.iter().map(|dot| huber_cost(distance(dot), self.bound)).sum()
+        };
+        let costs: Vec<f64> = self.views.par_iter().zip(poses).map(of_view).collect();
+        let prior: f64 = camera.parameters().iter().zip(self.prior).map(|(value, weight)| weight * value * value).sum();
+        costs.iter().sum::<f64>() + prior
+    }
+
+    fn linearise(&self, camera: &Camera<f64>, poses: &[Isometry3<f64>]) -> Vec<ViewEquations> {
+        let equations = |(view, pose)| ViewEquations::new(camera, pose, view, self);
+        self.views.par_iter().zip(poses).map(equations).collect()
+    }
+
+    /// `estimate` after one damped step; `None` where the equations have no solution.
+    fn step(&self, estimate: &Estimate, linear: &[ViewEquations], damping: f64) -> Option<Estimate> {
+        let eliminated: Vec<Eliminated> = linear.iter().map(|view| view.eliminate(damping)).collect::<Option<_>>()?;
+        let parameters = estimate.camera.parameters();
+        let count = parameters.len();
+        let mut border: Border = eliminated.iter().map(|view| view.border).sum();
+        let mut gradient: BorderVector = eliminated.iter().map(|view| view.gradient).sum();
+        for (index, (value, weight)) in parameters.iter().zip(self.prior).enumerate() {
+            border[(index, index)] += weight;
+            gradient[index] += weight * value;
+            border[(index, index)] *= 1.0 + damping;
+        }
+        let (border, scale) = scaled(&border.view((0, 0), (count, count)).into_owned());
+        let right = gradient.rows(0, count).component_mul(&scale);
+        let step = -border.cholesky()?.solve(&right).component_mul(&scale);
+        let moved: Vec<f64> = parameters.iter().zip(step.iter()).map(|(value, step)| value + step).collect();
+        let camera = Camera::from_parameters(estimate.camera.kind(), &moved)?;
+        let mut of_border = BorderVector::zeros();
+        of_border.rows_mut(0, count).copy_from(&step);
+        let poses: Vec<Isometry3<f64>> = estimate
+            .poses
+            .iter()
+            .zip(linear.iter().zip(&eliminated))
+            .map(|(pose, (equations, eliminated))| {
+                let right = equations.block_gradient + equations.mixed.transpose() * of_border;
+                step_pose(pose, &-eliminated.factor.solve(&right))
+            })
+            .collect();
+        let cost = self.cost(&camera, &poses);
+        Some(Estimate { camera, poses, cost })
+    }
+
+    /// Levenberg-Marquardt; gives the steps taken.
+    fn minimise(&self, estimate: &mut Estimate) -> usize {
+        estimate.cost = self.cost(&estimate.camera, &estimate.poses);
+        let mut damping = 1e-4;
+        for steps in 0..MOST_STEPS {
+            let linear = self.linearise(&estimate.camera, &estimate.poses);
+            let better = loop {
+                let trial = self.step(estimate, &linear, damping).filter(|trial| trial.cost < estimate.cost);
+                if trial.is_some() || damping > 1e8 {
+                    break trial;
+                }
+                damping *= 10.0;
+            };
+            let Some(better) = better else { return steps };
+            let gain = (estimate.cost - better.cost) / estimate.cost;
+            *estimate = better;
+            damping = (damping * 0.1).max(1e-10);
+            if gain < SMALLEST_GAIN {
+                return steps + 1;
+            }
+        }
+        MOST_STEPS
+    }
+
+    /// The residuals of all dots in pixels.
+    fn residuals(&self, estimate: &Estimate) -> Vec<Vector2<f64>> {
+        let of_view = |(view, pose): (&FrameView, &Isometry3<f64>)| -> Vec<Vector2<f64>> {
+            let residual =
+                |dot: &SeenDot| Some(circle_image_center(&estimate.camera, pose, dot.object, self.radius)? - dot.image);
+            view.dots.iter().filter_map(residual).collect()
+        };
+        self.views.iter().zip(&estimate.poses).flat_map(of_view).collect()
+    }
+}
+
+/// `matrix` scaled to a unit diagonal, and the scale of its rows and columns.
+fn scaled(matrix: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
+    let scale = matrix.diagonal().map(|value| if value > 0.0 { 1.0 / value.sqrt() } else { 1.0 });
+    let entry = |row: usize, column: usize| matrix[(row, column)] * scale[row] * scale[column];
+    (DMatrix::from_fn(matrix.nrows(), matrix.ncols(), entry), scale)
+}
+
+/// The inverse of a symmetric positive definite matrix; `None` if it is none.
+fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let (matrix, scale) = scaled(matrix);
+    let inverse = matrix.cholesky()?.inverse();
+    let entry = |row: usize, column: usize| inverse[(row, column)] * scale[row] * scale[column];
+    Some(DMatrix::from_fn(inverse.nrows(), inverse.ncols(), entry))
+}
+
+/// Standard deviation along one axis of residuals of which most are good.
+fn robust_spread(residuals: &[Vector2<f64>]) -> f64 {
+    let mut sizes: Vec<f64> = residuals.iter().flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
+    median(&mut sizes).map_or(SMALLEST_SPREAD, |median| (1.4826 * median).max(SMALLEST_SPREAD))
+}
+
+/// Refines `camera` and the poses of `views` on circles of `radius` (m). `sensor` is (width, height) in
+/// pixels, `huber` the distance in spreads from which a centre counts linearly.
+///
+/// `None` if a dot starts outside the camera's domain or the views do not determine the camera.
+pub fn frame_bundle(
+    camera: &Camera<f64>,
+    views: &[FrameView],
+    radius: f64,
+    sensor: (u16, u16),
+    huber: f64,
+) -> Option<FrameBundle> {
+    let count = camera.parameters().len();
+    let dots: usize = views.iter().map(|view| view.dots.len()).sum();
+    let freedom = (2 * dots).checked_sub(6 * views.len() + count).filter(|freedom| *freedom > 0)?;
+    let prior = distortion_prior(camera, sensor);
+    let mut target = Target { radius, views, prior, bound: f64::INFINITY };
+    let poses = views.iter().map(|view| view.pose).collect();
+    let mut estimate = Estimate { camera: *camera, poses, cost: f64::INFINITY };
+    let mut steps = 0;
+    for _ in 0..PASSES {
+        target.bound = huber * robust_spread(&target.residuals(&estimate));
+        steps += target.minimise(&mut estimate);
+        if !estimate.cost.is_finite() {
+            return None;
+        }
+    }
+    let residuals = target.residuals(&estimate);
+    let linear = target.linearise(&estimate.camera, &estimate.poses);
+    let squares: f64 = linear.iter().map(|view| view.squares).sum();
+    let eliminated: Vec<Eliminated> = linear.iter().map(|view| view.eliminate(0.0)).collect::<Option<_>>()?;
+    let part = |border: &Border| border.view((0, 0), (count, count)).into_owned();
+    let mut border: DMatrix<f64> = part(&eliminated.iter().map(|view| view.border).sum());
+    for (index, weight) in prior.iter().enumerate().take(count) {
+        border[(index, index)] += weight;
+    }
+    let mut covariance = DMatrix::zeros(count, count);
+    for view in &eliminated {
+        let moved = inverse(&(&border - part(&view.border)))? * view.gradient.rows(0, count);
+        covariance += &moved * moved.transpose();
+    }
+    let frames = views.len() as f64;
+    covariance *= (frames - 1.0) / frames;
+    let variance = squares / freedom as f64;
+    let inflation = (&border * &covariance).trace() / (count as f64 * variance);
+    let mut distances: Vec<f64> = residuals.iter().map(|residual| residual.norm()).collect();
+    let square: f64 = residuals.iter().map(|residual| residual.norm_squared()).sum();
+    Some(FrameBundle {
+        camera: estimate.camera,
+        poses: estimate.poses,
+        covariance,
+        inflation,
+        spread: robust_spread(&residuals),
+        rms: (square / residuals.len().max(1) as f64).sqrt(),
+        median: median(&mut distances).unwrap_or(0.0),
+        steps,
+    })
+}

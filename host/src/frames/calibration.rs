@@ -1,0 +1,173 @@
+//! The ordinary calibration from pictures: every frame has a pose of its own.
+
+use evcal_core::camera::{Camera, ModelKind};
+use nalgebra::DMatrix;
+use serde::Serialize;
+
+use super::bundle::{FrameBundle, FrameView, SeenDot, frame_bundle};
+use super::circle_image::center_bias;
+use super::detection::FrameDetectionReport;
+use crate::board::Board;
+use crate::initial::{InitialError, InitialModel, PosedFrame, initial_model};
+use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::settings::Settings;
+
+/// What became of the frames of all recordings.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct FrameReport {
+    /// From pictures to boards.
+    pub detection: FrameDetectionReport,
+    /// Frames that the calibration used.
+    pub used: usize,
+    /// Why the others with a board fell away, in words.
+    pub dropped: String,
+    /// Centres of dots that the calibration used.
+    pub dots_used: usize,
+}
+
+/// A camera calibrated from frames.
+#[derive(Clone, Debug)]
+pub struct FrameCalibration {
+    /// The camera.
+    pub camera: Camera<f64>,
+    /// Covariance of its parameters, in the order of the model, from the scatter between frames.
+    pub covariance: DMatrix<f64>,
+    /// Variance of the parameters over that of independent residuals, on average.
+    pub inflation: f64,
+    /// Standard deviation of a centre along one axis (px).
+    pub spread: f64,
+    /// Root mean square distance of the centres from where the result puts them (px).
+    pub rms: f64,
+    /// Median of that distance (px).
+    pub median: f64,
+    /// Reference frames of the pictures with the board; centres are centres of area.
+    pub frames: Vec<ReferenceFrame>,
+    /// The frames used with their poses; `center` of a circle is the image of its centre.
+    pub posed: Vec<PosedFrame>,
+    /// How it started.
+    pub initial: InitialModel,
+    /// What became of the frames.
+    pub report: FrameReport,
+}
+
+impl FrameCalibration {
+    /// Standard deviation of each of the camera's parameters.
+    pub fn sigma(&self) -> Vec<f64> {
+        self.covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect()
+    }
+
+    /// What a result from frames alone says of itself.
+    pub fn summary(&self) -> FrameSummary {
+        FrameSummary {
+            sigma: self.sigma(),
+            spread: self.spread,
+            inflation: self.inflation,
+            report: self.report.clone(),
+        }
+    }
+}
+
+/// What a result from frames alone says of itself.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FrameSummary {
+    /// Standard deviation of each of the camera's parameters, in the order of the model.
+    pub sigma: Vec<f64>,
+    /// Standard deviation of a centre along one axis (px).
+    pub spread: f64,
+    /// Variance of the parameters over that of independent residuals, on average.
+    pub inflation: f64,
+    /// What became of the frames.
+    pub report: FrameReport,
+}
+
+/// Why the frames gave no camera, and what became of them.
+#[derive(Clone, Debug, PartialEq, Serialize, thiserror::Error)]
+#[error("{reason}")]
+pub struct NoFrameCalibration {
+    /// In words, with what to do.
+    pub reason: String,
+    /// What became of the frames.
+    pub report: Box<FrameReport>,
+}
+
+/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which
+/// `board` was found.
+///
+/// # Errors
+/// When too few frames are left, or they do not determine the camera.
+pub fn calibrate_frames(
+    frames: Vec<ReferenceFrame>,
+    detection: FrameDetectionReport,
+    board: &Board,
+    sensor: (u16, u16),
+    kind: ModelKind,
+    settings: &Settings,
+) -> Result<FrameCalibration, NoFrameCalibration> {
+    let mut report = FrameReport { detection, ..FrameReport::default() };
+    let initial = match start(&frames, &report.detection, board, sensor, kind, settings) {
+        Ok(initial) => initial,
+        Err(reason) => return Err(NoFrameCalibration { reason, report: Box::new(report) }),
+    };
+    report.dropped = initial.report.reasons();
+    let views: Vec<FrameView> = initial
+        .frames
+        .iter()
+        .map(|posed| {
+            let measured = frames.get(posed.frame).map_or(&[][..], |frame| &frame.circles);
+            let dots = posed.circles.iter().filter_map(|circle| {
+                Some(SeenDot { object: board.circle_center(circle.index), image: nearest(measured, circle)? })
+            });
+            FrameView { dots: dots.collect(), pose: posed.pose.inverse() }
+        })
+        .collect();
+    let bundle = frame_bundle(&initial.camera, &views, board.radius, sensor, settings.frames.huber);
+    let Some(FrameBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
+        let reason = format!("the {} frames with the board do not determine the camera: tilt it more", views.len());
+        return Err(NoFrameCalibration { reason, report: Box::new(report) });
+    };
+    let mut posed = initial.frames.clone();
+    for ((posed, view), pose) in posed.iter_mut().zip(&views).zip(&poses) {
+        posed.pose = pose.inverse();
+        let mut squares = 0.0;
+        for (circle, dot) in posed.circles.iter_mut().zip(&view.dots) {
+            let Some(bias) = center_bias(&camera, pose, dot.object, board.radius) else { continue };
+            circle.center = dot.image - bias;
+            let projected = camera.project(&(pose * nalgebra::Point3::new(dot.object.x, dot.object.y, 0.0)).coords);
+            squares += projected.map_or(0.0, |projected| (projected - circle.center).norm_squared());
+        }
+        posed.rms = (squares / posed.circles.len().max(1) as f64).sqrt();
+    }
+    report.used = views.len();
+    report.dots_used = views.iter().map(|view| view.dots.len()).sum();
+    Ok(FrameCalibration { camera, covariance, inflation, spread, rms, median, frames, posed, initial, report })
+}
+
+/// The measured centre that became `circle`, whose centre was put right by less than its radius.
+fn nearest(measured: &[ObservedCircle], circle: &ObservedCircle) -> Option<nalgebra::Vector2<f64>> {
+    let distance = |other: &&ObservedCircle| (other.center - circle.center).norm_squared();
+    measured.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|nearest| nearest.center)
+}
+
+/// The first camera and poses, or why there is none.
+fn start(
+    frames: &[ReferenceFrame],
+    detection: &FrameDetectionReport,
+    board: &Board,
+    sensor: (u16, u16),
+    kind: ModelKind,
+    settings: &Settings,
+) -> Result<InitialModel, String> {
+    let needed = settings.initial.min_frames;
+    if frames.len() < needed {
+        let mut reasons: Vec<(&str, u64)> = detection.refused.iter().map(|(reason, count)| (*reason, *count)).collect();
+        reasons.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
+        let reasons: Vec<String> = reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+        return Err(format!(
+            "the board was found in {} of {} frames, {needed} are needed ({}): more light, slower motion, the whole board in view",
+            frames.len(),
+            detection.frames,
+            reasons.join(", ")
+        ));
+    }
+    initial_model(frames, board, sensor, kind, &settings.initial).map_err(|error: InitialError| error.to_string())
+}

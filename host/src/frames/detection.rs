@@ -1,0 +1,200 @@
+//! From the pictures of a recording to reference frames.
+
+use std::collections::BTreeMap;
+
+use evcal_core::grid::{GridCandidate, GridError, GridOptions, GridWorkspace, find_grid};
+use nalgebra::Vector2;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::dark_spots::dark_spots;
+use super::dot::{Dot, measure};
+use super::image::{GreyImage, TimedImage, visit_frames};
+use super::median;
+use super::settings::FrameSettings;
+use crate::board::Board;
+use crate::detection::grid_reason;
+use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::source::{Recording, SourceError};
+
+/// Dots that the grid finder has room for.
+const CANDIDATES: usize = 256;
+/// Pictures that are searched in one go.
+const PICTURES_TOGETHER: usize = 64;
+
+/// What the pictures of all recordings held.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct FrameDetectionReport {
+    /// Frames read.
+    pub frames: u64,
+    /// Frames in which the board was found.
+    pub with_board: u64,
+    /// Frames without a board or not usable, by reason.
+    pub refused: BTreeMap<&'static str, u64>,
+    /// Dots measured in all frames.
+    pub dots: u64,
+    /// Dark spots that could not be measured, by reason.
+    pub dots_refused: BTreeMap<&'static str, u64>,
+    /// Dots of the boards found.
+    pub board_dots: u64,
+    /// Median blur of the dots' edges in the frames with the board, as the standard deviation of a
+    /// Gaussian (px).
+    pub blur: f64,
+    /// Frames whose recording does not tell when they were exposed.
+    pub without_exposure: u64,
+    /// What could not be read, in sentences.
+    pub notes: Vec<String>,
+}
+
+/// What one picture gave.
+struct Searched {
+    circles: Result<Vec<ObservedCircle>, &'static str>,
+    dots: u64,
+    dots_refused: Vec<&'static str>,
+    blur: Option<f64>,
+}
+
+/// Looks for the board in the pictures of recordings.
+pub struct FrameDetection<'a> {
+    board: &'a Board,
+    settings: &'a FrameSettings,
+    /// Fewest circles of a board.
+    fewest: usize,
+    frames: Vec<ReferenceFrame>,
+    blurs: Vec<f64>,
+    report: FrameDetectionReport,
+}
+
+impl<'a> FrameDetection<'a> {
+    /// Looks for `board`, of which at least `fewest` circles must be seen.
+    pub fn new(board: &'a Board, fewest: usize, settings: &'a FrameSettings) -> Self {
+        let report = FrameDetectionReport::default();
+        Self { board, settings, fewest, frames: Vec::new(), blurs: Vec::new(), report }
+    }
+
+    /// Searches the pictures of `recording`, which is number `number` of the camera; their times count
+    /// from `start` (µs on the recording's clock), or else from the exposure of the first.
+    ///
+    /// Returns the time from which they count.
+    ///
+    /// # Errors
+    /// When the file cannot be opened.
+    pub fn search(&mut self, recording: &Recording, number: usize, start: Option<i64>) -> Result<i64, SourceError> {
+        let mut waiting: Vec<TimedImage> = Vec::new();
+        let mut origin = start;
+        let note = visit_frames(recording, |image| {
+            origin = origin.or(Some(image.exposure.0));
+            waiting.push(image);
+            if waiting.len() >= PICTURES_TOGETHER {
+                self.search_pictures(std::mem::take(&mut waiting), number, origin.unwrap_or(0));
+            }
+        })?;
+        let origin = origin.unwrap_or(0);
+        self.search_pictures(waiting, number, origin);
+        self.report.notes.extend(note);
+        Ok(origin)
+    }
+
+    fn search_pictures(&mut self, pictures: Vec<TimedImage>, number: usize, start: i64) {
+        let searched: Vec<Searched> = pictures
+            .par_iter()
+            .map_init(
+                || Box::new(GridWorkspace::<f32, CANDIDATES>::new()),
+                |space, picture| self.picture(picture, space),
+            )
+            .collect();
+        for (picture, searched) in pictures.iter().zip(searched) {
+            self.report.frames += 1;
+            self.report.dots += searched.dots;
+            for reason in searched.dots_refused {
+                *self.report.dots_refused.entry(reason).or_default() += 1;
+            }
+            match searched.circles {
+                Ok(mut circles) => {
+                    let seconds = |t: i64| t.saturating_sub(start) as f64 * 1e-6;
+                    let (start, end) = (seconds(picture.exposure.0), seconds(picture.exposure.1));
+                    circles.iter_mut().for_each(|circle| circle.t = 0.5 * (start + end));
+                    self.report.with_board += 1;
+                    self.report.board_dots += circles.len() as u64;
+                    self.report.without_exposure += u64::from(!picture.exposure_known);
+                    self.blurs.extend(searched.blur);
+                    self.frames.push(ReferenceFrame { recording: number, start, end, circles, pixels: Vec::new() });
+                }
+                Err(reason) => *self.report.refused.entry(reason).or_default() += 1,
+            }
+        }
+    }
+
+    fn picture(&self, picture: &TimedImage, workspace: &mut GridWorkspace<f32, CANDIDATES>) -> Searched {
+        let mut searched = Searched { circles: Err(""), dots: 0, dots_refused: Vec::new(), blur: None };
+        let image = match &picture.image {
+            Ok(image) => image,
+            Err(reason) => {
+                searched.circles = Err(reason);
+                return searched;
+            }
+        };
+        // Halfway to the rim of the next dot, in radii.
+        let reach = (0.5 * self.board.neighbour_distance() / self.board.radius).clamp(1.2, 3.0);
+        let mut dots: Vec<Dot> = Vec::new();
+        for spot in dark_spots(image, self.settings) {
+            match measure(image, &spot, reach, self.settings) {
+                Ok(dot) => dots.push(dot),
+                Err(reason) => searched.dots_refused.push(reason.reason()),
+            }
+        }
+        searched.dots = dots.len() as u64;
+        searched.circles = self.find_board(image, &dots, workspace).and_then(|board| {
+            let mut blurs: Vec<f64> = board.iter().map(|(_, dot)| dot.blur).collect();
+            searched.blur = median(&mut blurs);
+            if searched.blur.is_some_and(|blur| blur > self.settings.max_blur) {
+                return Err("blurred");
+            }
+            let position = Vector2::new(f64::from(picture.position.0), f64::from(picture.position.1));
+            let circle = |(index, dot): &(usize, Dot)| ObservedCircle {
+                index: *index,
+                t: 0.0,
+                center: dot.center + position,
+                radius: Some(dot.radius),
+                velocity: None,
+            };
+            Ok(board.iter().map(circle).collect())
+        });
+        searched
+    }
+
+    /// The dots of the board with their indices.
+    fn find_board(
+        &self,
+        image: &GreyImage,
+        dots: &[Dot],
+        workspace: &mut GridWorkspace<f32, CANDIDATES>,
+    ) -> Result<Vec<(usize, Dot)>, &'static str> {
+        let candidates: Vec<GridCandidate<f32>> = dots
+            .iter()
+            .take(CANDIDATES)
+            .map(|dot| GridCandidate { center: dot.center.cast(), radius: dot.radius as f32 })
+            .collect();
+        let pattern = &self.board.pattern;
+        let options = GridOptions {
+            minimum_circles: self.fewest,
+            ..GridOptions::new(pattern, (image.width() as f64, image.height() as f64))
+        };
+        let found = find_grid(&candidates, pattern, &options, workspace).map_err(|error| match error {
+            GridError::TooFewCandidates { usable: 0, .. } => "no dots",
+            error => grid_reason(error),
+        })?;
+        let dot = |candidate: u16| dots.get(usize::from(candidate)).copied();
+        Ok(found
+            .circles
+            .iter()
+            .filter_map(|circle| Some((usize::from(circle.board), dot(circle.candidate)?)))
+            .collect())
+    }
+
+    /// The frames with the board in their order, and the report.
+    pub fn finish(mut self) -> (Vec<ReferenceFrame>, FrameDetectionReport) {
+        self.report.blur = median(&mut self.blurs).unwrap_or(0.0);
+        (self.frames, self.report)
+    }
+}

@@ -1,0 +1,233 @@
+//! The centre of a dark dot to a small part of a pixel.
+//!
+//! Around a spot a plane is fitted to the light of the paper; what a pixel lacks of it, as a share w,
+//! sums up to the dot's area and its centre of area. Blur by the lens moves neither, and neither does
+//! the dot's motion while the shutter is open: the centre is that of the middle of the exposure, as far
+//! as the motion is straight. An edge that is fitted where it is steepest has none of that.
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+
+use super::dark_spots::DarkSpot;
+use super::image::GreyImage;
+use super::median;
+use super::settings::FrameSettings;
+
+/// A dot of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dot {
+    /// Centre of area in pixels.
+    pub center: Vector2<f64>,
+    /// Radius in pixels of the circle with the same area.
+    pub radius: f64,
+    /// Blur of its edge, as the standard deviation of a Gaussian in pixels.
+    pub blur: f64,
+}
+
+/// Why a spot is no dot that can be measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoDot {
+    /// The border of the image cuts the dot or its surroundings.
+    CutByBorder,
+    /// The paper around it is not evenly lit, or something lies beside it.
+    UnevenSurroundings,
+    /// It is hardly darker than the paper.
+    LowContrast,
+}
+
+impl NoDot {
+    /// In words.
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::CutByBorder => "cut by the border of the image",
+            Self::UnevenSurroundings => "surroundings not even",
+            Self::LowContrast => "low contrast",
+        }
+    }
+}
+
+/// Share of the way from the rim to the outer end of the surroundings up to which the dot is summed.
+const INNER_SHARE: f64 = 0.65;
+/// Rounds of centring.
+const ROUNDS: usize = 3;
+/// Radius, as a share of the dot's, within which a dot is as dark as it gets.
+const CORE: f64 = 0.4;
+
+/// Measures the dot at `spot`. `reach` is where the surroundings end, in radii: halfway to the rim of
+/// the next dot.
+pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64, settings: &FrameSettings) -> Result<Dot, NoDot> {
+    let inverse = spot.shape.try_inverse().ok_or(NoDot::LowContrast)?;
+    let inner = 1.0 + INNER_SHARE * (reach - 1.0);
+    let mut center = spot.center;
+    let mut measured = Err(NoDot::LowContrast);
+    for _ in 0..ROUNDS {
+        let window = Window { center, inverse, shape: spot.shape, inner, outer: reach };
+        let dot = window.measure(image, settings)?;
+        center = dot.center;
+        measured = Ok(dot);
+    }
+    measured
+}
+
+/// Light of the paper as a plane over the image.
+struct Paper {
+    plane: Vector3<f64>,
+    /// Standard deviation of the pixels about it.
+    scatter: f64,
+}
+
+struct Window {
+    center: Vector2<f64>,
+    shape: Matrix2<f64>,
+    inverse: Matrix2<f64>,
+    inner: f64,
+    outer: f64,
+}
+
+impl Window {
+    /// The pixels within `outer`: place relative to the centre, distance in radii, value.
+    fn pixels<'a>(&self, image: &'a GreyImage) -> impl Iterator<Item = (Vector2<f64>, f64, f64)> + use<'a> {
+        let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.outer;
+        // Casts saturate: what is left of or above the image begins at 0.
+        let range = |low: f64, high: f64, size: usize| {
+            let first = low.ceil().max(0.0) as usize;
+            first..(high.floor() as usize + 1).clamp(first, size.max(first))
+        };
+        let (low, high) = (self.center - half, self.center + half);
+        let rows = if high.y < 0.0 { 0..0 } else { range(low.y, high.y, image.height()) };
+        let columns = if high.x < 0.0 { 0..0 } else { range(low.x, high.x, image.width()) };
+        let (center, inverse, outer) = (self.center, self.inverse, self.outer);
+        rows.flat_map(move |y| columns.clone().map(move |x| (x, y))).filter_map(move |(x, y)| {
+            let place = Vector2::new(x as f64, y as f64) - center;
+            let distance = place.dot(&(inverse * place)).max(0.0).sqrt();
+            let value = image.get(x, y)?;
+            (distance <= outer).then(|| (place, distance, f64::from(value)))
+        })
+    }
+
+    fn inside(&self, image: &GreyImage) -> bool {
+        let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.inner;
+        let (low, high) = (self.center - half, self.center + half);
+        let (right, bottom) = (image.width() as f64 - 1.0, image.height() as f64 - 1.0);
+        low.x >= 0.0 && low.y >= 0.0 && high.x <= right && high.y <= bottom
+    }
+
+    fn paper(&self, image: &GreyImage) -> Option<Paper> {
+        let ring = || self.pixels(image).filter(|(_, distance, _)| *distance > self.inner);
+        let (mut plane, mut bound) = (Vector3::zeros(), f64::INFINITY);
+        let mut scatter = 0.0;
+        // What lies beside the paper would tilt the plane: once without it.
+        for _ in 0..2 {
+            let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+            let residual = |place: &Vector2<f64>, value: f64, plane: &Vector3<f64>| value - plane.dot(&place.push(1.0));
+            for (place, _, value) in ring().filter(|(place, _, value)| residual(place, *value, &plane).abs() <= bound) {
+                let row = place.push(1.0);
+                normal += row * row.transpose();
+                right += row * value;
+            }
+            plane = normal.cholesky()?.solve(&right);
+            let mut sizes: Vec<f64> = ring().map(|(place, _, value)| residual(&place, value, &plane).abs()).collect();
+            // Grey levels are whole numbers: half of one is the least that their scatter can be told to.
+            scatter = 1.4826 * median(&mut sizes)?.max(0.3);
+            bound = 3.0 * scatter;
+        }
+        Some(Paper { plane, scatter })
+    }
+
+    fn measure(&self, image: &GreyImage, settings: &FrameSettings) -> Result<Dot, NoDot> {
+        if !self.inside(image) {
+            return Err(NoDot::CutByBorder);
+        }
+        let paper = self.paper(image).ok_or(NoDot::UnevenSurroundings)?;
+        let brightness = paper.plane.z;
+        let (mut core, mut core_count) = (0.0, 0.0);
+        let (mut sum, mut squares, mut noise) = (0.0, 0.0, 0.0);
+        let mut moment = Vector2::zeros();
+        for (place, distance, value) in self.pixels(image).filter(|(_, distance, _)| *distance <= self.inner) {
+            let light = paper.plane.dot(&place.push(1.0));
+            if light <= 0.0 {
+                return Err(NoDot::UnevenSurroundings);
+            }
+            let missing = 1.0 - value / light;
+            sum += missing;
+            squares += missing * missing;
+            noise += (paper.scatter / light).powi(2);
+            moment += place * missing;
+            if distance <= CORE {
+                core += missing;
+                core_count += 1.0;
+            }
+        }
+        let contrast = core / core_count;
+        if contrast.is_nan() || contrast < settings.min_contrast || sum <= 0.0 {
+            return Err(NoDot::LowContrast);
+        }
+        if paper.scatter > settings.max_unevenness * contrast * brightness {
+            return Err(NoDot::UnevenSurroundings);
+        }
+        let area = sum / contrast;
+        // Where the share u of the dot goes from 0 to 1 over a Gaussian edge, ∫ u (1 − u) = σ / √π.
+        let edge = (area - (squares - noise) / (contrast * contrast)).max(0.0);
+        let scale = (area / (std::f64::consts::PI * self.shape.determinant().sqrt())).max(0.0).sqrt();
+        let perimeter = perimeter(&self.shape) * scale;
+        Ok(Dot {
+            center: self.center + moment / sum,
+            radius: (area / std::f64::consts::PI).sqrt(),
+            blur: edge / perimeter * std::f64::consts::PI.sqrt(),
+        })
+    }
+}
+
+/// Perimeter of the ellipse `dᵀ shape⁻¹ d = 1` (Ramanujan's first approximation).
+fn perimeter(shape: &Matrix2<f64>) -> f64 {
+    let values = shape.symmetric_eigenvalues();
+    let (a, b) = (values.max().max(0.0).sqrt(), values.min().max(0.0).sqrt());
+    std::f64::consts::PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::dark_spots::dark_spots;
+    use super::*;
+
+    /// An ellipse at `center` with half axes (9, 5), blurred by a Gaussian, on paper that gets lighter
+    /// to the right.
+    fn picture(center: Vector2<f64>, sigma: f64, beside: Option<u8>) -> GreyImage {
+        let value = |x: usize, y: usize| {
+            if let Some(value) = beside.filter(|_| x > 78) {
+                return value;
+            }
+            let place = Vector2::new(x as f64, y as f64) - center;
+            let scaled = Vector2::new(place.x / 9.0, place.y / 5.0);
+            let slope = Vector2::new(scaled.x / 9.0, scaled.y / 5.0).norm() / scaled.norm().max(1e-9);
+            let distance = (scaled.norm() - 1.0) / slope.max(1e-9);
+            let share = 0.5 * libm::erfc(distance / (sigma * std::f64::consts::SQRT_2));
+            let paper = 150.0 + 0.5 * (x as f64 - 50.0);
+            (paper * (1.0 - 0.85 * share)).round() as u8
+        };
+        let pixels = (0..80 * 100).map(|index| value(index % 100, index / 100)).collect();
+        GreyImage::new(100, 80, pixels).unwrap()
+    }
+
+    fn dots(image: &GreyImage) -> Vec<Result<Dot, NoDot>> {
+        let settings = FrameSettings::default();
+        dark_spots(image, &settings).iter().map(|spot| measure(image, spot, 2.2, &settings)).collect()
+    }
+
+    #[test]
+    fn centre_radius_and_blur_are_those_of_the_picture() {
+        for (x, y, sigma) in [(50.0, 40.0, 0.7), (50.37, 40.81, 0.7), (49.66, 39.5, 1.5)] {
+            let [Ok(dot)] = dots(&picture(Vector2::new(x, y), sigma, None))[..] else { panic!("no dot") };
+            assert!((dot.center - Vector2::new(x, y)).norm() < 0.01, "{} for {x} {y}", dot.center);
+            assert!((dot.radius - 45f64.sqrt()).abs() < 0.1, "{}", dot.radius);
+            assert!((dot.blur - sigma).abs() < 0.2 * sigma, "{} for {sigma}", dot.blur);
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_measured_is_refused_for_its_reason() {
+        let dots_at = |x: f64, y: f64, beside| dots(&picture(Vector2::new(x, y), 0.7, beside));
+        assert_eq!(dots_at(50.0, 8.0, None), [Err(NoDot::CutByBorder)]);
+        // A grey wall a little beside the dot.
+        assert!(matches!(dots_at(66.0, 40.0, Some(90))[..], [Err(NoDot::UnevenSurroundings)] | [Ok(_)]));
+    }
+}

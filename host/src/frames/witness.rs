@@ -1,0 +1,225 @@
+//! Do the camera's frames agree with its events?
+//!
+//! Both calibrations see through the same lens, so that the difference of their projections over the
+//! sensor, with the implied rotation removed, must be what the uncertainty of both makes likely.
+
+use evcal_core::camera::Camera;
+use nalgebra::DMatrix;
+use serde::Serialize;
+
+use super::calibration::{FrameCalibration, FrameReport, FrameSummary, NoFrameCalibration};
+use super::settings::FrameSettings;
+use crate::camera_file::{CameraDescription, Parameters};
+use crate::evaluate::projection_difference::{ProjectionDifference, projection_difference};
+use crate::uncertainty::projection::projection_uncertainty;
+use crate::verdict::{Cause, Finding, Severity};
+
+/// What the frames say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Agreement {
+    /// They differ by no more than both uncertainties explain.
+    Agrees,
+    /// They differ by more.
+    Disagrees,
+    /// The frames' own uncertainty is too large to tell.
+    TooUncertain,
+}
+
+/// One parameter as events and frames have it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ComparedParameter {
+    /// Its name.
+    pub name: &'static str,
+    /// From events.
+    pub events: f64,
+    /// From frames.
+    pub frames: f64,
+    /// Standard deviation of the one from frames.
+    pub frames_sigma: f64,
+    /// Standard deviation of the difference.
+    pub difference_sigma: f64,
+}
+
+/// How far the projections of two uncertain calibrations are expected to be apart (px, rms over the
+/// sensor).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ExpectedDifference {
+    /// From the uncertainty of both.
+    pub rms: f64,
+    /// The events' part.
+    pub events: f64,
+    /// The frames' part.
+    pub frames: f64,
+}
+
+/// The calibration from frames as a witness of that from events.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FrameWitness {
+    /// What follows, in words.
+    pub sentence: String,
+    /// Whether both agree.
+    pub agreement: Agreement,
+    /// Root mean square of the projection difference over the sensor (px), frames less events, the
+    /// implied rotation removed.
+    pub difference_rms: f64,
+    /// Its greatest value (px).
+    pub difference_max: f64,
+    /// The pixel where it is greatest.
+    pub difference_max_at: [f64; 2],
+    /// What was to be expected.
+    pub expected: ExpectedDifference,
+    /// Difference over expected difference.
+    pub ratio: f64,
+    /// The camera from frames.
+    pub camera: CameraDescription,
+    /// Parameter by parameter.
+    pub parameters: Vec<ComparedParameter>,
+    /// Standard deviation of a dot's centre along one axis (px).
+    pub spread: f64,
+    /// Variance of the camera's parameters over that of independent residuals.
+    pub inflation: f64,
+    /// What became of the frames.
+    pub report: FrameReport,
+    /// The difference at every point of the sensor.
+    #[serde(skip)]
+    pub difference: ProjectionDifference,
+    /// Covariance of the parameters from frames, in the order of the model.
+    #[serde(skip)]
+    pub covariance: DMatrix<f64>,
+}
+
+/// What the frames of a calibration's recordings were good for.
+#[derive(Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FrameOutcome {
+    /// They were calibrated and compared.
+    Witness(Box<FrameWitness>),
+    /// They gave no camera.
+    Silent(NoFrameCalibration),
+    /// The calibration is from them alone.
+    Only(Box<FrameSummary>),
+}
+
+impl FrameOutcome {
+    /// What became of the frames.
+    pub fn report(&self) -> &FrameReport {
+        match self {
+            Self::Witness(witness) => &witness.report,
+            Self::Silent(silent) => &silent.report,
+            Self::Only(summary) => &summary.report,
+        }
+    }
+
+    /// What the verdict must know: that frames and events disagree.
+    pub fn finding(&self) -> Option<Finding> {
+        let Self::Witness(witness) = self else { return None };
+        (witness.agreement == Agreement::Disagrees).then(|| Finding {
+            cause: Cause::FramesDisagree,
+            severity: Severity::Warning,
+            reason: format!(
+                "the camera's own frames differ from its events by {:.3} px, {:.1} times what the uncertainty of both \
+                 makes likely",
+                witness.difference_rms, witness.ratio
+            ),
+            advice:
+                "both look through the same lens: is it in focus, is the board flat, was it seen all over the image, \
+                     did lens or board change while recording?"
+                    .to_owned(),
+        })
+    }
+}
+
+/// Compares the calibration from frames with the `camera` from events, whose parameters have
+/// `covariance`.
+///
+/// # Errors
+/// When both have no part of the sensor in common.
+pub fn frame_witness(
+    camera: &Camera<f64>,
+    covariance: &DMatrix<f64>,
+    frames: &FrameCalibration,
+    sensor: (u16, u16),
+    settings: &FrameSettings,
+) -> Result<FrameWitness, NoFrameCalibration> {
+    let silent = |reason: String| NoFrameCalibration { reason, report: Box::new(frames.report.clone()) };
+    let difference =
+        projection_difference(camera, &frames.camera, sensor.0, sensor.1).map_err(|error| silent(error.to_string()))?;
+    let expected = |camera, covariance| {
+        projection_uncertainty(camera, covariance, sensor)
+            .map(|uncertainty| uncertainty.rms)
+            .map_err(|error| silent(error.to_string()))
+    };
+    let from_events = expected(camera, covariance)?;
+    let from_frames = expected(&frames.camera, &frames.covariance)?;
+    let expected = ExpectedDifference { rms: from_events.hypot(from_frames), events: from_events, frames: from_frames };
+    let ratio = difference.rms / expected.rms.max(f64::MIN_POSITIVE);
+    let agreement = if from_frames > settings.too_uncertain {
+        Agreement::TooUncertain
+    } else if ratio <= settings.agreement {
+        Agreement::Agrees
+    } else {
+        Agreement::Disagrees
+    };
+    let names = camera.kind().parameter_names();
+    let sigma = frames.sigma();
+    let event_parameters = camera.parameters();
+    let frame_parameters = frames.camera.parameters();
+    let parameters = names
+        .iter()
+        .zip(event_parameters.iter().zip(frame_parameters.iter()).zip(&sigma))
+        .enumerate()
+        .map(|(index, (name, ((events, frames), sigma)))| ComparedParameter {
+            name,
+            events: *events,
+            frames: *frames,
+            frames_sigma: *sigma,
+            difference_sigma: covariance.get((index, index)).map_or(0.0, |value| value.max(0.0).sqrt()).hypot(*sigma),
+        })
+        .collect();
+    Ok(FrameWitness {
+        sentence: sentence(agreement, &difference, &expected, ratio, frames.report.used),
+        agreement,
+        difference_rms: difference.rms,
+        difference_max: difference.max,
+        difference_max_at: difference.max_at,
+        expected,
+        ratio,
+        camera: CameraDescription {
+            model: camera.kind().name().to_owned(),
+            parameters: Parameters::new(names.iter().copied().zip(frame_parameters.iter().copied())),
+        },
+        parameters,
+        spread: frames.spread,
+        inflation: frames.inflation,
+        report: frames.report.clone(),
+        difference,
+        covariance: frames.covariance.clone(),
+    })
+}
+
+fn sentence(
+    agreement: Agreement,
+    difference: &ProjectionDifference,
+    expected: &ExpectedDifference,
+    ratio: f64,
+    frames: usize,
+) -> String {
+    let (rms, max, [x, y]) = (difference.rms, difference.max, difference.max_at);
+    let apart = format!("their projections differ by {rms:.3} px (rms; at most {max:.3} px, at ({x:.0}, {y:.0}))");
+    let expected = format!("{:.3} px are expected from the uncertainty of both", expected.rms);
+    match agreement {
+        Agreement::Agrees => {
+            format!("the camera's {frames} frames agree with its events: {apart}, {expected} ({ratio:.1} times)")
+        }
+        Agreement::Disagrees => format!(
+            "the camera's {frames} frames DISAGREE with its events: {apart}, {expected} ({ratio:.1} times). Both look \
+             through the same lens, so one of the two is wrong or less certain than it says: is the lens in focus, is \
+             the board flat, was it seen all over the image by both, did the lens or the board change while recording?"
+        ),
+        Agreement::TooUncertain => format!(
+            "the camera's {frames} frames cannot tell whether the events are right: {expected}. More light, slower motion \
+             and a longer recording make better frames"
+        ),
+    }
+}

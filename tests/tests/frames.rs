@@ -1,0 +1,105 @@
+//! The camera's own frames: a calibration of their own, a witness, and a partner of the events.
+
+use std::path::{Path, PathBuf};
+
+use evcal_tests::accuracy::Accuracy;
+use evcal_tests::lens::{Lens, RADTAN4};
+use evcal_tests::{BOARD, evcal, made, read_json, text};
+use serde_json::Value;
+
+const LENS: Lens = RADTAN4;
+/// A lens 1 % longer, with its middle elsewhere.
+const WRONG_LENS: &str = "334.5,334.0,175.6,126.4,-0.33,0.12,0.0006,-0.0004";
+
+/// Four seconds with 25 frames a second.
+fn recording() -> PathBuf {
+    LENS.simulation("frames", &["--motion", "fast", "--duration", "4s", "--frames"])
+}
+
+fn calibration(name: &str, recording: &Path, options: &[&str]) -> PathBuf {
+    let events = recording.join("events.aedat4");
+    let common = ["calibrate", text(&events), "--board", BOARD, "--model", LENS.model];
+    made(name, &[&common[..], options].concat())
+}
+
+fn witness(calibration: &Path) -> Value {
+    read_json(&calibration.join("calibration.json"))["frames"]["witness"].clone()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+#[test]
+fn frames_and_events_of_one_recording_agree_within_their_uncertainty() {
+    let recording = recording();
+    let witness = witness(&calibration("frames-witness", &recording, &[]));
+    assert_eq!(witness["agreement"], "agrees", "{witness}");
+    assert!(number(&witness["ratio"]) <= 2.0, "{witness}");
+    // An agreement means something only where a disagreement would have shown.
+    assert!(number(&witness["expected"]["rms"]) < 0.2, "{witness}");
+    // The stated uncertainty holds the truth.
+    let truth = read_json(&recording.join("truth.json"));
+    for parameter in witness["parameters"].as_array().unwrap() {
+        let name = parameter["name"].as_str().unwrap();
+        let error = number(&parameter["frames"]) - number(&truth["camera"]["parameters"][name]);
+        assert!(error.abs() <= 4.0 * number(&parameter["frames_sigma"]), "{name} is off by {error}: {parameter}");
+    }
+}
+
+#[test]
+fn another_lens_on_the_frames_is_noticed() {
+    let options = ["--motion", "fast", "--duration", "4s", "--frames", "--frame-lens", WRONG_LENS];
+    let recording = LENS.simulation("frames-wrong-lens", &options);
+    let calibration = calibration("frames-wrong-lens-witness", &recording, &[]);
+    let witness = witness(&calibration);
+    assert_eq!(witness["agreement"], "disagrees", "{witness}");
+    assert!(number(&witness["ratio"]) > 5.0, "{witness}");
+    let stages = std::fs::read_to_string(calibration.join("stages.txt")).unwrap();
+    assert!(stages.contains("DISAGREE"), "{stages}");
+    // The events are as right as ever.
+    assert!(Accuracy::of(&calibration, &recording).projection_rms <= 0.1);
+}
+
+#[test]
+fn frames_alone_calibrate_the_camera() {
+    let recording = recording();
+    let calibration = calibration("frames-only", &recording, &["--frames-only"]);
+    let accuracy = Accuracy::of(&calibration, &recording);
+    assert!(accuracy.focal <= 1e-3 && accuracy.center <= 0.5, "{accuracy:?}");
+    assert!(accuracy.projection_rms <= 0.1 && accuracy.projection_max <= 0.3, "{accuracy:?}");
+    // Each frame has its own pose, at the middle of its exposure.
+    assert!(accuracy.position <= 2e-3, "{accuracy:?}");
+    for file in ["camera.yaml", "circles.csv", "settings.toml", "stages.txt", "trajectory.txt"] {
+        assert!(calibration.join(file).exists(), "{file}");
+    }
+    let report = &read_json(&calibration.join("calibration.json"))["frames"]["only"]["report"];
+    let (read, used) = (number(&report["detection"]["frames"]), number(&report["used"]));
+    assert!((99.0..=100.0).contains(&read) && used >= 0.5 * read, "{report}");
+}
+
+#[test]
+fn frames_and_events_are_solved_together() {
+    let recording = recording();
+    let calibration = calibration("joint-frames", &recording, &["--joint-frames"]);
+    let accuracy = Accuracy::of(&calibration, &recording);
+    assert!(accuracy.focal <= 1e-3 && accuracy.center <= 0.5, "{accuracy:?}");
+    assert!(accuracy.projection_rms <= 0.1 && accuracy.projection_max <= 0.3, "{accuracy:?}");
+    let joint = &read_json(&calibration.join("calibration.json"))["joint_frames"];
+    assert!(number(&joint["dots"]) > 1000.0, "{joint}");
+    // Pixels answer late: the events of a moment come after the frame of that moment.
+    let (offset, sigma) = (number(&joint["time_offset"]), number(&joint["time_offset_sigma"]));
+    assert!(offset > 0.0 && offset < 3e-3 && sigma < 1e-4, "{joint}");
+}
+
+#[test]
+fn a_recording_without_frames_says_so() {
+    let events = LENS.recording().join("events.aedat4");
+    for option in ["--frames-only", "--joint-frames"] {
+        let folder = tempfile::tempdir().unwrap();
+        let output = text(folder.path());
+        let finished = evcal(&["calibrate", text(&events), "--board", BOARD, option, "-o", output]);
+        assert_eq!(finished.code, Some(1), "{option}: {}", finished.stderr);
+        assert!(finished.stderr.contains("holds no frames"), "{option}: {}", finished.stderr);
+    }
+}
