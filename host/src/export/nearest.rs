@@ -84,9 +84,8 @@ pub fn nearest(
     }
     let fitted = substitutes.iter().filter_map(|&to| {
         let near = refit_where(to, camera, sensor.0, sensor.1, |pixel| covered.contains(pixel))?;
-        let there = distance(camera, &near, sensor, |pixel| covered.contains(pixel))?;
-        let everywhere = distance(camera, &near, sensor, |_| true)?;
-        Some((near, Refit { from, to, covered: there, sensor: everywhere }))
+        let (covered, sensor) = distances(camera, &near, sensor, covered)?;
+        Some((near, Refit { from, to, covered, sensor }))
     });
     let best = fitted.min_by(|(_, a), (_, b)| {
         let order = a.covered.unseen.total_cmp(&b.covered.unseen);
@@ -107,40 +106,59 @@ fn same_camera(camera: &Camera<f64>, to: ModelKind) -> Option<Camera<f64>> {
     beyond.iter().all(|value| *value == 0.0).then(|| Camera::from_parameters(to, kept)).flatten()
 }
 
-/// How far `other` is from `reference`, in its pixels, at pixels all over the sensor that are `inside`; `None` if there
-/// are none that `reference` sees.
-fn distance(
+/// How far `other` is from `reference`, in its pixels, within `covered` and on the whole sensor; `None` if there is
+/// nothing that both see.
+fn distances(
     reference: &Camera<f64>,
     other: &Camera<f64>,
     sensor: (u16, u16),
-    inside: impl Fn(&Vector2<f64>) -> bool,
-) -> Option<Distance> {
+    covered: &CoveredRegion,
+) -> Option<(Distance, Distance)> {
     let all = f64::from(sensor.0) * f64::from(sensor.1);
     let step = (all / SAMPLES).sqrt().ceil().max(1.0) as usize;
     let pixels = (0..sensor.1).step_by(step).flat_map(|y| (0..sensor.0).step_by(step).map(move |x| (x, y)));
-    let (mut sum, mut largest, mut seen, mut unseen) = (0.0, 0.0_f64, 0_u32, 0_u32);
+    let (mut there, mut everywhere) = (Sum::default(), Sum::default());
     for (x, y) in pixels {
         let pixel = Vector2::new(f64::from(x), f64::from(y));
-        if !inside(&pixel) {
-            continue;
-        }
         let Some(bearing) = reference.unproject(&pixel) else { continue };
-        match other.project(&bearing) {
-            Some(projected) => {
-                let square = (projected - pixel).norm_squared();
-                sum += square;
-                largest = largest.max(square);
-                seen += 1;
-            }
-            None => unseen += 1,
+        let square = other.project(&bearing).map(|projected| (projected - pixel).norm_squared());
+        everywhere.add(square);
+        if covered.contains(&pixel) {
+            there.add(square);
         }
     }
-    let compared = f64::from(seen) + f64::from(unseen);
-    (seen > 0).then(|| Distance {
-        rms: (sum / f64::from(seen)).sqrt(),
-        largest: largest.sqrt(),
-        unseen: f64::from(unseen) / compared,
-    })
+    Some((there.distance()?, everywhere.distance()?))
+}
+
+/// Squared distances, added up.
+#[derive(Default)]
+struct Sum {
+    sum: f64,
+    largest: f64,
+    seen: u32,
+    unseen: u32,
+}
+
+impl Sum {
+    fn add(&mut self, square: Option<f64>) {
+        match square {
+            Some(square) => {
+                self.sum += square;
+                self.largest = self.largest.max(square);
+                self.seen += 1;
+            }
+            None => self.unseen += 1,
+        }
+    }
+
+    fn distance(&self) -> Option<Distance> {
+        let (seen, unseen) = (f64::from(self.seen), f64::from(self.unseen));
+        (self.seen > 0).then(|| Distance {
+            rms: (self.sum / seen).sqrt(),
+            largest: self.largest.sqrt(),
+            unseen: unseen / (seen + unseen),
+        })
+    }
 }
 
 #[cfg(test)]
@@ -191,7 +209,7 @@ mod tests {
         let sixth = camera(ModelKind::Radtan, &[-0.3, 0.1, 0.001, -0.0005, -0.05]);
         let refitted = nearest(&sixth, &[ModelKind::Radtan4], &[ModelKind::Radtan4], SENSOR, &region()).unwrap();
         assert_ne!(refitted.camera.parameters()[4..], sixth.parameters()[4..8]);
-        let dropped = distance(&sixth, &four, SENSOR, |pixel| region().contains(pixel)).unwrap();
+        let (dropped, _) = distances(&sixth, &four, SENSOR, &region()).unwrap();
         assert!(refitted.refit.unwrap().covered.largest < 0.2 * dropped.largest);
     }
 
