@@ -87,9 +87,7 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
         let path = folder.join(name);
         picture.write_png(&path).map_err(|error| OutputError { file: path.display().to_string(), error })?;
     }
-    let names = ordered_names(&calibration.camera.model);
-    let sigma = names.iter().map(|name| calibration.sigma.parameters.get(name)).collect();
-    let camera = CalibratedCamera::new(calibrated, task.board, sigma);
+    let camera = CalibratedCamera::new(calibrated, task.board);
     let exports = Path::new(EXPORTS);
     std::fs::create_dir_all(folder.join(exports))
         .map_err(|error| OutputError { file: folder.join(exports).display().to_string(), error })?;

@@ -129,7 +129,8 @@ fn a_table_holds_the_parameters_as_they_are() {
         let table = succeed(&["export", text(&file), "--format", "csv"]);
         let rows: Vec<Vec<&str>> =
             table.lines().filter(|line| !line.starts_with('#')).map(|line| line.split(',').collect()).collect();
-        assert_eq!(rows[0], ["parameter", "value", "sigma", "unit"]);
+        assert_eq!(rows[0][..5], ["parameter", "value", "sigma", "unit", "covariance_fx"]);
+        assert!(rows.iter().all(|row| row.len() == rows.len() + 3), "{table}");
         let values: Vec<f64> = rows[1..].iter().map(|row| row[1].parse().unwrap()).collect();
         assert_eq!(values, camera(&file).parameters().to_vec(), "{table}");
         assert!(rows[1][0] == "fx" && rows[1][3] == "px" && rows[5][3].is_empty(), "{table}");

@@ -19,18 +19,18 @@ use super::source_arguments::SourceArguments;
 use super::{UsageError, print, progress};
 
 /// Extensions of pictures.
-const PICTURES: [&str; 9] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "pnm"];
+const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// Arguments of `evcal undistort`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// A recording, or pictures of the calibrated sensor (PNG, JPEG, TIFF, BMP, PNM)
+    /// A recording, or pictures of the calibrated sensor (PNG or JPEG)
     #[arg(required = true, value_name = "IN")]
     inputs: Vec<PathBuf>,
     /// The calibration: calibration.json, or truth.json of a simulation
     #[arg(short, long, value_name = "FILE")]
     calibration: PathBuf,
-    /// Recording or picture to write; for several pictures, a folder
+    /// Recording or PNG to write; for several pictures, a folder
     #[arg(short, long, value_name = "OUT", required_unless_present = "frames")]
     output: Option<PathBuf>,
     /// How the camera without distortion projects: pinhole, or equidistant for lenses that see too much for that
@@ -151,20 +151,22 @@ fn undistort_pictures(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sen
     let Some(output) = arguments.output.as_ref().filter(|_| !for_recordings) else {
         return Err(UsageError("--subpixel, --to and --frames are for recordings; pictures take -o".to_owned()).into());
     };
-    let single = arguments.inputs.len() == 1 && is_picture(output);
+    let is_png = output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    let single = arguments.inputs.len() == 1 && is_png;
     if !single {
         fs::create_dir_all(output).map_err(|error| format!("{}: {error}", output.display()))?;
     }
     let mut written = Vec::new();
     for input in &arguments.inputs {
-        let path = if single { output.clone() } else { output.join(input.file_name().unwrap_or_default()) };
+        let name = Path::new(input.file_name().unwrap_or_default()).with_extension("png");
+        let path = if single { output.clone() } else { output.join(name) };
         if path.exists() {
             return Err(
                 format!("{} is there already and is not overwritten: choose another name", path.display()).into()
             );
         }
         let picture = undistort_picture(input, &maps.back)?;
-        picture.save(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+        picture.write_png(&path).map_err(|error| format!("{}: {error}", path.display()))?;
         written.push(path);
     }
     let camera = if single { beside(output) } else { output.join("camera.json") };

@@ -31,6 +31,8 @@ pub struct CalibratedCamera {
     pub covered: CoveredRegion,
     /// Standard deviation of each parameter, in the model's order, if known.
     pub sigma: Option<Vec<f64>>,
+    /// Covariance of the parameters, in the model's order, if known.
+    pub covariance: Option<Vec<Vec<f64>>>,
     /// Root mean square of the residuals in pixels, if known.
     pub residual_rms: Option<f64>,
     /// The board, if known.
@@ -44,8 +46,14 @@ struct CalibrationFile {
     camera: CameraDescription,
     covered_region: Option<Vec<[f64; 2]>>,
     sigma: Option<CameraDescription>,
+    uncertainty: Option<Uncertainty>,
     residuals: Option<Residuals>,
     board: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct Uncertainty {
+    covariance: Option<Vec<Vec<f64>>>,
 }
 
 #[derive(Deserialize)]
@@ -55,14 +63,17 @@ struct Residuals {
 
 impl CalibratedCamera {
     /// The camera of a calibration that was just made.
-    pub fn new(calibrated: &Calibrated, board: &Board, sigma: Option<Vec<f64>>) -> Self {
+    pub fn new(calibrated: &Calibrated, board: &Board) -> Self {
+        let uncertainty = &calibrated.trust.uncertainty;
+        let covariance = uncertainty.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
         Self {
             camera: calibrated.refined.state.camera,
             sensor: calibrated.sensor,
             name: UNNAMED.to_owned(),
             ros_topic: ROS_TOPIC.to_owned(),
             covered: CoveredRegion::of_calibration(calibrated),
-            sigma,
+            sigma: Some(uncertainty.sigma()),
+            covariance: Some(covariance),
             residual_rms: Some(calibrated.refined.residuals.rms),
             board: Some(*board),
         }
@@ -89,6 +100,7 @@ impl CalibratedCamera {
             ros_topic: ROS_TOPIC.to_owned(),
             covered,
             sigma,
+            covariance: file.uncertainty.and_then(|uncertainty| uncertainty.covariance),
             residual_rms: file.residuals.map(|residuals| residuals.rms),
             board: file.board.and_then(|board| board.parse().ok()),
         })

@@ -1,4 +1,4 @@
-//! Parameters and their standard deviations as a table.
+//! Parameters, their standard deviations and covariances as a table.
 
 use std::fmt::Write as _;
 
@@ -7,8 +7,8 @@ use evcal_core::camera::ModelKind;
 use super::format::{Content, Format};
 use super::number::decimal;
 
-/// `parameters.csv`: below comments a line of names, then one line a parameter. `sigma` is empty where it is
-/// not known; the unit of coefficients is empty.
+/// `parameters.csv`: below comments a line of names, then one line a parameter. `sigma` and the covariances with all
+/// parameters (`covariance_fx` …) are empty where they are not known; the unit of coefficients is empty.
 pub const FORMAT: Format =
     Format { name: "csv", file: "parameters.csv", models: ModelKind::ALL, substitutes: &[], write };
 
@@ -19,13 +19,22 @@ fn write(content: &Content) -> String {
     for remark in content.remarks() {
         let _ = writeln!(text, "# {remark}");
     }
-    let _ = write!(text, "# model {}, sensor {width} x {height}\nparameter,value,sigma,unit\n", content.model);
+    let names = content.model.parameter_names();
+    let _ = write!(text, "# model {}, sensor {width} x {height}\nparameter,value,sigma,unit", content.model);
+    names.iter().for_each(|name| text += &format!(",covariance_{name}"));
+    text += "\n";
     let sigma = calibrated.sigma.as_deref().unwrap_or_default();
     let values = content.matrix.iter().chain(content.distortion);
-    for (index, (name, value)) in content.model.parameter_names().iter().zip(values).enumerate() {
+    for (index, (name, value)) in names.iter().zip(values).enumerate() {
         let sigma = sigma.get(index).map(|sigma| decimal(*sigma)).unwrap_or_default();
         let unit = if index < 4 { "px" } else { "" };
-        let _ = writeln!(text, "{name},{},{sigma},{unit}", decimal(*value));
+        let _ = write!(text, "{name},{},{sigma},{unit}", decimal(*value));
+        let covariances = calibrated.covariance.as_ref().and_then(|rows| rows.get(index));
+        for other in 0..names.len() {
+            let covariance = covariances.and_then(|row| row.get(other));
+            text += &format!(",{}", covariance.map(|value| decimal(*value)).unwrap_or_default());
+        }
+        text += "\n";
     }
     text
 }

@@ -135,6 +135,7 @@ mod tests {
                 ros_topic: ROS_TOPIC.to_owned(),
                 covered: CoveredRegion::whole((346, 260)),
                 sigma: None,
+                covariance: None,
                 residual_rms: None,
                 board: None,
             };

@@ -1,22 +1,30 @@
 //! Pictures without distortion.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
-use image::{DynamicImage, ImageBuffer, ImageError, ImageReader};
-
 use super::PixelMap;
+use super::image_file::{self, ImageFile, ImageFileError, Samples};
 use crate::source::aedat4::other_streams::Frame;
 
 /// A picture could not be undistorted.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
-    /// It cannot be read or written.
+    /// It cannot be read.
     #[error("{}: {error}", path.display())]
-    Image {
+    Read {
         /// The picture.
         path: PathBuf,
         /// Why.
-        error: ImageError,
+        error: ImageFileError,
+    },
+    /// It cannot be written.
+    #[error("{}: {error}", path.display())]
+    Write {
+        /// The picture.
+        path: PathBuf,
+        /// What the system said.
+        error: io::Error,
     },
     /// It is not of this camera.
     #[error(
@@ -30,50 +38,23 @@ pub enum PictureError {
         /// Those of the calibrated sensor.
         sensor: (u16, u16),
     },
-    /// Its pixels are not whole numbers of 8 or 16 bits.
-    #[error("{} has pixels of a kind that is not supported: use 8 or 16 bits", .0.display())]
-    Pixels(PathBuf),
-}
-
-/// Reads a picture.
-///
-/// # Errors
-/// [`PictureError::Image`].
-pub fn read(path: &Path) -> Result<DynamicImage, PictureError> {
-    let failed = |error| PictureError::Image { path: path.to_owned(), error };
-    let reader =
-        ImageReader::open(path).and_then(ImageReader::with_guessed_format).map_err(|error| failed(error.into()))?;
-    reader.decode().map_err(failed)
 }
 
 /// The picture at `path` of a sensor, undistorted; `back` leads from new to old pixels.
 ///
 /// # Errors
 /// [`PictureError`].
-pub fn undistort_picture(path: &Path, back: &PixelMap) -> Result<DynamicImage, PictureError> {
-    let picture = read(path)?;
-    let (sensor, size) = (back.sensor(), (picture.width(), picture.height()));
+pub fn undistort_picture(path: &Path, back: &PixelMap) -> Result<ImageFile, PictureError> {
+    let picture = image_file::read(path).map_err(|error| PictureError::Read { path: path.to_owned(), error })?;
+    let (sensor, ImageFile { size, channels, samples }) = (back.sensor(), picture);
     if size != (u32::from(sensor.0), u32::from(sensor.1)) {
         return Err(PictureError::Size { path: path.to_owned(), size, sensor });
     }
-    let unsupported = || PictureError::Pixels(path.to_owned());
-    macro_rules! same_kind {
-        ($kind:ident, $buffer:expr, $channels:expr) => {{
-            let pixels = remap($buffer.as_raw(), $channels, sensor, (0, 0), back);
-            ImageBuffer::from_raw(size.0, size.1, pixels).map(DynamicImage::$kind).ok_or_else(unsupported)
-        }};
-    }
-    match &picture {
-        DynamicImage::ImageLuma8(buffer) => same_kind!(ImageLuma8, buffer, 1),
-        DynamicImage::ImageLumaA8(buffer) => same_kind!(ImageLumaA8, buffer, 2),
-        DynamicImage::ImageRgb8(buffer) => same_kind!(ImageRgb8, buffer, 3),
-        DynamicImage::ImageRgba8(buffer) => same_kind!(ImageRgba8, buffer, 4),
-        DynamicImage::ImageLuma16(buffer) => same_kind!(ImageLuma16, buffer, 1),
-        DynamicImage::ImageLumaA16(buffer) => same_kind!(ImageLumaA16, buffer, 2),
-        DynamicImage::ImageRgb16(buffer) => same_kind!(ImageRgb16, buffer, 3),
-        DynamicImage::ImageRgba16(buffer) => same_kind!(ImageRgba16, buffer, 4),
-        _ => Err(unsupported()),
-    }
+    let samples = match samples {
+        Samples::Eight(samples) => Samples::Eight(remap(&samples, channels, sensor, (0, 0), back)),
+        Samples::Sixteen(samples) => Samples::Sixteen(remap(&samples, channels, sensor, (0, 0), back)),
+    };
+    Ok(ImageFile { size, channels, samples })
 }
 
 /// Undistorts a frame of a recording in place. A frame of a part of the sensor stays one of that part.
@@ -81,26 +62,19 @@ pub fn undistort_frame(frame: &mut Frame, back: &PixelMap) {
     frame.pixels = remap(&frame.pixels, frame.channels, frame.size, frame.position, back);
 }
 
-/// Writes a frame as a picture; `false` if it has as many channels as no picture has.
+/// Writes a frame as a picture.
 ///
 /// # Errors
-/// [`PictureError::Image`].
-pub fn write_frame(frame: &Frame, path: &Path) -> Result<bool, PictureError> {
-    let (width, height) = (u32::from(frame.size.0), u32::from(frame.size.1));
-    let mut pixels = frame.pixels.clone();
+/// [`PictureError::Write`].
+pub fn write_frame(frame: &Frame, path: &Path) -> Result<(), PictureError> {
+    let mut samples = frame.pixels.clone();
     if frame.channels > 2 {
         // Frames are blue-green-red, pictures the other way round.
-        pixels.chunks_exact_mut(frame.channels).for_each(|pixel| pixel.swap(0, 2));
+        samples.chunks_exact_mut(frame.channels).for_each(|pixel| pixel.swap(0, 2));
     }
-    let picture = match frame.channels {
-        1 => ImageBuffer::from_raw(width, height, pixels).map(DynamicImage::ImageLuma8),
-        3 => ImageBuffer::from_raw(width, height, pixels).map(DynamicImage::ImageRgb8),
-        4 => ImageBuffer::from_raw(width, height, pixels).map(DynamicImage::ImageRgba8),
-        _ => None,
-    };
-    let Some(picture) = picture else { return Ok(false) };
-    picture.save(path).map_err(|error| PictureError::Image { path: path.to_owned(), error })?;
-    Ok(true)
+    let size = (u32::from(frame.size.0), u32::from(frame.size.1));
+    let picture = ImageFile { size, channels: frame.channels, samples: Samples::Eight(samples) };
+    picture.write_png(path).map_err(|error| PictureError::Write { path: path.to_owned(), error })
 }
 
 /// A channel of a pixel.

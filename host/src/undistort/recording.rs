@@ -167,12 +167,13 @@ pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Re
     fs::create_dir_all(folder)
         .map_err(|error| UndistortError::Folder { folder: folder.display().to_string(), error })?;
     let mut extras = Extras::open(recording.path(), recording.format())?;
-    let (mut lost, mut written) = (Vec::new(), 0);
+    let (mut lost, mut written) = (Vec::new(), 0_u64);
     while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
         let Extra::Frame(mut frame) = extra else { continue };
         undistort_frame(&mut frame, &maps.back);
         let path = folder.join(format!("frame-{written:06}-{}.png", frame.t));
-        written += u64::from(write_frame(&frame, &path)?);
+        write_frame(&frame, &path)?;
+        written += 1;
     }
     Ok(written)
 }
