@@ -311,7 +311,7 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
     let (mut witness, mut joint) = (None, None);
     if task.frames != FrameUse::Ignore {
         let seen = frames::see_frames(task, Some(&starts), &mut progress)?;
-        let from_frames = frames::frame_calibration(task, seen, sensor, &mut progress);
+        let from_frames = frames::frame_calibration(task, seen, sensor, initial.camera.kind(), &mut progress);
         witness = from_frames
             .as_ref()
             .map(|calibration| frames::outcome(task, &refined.state.camera, &trust.uncertainty, sensor, calibration));

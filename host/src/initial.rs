@@ -32,7 +32,7 @@ use rayon::prelude::*;
 use crate::board::Board;
 use crate::opencv::MINIMUM_POINTS;
 use crate::reference_frame::{ObservedCircle, ReferenceFrame};
-pub(crate) use bundle::distortion_prior;
+pub(crate) use bundle::{DistortionPrior, distortion_prior, prior_cost};
 use bundle::{Bundle, BundleView, bundle};
 use cross_validation::cross_validate;
 use intrinsics::{native_start, opencv_start};

@@ -217,7 +217,11 @@ impl Calibration {
             initial_camera: CameraDescription::new(&calibrated.initial.camera),
             covered_region: CoveredRegion::of_calibration(calibrated).corners().iter().map(|&c| c.into()).collect(),
             board: board.to_string(),
-            event_classes: if from_events { EventClass::all(&state.bias, &trust.uncertainty.bias_sigma) } else { Vec::new() },
+            event_classes: if from_events {
+                EventClass::all(&state.bias, &trust.uncertainty.bias_sigma)
+            } else {
+                Vec::new()
+            },
             residuals: Residuals {
                 measure: if from_events { "event edge distance" } else { "circle centre distance" },
                 count: statistics.count,

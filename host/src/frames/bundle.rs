@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::circle_image::{CircleImage, circle_image_center};
 use super::median;
-use crate::initial::{distortion_prior, huber_cost, huber_weight, step_pose};
+use crate::initial::{DistortionPrior, distortion_prior, huber_cost, huber_weight, prior_cost, step_pose};
 
 type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
 type BorderVector = SVector<f64, MAX_PARAMETERS>;
@@ -73,7 +73,7 @@ const SMALLEST_SPREAD: f64 = 0.002;
 struct Target<'a> {
     radius: f64,
     views: &'a [FrameView],
-    prior: [f64; MAX_PARAMETERS],
+    prior: DistortionPrior,
     /// Huber's bound in pixels.
     bound: f64,
 }
@@ -151,8 +151,7 @@ impl Target<'_> {
             view.dots.iter().map(|dot| huber_cost(distance(dot), self.bound)).sum()
         };
         let costs: Vec<f64> = self.views.par_iter().zip(poses).map(of_view).collect();
-        let prior: f64 = camera.parameters().iter().zip(self.prior).map(|(value, weight)| weight * value * value).sum();
-        costs.iter().sum::<f64>() + prior
+        costs.iter().sum::<f64>() + prior_cost(camera, &self.prior)
     }
 
     fn linearise(&self, camera: &Camera<f64>, poses: &[Isometry3<f64>]) -> Vec<ViewEquations> {
@@ -167,9 +166,10 @@ impl Target<'_> {
         let count = parameters.len();
         let mut border: Border = eliminated.iter().map(|view| view.border).sum();
         let mut gradient: BorderVector = eliminated.iter().map(|view| view.gradient).sum();
-        for (index, (value, weight)) in parameters.iter().zip(self.prior).enumerate() {
+        let prior = self.prior.weights.iter().zip(&self.prior.expected);
+        for (index, (value, (weight, expected))) in parameters.iter().zip(prior).enumerate() {
             border[(index, index)] += weight;
-            gradient[index] += weight * value;
+            gradient[index] += weight * (value - expected);
             border[(index, index)] *= 1.0 + damping;
         }
         let (border, scale) = scaled(&border.view((0, 0), (count, count)).into_owned());
@@ -280,7 +280,7 @@ pub fn frame_bundle(
     let eliminated: Vec<Eliminated> = linear.iter().map(|view| view.eliminate(0.0)).collect::<Option<_>>()?;
     let part = |border: &Border| border.view((0, 0), (count, count)).into_owned();
     let mut border: DMatrix<f64> = part(&eliminated.iter().map(|view| view.border).sum());
-    for (index, weight) in prior.iter().enumerate().take(count) {
+    for (index, weight) in prior.weights.iter().enumerate().take(count) {
         border[(index, index)] += weight;
     }
     let mut covariance = DMatrix::zeros(count, count);

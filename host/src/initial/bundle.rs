@@ -213,7 +213,8 @@ pub fn distortion_prior(camera: &Camera<f64>, sensor: (u16, u16)) -> DistortionP
     prior
 }
 
-fn prior_cost(camera: &Camera<f64>, prior: &DistortionPrior) -> f64 {
+/// What the prior adds to the cost of `camera`.
+pub fn prior_cost(camera: &Camera<f64>, prior: &DistortionPrior) -> f64 {
     let parameters = camera.parameters();
     let expected = prior.weights.iter().zip(&prior.expected);
     parameters.iter().zip(expected).map(|(value, (weight, expected))| weight * (value - expected).powi(2)).sum()
