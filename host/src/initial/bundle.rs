@@ -231,7 +231,7 @@ fn total_cost(camera: &Camera<f64>, views: &[BundleView<'_>], huber: f64) -> f64
 }
 
 /// Derivatives of the focal lengths on the axis by the camera's parameters.
-fn axial_focal_gradients(camera: &Camera<f64>) -> Option<[[f64; MAX_PARAMETERS]; 2]> {
+pub fn axial_focal_gradients(camera: &Camera<f64>) -> Option<[[f64; MAX_PARAMETERS]; 2]> {
     const STEP: f64 = 1e-6;
     let parameters = camera.parameters();
     let here = camera.axial_focal_lengths()?;
