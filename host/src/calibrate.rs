@@ -316,8 +316,9 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
             .as_ref()
             .map(|calibration| frames::outcome(task, &refined.state.camera, &trust.uncertainty, sensor, calibration));
         if task.frames == FrameUse::Joint {
-            let JointPoints { points, report } = frames::observations(task, &refined, from_frames.as_ref())?;
-            let input = RefinementInput { points, point_sigma: report.spread, ..input };
+            let JointPoints { points, report } =
+                frames::observations(task, &refined, &trust.uncertainty, from_frames.as_ref())?;
+            let input = RefinementInput { points, point_sigma: report.sigma, ..input };
             refined = solved(&input, refined.state, &mut progress)?;
             trust = examined(&refined)?;
             joint = Some(report);

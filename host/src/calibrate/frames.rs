@@ -92,6 +92,7 @@ pub(super) fn outcome(
 pub(super) fn observations(
     task: &Task,
     refined: &Refined,
+    uncertainty: &Uncertainty,
     frames: Option<&Result<FrameCalibration, NoFrameCalibration>>,
 ) -> Result<JointPoints, CalibrateError> {
     let calibration = match frames {
@@ -99,7 +100,8 @@ pub(super) fn observations(
         Some(Err(silent)) => return Err(CalibrateError::Frames(silent.clone())),
         None => return Err(no_frames(task)),
     };
-    joint_points(calibration, &refined.state, task.board, &task.settings.frames).map_err(CalibrateError::JointFrames)
+    joint_points(calibration, &refined.state, uncertainty.inflation, task.board, &task.settings.frames)
+        .map_err(CalibrateError::JointFrames)
 }
 
 fn no_frames(task: &Task) -> CalibrateError {
