@@ -20,6 +20,11 @@ fn camera<T: RealField + Copy>(kind: ModelKind) -> Camera<T> {
         ModelKind::Radtan8 => &[0.5, 0.1, 0.0005, -0.0003, 0.02, 0.8, 0.3, 0.05],
         ModelKind::KannalaBrandt => &[-0.02, 0.01, -0.005, 0.001],
         ModelKind::InverseRadial => &[0.3, 0.1, 0.1, 0.05, 0.02],
+        ModelKind::Ucm => &[0.6],
+        ModelKind::Eucm => &[0.6, 1.1],
+        ModelKind::DoubleSphere => &[-0.2, 0.6],
+        ModelKind::Fov => &[0.9],
+        ModelKind::Omni => &[1.2, -0.1, 0.02, 0.001, -0.0005],
     };
     let parameters: Vec<T> =
         [345.0, 345.0, 170.0, 127.0].iter().chain(coefficients).map(|&value| nalgebra::convert(value)).collect();

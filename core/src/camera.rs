@@ -12,6 +12,11 @@
 //! | `radtan8` | [`radtan`] | k1 k2 p1 p2 k3 k4 k5 k6 | OpenCV and ROS rational model |
 //! | `kannala-brandt` | [`kannala_brandt`] | k1 k2 k3 k4 | OpenCV fisheye, Kalibr and ROS equidistant |
 //! | `inverse-radial` | [`inverse_radial`] | k1 k2 k3 k4 k5 | Drap and Lefèvre 2016 |
+//! | `ucm` | [`ucm`] | alpha | unified model as basalt writes it |
+//! | `eucm` | [`eucm`] | alpha beta | enhanced unified model of Kalibr and basalt |
+//! | `double-sphere` | [`double_sphere`] | xi alpha | `ds` of Kalibr and basalt |
+//! | `fov` | [`fov`] | w | ATAN; pinhole with `fov` in Kalibr |
+//! | `omni` | [`omni`] | xi k1 k2 p1 p2 | OpenCV's `omnidir`, Kalibr omni-radtan |
 //!
 //! What every model guarantees:
 //! - The **domain** is fixed when the camera is made and the model is one-to-one on it. Outside, and
@@ -37,17 +42,28 @@ use nalgebra::{RealField, SMatrix, Vector2, Vector3};
 
 mod camera_matrix;
 pub mod conversion;
+mod denominator;
+pub mod double_sphere;
+pub mod eucm;
+pub mod fov;
 pub mod inverse_radial;
 pub mod kannala_brandt;
+pub mod omni;
 mod polynomial;
 pub mod radtan;
 pub mod refit;
 #[cfg(test)]
 mod tests;
+pub mod ucm;
 
+pub use double_sphere::DoubleSphere;
+pub use eucm::Eucm;
+pub use fov::Fov;
 pub use inverse_radial::InverseRadial;
 pub use kannala_brandt::KannalaBrandt;
+pub use omni::Omni;
 pub use radtan::{Radtan4, Radtan5, Radtan8};
+pub use ucm::Ucm;
 
 /// Most parameters a model can have: fx, fy, cx, cy and [`MAX_COEFFICIENTS`] more.
 pub const MAX_PARAMETERS: usize = 12;
@@ -230,6 +246,27 @@ models! {
     KannalaBrandt(KannalaBrandt),
     /// Radial polynomial from the distorted to the ideal image, k1 k2 k3 k4 k5.
     InverseRadial(InverseRadial),
+    /// Unified model, alpha.
+    Ucm(Ucm),
+    /// Enhanced unified model, alpha beta.
+    Eucm(Eucm),
+    /// Double sphere, xi alpha.
+    DoubleSphere(DoubleSphere),
+    /// Field-of-view model, w.
+    Fov(Fov),
+    /// Unified model with radial and tangential distortion, xi k1 k2 p1 p2.
+    Omni(Omni),
+}
+
+impl<T: RealField + Copy> Camera<T> {
+    /// Focal lengths along x and y on the optical axis, in pixels: derivatives of the pixel by the angle
+    /// to the axis there.
+    ///
+    /// fx and fy themselves in most models; `double-sphere`, `omni` and `fov` scale them.
+    pub fn axial_focal_lengths(&self) -> Option<[T; 2]> {
+        let by_point = self.project_with_jacobians(&Vector3::z())?.by_point;
+        Some([by_point.m11, by_point.m22])
+    }
 }
 
 impl ModelKind {

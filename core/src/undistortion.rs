@@ -261,6 +261,11 @@ mod tests {
                 ModelKind::Radtan8 => &[0.3, 0.1, 0.001, -0.0005, 0.01, 0.65, 0.2, 0.03],
                 ModelKind::KannalaBrandt => &[-0.02, 0.01, -0.003, 0.0005],
                 ModelKind::InverseRadial => &[0.2, 0.1, 0.0, 0.0, 0.0],
+                ModelKind::Ucm => &[0.6],
+                ModelKind::Eucm => &[0.6, 1.1],
+                ModelKind::DoubleSphere => &[0.0, 0.6],
+                ModelKind::Fov => &[0.9],
+                ModelKind::Omni => &[0.0, -0.36, 0.14, 0.001, -0.0005],
             };
             Camera::from_parameters(kind, &[base.as_slice(), rest].concat()).unwrap()
         })

@@ -5,7 +5,6 @@ mod frames;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
 
-use evcal_core::camera::ModelKind;
 use evcal_core::event::Event;
 use serde::Serialize;
 
@@ -18,6 +17,7 @@ use crate::frames::calibration::NoFrameCalibration;
 use crate::frames::joint::{JointPoints, JointReport, NoJointPoints};
 use crate::frames::witness::FrameOutcome;
 use crate::initial::{InitialError, InitialModel, InitialReport, initial_model};
+use crate::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::other_board::OtherBoard;
 use crate::reference_frame::ReferenceFrame;
 use crate::refinement::{Refined, RefinementError, RefinementInput, RoundReport, StageSettings, refine};
@@ -75,7 +75,7 @@ pub struct Task<'a> {
     /// The board in front of it.
     pub board: &'a Board,
     /// The camera model wanted.
-    pub model: ModelKind,
+    pub model: ModelRequest,
     /// Sensor size where the recordings do not tell it.
     pub sensor: Option<(u16, u16)>,
     /// What frames are for.
@@ -117,6 +117,8 @@ pub struct StageReports {
     pub detection: DetectionReport,
     /// Stages 6 and 7.
     pub initial: InitialReport,
+    /// How the camera model was chosen, where that was left to the program.
+    pub model_choice: Option<ModelChoice>,
     /// Stage 8.
     pub segments: SegmentReport,
     /// Segments whose spline could not be fitted.
@@ -235,7 +237,15 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
         return Err(CalibrateError::NoPattern(no_pattern(&detection, settings) + &other.unwrap_or_default()));
     }
     progress(&format!("initial model from {} reference frames", frames.len()));
-    let initial = initial_model(&frames, task.board, sensor, task.model, &settings.initial)?;
+    let (initial, model_choice) = match task.model {
+        ModelRequest::Given(model) => (initial_model(&frames, task.board, sensor, model, &settings.initial)?, None),
+        ModelRequest::Auto => {
+            let (stage, choice) = (&settings.initial, &settings.model_choice);
+            let told = |model| progress(&format!("initial model {model} from {} reference frames", frames.len()));
+            let (initial, choice) = choose_model(&frames, task.board, sensor, &CANDIDATES, stage, choice, told)?;
+            (initial, Some(choice))
+        }
+    };
 
     progress("trajectory");
     let times: Vec<(usize, f64)> = initial
@@ -301,13 +311,14 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
     let (mut witness, mut joint) = (None, None);
     if task.frames != FrameUse::Ignore {
         let seen = frames::see_frames(task, Some(&starts), &mut progress)?;
-        let from_frames = frames::frame_calibration(task, seen, sensor, &mut progress);
+        let from_frames = frames::frame_calibration(task, seen, sensor, initial.camera.kind(), &mut progress);
         witness = from_frames
             .as_ref()
             .map(|calibration| frames::outcome(task, &refined.state.camera, &trust.uncertainty, sensor, calibration));
         if task.frames == FrameUse::Joint {
-            let JointPoints { points, report } = frames::observations(task, &refined, from_frames.as_ref())?;
-            let input = RefinementInput { points, point_sigma: report.spread, ..input };
+            let JointPoints { points, report } =
+                frames::observations(task, &refined, &trust.uncertainty, from_frames.as_ref())?;
+            let input = RefinementInput { points, point_sigma: report.sigma, ..input };
             refined = solved(&input, refined.state, &mut progress)?;
             trust = examined(&refined)?;
             joint = Some(report);
@@ -317,6 +328,7 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
         recordings,
         detection,
         initial: initial.report.clone(),
+        model_choice,
         segments,
         segments_without_spline,
         rounds: refined.rounds.clone(),

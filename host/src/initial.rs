@@ -10,6 +10,7 @@
 
 mod bundle;
 mod cross_validation;
+pub mod held_out;
 pub mod homography;
 mod intrinsics;
 mod neighbour_vote;
@@ -31,8 +32,8 @@ use rayon::prelude::*;
 use crate::board::Board;
 use crate::opencv::MINIMUM_POINTS;
 use crate::reference_frame::{ObservedCircle, ReferenceFrame};
-pub(crate) use bundle::distortion_prior;
 use bundle::{Bundle, BundleView, bundle};
+pub(crate) use bundle::{DistortionPrior, axial_focal_gradients, distortion_prior, prior_cost};
 use cross_validation::cross_validate;
 use intrinsics::{native_start, opencv_start};
 use pose::{FramePose, PoseError, robust_pose, settle_pose};
@@ -260,14 +261,8 @@ fn first_camera(
 
 /// Whether the views fix the focal lengths.
 fn views_differ(bundle: &Bundle, settings: &InitialSettings) -> Result<(), InitialError> {
-    let relative = bundle
-        .camera
-        .parameters()
-        .iter()
-        .zip(&bundle.sigma)
-        .take(2)
-        .map(|(focal, sigma)| sigma / focal)
-        .fold(0.0, f64::max);
+    let focal = bundle.camera.axial_focal_lengths().unwrap_or([f64::NAN; 2]);
+    let relative = focal.iter().zip(&bundle.axial_focal_sigma).map(|(focal, sigma)| sigma / focal).fold(0.0, f64::max);
     if relative <= settings.max_focal_deviation {
         Ok(())
     } else {

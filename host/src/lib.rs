@@ -25,6 +25,7 @@ pub mod frames;
 pub mod information;
 pub mod initial;
 pub mod live;
+pub mod model_choice;
 pub mod opencv;
 pub mod other_board;
 pub mod output;

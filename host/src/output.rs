@@ -5,14 +5,15 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::board::Board;
-use crate::calibrate::{Calibrated, Task};
+use crate::calibrate::{Calibrated, Input, Task};
 use crate::circle_track;
 use crate::export::calibrated_camera::CalibratedCamera;
 use crate::export::format::Format;
 use crate::export::{kalibr, opencv, ros};
+use crate::frames::image::image_at;
 use crate::frames::witness::FrameOutcome;
 use crate::initial::PosedFrame;
-use crate::picture::{Picture, reference_frame_picture};
+use crate::picture::{Picture, grey_frame_picture, reference_frame_picture};
 use crate::reference_frame::ReferenceFrame;
 use crate::result::Calibration;
 use crate::stage_report::stage_report;
@@ -83,7 +84,11 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
             .map_err(|error| OutputError { file: name.clone(), error })?;
         put(folder.join(name), &circles)?;
     }
-    for (name, picture) in pictures(calibrated, task.board) {
+    let pictures = match &calibrated.witness {
+        Some(FrameOutcome::Only(_)) => frame_pictures(calibrated, task),
+        _ => pictures(calibrated, task.board),
+    };
+    for (name, picture) in pictures {
         let path = folder.join(name);
         picture.write_png(&path).map_err(|error| OutputError { file: path.display().to_string(), error })?;
     }
@@ -122,6 +127,25 @@ fn pictures(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Pictur
         let (posed, frame) = ranked?;
         let camera = &calibrated.refined.state.camera;
         Some((name, reference_frame_picture(frame, calibrated.sensor, board, camera, &posed.pose)))
+    };
+    let good = picture(ranked.first(), "good-frame.png");
+    let bad = picture(ranked.last(), "bad-frame.png");
+    good.into_iter().chain(bad).collect()
+}
+
+/// The camera's own pictures with the smallest and the largest error, as far as they can be read again.
+fn frame_pictures(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, Picture)> {
+    let mut ranked: Vec<&PosedFrame> = calibrated.initial.frames.iter().collect();
+    ranked.sort_by(|a, b| a.rms.total_cmp(&b.rms));
+    let picture = |posed: Option<&&PosedFrame>, name| {
+        let posed = posed?;
+        let frame = calibrated.frames.get(posed.frame)?;
+        let Some(Input::Events(recording)) = task.inputs.get(frame.recording) else { return None };
+        let exposure = (calibrated.starts.get(frame.recording)? + frame.start) * 1e6;
+        let picture = image_at(recording, exposure.round() as i64)?;
+        let image = (picture.image.as_ref().ok()?, picture.position);
+        let camera = &calibrated.refined.state.camera;
+        Some((name, grey_frame_picture(image, frame, calibrated.sensor, task.board, camera, &posed.pose)))
     };
     let good = picture(ranked.first(), "good-frame.png");
     let bad = picture(ranked.last(), "bad-frame.png");

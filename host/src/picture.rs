@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Point3, Vector2};
 
 use crate::board::Board;
 use crate::event_pixel::EventPixel;
+use crate::frames::image::GreyImage;
 use crate::reference_frame::ReferenceFrame;
 
 /// Picture pixels for each sensor pixel.
@@ -71,11 +72,15 @@ impl Picture {
     fn events(&mut self, pixels: &[EventPixel]) {
         for pixel in pixels {
             let color = if pixel.polarity() == Polarity::On { ON } else { OFF };
-            for y in 0..SCALE {
-                for x in 0..SCALE {
-                    let at = |coordinate: u16, offset: usize| (usize::from(coordinate) * SCALE + offset) as f64;
-                    self.set(at(pixel.x(), x), at(pixel.y(), y), color);
-                }
+            self.pixel(usize::from(pixel.x()), usize::from(pixel.y()), color);
+        }
+    }
+
+    /// Fills a pixel of the sensor.
+    fn pixel(&mut self, x: usize, y: usize, color: [u8; 3]) {
+        for row in 0..SCALE {
+            for column in 0..SCALE {
+                self.set((x * SCALE + column) as f64, (y * SCALE + row) as f64, color);
             }
         }
     }
@@ -104,6 +109,36 @@ pub fn reference_frame_picture(
 ) -> Picture {
     let mut picture = Picture::new(sensor);
     picture.events(&frame.pixels);
+    draw_board(&mut picture, frame, board, camera, pose);
+    picture
+}
+
+/// The same over one of the camera's own pictures, which begins at pixel `position` of the sensor.
+pub fn grey_frame_picture(
+    (image, position): (&GreyImage, (u16, u16)),
+    frame: &ReferenceFrame,
+    sensor: (u16, u16),
+    board: &Board,
+    camera: &Camera<f64>,
+    pose: &Isometry3<f64>,
+) -> Picture {
+    let mut picture = Picture::new(sensor);
+    for (index, &value) in image.pixels.iter().enumerate() {
+        let (x, y) = (index % image.width(), index / image.width());
+        picture.pixel(usize::from(position.0) + x, usize::from(position.1) + y, [value; 3]);
+    }
+    draw_board(&mut picture, frame, board, camera, pose);
+    picture
+}
+
+/// Draws the circles of `frame`, and the rims where the model puts them.
+fn draw_board(
+    picture: &mut Picture,
+    frame: &ReferenceFrame,
+    board: &Board,
+    camera: &Camera<f64>,
+    pose: &Isometry3<f64>,
+) {
     let columns = usize::from(board.pattern.columns.max(1));
     for pair in frame.circles.windows(2) {
         if let [a, b] = pair
@@ -128,7 +163,6 @@ pub fn reference_frame_picture(
     for circle in &frame.circles {
         picture.circle(circle.center, 1.0, FOUND);
     }
-    picture
 }
 
 /// Circles (centre and radius in pixels) over the events of a window.

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::calibrate::{CalibrateError, Calibrated, Input, Task, calibrate};
 use crate::evaluate::projection_difference::projection_difference;
+use crate::model_choice::ModelRequest;
 use crate::simulate::random::uniform_in;
 use crate::source::{Recording, SourceError};
 
@@ -88,7 +89,8 @@ pub enum RepeatError {
     },
 }
 
-/// Calibrates `settings.runs` random parts of `recording`, as `task` says but for its inputs.
+/// Calibrates `settings.runs` random parts of `recording`, as `task` says but for its inputs. Where the
+/// choice of the camera model is left to the program, that of the first part holds for all.
 ///
 /// # Errors
 /// [`RepeatError`] when the recording cannot be read or is shorter than a part. A part that cannot be
@@ -107,16 +109,18 @@ pub fn repeat(
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let mut runs = Vec::new();
     let mut cameras: Vec<(usize, Calibrated)> = Vec::new();
+    let mut model = task.model;
     for index in 0..settings.runs {
         progress(index);
         let start = uniform_in(&mut rng, 0.0, duration - settings.seconds);
         let end = start + settings.seconds;
         let span = (pass.first + (start * 1e6) as i64, pass.first + (end * 1e6) as i64);
         let inputs = [Input::Events(recording.section(span))];
-        let outcome: Result<Calibrated, CalibrateError> = calibrate(&Task { inputs: &inputs, ..*task }, |_| {});
+        let outcome: Result<Calibrated, CalibrateError> = calibrate(&Task { inputs: &inputs, model, ..*task }, |_| {});
         let outcome = match outcome {
             Ok(calibrated) => {
                 let camera = calibrated.refined.state.camera;
+                model = ModelRequest::Given(camera.kind());
                 let stated = calibrated.trust.projection.rms_95;
                 let sigma = calibrated.trust.uncertainty.sigma();
                 cameras.push((index, calibrated));
@@ -126,7 +130,7 @@ pub fn repeat(
         };
         runs.push(Run { start, end, outcome });
     }
-    let summary = Summary::of(task, &cameras);
+    let summary = Summary::of(&cameras);
     for (index, calibrated) in &cameras {
         let (Some(mean), Some(run)) = (&summary.mean, runs.get_mut(*index)) else { continue };
         let (width, height) = calibrated.sensor;
@@ -137,7 +141,7 @@ pub fn repeat(
     }
     let squares = runs.iter().filter_map(|run| run.outcome.as_ref().ok()).map(|run| run.difference * run.difference);
     let projection = (squares.sum::<f64>() / cameras.len().max(1) as f64).sqrt();
-    Ok(Repetition { model: task.model.name(), runs, parameters: summary.parameters, projection })
+    Ok(Repetition { model: model.name(), runs, parameters: summary.parameters, projection })
 }
 
 struct Summary {
@@ -146,11 +150,12 @@ struct Summary {
 }
 
 impl Summary {
-    fn of(task: &Task, cameras: &[(usize, Calibrated)]) -> Self {
-        let names = task.model.parameter_names();
-        if cameras.len() < 2 {
+    fn of(cameras: &[(usize, Calibrated)]) -> Self {
+        let Some((_, first)) = cameras.first().filter(|_| cameras.len() >= 2) else {
             return Self { mean: None, parameters: Vec::new() };
-        }
+        };
+        let kind = first.refined.state.camera.kind();
+        let names = kind.parameter_names();
         let columns: Vec<DVector<f64>> = cameras
             .iter()
             .map(|(_, calibrated)| {
@@ -179,6 +184,6 @@ impl Summary {
                 }
             })
             .collect();
-        Self { mean: Camera::from_parameters(task.model, mean.as_slice()), parameters }
+        Self { mean: Camera::from_parameters(kind, mean.as_slice()), parameters }
     }
 }

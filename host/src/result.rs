@@ -6,7 +6,7 @@ use crate::burst::RANK_COUNT;
 use crate::calibrate::{Calibrated, StageReports};
 use crate::camera_file::{CameraDescription, Parameters, SensorSize};
 use crate::coverage::Coverage;
-use crate::event_bias::{CLASS_COUNT, ClassBias};
+use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, ClassBias};
 use crate::export::covered_region::CoveredRegion;
 use crate::frames::joint::JointReport;
 use crate::frames::witness::FrameOutcome;
@@ -74,17 +74,22 @@ pub struct EventClass {
     /// relative to the first OFF event, spread in pixels.
     #[serde(flatten)]
     pub bias: ClassBias,
+    /// Standard deviations of offset, latency, bend, curvature, corner latency, curvature latency and
+    /// memory; zero where one is held.
+    pub standard_deviations: [f64; BIAS_COUNT],
 }
 
 impl EventClass {
-    /// All classes with their biases.
-    pub fn all(bias: &[ClassBias; CLASS_COUNT]) -> Vec<Self> {
+    /// All classes with their biases and standard deviations.
+    pub fn all(bias: &[ClassBias; CLASS_COUNT], sigma: &[[f64; BIAS_COUNT]; CLASS_COUNT]) -> Vec<Self> {
         bias.iter()
+            .zip(sigma)
             .enumerate()
-            .map(|(class, bias)| Self {
+            .map(|(class, (bias, sigma))| Self {
                 polarity: if class < RANK_COUNT { "off" } else { "on" },
                 rank: class % RANK_COUNT,
                 bias: *bias,
+                standard_deviations: *sigma,
             })
             .collect()
     }
@@ -212,7 +217,11 @@ impl Calibration {
             initial_camera: CameraDescription::new(&calibrated.initial.camera),
             covered_region: CoveredRegion::of_calibration(calibrated).corners().iter().map(|&c| c.into()).collect(),
             board: board.to_string(),
-            event_classes: if from_events { EventClass::all(&state.bias) } else { Vec::new() },
+            event_classes: if from_events {
+                EventClass::all(&state.bias, &trust.uncertainty.bias_sigma)
+            } else {
+                Vec::new()
+            },
             residuals: Residuals {
                 measure: if from_events { "event edge distance" } else { "circle centre distance" },
                 count: statistics.count,

@@ -19,6 +19,7 @@ use crate::association::AssociationSettings;
 use crate::frames::FrameSettings;
 use crate::initial::InitialSettings;
 use crate::live::LiveSettings;
+use crate::model_choice::ModelChoiceSettings;
 use crate::refinement::RefinementSettings;
 use crate::segment::SegmentSettings;
 use crate::solve::SolveSettings;
@@ -57,6 +58,8 @@ pub struct Settings {
     pub detection: DetectionSettings,
     /// Stages 6 and 7: gates, initial camera and poses, cross-validation.
     pub initial: InitialSettings,
+    /// Stages 6 and 7: which camera model, where that is left to the program.
+    pub model_choice: ModelChoiceSettings,
     /// Stage 8: segments.
     pub segment: SegmentSettings,
     /// Stage 9: splines.

@@ -49,6 +49,11 @@ pub fn stage_report(calibrated: &Calibrated) -> String {
     if !initial.reasons().is_empty() {
         let _ = writeln!(text, "               {}", initial.reasons());
     }
+    if let Some(choice) = &reports.model_choice {
+        for (index, line) in choice.to_string().lines().enumerate() {
+            let _ = writeln!(text, "{:<14} {line}", if index == 0 { "model" } else { "" });
+        }
+    }
     let segments = &reports.segments;
     let _ = writeln!(
         text,

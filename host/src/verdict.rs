@@ -3,11 +3,12 @@
 use std::fmt;
 
 use evcal_core::camera::Camera;
-use nalgebra::Vector2;
+use nalgebra::{DVector, Vector2};
 use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
 use crate::coverage::Coverage;
+use crate::initial::axial_focal_gradients;
 use crate::trust::Trust;
 
 /// Bounds of the verdict.
@@ -168,13 +169,9 @@ pub fn verdict(
 }
 
 fn sentence(grade: Grade, camera: &Camera<f64>, trust: &Trust, findings: &[Finding]) -> String {
-    let sigma = trust.uncertainty.sigma();
-    let parameters = camera.parameters();
-    let focal = match (parameters.first(), sigma.first()) {
-        (Some(fx), Some(sigma)) => format!("fx {fx:.2} ± {sigma:.2} px"),
-        _ => String::new(),
-    };
-    let known = format!("pixels are known to {:.3} px over the sensor (95 %), {focal}", trust.projection.rms_95);
+    let focal = focal_length(camera, trust)
+        .map_or_else(String::new, |(what, value, sigma)| format!(", {what} {value:.2} ± {sigma:.2} px"));
+    let known = format!("pixels are known to {:.3} px over the sensor (95 %){focal}", trust.projection.rms_95);
     let grave = || findings.iter().filter(|finding| finding.severity > Severity::Note);
     // How well the projection is known is told anyway: here the causes count, if there are any.
     let causes: Vec<&str> =
@@ -186,6 +183,19 @@ fn sentence(grade: Grade, camera: &Camera<f64>, trust: &Trust, findings: &[Findi
         Grade::Usable => format!("Usable, but {}: {known}.", reasons.join("; ")),
         Grade::NotGood => format!("Not good enough, because {}: {known}.", reasons.join("; ")),
     }
+}
+
+/// Name, value and σ of the focal length along x. In models whose fx can only be told together with a shape
+/// parameter it is that of the image's middle.
+fn focal_length(camera: &Camera<f64>, trust: &Trust) -> Option<(&'static str, f64, f64)> {
+    let covariance = &trust.uncertainty.covariance;
+    let [value, _] = camera.axial_focal_lengths()?;
+    let [gradient, _] = axial_focal_gradients(camera)?;
+    let count = covariance.nrows();
+    let gradient = DVector::from_fn(count, |index, _| gradient.get(index).copied().unwrap_or(0.0));
+    let sigma = gradient.dot(&(covariance * &gradient)).max(0.0).sqrt();
+    let plain = camera.parameters().first().is_some_and(|fx| (fx - value).abs() <= 1e-9 * value);
+    Some((if plain { "fx" } else { "focal length on the axis" }, value, sigma))
 }
 
 fn uncertain(trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
@@ -327,6 +337,9 @@ fn not_one_to_one(camera: &Camera<f64>, (width, height): (u16, u16)) -> Option<F
     })
 }
 
+/// A focal length known worse than this part of it may be open for want of a second parameter.
+const TOGETHER: f64 = 0.02;
+
 fn undetermined(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
     let sigma = trust.uncertainty.sigma();
     let parameters = camera.parameters();
@@ -338,6 +351,19 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
         .filter(|(_, (value, sigma))| value.abs() < 2.0 * **sigma)
         .map(|(name, _)| *name)
         .collect();
+    // Each parameter may be open although the projection is known: then several only count together.
+    if let (Some(fx), Some(sigma)) = (parameters.first(), sigma.first())
+        && *sigma > TOGETHER * fx
+        && trust.projection.rms_95 < sigma * 0.1
+    {
+        return Some(Finding {
+            cause: Cause::ParameterUndetermined,
+            severity: Severity::Note,
+            reason: "focal length and shape parameters of this model are only known together, each alone is open"
+                .to_owned(),
+            advice: "use them together, or take a model with fewer coefficients".to_owned(),
+        });
+    }
     (!lost.is_empty()).then(|| Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,

@@ -4,12 +4,12 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::{json, text};
+use crate::{camera, json, text};
 
 /// Errors of a calibration.
 #[derive(Clone, Copy, Debug)]
 pub struct Accuracy {
-    /// Larger relative error of the two focal lengths.
+    /// Larger relative error of the two focal lengths on the optical axis.
     pub focal: f64,
     /// Larger error of the two coordinates of the principal point, in pixels.
     pub center: f64,
@@ -28,11 +28,14 @@ impl Accuracy {
         let figures = json(&["evaluate", text(calibration), "--truth", text(truth), "--json"]);
         let number = |value: &Value| value.as_f64().unwrap_or_else(|| panic!("no number in {figures}"));
         let parameter = |name: &str| &figures["intrinsics"]["parameters"][name];
-        let relative = |name: &str| number(&parameter(name)["difference"]) / number(&parameter(name)["truth"]);
+        let axial = |file: &Path| camera(file).axial_focal_lengths().expect("the axis is in every domain");
+        let found = axial(&calibration.join("calibration.json"));
+        let relative =
+            found.iter().zip(axial(&truth.join("truth.json"))).map(|(found, truth)| (found / truth - 1.0).abs());
         let absolute = |name: &str| number(&parameter(name)["difference"]);
         let projection = &figures["projection_difference"];
         Self {
-            focal: relative("fx").abs().max(relative("fy").abs()),
+            focal: relative.fold(0.0, f64::max),
             center: absolute("cx").abs().max(absolute("cy").abs()),
             projection_rms: number(&projection["rms_px"]),
             projection_max: number(&projection["max_px"]),

@@ -29,9 +29,20 @@ pub const KANNALA_BRANDT: Lens =
 /// A lens given by the paper's polynomial from pixels to rays.
 pub const INVERSE_RADIAL: Lens =
     Lens { model: "inverse-radial", parameters: "335.3,334.9,171.2,128.8,0.33,0.16,0.09,0.04,0.02" };
+/// A wide lens of the unified model.
+pub const UCM: Lens = Lens { model: "ucm", parameters: "196.4,196.0,171.9,130.3,0.62" };
+/// A wide lens of the enhanced unified model.
+pub const EUCM: Lens = Lens { model: "eucm", parameters: "196.4,196.0,171.9,130.3,0.6,1.12" };
+/// A wide lens of the double sphere model.
+pub const DOUBLE_SPHERE: Lens = Lens { model: "double-sphere", parameters: "157.1,156.8,171.9,130.3,-0.2,0.58" };
+/// A wide lens of the field-of-view model.
+pub const FOV: Lens = Lens { model: "fov", parameters: "182.4,182.0,171.9,130.3,0.93" };
+/// A wide lens with tangential distortion.
+pub const OMNI: Lens = Lens { model: "omni", parameters: "432.1,431.2,171.9,130.3,1.2,-0.12,0.05,0.0006,-0.0004" };
 
 /// All of them.
-pub const ALL: [Lens; 5] = [RADTAN4, RADTAN, RADTAN8, KANNALA_BRANDT, INVERSE_RADIAL];
+pub const ALL: [Lens; 10] =
+    [RADTAN4, RADTAN, RADTAN8, KANNALA_BRANDT, INVERSE_RADIAL, UCM, EUCM, DOUBLE_SPHERE, FOV, OMNI];
 
 impl Lens {
     /// The model.

@@ -31,7 +31,7 @@
 //! Source: D. C. Brown, "Close-range camera calibration" (1971); OpenCV documentation of `calib3d`,
 //! section "Camera Calibration and 3D Reconstruction". The domain is derived above.
 
-use nalgebra::{Matrix3x2, RealField, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3x2, RealField, Vector2, Vector3};
 
 use super::camera_matrix::{CameraMatrix, bearing_through, parameter_names};
 use super::polynomial::{positive_until, product};
@@ -92,7 +92,7 @@ impl Named for Coefficients<8> {
 }
 
 /// The radial factor at one point.
-struct RadialFactor<T> {
+pub(super) struct RadialFactor<T> {
     /// d(s).
     factor: T,
     /// ∂d/∂s.
@@ -102,8 +102,8 @@ struct RadialFactor<T> {
 }
 
 /// The distorted image point and its symmetric Jacobian by (x, y).
-struct Distorted<T> {
-    image: Vector2<T>,
+pub(super) struct Distorted<T> {
+    pub(super) image: Vector2<T>,
     u_x: T,
     u_y: T,
     v_y: T,
@@ -118,9 +118,14 @@ impl<T: RealField + Copy> Distorted<T> {
         self.u_x + self.v_y
     }
 
+    /// J, the Jacobian by (x, y).
+    pub(super) fn by_ideal(&self) -> Matrix2<T> {
+        Matrix2::new(self.u_x, self.u_y, self.u_y, self.v_y)
+    }
+
     /// J⁻¹ times a vector.
     #[inline]
-    fn solve(&self, right: &Vector2<T>) -> Vector2<T> {
+    pub(super) fn solve(&self, right: &Vector2<T>) -> Vector2<T> {
         let inverse_determinant = T::one() / self.determinant();
         Vector2::new(
             (self.v_y * right.x - self.u_y * right.y) * inverse_determinant,
@@ -160,13 +165,19 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         Self::new(self.matrix, [k1, k2, T::zero(), T::zero(), k3, k4, k5, k6])
     }
 
+    /// k1 k2 p1 p2 k3 k4 k5 k6; absent ones are 0.
+    pub(super) fn coefficients(&self) -> [T; MAX_COEFFICIENTS] {
+        self.coefficients
+    }
+
     /// The camera matrix.
     pub(super) fn matrix(&self) -> &CameraMatrix<T> {
         &self.matrix
     }
 
+    /// d and its slope for a squared radius.
     #[inline]
-    fn radial_factor(&self, square: T) -> RadialFactor<T> {
+    pub(super) fn radial_factor(&self, square: T) -> RadialFactor<T> {
         let [k1, k2, _, _, k3, k4, k5, k6] = self.coefficients;
         let one = T::one();
         let (two, three) = (nalgebra::convert::<f64, T>(2.0), nalgebra::convert::<f64, T>(3.0));
@@ -183,8 +194,9 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         RadialFactor { factor, slope, inverse_denominator }
     }
 
+    /// The distorted image point of (x, y), whose radial factor is `radial`.
     #[inline]
-    fn distort(&self, ideal: &Vector2<T>, radial: &RadialFactor<T>) -> Distorted<T> {
+    pub(super) fn distort(&self, ideal: &Vector2<T>, radial: &RadialFactor<T>) -> Distorted<T> {
         let [_, _, p1, p2, ..] = self.coefficients;
         let (x, y) = (ideal.x, ideal.y);
         let (two, three) = (nalgebra::convert::<f64, T>(2.0), nalgebra::convert::<f64, T>(3.0));
@@ -202,7 +214,7 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
 
     /// Derivatives of (u, v) by the `N` coefficients.
     #[inline]
-    fn by_coefficients(ideal: &Vector2<T>, radial: &RadialFactor<T>) -> impl Iterator<Item = Vector2<T>> {
+    pub(super) fn by_coefficients(ideal: &Vector2<T>, radial: &RadialFactor<T>) -> impl Iterator<Item = Vector2<T>> {
         let (x, y) = (ideal.x, ideal.y);
         let two = nalgebra::convert::<f64, T>(2.0);
         let square = ideal.norm_squared();
@@ -232,7 +244,7 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
 
     /// Whether (x, y) is in the domain.
     #[inline]
-    fn contains(&self, ideal: &Vector2<T>) -> bool {
+    pub(super) fn contains(&self, ideal: &Vector2<T>) -> bool {
         ideal.norm_squared() < self.squared_radius_limit
     }
 
@@ -246,7 +258,7 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
     }
 
     /// The (x, y) of the domain that is distorted to `image`.
-    fn undistort(&self, image: &Vector2<T>) -> Option<Vector2<T>> {
+    pub(super) fn undistort(&self, image: &Vector2<T>) -> Option<Vector2<T>> {
         let size = image.norm_squared();
         let within_reach = size < self.squared_image_limit;
         if !within_reach {

@@ -25,6 +25,31 @@ fn distortions(kind: ModelKind) -> &'static [&'static [f64]] {
         ],
         ModelKind::KannalaBrandt => &[&[0.0; 4], &[-0.02, 0.01, -0.005, 0.001], &[0.1, 0.02, 0.01, 0.002]],
         ModelKind::InverseRadial => &[&[0.0; 5], &[0.3, 0.1, 0.1, 0.05, 0.02], &[-0.2, 0.1, -0.05, 0.0, 0.01]],
+        ModelKind::Ucm => &[&[0.0], &[0.35], &[0.5], &[0.68], &[1.0], &[-0.3], &[1.2]],
+        ModelKind::Eucm => &[&[0.0, 1.0], &[0.57, 1.12], &[0.65, 0.7], &[0.4, 2.5], &[-0.2, 1.3], &[1.1, 0.8]],
+        ModelKind::DoubleSphere => &[&[0.0; 2], &[-0.18, 0.59], &[0.3, 0.4], &[-0.5, 0.7], &[1.0, 0.2], &[1.5, 0.0]],
+        ModelKind::Fov => &[&[1e-5], &[0.3], &[0.93], &[1.6]],
+        ModelKind::Omni => &[
+            &[0.0; 5],
+            &[1.2, -0.2, 0.05, 0.001, -0.0005],
+            &[0.8, 0.1, -0.02, -0.001, 0.002],
+            &[2.5, 0.1, 0.0, 0.0, 0.0],
+        ],
+    }
+}
+
+/// Lenses that may see behind the plane Z = 0.
+fn is_wide(kind: ModelKind) -> bool {
+    use ModelKind::{DoubleSphere, Eucm, Fov, KannalaBrandt, Omni, Ucm};
+    matches!(kind, KannalaBrandt | Ucm | Eucm | DoubleSphere | Fov | Omni)
+}
+
+/// Focal length on the axis over fx.
+fn axial_magnification(kind: ModelKind, coefficients: &[f64]) -> f64 {
+    match kind {
+        ModelKind::DoubleSphere | ModelKind::Omni => 1.0 / (1.0 + coefficients[0]),
+        ModelKind::Fov => 2.0 * (coefficients[0] / 2.0).tan() / coefficients[0],
+        _ => 1.0,
     }
 }
 
@@ -32,6 +57,7 @@ fn parameter_sets(kind: ModelKind) -> impl Iterator<Item = Vec<f64>> {
     // Fisheye lenses are short: 110 px make the corners of the sensor look 100° off the axis.
     let focal = if kind == ModelKind::KannalaBrandt { 110.0 } else { 345.0 };
     distortions(kind).iter().map(move |coefficients| {
+        let focal = focal / axial_magnification(kind, coefficients);
         [focal, focal * 0.99, 170.3, 127.8].iter().chain(coefficients.iter()).copied().collect()
     })
 }
@@ -240,7 +266,8 @@ fn the_optical_axis_is_regular() {
         assert!(check_jacobians(&camera, &centre));
         for tiny in [1e-300, 1e-160, 1e-20, 1e-9] {
             let projection = camera.project_with_jacobians(&Vector3::new(tiny, -tiny, 1.0)).unwrap();
-            assert!((projection.by_point[(0, 0)] - parameters[0]).abs() < 1e-6, "{camera:?} {tiny}");
+            let focal = parameters[0] * axial_magnification(camera.kind(), &parameters[4..]);
+            assert!((projection.by_point[(0, 0)] - focal).abs() < 1e-6, "{camera:?} {tiny}");
             assert!(projection.by_point.iter().all(|value| value.is_finite()));
         }
     }
@@ -270,7 +297,7 @@ fn what_is_not_a_number_has_no_image() {
 fn points_behind_the_camera_have_no_image_in_pinhole_models() {
     for camera in cameras() {
         assert_eq!(camera.project(&Vector3::new(0.0, 0.0, -1.0)), None);
-        if camera.kind() != ModelKind::KannalaBrandt {
+        if !is_wide(camera.kind()) {
             for z in [0.0, -0.0, -1e-300, -1.0] {
                 assert_eq!(camera.project(&Vector3::new(0.1, -0.2, z)), None);
             }
@@ -363,8 +390,13 @@ fn any_camera() -> impl Strategy<Value = Camera<f64>> {
         .prop_filter_map("not invertible at the axis", |(kind, focal, aspect, mut coefficients)| {
             let kind = ModelKind::ALL[kind];
             for (coefficient, name) in coefficients.iter_mut().zip(&kind.parameter_names()[4..]) {
-                if name.starts_with('p') {
-                    *coefficient *= 0.1;
+                match *name {
+                    "p1" | "p2" => *coefficient *= 0.1,
+                    "alpha" => *coefficient = 0.5 + 1.4 * *coefficient,
+                    "beta" => *coefficient += 1.0,
+                    "xi" => *coefficient *= 3.0,
+                    "w" => *coefficient = 5.0 * coefficient.abs(),
+                    _ => {}
                 }
             }
             coefficients.truncate(kind.parameter_names().len() - 4);

@@ -1,6 +1,6 @@
 //! What the calibration does with the camera's own frames.
 
-use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 
 use super::{CalibrateError, Calibrated, Input, RecordingReport, StageReports, Task, file_of, sensor_of};
 use crate::coverage::coverage_of;
@@ -12,6 +12,7 @@ use crate::frames::image::may_hold_frames;
 use crate::frames::joint::{JointPoints, joint_points};
 use crate::frames::witness::{FrameOutcome, frame_witness};
 use crate::initial::InitialModel;
+use crate::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::reference_frame::ReferenceFrame;
 use crate::refinement::Refined;
 use crate::segment::SegmentReport;
@@ -60,13 +61,14 @@ pub(super) fn frame_calibration(
     task: &Task,
     seen: SeenFrames,
     sensor: (u16, u16),
+    model: ModelKind,
     progress: &mut impl FnMut(&str),
 ) -> Option<Result<FrameCalibration, NoFrameCalibration>> {
     if seen.report.frames == 0 {
         return None;
     }
     progress(&format!("calibration from {} frames", seen.frames.len()));
-    Some(calibrate_frames(seen.frames, seen.report, task.board, sensor, task.model, task.settings))
+    Some(calibrate_frames(seen.frames, seen.report, task.board, sensor, model, task.settings))
 }
 
 /// Compares the result from events with that from frames.
@@ -90,6 +92,7 @@ pub(super) fn outcome(
 pub(super) fn observations(
     task: &Task,
     refined: &Refined,
+    uncertainty: &Uncertainty,
     frames: Option<&Result<FrameCalibration, NoFrameCalibration>>,
 ) -> Result<JointPoints, CalibrateError> {
     let calibration = match frames {
@@ -97,7 +100,8 @@ pub(super) fn observations(
         Some(Err(silent)) => return Err(CalibrateError::Frames(silent.clone())),
         None => return Err(no_frames(task)),
     };
-    joint_points(calibration, &refined.state, task.board, &task.settings.frames).map_err(CalibrateError::JointFrames)
+    joint_points(calibration, &refined.state, uncertainty.inflation, task.board, &task.settings.frames)
+        .map_err(CalibrateError::JointFrames)
 }
 
 fn no_frames(task: &Task) -> CalibrateError {
@@ -121,7 +125,16 @@ pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Res
     }
     let seen = see_frames(task, None, &mut progress)?;
     let starts = seen.starts.clone();
-    let calibration = match frame_calibration(task, seen, sensor, &mut progress) {
+    let (model, model_choice) = match task.model {
+        ModelRequest::Given(model) => (model, None),
+        ModelRequest::Auto => {
+            let (stage, choice) = (&task.settings.initial, &task.settings.model_choice);
+            let told = |model| progress(&format!("initial model {model} from {} frames", seen.frames.len()));
+            let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, choice, told)?;
+            (initial.camera.kind(), Some(choice))
+        }
+    };
+    let calibration = match frame_calibration(task, seen, sensor, model, &mut progress) {
         Some(Ok(calibration)) => calibration,
         Some(Err(silent)) => return Err(CalibrateError::Frames(silent)),
         None => return Err(no_frames(task)),
@@ -145,6 +158,7 @@ pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Res
         recordings,
         detection: DetectionReport::default(),
         initial: calibration.initial.report.clone(),
+        model_choice,
         segments: SegmentReport::default(),
         segments_without_spline: 0,
         rounds: Vec::new(),

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use evcal::board::Board;
 use evcal::calibrate::{FrameUse, Input, Task, calibrate, calibrate_from_frames};
+use evcal::model_choice::ModelRequest;
 use evcal::output::write_folder;
 use evcal::settings::{Extraction, Grid, Settings, SettingsError};
 use evcal::source::SourceOptions;
 use evcal::trajectory::RotationSpline;
-use evcal_core::camera::ModelKind;
 
 use super::progress::spinner;
 use super::{detector, print};
@@ -55,9 +55,9 @@ pub struct MethodArguments {
     /// Board, for example acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius)
     #[arg(long)]
     pub board: Board,
-    /// Camera model: radtan4, radtan, radtan8, kannala-brandt or inverse-radial
-    #[arg(long, default_value = "radtan", value_parser = super::value::model())]
-    pub model: ModelKind,
+    /// Camera model, or auto: the simplest one that predicts held-out circles as well as any
+    #[arg(long, default_value = "radtan", value_parser = super::value::model_request())]
+    pub model: ModelRequest,
     /// Circle extraction: hard or soft [default: hard]
     #[arg(long, value_parser = extraction)]
     extraction: Option<Extraction>,

@@ -1,12 +1,19 @@
 //! Values that several subcommands take.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use evcal::model_choice::ModelRequest;
 use evcal::source::MAX_SENSOR_SIZE;
 use evcal_core::camera::ModelKind;
 
 /// Reads the name of a camera model; the help lists them all.
 pub fn model() -> impl TypedValueParser<Value = ModelKind> {
     PossibleValuesParser::new(ModelKind::ALL.iter().map(|kind| kind.name())).try_map(|name| name.parse::<ModelKind>())
+}
+
+/// Reads the name of a camera model, or `auto`; the help lists them all.
+pub fn model_request() -> impl TypedValueParser<Value = ModelRequest> {
+    let names = ModelKind::ALL.iter().map(|kind| kind.name()).chain([ModelRequest::AUTO]);
+    PossibleValuesParser::new(names).try_map(|name| name.parse::<ModelRequest>())
 }
 
 /// Reads `WIDTHxHEIGHT` in pixels.

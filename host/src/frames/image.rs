@@ -118,6 +118,18 @@ pub fn visit_frames(recording: &Recording, mut visit: impl FnMut(TimedImage)) ->
     })
 }
 
+/// The picture of `recording` whose exposure began at `start` (µs on its clock, to 1 µs); `None` where there
+/// is none that can be read.
+pub fn image_at(recording: &Recording, start: i64) -> Option<TimedImage> {
+    let mut found = None;
+    let seen = visit_frames(recording, |image| {
+        if found.is_none() && image.exposure.0.abs_diff(start) <= 1 {
+            found = Some(image);
+        }
+    });
+    seen.ok().and(found)
+}
+
 /// A frame as a camera sends it, times `shift` µs later.
 fn camera_frame(frame: &usb_davis::protocol::Frame<'_>, shift: i64) -> TimedImage {
     let time = |time: u64| i64::try_from(time).unwrap_or(i64::MAX).saturating_add(shift);
@@ -138,5 +150,70 @@ fn camera_frame(frame: &usb_davis::protocol::Frame<'_>, shift: i64) -> TimedImag
         exposure_known: exposure.is_some(),
         position: (frame.region.x, frame.region.y),
         image,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+
+    use usb_davis::configuration::Configuration;
+    use usb_davis::protocol::{Frame as WireFrame, Region};
+
+    use super::*;
+    use crate::source::SourceOptions;
+    use crate::source::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
+
+    #[test]
+    fn frames_of_a_camera_are_those_that_it_sent_and_a_rolling_shutter_is_told() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.dvraw");
+        let header = davis346_header("test", &Configuration::calibration());
+        let mut encoder = DumpEncoder::new(File::create(&path).unwrap(), header, COMPRESSION).unwrap();
+        let pixels: Vec<u16> = (0..346 * 260).map(|index| (index % 1000) as u16).collect();
+        for (start, shutter) in [(0, Shutter::Global), (40_000, Shutter::Rolling)] {
+            encoder.frame(&WireFrame {
+                shutter,
+                start,
+                end: start + 22_400,
+                exposure_start: Some(start + 9200),
+                exposure_end: Some(start + 13_200),
+                exposure_cycles: 0,
+                region: Region { x: 0, y: 0, width: 346, height: 260 },
+                damaged_columns: 0,
+                pixels: &pixels,
+            });
+        }
+        encoder.advance(100_000).unwrap();
+        encoder.finish().unwrap();
+        let recording = Recording::new(&path, SourceOptions::default()).unwrap();
+        let mut images = Vec::new();
+        assert_eq!(visit_frames(&recording, |image| images.push(image)).unwrap(), None);
+        let [global, rolling] = &images[..] else { panic!("{} images", images.len()) };
+        assert_eq!((global.exposure, global.exposure_known), ((9200, 13_200), true));
+        let image = global.image.as_ref().unwrap();
+        assert_eq!((image.width(), image.height()), (346, 260));
+        assert!(image.pixels.iter().zip(&pixels).all(|(eight, ten)| u16::from(*eight) == ten / 4));
+        assert_eq!(rolling.image, Err("rolling shutter"));
+        assert_eq!(image_at(&recording, 9201).as_ref(), Some(global));
+        assert_eq!(image_at(&recording, 9300), None);
+    }
+
+    #[test]
+    fn colours_become_grey_and_what_is_no_picture_is_refused() {
+        let frame = |channels, pixels| Frame {
+            t: 7,
+            exposure: None,
+            readout: None,
+            size: (2, 1),
+            position: (3, 4),
+            channels,
+            pixels,
+        };
+        let grey = TimedImage::from(frame(3, vec![10, 20, 30, 255, 255, 255]));
+        // 0.114 · 10 + 0.587 · 20 + 0.299 · 30 = 21.85.
+        assert_eq!(grey.image, GreyImage::new(2, 1, vec![22, 255]).ok_or(""));
+        assert_eq!((grey.exposure, grey.exposure_known, grey.position), ((7, 7), false, (3, 4)));
+        assert!(TimedImage::from(frame(2, vec![0; 4])).image.is_err());
     }
 }

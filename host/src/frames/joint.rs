@@ -31,8 +31,10 @@ pub struct JointReport {
     pub time_offset: f64,
     /// Its standard deviation (s).
     pub time_offset_sigma: f64,
-    /// Spread of a centre about the events' trajectory along one axis (px): its weight in the solve.
+    /// Spread of a centre about the events' trajectory along one axis (px).
     pub spread: f64,
+    /// The spread that gives a centre its weight in the solve (px).
+    pub sigma: f64,
 }
 
 /// Observations for the joint solve.
@@ -63,6 +65,9 @@ const ROUNDS: usize = 8;
 /// Part of the distance of neighbouring dots within which a dot is that of the trajectory.
 const NEAR: f64 = 0.25;
 
+/// Smallest share of its spread that a centre's weight is from.
+const SMALLEST_SHARE: f64 = 0.2;
+
 /// One dot on a trajectory.
 struct Tied<'a> {
     trajectory: usize,
@@ -76,11 +81,16 @@ struct Tied<'a> {
 
 /// Ties the dots of `calibration`'s frames to the trajectories of `state`.
 ///
+/// The solve takes events as independent, which they are not: they tell `event_inflation` times less of the
+/// camera than it believes. So that events do not outvote frames, a centre's weight is raised by the same
+/// factor, less by what the frames' own information is overstated by.
+///
 /// # Errors
 /// [`NoJointPoints`].
 pub fn joint_points(
     calibration: &FrameCalibration,
     state: &State,
+    event_inflation: f64,
     board: &Board,
     settings: &FrameSettings,
 ) -> Result<JointPoints, NoJointPoints> {
@@ -141,6 +151,7 @@ pub fn joint_points(
         time_offset: offset,
         time_offset_sigma: sigma,
         spread,
+        sigma: spread * (calibration.inflation.max(1.0) / event_inflation.max(1.0)).sqrt().clamp(SMALLEST_SHARE, 1.0),
     };
     Ok(JointPoints { points, report })
 }

@@ -42,6 +42,10 @@ pub struct Bundle {
     pub poses: Vec<Isometry3<f64>>,
     /// Standard deviation of each camera parameter, from the residuals; zero for those held.
     pub sigma: Vec<f64>,
+    /// Standard deviations of the focal lengths on the optical axis, in pixels.
+    ///
+    /// Those of fx and fy can be much larger in models in which a coefficient scales the image, too.
+    pub axial_focal_sigma: [f64; 2],
     /// Root mean square of the distances, each weighted as by Huber's loss, in pixels.
     pub rms: f64,
     /// Steps taken.
@@ -93,12 +97,15 @@ struct PriorEquations {
 }
 
 impl PriorEquations {
-    fn new(camera: &Camera<f64>, prior: &[f64; MAX_PARAMETERS], free: &[bool]) -> Self {
+    fn new(camera: &Camera<f64>, prior: &DistortionPrior, free: &[bool]) -> Self {
         let mut equations = Self { weights: BorderVector::zeros(), gradient: BorderVector::zeros() };
-        for (index, ((value, weight), free)) in camera.parameters().iter().zip(prior).zip(free).enumerate() {
+        let expected = prior.weights.iter().zip(&prior.expected);
+        for (index, ((value, (weight, expected)), free)) in
+            camera.parameters().iter().zip(expected).zip(free).enumerate()
+        {
             if *free {
                 equations.weights[index] = *weight;
-                equations.gradient[index] = weight * value;
+                equations.gradient[index] = weight * (value - expected);
             }
         }
         equations
@@ -154,33 +161,63 @@ const PRIOR_CHANGE: f64 = 0.3;
 /// Pixel noise for which the prior has its nominal weight.
 const PRIOR_NOISE: f64 = 0.1;
 
-/// Weight in px² of the square of each parameter; zero for those without a prior.
+/// What is expected of the distortion before anything is seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DistortionPrior {
+    /// Weight in px² of the squared deviation of each parameter; zero for those without a prior.
+    pub weights: [f64; MAX_PARAMETERS],
+    /// Expected value of each parameter.
+    pub expected: [f64; MAX_PARAMETERS],
+}
+
+/// What a coefficient does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Coefficient {
+    /// Adds this power of the squared radius to the radius, as a part of it.
+    Radial(i32),
+    /// Is determined by few views.
+    Free,
+    /// Is about so large, give or take 1: the shape of a wide model, which a narrow view leaves open.
+    Shape(f64),
+}
+
+/// The prior of a camera's model.
 ///
 /// Radial terms are expected to change the radius at the corner furthest from the principal point by
 /// [`PRIOR_CHANGE`] of itself, more or less.
-pub fn distortion_prior(camera: &Camera<f64>, sensor: (u16, u16)) -> [f64; MAX_PARAMETERS] {
-    let mut weights = [0.0; MAX_PARAMETERS];
-    let &[fx, fy, cx, cy, ..] = camera.parameters().as_slice() else { return weights };
+pub fn distortion_prior(camera: &Camera<f64>, sensor: (u16, u16)) -> DistortionPrior {
+    use Coefficient::{Free, Radial, Shape};
+    let mut prior = DistortionPrior { weights: [0.0; MAX_PARAMETERS], expected: [0.0; MAX_PARAMETERS] };
+    let &[fx, fy, cx, cy, ..] = camera.parameters().as_slice() else { return prior };
     let (right, bottom) = (f64::from(sensor.0) - 1.0, f64::from(sensor.1) - 1.0);
     let corner = (cx.max(right - cx) / fx).powi(2) + (cy.max(bottom - cy) / fy).powi(2);
-    // Power of the squared radius that goes with each coefficient; 0 for tangential terms.
-    let powers: &[i32] = match camera.kind() {
-        ModelKind::Radtan4 => &[1, 2, 0, 0],
-        ModelKind::Radtan => &[1, 2, 0, 0, 3],
-        ModelKind::Radtan8 => &[1, 2, 0, 0, 3, 1, 2, 3],
-        ModelKind::KannalaBrandt => &[1, 2, 3, 4],
-        ModelKind::InverseRadial => &[1, 2, 3, 4, 5],
+    let coefficients: &[Coefficient] = match camera.kind() {
+        ModelKind::Radtan4 => &[Radial(1), Radial(2), Free, Free],
+        ModelKind::Radtan => &[Radial(1), Radial(2), Free, Free, Radial(3)],
+        ModelKind::Radtan8 => &[Radial(1), Radial(2), Free, Free, Radial(3), Radial(1), Radial(2), Radial(3)],
+        ModelKind::KannalaBrandt => &[Radial(1), Radial(2), Radial(3), Radial(4)],
+        ModelKind::InverseRadial => &[Radial(1), Radial(2), Radial(3), Radial(4), Radial(5)],
+        ModelKind::Ucm | ModelKind::Fov => &[Free],
+        ModelKind::Eucm => &[Free, Shape(1.0)],
+        ModelKind::DoubleSphere => &[Shape(0.0), Free],
+        ModelKind::Omni => &[Shape(1.0), Radial(1), Radial(2), Free, Free],
     };
-    for (weight, &power) in weights.iter_mut().skip(4).zip(powers) {
-        if power > 0 {
-            *weight = (PRIOR_NOISE * corner.powi(power) / PRIOR_CHANGE).powi(2);
+    let slots = prior.weights.iter_mut().zip(&mut prior.expected).skip(4);
+    for ((weight, expected), coefficient) in slots.zip(coefficients) {
+        match *coefficient {
+            Free => {}
+            Radial(power) => *weight = (PRIOR_NOISE * corner.powi(power) / PRIOR_CHANGE).powi(2),
+            Shape(value) => (*weight, *expected) = (PRIOR_NOISE * PRIOR_NOISE, value),
         }
     }
-    weights
+    prior
 }
 
-fn prior_cost(camera: &Camera<f64>, prior: &[f64; MAX_PARAMETERS]) -> f64 {
-    camera.parameters().iter().zip(prior).map(|(value, weight)| weight * value * value).sum()
+/// What the prior adds to the cost of `camera`.
+pub fn prior_cost(camera: &Camera<f64>, prior: &DistortionPrior) -> f64 {
+    let parameters = camera.parameters();
+    let expected = prior.weights.iter().zip(&prior.expected);
+    parameters.iter().zip(expected).map(|(value, (weight, expected))| weight * (value - expected).powi(2)).sum()
 }
 
 fn total_cost(camera: &Camera<f64>, views: &[BundleView<'_>], huber: f64) -> f64 {
@@ -191,6 +228,27 @@ fn total_cost(camera: &Camera<f64>, views: &[BundleView<'_>], huber: f64) -> f64
         })
         .collect();
     costs.iter().sum()
+}
+
+/// Derivatives of the focal lengths on the axis by the camera's parameters.
+pub fn axial_focal_gradients(camera: &Camera<f64>) -> Option<[[f64; MAX_PARAMETERS]; 2]> {
+    const STEP: f64 = 1e-6;
+    let parameters = camera.parameters();
+    let here = camera.axial_focal_lengths()?;
+    let mut gradients = [[0.0; MAX_PARAMETERS]; 2];
+    for index in 0..parameters.len() {
+        let mut moved = parameters.clone();
+        let value = moved.get_mut(index)?;
+        let step = STEP * (1.0 + value.abs());
+        *value += step;
+        let there = Camera::from_parameters(camera.kind(), &moved)?.axial_focal_lengths()?;
+        for (gradient, (there, here)) in gradients.iter_mut().zip(there.iter().zip(&here)) {
+            if let Some(slot) = gradient.get_mut(index) {
+                *slot = (there - here) / step;
+            }
+        }
+    }
+    Some(gradients)
 }
 
 /// Refines the `free` parameters of `camera` and the poses of `views`.
@@ -269,18 +327,27 @@ pub fn bundle(
     let smallest = f64::EPSILON * eigen.eigenvalues.max();
     let inverse = eigen.eigenvalues.map(|value| 1.0 / value.max(smallest));
     let variance = squares / freedom as f64;
+    // Standard deviation of a linear function of the parameters with this gradient.
+    let deviation = |gradient: &[f64; MAX_PARAMETERS]| -> f64 {
+        let mut scaled = BorderVector::from(*gradient).component_mul(&scale);
+        for (value, index) in scaled.iter_mut().zip(0..) {
+            if !free.get(index).copied().unwrap_or(false) {
+                *value = 0.0;
+            }
+        }
+        let along = eigen.eigenvectors.tr_mul(&scaled);
+        let sum: f64 = along.iter().zip(inverse.iter()).map(|(along, inverse)| along * along * inverse).sum();
+        (variance * sum).sqrt()
+    };
     let sigma = (0..camera.parameters().len())
-        .map(|index| {
-            let row = eigen.eigenvectors.row(index);
-            let entry: f64 = row.iter().zip(inverse.iter()).map(|(vector, inverse)| vector * vector * inverse).sum();
-            let free = free.get(index).copied().unwrap_or(false);
-            if free { (variance * entry).sqrt() * scale[index] } else { 0.0 }
-        })
+        .map(|index| deviation(&std::array::from_fn(|other| if other == index { 1.0 } else { 0.0 })))
         .collect();
+    let axial_focal_sigma = axial_focal_gradients(&camera)?.map(|gradient| deviation(&gradient));
     Some(Bundle {
         camera,
         poses: views.iter().map(|view| view.pose).collect(),
         sigma,
+        axial_focal_sigma,
         rms: (squares / point_count as f64).sqrt(),
         steps,
     })

@@ -1,6 +1,8 @@
 //! First estimate of the camera: OpenCV's calibration, or a native one where OpenCV fails.
 
-use evcal_core::camera::{Camera, ModelKind, conversion::inverse_radial_from_radtan};
+use evcal_core::camera::conversion::inverse_radial_from_radtan;
+use evcal_core::camera::refit::refit_where;
+use evcal_core::camera::{Camera, ModelKind};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -29,11 +31,41 @@ fn view_of(points: &[BoardPoint]) -> View {
     }
 }
 
-/// The camera of model `kind` that OpenCV's result stands for.
+/// A camera model that OpenCV calibrates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum OpencvModel {
+    Pinhole(PinholeDistortion),
+    Fisheye,
+}
+
+/// The calibrations of OpenCV that start a camera of model `kind`; where there are several, the one
+/// with the smallest error does.
 ///
-/// OpenCV has no inverse radial model: that one is converted from a radial one. The rational model
-/// starts as the plain one with five coefficients, because its eight are hard to tell apart.
-fn camera_of(kind: ModelKind, calibration: &Calibration, sensor: (u16, u16)) -> Option<Camera<f64>> {
+/// The rational model starts as the plain one with five coefficients, because its eight are hard to
+/// tell apart. What OpenCV lacks starts as what comes near: the inverse radial model as a radial one,
+/// the wide models as a fisheye or, before narrow lenses, as a pinhole camera.
+fn opencv_models(kind: ModelKind) -> &'static [OpencvModel] {
+    use OpencvModel::{Fisheye, Pinhole};
+    match kind {
+        ModelKind::Radtan4 => &[Pinhole(PinholeDistortion::RadialTangential4)],
+        ModelKind::Radtan | ModelKind::Radtan8 => &[Pinhole(PinholeDistortion::RadialTangential5)],
+        ModelKind::InverseRadial => &[Pinhole(PinholeDistortion::Radial3)],
+        ModelKind::KannalaBrandt => &[Fisheye],
+        ModelKind::Ucm | ModelKind::Eucm | ModelKind::DoubleSphere | ModelKind::Fov | ModelKind::Omni => {
+            &[Fisheye, Pinhole(PinholeDistortion::RadialTangential4)]
+        }
+    }
+}
+
+/// The camera of model `kind` that the result of OpenCV's `model` stands for; `covered` is the distance
+/// from the principal point up to which the views reach (px).
+fn camera_of(
+    kind: ModelKind,
+    model: OpencvModel,
+    calibration: &Calibration,
+    sensor: (u16, u16),
+    covered: f64,
+) -> Option<Camera<f64>> {
     let intrinsics = &calibration.intrinsics;
     let mut parameters = [intrinsics.focal, intrinsics.center].concat();
     parameters.extend_from_slice(&intrinsics.distortion);
@@ -48,25 +80,37 @@ fn camera_of(kind: ModelKind, calibration: &Calibration, sensor: (u16, u16)) -> 
             parameters.resize(kind.parameter_names().len(), 0.0);
             Camera::from_parameters(kind, &parameters)
         }
+        ModelKind::Ucm | ModelKind::Eucm | ModelKind::DoubleSphere | ModelKind::Fov | ModelKind::Omni => {
+            let near = match model {
+                OpencvModel::Pinhole(_) => ModelKind::Radtan4,
+                OpencvModel::Fisheye => ModelKind::KannalaBrandt,
+            };
+            let near = Camera::from_parameters(near, &parameters).filter(|near| plausible(near, sensor))?;
+            let center = Vector2::from(intrinsics.center);
+            refit_where(kind, &near, sensor.0, sensor.1, |pixel| (pixel - center).norm() <= covered)
+        }
     }
 }
 
-fn calibrate(kind: ModelKind, views: &[View], sensor: (u16, u16)) -> Result<Calibration, opencv::OpencvError> {
-    let distortion = match kind {
-        ModelKind::Radtan4 => PinholeDistortion::RadialTangential4,
-        ModelKind::Radtan | ModelKind::Radtan8 => PinholeDistortion::RadialTangential5,
-        ModelKind::InverseRadial => PinholeDistortion::Radial3,
-        ModelKind::KannalaBrandt => return opencv::calibrate_fisheye(views, sensor),
-    };
-    opencv::calibrate_pinhole(views, sensor, distortion, None)
+fn calibrate(model: OpencvModel, views: &[View], sensor: (u16, u16)) -> Result<Calibration, opencv::OpencvError> {
+    match model {
+        OpencvModel::Pinhole(distortion) => opencv::calibrate_pinhole(views, sensor, distortion, None),
+        OpencvModel::Fisheye => opencv::calibrate_fisheye(views, sensor),
+    }
+}
+
+/// Distance from `center` up to which the views reach (px).
+fn covered_radius(views: &[View], center: [f64; 2]) -> f64 {
+    let points = views.iter().flat_map(|view| &view.image);
+    points.map(|[x, y]| (x - center[0]).hypot(y - center[1])).fold(0.0, f64::max)
 }
 
 /// Focal lengths that are no camera's: fields of view below 6° and above 180° by far.
 fn plausible(camera: &Camera<f64>, sensor: (u16, u16)) -> bool {
     let (width, height) = (f64::from(sensor.0), f64::from(sensor.1));
     let diagonal = width.hypot(height);
-    match camera.parameters().as_slice() {
-        &[fx, fy, cx, cy, ..] => {
+    match (camera.axial_focal_lengths(), camera.parameters().as_slice()) {
+        (Some([fx, fy]), &[_, _, cx, cy, ..]) => {
             let focal = (0.15 * diagonal..=10.0 * diagonal).contains(&fx) && (0.8..=1.25).contains(&(fx / fy));
             focal && (0.0..=width).contains(&cx) && (0.0..=height).contains(&cy)
         }
@@ -74,26 +118,47 @@ fn plausible(camera: &Camera<f64>, sensor: (u16, u16)) -> bool {
     }
 }
 
-/// OpenCV's calibration of `views` as a camera of model `kind`; while its error is above the
-/// settings' bound, the worst views are left out and it is tried again.
+/// OpenCV's calibration of `views` as a camera of model `kind`.
 pub fn opencv_start(
     kind: ModelKind,
     views: &[&[BoardPoint]],
     sensor: (u16, u16),
     settings: &InitialSettings,
 ) -> (Option<Camera<f64>>, OpencvStart) {
-    let mut views: Vec<View> = views.iter().map(|points| view_of(points)).collect();
+    let views: Vec<View> = views.iter().map(|points| view_of(points)).collect();
+    let mut best: Option<(Option<Camera<f64>>, OpencvStart)> = None;
+    for &model in opencv_models(kind) {
+        let start = start_from(kind, model, views.clone(), sensor, settings);
+        let error = |start: &OpencvStart| start.rms.unwrap_or(f64::INFINITY);
+        if best.as_ref().is_none_or(|best| error(&start.1) < error(&best.1)) {
+            best = Some(start);
+        }
+    }
+    best.unwrap_or((None, OpencvStart { views: (views.len(), 0), rms: None, failure: None }))
+}
+
+/// The calibration of OpenCV's `model` as a camera of model `kind`; while its error is above the
+/// settings' bound, the worst views are left out and it is tried again.
+fn start_from(
+    kind: ModelKind,
+    model: OpencvModel,
+    mut views: Vec<View>,
+    sensor: (u16, u16),
+    settings: &InitialSettings,
+) -> (Option<Camera<f64>>, OpencvStart) {
     let mut start = OpencvStart { views: (views.len(), views.len()), rms: None, failure: None };
     let mut best: Option<(Camera<f64>, f64)> = None;
     for _ in 0..=settings.start_retries {
-        let calibration = match calibrate(kind, &views, sensor) {
+        let calibration = match calibrate(model, &views, sensor) {
             Ok(calibration) => calibration,
             Err(error) => {
                 start.failure = Some(error.to_string());
                 break;
             }
         };
-        match camera_of(kind, &calibration, sensor).filter(|camera| plausible(camera, sensor)) {
+        let covered = covered_radius(&views, calibration.intrinsics.center);
+        let camera = camera_of(kind, model, &calibration, sensor, covered);
+        match camera.filter(|camera| plausible(camera, sensor)) {
             Some(camera) if best.is_none_or(|(_, rms)| calibration.rms < rms) => {
                 best = Some((camera, calibration.rms));
                 start.views.1 = calibration.views.len();
@@ -135,6 +200,21 @@ fn passes(parameters: usize) -> [Vec<bool>; 3] {
 /// Root mean square error that a bad view may add at most when focal lengths are compared, in px.
 const VIEW_ERROR_CAP: f64 = 20.0;
 
+/// First coefficients of two lenses of model `kind`: of one with little distortion, and of one with the
+/// barrel distortion of ordinary lenses, or of a fisheye where the model is for these.
+fn scan_coefficients(kind: ModelKind) -> [&'static [f64]; 2] {
+    match kind {
+        ModelKind::Radtan4 | ModelKind::Radtan | ModelKind::Radtan8 => [&[0.0], &[-0.3]],
+        ModelKind::InverseRadial => [&[0.0], &[0.3]],
+        ModelKind::KannalaBrandt => [&[0.0], &[0.0]],
+        ModelKind::Ucm => [&[0.3], &[0.6]],
+        ModelKind::Eucm => [&[0.3, 1.0], &[0.6, 1.0]],
+        ModelKind::DoubleSphere => [&[-0.2, 0.4], &[-0.2, 0.6]],
+        ModelKind::Fov => [&[0.4], &[0.9]],
+        ModelKind::Omni => [&[0.4], &[1.2]],
+    }
+}
+
 /// Number of views that compare focal lengths.
 const SCAN_VIEWS: usize = 16;
 
@@ -150,17 +230,15 @@ pub fn native_start(
     let size = Vector2::new(f64::from(sensor.0), f64::from(sensor.1));
     let center = (size - Vector2::new(1.0, 1.0)) / 2.0;
     let count = kind.parameter_names().len();
-    let barrel = match kind {
-        ModelKind::InverseRadial => 0.3,
-        ModelKind::KannalaBrandt => 0.0,
-        ModelKind::Radtan4 | ModelKind::Radtan | ModelKind::Radtan8 => -0.3,
-    };
     let scan: Vec<Camera<f64>> = (0..32)
         .flat_map(|step| {
             let focal = 0.2 * size.norm() * 1.12_f64.powi(step);
-            [0.0, barrel].map(|k1| {
-                let mut parameters = vec![focal, focal, center.x, center.y, k1];
+            scan_coefficients(kind).map(|coefficients| {
+                let mut parameters = vec![focal, focal, center.x, center.y];
+                parameters.extend_from_slice(coefficients);
                 parameters.resize(count, 0.0);
+                let [too_long, _] = Camera::from_parameters(kind, &parameters)?.axial_focal_lengths()?;
+                parameters.iter_mut().take(2).for_each(|length| *length *= focal / too_long);
                 Camera::from_parameters(kind, &parameters)
             })
         })

@@ -9,6 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use super::refit::ProjectedCircle;
 use super::*;
 use crate::event_pixel::EventPixel;
+use crate::model_choice::{CANDIDATES, ModelChoiceSettings, choose_model};
 
 const SENSOR: (u16, u16) = (346, 260);
 
@@ -23,6 +24,11 @@ fn true_camera(kind: ModelKind) -> Camera<f64> {
         ModelKind::Radtan8 => &[345.0, 344.0, 170.0, 127.0, 0.1, 0.05, 0.0008, -0.0005, 0.01, 0.45, 0.1, 0.02],
         ModelKind::KannalaBrandt => &[150.0, 149.0, 174.0, 131.0, 0.02, -0.01, 0.004, -0.001],
         ModelKind::InverseRadial => &[345.0, 344.0, 170.0, 127.0, 0.3, 0.15, 0.1, 0.05, 0.02],
+        ModelKind::Ucm => &[190.0, 189.0, 174.0, 131.0, 0.62],
+        ModelKind::Eucm => &[190.0, 189.0, 174.0, 131.0, 0.6, 1.1],
+        ModelKind::DoubleSphere => &[152.0, 151.0, 174.0, 131.0, -0.2, 0.58],
+        ModelKind::Fov => &[190.0, 189.0, 174.0, 131.0, 0.95],
+        ModelKind::Omni => &[418.0, 416.0, 174.0, 131.0, 1.2, -0.1, 0.05, 0.0008, -0.0005],
     };
     Camera::from_parameters(kind, parameters).unwrap()
 }
@@ -37,7 +43,7 @@ fn gauss(rng: &mut ChaCha8Rng) -> f64 {
 fn pose(camera: &Camera<f64>, board: &Board, t: f64) -> Isometry3<f64> {
     let wave = |rate: f64, phase: f64| (rate * t + phase).sin();
     let tilt = UnitQuaternion::from_euler_angles(0.6 * wave(2.1, 0.3), 0.6 * wave(1.7, 1.9), 0.5 * wave(0.9, 0.0));
-    let focal = camera.parameters()[0];
+    let focal = camera.axial_focal_lengths().unwrap()[0];
     let distance = 0.6 * focal / 345.0 * (1.15 + 0.25 * wave(1.1, 0.7));
     let sideways = Vector3::new(0.3 * wave(1.3, 2.0), 0.22 * wave(2.7, 0.4), 1.0) * distance;
     let middle = board.middle();
@@ -153,7 +159,10 @@ fn every_model_comes_back_from_noisy_partial_boards_with_wrong_frames() {
         for ((name, sigma), (truth, found)) in
             kind.parameter_names().iter().zip(&model.sigma).zip(truth.iter().zip(&found)).take(4)
         {
-            assert!((found - truth).abs() < 3.5 * sigma && *sigma < 0.3, "{kind} {name}: {found} ± {sigma}");
+            assert!((found - truth).abs() < 3.5 * sigma, "{kind} {name}: {found} ± {sigma}");
+            // With xi the focal length on the axis is known as well as elsewhere, but not its two parts.
+            let in_parts = kind.parameter_names().contains(&"xi") && name.starts_with('f');
+            assert!(*sigma < if in_parts { 30.0 } else { 0.3 }, "{kind} {name}: {found} ± {sigma}");
         }
         let over_sensor = difference(&scene.camera, &model.camera, SENSOR.0, SENSOR.1);
         assert!(over_sensor.root_mean_square < 0.5, "{kind} {over_sensor:?}");
@@ -213,6 +222,24 @@ fn native_and_opencv_starts_reach_the_same_camera() {
         // The prior on the distortion is all that keeps them from the truth.
         let from_truth = difference(&scene.camera, &native.camera, SENSOR.0, SENSOR.1);
         assert!(from_truth.root_mean_square < 0.01, "{kind} {from_truth:?}");
+    }
+}
+
+#[test]
+fn the_chosen_model_comes_near_the_lens() {
+    for kind in [ModelKind::Radtan, ModelKind::KannalaBrandt, ModelKind::DoubleSphere] {
+        let scene = Scene { count: 150, step: 0.05, ..Scene::new(kind) };
+        let frames = scene.frames(11, |_| Fault::None);
+        let (initial, settings) = (InitialSettings::default(), ModelChoiceSettings::default());
+        let (model, choice) =
+            choose_model(&frames, &scene.board, SENSOR, &CANDIDATES, &initial, &settings, |_| ()).unwrap();
+        assert_eq!(model.camera.kind().name(), choice.chosen);
+        assert_eq!(choice.candidates.len(), CANDIDATES.len());
+        let over_sensor = difference(&scene.camera, &model.camera, SENSOR.0, SENSOR.1);
+        assert!(over_sensor.root_mean_square < 0.5, "{kind}: {choice}: {over_sensor:?}");
+        if kind != ModelKind::Radtan {
+            assert!(!choice.chosen.starts_with("radtan"), "{kind}: {choice}");
+        }
     }
 }
 

@@ -1,0 +1,99 @@
+//! The enhanced unified camera model: an ellipsoid seen from a point on the axis.
+//!
+//! **Parameters**: fx fy cx cy alpha beta, with beta > 0. With beta = 1 it is [`super::ucm`].
+//!
+//! **Projection** of (X, Y, Z):
+//! ```text
+//! d = √(β (X² + Y²) + Z²)     q = α d + (1 - α) Z
+//! u = X / q                   pixel x = fx u + cx
+//! v = Y / q                   pixel y = fy v + cy
+//! ```
+//! **Jacobian**: that of [`super::denominator`], with q_s = α β / 2 d, q_Z = α Z / d + 1 - α,
+//! q_α = d - Z, q_β = α (X² + Y²) / 2 d.
+//!
+//! **Domain**: q > 0 and q_Z > 0, which is Z > -w d with w = α / (1 - α) up to α = ½ and
+//! (1 - α) / α beyond. Images reach to the cap of [`super::denominator`] up to α = ½, beyond to
+//! u² + v² < 1 / β (2 α - 1).
+//!
+//! **Unprojection** in closed form: with √β times X, Y, u and v it is the unified model; its bearing
+//! is that of `ucm` with ρ² = β (u² + v²), normalised.
+//!
+//! Source: B. Khomutenko, G. Garcia and P. Martinet, "An enhanced unified camera model", RA-L 1
+//! (2016); V. Usenko, N. Demmel and D. Cremers, "The double sphere camera model", 3DV 2018, section
+//! 2.3.
+
+use nalgebra::{RealField, Vector2, Vector3};
+
+use super::camera_matrix::{CameraMatrix, parameter_names};
+use super::denominator::Denominator;
+use super::ucm::{Lifted, lift};
+use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
+
+/// Enhanced unified camera with alpha and beta.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Eucm<T> {
+    matrix: CameraMatrix<T>,
+    alpha: T,
+    beta: T,
+}
+
+impl<T: RealField + Copy> Eucm<T> {
+    fn denominator(&self, point: &Vector3<T>) -> Option<Denominator<T, 2>> {
+        let (alpha, beta) = (self.alpha, self.beta);
+        let rest = T::one() - alpha;
+        let across = point.xy().norm_squared();
+        let square = beta * across + point.z * point.z;
+        if !(square > T::zero() && square.is_finite()) {
+            return None;
+        }
+        let distance = square.sqrt();
+        let half = alpha / (distance + distance);
+        let denominator = Denominator {
+            value: alpha * distance + rest * point.z,
+            by_square: half * beta,
+            by_depth: alpha * point.z / distance + rest,
+            by_coefficients: [distance - point.z, half * across],
+        };
+        denominator.in_domain(across)
+    }
+
+    /// The bearing of an image point and the denominator there.
+    fn bearing(&self, image: &Vector2<T>) -> Option<(Vector3<T>, Denominator<T, 2>)> {
+        let Lifted { factor, depth } = lift(self.alpha, self.beta * image.norm_squared())?;
+        let along = Vector3::new(image.x * factor, image.y * factor, depth);
+        let bearing = along / along.norm();
+        Some((bearing, self.denominator(&bearing)?))
+    }
+}
+
+impl<T: RealField + Copy> CameraModel<T> for Eucm<T> {
+    const NAME: &'static str = "eucm";
+    const PARAMETER_NAMES: &'static [&'static str] = parameter_names!["alpha", "beta"];
+
+    fn from_parameters(parameters: &[T]) -> Option<Self> {
+        let (matrix, [alpha, beta]) = CameraMatrix::split(parameters)?;
+        (beta > T::zero()).then_some(Self { matrix, alpha, beta })
+    }
+
+    fn parameters(&self) -> heapless::Vec<T, MAX_PARAMETERS> {
+        self.matrix.parameters(&[self.alpha, self.beta])
+    }
+
+    fn project(&self, point: &Vector3<T>) -> Option<Vector2<T>> {
+        Some(self.matrix.pixel(&self.denominator(point)?.image(point)))
+    }
+
+    fn project_with_jacobians(&self, point: &Vector3<T>) -> Option<Projection<T>> {
+        Some(self.denominator(point)?.projection(&self.matrix, point))
+    }
+
+    fn unproject(&self, pixel: &Vector2<T>) -> Option<Vector3<T>> {
+        Some(self.bearing(&self.matrix.image(pixel))?.0)
+    }
+
+    fn unproject_with_jacobians(&self, pixel: &Vector2<T>) -> Option<Unprojection<T>> {
+        let image = self.matrix.image(pixel);
+        let (bearing, denominator) = self.bearing(&image)?;
+        Some(denominator.unprojection(&self.matrix, &image, bearing))
+    }
+}

@@ -1,0 +1,124 @@
+//! The unified camera model with one coefficient: a sphere seen from a point on the axis.
+//!
+//! **Parameters**: fx fy cx cy alpha. Ordinary lenses have an alpha from 0 (pinhole) to 1
+//! (orthographic); any other is defined too.
+//!
+//! **Projection** of (X, Y, Z):
+//! ```text
+//! d = √(X² + Y² + Z²)     q = α d + (1 - α) Z
+//! u = X / q               pixel x = fx u + cx
+//! v = Y / q               pixel y = fy v + cy
+//! ```
+//! **Jacobian**: that of [`super::denominator`], with q_s = α / 2 d, q_Z = α Z / d + 1 - α,
+//! q_α = d - Z.
+//!
+//! **Domain**: q > 0 and q_Z > 0, which is Z > -w d with w = α / (1 - α) up to α = ½ and
+//! (1 - α) / α beyond. Points behind the plane Z = 0 are in it for 0 < α < 1. Images reach to
+//! the cap of [`super::denominator`] up to α = ½, beyond to u² + v² < 1 / (2 α - 1).
+//!
+//! **Unprojection** in closed form: with ρ² = u² + v² and S = √(1 + (1 - 2 α) ρ²)
+//! ```text
+//! bearing = ((α + (1 - α) S) u, (α + (1 - α) S) v, S - α (1 - α) ρ²) / (1 + (1 - α)² ρ²)
+//! ```
+//! (the usual form, (u, v, (1 - α² ρ²) / (α S + 1 - α)) normalised, is 0/0 on a circle when α is not
+//! between 0 and 1).
+//!
+//! Source: C. Geyer and K. Daniilidis, "A unifying theory for central panoramic systems", ECCV 2000;
+//! V. Usenko, N. Demmel and D. Cremers, "The double sphere camera model", 3DV 2018, section 2.2, for
+//! this parametrisation. The bearing is derived from the triangle of the sphere's centre, the point
+//! and the place on the axis.
+
+use nalgebra::{RealField, Vector2, Vector3};
+
+use super::camera_matrix::{CameraMatrix, parameter_names};
+use super::denominator::Denominator;
+use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
+
+/// Unified camera with alpha.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ucm<T> {
+    matrix: CameraMatrix<T>,
+    alpha: T,
+}
+
+/// The image point and the rest of a bearing: `bearing ∝ (factor u, factor v, depth)`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lifted<T> {
+    /// Bearing over image point.
+    pub factor: T,
+    /// z of the bearing.
+    pub depth: T,
+}
+
+/// The bearing of image points with the squared radius `square`, of length 1; `None` beyond the
+/// largest image.
+pub(super) fn lift<T: RealField + Copy>(alpha: T, square: T) -> Option<Lifted<T>> {
+    let one = T::one();
+    let rest = one - alpha;
+    let radicand = one + (rest - alpha) * square;
+    if !(radicand > T::zero() && radicand.is_finite()) {
+        return None;
+    }
+    let root = radicand.sqrt();
+    let scale = one / (one + rest * rest * square);
+    Some(Lifted { factor: scale * (alpha + rest * root), depth: scale * (root - alpha * rest * square) })
+}
+
+impl<T: RealField + Copy> Ucm<T> {
+    fn denominator(&self, point: &Vector3<T>) -> Option<Denominator<T, 1>> {
+        let alpha = self.alpha;
+        let rest = T::one() - alpha;
+        let across = point.xy().norm_squared();
+        let square = across + point.z * point.z;
+        if !(square > T::zero() && square.is_finite()) {
+            return None;
+        }
+        let distance = square.sqrt();
+        let denominator = Denominator {
+            value: alpha * distance + rest * point.z,
+            by_square: alpha / (distance + distance),
+            by_depth: alpha * point.z / distance + rest,
+            by_coefficients: [distance - point.z],
+        };
+        denominator.in_domain(across)
+    }
+
+    /// The bearing of an image point and the denominator there.
+    fn bearing(&self, image: &Vector2<T>) -> Option<(Vector3<T>, Denominator<T, 1>)> {
+        let Lifted { factor, depth } = lift(self.alpha, image.norm_squared())?;
+        let bearing = Vector3::new(image.x * factor, image.y * factor, depth);
+        Some((bearing, self.denominator(&bearing)?))
+    }
+}
+
+impl<T: RealField + Copy> CameraModel<T> for Ucm<T> {
+    const NAME: &'static str = "ucm";
+    const PARAMETER_NAMES: &'static [&'static str] = parameter_names!["alpha"];
+
+    fn from_parameters(parameters: &[T]) -> Option<Self> {
+        let (matrix, [alpha]) = CameraMatrix::split(parameters)?;
+        Some(Self { matrix, alpha })
+    }
+
+    fn parameters(&self) -> heapless::Vec<T, MAX_PARAMETERS> {
+        self.matrix.parameters(&[self.alpha])
+    }
+
+    fn project(&self, point: &Vector3<T>) -> Option<Vector2<T>> {
+        Some(self.matrix.pixel(&self.denominator(point)?.image(point)))
+    }
+
+    fn project_with_jacobians(&self, point: &Vector3<T>) -> Option<Projection<T>> {
+        Some(self.denominator(point)?.projection(&self.matrix, point))
+    }
+
+    fn unproject(&self, pixel: &Vector2<T>) -> Option<Vector3<T>> {
+        Some(self.bearing(&self.matrix.image(pixel))?.0)
+    }
+
+    fn unproject_with_jacobians(&self, pixel: &Vector2<T>) -> Option<Unprojection<T>> {
+        let image = self.matrix.image(pixel);
+        let (bearing, denominator) = self.bearing(&image)?;
+        Some(denominator.unprojection(&self.matrix, &image, bearing))
+    }
+}

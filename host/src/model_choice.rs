@@ -1,0 +1,317 @@
+//! Which camera model: the simplest one that predicts what it has not seen as well as any
+//! (`--model auto`).
+//!
+//! Every candidate goes through the initial stage. The candidate whose model explains the most circles
+//! provides the circles on which all are compared, frame by frame held out of the calibration
+//! ([`crate::initial::held_out`]). The best has the smallest mean cost. Of the candidates whose cost
+//! exceeds the best one's by no more than so many standard errors of the difference, the one with the
+//! fewest parameters is chosen: the one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and
+//! Friedman, *The Elements of Statistical Learning*, section 7.10). The standard error is that of the
+//! difference block by block, for what makes a block hard makes it hard for all models.
+
+use std::fmt;
+use std::str::FromStr;
+
+use evcal_core::camera::{ModelKind, UnknownModel};
+use serde::{Deserialize, Serialize};
+
+use crate::board::Board;
+use crate::initial::held_out::{ComparedCircles, Division, HeldOut, held_out};
+use crate::initial::{InitialError, InitialModel, InitialSettings, initial_model};
+use crate::reference_frame::ReferenceFrame;
+
+/// Models that `auto` tries: those that other programs read.
+pub const CANDIDATES: [ModelKind; 9] = [
+    ModelKind::Radtan4,
+    ModelKind::Radtan,
+    ModelKind::Radtan8,
+    ModelKind::KannalaBrandt,
+    ModelKind::Ucm,
+    ModelKind::Eucm,
+    ModelKind::DoubleSphere,
+    ModelKind::Fov,
+    ModelKind::Omni,
+];
+
+/// The camera model wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModelRequest {
+    /// This one.
+    Given(ModelKind),
+    /// The one of [`CANDIDATES`] that suits the recording.
+    Auto,
+}
+
+impl ModelRequest {
+    /// What stands for [`ModelRequest::Auto`].
+    pub const AUTO: &'static str = "auto";
+
+    /// Name of the model, or `auto`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Given(kind) => kind.name(),
+            Self::Auto => Self::AUTO,
+        }
+    }
+}
+
+impl FromStr for ModelRequest {
+    type Err = UnknownModel;
+
+    fn from_str(name: &str) -> Result<Self, UnknownModel> {
+        if name == Self::AUTO { Ok(Self::Auto) } else { name.parse().map(Self::Given) }
+    }
+}
+
+/// Settings of the choice of a model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ModelChoiceSettings {
+    /// Blocks of neighbouring frames that count as independent.
+    pub blocks: usize,
+    /// Parts of the blocks, each of which is held out once.
+    pub folds: usize,
+    /// Views that refine the camera without a part.
+    pub views: usize,
+    /// Excess over the best candidate's cost that is not significant, in standard errors.
+    pub standard_errors: f64,
+}
+
+impl Default for ModelChoiceSettings {
+    fn default() -> Self {
+        Self { blocks: 20, folds: 5, views: 100, standard_errors: 1.0 }
+    }
+}
+
+/// A candidate's place among the others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing {
+    /// Mean cost less that of the best candidate.
+    pub excess: f64,
+    /// Standard error of `excess`.
+    pub standard_error: f64,
+    /// Whether the candidate is as good as the best.
+    pub as_good: bool,
+}
+
+/// A candidate as [`choose`] sees it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Candidate {
+    /// Number of the model's parameters.
+    pub parameters: usize,
+    /// Its held-out statistics, on the same blocks for all candidates.
+    pub held_out: HeldOut,
+}
+
+/// Mean and standard error of the mean of `values`; the error is 0 for fewer than two.
+fn mean_and_error(values: &[f64]) -> (f64, f64) {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    let error = if values.len() < 2 { 0.0 } else { (squares / (count - 1.0) / count).sqrt() };
+    (mean, error)
+}
+
+/// Where each candidate stands, and the position of the chosen one; `None` without candidates.
+///
+/// Of candidates with equally many parameters, the one with the smaller cost is simpler.
+pub fn choose(candidates: &[Candidate], standard_errors: f64) -> Option<(usize, Vec<Standing>)> {
+    let cost = |candidate: &Candidate| candidate.held_out.mean();
+    let best = candidates.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))?;
+    let standings: Vec<Standing> = candidates
+        .iter()
+        .map(|candidate| {
+            let pairs = candidate.held_out.block_costs.iter().zip(&best.held_out.block_costs);
+            let differences: Vec<f64> = pairs.map(|(own, best)| own - best).collect();
+            let (excess, standard_error) = mean_and_error(&differences);
+            Standing { excess, standard_error, as_good: excess <= standard_errors * standard_error }
+        })
+        .collect();
+    let good = candidates.iter().zip(&standings).enumerate().filter(|(_, (_, standing))| standing.as_good);
+    let simplest =
+        good.min_by(|(_, (a, _)), (_, (b, _))| a.parameters.cmp(&b.parameters).then(cost(a).total_cmp(&cost(b))))?;
+    Some((simplest.0, standings))
+}
+
+/// What became of one candidate.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CandidateReport {
+    /// Name of the model.
+    pub model: &'static str,
+    /// Number of its parameters.
+    pub parameters: usize,
+    /// Circles held out; 0 for a candidate that failed.
+    pub count: usize,
+    /// Root of the mean cost of a held-out circle (px).
+    pub root_mean_cost: Option<f64>,
+    /// Mean cost less that of the best candidate (px²).
+    pub excess: Option<f64>,
+    /// Standard error of the excess (px²).
+    pub standard_error: Option<f64>,
+    /// Whether it is as good as the best.
+    pub as_good: bool,
+    /// Why it failed.
+    pub failure: Option<String>,
+}
+
+/// How a model was chosen.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ModelChoice {
+    /// Name of the chosen model.
+    pub chosen: &'static str,
+    /// Name of the model whose circles all were compared on.
+    pub circles_of: &'static str,
+    /// All candidates.
+    pub candidates: Vec<CandidateReport>,
+}
+
+impl fmt::Display for ModelChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} chosen; held-out circles of {} (px, px²):", self.chosen, self.circles_of)?;
+        for candidate in &self.candidates {
+            write!(f, "\n{:<14} {:>2} parameters", candidate.model, candidate.parameters)?;
+            match (candidate.root_mean_cost, candidate.excess, candidate.standard_error, &candidate.failure) {
+                (Some(root), Some(excess), Some(error), _) => {
+                    let good = if candidate.as_good { ", as good as the best" } else { "" };
+                    write!(f, ", {root:.4} px, {excess:.6} ± {error:.6} px² above the best{good}")?;
+                }
+                (_, _, _, Some(failure)) => write!(f, ": {failure}")?,
+                _ => write!(f, ": not compared")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Tries every one of `models` on `frames` and gives the initial model of the one that suits them.
+///
+/// `sensor` is (width, height) in pixels; `progress` is told which model is tried.
+///
+/// # Errors
+/// That of the first candidate, if none has an initial model.
+pub fn choose_model(
+    frames: &[ReferenceFrame],
+    board: &Board,
+    sensor: (u16, u16),
+    models: &[ModelKind],
+    initial: &InitialSettings,
+    settings: &ModelChoiceSettings,
+    mut progress: impl FnMut(ModelKind),
+) -> Result<(InitialModel, ModelChoice), InitialError> {
+    let mut found: Vec<(ModelKind, InitialModel)> = Vec::new();
+    let mut failures: Vec<(ModelKind, InitialError)> = Vec::new();
+    for &kind in models {
+        progress(kind);
+        match initial_model(frames, board, sensor, kind, initial) {
+            Ok(model) => found.push((kind, model)),
+            Err(error) => failures.push((kind, error)),
+        }
+    }
+    // The model that explains most circles; of several, the one that does it best.
+    let most = found.iter().max_by(|(_, a), (_, b)| {
+        a.report.circles.used.cmp(&b.report.circles.used).then(b.report.rms.total_cmp(&a.report.rms))
+    });
+    let Some((circles_of, reference)) = most else {
+        let none = InitialError::NoCamera { views: 0, reason: "there is no model to choose from".to_owned() };
+        return Err(failures.into_iter().next().map_or(none, |(_, error)| error));
+    };
+    let circles_of = *circles_of;
+    let circles = ComparedCircles::new(reference, frames, board);
+    let division = Division { blocks: settings.blocks, folds: settings.folds, views: settings.views };
+    let held: Vec<Option<HeldOut>> =
+        found.iter().map(|(_, model)| held_out(&circles, &model.camera, board, sensor, &division, initial)).collect();
+    let compared: Vec<usize> = (0..found.len()).filter(|&index| matches!(held.get(index), Some(Some(_)))).collect();
+    let candidates: Vec<Candidate> = found
+        .iter()
+        .zip(&held)
+        .filter_map(|((kind, _), held_out)| {
+            let parameters = kind.parameter_names().len();
+            held_out.clone().map(|held_out| Candidate { parameters, held_out })
+        })
+        .collect();
+    let (chosen, standings) = match choose(&candidates, settings.standard_errors) {
+        Some((position, standings)) => (compared.get(position).copied(), standings),
+        None => (None, Vec::new()),
+    };
+    // Without a comparison, the model that explains most circles it is.
+    let chosen = chosen.or_else(|| found.iter().position(|(kind, _)| *kind == circles_of)).unwrap_or(0);
+    let report = |kind: ModelKind| {
+        let blank = CandidateReport {
+            model: kind.name(),
+            parameters: kind.parameter_names().len(),
+            count: 0,
+            root_mean_cost: None,
+            excess: None,
+            standard_error: None,
+            as_good: false,
+            failure: None,
+        };
+        if let Some((_, error)) = failures.iter().find(|(failed, _)| *failed == kind) {
+            return CandidateReport { failure: Some(error.to_string()), ..blank };
+        }
+        let place = compared.iter().position(|&index| found.get(index).is_some_and(|(found, _)| *found == kind));
+        match place.and_then(|place| Some((candidates.get(place)?, standings.get(place)?))) {
+            Some((candidate, standing)) => CandidateReport {
+                count: candidate.held_out.count,
+                root_mean_cost: Some(candidate.held_out.mean().sqrt()),
+                excess: Some(standing.excess),
+                standard_error: Some(standing.standard_error),
+                as_good: standing.as_good,
+                ..blank
+            },
+            None => CandidateReport { failure: Some("too few views without one of the parts".to_owned()), ..blank },
+        }
+    };
+    let candidates = models.iter().map(|&kind| report(kind)).collect();
+    let (kind, model) = found.swap_remove(chosen);
+    Ok((model, ModelChoice { chosen: kind.name(), circles_of: circles_of.name(), candidates }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn candidate(parameters: usize, block_costs: &[f64]) -> Candidate {
+        Candidate { parameters, held_out: HeldOut { count: 100, block_costs: block_costs.to_vec() } }
+    }
+
+    #[test]
+    fn the_simplest_of_those_as_good_as_the_best_is_chosen() {
+        let candidates = [
+            candidate(12, &[1.00, 2.00, 3.00, 4.00]),
+            candidate(8, &[1.01, 1.99, 3.02, 4.00]),
+            candidate(5, &[1.5, 2.4, 3.6, 4.5]),
+        ];
+        let (chosen, standings) = choose(&candidates, 1.0).unwrap();
+        assert_eq!(chosen, 1);
+        assert!(standings[0].as_good && standings[1].as_good && !standings[2].as_good);
+        assert_eq!((standings[0].excess, standings[0].standard_error), (0.0, 0.0));
+        // Mean 0.005; deviations 0.005, -0.015, 0.015, -0.005: s² = 5e-4 / 3.
+        assert!((standings[1].excess - 0.005).abs() < 1e-12, "{standings:?}");
+        assert!((standings[1].standard_error - (5e-4_f64 / 12.0).sqrt()).abs() < 1e-12, "{standings:?}");
+    }
+
+    /// Blocks differ much more than the models do, and still the models are told apart.
+    #[test]
+    fn what_is_hard_for_all_does_not_hide_a_difference() {
+        let hard = [0.1, 5.0, 0.3, 9.0, 1.0];
+        let worse = hard.map(|cost| cost + 0.01);
+        let (chosen, standings) = choose(&[candidate(4, &worse), candidate(9, &hard)], 1.0).unwrap();
+        assert_eq!(chosen, 1);
+        assert!(!standings[0].as_good && standings[0].standard_error < 1e-9);
+    }
+
+    #[test]
+    fn of_equally_simple_models_the_better_one_is_chosen() {
+        let (chosen, _) = choose(&[candidate(8, &[1.1, 0.9]), candidate(8, &[0.9, 1.0])], 1.0).unwrap();
+        assert_eq!(chosen, 1);
+        assert_eq!(choose(&[], 1.0), None);
+    }
+
+    #[test]
+    fn requests_are_read_by_name() {
+        assert_eq!("auto".parse(), Ok(ModelRequest::Auto));
+        assert_eq!("double-sphere".parse(), Ok(ModelRequest::Given(ModelKind::DoubleSphere)));
+        assert_eq!("Auto".parse::<ModelRequest>(), Err(UnknownModel));
+    }
+}
