@@ -19,7 +19,12 @@ def opencv(path, points):
     matrix = storage.getNode("camera_matrix").mat()
     distortion = storage.getNode("distortion_coefficients").mat()
     assert storage.getNode("image_width").real() == 346 and storage.getNode("image_height").real() == 260
-    return with_opencv(storage.getNode("distortion_model").string(), points, matrix, distortion)
+    model = storage.getNode("distortion_model").string()
+    if model == "omnidir":
+        points, none = np.array(points).reshape(-1, 1, 3), np.zeros(3)
+        xi = storage.getNode("xi").real()
+        return cv2.omnidir.projectPoints(points, none, none, matrix, xi, distortion)[0].reshape(-1, 2)
+    return with_opencv(model, points, matrix, distortion)
 
 
 def with_opencv(model, points, matrix, distortion):
@@ -28,8 +33,6 @@ def with_opencv(model, points, matrix, distortion):
     points, none = np.array(points).reshape(-1, 1, 3), np.zeros(3)
     if model == "fisheye":
         return cv2.fisheye.projectPoints(points, none, none, matrix, distortion)[0].reshape(-1, 2)
-    if model == "omnidir":
-        raise NotImplementedError("cv::omnidir is not in this package")
     assert model == "radtan"
     return cv2.projectPoints(points, none, none, matrix, distortion)[0].reshape(-1, 2)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 task = json.load(sys.stdin)
 matrix, distortion = np.array(task["matrix"]), np.array(task["distortion"])
-new, points = np.array(task["new_matrix"]), np.array(task["points"]).reshape(-1, 1, 2)
+new, points = np.array(task["new_matrix"]), np.array(task["points"], dtype=float).reshape(-1, 1, 2)
 picture = cv2.imread(task["picture"], cv2.IMREAD_UNCHANGED)
 height, width = picture.shape[:2]
 often = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)

@@ -15,8 +15,8 @@ use super::ros::quoted;
 pub const FORMAT: Format = Format {
     name: "basalt",
     file: "basalt.json",
-    models: &[ModelKind::KannalaBrandt],
-    substitutes: &[ModelKind::KannalaBrandt],
+    models: &[ModelKind::KannalaBrandt, ModelKind::Ucm, ModelKind::Eucm, ModelKind::DoubleSphere, ModelKind::Fov],
+    substitutes: &[ModelKind::KannalaBrandt, ModelKind::Eucm, ModelKind::DoubleSphere],
     write,
 };
 
@@ -35,6 +35,13 @@ const INERTIAL: &str = r#"    "calib_accel_bias": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
 
 fn write(content: &Content) -> String {
     let (width, height) = content.calibrated.sensor;
+    let camera_type = match content.model {
+        ModelKind::Ucm => "ucm",
+        ModelKind::Eucm => "eucm",
+        ModelKind::DoubleSphere => "ds",
+        ModelKind::Fov => "fov",
+        _ => "kb4",
+    };
     let names = content.model.parameter_names().iter();
     let values = content.matrix.iter().chain(content.distortion);
     let intrinsics: Vec<String> =
@@ -43,7 +50,7 @@ fn write(content: &Content) -> String {
     let _ = write!(
         text,
         "    \"T_imu_cam\": [{{\"px\": 0.0, \"py\": 0.0, \"pz\": 0.0, \"qx\": 0.0, \"qy\": 0.0, \"qz\": 0.0, \"qw\": 1.0}}],\n    \
-         \"intrinsics\": [{{\"camera_type\": \"kb4\", \"intrinsics\": {{{}}}}}],\n    \"resolution\": [[{width}, {height}]],\n",
+         \"intrinsics\": [{{\"camera_type\": \"{camera_type}\", \"intrinsics\": {{{}}}}}],\n    \"resolution\": [[{width}, {height}]],\n",
         intrinsics.join(", ")
     );
     text += INERTIAL;

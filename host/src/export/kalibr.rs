@@ -1,7 +1,7 @@
 //! Kalibr's camchain, as `kalibr_common/ConfigReader.py` reads it.
 //!
-//! It asks for exactly four coefficients of radtan (k1 k2 p1 p2) and of equidistant (k1 k2 k3 k4), and for real
-//! numbers where a focal length or principal point stands.
+//! It asks for exactly four coefficients of radtan (k1 k2 p1 p2) and of equidistant (k1 k2 k3 k4), one of fov (w), and
+//! for real numbers where an intrinsic stands: omni has xi, eucm alpha and beta, ds xi and alpha in front of them.
 
 use std::fmt::Write as _;
 
@@ -15,24 +15,45 @@ use super::ros::quoted;
 pub const FORMAT: Format = Format {
     name: "kalibr",
     file: "camchain.yaml",
-    models: &[ModelKind::Radtan4, ModelKind::KannalaBrandt],
-    substitutes: &[ModelKind::Radtan4, ModelKind::KannalaBrandt],
+    models: &[
+        ModelKind::Radtan4,
+        ModelKind::KannalaBrandt,
+        ModelKind::Omni,
+        ModelKind::Eucm,
+        ModelKind::DoubleSphere,
+        ModelKind::Fov,
+    ],
+    substitutes: &[ModelKind::Radtan4, ModelKind::KannalaBrandt, ModelKind::Eucm, ModelKind::DoubleSphere],
     write,
 };
 
 fn write(content: &Content) -> String {
     let (width, height) = content.calibrated.sensor;
-    let distortion_model = if content.model == ModelKind::KannalaBrandt { "equidistant" } else { "radtan" };
+    let (camera_model, distortion_model) = match content.model {
+        ModelKind::KannalaBrandt => ("pinhole", "equidistant"),
+        ModelKind::Fov => ("pinhole", "fov"),
+        ModelKind::Omni => ("omni", "radtan"),
+        ModelKind::Eucm => ("eucm", "none"),
+        ModelKind::DoubleSphere => ("ds", "none"),
+        _ => ("pinhole", "radtan"),
+    };
+    // Kalibr counts the shape of the projection among the intrinsics, in front.
+    let shape = match camera_model {
+        "pinhole" => 0,
+        "omni" => 1,
+        _ => 2,
+    };
+    let (shape, distortion) = content.distortion.split_at_checked(shape).unwrap_or((&[], content.distortion));
     let mut text = String::new();
     for remark in content.remarks() {
         let _ = writeln!(text, "# {remark}");
     }
     let _ = write!(
         text,
-        "cam0:\n  cam_overlaps: []\n  camera_model: pinhole\n  intrinsics: [{}]\n  distortion_model: {distortion_model}\n  \
+        "cam0:\n  cam_overlaps: []\n  camera_model: {camera_model}\n  intrinsics: [{}]\n  distortion_model: {distortion_model}\n  \
          distortion_coeffs: [{}]\n  resolution: [{width}, {height}]\n  rostopic: {}\n",
-        decimals(&content.matrix),
-        decimals(content.distortion),
+        decimals(&[shape, &content.matrix].concat()),
+        decimals(distortion),
         quoted(&content.calibrated.ros_topic)
     );
     text

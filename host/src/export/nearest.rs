@@ -52,8 +52,8 @@ impl fmt::Display for Refit {
         let Self { from, to, covered, sensor } = self;
         write!(
             f,
-            "this format has no model {from}; {to} was fitted to it where the board was seen, and is {:.4} px rms, \
-             {:.4} px at most, away from it there ({:.4} px at most on the whole sensor)",
+            "this format has no model {from}; {to} was fitted to it where the board was seen, and is {:.6} px rms, \
+             {:.6} px at most, away from it there ({:.6} px at most on the whole sensor)",
             covered.rms, covered.largest, sensor.largest
         )?;
         if sensor.unseen > 0.0 {
@@ -65,8 +65,8 @@ impl fmt::Display for Refit {
 
 /// The camera of one of `models` that stands for `camera`.
 ///
-/// It is `camera` itself if its model is among them, or the same camera where all that a model lacks
-/// or has beyond it is zero. Else every model of `substitutes` is fitted to `camera` within
+/// It is `camera` itself if its model is among them, or the same camera under another name: where all that a model
+/// lacks or has beyond it is zero, and for the unified model as the extended one with beta = 1. Else every model of `substitutes` is fitted to `camera` within
 /// `covered`, all parameters of it, and the one that comes nearest is taken. `None` if none sees the region.
 pub fn nearest(
     camera: &Camera<f64>,
@@ -94,8 +94,13 @@ pub fn nearest(
     best.map(|(camera, refit)| Nearest { camera, refit: Some(refit) })
 }
 
-/// The very same camera in another model of OpenCV's family.
+/// The very same camera in another model: of OpenCV's family, or the unified model as the extended one.
 fn same_camera(camera: &Camera<f64>, to: ModelKind) -> Option<Camera<f64>> {
+    if (camera.kind(), to) == (ModelKind::Ucm, ModelKind::Eucm) {
+        let mut parameters = camera.parameters().to_vec();
+        parameters.push(1.0);
+        return Camera::from_parameters(to, &parameters);
+    }
     if !RADTAN_FAMILY.contains(&camera.kind()) || !RADTAN_FAMILY.contains(&to) {
         return None;
     }

@@ -9,7 +9,8 @@ use evcal_core::camera::ModelKind;
 use super::file_storage::{self, Entry, Value, entry};
 use super::format::{Content, Format};
 
-const MODELS: &[ModelKind] = &[ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt];
+const MODELS: &[ModelKind] =
+    &[ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt, ModelKind::Omni];
 
 /// Radtan with eight coefficients is not among them: beyond what was seen, a rational function may have poles.
 const SUBSTITUTES: &[ModelKind] = &[ModelKind::Radtan, ModelKind::KannalaBrandt];
@@ -43,14 +44,19 @@ pub const JSON: Format = Format {
 
 fn entries(content: &Content) -> Vec<Entry> {
     let (width, height) = content.calibrated.sensor;
-    let model = if content.model == ModelKind::KannalaBrandt { "fisheye" } else { "radtan" };
+    let (model, xi, distortion) = match (content.model, content.distortion) {
+        (ModelKind::Omni, [xi, distortion @ ..]) => ("omnidir", Some(*xi), distortion),
+        (ModelKind::KannalaBrandt, distortion) => ("fisheye", None, distortion),
+        (_, distortion) => ("radtan", None, distortion),
+    };
     let mut entries = vec![
         entry("image_width", Value::Integer(width.into())),
         entry("image_height", Value::Integer(height.into())),
         entry("distortion_model", Value::Word(model.to_owned())),
         entry("camera_matrix", Value::Matrix { rows: 3, values: content.camera_matrix().to_vec() }),
-        entry("distortion_coefficients", Value::row(content.distortion)),
+        entry("distortion_coefficients", Value::row(distortion)),
     ];
+    entries.extend(xi.map(|xi| entry("xi", Value::Real(xi))));
     if let Some(rms) = content.calibrated.residual_rms {
         entries.push(entry("avg_reprojection_error", Value::Real(rms)));
     }
