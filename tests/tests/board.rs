@@ -13,9 +13,9 @@ const MILLIMETRES_PER_INCH: f64 = 25.4;
 /// Boards, papers and resolutions (dots an inch).
 const SHEETS: [(&str, &str, &str, f64); 4] = [
     ("acircles:9x4:23mm:r7.3mm", "a4", "210x297", 300.0),
-    ("acircles:4x9:13.5mm:r4mm", "letter", "279.4x215.9", 400.0),
+    ("acircles:4x9:13.5mm:r4mm", "letter", "279.4x215.9", 600.0),
     ("circles:5x8:33mm:r10.5mm", "a3", "420x297", 200.0),
-    ("acircles:9x4:55mm:r17.5mm", "600x500mm", "500x600", 100.0),
+    ("acircles:9x4:55mm:r17.5mm", "600x500mm", "500x600", 150.0),
 ];
 
 /// Renders both files as grey pictures.
