@@ -306,9 +306,7 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
     let mut refined = solved(&input, state, &mut progress)?;
 
     progress("examination");
-    let examined = |refined: &Refined| {
-        examine(refined, task.board, &settings.uncertainty, &settings.split_half).map_err(CalibrateError::Solve)
-    };
+    let examined = |refined: &Refined| examine(refined, task.board, settings).map_err(CalibrateError::Solve);
     let mut trust = examined(&refined)?;
     let (mut witness, mut joint) = (None, None);
     if task.frames != FrameUse::Ignore {

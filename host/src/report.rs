@@ -23,17 +23,15 @@ mod trajectory;
 mod trusted_places;
 
 use crate::calibrate::{Calibrated, Task};
-use crate::residual_map::residual_map;
 
 /// The report of `calibrated`, which came from `task`, as HTML.
 pub fn report(calibrated: &Calibrated, task: &Task) -> String {
-    let map = residual_map(&calibrated.refined.problem, &calibrated.refined.state, &task.settings.residual_map);
     let sections = [
         numbers::section(calibrated),
         trusted_places::section(calibrated),
         board_places::section(calibrated, task.board),
         halves::section(calibrated),
-        residuals::section(calibrated, &map),
+        residuals::section(calibrated, &calibrated.trust.residuals),
         camera_frames::section(calibrated, task),
         example_frames::section(calibrated, task.board),
         accumulation::section(calibrated, task),

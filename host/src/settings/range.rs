@@ -154,6 +154,8 @@ const RANGES: &[(&str, Range)] = &[
     ("verdict.smallest_tilt", from_to(0.0, 90.0, "degrees")),
     ("verdict.coverage", from_to(0.0, 1.0, "of the sensor")),
     ("verdict.radius", at_least(0.0, "of the radius")),
+    ("verdict.pattern", at_least(0.0, "px")),
+    ("verdict.pattern_ratio", at_least(1.0, "")),
     ("verdict.square_pixels", at_least(0.0, "of the focal length")),
     ("frames.min_contrast", from_to(0.0, 1.0, "of the light")),
     ("frames.min_radius", at_least(1.0, "px")),
