@@ -47,8 +47,8 @@ impl Default for VerdictSettings {
             smallest_tilt: 20.0,
             coverage: 0.7,
             radius: 0.06,
-            pattern: 0.03,
-            pattern_ratio: 2.0,
+            pattern: 0.008,
+            pattern_ratio: 1.5,
             square_pixels: 0.01,
         }
     }
