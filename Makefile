@@ -2,15 +2,20 @@
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test test-usb-guest test-embedded test-embedded-slow compatibility setup readers build check bench
+.PHONY: demo test test-report test-usb-guest test-embedded test-embedded-slow compatibility setup readers build check bench
 
 demo: build
 	@sh tools/demo.sh
 
 test: setup readers check
 	cargo test --workspace --release --locked
+	@$(MAKE) test-report
 	@$(MAKE) test-usb-guest
 	@$(MAKE) test-embedded
+
+# report.html in a headless browser, as a phone and as a desktop; installs the browser.
+test-report: build
+	@sh tools/check-report.sh
 
 # The emulated camera on a real kernel, in a virtual machine; says so where there cannot be one.
 test-usb-guest:

@@ -82,6 +82,8 @@ pub struct Task<'a> {
     pub frames: FrameUse,
     /// Thresholds.
     pub settings: &'a Settings,
+    /// The command line, for the report; may be empty.
+    pub command_line: &'a str,
 }
 
 /// A calibrated camera and how it came about.
@@ -304,9 +306,7 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
     let mut refined = solved(&input, state, &mut progress)?;
 
     progress("examination");
-    let examined = |refined: &Refined| {
-        examine(refined, task.board, &settings.uncertainty, &settings.split_half).map_err(CalibrateError::Solve)
-    };
+    let examined = |refined: &Refined| examine(refined, task.board, settings).map_err(CalibrateError::Solve);
     let mut trust = examined(&refined)?;
     let (mut witness, mut joint) = (None, None);
     if task.frames != FrameUse::Ignore {
@@ -440,7 +440,8 @@ fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, 
     Ok(all)
 }
 
-fn file_of(input: &Input) -> String {
+/// The file or port of an input.
+pub fn file_of(input: &Input) -> String {
     match input {
         Input::Events(recording) => recording.path().display().to_string(),
         Input::Circles { path, .. } => path.display().to_string(),

@@ -75,6 +75,20 @@ enum Command {
     Emulate(emulate::Arguments),
 }
 
+/// The command line as a shell would take it.
+fn command_line() -> String {
+    let quoted = |word: std::borrow::Cow<str>| {
+        let plain = |letter: char| letter.is_alphanumeric() || "-_./:=,+@%".contains(letter);
+        if !word.is_empty() && word.chars().all(plain) {
+            word.into_owned()
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    };
+    let words: Vec<String> = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy())).collect();
+    format!("evcal {}", words.join(" "))
+}
+
 /// What a subcommand returns; an error goes to standard error with exit code 1.
 type Outcome = Result<(), Box<dyn Error>>;
 

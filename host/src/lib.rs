@@ -34,6 +34,8 @@ pub mod playback;
 pub mod reference_frame;
 pub mod refinement;
 pub mod repeat;
+pub mod report;
+pub mod residual_map;
 pub mod result;
 pub mod segment;
 pub mod serial;

@@ -15,6 +15,7 @@ use crate::frames::witness::FrameOutcome;
 use crate::initial::PosedFrame;
 use crate::picture::{Picture, grey_frame_picture, reference_frame_picture};
 use crate::reference_frame::ReferenceFrame;
+use crate::report::report;
 use crate::result::Calibration;
 use crate::stage_report::stage_report;
 use crate::timed_pose::TimedPose;
@@ -48,7 +49,7 @@ pub struct OutputError {
 }
 
 /// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `settings.toml`,
-/// `circles.csv`, `stages.txt` and pictures of a good and a bad reference frame into `folder`, which is created. Of
+/// `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, which is created. Of
 /// several recordings, each has its own clock: those after the first have their own `trajectory-2.txt`,
 /// `circles-2.csv` and so on.
 ///
@@ -67,6 +68,7 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
     put(folder.join("calibration.json"), json.as_bytes())?;
     put(folder.join("settings.toml"), task.settings.to_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
+    put(folder.join("report.html"), report(calibrated, task).as_bytes())?;
     let mut circles = Vec::new();
     for (recording, start) in calibrated.starts.iter().enumerate() {
         let of_recording = |name: &str, extension: &str| match recording {

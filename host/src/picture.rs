@@ -7,17 +7,23 @@ use std::path::Path;
 use evcal_core::camera::Camera;
 use evcal_core::event::Polarity;
 use nalgebra::{Isometry3, Point3, Vector2};
+use rayon::prelude::*;
 
 use crate::board::Board;
 use crate::event_pixel::EventPixel;
 use crate::frames::image::GreyImage;
 use crate::reference_frame::ReferenceFrame;
 
-/// Picture pixels for each sensor pixel.
+/// Picture pixels for each sensor pixel in the pictures that stand in files.
 const SCALE: usize = 3;
-const WHITE: [u8; 3] = [255, 255, 255];
-const ON: [u8; 3] = [220, 50, 47];
-const OFF: [u8; 3] = [38, 100, 210];
+/// Colour of a pixel without events.
+pub const WHITE: [u8; 3] = [255, 255, 255];
+/// Colour of ON events.
+pub const ON: [u8; 3] = [220, 50, 47];
+/// Colour of OFF events.
+pub const OFF: [u8; 3] = [38, 100, 210];
+/// Colour of what lies beyond the sensor.
+pub const BEYOND: [u8; 3] = [205, 210, 216];
 const FOUND: [u8; 3] = [20, 20, 20];
 const ROW_LINE: [u8; 3] = [230, 160, 0];
 const MODEL: [u8; 3] = [0, 150, 70];
@@ -31,12 +37,29 @@ pub struct Picture {
     pub height: usize,
     /// Three bytes a pixel, row by row.
     pub rgb: Vec<u8>,
+    /// Picture pixels for each sensor pixel.
+    scale: usize,
 }
 
 impl Picture {
-    fn new(sensor: (u16, u16)) -> Self {
-        let (width, height) = (usize::from(sensor.0) * SCALE, usize::from(sensor.1) * SCALE);
-        Self { width, height, rgb: WHITE.repeat(width * height) }
+    /// A white picture with `scale` x `scale` pixels for each pixel of a sensor of `sensor` (width, height)
+    /// pixels.
+    pub fn new(sensor: (u16, u16), scale: usize) -> Self {
+        let (width, height) = (usize::from(sensor.0) * scale, usize::from(sensor.1) * scale);
+        Self { width, height, rgb: WHITE.repeat(width * height), scale }
+    }
+
+    /// The picture of what `color` gives for each place on the sensor (px).
+    pub fn of_sensor(sensor: (u16, u16), scale: usize, color: impl Fn(Vector2<f64>) -> [u8; 3] + Sync) -> Self {
+        let mut picture = Self::new(sensor, scale);
+        let row_bytes = 3 * picture.width.max(1);
+        let place = |index: usize| (index as f64 + 0.5) / scale as f64 - 0.5;
+        picture.rgb.par_chunks_mut(row_bytes).enumerate().for_each(|(row, pixels)| {
+            for (column, pixel) in pixels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+                *pixel = color(Vector2::new(place(column), place(row)));
+            }
+        });
+        picture
     }
 
     fn set(&mut self, x: f64, y: f64, color: [u8; 3]) {
@@ -50,11 +73,12 @@ impl Picture {
     }
 
     /// Draws a line between two points in sensor pixels.
-    fn line(&mut self, from: Vector2<f64>, to: Vector2<f64>, color: [u8; 3]) {
-        let steps = ((to - from).norm() * SCALE as f64).ceil().clamp(1.0, 1e4) as usize;
+    pub fn line(&mut self, from: Vector2<f64>, to: Vector2<f64>, color: [u8; 3]) {
+        let scale = self.scale as f64;
+        let steps = ((to - from).norm() * scale).ceil().clamp(1.0, 1e4) as usize;
         for step in 0..=steps {
             let point = from + (to - from) * (step as f64 / steps as f64);
-            let point = (point + Vector2::repeat(0.5)) * SCALE as f64;
+            let point = (point + Vector2::repeat(0.5)) * scale;
             self.set(point.x, point.y, color);
         }
     }
@@ -78,9 +102,50 @@ impl Picture {
 
     /// Fills a pixel of the sensor.
     fn pixel(&mut self, x: usize, y: usize, color: [u8; 3]) {
-        for row in 0..SCALE {
-            for column in 0..SCALE {
-                self.set((x * SCALE + column) as f64, (y * SCALE + row) as f64, color);
+        for row in 0..self.scale {
+            for column in 0..self.scale {
+                self.set((x * self.scale + column) as f64, (y * self.scale + row) as f64, color);
+            }
+        }
+    }
+
+    /// Draws the rims of `board` where `project` puts points of the board (metres) in green, and the circles found in `frame`,
+    /// moved by `place` (px to px), in black, joined along the rows.
+    pub fn board(
+        &mut self,
+        frame: &ReferenceFrame,
+        board: &Board,
+        project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>,
+        place: impl Fn(Vector2<f64>) -> Option<Vector2<f64>>,
+    ) {
+        let columns = usize::from(board.pattern.columns.max(1));
+        for pair in frame.circles.windows(2) {
+            if let [a, b] = pair
+                && a.index / columns == b.index / columns
+                && let (Some(from), Some(to)) = (place(a.center), place(b.center))
+            {
+                self.line(from, to, ROW_LINE);
+            }
+        }
+        self.rims(board, project);
+        for center in frame.circles.iter().filter_map(|circle| place(circle.center)) {
+            self.circle(center, 1.0, FOUND);
+        }
+    }
+
+    /// Draws the rims of `board` in green where `project` puts its points (metres).
+    pub fn rims(&mut self, board: &Board, project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>) {
+        for index in 0..board.circle_count() {
+            let center = board.circle_center(index);
+            let rim = |step: usize| {
+                let angle = step as f64 * std::f64::consts::TAU / 48.0;
+                let point = center + Vector2::new(angle.cos(), angle.sin()) * board.radius;
+                project(&Point3::new(point.x, point.y, 0.0))
+            };
+            for step in 0..48 {
+                if let (Some(from), Some(to)) = (rim(step), rim(step + 1)) {
+                    self.line(from, to, MODEL);
+                }
             }
         }
     }
@@ -90,9 +155,24 @@ impl Picture {
     /// # Errors
     /// What the system said.
     pub fn write_png(&self, path: &Path) -> io::Result<()> {
+        self.encode_png(BufWriter::new(File::create(path)?), png::Compression::default())
+    }
+
+    /// The picture as PNG, as small as may be.
+    ///
+    /// # Errors
+    /// A picture too large for PNG.
+    pub fn to_png(&self) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        self.encode_png(&mut bytes, png::Compression::High)?;
+        Ok(bytes)
+    }
+
+    fn encode_png(&self, to: impl io::Write, compression: png::Compression) -> io::Result<()> {
         let size = |length: usize| u32::try_from(length).map_err(io::Error::other);
-        let mut encoder = png::Encoder::new(BufWriter::new(File::create(path)?), size(self.width)?, size(self.height)?);
+        let mut encoder = png::Encoder::new(to, size(self.width)?, size(self.height)?);
         encoder.set_color(png::ColorType::Rgb);
+        encoder.set_compression(compression);
         encoder.write_header()?.write_image_data(&self.rgb)?;
         Ok(())
     }
@@ -107,9 +187,9 @@ pub fn reference_frame_picture(
     camera: &Camera<f64>,
     pose: &Isometry3<f64>,
 ) -> Picture {
-    let mut picture = Picture::new(sensor);
+    let mut picture = Picture::new(sensor, SCALE);
     picture.events(&frame.pixels);
-    draw_board(&mut picture, frame, board, camera, pose);
+    picture.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
     picture
 }
 
@@ -122,52 +202,18 @@ pub fn grey_frame_picture(
     camera: &Camera<f64>,
     pose: &Isometry3<f64>,
 ) -> Picture {
-    let mut picture = Picture::new(sensor);
+    let mut picture = Picture::new(sensor, SCALE);
     for (index, &value) in image.pixels.iter().enumerate() {
         let (x, y) = (index % image.width(), index / image.width());
         picture.pixel(usize::from(position.0) + x, usize::from(position.1) + y, [value; 3]);
     }
-    draw_board(&mut picture, frame, board, camera, pose);
+    picture.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
     picture
-}
-
-/// Draws the circles of `frame`, and the rims where the model puts them.
-fn draw_board(
-    picture: &mut Picture,
-    frame: &ReferenceFrame,
-    board: &Board,
-    camera: &Camera<f64>,
-    pose: &Isometry3<f64>,
-) {
-    let columns = usize::from(board.pattern.columns.max(1));
-    for pair in frame.circles.windows(2) {
-        if let [a, b] = pair
-            && a.index / columns == b.index / columns
-        {
-            picture.line(a.center, b.center, ROW_LINE);
-        }
-    }
-    for index in 0..board.circle_count() {
-        let center = board.circle_center(index);
-        let rim = |step: usize| {
-            let angle = step as f64 * std::f64::consts::TAU / 48.0;
-            let point = center + Vector2::new(angle.cos(), angle.sin()) * board.radius;
-            camera.project(&pose.inverse_transform_point(&Point3::new(point.x, point.y, 0.0)).coords)
-        };
-        for step in 0..48 {
-            if let (Some(from), Some(to)) = (rim(step), rim(step + 1)) {
-                picture.line(from, to, MODEL);
-            }
-        }
-    }
-    for circle in &frame.circles {
-        picture.circle(circle.center, 1.0, FOUND);
-    }
 }
 
 /// Circles (centre and radius in pixels) over the events of a window.
 pub fn circle_picture(pixels: &[EventPixel], circles: &[(Vector2<f64>, f64)], sensor: (u16, u16)) -> Picture {
-    let mut picture = Picture::new(sensor);
+    let mut picture = Picture::new(sensor, SCALE);
     picture.events(pixels);
     for &(center, radius) in circles {
         picture.circle(center, radius, FOUND);

@@ -10,6 +10,7 @@ use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, ClassBias};
 use crate::export::covered_region::CoveredRegion;
 use crate::frames::joint::JointReport;
 use crate::frames::witness::FrameOutcome;
+use crate::residual_map::Pattern;
 use crate::split_half::{HeldOut, SplitHalf};
 use crate::trust::{ObservedRadius, Trust};
 use crate::verdict::Verdict;
@@ -39,6 +40,8 @@ pub struct Calibration {
     pub coverage: Coverage,
     /// Two halves of the recordings calibrated apart, if they are long enough.
     pub split_half: Option<SplitHalfSummary>,
+    /// Whether residuals stay in the same places of the image.
+    pub residual_pattern: Pattern,
     /// The circles' radius as the events see it.
     pub observed_radius: Option<ObservedRadius>,
     /// The lens before the joint solve.
@@ -212,6 +215,7 @@ impl Calibration {
             uncertainty: UncertaintySummary::new(trust),
             coverage: trust.coverage.clone(),
             split_half: trust.split_half.as_ref().map(SplitHalfSummary::from),
+            residual_pattern: trust.residuals.pattern,
             observed_radius: trust.radius,
             sigma: CameraDescription { model: camera.kind().name().to_owned(), parameters: sigma },
             initial_camera: CameraDescription::new(&calibrated.initial.camera),

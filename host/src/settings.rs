@@ -21,6 +21,7 @@ use crate::initial::InitialSettings;
 use crate::live::LiveSettings;
 use crate::model_choice::ModelChoiceSettings;
 use crate::refinement::RefinementSettings;
+use crate::residual_map::ResidualMapSettings;
 use crate::segment::SegmentSettings;
 use crate::solve::SolveSettings;
 use crate::split_half::SplitHalfSettings;
@@ -78,6 +79,8 @@ pub struct Settings {
     pub verdict: VerdictSettings,
     /// The camera's frames as a witness.
     pub frames: FrameSettings,
+    /// How residuals are gathered over the sensor.
+    pub residual_map: ResidualMapSettings,
     /// When a live camera has seen enough.
     pub live: LiveSettings,
 }

@@ -5,10 +5,12 @@ use serde::Serialize;
 use crate::board::Board;
 use crate::coverage::{Coverage, coverage};
 use crate::refinement::Refined;
+use crate::residual_map::{ResidualMap, residual_map};
+use crate::settings::Settings;
 use crate::solve::SolveError;
-use crate::split_half::{SplitHalf, SplitHalfSettings, split_half};
+use crate::split_half::{SplitHalf, split_half};
 use crate::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
-use crate::uncertainty::{Uncertainty, UncertaintySettings, uncertainty};
+use crate::uncertainty::{Uncertainty, uncertainty};
 
 /// What speaks for and against a calibration.
 #[derive(Clone, Debug)]
@@ -21,6 +23,8 @@ pub struct Trust {
     pub coverage: Coverage,
     /// Two halves calibrated apart; `None` when the recordings are too short for that.
     pub split_half: Option<SplitHalf>,
+    /// The residuals over the sensor; empty for a calibration from frames alone.
+    pub residuals: ResidualMap,
     /// What the events say of the circles' radius; `None` without events.
     pub radius: Option<ObservedRadius>,
 }
@@ -44,20 +48,16 @@ const USUAL_OFFSET: f64 = -0.45;
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the camera.
-pub fn examine(
-    refined: &Refined,
-    board: &Board,
-    uncertainty_settings: &UncertaintySettings,
-    split_half_settings: &SplitHalfSettings,
-) -> Result<Trust, SolveError> {
+pub fn examine(refined: &Refined, board: &Board, settings: &Settings) -> Result<Trust, SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let uncertainty = uncertainty(problem, state, uncertainty_settings)?;
+    let uncertainty = uncertainty(problem, state, &settings.uncertainty)?;
     let projection = projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor)
         .map_err(|_| SolveError::Singular)?;
     Ok(Trust {
         projection,
         coverage: coverage(problem, state, board),
-        split_half: split_half(problem, state, uncertainty.inflation, split_half_settings),
+        split_half: split_half(problem, state, uncertainty.inflation, &settings.split_half),
+        residuals: residual_map(problem, state, &settings.residual_map),
         radius: observed_radius(refined, board),
         uncertainty,
     })

@@ -29,6 +29,10 @@ pub struct VerdictSettings {
     pub coverage: f64,
     /// Largest relative difference of the circles' radius from the stated one.
     pub radius: f64,
+    /// Displacements over the sensor that are larger than noise explains, by less than this, are let pass (px).
+    pub pattern: f64,
+    /// Displacements must be so many times what noise makes of them to count.
+    pub pattern_ratio: f64,
     /// Largest relative difference of fx and fy, if it is also beyond four σ.
     pub square_pixels: f64,
 }
@@ -43,6 +47,8 @@ impl Default for VerdictSettings {
             smallest_tilt: 20.0,
             coverage: 0.7,
             radius: 0.06,
+            pattern: 0.008,
+            pattern_ratio: 1.5,
             square_pixels: 0.01,
         }
     }
@@ -157,6 +163,7 @@ pub fn verdict(
     findings.extend(pixels_not_square(camera, trust, settings));
     findings.extend(not_one_to_one(camera, sensor));
     findings.extend(undetermined(camera, trust));
+    findings.extend(too_poor(camera, trust, settings));
     findings.extend(halves(trust));
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     let worst = findings.first().map(|finding| finding.severity);
@@ -369,6 +376,20 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
         severity: Severity::Note,
         reason: format!("{} cannot be told from zero", lost.join(", ")),
         advice: "a model with fewer coefficients may do as well".to_owned(),
+    })
+}
+
+fn too_poor(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
+    let pattern = trust.residuals.pattern;
+    (pattern.shift > settings.pattern && pattern.shift_ratio > settings.pattern_ratio).then(|| Finding {
+        cause: Cause::ModelTooPoor,
+        severity: Severity::Warning,
+        reason: format!(
+            "{} cannot follow this lens: residuals of {:.3} px stay in the same places of the image",
+            camera.kind(),
+            pattern.shift
+        ),
+        advice: "try --model auto, or a model with more coefficients; is the board flat?".to_owned(),
     })
 }
 

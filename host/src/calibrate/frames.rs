@@ -15,6 +15,7 @@ use crate::initial::InitialModel;
 use crate::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::reference_frame::ReferenceFrame;
 use crate::refinement::Refined;
+use crate::residual_map::ResidualMap;
 use crate::segment::SegmentReport;
 use crate::solve::residual_statistics::ResidualStatistics;
 use crate::solve::{FreeParameters, Problem, SolveError, State};
@@ -215,6 +216,7 @@ fn trust(task: &Task, calibration: &FrameCalibration, sensor: (u16, u16)) -> Res
         projection,
         coverage: coverage_of(&calibration.camera, sensor, task.board, pixels, poses, duration),
         split_half: None,
+        residuals: ResidualMap::default(),
         radius: None,
     })
 }

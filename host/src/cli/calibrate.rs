@@ -118,7 +118,15 @@ pub fn calibrate_recordings(
         .map(|path| detector::open_input(path, &options, &method.board, &arguments.output, arguments.json))
         .collect::<Result<Vec<Input>, _>>()?;
     let frames = if arguments.joint_frames { FrameUse::Joint } else { FrameUse::Witness };
-    let task = Task { inputs: &inputs, board: &method.board, model: method.model, sensor, frames, settings: &settings };
+    let task = Task {
+        inputs: &inputs,
+        board: &method.board,
+        model: method.model,
+        sensor,
+        frames,
+        settings: &settings,
+        command_line: &super::command_line(),
+    };
     let bar = spinner(arguments.json);
     let progress = |message: &str| bar.set_message(message.to_owned());
     let calibrated =

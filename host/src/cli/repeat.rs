@@ -44,7 +44,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let sensor = arguments.sensor;
     let recording = Recording::new(&arguments.recording, SourceOptions { sensor, ..SourceOptions::default() })?;
     let (board, model) = (&arguments.method.board, arguments.method.model);
-    let task = Task { inputs: &[], board, model, sensor, frames: FrameUse::Ignore, settings: &settings };
+    let task =
+        Task { inputs: &[], board, model, sensor, frames: FrameUse::Ignore, settings: &settings, command_line: "" };
     let parts = RepeatSettings { runs: arguments.runs, seconds: arguments.seconds, seed: arguments.seed };
     let bar = spinner(arguments.json);
     let repetition = repeat(&recording, &task, &parts, |run| {

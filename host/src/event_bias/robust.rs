@@ -70,7 +70,8 @@ mod tests {
 
     #[test]
     fn offsets_are_medians_and_spreads_their_deviations() {
-        let event = |class, speed_range, residual| EventResidual { class, speed_range, residual, scale: 1.0 };
+        let event =
+            |class, speed_range, residual| EventResidual { class, speed_range, residual, ..EventResidual::default() };
         let mut residuals: Vec<EventResidual> =
             (-500..=500).map(|i| event(2, u8::from(i % 2 == 0), 0.25 + i as f32 / 1000.0)).collect();
         let mut bias = unknown(1.0);

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::bearing_table::BearingTable;
-use super::stretch::{residuals, visit_points};
+use super::stretch::{point_residuals, residuals};
 use super::{Problem, State};
 
 /// How far events are from where the model puts them.
@@ -21,9 +21,7 @@ pub struct ResidualStatistics {
 pub fn residual_statistics(problem: &Problem, state: &State, bearings: &BearingTable) -> ResidualStatistics {
     let events = residuals(problem, state, bearings);
     let mut sizes: Vec<f32> = events.iter().map(|event| event.residual.abs()).collect();
-    for segment in 0..problem.segments.len() {
-        visit_points(problem, state, segment, |distance| sizes.push(distance as f32));
-    }
+    sizes.extend(point_residuals(problem, state).iter().map(|point| point.residual.norm() as f32));
     let count = sizes.len();
     if count == 0 {
         return ResidualStatistics::default();

@@ -6,10 +6,11 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
+use super::board_ray::EdgeDistance;
 use super::edge_batch::{BatchEvent, EdgeBatch, LANES};
 use super::event_row::{EventEdge, ROW, ROW_RESIDUAL};
 use super::normal::{BinEquations, RowProduct, StretchEquations, add_outer_products};
-use super::observation::{EventObservation, SegmentObservations};
+use super::observation::{EventObservation, PointObservation, SegmentObservations};
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
 use super::{Problem, Residual, State};
@@ -162,8 +163,14 @@ fn visit_edges<'a>(
 }
 
 /// The residual of one event.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EventResidual {
+    /// Time since the start of its recording, less the latency of its class (s).
+    pub t: f64,
+    /// Column and row.
+    pub pixel: [u16; 2],
+    /// Unit vector across the edge in the image, out of the circle.
+    pub normal: [f32; 2],
     /// Event class.
     pub class: u8,
     /// Range of the edge's normal speed.
@@ -188,11 +195,15 @@ pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> V
             let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
             for part in observations.events.get(bin.first..bin.end).unwrap_or_default().chunks(LANES) {
                 visit_edges(problem, state, bearings, (&pose, part), &mut batch, |event, edge, bias| {
+                    let EdgeDistance { by_pixel, scale, .. } = edge.distance;
                     found.push(EventResidual {
+                        t: bin.t + f64::from(event.dt),
+                        pixel: [event.x, event.y],
+                        normal: by_pixel.map(|slope| (slope / scale) as f32),
                         class: event.class,
                         speed_range: event.speed_range,
                         residual: edge.from_expected(bias) as f32,
-                        scale: edge.distance.scale as f32,
+                        scale: scale as f32,
                     });
                 });
             }
@@ -202,16 +213,30 @@ pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> V
     stretches(&problem.segments).par_iter().map(of_stretch).collect::<Vec<_>>().concat()
 }
 
-/// Visits the distance in pixels of every circle centre of one segment from its projection.
-pub fn visit_points(problem: &Problem, state: &State, segment: usize, mut visit: impl FnMut(f64)) {
-    let (Some(observations), Some(trajectory)) = (problem.segments.get(segment), state.trajectories.get(segment))
-    else {
-        return;
+/// The residual of one circle centre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointResidual {
+    /// Time since the start of its recording (s).
+    pub t: f64,
+    /// Where the centre was seen (px).
+    pub pixel: Vector2<f64>,
+    /// How far from its projection it was seen (px).
+    pub residual: Vector2<f64>,
+}
+
+/// The residuals of all circle centres, segment by segment in order of time.
+pub fn point_residuals(problem: &Problem, state: &State) -> Vec<PointResidual> {
+    let segments = problem.segments.iter().zip(&state.trajectories);
+    let residual = |trajectory, point: &PointObservation| {
+        let pose = PoseBin::new(trajectory, point.t)?;
+        let &center = problem.circle_centers.get(point.circle)?;
+        let rows = point_rows(&state.camera, &pose, Vector2::from(center), point.pixel)?;
+        let residual = -Vector2::new(rows[0][ROW_RESIDUAL], rows[1][ROW_RESIDUAL]);
+        Some(PointResidual { t: point.t, pixel: point.pixel, residual })
     };
-    for point in &observations.points {
-        let Some(pose) = PoseBin::new(trajectory, point.t) else { continue };
-        let Some(&center) = problem.circle_centers.get(point.circle) else { continue };
-        let Some(rows) = point_rows(&state.camera, &pose, Vector2::from(center), point.pixel) else { continue };
-        visit(rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]));
-    }
+    segments
+        .flat_map(|(observations, trajectory)| {
+            observations.points.iter().filter_map(move |point| residual(trajectory, point))
+        })
+        .collect()
 }

@@ -1,0 +1,183 @@
+//! All events together: as the sensor saw them, and carried to the board.
+
+use maud::html;
+use nalgebra::Vector2;
+
+use super::example_frames::{figure, scale};
+use super::number::count;
+use super::page::Section;
+use crate::board::Board;
+use crate::calibrate::{Calibrated, Task, read_events};
+use crate::picture::Picture;
+use crate::solve::bearing_table::BearingTable;
+use crate::solve::board_ray::{BoardRay, is_in_front};
+use crate::solve::pose_bin::PoseBin;
+use crate::trajectory::Trajectory;
+use evcal_core::event::{Event, Polarity};
+
+/// Most events that are carried to the board; more do not make the picture any clearer.
+const MOST_EVENTS: u64 = 1_500_000;
+/// Columns of the picture of the board.
+const BOARD_COLUMNS: u16 = 800;
+/// Most rows of the picture of the board.
+const MOST_ROWS: u16 = 1600;
+/// Time over which the camera's motion is taken to be even (s).
+const BIN: f64 = 0.5e-3;
+
+/// Events seen in each pixel of a picture.
+struct Accumulation {
+    size: (u16, u16),
+    off: Vec<u32>,
+    on: Vec<u32>,
+}
+
+impl Accumulation {
+    fn new(size: (u16, u16)) -> Self {
+        let counts = vec![0; usize::from(size.0) * usize::from(size.1)];
+        Self { size, off: counts.clone(), on: counts }
+    }
+
+    fn add(&mut self, place: Vector2<f64>, polarity: Polarity) {
+        let (column, row) = (place.x.round(), place.y.round());
+        if !(column >= 0.0 && row >= 0.0 && column < f64::from(self.size.0) && row < f64::from(self.size.1)) {
+            return;
+        }
+        let counts = if polarity == Polarity::On { &mut self.on } else { &mut self.off };
+        if let Some(count) = counts.get_mut(row as usize * usize::from(self.size.0) + column as usize) {
+            *count += 1;
+        }
+    }
+
+    /// White without events; red where ON and blue where OFF events are.
+    fn picture(&self, scale: usize) -> Picture {
+        let full = brightest(&self.on).max(brightest(&self.off)).max(1.0);
+        let share = |counts: &[u32], index: usize| {
+            counts.get(index).map_or(0.0, |&count| (f64::from(count) / full).sqrt().min(1.0))
+        };
+        Picture::of_sensor(self.size, scale, |place| {
+            let (column, row) = (place.x.round().max(0.0) as usize, place.y.round().max(0.0) as usize);
+            let index = row * usize::from(self.size.0) + column;
+            let (on, off) = (share(&self.on, index), share(&self.off, index));
+            let left =
+                |on_takes: f64, off_takes: f64| (255.0 * (1.0 - on_takes * on) * (1.0 - off_takes * off)).round() as u8;
+            [left(0.15, 0.85), left(0.8, 0.6), left(0.8, 0.15)]
+        })
+    }
+}
+
+/// The count that one in two hundred of the pixels with events exceeds.
+fn brightest(counts: &[u32]) -> f64 {
+    let mut counts: Vec<u32> = counts.iter().copied().filter(|&count| count > 0).collect();
+    let place = counts.len().saturating_sub(1 + counts.len() / 200);
+    if counts.is_empty() { 0.0 } else { f64::from(*counts.select_nth_unstable(place).1) }
+}
+
+/// Both pictures, where the input is events.
+pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
+    if calibrated.refined.rounds.iter().all(|round| round.association.events == 0) {
+        return None;
+    }
+    let bearings = BearingTable::new(&calibrated.refined.state.camera, calibrated.sensor);
+    let frame = BoardFrame::new(task.board);
+    let mut sensor = Accumulation::new(calibrated.sensor);
+    let mut board = Accumulation::new(frame.size);
+    let total: u64 = calibrated.refined.rounds.last().map_or(0, |round| round.association.events);
+    let every = total.div_ceil(MOST_EVENTS).max(1);
+    let (mut used, mut broken) = (0_u64, None);
+    for recording in 0..task.inputs.len() {
+        let mut carrier = Carrier::new(calibrated, recording, &bearings);
+        let mut ordinal = 0_u64;
+        let read = read_events(task.inputs, recording, &mut |events| {
+            for event in events {
+                ordinal += 1;
+                if ordinal % every != 0 {
+                    continue;
+                }
+                if let Some(point) = carrier.carry(event) {
+                    used += 1;
+                    sensor.add(Vector2::new(f64::from(event.x), f64::from(event.y)), event.polarity);
+                    board.add(frame.place(point), event.polarity);
+                }
+            }
+        });
+        broken = broken.or(read.err());
+    }
+    if used == 0 {
+        return None;
+    }
+    let content = html! {
+        p {
+            "The same " (count(used)) " events twice. On the left each is drawn where the sensor saw it: the moving board is a blur. On the right "
+            "each is carried through the calibrated lens and the camera's pose at its own time onto the board. The better lens "
+            "and trajectory are, the sharper the rims of the dots."
+        }
+        @if let Some(error) = broken { p { "A recording could not be read again to its end: " (error) } }
+        div.pair {
+            (figure(&sensor.picture(scale(calibrated.sensor).min(2)), "Events of the whole recording on the sensor: a blur.", "As the sensor saw them."))
+            (figure(&board.picture(1), "The same events carried to the board: the rims of its dots.", "Carried to the board by the result."))
+        }
+    };
+    Some(Section { id: "accumulation", title: "All events together", content })
+}
+
+/// Where points of the board lie in its picture.
+pub struct BoardFrame {
+    corner: Vector2<f64>,
+    pixels_per_metre: f64,
+    /// Width and height of the picture.
+    pub size: (u16, u16),
+}
+
+impl BoardFrame {
+    /// A picture of all circles of `board` with a margin.
+    pub fn new(board: &Board) -> Self {
+        let centers = || (0..board.circle_count()).map(|index| board.circle_center(index));
+        let margin = Vector2::repeat(0.6 * board.neighbour_distance());
+        let last = centers().fold(Vector2::zeros(), |last: Vector2<f64>, center| last.sup(&center)) + margin;
+        let extent = last + margin;
+        let pixels_per_metre = (f64::from(BOARD_COLUMNS) / extent.x).min(f64::from(MOST_ROWS) / extent.y);
+        let pixels = |metres: f64| (metres * pixels_per_metre).ceil().clamp(1.0, f64::from(MOST_ROWS)) as u16;
+        Self { corner: -margin, pixels_per_metre, size: (pixels(extent.x), pixels(extent.y)) }
+    }
+
+    /// Where a point of the board (m) lies in the picture.
+    pub fn place(&self, point: Vector2<f64>) -> Vector2<f64> {
+        (point - self.corner) * self.pixels_per_metre
+    }
+
+    /// The point of the board (m) at a place in the picture.
+    pub fn point(&self, place: Vector2<f64>) -> Vector2<f64> {
+        place / self.pixels_per_metre + self.corner
+    }
+}
+
+/// Carries the events of one recording to the board.
+struct Carrier<'a> {
+    trajectories: Vec<&'a Trajectory>,
+    bearings: &'a BearingTable,
+    bin: i64,
+    pose: Option<PoseBin>,
+}
+
+impl<'a> Carrier<'a> {
+    fn new(calibrated: &'a Calibrated, recording: usize, bearings: &'a BearingTable) -> Self {
+        let trajectories = calibrated.refined.state.trajectories.iter();
+        let trajectories = trajectories.filter(|trajectory| trajectory.recording == recording).collect();
+        Self { trajectories, bearings, bin: i64::MIN, pose: None }
+    }
+
+    /// Where on the board plane (m) the event was, `None` while there is no trajectory.
+    fn carry(&mut self, event: &Event) -> Option<Vector2<f64>> {
+        let t = event.t as f64 * 1e-6;
+        let bin = (t / BIN).floor() as i64;
+        let middle = (bin as f64 + 0.5) * BIN;
+        if bin != self.bin {
+            self.bin = bin;
+            self.pose = self.trajectories.iter().find_map(|trajectory| PoseBin::new(trajectory, middle));
+        }
+        let pose = self.pose.as_ref()?;
+        let (bearing, _) = self.bearings.place(f64::from(event.x), f64::from(event.y))?.bearing();
+        let ray = BoardRay::new(pose, t - middle, &bearing);
+        is_in_front(ray.depth()).then(|| ray.point())
+    }
+}

@@ -1,0 +1,113 @@
+//! What the camera's own frames say.
+
+use maud::{Markup, html};
+
+use super::chart::{SensorMap, cells_of_grid, round_up};
+use super::frame_pictures;
+use super::number::{count, signed, with_sigma};
+use super::overview::capital;
+use super::page::{Section, scrolling};
+use super::palette::Palette;
+use crate::calibrate::{Calibrated, Task};
+use crate::frames::witness::{FrameOutcome, FrameWitness};
+
+/// The witness and pictures, where the recordings have frames.
+pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
+    let outcome = calibrated.witness.as_ref()?;
+    let content = html! {
+        @match outcome {
+            FrameOutcome::Witness(witness) => (witnessed(calibrated, witness)),
+            FrameOutcome::Silent(silent) => p { "The recording has frames, but they say nothing: " (silent.reason) "." },
+            FrameOutcome::Only(_) => p { "This calibration is from the camera's frames alone; events were not used." },
+        }
+        @if let Some(joint) = &calibrated.joint {
+            p {
+                "Frames and events were then solved together: " (count(joint.dots as u64)) " dots of " (count(joint.frames as u64))
+                " frames, whose clock is " (signed(1e3 * joint.time_offset, 3)) " ± " (signed(1e3 * joint.time_offset_sigma, 3))
+                " ms from that of the events."
+            }
+        }
+        (counts(outcome))
+        (frame_pictures::pictures(calibrated, task))
+    };
+    Some(Section { id: "camera-frames", title: "The camera's own frames", content })
+}
+
+fn counts(outcome: &FrameOutcome) -> Markup {
+    let report = outcome.report();
+    let detection = &report.detection;
+    let refused: Vec<String> =
+        detection.refused.iter().map(|(reason, number)| format!("{} {reason}", count(*number))).collect();
+    html! {
+        p {
+            "Of " (count(detection.frames)) " frames " (count(detection.with_board)) " show the board and " (count(report.used as u64)) " were used"
+            @if !refused.is_empty() { " (not: " (refused.join(", ")) ")" }
+            ". The edges of their dots are blurred by " (signed(detection.blur, 2)) " px."
+        }
+        @for note in &detection.notes { p { (note) } }
+    }
+}
+
+fn witnessed(calibrated: &Calibrated, witness: &FrameWitness) -> Markup {
+    let difference = &witness.difference;
+    let points: Vec<_> =
+        difference.grid.iter().map(|point| (point.pixel, point.difference.map(|[x, y]| x.hypot(y)))).collect();
+    let map = SensorMap {
+        description: format!(
+            "Map of the sensor: difference of the projections from frames and from events, up to {:.3} px.",
+            difference.max
+        ),
+        sensor: calibrated.sensor,
+        cells: cells_of_grid(&points, usize::from(difference.columns), usize::from(difference.rows)),
+        range: 0.0..round_up(difference.max),
+        palette: Palette::Error,
+        unit: "px",
+        arrows: Vec::new(),
+    };
+    html! {
+        p { strong { (capital(&witness.sentence)) "." } }
+        p {
+            "They look through the same lens with the same pixels, but share neither light nor method with the events: a second, independent calibration. Both differ by "
+            (signed(witness.difference_rms, 3)) " px over the sensor; their uncertainties let expect " (signed(witness.expected.rms, 3)) " px ("
+            (signed(witness.expected.events, 3)) " px from the events, " (signed(witness.expected.frames, 3)) " px from the frames)."
+        }
+        div.pair {
+            figure {
+                (map.render())
+                figcaption { "Difference of the projections from frames and from events, the cameras' own poses taken out." }
+            }
+            (scrolling("Parameters from events and from frames", &parameters(witness)))
+        }
+    }
+}
+
+fn parameters(witness: &FrameWitness) -> Markup {
+    html! {
+        table.short {
+            thead { tr {
+                th scope="col" { "parameter" }
+                th.number scope="col" { "events" }
+                th.number scope="col" { "frames" }
+                th.number scope="col" { "± σ" }
+                th.number scope="col" { "difference / σ" }
+            } }
+            tbody {
+                @for parameter in &witness.parameters {
+                    @let (frames, sigma) = with_sigma(parameter.frames, parameter.frames_sigma);
+                    @let (events, _) = with_sigma(parameter.events, parameter.frames_sigma);
+                    tr {
+                        th scope="row" { code { (parameter.name) } }
+                        td.number { (events) }
+                        td.number { (frames) }
+                        td.number { (sigma) }
+                        td.number {
+                            @if parameter.difference_sigma > 0.0 {
+                                (signed((parameter.frames - parameter.events) / parameter.difference_sigma, 1))
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

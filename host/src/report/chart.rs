@@ -1,0 +1,334 @@
+//! Plots as inline SVG that follows the page's colours and width.
+//!
+//! The plotting library writes fixed colours; the page's style sheet gives those of [`Color`] their shade for
+//! light, dark and paper.
+
+use std::ops::Range;
+
+use maud::{Markup, PreEscaped, Render, html};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::Color as _;
+
+use super::palette::Palette;
+
+/// Width of the drawings in their own units; they are scaled to the page.
+const WIDTH: u32 = 960;
+const TEXT: u32 = 34;
+const LABEL_WIDTH: u32 = 118;
+const LABEL_HEIGHT: u32 = 84;
+const MARGIN: u32 = 16;
+/// Room for half of the last label.
+const RIGHT_MARGIN: u32 = 32;
+const GRID: RGBColor = RGBColor(0xd0, 0xd0, 0xd0);
+const NOTHING: RGBColor = RGBColor(0xe4, 0xe7, 0xeb);
+const INK: RGBColor = RGBColor(1, 2, 3);
+
+/// A colour of the style sheet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Color {
+    /// Red, that of ON events.
+    On,
+    /// Blue, that of OFF events.
+    Off,
+    /// Green.
+    Third,
+    /// Brown.
+    Fourth,
+}
+
+impl Color {
+    /// All, in the order in which curves take them.
+    pub const ALL: [Self; 4] = [Self::Off, Self::On, Self::Third, Self::Fourth];
+
+    fn rgb(self) -> RGBColor {
+        match self {
+            Self::On => RGBColor(0xc8, 0x35, 0x2f),
+            Self::Off => RGBColor(0x2a, 0x66, 0xc8),
+            Self::Third => RGBColor(0x1d, 0x7f, 0x4f),
+            Self::Fourth => RGBColor(0x8a, 0x5a, 0x00),
+        }
+    }
+
+    fn variable(self) -> &'static str {
+        match self {
+            Self::On => "--on",
+            Self::Off => "--off",
+            Self::Third => "--third",
+            Self::Fourth => "--fourth",
+        }
+    }
+}
+
+/// Curves or points that belong together.
+pub struct Series {
+    /// Name in the legend.
+    pub name: String,
+    /// Colour.
+    pub color: Color,
+    /// Curves, each without interruption.
+    pub curves: Vec<Vec<(f64, f64)>>,
+    /// Single points.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// A plot of curves and points.
+pub struct Chart<'a> {
+    /// What is to be seen, for who does not see it.
+    pub description: String,
+    /// Name and unit of x.
+    pub x_label: &'a str,
+    /// Name and unit of y.
+    pub y_label: &'a str,
+    /// Shown part of x.
+    pub x: Range<f64>,
+    /// Shown part of y.
+    pub y: Range<f64>,
+    /// What is drawn.
+    pub series: Vec<Series>,
+}
+
+/// The smallest range that holds `values` with a margin, at least `narrowest` wide.
+pub fn range_of(values: impl Iterator<Item = f64>, narrowest: f64) -> Range<f64> {
+    let (low, high) = values
+        .filter(|value| value.is_finite())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+    if low > high {
+        return -0.5 * narrowest..0.5 * narrowest;
+    }
+    let half = (0.54 * (high - low)).max(0.5 * narrowest);
+    let middle = 0.5 * (low + high);
+    middle - half..middle + half
+}
+
+type Drawing<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type DrawingError = DrawingAreaErrorKind<std::io::Error>;
+
+fn figure(description: &str, height: u32, draw: impl FnOnce(&Drawing) -> Result<(), DrawingError>) -> Markup {
+    let mut svg = String::new();
+    let drawn = {
+        let drawing = SVGBackend::with_string(&mut svg, (WIDTH, height)).into_drawing_area();
+        draw(&drawing).and_then(|()| drawing.present())
+    };
+    if let Err(error) = drawn {
+        return html! { p { "This plot could not be drawn: " (error) } };
+    }
+    let label = html! { (description) }.render().into_string();
+    let opening = format!("<svg class=\"plot\" role=\"img\" aria-label=\"{label}\" ");
+    PreEscaped(svg.replacen("<svg ", &opening, 1))
+}
+
+impl Chart<'_> {
+    /// The plot with its legend.
+    pub fn render(&self) -> Markup {
+        let named = || self.series.iter().filter(|series| !series.name.is_empty());
+        html! {
+            (figure(&self.description, 560, |drawing| self.draw(drawing)))
+            @if named().count() > 1 {
+                ul.legend {
+                    @for series in named() {
+                        li { i style=(format!("background:var({})", series.color.variable())) {} (series.name) }
+                    }
+                }
+            }
+        }
+    }
+
+    fn draw(&self, drawing: &Drawing) -> Result<(), DrawingError> {
+        let mut chart = ChartBuilder::on(drawing)
+            .margin(MARGIN)
+            .margin_right(RIGHT_MARGIN)
+            .x_label_area_size(LABEL_HEIGHT)
+            .y_label_area_size(LABEL_WIDTH)
+            .build_cartesian_2d(self.x.clone(), self.y.clone())?;
+        chart
+            .configure_mesh()
+            .label_style(("sans-serif", TEXT))
+            .axis_desc_style(("sans-serif", TEXT))
+            .x_desc(self.x_label)
+            .y_desc(self.y_label)
+            .x_labels(7)
+            .y_labels(6)
+            .x_label_formatter(&label)
+            .y_label_formatter(&label)
+            .max_light_lines(0)
+            .bold_line_style(GRID)
+            .draw()?;
+        for series in &self.series {
+            let color = series.color.rgb();
+            let curves = series.curves.iter().filter(|curve| curve.len() > 1);
+            chart.draw_series(curves.map(|curve| PathElement::new(curve.clone(), color.stroke_width(4))))?;
+            chart.draw_series(series.points.iter().map(|&at| Circle::new(at, 6, color.filled())))?;
+        }
+        Ok(())
+    }
+}
+
+/// A value on an axis: no more digits than it has, a true minus sign.
+fn label(value: &f64) -> String {
+    let text = format!("{value:.6}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    match text.strip_prefix('-') {
+        Some("0") => "0".to_owned(),
+        Some(size) => format!("−{size}"),
+        None => text.to_owned(),
+    }
+}
+
+/// The largest of 1, 2 and 5 times a power of ten that is not above `value`.
+pub fn round_down(value: f64) -> f64 {
+    let power = 10_f64.powf(value.max(1e-9).log10().floor());
+    [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|step| *step <= value).unwrap_or(power)
+}
+
+/// The smallest of 1, 1.5, 2, 3, 5 and 7 times a power of ten that is not below `value`.
+pub fn round_up(value: f64) -> f64 {
+    let power = 10_f64.powf(value.max(1e-9).log10().floor());
+    [1.0, 1.5, 2.0, 3.0, 5.0, 7.0]
+        .into_iter()
+        .map(|step| step * power)
+        .find(|step| *step >= value)
+        .unwrap_or(10.0 * power)
+}
+
+/// The cells of a map whose values stand at the points of a regular grid, row by row, up to the sensor's outermost pixels.
+pub fn cells_of_grid(points: &[([f64; 2], Option<f64>)], columns: usize, rows: usize) -> Vec<([f64; 4], Option<f64>)> {
+    let (Some(first), Some(last)) = (points.first(), points.last()) else { return Vec::new() };
+    let half = |axis: usize, count: usize| 0.5 * (last.0[axis] - first.0[axis]) / count.saturating_sub(1).max(1) as f64;
+    let (half_x, half_y) = (half(0, columns), half(1, rows));
+    let cell = |([x, y], value): &([f64; 2], Option<f64>)| ([x - half_x, y - half_y, x + half_x, y + half_y], *value);
+    points.iter().map(cell).collect()
+}
+
+/// A map of the sensor in cells.
+pub struct SensorMap {
+    /// What is to be seen, for who does not see it.
+    pub description: String,
+    /// Width and height of the sensor (px).
+    pub sensor: (u16, u16),
+    /// Left, top, right and bottom of each cell (px) and its value, `None` where nothing is known.
+    pub cells: Vec<([f64; 4], Option<f64>)>,
+    /// Values of the palette's ends.
+    pub range: Range<f64>,
+    /// Colours.
+    pub palette: Palette,
+    /// Unit behind the values at the ends of the scale.
+    pub unit: &'static str,
+    /// Arrows from a place (px) along a vector (px, already enlarged).
+    pub arrows: Vec<([f64; 2], [f64; 2])>,
+}
+
+impl SensorMap {
+    /// The map with its scale.
+    pub fn render(&self) -> Markup {
+        let (width, height) = (f64::from(self.sensor.0.max(1)), f64::from(self.sensor.1.max(1)));
+        let room = f64::from(WIDTH - LABEL_WIDTH - MARGIN - RIGHT_MARGIN);
+        let drawing_height = (room * height / width) as u32 + LABEL_HEIGHT + 2 * MARGIN;
+        let unknown = self.cells.iter().any(|cell| cell.1.is_none());
+        html! {
+            (figure(&self.description, drawing_height.clamp(300, 2 * WIDTH), |drawing| self.draw(drawing)))
+            div.scale aria-hidden="true" {
+                span { (label(&self.range.start)) }
+                span.bar style=(self.palette.gradient()) {}
+                span { (label(&self.range.end)) " " (self.unit) }
+                @if unknown { span.nothing {} span { "no data" } }
+            }
+        }
+    }
+
+    fn draw(&self, drawing: &Drawing) -> Result<(), DrawingError> {
+        let (width, height) = (f64::from(self.sensor.0), f64::from(self.sensor.1));
+        // Rows count downwards.
+        let mut chart = ChartBuilder::on(drawing)
+            .margin(MARGIN)
+            .margin_right(RIGHT_MARGIN)
+            .x_label_area_size(LABEL_HEIGHT)
+            .y_label_area_size(LABEL_WIDTH)
+            .build_cartesian_2d(-0.5..width - 0.5, 0.5 - height..0.5)?;
+        chart
+            .configure_mesh()
+            .disable_mesh()
+            .label_style(("sans-serif", TEXT))
+            .axis_desc_style(("sans-serif", TEXT))
+            .x_desc("column (px)")
+            .y_desc("row (px)")
+            .x_labels(7)
+            .y_labels(6)
+            .x_label_formatter(&label)
+            .y_label_formatter(&|value| label(&-value))
+            .draw()?;
+        let span = self.range.end - self.range.start;
+        chart.draw_series(self.cells.iter().map(|([left, top, right, bottom], value)| {
+            let color = value.map_or(NOTHING, |value| {
+                let [red, green, blue] = self.palette.color((value - self.range.start) / span);
+                RGBColor(red, green, blue)
+            });
+            let inside = |value: f64, size: f64| value.clamp(-0.5, size - 0.5);
+            let corners =
+                [(inside(*left, width), -inside(*top, height)), (inside(*right, width), -inside(*bottom, height))];
+            Rectangle::new(corners, color.filled())
+        }))?;
+        for (from, along) in &self.arrows {
+            let tip = [from[0] + along[0], from[1] + along[1]];
+            let wing = |turn: f64| {
+                (tip[0] - 0.3 * (along[0] - turn * along[1]), -(tip[1] - 0.3 * (along[1] + turn * along[0])))
+            };
+            let tip_at = (tip[0], -tip[1]);
+            let shaft = vec![(from[0], -from[1]), tip_at];
+            let head = vec![wing(0.5), tip_at, wing(-0.5)];
+            chart.draw_series([shaft, head].map(|path| PathElement::new(path, INK.stroke_width(3))))?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_have_no_needless_digits() {
+        for (value, text) in [(0.0, "0"), (-1e-9, "0"), (1.50, "1.5"), (-20.0, "−20"), (0.000_01, "0.00001")] {
+            assert_eq!(label(&value), text);
+        }
+    }
+
+    #[test]
+    fn scales_end_at_round_numbers() {
+        for (value, down, up) in [(0.37, 0.2, 0.5), (1.0, 1.0, 1.0), (7.2, 5.0, 10.0), (130.0, 100.0, 150.0)] {
+            assert!((round_down(value) - down).abs() < 1e-12, "{value}");
+            assert!((round_up(value) - up).abs() < 1e-9, "{value}");
+        }
+    }
+
+    #[test]
+    fn ranges_hold_their_values_and_have_a_width() {
+        let range = range_of([1.0, 3.0, f64::NAN].into_iter(), 0.1);
+        assert!(range.start < 1.0 && range.end > 3.0 && range.end < 3.2);
+        assert_eq!(range_of([2.0].into_iter(), 1.0), 1.5..2.5);
+        assert_eq!(range_of(std::iter::empty(), 1.0), -0.5..0.5);
+    }
+
+    #[test]
+    fn a_chart_is_one_labelled_drawing_and_text_is_escaped() {
+        let series = |name: &str| Series {
+            name: name.to_owned(),
+            color: Color::On,
+            curves: vec![vec![(0.0, 0.0), (1.0, 1.0)]],
+            points: vec![(0.5, 0.5)],
+        };
+        let chart = Chart {
+            description: "a \"plot\" <b>".to_owned(),
+            x_label: "x < 1",
+            y_label: "y",
+            x: 0.0..1.0,
+            y: 0.0..1.0,
+            series: vec![series("first & last"), series("second")],
+        };
+        let html = chart.render().into_string();
+        assert_eq!(html.matches("<svg ").count(), 1);
+        assert_eq!(html.matches("</svg>").count(), 1);
+        assert!(html.contains("aria-label=\"a &quot;plot&quot; &lt;b&gt;\""));
+        assert!(html.contains("x &lt; 1") && html.contains("first &amp; last"));
+    }
+}

@@ -1,0 +1,127 @@
+//! Reference frames before and after rectification.
+
+use evcal_core::event::Polarity;
+use evcal_core::undistortion::IdealCamera;
+use maud::{Markup, html};
+use nalgebra::{Isometry3, Vector2};
+
+use super::page::Section;
+use super::rectification::{distorted, ideal_camera, projected};
+use crate::board::Board;
+use crate::calibrate::Calibrated;
+use crate::event_pixel::EventPixel;
+use crate::initial::PosedFrame;
+use crate::picture::{BEYOND, OFF, ON, Picture, WHITE};
+use crate::reference_frame::ReferenceFrame;
+
+/// Widest picture in its own pixels; more would only make the file larger.
+const WIDEST: u16 = 800;
+
+/// The frames with the smallest, the middle and the largest error.
+pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
+    let frames = calibrated.initial.frames.iter();
+    let mut ranked: Vec<(&PosedFrame, &ReferenceFrame)> = frames
+        .filter_map(|posed| Some((posed, calibrated.frames.get(posed.frame)?)))
+        .filter(|(_, frame)| !frame.pixels.is_empty())
+        .collect();
+    ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
+    let mut examples = vec![("Best", ranked.first()?)];
+    if let [_, middle @ .., last] = ranked.as_slice() {
+        examples.extend(middle.get(middle.len() / 2).map(|frame| ("Middle", frame)));
+        examples.push(("Worst", last));
+    }
+    let ideal = ideal_camera(&calibrated.refined.state.camera, calibrated.sensor);
+    let content = html! {
+        p {
+            "Events of single time windows: ON red, OFF blue. Black rings are the circles found, yellow lines join those of a row. Green is "
+            "where the result puts the board: it should lie on the events. On the right the same without the lens's distortion: the yellow "
+            "lines should be straight."
+        }
+        @for (name, (posed, frame)) in examples {
+            h3 { (name) (format!(" frame, {:.3} s", frame.t())) @if calibrated.starts.len() > 1 { " of recording " (frame.recording + 1) } }
+            div.pair { (pictures(calibrated, board, &ideal, (*posed, *frame))) }
+        }
+    };
+    Some(Section { id: "frames", title: "Example frames", content })
+}
+
+/// The best estimate of `T_world_camera` of a reference frame: that of the trajectory, where there is one.
+pub fn pose(calibrated: &Calibrated, posed: &PosedFrame) -> Isometry3<f64> {
+    let trajectories = || calibrated.refined.state.trajectories.iter();
+    let frame = calibrated.frames.get(posed.frame);
+    let refined = frame.and_then(|frame| {
+        trajectories()
+            .filter(|trajectory| trajectory.recording == frame.recording)
+            .find_map(|trajectory| trajectory.pose(frame.t()))
+    });
+    refined.unwrap_or(posed.pose)
+}
+
+/// Picture pixels for each sensor pixel.
+pub fn scale((width, _): (u16, u16)) -> usize {
+    usize::from(WIDEST / width.max(1)).clamp(1, 4)
+}
+
+fn pictures(
+    calibrated: &Calibrated,
+    board: &Board,
+    ideal: &IdealCamera<f64>,
+    (posed, frame): (&PosedFrame, &ReferenceFrame),
+) -> Markup {
+    let (camera, sensor) = (&calibrated.refined.state.camera, calibrated.sensor);
+    let pose = pose(calibrated, posed);
+    let raster = Raster::new(sensor, &frame.pixels);
+    let mut seen = Picture::of_sensor(sensor, scale(sensor), |place| raster.color(place));
+    seen.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
+    let mut rectified = Picture::of_sensor(sensor, scale(sensor), |place| {
+        distorted(camera, ideal, place).map_or(BEYOND, |pixel| raster.color(pixel))
+    });
+    let place = |pixel: Vector2<f64>| ideal.of_pixel(camera, &pixel);
+    rectified.board(frame, board, |point| projected(ideal, &pose.inverse_transform_point(point)), place);
+    html! {
+        (figure(&seen, "Events of one time window as the sensor saw them, with the board.", "As the sensor saw it."))
+        (figure(&rectified, "The same events without the distortion of the lens, with the board.", "Without distortion."))
+    }
+}
+
+/// A picture as a part of the page.
+pub fn figure(picture: &Picture, description: &str, caption: &str) -> Markup {
+    use base64::prelude::{BASE64_STANDARD, Engine};
+    html! {
+        @match picture.to_png() {
+            Ok(png) => figure {
+                img alt=(description) width=(picture.width) height=(picture.height)
+                    src=(format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png)));
+                figcaption { (caption) }
+            },
+            Err(error) => p { "A picture could not be written: " (error) },
+        }
+    }
+}
+
+/// The colour of every pixel of the sensor.
+struct Raster {
+    sensor: (u16, u16),
+    colors: Vec<[u8; 3]>,
+}
+
+impl Raster {
+    fn new(sensor: (u16, u16), pixels: &[EventPixel]) -> Self {
+        let mut colors = vec![WHITE; usize::from(sensor.0) * usize::from(sensor.1)];
+        for pixel in pixels.iter().filter(|pixel| pixel.x() < sensor.0) {
+            if let Some(color) = colors.get_mut(usize::from(pixel.y()) * usize::from(sensor.0) + usize::from(pixel.x()))
+            {
+                *color = if pixel.polarity() == Polarity::On { ON } else { OFF };
+            }
+        }
+        Self { sensor, colors }
+    }
+
+    fn color(&self, pixel: Vector2<f64>) -> [u8; 3] {
+        let (column, row) = (pixel.x.round(), pixel.y.round());
+        if !(column >= 0.0 && row >= 0.0 && column < f64::from(self.sensor.0)) {
+            return BEYOND;
+        }
+        self.colors.get(row as usize * usize::from(self.sensor.0) + column as usize).copied().unwrap_or(BEYOND)
+    }
+}

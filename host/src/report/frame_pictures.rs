@@ -1,0 +1,136 @@
+//! Frames of the camera: one before and after rectification, and many carried to the board.
+
+use maud::{Markup, html};
+use nalgebra::{Isometry3, Point3, Vector2};
+use rayon::prelude::*;
+
+use super::accumulation::BoardFrame;
+use super::example_frames::{figure, scale};
+use super::number::count;
+use super::rectification::{distorted, ideal_camera, projected};
+use crate::board::Board;
+use crate::calibrate::{Calibrated, Input, Task};
+use crate::frames::image::{GreyImage, TimedImage, may_hold_frames, visit_frames};
+use crate::picture::{BEYOND, Picture};
+
+/// Most frames that are carried to the board.
+const MOST_FRAMES: usize = 40;
+/// A frame is that of a reference frame when their times differ by less (s).
+const SAME_TIME: f64 = 1e-3;
+
+/// A frame with its pose.
+struct Shown {
+    image: GreyImage,
+    position: Vector2<f64>,
+    /// `T_world_camera` in the middle of the exposure.
+    pose: Isometry3<f64>,
+}
+
+/// The pictures, where frames show the board.
+pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
+    let (shown, used) = frames_with_pose(calibrated, task);
+    let Some(example) = shown.get(shown.len() / 2) else { return html! {} };
+    let (camera, sensor) = (&calibrated.refined.state.camera, calibrated.sensor);
+    let ideal = ideal_camera(camera, sensor);
+    let grey = |pixel: Vector2<f64>| example.grey(pixel).map_or(BEYOND, |grey| [grey.round() as u8; 3]);
+    let mut seen = Picture::of_sensor(sensor, scale(sensor), grey);
+    let in_camera = |point: &Point3<f64>| example.pose.inverse_transform_point(point);
+    seen.rims(task.board, |point| camera.project(&in_camera(point).coords));
+    let mut rectified =
+        Picture::of_sensor(sensor, scale(sensor), |place| distorted(camera, &ideal, place).map_or(BEYOND, grey));
+    rectified.rims(task.board, |point| projected(&ideal, &in_camera(point)));
+    let together = carried(calibrated, task.board, &shown);
+    html! {
+        div.pair {
+            (figure(&seen, "A frame of the camera with the board's rims.", "A frame as the sensor saw it. Green is where the result puts the dots."))
+            (figure(&rectified, "The same frame without the distortion of the lens.", "Without distortion."))
+            (figure(&together, "The mean of many frames carried to the board.", &format!("The mean of {} of {} frames, each carried to the board by the result: sharp if both fit.", shown.len(), count(used as u64))))
+        }
+    }
+}
+
+/// At most [`MOST_FRAMES`] frames with a pose, evenly chosen, and how many there are.
+fn frames_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usize) {
+    let mut used = 0_usize;
+    visit_with_pose(calibrated, task, |_, _| used += 1);
+    let every = used.div_ceil(MOST_FRAMES).max(1);
+    let (mut shown, mut ordinal) = (Vec::new(), 0_usize);
+    visit_with_pose(calibrated, task, |picture, pose| {
+        if let (0, Ok(image)) = (ordinal % every, picture.image) {
+            let position = Vector2::new(f64::from(picture.position.0), f64::from(picture.position.1));
+            shown.push(Shown { image, position, pose });
+        }
+        ordinal += 1;
+    });
+    (shown, used)
+}
+
+/// Hands on the frames of all recordings that can be used and have a pose. What cannot be read again is left out.
+fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(TimedImage, Isometry3<f64>)) {
+    for (number, (input, &start)) in task.inputs.iter().zip(&calibrated.starts).enumerate() {
+        let Input::Events(recording) = input else { continue };
+        if !may_hold_frames(recording.format()) {
+            continue;
+        }
+        let _ = visit_frames(recording, |picture| {
+            let middle = 0.5 * (picture.exposure.0 as f64 + picture.exposure.1 as f64);
+            if let (Ok(_), Some(pose)) = (&picture.image, pose_at(calibrated, number, middle * 1e-6 - start)) {
+                visit(picture, pose);
+            }
+        });
+    }
+}
+
+/// `T_world_camera` at `t` seconds from the start of a recording.
+fn pose_at(calibrated: &Calibrated, recording: usize, t: f64) -> Option<Isometry3<f64>> {
+    let trajectories = &calibrated.refined.state.trajectories;
+    if !trajectories.is_empty() {
+        let offset = calibrated.joint.as_ref().map_or(0.0, |joint| joint.time_offset);
+        let mut of_recording = trajectories.iter().filter(|trajectory| trajectory.recording == recording);
+        return of_recording.find_map(|trajectory| trajectory.pose(t + offset));
+    }
+    let same = |posed: &&crate::initial::PosedFrame| {
+        let frame = calibrated.frames.get(posed.frame);
+        frame.is_some_and(|frame| frame.recording == recording && (frame.t() - t).abs() < SAME_TIME)
+    };
+    calibrated.initial.frames.iter().find(same).map(|posed| posed.pose)
+}
+
+impl Shown {
+    /// The grey value at a place on the sensor, interpolated.
+    fn grey(&self, pixel: Vector2<f64>) -> Option<f64> {
+        let place = pixel - self.position;
+        let (left, top) = (place.x.floor(), place.y.floor());
+        if !(left >= 0.0 && top >= 0.0) {
+            return None;
+        }
+        let (right_share, lower_share) = (place.x - left, place.y - top);
+        let (column, row) = (left as usize, top as usize);
+        let value = |column: usize, row: usize| self.image.get(column, row).map(f64::from);
+        let upper = value(column, row)? * (1.0 - right_share) + value(column + 1, row)? * right_share;
+        let lower = value(column, row + 1)? * (1.0 - right_share) + value(column + 1, row + 1)? * right_share;
+        Some(upper * (1.0 - lower_share) + lower * lower_share)
+    }
+}
+
+/// The mean of `shown` on the board.
+fn carried(calibrated: &Calibrated, board: &Board, shown: &[Shown]) -> Picture {
+    let frame = BoardFrame::new(board);
+    let camera = &calibrated.refined.state.camera;
+    let (width, height) = (usize::from(frame.size.0), usize::from(frame.size.1));
+    let mut means = vec![None; width * height];
+    means.par_iter_mut().enumerate().for_each(|(index, mean)| {
+        let point = frame.point(Vector2::new((index % width.max(1)) as f64, (index / width.max(1)) as f64));
+        let point = Point3::new(point.x, point.y, 0.0);
+        let seen = shown.iter().filter_map(|shown| {
+            let pixel = camera.project(&shown.pose.inverse_transform_point(&point).coords)?;
+            shown.grey(pixel)
+        });
+        let (sum, count) = seen.fold((0.0, 0), |(sum, count), grey| (sum + grey, count + 1));
+        *mean = (count > 0).then(|| sum / f64::from(count));
+    });
+    Picture::of_sensor(frame.size, 1, |place| {
+        let index = place.y.round().max(0.0) as usize * width + place.x.round().max(0.0) as usize;
+        means.get(index).copied().flatten().map_or(BEYOND, |grey: f64| [grey.round() as u8; 3])
+    })
+}

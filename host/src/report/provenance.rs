@@ -1,0 +1,90 @@
+//! Where the result comes from: recordings, board, command line, settings, version.
+
+use maud::{Markup, html};
+use toml::{Table, Value};
+
+use super::number::count;
+use super::page::{Section, scrolling};
+use crate::calibrate::{Calibrated, Task, file_of};
+use crate::settings::Settings;
+
+/// Everything that is needed to get the same result again.
+pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
+    let changed = changed(task.settings);
+    let content = html! {
+        p { "The same program with the same input gives the same result, byte for byte." }
+        (scrolling("Recordings", &recordings(calibrated, task)))
+        p { "Board: " code { (task.board) } ". Program: evcal " (env!("CARGO_PKG_VERSION")) "." }
+        @if !task.command_line.is_empty() {
+            h3 { "Command line" }
+            pre.command { (task.command_line) }
+        }
+        h3 { "Settings" }
+        @if changed.is_empty() {
+            p { "All settings have their defaults." }
+        } @else {
+            p { "Not the default: " }
+            ul { @for (name, value) in &changed { li { code { (name) " = " (value) } } } }
+        }
+        details { summary { "All settings" } pre { (task.settings.to_toml()) } }
+    };
+    Some(Section { id: "provenance", title: "Where this comes from", content })
+}
+
+fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
+    html! {
+        table {
+            thead { tr {
+                th scope="col" { "recording" }
+                th.number scope="col" { "events or circles" }
+                th.number scope="col" { "duration (s)" }
+                th scope="col" { "notes" }
+            } }
+            tbody {
+                @for (input, report) in task.inputs.iter().zip(&calibrated.reports.recordings) {
+                    tr {
+                        th scope="row" { (file_of(input)) }
+                        td.number { (count(report.count)) }
+                        td.number { (format!("{:.3}", report.duration)) }
+                        td.words { (report.notes.join("; ")) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Settings that differ from their defaults: dotted name and value.
+fn changed(settings: &Settings) -> Vec<(String, String)> {
+    let table = |settings: &Settings| Table::try_from(settings).unwrap_or_default();
+    let mut found = Vec::new();
+    compare(&table(settings), &table(&Settings::default()), "", &mut found);
+    found
+}
+
+fn compare(used: &Table, default: &Table, prefix: &str, found: &mut Vec<(String, String)>) {
+    for (name, value) in used {
+        let dotted = format!("{prefix}{name}");
+        match (value, default.get(name)) {
+            (Value::Table(used), Some(Value::Table(default))) => compare(used, default, &format!("{dotted}."), found),
+            (value, before) if before != Some(value) => found.push((dotted, value.to_string())),
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_that_were_changed_are_named() {
+        let mut settings = Settings::default();
+        assert_eq!(changed(&settings), []);
+        settings.refinement.rounds = 3;
+        settings.detection.window.gap = 7;
+        let names: Vec<(String, String)> = changed(&settings);
+        let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+        assert_eq!(names, [pair("detection.window.gap", "7"), pair("refinement.rounds", "3")]);
+    }
+}

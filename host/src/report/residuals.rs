@@ -1,0 +1,184 @@
+//! What the model does not explain.
+
+use maud::{Markup, html};
+
+use super::chart::{Chart, Color, SensorMap, Series, round_down, round_up};
+use super::number::{count, signed, with_sigma};
+use super::page::{Section, scrolling};
+use super::palette::Palette;
+use crate::burst::RANK_COUNT;
+use crate::calibrate::Calibrated;
+use crate::event_bias::CLASS_COUNT;
+use crate::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
+use crate::residual_map::{Pattern, ResidualMap};
+use crate::solve::bearing_table::BearingTable;
+use crate::solve::stretch::residuals;
+
+const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
+
+/// Residuals by class and by place.
+pub fn section(calibrated: &Calibrated, map: &ResidualMap) -> Option<Section> {
+    let refined = &calibrated.refined;
+    let bearings = BearingTable::new(&refined.state.camera, calibrated.sensor);
+    let classes = class_residuals(&residuals(&refined.problem, &refined.state, &bearings));
+    let events = classes.iter().any(|class| class.count > 0);
+    let content = html! {
+        p {
+            "A residual is the distance between where something was seen and where the result puts it: "
+            @if events { "for an event, its distance across the edge of its dot." } @else { "for a circle, that of its centre." }
+            " Their median size is " (signed(refined.residuals.median, 3)) " px, their root mean square "
+            (signed(refined.residuals.rms, 3)) " px."
+        }
+        @if map.cells.iter().any(|cell| cell.count > 0) { (by_place(calibrated, map)) }
+        @if events {
+            h3 { "By event class" }
+            p {
+                "When an edge passes, a pixel sends a burst of events. Each rank of the burst, OFF (darker) and ON (brighter), has its "
+                "own bias, which is part of the result. Curves should be narrow, alike on both sides and centred on 0."
+            }
+            div.pair {
+                figure { (histogram(&classes, "OFF", 0).render()) figcaption { "Residuals of OFF events, by rank in the burst." } }
+                figure { (histogram(&classes, "ON", RANK_COUNT).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
+            }
+            (scrolling("Event classes", &class_table(calibrated, &classes)))
+            p.faint { "Offsets are those of a straight, slow edge, positive outside the dot; latencies count from the first OFF event of a burst." }
+        }
+    };
+    Some(Section { id: "residuals", title: "What the model does not explain", content })
+}
+
+fn by_place(calibrated: &Calibrated, map: &ResidualMap) -> Markup {
+    let shifts: Vec<_> =
+        map.places().zip(&map.cells).filter_map(|(place, cell)| Some((place, cell.displacement?))).collect();
+    let longest = shifts.iter().map(|(_, displacement)| displacement.shift.norm()).fold(0.0, f64::max);
+    let enlarged = round_down(0.9 * map.cell / longest.max(1e-9));
+    let arrows = shifts.iter().map(|([left, top, right, bottom], displacement)| {
+        let along = displacement.shift * enlarged;
+        ([0.5 * (left + right) - 0.5 * along.x, 0.5 * (top + bottom) - 0.5 * along.y], along.into())
+    });
+    let most = map.cells.iter().map(|cell| cell.rms).fold(0.0, f64::max);
+    let rms = SensorMap {
+        description: format!("Map of the sensor: root mean square residual in each cell, up to {most:.2} px."),
+        sensor: calibrated.sensor,
+        cells: map
+            .places()
+            .zip(&map.cells)
+            .map(|(place, cell)| (place, (cell.count > 0).then_some(cell.rms)))
+            .collect(),
+        range: 0.0..round_up(most),
+        palette: Palette::Error,
+        unit: "px",
+        arrows: Vec::new(),
+    };
+    let sizes = SensorMap {
+        description: format!(
+            "Map of the sensor: displacement of what is seen in each cell from where the model puts it, up to {longest:.3} px."
+        ),
+        sensor: calibrated.sensor,
+        cells: map
+            .places()
+            .zip(&map.cells)
+            .map(|(place, cell)| (place, cell.displacement.map(|displacement| displacement.shift.norm())))
+            .collect(),
+        range: 0.0..round_up(longest),
+        palette: Palette::Error,
+        unit: "px",
+        arrows: arrows.collect(),
+    };
+    html! {
+        h3 { "By place on the sensor" }
+        (pattern_in_words(&map.pattern))
+        div.pair {
+            @if !shifts.is_empty() {
+                figure {
+                    (sizes.render())
+                    figcaption {
+                        "Mean displacement in each cell; arrows are enlarged " (format!("{enlarged}")) " times. Neighbouring arrows that agree "
+                        "are a pattern that the camera model cannot follow."
+                    }
+                }
+            }
+            figure { (rms.render()) figcaption { "Root mean square of the residuals in each cell." } }
+        }
+    }
+}
+
+fn pattern_in_words(pattern: &Pattern) -> Markup {
+    let Pattern { cells, shift, shift_ratio, outward, outward_ratio } = *pattern;
+    html! {
+        @if cells == 0 {
+            p { "No cell of the sensor saw enough to tell noise from a pattern." }
+        } @else {
+            p {
+                "Mean displacements of the cells are " strong { (format!("{shift_ratio:.1} times")) } " as large as noise alone would make them (1 is noise, from "
+                "about 2 on there is a pattern); beyond noise they are " (signed(shift, 3)) " px."
+                @if outward_ratio > 0.0 {
+                    " In or out of the dots, edges lie " (format!("{outward_ratio:.1}")) " times as far as by noise, " (signed(outward, 3)) " px beyond it."
+                }
+            }
+        }
+    }
+}
+
+fn histogram(classes: &[ClassResiduals; CLASS_COUNT], polarity: &str, first: usize) -> Chart<'static> {
+    let width = 2.0 * BOUND / BIN_COUNT as f64;
+    let of_polarity = classes.iter().skip(first).take(RANK_COUNT);
+    let series: Vec<Series> = of_polarity
+        .zip(RANKS)
+        .zip(Color::ALL)
+        .filter(|((class, _), _)| class.count > 0)
+        .map(|((class, rank), color)| {
+            let density = |bin: usize| class.bins.get(bin).map_or(0.0, |&bin| bin as f64 / class.count as f64 / width);
+            let steps = (0..BIN_COUNT).flat_map(|bin| {
+                let left = bin as f64 * width - BOUND;
+                [(left, density(bin)), (left + width, density(bin))]
+            });
+            Series { name: format!("{rank} event"), color, curves: vec![steps.collect()], points: Vec::new() }
+        })
+        .collect();
+    let highest =
+        series.iter().flat_map(|series| series.curves.iter().flatten()).map(|point| point.1).fold(0.1, f64::max);
+    Chart {
+        description: format!("Histogram of the residuals of {polarity} events, one curve for each rank in the burst."),
+        x_label: "residual (px), positive outside the dot",
+        y_label: "share per px",
+        x: -BOUND..BOUND,
+        y: 0.0..1.05 * highest,
+        series,
+    }
+}
+
+fn class_table(calibrated: &Calibrated, classes: &[ClassResiduals; CLASS_COUNT]) -> Markup {
+    let bias = &calibrated.refined.state.bias;
+    html! {
+        table.short {
+            thead { tr {
+                th scope="col" { "class" }
+                th.number scope="col" { "events" }
+                th.number scope="col" { "rms (px)" }
+                th.number scope="col" { "mean (px)" }
+                th.number scope="col" { "offset (px)" }
+                th.number scope="col" { "± σ" }
+                th.number scope="col" { "latency (ms)" }
+                th.number scope="col" { "± σ" }
+            } }
+            tbody {
+                @for (index, (class, bias)) in classes.iter().zip(bias).enumerate().filter(|(_, (class, _))| class.count > 0) {
+                    @let sigma = calibrated.trust.uncertainty.bias_sigma.get(index).copied().unwrap_or_default();
+                    @let (offset, offset_sigma) = with_sigma(bias.offset, sigma[0]);
+                    @let (latency, latency_sigma) = with_sigma(1e3 * bias.latency, 1e3 * sigma[1]);
+                    tr {
+                        th scope="row" { (if index < RANK_COUNT { "OFF, " } else { "ON, " }) (RANKS.get(index % RANK_COUNT).copied().unwrap_or_default()) }
+                        td.number { (count(class.count as u64)) }
+                        td.number { (signed(class.rms, 3)) }
+                        td.number { (signed(class.mean, 3)) }
+                        td.number { (offset) }
+                        td.number { (offset_sigma) }
+                        td.number { (latency) }
+                        td.number { (latency_sigma) }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! Where on the sensor the result can be trusted.
+
+use maud::html;
+
+use super::chart::{SensorMap, cells_of_grid, round_up};
+use super::number::{percent, signed};
+use super::page::Section;
+use super::palette::Palette;
+use crate::calibrate::Calibrated;
+
+/// Coverage and uncertainty of the projection.
+pub fn section(calibrated: &Calibrated) -> Option<Section> {
+    let projection = &calibrated.trust.projection;
+    let coverage = &calibrated.trust.coverage;
+    let content = html! {
+        p {
+            "How far the image of a point may be off, if the same camera were calibrated again and again: " (signed(projection.rms, 3))
+            " px on average over the sensor, " (signed(projection.max, 3)) " px at its worst place. Where no board was seen nothing backs the result, "
+            "however small the number: there it depends on the camera model being right."
+        }
+        div.pair {
+            figure {
+                (uncertainty(calibrated).render())
+                figcaption {
+                    "Standard deviation of the projection, far away and with the camera's own pose taken out. Grey: not backed by observations."
+                }
+            }
+            figure {
+                (seen(calibrated).render())
+                figcaption { "Observations in each cell of the sensor; " (percent(coverage.covered)) " of the cells saw enough." }
+            }
+        }
+    };
+    Some(Section { id: "trust", title: "Where it can be trusted", content })
+}
+
+fn uncertainty(calibrated: &Calibrated) -> SensorMap {
+    let projection = &calibrated.trust.projection;
+    let coverage = &calibrated.trust.coverage;
+    let value = |pixel: [f64; 2], sigma: Option<f64>| sigma.filter(|_| coverage.backs(pixel, calibrated.sensor));
+    let points: Vec<_> = projection.grid.iter().map(|point| (point.pixel, value(point.pixel, point.sigma))).collect();
+    let most = points.iter().filter_map(|point| point.1).fold(0.0, f64::max);
+    SensorMap {
+        description: format!(
+            "Map of the sensor: standard deviation of the projection, up to {most:.3} px where observations back it."
+        ),
+        sensor: calibrated.sensor,
+        cells: cells_of_grid(&points, usize::from(projection.columns), usize::from(projection.rows)),
+        range: 0.0..round_up(most),
+        palette: Palette::Error,
+        unit: "px",
+        arrows: Vec::new(),
+    }
+}
+
+fn seen(calibrated: &Calibrated) -> SensorMap {
+    let coverage = &calibrated.trust.coverage;
+    let (columns, rows) = (coverage.columns.max(1), coverage.rows.max(1));
+    let (width, height) = (f64::from(calibrated.sensor.0), f64::from(calibrated.sensor.1));
+    let most = coverage.counts.iter().max().copied().unwrap_or(0);
+    let cells = coverage.counts.iter().enumerate().map(|(index, &count)| {
+        let at = |step: usize, size: f64, count: usize| size * step as f64 / count as f64 - 0.5;
+        let (column, row) = (index % columns, index / columns);
+        let place = [
+            at(column, width, columns),
+            at(row, height, rows),
+            at(column + 1, width, columns),
+            at(row + 1, height, rows),
+        ];
+        (place, (count > 0).then_some(count as f64))
+    });
+    SensorMap {
+        description: format!("Map of the sensor: number of observations in each cell, up to {most}."),
+        sensor: calibrated.sensor,
+        cells: cells.collect(),
+        range: 0.0..round_up(most.max(1) as f64),
+        palette: Palette::Amount,
+        unit: "observations",
+        arrows: Vec::new(),
+    }
+}

@@ -1,0 +1,104 @@
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+
+const SENSOR: (u16, u16) = (320, 240);
+const SIGMA: f64 = 0.3;
+
+/// A normal deviate.
+fn normal(random: &mut ChaCha8Rng) -> f64 {
+    let mut uniform = || (f64::from(random.next_u32()) + 0.5) / 2f64.powi(32);
+    let (a, b) = (uniform(), uniform());
+    (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+}
+
+/// Edges of all directions all over the sensor for 4 s. What is seen is displaced by `shift(pixel)` and lies `outward`
+/// further out, with noise of its own and noise that all of a crossing share.
+fn observations(shift: impl Fn([f64; 2]) -> Vector2<f64>, outward: f64, shared: f64) -> Vec<Observation> {
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    let mut all = Vec::new();
+    for crossing in 0..20_000 {
+        let t = f64::from(crossing) * 2e-4;
+        let pixel = [f64::from(random.next_u32() % 320), f64::from(random.next_u32() % 240)];
+        let angle = f64::from(random.next_u32() % 360).to_radians();
+        let row = Vector3::new(angle.cos(), angle.sin(), 1.0);
+        let common = shared * normal(&mut random);
+        for _ in 0..8 {
+            let residual = row.xy().dot(&shift(pixel)) + outward + common + SIGMA * normal(&mut random);
+            all.push(Observation { t, pixel, row, residual, weight: 1.0 / (SIGMA * SIGMA) });
+        }
+    }
+    all
+}
+
+#[test]
+fn a_displacement_is_found_where_it_is() {
+    // To the right in the left half, downwards in the right half.
+    let shift = |pixel: [f64; 2]| if pixel[0] < 160.0 { Vector2::new(0.2, 0.0) } else { Vector2::new(0.0, 0.1) };
+    let map = map_of(SENSOR, &observations(shift, -0.05, 0.0), &ResidualMapSettings::default());
+    assert_eq!((map.columns, map.rows, map.cell, map.cells.len()), (16, 12, 20.0, 192));
+    assert_eq!(map.pattern.cells, 192);
+    for (index, cell) in map.cells.iter().enumerate() {
+        let found = cell.displacement.unwrap();
+        let truth = shift([20.0 * (index % 16) as f64 + 10.0, 0.0]);
+        let sigma = found.covariance.diagonal().map(f64::sqrt);
+        assert!((found.shift - truth).component_div(&sigma).amax() < 5.0, "cell {index}: {found:?}");
+        let (outward, sigma) = found.outward.unwrap();
+        assert!((outward + 0.05).abs() < 5.0 * sigma, "cell {index}: {found:?}");
+    }
+    let rms = ((0.2_f64.powi(2) + 0.1_f64.powi(2)) / 2.0).sqrt();
+    assert!((map.pattern.shift - rms).abs() < 0.01, "{:?}", map.pattern);
+    assert!((map.pattern.outward - 0.05).abs() < 0.005, "{:?}", map.pattern);
+    assert!(map.pattern.shift_ratio > 5.0 && map.pattern.outward_ratio > 2.0, "{:?}", map.pattern);
+}
+
+#[test]
+fn noise_alone_has_a_ratio_of_one_even_where_events_err_together() {
+    for shared in [0.0, 0.3, 1.0] {
+        let observations = observations(|_| Vector2::zeros(), 0.0, shared);
+        let Pattern { cells, shift, shift_ratio, outward_ratio, .. } =
+            map_of(SENSOR, &observations, &ResidualMapSettings::default()).pattern;
+        assert_eq!(cells, 192);
+        assert!((0.85..1.15).contains(&shift_ratio), "shared {shared}: {shift_ratio}");
+        assert!((0.8..1.2).contains(&outward_ratio), "shared {shared}: {outward_ratio}");
+        assert!(shift < 0.03 + 0.1 * shared, "shared {shared}: {shift}");
+    }
+}
+
+#[test]
+fn edges_of_one_direction_tell_no_displacement() {
+    let mut observations = observations(|_| Vector2::zeros(), 0.0, 0.0);
+    for observation in &mut observations {
+        observation.row = Vector3::new(observation.row.x.signum(), 0.0, 1.0);
+    }
+    let map = map_of(SENSOR, &observations, &ResidualMapSettings::default());
+    assert_eq!(map.pattern, Pattern::default());
+    assert!(map.cells.iter().all(|cell| cell.count > 0 && (cell.rms - SIGMA).abs() < 0.05));
+}
+
+#[test]
+fn circle_centres_have_a_displacement_but_nothing_outward() {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let mut all = Vec::new();
+    for frame in 0..400 {
+        let (t, pixel) = (f64::from(frame) * 0.06, [100.0, 100.0]);
+        for (row, mean) in [(Vector3::x(), 0.1), (Vector3::y(), -0.2)] {
+            all.push(Observation { t, pixel, row, residual: mean + 0.1 * normal(&mut random), weight: 100.0 });
+        }
+    }
+    let map = map_of(SENSOR, &all, &ResidualMapSettings::default());
+    let found = map.cells[5 * 16 + 5].displacement.unwrap();
+    assert_eq!(found.outward, None);
+    assert!((found.shift - Vector2::new(0.1, -0.2)).amax() < 0.02);
+    // 400 independent frames.
+    assert!((found.covariance[(0, 0)].sqrt() / (0.1 / 20.0) - 1.0).abs() < 0.2, "{found:?}");
+    assert_eq!(map.pattern.cells, 1);
+}
+
+#[test]
+fn nothing_seen_is_an_empty_map() {
+    let map = map_of(SENSOR, &[], &ResidualMapSettings::default());
+    assert_eq!(map.pattern, Pattern::default());
+    assert!(map.cells.iter().all(|cell| *cell == CellResiduals::default()));
+}

@@ -1,0 +1,86 @@
+//! `report.html` of a calibration, without a browser: complete, by itself, small, and nothing in it that a file name
+//! could smuggle in. `tools/check-report.sh` looks at it in a browser.
+
+use std::fs;
+use std::path::Path;
+
+use evcal_tests::{BOARD, made, read_json, succeed, text};
+
+const LARGEST: usize = 5_000_000;
+
+/// The folder of the recording that the demo uses, calibrated.
+fn calibrated() -> std::path::PathBuf {
+    let recording = Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("fixtures").join("board/events.dvraw");
+    made("report", &["calibrate", text(&recording), "--board", BOARD])
+}
+
+fn report(folder: &Path) -> String {
+    fs::read_to_string(folder.join("report.html")).expect("calibrate writes report.html")
+}
+
+/// The values of all attributes of that name.
+fn attributes<'a>(html: &'a str, name: &str) -> Vec<&'a str> {
+    let start = format!(" {name}=\"");
+    html.split(&start).skip(1).map(|rest| rest.split('"').next().unwrap_or_default()).collect()
+}
+
+#[test]
+fn the_report_needs_nothing_beside_it() {
+    let html = report(&calibrated());
+    assert!(html.len() <= LARGEST, "{} bytes", html.len());
+    for link in attributes(&html, "href") {
+        assert!(link.starts_with('#') || link.starts_with("data:"), "{link}");
+        if let Some(id) = link.strip_prefix('#') {
+            assert!(html.contains(&format!("id=\"{id}\"")), "{link} leads nowhere");
+        }
+    }
+    let pictures = attributes(&html, "src");
+    assert!(pictures.len() >= 6, "{} pictures", pictures.len());
+    for picture in &pictures {
+        assert!(picture.starts_with("data:image/png;base64,iVBORw0KGgo"), "{}", &picture[..60.min(picture.len())]);
+    }
+    for forbidden in ["<script", "@import", "url(", "<link rel=\"stylesheet"] {
+        assert!(!html.contains(forbidden), "{forbidden}");
+    }
+    // The name of SVG's namespace is no address.
+    assert_eq!(html.matches("http").count(), html.matches("xmlns=\"http://www.w3.org/2000/svg\"").count() + 1);
+    assert_eq!(html.matches("http-equiv").count(), 1);
+    let plots = html.matches("<svg ").count();
+    assert!(plots >= 8, "{plots} plots");
+    assert_eq!(html.matches("role=\"img\" aria-label=\"").count(), plots, "every plot says what it shows");
+    assert_eq!(attributes(&html, "alt").len(), pictures.len(), "every picture says what it shows");
+}
+
+#[test]
+fn the_report_tells_what_calibration_json_holds() {
+    let folder = calibrated();
+    let html = report(&folder);
+    let calibration = read_json(&folder.join("calibration.json"));
+    for name in ["fx", "fy", "cx", "cy"] {
+        let value = calibration["camera"]["parameters"][name].as_f64().unwrap();
+        let row = html.split(&format!("<code>{name}</code></th>")).nth(1).expect("the parameter has a row");
+        let told: f64 = row.split(['<', '>']).nth(2).unwrap().parse().unwrap();
+        assert!((told - value).abs() < 0.006, "{name}: {told} for {value}");
+    }
+    for count in [&calibration["residuals"]["count"], &calibration["stages"]["detection"]["found"]] {
+        let digits = count.as_u64().unwrap().to_string();
+        assert!(html.replace('\u{202f}', "").contains(&digits), "{digits}");
+    }
+    assert!(html.contains(BOARD) && html.contains("events.dvraw"));
+}
+
+#[test]
+fn names_of_files_are_text_and_not_part_of_the_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let circles = folder.path().join("<b onload=alert(1)>&amp; \"circles\".csv");
+    fs::copy(calibrated().join("circles.csv"), &circles).unwrap();
+    let output = folder.path().join("out");
+    succeed(&["calibrate", text(&circles), "--board", BOARD, "--sensor", "346x260", "-o", text(&output)]);
+    let html = report(&output);
+    assert!(!html.contains("<b onload"), "a file name became an element");
+    assert!(html.contains("&lt;b onload=alert(1)&gt;&amp;amp; &quot;circles&quot;.csv"));
+    // Circles have neither event classes nor events to show.
+    assert!(
+        html.contains("id=\"residuals\"") && !html.contains("id=\"frames\"") && !html.contains("id=\"accumulation\"")
+    );
+}

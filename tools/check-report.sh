@@ -1,0 +1,102 @@
+#!/bin/sh
+# Opens a report in a headless browser as a phone and as a desktop would show it. Fails on anything in the browser's
+# console, on any request, on a page wider than the screen, and above 5 MB. Leaves pictures of the whole page.
+#
+#   tools/check-report.sh [REPORT.html [FOLDER-FOR-PICTURES]]
+#
+# Without a report, calibrates the recording in fixtures/board first. Installs Debian's chromium-headless-shell (99 MB)
+# where there is no such browser.
+set -eu
+cd "$(dirname "$0")/.."
+target="${CARGO_TARGET_DIR:-target}"
+pictures="${2:-$target/report}"
+largest=5000000
+mkdir -p "$pictures"
+
+find_browser() {
+    for name in chromium-headless-shell chrome-headless-shell; do
+        if command -v "$name" >/dev/null 2>&1; then
+            echo "$name"
+            return
+        fi
+    done
+}
+
+browser=$(find_browser)
+if [ -z "$browser" ]; then
+    if ! command -v apt-get >/dev/null 2>&1; then
+        echo "check-report: no chromium-headless-shell here and no apt-get to install it: the report is not looked at"
+        exit 0
+    fi
+    echo "check-report: installing chromium-headless-shell"
+    as_root=""
+    [ "$(id -u)" -eq 0 ] || as_root=sudo
+    $as_root apt-get -o DPkg::Lock::Timeout=900 update -q >/dev/null
+    if ! $as_root env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=900 install -q -y \
+        --no-install-recommends chromium-headless-shell fonts-dejavu-core >"$pictures/install.log" 2>&1; then
+        tail -n 5 "$pictures/install.log"
+        echo "check-report: this system has no package chromium-headless-shell: the report is not looked at"
+        exit 0
+    fi
+    browser=$(find_browser)
+fi
+
+report="${1:-}"
+if [ -z "$report" ]; then
+    rm -rf "$pictures/calibration"
+    "$target/release/evcal" calibrate fixtures/board/events.dvraw --board acircles:9x4:55mm:r17.5mm \
+        -o "$pictures/calibration" >"$pictures/calibrate.log"
+    report="$pictures/calibration/report.html"
+fi
+failed=0
+fail() {
+    echo "check-report: $*"
+    failed=1
+}
+
+bytes=$(wc -c <"$report")
+[ "$bytes" -le "$largest" ] || fail "$report has $bytes bytes, more than $largest"
+
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+cp "$report" "$folder/report.html"
+# A copy that tells its own size; the report itself allows no script.
+sed -e 's|<meta http-equiv="Content-Security-Policy"[^>]*>||' \
+    -e 's|</body>|<script>document.title = [document.documentElement.scrollWidth, document.documentElement.clientWidth, document.documentElement.scrollHeight].join(" ")</script></body>|' \
+    "$report" >"$folder/measured.html"
+
+# browse WIDTH HEIGHT FILE OPTION...: what the browser says goes to standard error.
+browse() {
+    width=$1 height=$2 file=$3
+    shift 3
+    timeout 120 "$browser" --no-sandbox --disable-gpu --hide-scrollbars --user-data-dir="$folder/profile" \
+        --window-size="$width,$height" --enable-logging=stderr --log-net-log="$folder/net.json" "$@" \
+        "file://$folder/$file"
+}
+
+for size in "390 844 phone" "1440 900 desktop"; do
+    # shellcheck disable=SC2086 # three words
+    set -- $size
+    width=$1 height=$2 name=$3
+    browse "$width" "$height" measured.html --dump-dom >"$folder/dom.html" 2>"$folder/log"
+    measured=$(sed -n 's|.*<title>\([0-9 ]*\)</title>.*|\1|p' "$folder/dom.html" | head -n 1)
+    # shellcheck disable=SC2086 # three numbers
+    set -- $measured
+    if [ $# -ne 3 ]; then
+        fail "the browser did not tell the size of the page: $(tail -n 3 "$folder/log")"
+        continue
+    fi
+    [ "$1" -le "$2" ] || fail "at $width px the page is $1 px wide"
+    page_height=$3
+    browse "$width" "$page_height" report.html --screenshot="$pictures/report-$name.png" 2>"$folder/log"
+    if grep 'CONSOLE' "$folder/log"; then
+        fail "at $width px the browser's console is not empty"
+    fi
+    if grep -o '"url":"[a-z]*://[^"]*"' "$folder/net.json" | grep -v '"url":"file://'; then
+        fail "at $width px the browser asked for something outside of the file"
+    fi
+    [ -s "$pictures/report-$name.png" ] || fail "no picture at $width px"
+    echo "check-report: $name: page of $2 x $page_height px, $pictures/report-$name.png"
+done
+[ "$failed" -eq 0 ] || exit 1
+echo "check-report: $report: $bytes bytes, no request, nothing in the console, no overflow"
