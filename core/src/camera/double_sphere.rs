@@ -10,7 +10,7 @@
 //! u = X / q                pixel x = fx u + cx
 //! v = Y / q                pixel y = fy v + cy
 //! ```
-//! **Jacobian**: that of [`super::denominator`]. With g = α Z' / d₂ + 1 - α: q_s = α / 2 d₂ + g ξ / 2 d₁,
+//! **Jacobian**: that of module `denominator`. With g = α Z' / d₂ + 1 - α: q_s = α / 2 d₂ + g ξ / 2 d₁,
 //! q_Z = g (1 + ξ Z / d₁), q_ξ = g d₁, q_α = d₂ - Z'.
 //!
 //! **Domain**: d₁ + ξ Z > 0, so that the first sphere is one-to-one (all of it while ξ ≤ 1), g > 0 and

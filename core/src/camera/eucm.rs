@@ -8,11 +8,11 @@
 //! u = X / q                   pixel x = fx u + cx
 //! v = Y / q                   pixel y = fy v + cy
 //! ```
-//! **Jacobian**: that of [`super::denominator`], with q_s = α β / 2 d, q_Z = α Z / d + 1 - α,
+//! **Jacobian**: that of module `denominator`, with q_s = α β / 2 d, q_Z = α Z / d + 1 - α,
 //! q_α = d - Z, q_β = α (X² + Y²) / 2 d.
 //!
 //! **Domain**: q > 0 and q_Z > 0, which is Z > -w d with w = α / (1 - α) up to α = ½ and
-//! (1 - α) / α beyond. Images reach to the cap of [`super::denominator`] up to α = ½, beyond to
+//! (1 - α) / α beyond. Images reach to the cap of module `denominator` up to α = ½, beyond to
 //! u² + v² < 1 / β (2 α - 1).
 //!
 //! **Unprojection** in closed form: with √β times X, Y, u and v it is the unified model; its bearing

@@ -11,7 +11,7 @@
 //! v = y (1 + k1 s + k2 s²) + 2 p2 x y + p1 (s + 2 y²)        pixel y = fy v + cy
 //! ```
 //! **Jacobian**: that of (u, v) by (x, y) as in [`super::radtan`], times that of (x, y) as in
-//! [`super::denominator`] with q_s = ξ / 2 d, q_Z = 1 + ξ Z / d, q_ξ = d.
+//! module `denominator` with q_s = ξ / 2 d, q_Z = 1 + ξ Z / d, q_ξ = d.
 //!
 //! **Domain**: q > 0, q_Z > 0 (Z > -ξ d up to ξ = 1, Z > -d / ξ beyond), and (x, y) in the domain of
 //! the distortion.

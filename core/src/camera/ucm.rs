@@ -9,12 +9,12 @@
 //! u = X / q               pixel x = fx u + cx
 //! v = Y / q               pixel y = fy v + cy
 //! ```
-//! **Jacobian**: that of [`super::denominator`], with q_s = α / 2 d, q_Z = α Z / d + 1 - α,
+//! **Jacobian**: that of module `denominator`, with q_s = α / 2 d, q_Z = α Z / d + 1 - α,
 //! q_α = d - Z.
 //!
 //! **Domain**: q > 0 and q_Z > 0, which is Z > -w d with w = α / (1 - α) up to α = ½ and
 //! (1 - α) / α beyond. Points behind the plane Z = 0 are in it for 0 < α < 1. Images reach to
-//! the cap of [`super::denominator`] up to α = ½, beyond to u² + v² < 1 / (2 α - 1).
+//! the cap of module `denominator` up to α = ½, beyond to u² + v² < 1 / (2 α - 1).
 //!
 //! **Unprojection** in closed form: with ρ² = u² + v² and S = √(1 + (1 - 2 α) ρ²)
 //! ```text
