@@ -90,7 +90,7 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
         let read = read_events(task.inputs, recording, &mut |events| {
             for event in events {
                 ordinal += 1;
-                if ordinal % every != 0 {
+                if !ordinal.is_multiple_of(every) {
                     continue;
                 }
                 if let Some(point) = carrier.carry(event) {

@@ -8,6 +8,7 @@ use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use crate::calibrate::Calibrated;
+use crate::model_choice::ModelChoice;
 
 /// The parameters with their standard deviations.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
@@ -50,6 +51,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         }
         (scrolling("Camera parameters", &table))
         (view(camera, calibrated.sensor))
+        @if let Some(choice) = &calibrated.reports.model_choice { (chosen(choice)) }
         h3 { "Correlation" }
         p {
             "Near ±1 the recording cannot tell two parameters apart; distortion coefficients always hang together. Only the projection as a whole counts then, "
@@ -58,6 +60,39 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         (scrolling("Correlation of the parameters", &correlation(calibrated)))
     };
     Some(Section { id: "numbers", title: "The lens in numbers", content })
+}
+
+fn chosen(choice: &ModelChoice) -> Markup {
+    let figure = |value: Option<f64>| value.map(|value| signed(value, 4)).unwrap_or_default();
+    html! {
+        h3 { "Choice of the model" }
+        p {
+            code { (choice.chosen) } " was chosen: of the models that predict circles which they have not seen as well as the best does, it has the fewest parameters."
+        }
+        (scrolling("Camera models compared", &html! {
+            table.short {
+                thead { tr {
+                    th scope="col" { "model" }
+                    th.number scope="col" { "parameters" }
+                    th.number scope="col" { "error of unseen circles (px)" }
+                    th scope="col" { "" }
+                } }
+                tbody {
+                    @for candidate in &choice.candidates {
+                        tr {
+                            th scope="row" { code { (candidate.model) } }
+                            td.number { (candidate.parameters) }
+                            td.number { (figure(candidate.root_mean_cost)) }
+                            td.words {
+                                @if candidate.as_good { "as good as the best" }
+                                @if let Some(failure) = &candidate.failure { (failure) }
+                            }
+                        }
+                    }
+                }
+            }
+        }))
+    }
 }
 
 fn correlation(calibrated: &Calibrated) -> Markup {
@@ -107,6 +142,7 @@ fn meaning(name: &str) -> &'static str {
         "cx" => "principal point: column, in pixels",
         "cy" => "principal point: row, in pixels",
         "p1" | "p2" => "distortion across the radius (a lens that is not quite centred)",
+        "xi" | "alpha" | "beta" | "w" => "shape of the projection",
         _ => "distortion along the radius",
     }
 }
