@@ -80,7 +80,7 @@ mod tests {
     #[test]
     fn settings_that_were_changed_are_named() {
         let mut settings = Settings::default();
-        assert_eq!(changed(&settings), []);
+        assert!(changed(&settings).is_empty());
         settings.refinement.rounds = 3;
         settings.detection.window.gap = 7;
         let names: Vec<(String, String)> = changed(&settings);
