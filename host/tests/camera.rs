@@ -233,12 +233,17 @@ fn easy_settings(directory: &Path) -> PathBuf {
     path
 }
 
+/// All files of results with their content but for the report, which tells the command line.
 fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
-    let files = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    let mut files: Vec<_> = files
-        .filter(|path| path.extension().is_none_or(|extension| extension != "dvraw"))
-        .map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), fs::read(path).unwrap()))
-        .collect();
+    let mut files = Vec::new();
+    for path in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if path.is_dir() {
+            files.extend(results(&path));
+        } else if name != "report.html" && !name.ends_with(".dvraw") {
+            files.push((name, fs::read(path).unwrap()));
+        }
+    }
     files.sort();
     files
 }

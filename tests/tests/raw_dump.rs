@@ -30,16 +30,20 @@ fn evcal(arguments: &[&dyn AsRef<OsStr>]) -> String {
     succeed(Command::new(program()).args(arguments.iter().map(|argument| argument.as_ref())))
 }
 
-/// The files of a folder and what is in them.
+/// The files of a folder and the folders in it, and what is in them.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries = std::fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
-    entries
-        .map(|entry| {
-            let path = entry.expect("an entry can be read").path();
+    let mut files = BTreeMap::new();
+    for entry in entries {
+        let path = entry.expect("an entry can be read").path();
+        if path.is_dir() {
+            files.extend(self::files(&path));
+        } else {
             let name = path.file_name().expect("it has a name").to_string_lossy().into_owned();
-            (name, std::fs::read(&path).expect("a file can be read"))
-        })
-        .collect()
+            files.insert(name, std::fs::read(&path).expect("a file can be read"));
+        }
+    }
+    files
 }
 
 /// Both folders hold the same files.

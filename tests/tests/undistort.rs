@@ -78,7 +78,7 @@ fn agrees(lens: Lens, alpha: Option<&str>) {
 
     // Events, in their order, without those beyond the image.
     let expected: Vec<[f64; 2]> = serde_json::from_value(opencv["points"].clone()).unwrap();
-    let on_image = |[x, y]: [f64; 2]| x >= -0.5 && x < 345.5 && y >= -0.5 && y < 259.5;
+    let on_image = |[x, y]: [f64; 2]| (-0.5..345.5).contains(&x) && (-0.5..259.5).contains(&y);
     let lines = fs::read_to_string(&sub_pixel).unwrap();
     let written: Vec<Vec<f64>> = lines
         .lines()

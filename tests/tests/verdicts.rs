@@ -87,8 +87,11 @@ fn a_mirrored_print() {
     let csv = fs::read_to_string(recording.join("events.csv")).unwrap();
     let mirrored = csv.lines().map(|line| {
         let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
-        if let Ok(x) = cells[1].parse::<u16>() {
-            cells[1] = (345 - x).to_string();
+        // The header has no number there.
+        if let Some(cell) = cells.get_mut(1)
+            && let Ok(x) = cell.parse::<u16>()
+        {
+            *cell = (345 - x).to_string();
         }
         cells.join(",") + "\n"
     });

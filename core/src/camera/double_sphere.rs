@@ -15,7 +15,8 @@
 //!
 //! **Domain**: d₁ + ξ Z > 0, so that the first sphere is one-to-one (all of it while ξ ≤ 1), g > 0 and
 //! q > 0, as for `ucm` at the point (X, Y, Z'). For |ξ| ≤ 1 and with the w of `ucm` that is
-//! Z > -(ξ (1 - w²) + w √(1 - ξ² (1 - w²))) d₁; the paper's w₂ leaves out a little more.
+//! Z > -(ξ (1 - w²) + w √(1 - ξ² (1 - w²))) d₁; for ξ ≥ 0 the paper's w₂ leaves
+//! out a little more.
 //!
 //! **Unprojection** in closed form: `ucm` gives the direction (S u, S v, C) of (X, Y, Z'), of length 1;
 //! its angle to the axis and that of the bearing differ by the arc sine of e = ξ S ρ, ρ² = u² + v²:
@@ -73,7 +74,9 @@ impl<T: RealField + Copy> DoubleSphere<T> {
         let Lifted { factor, depth } = lift(self.alpha, square)?;
         let between = self.xi * factor;
         let radicand = T::one() - between * between * square;
-        if !(radicand > T::zero()) {
+        // NaN is none, too.
+        let positive = radicand > T::zero();
+        if !positive {
             return None;
         }
         let root = radicand.sqrt();

@@ -86,7 +86,8 @@ impl<T: RealField + Copy> Fov<T> {
             return None;
         }
         let angle = self.w * image_radius;
-        if !(angle < T::pi()) {
+        let below_half_turn = angle < T::pi();
+        if !below_half_turn {
             return None;
         }
         let direction = direction(image, image_radius);
@@ -101,7 +102,7 @@ impl<T: RealField + Copy> Fov<T> {
         let length = square.sqrt();
         let (sine, cosine) = (radius / length, depth / length);
         let bearing = Vector3::new(direction.x * sine, direction.y * sine, cosine);
-        let behind = cosine < T::zero() && !(sine > T::zero());
+        let behind = cosine < T::zero() && sine <= T::zero();
         let seen = Seen { direction, image_radius, bearing, sine, angle_by_image: turn / square };
         (square.is_finite() && !behind).then_some(seen)
     }

@@ -75,7 +75,9 @@ impl<T: RealField + Copy> Omni<T> {
         let one = T::one();
         let square = plane.norm_squared();
         let radicand = one + (one - self.xi * self.xi) * square;
-        if !(radicand > T::zero()) {
+        // NaN is none, too.
+        let positive = radicand > T::zero();
+        if !positive {
             return None;
         }
         let root = radicand.sqrt();

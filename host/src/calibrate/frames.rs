@@ -199,7 +199,7 @@ fn trust(task: &Task, calibration: &FrameCalibration, sensor: (u16, u16)) -> Res
     let of_recording = |number: usize| frames().filter(move |frame| frame.recording == number).map(ReferenceFrame::t);
     let duration = (0..task.inputs.len())
         .map(|number| {
-            let (first, last) = (of_recording(number).next(), of_recording(number).last());
+            let (first, last) = (of_recording(number).next(), of_recording(number).next_back());
             first.zip(last).map_or(0.0, |(first, last)| last - first)
         })
         .sum();

@@ -208,15 +208,25 @@ mod tests {
     /// An ellipse at `center` with half axes (9, 5), blurred by a Gaussian, on paper that gets lighter
     /// to the right.
     fn picture(center: Vector2<f64>, sigma: f64, beside: Option<u8>) -> GreyImage {
+        // The blur, sample by sample.
+        const STEPS: i32 = 15;
+        let offsets: Vec<f64> = (-STEPS..=STEPS).map(|step| 3.5 * f64::from(step) / f64::from(STEPS)).collect();
+        let weights: Vec<f64> = offsets.iter().map(|offset| libm::exp(-0.5 * offset * offset)).collect();
+        let total: f64 = weights.iter().sum();
+        let inside = |x: f64, y: f64| (x / 9.0).powi(2) + (y / 5.0).powi(2) < 1.0;
         let value = |x: usize, y: usize| {
             if let Some(value) = beside.filter(|_| x > 78) {
                 return value;
             }
             let place = Vector2::new(x as f64, y as f64) - center;
-            let scaled = Vector2::new(place.x / 9.0, place.y / 5.0);
-            let slope = Vector2::new(scaled.x / 9.0, scaled.y / 5.0).norm() / scaled.norm().max(1e-9);
-            let distance = (scaled.norm() - 1.0) / slope.max(1e-9);
-            let share = 0.5 * libm::erfc(distance / (sigma * std::f64::consts::SQRT_2));
+            let mut share = 0.0;
+            for (dx, weight_x) in offsets.iter().zip(&weights) {
+                for (dy, weight_y) in offsets.iter().zip(&weights) {
+                    if inside(place.x + sigma * dx, place.y + sigma * dy) {
+                        share += weight_x * weight_y / (total * total);
+                    }
+                }
+            }
             let paper = 150.0 + 0.5 * (x as f64 - 50.0);
             (paper * (1.0 - 0.85 * share)).round() as u8
         };

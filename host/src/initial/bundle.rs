@@ -19,7 +19,7 @@ type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
 type BorderVector = SVector<f64, MAX_PARAMETERS>;
 
 /// Steps that a refinement may take.
-const MAX_STEPS: usize = 60;
+const MAX_STEPS: usize = 300;
 
 /// A step that lowers the cost by less than this part of it is the last one.
 const SMALLEST_GAIN: f64 = 1e-10;

@@ -162,8 +162,10 @@ fn every_model_comes_back_from_noisy_partial_boards_with_wrong_frames() {
             assert!((found - truth).abs() < 3.5 * sigma, "{kind} {name}: {found} ± {sigma}");
             // With xi the focal length on the axis is known as well as elsewhere, but not its two parts.
             let in_parts = kind.parameter_names().contains(&"xi") && name.starts_with('f');
-            assert!(*sigma < if in_parts { 30.0 } else { 0.3 }, "{kind} {name}: {found} ± {sigma}");
+            assert!(in_parts || *sigma < 0.3, "{kind} {name}: {found} ± {sigma}");
         }
+        let axial = |camera: &Camera<f64>| camera.axial_focal_lengths().unwrap()[0];
+        assert!((axial(&model.camera) - axial(&scene.camera)).abs() < 0.6, "{kind}");
         let over_sensor = difference(&scene.camera, &model.camera, SENSOR.0, SENSOR.1);
         assert!(over_sensor.root_mean_square < 0.5, "{kind} {over_sensor:?}");
         // Two coordinates with 0.15 px of noise each.
@@ -218,7 +220,9 @@ fn native_and_opencv_starts_reach_the_same_camera() {
         let (_, opencv) = refine_start(&opencv.unwrap(), &views, SENSOR, &settings).unwrap();
         let native = native_start(kind, &views, SENSOR, &settings).unwrap();
         let between = difference(&opencv.camera, &native.camera, SENSOR.0, SENSOR.1);
-        assert!(between.largest < 1e-3, "{kind} {between:?}");
+        // Along the curve on which omni's parameters explain each other, steps end where nothing is gained.
+        let flat = kind == ModelKind::Omni;
+        assert!(between.largest < if flat { 0.1 } else { 1e-3 }, "{kind} {between:?}");
         // The prior on the distortion is all that keeps them from the truth.
         let from_truth = difference(&scene.camera, &native.camera, SENSOR.0, SENSOR.1);
         assert!(from_truth.root_mean_square < 0.01, "{kind} {from_truth:?}");
@@ -235,6 +239,8 @@ fn the_chosen_model_comes_near_the_lens() {
             choose_model(&frames, &scene.board, SENSOR, &CANDIDATES, &initial, &settings, |_| ()).unwrap();
         assert_eq!(model.camera.kind().name(), choice.chosen);
         assert_eq!(choice.candidates.len(), CANDIDATES.len());
+        let axial = |camera: &Camera<f64>| camera.axial_focal_lengths().unwrap()[0];
+        assert!((axial(&model.camera) - axial(&scene.camera)).abs() < 0.6, "{kind}");
         let over_sensor = difference(&scene.camera, &model.camera, SENSOR.0, SENSOR.1);
         assert!(over_sensor.root_mean_square < 0.5, "{kind}: {choice}: {over_sensor:?}");
         if kind != ModelKind::Radtan {
