@@ -1,7 +1,8 @@
 //! When the board is not found: is it another one than stated?
 //!
-//! The circles of the first seconds are read as what users mix up: a print seen as in a mirror, rows and
-//! columns exchanged, the other layout. A reading that fits many windows is told.
+//! The circles of the first seconds are read as what users mix up: rows and columns exchanged, the other
+//! layout. A reading that fits many windows is told. (A mirrored print is no such thing: the circles of one
+//! are where those of a good one are, and give the same camera.)
 
 use evcal_core::event::Event;
 use evcal_core::pattern::{Layout, Pattern};
@@ -42,43 +43,20 @@ impl<'a> OtherBoard<'a> {
         let (windows, _) = self.stage.into_circles();
         let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
         let pattern = self.board.pattern;
-        let mirrored: Vec<UnorderedFrame> = frames.iter().map(|frame| mirrored(frame, self.sensor)).collect();
         let exchanged = Pattern { rows: pattern.columns, columns: pattern.rows, ..pattern };
         let layout = match pattern.layout {
             Layout::Asymmetric => Layout::Symmetric,
             Layout::Symmetric => Layout::Asymmetric,
         };
-        let readings = [
-            (&mirrored, pattern, None),
-            (&frames, exchanged, Some(exchanged)),
-            (&frames, Pattern { layout, ..pattern }, Some(Pattern { layout, ..pattern })),
-            (&frames, Pattern { layout, ..exchanged }, Some(Pattern { layout, ..exchanged })),
-        ];
-        let fits = readings.into_iter().map(|(frames, pattern, other)| {
-            let (found, _) = order_frames(frames, &pattern, Some(self.sensor));
-            (found.len(), other)
+        let readings = [exchanged, Pattern { layout, ..pattern }, Pattern { layout, ..exchanged }].map(|pattern| {
+            let (found, _) = order_frames(&frames, &pattern, Some(self.sensor));
+            (found.len(), pattern)
         });
-        let (count, other) = fits.max_by_key(|(count, _)| *count)?;
+        let (count, pattern) = readings.into_iter().max_by_key(|(count, _)| *count)?;
         if count == 0 || (count as f64) < FEWEST_FITS * frames.len() as f64 {
             return None;
         }
-        Some(match other {
-            None => format!(
-                "{count} of {} windows show the board as in a mirror: is the print mirrored, or is the image flipped?",
-                frames.len()
-            ),
-            Some(pattern) => {
-                let other = Board { pattern, ..self.board };
-                format!("{count} of {} windows fit --board {other} instead", frames.len())
-            }
-        })
+        let other = Board { pattern, ..self.board };
+        Some(format!("{count} of {} windows fit --board {other} instead", frames.len()))
     }
-}
-
-fn mirrored(frame: &UnorderedFrame, sensor: (u16, u16)) -> UnorderedFrame {
-    let mut frame = frame.clone();
-    for circle in &mut frame.circles {
-        circle.center.x = f64::from(sensor.0) - 1.0 - circle.center.x;
-    }
-    frame
 }
