@@ -12,8 +12,8 @@ use crate::camera_file::CameraDescription;
 use crate::evaluate::projection_difference::{ProjectionDifference, projection_difference};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::levenberg::{formal_covariance, solve};
-use crate::solve::observation::SegmentObservations;
-use crate::solve::residual_statistics::residual_statistics;
+use crate::solve::observation::{EventBin, SegmentObservations};
+use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::{FreeParameters, Problem, SolveSettings, State};
 use crate::uncertainty::projection::projection_uncertainty;
 
@@ -109,11 +109,7 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
 }
 
 /// Residuals of `half` with `camera`, its trajectories solved anew.
-fn with_camera_held(
-    half: &Problem,
-    own: &State,
-    camera: &Camera<f64>,
-) -> Option<crate::solve::residual_statistics::ResidualStatistics> {
+fn with_camera_held(half: &Problem, own: &State, camera: &Camera<f64>) -> Option<ResidualStatistics> {
     let held = Problem {
         free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], ..half.free },
         segments: half.segments.clone(),
@@ -133,7 +129,7 @@ fn half(problem: &Problem, settings: &SplitHalfSettings, parity: i64) -> Problem
         for bin in segment.bins.iter().filter(|bin| wanted(bin.t)) {
             let first = part.events.len();
             part.events.extend_from_slice(segment.events.get(bin.first..bin.end).unwrap_or_default());
-            part.bins.push(crate::solve::observation::EventBin { t: bin.t, first, end: part.events.len() });
+            part.bins.push(EventBin { t: bin.t, first, end: part.events.len() });
         }
         part.points.extend(segment.points.iter().filter(|point| wanted(point.t)));
         part

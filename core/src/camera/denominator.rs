@@ -106,3 +106,29 @@ impl<T: RealField + Copy, const N: usize> Denominator<T, N> {
         matrix.unprojection(image, bearing, &by_image, self.bearing_by_coefficients(&bearing))
     }
 }
+
+/// The projections of a model with `matrix`, `denominator` of a point, and `bearing` of an image point, which
+/// comes with its denominator.
+macro_rules! through_denominator {
+    () => {
+        fn project(&self, point: &Vector3<T>) -> Option<Vector2<T>> {
+            Some(self.matrix.pixel(&self.denominator(point)?.image(point)))
+        }
+
+        fn project_with_jacobians(&self, point: &Vector3<T>) -> Option<Projection<T>> {
+            Some(self.denominator(point)?.projection(&self.matrix, point))
+        }
+
+        fn unproject(&self, pixel: &Vector2<T>) -> Option<Vector3<T>> {
+            Some(self.bearing(&self.matrix.image(pixel))?.0)
+        }
+
+        fn unproject_with_jacobians(&self, pixel: &Vector2<T>) -> Option<Unprojection<T>> {
+            let image = self.matrix.image(pixel);
+            let (bearing, denominator) = self.bearing(&image)?;
+            Some(denominator.unprojection(&self.matrix, &image, bearing))
+        }
+    };
+}
+
+pub(super) use through_denominator;

@@ -32,6 +32,7 @@ use nalgebra::{RealField, Vector2, Vector3};
 
 use super::camera_matrix::{CameraMatrix, parameter_names};
 use super::denominator::Denominator;
+use super::denominator::through_denominator;
 use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
 
 /// Unified camera with alpha.
@@ -104,21 +105,5 @@ impl<T: RealField + Copy> CameraModel<T> for Ucm<T> {
         self.matrix.parameters(&[self.alpha])
     }
 
-    fn project(&self, point: &Vector3<T>) -> Option<Vector2<T>> {
-        Some(self.matrix.pixel(&self.denominator(point)?.image(point)))
-    }
-
-    fn project_with_jacobians(&self, point: &Vector3<T>) -> Option<Projection<T>> {
-        Some(self.denominator(point)?.projection(&self.matrix, point))
-    }
-
-    fn unproject(&self, pixel: &Vector2<T>) -> Option<Vector3<T>> {
-        Some(self.bearing(&self.matrix.image(pixel))?.0)
-    }
-
-    fn unproject_with_jacobians(&self, pixel: &Vector2<T>) -> Option<Unprojection<T>> {
-        let image = self.matrix.image(pixel);
-        let (bearing, denominator) = self.bearing(&image)?;
-        Some(denominator.unprojection(&self.matrix, &image, bearing))
-    }
+    through_denominator!();
 }
