@@ -8,6 +8,8 @@
 # where there is no such browser.
 set -eu
 cd "$(dirname "$0")/.."
+script=check-report
+. tools/packages.sh
 target="${CARGO_TARGET_DIR:-target}"
 pictures="${2:-$target/report}"
 largest=5000000
@@ -24,16 +26,11 @@ find_browser() {
 
 browser=$(find_browser)
 if [ -z "$browser" ]; then
-    if ! command -v apt-get >/dev/null 2>&1; then
+    if ! is_debian; then
         echo "check-report: no chromium-headless-shell here and no apt-get to install it: the report is not looked at"
         exit 0
     fi
-    echo "check-report: installing chromium-headless-shell"
-    as_root=""
-    [ "$(id -u)" -eq 0 ] || as_root=sudo
-    $as_root apt-get -o DPkg::Lock::Timeout=900 update -q >/dev/null
-    if ! $as_root env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=900 install -q -y \
-        --no-install-recommends chromium-headless-shell fonts-dejavu-core >"$pictures/install.log" 2>&1; then
+    if ! install_packages chromium-headless-shell fonts-dejavu-core 2>"$pictures/install.log"; then
         tail -n 5 "$pictures/install.log"
         echo "check-report: this system has no package chromium-headless-shell: the report is not looked at"
         exit 0

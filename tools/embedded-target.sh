@@ -8,39 +8,14 @@
 # and kept below ~/.cache; what is printed makes cargo use both. Only `core` is built: whatever
 # needs `alloc` or `std` does not compile.
 set -eu
+script=embedded-target
+. "$(dirname "$0")/packages.sh"
 
 say() { echo "embedded-target: $*" >&2; }
 
-run_as_root() {
-    if [ "$(id -u)" -eq 0 ]; then
-        "$@"
-    elif command -v sudo >/dev/null 2>&1; then
-        sudo "$@"
-    else
-        say "please run as root: $*"
-        exit 1
-    fi
-}
-
-has_package() {
-    dpkg-query -W -f='${Status}' "$1" 2>/dev/null | grep -q 'install ok installed'
-}
-
 need_packages() {
-    missing=""
-    for package in "$@"; do
-        has_package "$package" || missing="$missing $package"
-    done
-    [ -n "$missing" ] || return 0
-    if ! command -v apt-get >/dev/null 2>&1; then
-        say "this is not Debian or a relative: install$missing, or run: rustup target add $targets"
-        exit 1
-    fi
-    say "installing$missing"
-    run_as_root apt-get -o DPkg::Lock::Timeout=900 update -q >&2
-    # shellcheck disable=SC2086 # one word a package
-    run_as_root env DEBIAN_FRONTEND=noninteractive \
-        apt-get -o DPkg::Lock::Timeout=900 install -q -y --no-install-recommends $missing >&2
+    is_debian || { say "this is not Debian or a relative: install $*, or run: rustup target add $targets"; exit 1; }
+    install_packages "$@"
 }
 
 has_target() {

@@ -4,22 +4,13 @@
 set -eu
 cd "$(dirname "$0")/.."
 
-packages="python3-venv python3-mrcal poppler-utils librsvg2-bin"
-if ! command -v dpkg-query >/dev/null 2>&1; then
-    echo "setup-readers: this is not Debian or a relative; install mrcal for /usr/bin/python3, pdftoppm and rsvg-convert yourself" >&2
+script=setup-readers
+. tools/packages.sh
+
+if is_debian; then
+    install_packages python3-venv python3-mrcal poppler-utils librsvg2-bin
 else
-    missing=""
-    for package in $packages; do
-        dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'install ok installed' || missing="$missing $package"
-    done
-    if [ -n "$missing" ]; then
-        echo "setup-readers: installing$missing"
-        root=""
-        [ "$(id -u)" -eq 0 ] || root=sudo
-        $root apt-get -o DPkg::Lock::Timeout=900 update -q
-        # shellcheck disable=SC2086 # one word a package
-        $root env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=900 install -q -y --no-install-recommends $missing
-    fi
+    echo "setup-readers: this is not Debian or a relative; install mrcal for /usr/bin/python3, pdftoppm and rsvg-convert yourself" >&2
 fi
 
 readers="${CARGO_TARGET_DIR:-target}/readers"

@@ -3,23 +3,14 @@
 # the compiler is another; and the example for a real board, to the end.
 set -eu
 cd "$(dirname "$0")/.."
+script=test-embedded-slow
+. tools/packages.sh
 out=${CARGO_TARGET_DIR:-$PWD/target}/embedded
 mkdir -p "$out"
 target=armv7-unknown-linux-gnueabihf
 
 echo "== the core's tests on 32-bit Arm"
-as_root=""
-[ "$(id -u)" -eq 0 ] || as_root=sudo
-missing=""
-for package in gcc-arm-linux-gnueabihf libc6-dev-armhf-cross qemu-user rustc-web rust-web-src; do
-    dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'install ok installed' || missing="$missing $package"
-done
-if [ -n "$missing" ]; then
-    $as_root apt-get -o DPkg::Lock::Timeout=900 update -q
-    # shellcheck disable=SC2086 # one word a package
-    $as_root env DEBIAN_FRONTEND=noninteractive \
-        apt-get -o DPkg::Lock::Timeout=900 install -q -y --no-install-recommends $missing
-fi
+install_packages gcc-arm-linux-gnueabihf libc6-dev-armhf-cross qemu-user rustc-web rust-web-src
 # Compiler and sources of std are of one Debian package, and so of one version.
 RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1 \
     CARGO_TARGET_ARMV7_UNKNOWN_LINUX_GNUEABIHF_LINKER=arm-linux-gnueabihf-gcc \

@@ -7,6 +7,8 @@
 #   tools/test-embedded.sh --record  writes the measured figures to firmware/budgets.txt, to be asserted from then on
 set -eu
 cd "$(dirname "$0")/.."
+script=test-embedded
+. tools/packages.sh
 record=${1:-}
 out=${CARGO_TARGET_DIR:-$PWD/target}/embedded
 mkdir -p "$out"
@@ -18,13 +20,8 @@ fail() { echo "test-embedded: $*" >&2; exit 1; }
 
 need_program() {
     command -v "$1" >/dev/null 2>&1 && return 0
-    command -v apt-get >/dev/null 2>&1 || fail "$1 is missing, and this is not Debian or a relative: install it yourself"
-    as_root=""
-    [ "$(id -u)" -eq 0 ] || as_root=sudo
-    echo "installing $2"
-    $as_root apt-get -o DPkg::Lock::Timeout=900 update -q
-    $as_root env DEBIAN_FRONTEND=noninteractive \
-        apt-get -o DPkg::Lock::Timeout=900 install -q -y --no-install-recommends "$2"
+    is_debian || fail "$1 is missing, and this is not Debian or a relative: install it yourself"
+    install_packages "$2"
 }
 
 step "tools"

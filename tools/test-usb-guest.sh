@@ -6,24 +6,12 @@
 # the target directory. Where that cannot be had, it says so and exits with 0.
 set -eu
 cd "$(dirname "$0")/.."
+script=test-usb-guest
+. tools/packages.sh
 
 # The guest is killed after this many seconds.
 time_limit=900
 machine=$(uname -m)
-
-run_as_root() {
-    if [ "$(id -u)" -eq 0 ]; then
-        "$@"
-    elif command -v sudo >/dev/null 2>&1; then
-        sudo "$@"
-    else
-        return 1
-    fi
-}
-
-update_lists() {
-    run_as_root apt-get -o DPkg::Lock::Timeout=900 update -q
-}
 
 skip() {
     echo "test-usb-guest: SKIPPED, $1; what the emulated camera does on a real kernel was not tested" >&2
@@ -36,20 +24,14 @@ fail() {
 }
 
 [ "$machine" = x86_64 ] || skip "the guest is made for x86_64, this machine is $machine"
-command -v apt-get >/dev/null 2>&1 || skip "QEMU and the guest's kernel come from Debian packages, and there is no apt-get"
+is_debian || skip "QEMU and the guest's kernel come from Debian packages, and there is no apt-get"
 
-missing=""
-command -v qemu-system-x86_64 >/dev/null 2>&1 || missing="$missing qemu-system-x86"
-[ -x /bin/busybox ] || missing="$missing busybox-static"
-command -v xz >/dev/null 2>&1 || missing="$missing xz-utils"
-if [ -n "$missing" ]; then
-    echo "test-usb-guest: installing$missing"
-    update_lists || skip "the package lists cannot be updated"
-    # shellcheck disable=SC2086 # one word a package
-    run_as_root env DEBIAN_FRONTEND=noninteractive \
-        apt-get -o DPkg::Lock::Timeout=900 install -q -y --no-install-recommends $missing ||
-        skip "these packages cannot be installed:$missing"
-fi
+needed=""
+command -v qemu-system-x86_64 >/dev/null 2>&1 || needed="$needed qemu-system-x86"
+[ -x /bin/busybox ] || needed="$needed busybox-static"
+command -v xz >/dev/null 2>&1 || needed="$needed xz-utils"
+# shellcheck disable=SC2086 # one word a package
+install_packages $needed || skip "these packages cannot be installed:$needed"
 
 # Kernel and modules, once for each version. linux-image-cloud-amd64 has no USB.
 find_package() {
@@ -63,11 +45,11 @@ download() {
     mkdir -p "$cache/package"
     (cd "$cache/package" && apt-get -q download "$package")
 }
-find_package || { update_lists && find_package; } || skip "apt knows no package linux-image-amd64"
+find_package || { update_package_lists && find_package; } || skip "apt knows no package linux-image-amd64"
 modules="usb-common usbcore usbip-core vhci-hcd"
 if [ ! -e "$cache/complete" ]; then
     echo "test-usb-guest: unpacking $package into $cache"
-    download || { update_lists && find_package && download; } || skip "$package cannot be downloaded"
+    download || { update_package_lists && find_package && download; } || skip "$package cannot be downloaded"
     dpkg-deb --fsys-tarfile "$cache/package/$package"_*.deb | tar -x -C "$cache" --wildcards \
         './boot/vmlinuz-*' '*/kernel/drivers/usb/common/*' '*/kernel/drivers/usb/core/*' '*/kernel/drivers/usb/usbip/*'
     rm -r "$cache/package"

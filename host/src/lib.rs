@@ -24,6 +24,7 @@ pub mod export;
 pub mod frames;
 pub mod information;
 pub mod initial;
+pub mod input;
 pub mod live;
 pub mod model_choice;
 pub mod opencv;

@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::board::Board;
-use crate::calibrate::{Calibrated, Input, Task};
+use crate::calibrate::{Calibrated, Task};
 use crate::circle_track;
 use crate::export::calibrated_camera::CalibratedCamera;
 use crate::export::format::Format;
@@ -13,6 +13,7 @@ use crate::export::{kalibr, opencv, ros};
 use crate::frames::image::image_at;
 use crate::frames::witness::FrameOutcome;
 use crate::initial::PosedFrame;
+use crate::input::Input;
 use crate::picture::{Picture, grey_frame_picture, reference_frame_picture};
 use crate::reference_frame::ReferenceFrame;
 use crate::report::report;

@@ -6,8 +6,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use crate::calibrate::{CalibrateError, Calibrated, Input, Task, calibrate};
+use crate::calibrate::error::CalibrateError;
+use crate::calibrate::{Calibrated, Task, calibrate};
 use crate::evaluate::projection_difference::projection_difference;
+use crate::input::Input;
 use crate::model_choice::ModelRequest;
 use crate::simulate::random::uniform_in;
 use crate::source::{Recording, SourceError};
@@ -101,7 +103,7 @@ pub fn repeat(
     settings: &RepeatSettings,
     mut progress: impl FnMut(usize),
 ) -> Result<Repetition, RepeatError> {
-    let pass = crate::calibrate::read_recording(recording, &mut |_| {})?;
+    let pass = crate::input::pass::read_recording(recording, &mut |_| {})?;
     let duration = (pass.last - pass.first) as f64 * 1e-6;
     if duration < settings.seconds {
         return Err(RepeatError::TooShort { duration, seconds: settings.seconds });

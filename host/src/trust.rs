@@ -10,7 +10,7 @@ use crate::settings::Settings;
 use crate::solve::SolveError;
 use crate::split_half::{SplitHalf, split_half};
 use crate::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
-use crate::uncertainty::{Uncertainty, uncertainty};
+use crate::uncertainty::Uncertainty;
 
 /// What speaks for and against a calibration.
 #[derive(Clone, Debug)]
@@ -44,13 +44,17 @@ pub struct ObservedRadius {
 /// blurred edge changes, which is on its dark side.
 const USUAL_OFFSET: f64 = -0.45;
 
-/// Examines `refined`.
+/// Examines `refined`, whose uncertainty is known.
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the camera.
-pub fn examine(refined: &Refined, board: &Board, settings: &Settings) -> Result<Trust, SolveError> {
+pub fn examine(
+    refined: &Refined,
+    uncertainty: Uncertainty,
+    board: &Board,
+    settings: &Settings,
+) -> Result<Trust, SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let uncertainty = uncertainty(problem, state, &settings.uncertainty)?;
     let projection = projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor)
         .map_err(|_| SolveError::Singular)?;
     Ok(Trust {

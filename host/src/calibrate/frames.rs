@@ -2,7 +2,9 @@
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 
-use super::{CalibrateError, Calibrated, Input, RecordingReport, StageReports, Task, file_of, sensor_of};
+use super::detected::sensor_of;
+use super::error::CalibrateError;
+use super::{Calibrated, StageReports, Task};
 use crate::coverage::coverage_of;
 use crate::detection::DetectionReport;
 use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, unknown};
@@ -12,6 +14,8 @@ use crate::frames::image::may_hold_frames;
 use crate::frames::joint::{JointPoints, joint_points};
 use crate::frames::witness::{FrameOutcome, frame_witness};
 use crate::initial::InitialModel;
+use crate::input::Input;
+use crate::input::pass::RecordingReport;
 use crate::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::reference_frame::ReferenceFrame;
 use crate::refinement::Refined;
@@ -46,7 +50,7 @@ pub(super) fn see_frames(
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
             Input::Events(recording) if may_hold_frames(recording.format()) => {
-                progress(&format!("looking for the board in the frames of {}", file_of(input)));
+                progress(&format!("looking for the board in the frames of {}", input.name()));
                 detection.search(recording, number, start)?
             }
             _ => start.unwrap_or(0),
@@ -88,25 +92,32 @@ pub(super) fn outcome(
     witness.map_or_else(FrameOutcome::Silent, |witness| FrameOutcome::Witness(Box::new(witness)))
 }
 
+/// The calibration from frames, which there must be.
+pub(super) fn needed<'a>(
+    task: &Task,
+    frames: Option<&'a Result<FrameCalibration, NoFrameCalibration>>,
+) -> Result<&'a FrameCalibration, CalibrateError> {
+    match frames {
+        Some(Ok(calibration)) => Ok(calibration),
+        Some(Err(silent)) => Err(CalibrateError::Frames(silent.clone())),
+        None => Err(no_frames(task)),
+    }
+}
+
 /// The centres of dots in the frames as observations for the joint solve, tied to the trajectories of
 /// `refined`.
 pub(super) fn observations(
     task: &Task,
     refined: &Refined,
     uncertainty: &Uncertainty,
-    frames: Option<&Result<FrameCalibration, NoFrameCalibration>>,
+    calibration: &FrameCalibration,
 ) -> Result<JointPoints, CalibrateError> {
-    let calibration = match frames {
-        Some(Ok(calibration)) => calibration,
-        Some(Err(silent)) => return Err(CalibrateError::Frames(silent.clone())),
-        None => return Err(no_frames(task)),
-    };
     joint_points(calibration, &refined.state, uncertainty.inflation, task.board, &task.settings.frames)
         .map_err(CalibrateError::JointFrames)
 }
 
 fn no_frames(task: &Task) -> CalibrateError {
-    let files: Vec<String> = task.inputs.iter().map(file_of).collect();
+    let files: Vec<String> = task.inputs.iter().map(Input::name).collect();
     CalibrateError::NoFrames { file: files.join(", ") }
 }
 
@@ -120,7 +131,7 @@ pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Res
     for (index, input) in task.inputs.iter().enumerate() {
         let own = sensor_of(input, task.sensor)?;
         if index > 0 && own != sensor {
-            return Err(CalibrateError::SensorsDiffer { file: file_of(input), sensor: own, before: sensor });
+            return Err(CalibrateError::SensorsDiffer { file: input.name(), sensor: own, before: sensor });
         }
         sensor = own;
     }
@@ -135,11 +146,8 @@ pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Res
             (initial.camera.kind(), Some(choice))
         }
     };
-    let calibration = match frame_calibration(task, seen, sensor, model, &mut progress) {
-        Some(Ok(calibration)) => calibration,
-        Some(Err(silent)) => return Err(CalibrateError::Frames(silent)),
-        None => return Err(no_frames(task)),
-    };
+    let found = frame_calibration(task, seen, sensor, model, &mut progress);
+    let calibration = needed(task, found.as_ref())?;
     let of_recording = |number: usize| calibration.frames.iter().filter(move |frame| frame.recording == number);
     let recordings = (0..task.inputs.len())
         .map(|number| {
@@ -164,7 +172,7 @@ pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Res
         segments_without_spline: 0,
         rounds: Vec::new(),
     };
-    let trust = trust(task, &calibration, sensor)?;
+    let trust = trust(task, calibration, sensor)?;
     let verdict = verdict(&calibration.camera, &trust, task.board, sensor, Vec::new(), &task.settings.verdict);
     let problem = Problem {
         sensor,

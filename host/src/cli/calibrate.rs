@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use evcal::board::Board;
-use evcal::calibrate::{FrameUse, Input, Task, calibrate, calibrate_from_frames};
+use evcal::calibrate::{FrameUse, Task, calibrate, calibrate_from_frames};
+use evcal::input::Input;
 use evcal::model_choice::ModelRequest;
 use evcal::output::write_folder;
 use evcal::settings::{Extraction, Grid, Settings, SettingsError};

@@ -5,9 +5,9 @@ use std::io::BufWriter;
 use std::path::PathBuf;
 
 use evcal::board::Board;
-use evcal::calibrate::read_recording;
 use evcal::circle_track::{self, UnorderedFrame};
 use evcal::detection::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR};
+use evcal::input::pass::read_recording;
 use evcal::picture::circle_picture;
 use evcal::settings::{Extraction, Settings};
 use evcal::source::{Recording, SourceOptions};

@@ -6,10 +6,10 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use evcal::board::Board;
-use evcal::calibrate::Input;
 use evcal::circle_stream::{self, CircleStream};
 use evcal::circle_track::{self, CircleFrames};
 use evcal::detection::{DetectionReport, order_frames};
+use evcal::input::Input;
 use evcal::serial::SerialAddress;
 use evcal::source::{RecordingKind, SourceOptions, sniff};
 

@@ -9,8 +9,9 @@ use super::example_frames::{figure, scale};
 use super::number::count;
 use super::rectification::{distorted, ideal_camera, projected};
 use crate::board::Board;
-use crate::calibrate::{Calibrated, Input, Task};
+use crate::calibrate::{Calibrated, Task};
 use crate::frames::image::{GreyImage, TimedImage, may_hold_frames, visit_frames};
+use crate::input::Input;
 use crate::picture::{BEYOND, Picture};
 
 /// Most frames that are carried to the board.

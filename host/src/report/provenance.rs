@@ -5,7 +5,7 @@ use toml::{Table, Value};
 
 use super::number::count;
 use super::page::{Section, scrolling};
-use crate::calibrate::{Calibrated, Task, file_of};
+use crate::calibrate::{Calibrated, Task};
 use crate::settings::Settings;
 
 /// Everything that is needed to get the same result again.
@@ -43,7 +43,7 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
             tbody {
                 @for (input, report) in task.inputs.iter().zip(&calibrated.reports.recordings) {
                     tr {
-                        th scope="row" { (file_of(input)) }
+                        th scope="row" { (input.name()) }
                         td.number { (count(report.count)) }
                         td.number { (format!("{:.3}", report.duration)) }
                         td.words { (report.notes.join("; ")) }

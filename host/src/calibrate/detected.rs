@@ -1,0 +1,134 @@
+//! Stages 1 to 5: from recordings to reference frames.
+
+use super::Task;
+use super::error::CalibrateError;
+use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
+use crate::input::Input;
+use crate::input::pass::{RecordingReport, read_events};
+use crate::other_board::OtherBoard;
+use crate::reference_frame::ReferenceFrame;
+use crate::settings::Settings;
+use crate::source::SourceError;
+
+/// Where the board was seen.
+pub(super) struct Detected {
+    pub(super) sensor: (u16, u16),
+    pub(super) frames: Vec<ReferenceFrame>,
+    pub(super) starts: Vec<f64>,
+    pub(super) recordings: Vec<RecordingReport>,
+    pub(super) detection: DetectionReport,
+    pub(super) events: u64,
+}
+
+/// Looks for the board in all recordings.
+///
+/// # Errors
+/// [`CalibrateError`] when it is nowhere, or a recording cannot be used.
+pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, CalibrateError> {
+    let mut all = Detected {
+        sensor: (0, 0),
+        frames: Vec::new(),
+        starts: Vec::new(),
+        recordings: Vec::new(),
+        detection: DetectionReport::default(),
+        events: 0,
+    };
+    // What the first damaged recording broke off with.
+    let mut damage = None;
+    for (index, input) in task.inputs.iter().enumerate() {
+        let sensor = sensor_of(input, task.sensor)?;
+        if index > 0 && sensor != all.sensor {
+            let file = input.name();
+            return Err(CalibrateError::SensorsDiffer { file, sensor, before: all.sensor });
+        }
+        all.sensor = sensor;
+        progress(&format!("looking for the board in {}", input.name()));
+        match input {
+            Input::Events(_) => {
+                let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
+                let pass = read_events(task.inputs, index, &mut |events| stage.push(events))?;
+                if pass.count == 0 {
+                    return Err(CalibrateError::Empty { file: input.name() });
+                }
+                let (frames, report) = stage.into_frames();
+                all.frames.extend(frames);
+                all.detection.add(&report);
+                all.events += pass.count;
+                all.starts.push(pass.first as f64 * 1e-6);
+                all.recordings.push(pass.to_report());
+                damage = damage.or(pass.damage);
+            }
+            Input::Circles { frames, start, notes, detection, .. } => {
+                all.detection.add(detection);
+                let count = frames.iter().map(|frame| frame.circles.len() as u64).sum();
+                let duration = frames.last().map_or(0.0, |last| last.end) - frames.first().map_or(0.0, |f| f.start);
+                all.frames.extend(frames.iter().cloned().map(|frame| ReferenceFrame { recording: index, ..frame }));
+                all.starts.push(*start);
+                all.recordings.push(RecordingReport { count, duration, notes: notes.clone() });
+            }
+        }
+    }
+    match damage {
+        _ if !all.frames.is_empty() => Ok(all),
+        Some(damage) => Err(CalibrateError::Source(damage)),
+        None => {
+            let other = other_board(task, all.sensor)?.map(|other| format!("; {other}"));
+            let reason = no_pattern(&all.detection, task.settings);
+            Err(CalibrateError::NoPattern(reason + &other.unwrap_or_default()))
+        }
+    }
+}
+
+/// The sensor of an input, or that which is `given` where it does not tell.
+pub(super) fn sensor_of(input: &Input, given: Option<(u16, u16)>) -> Result<(u16, u16), CalibrateError> {
+    let sensor = match input {
+        Input::Events(recording) => recording.open()?.information().sensor.or(given),
+        Input::Circles { sensor, .. } => given.or(*sensor),
+    };
+    let sensor = sensor.ok_or_else(|| CalibrateError::SensorUnknown { file: input.name() })?;
+    if sensor.0 > LARGEST_SENSOR.0 || sensor.1 > LARGEST_SENSOR.1 {
+        return Err(CalibrateError::SensorTooLarge { file: input.name(), sensor });
+    }
+    Ok(sensor)
+}
+
+/// What the board in the recordings looks like, if not like the stated one.
+fn other_board(task: &Task, sensor: (u16, u16)) -> Result<Option<String>, SourceError> {
+    for (index, input) in task.inputs.iter().enumerate() {
+        if let Input::Events(_) = input {
+            let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);
+            read_events(task.inputs, index, &mut |events| other.push(events))?;
+            if let Some(found) = other.finish() {
+                return Ok(Some(found));
+            }
+        }
+    }
+    Ok(None)
+}
+
+/// Why no window held the board, and what to do about it.
+fn no_pattern(report: &DetectionReport, settings: &Settings) -> String {
+    let total = report.windows + report.too_few_events;
+    let mut text = format!("no pattern found in {total} windows");
+    let mut reasons: Vec<(&str, u64)> = report.grids_refused.iter().map(|(reason, count)| (*reason, *count)).collect();
+    reasons.push(("too few events", report.too_few_events));
+    reasons.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
+    let Some(&(reason, count)) = reasons.first().filter(|reason| reason.1 > 0) else { return text };
+    let advice = match reason {
+        "too few events" => {
+            format!(
+                "move faster or raise detection.window.max_interval (now {})",
+                settings.detection.window.max_interval
+            )
+        }
+        "too few circles" => {
+            "is the board in view, moving and in focus? Try --extraction soft, or move faster".to_owned()
+        }
+        "circles beside the board" | "too few circles of a board" | "place on the board not certain" => {
+            "is --board right: rows and columns, acircles or circles?".to_owned()
+        }
+        _ => "is the board in view and flat, and is --board right?".to_owned(),
+    };
+    text += &format!(": {count} had {reason}: {advice}");
+    text
+}

@@ -1,0 +1,93 @@
+//! Why a calibration fails.
+
+use crate::detection::LARGEST_SENSOR;
+use crate::frames::calibration::NoFrameCalibration;
+use crate::frames::joint::NoJointPoints;
+use crate::initial::InitialError;
+use crate::refinement::RefinementError;
+use crate::solve::SolveError;
+use crate::source::SourceError;
+use crate::trajectory::TrajectoryError;
+
+/// Why a calibration failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrateError {
+    /// A recording could not be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The sensor size is not known.
+    #[error("{file} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT")]
+    SensorUnknown {
+        /// The file.
+        file: String,
+    },
+    /// The sensor is too large.
+    #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.0, .sensor.1, LARGEST_SENSOR.0, LARGEST_SENSOR.1)]
+    SensorTooLarge {
+        /// The file.
+        file: String,
+        /// Its size.
+        sensor: (u16, u16),
+    },
+    /// The recordings are of different sensors.
+    #[error("{file} is of a sensor with {} x {} pixels, the recordings before it of one with {} x {}: calibrate one camera at a time", .sensor.0, .sensor.1, .before.0, .before.1)]
+    SensorsDiffer {
+        /// The file.
+        file: String,
+        /// Its sensor.
+        sensor: (u16, u16),
+        /// The sensor of the recordings before it.
+        before: (u16, u16),
+    },
+    /// There are no events.
+    #[error("{file} holds no events")]
+    Empty {
+        /// The file.
+        file: String,
+    },
+    /// The board was not found.
+    #[error("{0}")]
+    NoPattern(String),
+    /// No initial model.
+    #[error(transparent)]
+    Initial(#[from] InitialError),
+    /// No segment is long enough.
+    #[error(
+        "the board was found in {frames} windows, but never often enough in a row for a trajectory ({too_few} groups of fewer than {fewest}): keep the whole board in view and moving"
+    )]
+    NoSegment {
+        /// Reference frames.
+        frames: usize,
+        /// Groups that were too short.
+        too_few: usize,
+        /// Frames needed.
+        fewest: usize,
+    },
+    /// No segment has a spline.
+    #[error("no trajectory could be fitted: {0}")]
+    Trajectory(TrajectoryError),
+    /// The joint solve failed.
+    #[error(transparent)]
+    Solve(SolveError),
+    /// There are no frames.
+    #[error("{file} holds no frames, and frames were asked for: record with --frames, or leave them out")]
+    NoFrames {
+        /// The files.
+        file: String,
+    },
+    /// The frames give no calibration.
+    #[error("no calibration from the camera's frames: {0}")]
+    Frames(NoFrameCalibration),
+    /// Frames and events cannot be solved together.
+    #[error("frames and events cannot be solved together: {0}")]
+    JointFrames(NoJointPoints),
+}
+
+impl From<RefinementError<SourceError>> for CalibrateError {
+    fn from(error: RefinementError<SourceError>) -> Self {
+        match error {
+            RefinementError::Read(error) => Self::Source(error),
+            RefinementError::Solve(error) => Self::Solve(error),
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Stages 8 and 9: segments, and the spline of each through the initial poses.
+
+use super::error::CalibrateError;
+use crate::initial::InitialModel;
+use crate::reference_frame::ReferenceFrame;
+use crate::segment::{SegmentReport, SegmentSettings, segment};
+use crate::settings::Settings;
+use crate::solve::observation::PointObservation;
+use crate::timed_pose::TimedPose;
+use crate::trajectory::fit::{TrajectoryShape, fit, resampled};
+use crate::trajectory::{Trajectory, TrajectoryError};
+
+/// What the joint solve starts from, beside the camera.
+pub(super) struct FirstTrajectories {
+    /// One for each segment that has one.
+    pub(super) trajectories: Vec<Trajectory>,
+    /// Circle centres of each trajectory, where there are no events.
+    pub(super) points: Vec<Vec<PointObservation>>,
+    /// What became of the reference frames.
+    pub(super) segments: SegmentReport,
+    /// Segments whose spline could not be fitted.
+    pub(super) without_spline: usize,
+}
+
+/// Cuts `frames`, those with a pose in `initial`, into segments and fits a spline to each.
+pub(super) fn first_trajectories(
+    initial: &InitialModel,
+    frames: &[ReferenceFrame],
+    settings: &Settings,
+) -> Result<FirstTrajectories, CalibrateError> {
+    let times: Vec<(usize, f64)> = initial
+        .frames
+        .iter()
+        .filter_map(|posed| frames.get(posed.frame).map(|frame| (frame.recording, frame.t())))
+        .collect();
+    let segmentation = SegmentSettings {
+        longest_gap: settings.segment.longest_gap.max(settings.segment.longest_gap_ratio * typical_interval(&times)),
+        ..settings.segment.clone()
+    };
+    let (ranges, segments) = segment(&times, settings.spline.degree, &segmentation);
+    if ranges.is_empty() {
+        let fewest = settings.segment.fewest_frames.max(settings.spline.degree + 1);
+        let too_few = segments.too_few_frames + segments.too_short;
+        return Err(CalibrateError::NoSegment { frames: segments.frames_in, too_few, fewest });
+    }
+    let shape = TrajectoryShape {
+        degree: settings.spline.degree,
+        rotation: settings.spline.rotation,
+        knot_spacing: settings.spline.knot_spacing,
+    };
+    let mut trajectories: Vec<Trajectory> = Vec::new();
+    let mut points: Vec<Vec<PointObservation>> = Vec::new();
+    let mut failure = None;
+    for range in &ranges {
+        match fit_segment(initial, frames, range.clone(), &shape) {
+            Ok((trajectory, observations)) => {
+                trajectories.push(trajectory);
+                points.push(observations);
+            }
+            Err(error) => failure = Some(error),
+        }
+    }
+    let without_spline = ranges.len() - trajectories.len();
+    if let (true, Some(error)) = (trajectories.is_empty(), failure) {
+        return Err(CalibrateError::Trajectory(error));
+    }
+    Ok(FirstTrajectories { trajectories, points, segments, without_spline })
+}
+
+/// Median time between neighbouring frames of a recording (s), 0 without any.
+fn typical_interval(times: &[(usize, f64)]) -> f64 {
+    let pairs = times.iter().zip(times.iter().skip(1));
+    let mut intervals: Vec<f64> = pairs.filter(|(a, b)| a.0 == b.0).map(|(a, b)| b.1 - a.1).collect();
+    let middle = intervals.len() / 2;
+    if intervals.is_empty() {
+        return 0.0;
+    }
+    *intervals.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// The spline of one segment, and its circle centres where there are no events.
+fn fit_segment(
+    initial: &InitialModel,
+    frames: &[ReferenceFrame],
+    range: std::ops::Range<usize>,
+    shape: &TrajectoryShape,
+) -> Result<(Trajectory, Vec<PointObservation>), TrajectoryError> {
+    let posed = initial.frames.get(range).unwrap_or_default();
+    let in_frames = |index: usize| frames.get(index);
+    let poses: Vec<TimedPose> = posed
+        .iter()
+        .filter_map(|posed| in_frames(posed.frame).map(|frame| TimedPose { t: frame.t(), pose: posed.pose }))
+        .collect();
+    let spans: Vec<(f64, f64)> =
+        posed.iter().filter_map(|posed| in_frames(posed.frame)).map(|frame| (frame.start, frame.end)).collect();
+    let from_circles = posed.iter().filter_map(|posed| in_frames(posed.frame)).all(|frame| frame.pixels.is_empty());
+    let mut points: Vec<PointObservation> = Vec::new();
+    if from_circles {
+        points.extend(posed.iter().flat_map(|posed| &posed.circles).map(|circle| PointObservation {
+            t: circle.t,
+            pixel: circle.center,
+            circle: circle.index,
+        }));
+        points.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.circle.cmp(&b.circle)));
+    }
+    let first = points.first().map_or(f64::INFINITY, |point| point.t);
+    let last = points.last().map_or(f64::NEG_INFINITY, |point| point.t);
+    let start = spans.iter().fold(first, |start, span| start.min(span.0));
+    let end = spans.iter().fold(last, |end, span| end.max(span.1));
+    let recording = posed.first().and_then(|posed| in_frames(posed.frame)).map_or(0, |frame| frame.recording);
+    let trajectory = fit(recording, &poses, start, end, shape)?;
+    Ok((if from_circles { trajectory } else { resampled(&trajectory, shape)? }, points))
+}

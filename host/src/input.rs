@@ -1,0 +1,93 @@
+//! What a calibration is made from: recordings of events, or circles that were found before.
+
+pub mod pass;
+
+use std::path::{Path, PathBuf};
+
+use crate::board::Board;
+use crate::circle_stream::{self, CircleStream};
+use crate::circle_track::{self, CircleFrames, CircleTrack, CircleTrackError};
+use crate::detection::{DetectionReport, order_frames};
+use crate::reference_frame::ReferenceFrame;
+use crate::serial::{SerialAddress, SerialError};
+use crate::source::{Recording, RecordingKind, SourceError, SourceOptions, sniff};
+
+/// One input: events or circles.
+pub enum Input {
+    /// A recording of events.
+    Events(Recording),
+    /// Reference frames from a circle track or circle stream, times from `start`.
+    Circles {
+        /// The file or port.
+        path: PathBuf,
+        /// Sensor size in pixels, if a device told it.
+        sensor: Option<(u16, u16)>,
+        /// Its frames; their recording number is set by the calibration.
+        frames: Vec<ReferenceFrame>,
+        /// Time in the file at which the frames' times count from, in seconds.
+        start: f64,
+        /// What was taken for granted when the file was read.
+        notes: Vec<String>,
+        /// What the grid finder made of circles without a place on the board.
+        detection: DetectionReport,
+    },
+}
+
+impl Input {
+    /// The file or port.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Events(recording) => recording.path().display().to_string(),
+            Self::Circles { path, .. } => path.display().to_string(),
+        }
+    }
+
+    /// Opens a recording, a circle track or a circle stream, whichever `path` is. Circles without a place on
+    /// the board are ordered by the grid finder.
+    ///
+    /// # Errors
+    /// [`InputError`] when it is neither, or cannot be read.
+    pub fn open(path: &Path, options: &SourceOptions, board: &Board) -> Result<Self, InputError> {
+        match sniff(path)? {
+            RecordingKind::Events { .. } => Ok(Self::Events(Recording::new(path, options.clone())?)),
+            RecordingKind::CircleTrack => {
+                let track = circle_track::read(path, &board.pattern, 0)?;
+                Ok(Self::from_track(path, track, None, board))
+            }
+            RecordingKind::CircleStream => Ok(Self::from_stream(path, circle_stream::read(path)?, board)),
+        }
+    }
+
+    /// Listens to a serial port; `progress` is told what came so far.
+    ///
+    /// # Errors
+    /// [`SerialError`] when no circle comes.
+    pub fn listen(address: &SerialAddress, board: &Board, progress: impl FnMut(&str)) -> Result<Self, SerialError> {
+        let stream = address.receive(progress)?;
+        Ok(Self::from_stream(Path::new(&address.to_string()), stream, board))
+    }
+
+    fn from_stream(path: &Path, stream: CircleStream, board: &Board) -> Self {
+        Self::from_track(path, stream.track, stream.sensor, board)
+    }
+
+    fn from_track(path: &Path, track: CircleTrack, sensor: Option<(u16, u16)>, board: &Board) -> Self {
+        let (frames, detection) = match track.frames {
+            CircleFrames::Ordered(frames) => (frames, DetectionReport::default()),
+            CircleFrames::Unordered(frames) => order_frames(&frames, &board.pattern, sensor),
+        };
+        let start = track.time_origin_us as f64 * 1e-6;
+        Self::Circles { path: path.to_owned(), sensor, frames, start, notes: track.notes, detection }
+    }
+}
+
+/// Why an input could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum InputError {
+    /// It is no recording that can be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// It is a circle track with a mistake in it, or a circle stream without circles.
+    #[error(transparent)]
+    Circles(#[from] CircleTrackError),
+}

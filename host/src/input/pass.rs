@@ -1,0 +1,119 @@
+//! One pass through a recording.
+
+use std::sync::mpsc::{SyncSender, sync_channel};
+
+use evcal_core::event::Event;
+use serde::Serialize;
+
+use super::Input;
+use crate::source::{ReadReport, Recording, SourceError};
+
+/// What was read of a recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct RecordingReport {
+    /// Events or circles read.
+    pub count: u64,
+    /// Duration in seconds.
+    pub duration: f64,
+    /// What was assumed, repaired or lost, in sentences.
+    pub notes: Vec<String>,
+}
+
+/// What one pass through a recording met.
+pub struct Pass {
+    /// Events handed out.
+    pub count: u64,
+    /// Time of the first event in the file (µs).
+    pub first: i64,
+    /// Time of the last event in the file (µs).
+    pub last: i64,
+    /// What the reader assumed.
+    pub assumptions: Vec<String>,
+    /// What the reader met.
+    pub report: ReadReport,
+    /// What ended the pass before the end of the recording.
+    pub damage: Option<SourceError>,
+}
+
+impl Pass {
+    /// The pass as a report.
+    pub fn to_report(&self) -> RecordingReport {
+        let mut notes = self.assumptions.clone();
+        let report = &self.report;
+        if let Some(truncation) = &report.truncated {
+            notes.push(truncation.to_string());
+        }
+        let mut note = |count: u64, what: &str| {
+            if count > 0 {
+                notes.push(format!("{count} {what}"));
+            }
+        };
+        note(report.out_of_range, "events outside the sensor dropped");
+        note(report.steps_back, "steps back in time put in order");
+        note(report.clock_resets, "clock resets bridged");
+        note(report.damaged_packets, "damaged packets left out");
+        notes.extend(report.stream.notes());
+        if let Some(error) = &self.damage {
+            notes.push(format!("read up to its damage only: {error}"));
+        }
+        RecordingReport { count: self.count, duration: (self.last - self.first) as f64 * 1e-6, notes }
+    }
+}
+
+/// Hands all events of an input to `visit`, with times from its first event; nothing for circles.
+///
+/// # Errors
+/// [`SourceError`] when the recording cannot be read.
+pub fn read_events(inputs: &[Input], index: usize, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, SourceError> {
+    let Some(Input::Events(recording)) = inputs.get(index) else {
+        let report = ReadReport::default();
+        return Ok(Pass { count: 0, first: 0, last: 0, assumptions: Vec::new(), report, damage: None });
+    };
+    read_recording(recording, visit)
+}
+
+/// Batches that are read while earlier ones are worked on.
+const READ_AHEAD: usize = 4;
+
+/// Hands all events of a recording to `visit`, with times from its first event; of a damaged recording
+/// those before the damage. A thread of its own reads ahead.
+///
+/// # Errors
+/// [`SourceError`] when not one event can be read.
+pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, SourceError> {
+    std::thread::scope(|scope| {
+        let (sender, batches) = sync_channel(READ_AHEAD);
+        let reader = scope.spawn(move || read_ahead(recording, &sender));
+        for events in batches {
+            visit(&events);
+        }
+        reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })
+}
+
+fn read_ahead(recording: &Recording, sender: &SyncSender<Vec<Event>>) -> Result<Pass, SourceError> {
+    let mut reader = recording.open()?;
+    let (mut count, mut first, mut last) = (0, None, 0);
+    let damage = loop {
+        let mut events = Vec::new();
+        match reader.next_batch(&mut events) {
+            Ok(true) => {}
+            Ok(false) => break None,
+            // What was read before the damage counts.
+            Err(error) if count > 0 => break Some(error),
+            Err(error) => return Err(error),
+        }
+        let start = *first.get_or_insert_with(|| events.first().map_or(0, |event| event.t));
+        last = events.last().map_or(last, |event| event.t);
+        count += events.len() as u64;
+        for event in &mut events {
+            event.t -= start;
+        }
+        if sender.send(events).is_err() {
+            // Nobody listens any more.
+            break None;
+        }
+    };
+    let assumptions = reader.information().notes.clone();
+    Ok(Pass { count, first: first.unwrap_or(0), last, assumptions, report: reader.report().clone(), damage })
+}

@@ -1,0 +1,37 @@
+# Installs Debian's packages for the other scripts here, which read this file with `.` and say who they are in $script.
+# All messages go to standard error.
+
+is_debian() {
+    command -v dpkg-query >/dev/null 2>&1 && command -v apt-get >/dev/null 2>&1
+}
+
+run_as_root() {
+    if [ "$(id -u)" -eq 0 ]; then
+        "$@"
+    elif command -v sudo >/dev/null 2>&1; then
+        sudo "$@"
+    else
+        echo "$script: please run as root: $*" >&2
+        return 1
+    fi
+}
+
+# update_package_lists: fetches what packages there are.
+update_package_lists() {
+    run_as_root apt-get -o DPkg::Lock::Timeout=900 update -q >&2
+}
+
+# install_packages PACKAGE...: installs those that are not there yet.
+install_packages() {
+    missing=""
+    for package in "$@"; do
+        dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'install ok installed' ||
+            missing="$missing $package"
+    done
+    [ -n "$missing" ] || return 0
+    echo "$script: installing$missing" >&2
+    update_package_lists || return 1
+    # shellcheck disable=SC2086 # one word a package
+    run_as_root env DEBIAN_FRONTEND=noninteractive \
+        apt-get -o DPkg::Lock::Timeout=900 install -q -y --no-install-recommends $missing >&2
+}
