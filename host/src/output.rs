@@ -199,13 +199,12 @@ fn summary(calibration: &Calibration) -> String {
     let residuals = calibration.residuals;
     let _ = write!(
         text,
-        "residual ({}): median {:.3} px, rms {:.3} px, {} observations in {} segments",
-        residuals.measure,
-        residuals.median,
-        residuals.rms,
-        residuals.count,
-        calibration.segments.len()
+        "residual ({}): median {:.3} px, rms {:.3} px, {} observations",
+        residuals.measure, residuals.median, residuals.rms, residuals.count
     );
+    if !calibration.segments.is_empty() {
+        let _ = write!(text, " in {} segments", calibration.segments.len());
+    }
     match &calibration.frames {
         Some(FrameOutcome::Witness(witness)) => {
             let _ = write!(text, "\nframes: {}", witness.sentence);

@@ -9,8 +9,8 @@ use crate::residual_map::{ResidualMap, residual_map};
 use crate::settings::Settings;
 use crate::solve::SolveError;
 use crate::split_half::{SplitHalf, split_half};
-use crate::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
 use crate::uncertainty::Uncertainty;
+use crate::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
 
 /// What speaks for and against a calibration.
 #[derive(Clone, Debug)]

@@ -9,8 +9,12 @@ use super::palette::Palette;
 use crate::calibrate::Calibrated;
 use crate::split_half::SplitHalf;
 
-/// How the halves differ, if there are any.
+/// How the halves differ. Nothing for a calibration from frames alone, each of which has a pose of its own: its
+/// uncertainty is found by leaving frames out.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
+    if calibrated.refined.state.trajectories.is_empty() {
+        return None;
+    }
     let content = match &calibrated.trust.split_half {
         Some(halves) => compared(calibrated, halves),
         None => {

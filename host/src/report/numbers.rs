@@ -24,7 +24,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
                 th scope="col" { "parameter" }
                 th.number scope="col" { "value" }
                 th.number scope="col" { "± σ" }
-                th.number scope="col" { "before the joint solve" }
+                th.number scope="col" { "first estimate" }
                 th scope="col" { "what it is" }
             } }
             tbody {
@@ -45,7 +45,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = html! {
         p {
             "Camera model " code { (camera.kind().name()) } ". Pixel (0, 0) is the centre of the top-left pixel, as in OpenCV and ROS. σ is one standard deviation; the true "
-            "value lies within 2σ in about 95 of 100 calibrations. Events of one edge err together: "
+            "value lies within 2σ in about 95 of 100 calibrations. Observations of one moment err together: "
             (count(uncertainty.observations as u64)) " observations are worth " (count(uncertainty.effective_observations() as u64))
             " independent ones, which σ takes into account."
         }

@@ -74,17 +74,19 @@ fn stages(calibrated: &Calibrated) -> Vec<Stage> {
             rest.push(format!("{} {what}", count(number as u64)));
         }
     }
-    stages.push(Stage {
-        name: "Trajectory segments",
-        taken: format!("{} frames", count(segments.frames_in as u64)),
-        given: format!(
-            "{} in {} segments of {:.2} s",
-            count(segments.frames_out as u64),
-            segments.segments,
-            segments.duration
-        ),
-        rest,
-    });
+    if segments.frames_in > 0 {
+        stages.push(Stage {
+            name: "Trajectory segments",
+            taken: format!("{} frames", count(segments.frames_in as u64)),
+            given: format!(
+                "{} in {} segments of {:.2} s",
+                count(segments.frames_out as u64),
+                segments.segments,
+                segments.duration
+            ),
+            rest,
+        });
+    }
     if let Some(round) = reports.rounds.last() {
         let association = &round.association;
         if association.events > 0 {
