@@ -8,8 +8,10 @@
 //! What it guarantees: no frame is trusted because it came first, what is dropped is in the report
 //! with its reason, and the result depends on frames and settings only, not on the number of threads.
 
+mod axial_focal;
 mod bundle;
 mod cross_validation;
+mod distortion_prior;
 pub mod held_out;
 pub mod homography;
 mod intrinsics;
@@ -32,9 +34,10 @@ use rayon::prelude::*;
 use crate::board::Board;
 use crate::opencv::MINIMUM_POINTS;
 use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+pub(crate) use axial_focal::axial_focal_gradients;
 use bundle::{Bundle, BundleView, bundle};
-pub(crate) use bundle::{DistortionPrior, axial_focal_gradients, distortion_prior, prior_cost};
 use cross_validation::cross_validate;
+pub(crate) use distortion_prior::{DistortionPrior, distortion_prior};
 use intrinsics::{native_start, opencv_start};
 use pose::{FramePose, PoseError, robust_pose, settle_pose};
 pub(crate) use pose::{huber_cost, huber_weight, step_pose};

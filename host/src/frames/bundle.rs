@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::circle_image::{CircleImage, circle_image_center};
 use super::median;
-use crate::initial::{DistortionPrior, distortion_prior, huber_cost, huber_weight, prior_cost, step_pose};
+use crate::initial::{DistortionPrior, distortion_prior, huber_cost, huber_weight, step_pose};
 
 type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
 type BorderVector = SVector<f64, MAX_PARAMETERS>;
@@ -151,7 +151,7 @@ impl Target<'_> {
             view.dots.iter().map(|dot| huber_cost(distance(dot), self.bound)).sum()
         };
         let costs: Vec<f64> = self.views.par_iter().zip(poses).map(of_view).collect();
-        costs.iter().sum::<f64>() + prior_cost(camera, &self.prior)
+        costs.iter().sum::<f64>() + self.prior.cost(camera)
     }
 
     fn linearise(&self, camera: &Camera<f64>, poses: &[Isometry3<f64>]) -> Vec<ViewEquations> {
@@ -166,12 +166,9 @@ impl Target<'_> {
         let count = parameters.len();
         let mut border: Border = eliminated.iter().map(|view| view.border).sum();
         let mut gradient: BorderVector = eliminated.iter().map(|view| view.gradient).sum();
-        let prior = self.prior.weights.iter().zip(&self.prior.expected);
-        for (index, (value, (weight, expected))) in parameters.iter().zip(prior).enumerate() {
-            border[(index, index)] += weight;
-            gradient[index] += weight * (value - expected);
-            border[(index, index)] *= 1.0 + damping;
-        }
+        let prior = self.prior.equations(&estimate.camera, &[true; MAX_PARAMETERS]);
+        border.set_diagonal(&((border.diagonal() + prior.weights) * (1.0 + damping)));
+        gradient += prior.gradient;
         let (border, scale) = scaled(&border.view((0, 0), (count, count)).into_owned());
         let right = gradient.rows(0, count).component_mul(&scale);
         let step = -border.cholesky()?.solve(&right).component_mul(&scale);

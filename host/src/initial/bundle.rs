@@ -7,10 +7,12 @@
 //! border. Views are linearised in parallel and summed in their order, so the result does not depend
 //! on the number of threads.
 
-use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use nalgebra::{Cholesky, Isometry3, Matrix6, SMatrix, SVector, U6, Vector6};
 use rayon::prelude::*;
 
+use super::axial_focal::axial_focal_gradients;
+use super::distortion_prior::{PriorEquations, distortion_prior};
 use super::pose::{distance, huber_cost, huber_weight, residual, step_pose};
 use super::sighting::BoardPoint;
 
@@ -90,28 +92,6 @@ fn equations(camera: &Camera<f64>, view: &BundleView<'_>, free: &[bool], huber: 
     sum
 }
 
-/// What the prior adds to the border.
-struct PriorEquations {
-    weights: BorderVector,
-    gradient: BorderVector,
-}
-
-impl PriorEquations {
-    fn new(camera: &Camera<f64>, prior: &DistortionPrior, free: &[bool]) -> Self {
-        let mut equations = Self { weights: BorderVector::zeros(), gradient: BorderVector::zeros() };
-        let expected = prior.weights.iter().zip(&prior.expected);
-        for (index, ((value, (weight, expected)), free)) in
-            camera.parameters().iter().zip(expected).zip(free).enumerate()
-        {
-            if *free {
-                equations.weights[index] = *weight;
-                equations.gradient[index] = weight * (value - expected);
-            }
-        }
-        equations
-    }
-}
-
 /// Schur complement onto the border and its right side.
 struct Reduced {
     border: Border,
@@ -155,71 +135,6 @@ fn scaled(matrix: &Border) -> (Border, BorderVector) {
     (Border::from_fn(|row, column| matrix[(row, column)] * scale[row] * scale[column]), scale)
 }
 
-/// Part of the radius that one distortion term is expected to change at the furthest corner.
-const PRIOR_CHANGE: f64 = 0.3;
-
-/// Pixel noise for which the prior has its nominal weight.
-const PRIOR_NOISE: f64 = 0.1;
-
-/// What is expected of the distortion before anything is seen.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DistortionPrior {
-    /// Weight in px² of the squared deviation of each parameter; zero for those without a prior.
-    pub weights: [f64; MAX_PARAMETERS],
-    /// Expected value of each parameter.
-    pub expected: [f64; MAX_PARAMETERS],
-}
-
-/// What a coefficient does.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Coefficient {
-    /// Adds this power of the squared radius to the radius, as a part of it.
-    Radial(i32),
-    /// Is determined by few views.
-    Free,
-    /// Is about so large, give or take 1: the shape of a wide model, which a narrow view leaves open.
-    Shape(f64),
-}
-
-/// The prior of a camera's model.
-///
-/// Radial terms are expected to change the radius at the corner furthest from the principal point by
-/// [`PRIOR_CHANGE`] of itself, more or less.
-pub fn distortion_prior(camera: &Camera<f64>, sensor: (u16, u16)) -> DistortionPrior {
-    use Coefficient::{Free, Radial, Shape};
-    let mut prior = DistortionPrior { weights: [0.0; MAX_PARAMETERS], expected: [0.0; MAX_PARAMETERS] };
-    let &[fx, fy, cx, cy, ..] = camera.parameters().as_slice() else { return prior };
-    let (right, bottom) = (f64::from(sensor.0) - 1.0, f64::from(sensor.1) - 1.0);
-    let corner = (cx.max(right - cx) / fx).powi(2) + (cy.max(bottom - cy) / fy).powi(2);
-    let coefficients: &[Coefficient] = match camera.kind() {
-        ModelKind::Radtan4 => &[Radial(1), Radial(2), Free, Free],
-        ModelKind::Radtan => &[Radial(1), Radial(2), Free, Free, Radial(3)],
-        ModelKind::Radtan8 => &[Radial(1), Radial(2), Free, Free, Radial(3), Radial(1), Radial(2), Radial(3)],
-        ModelKind::KannalaBrandt => &[Radial(1), Radial(2), Radial(3), Radial(4)],
-        ModelKind::InverseRadial => &[Radial(1), Radial(2), Radial(3), Radial(4), Radial(5)],
-        ModelKind::Ucm | ModelKind::Fov => &[Free],
-        ModelKind::Eucm => &[Free, Shape(1.0)],
-        ModelKind::DoubleSphere => &[Shape(0.0), Free],
-        ModelKind::Omni => &[Shape(1.0), Radial(1), Radial(2), Free, Free],
-    };
-    let slots = prior.weights.iter_mut().zip(&mut prior.expected).skip(4);
-    for ((weight, expected), coefficient) in slots.zip(coefficients) {
-        match *coefficient {
-            Free => {}
-            Radial(power) => *weight = (PRIOR_NOISE * corner.powi(power) / PRIOR_CHANGE).powi(2),
-            Shape(value) => (*weight, *expected) = (PRIOR_NOISE * PRIOR_NOISE, value),
-        }
-    }
-    prior
-}
-
-/// What the prior adds to the cost of `camera`.
-pub fn prior_cost(camera: &Camera<f64>, prior: &DistortionPrior) -> f64 {
-    let parameters = camera.parameters();
-    let expected = prior.weights.iter().zip(&prior.expected);
-    parameters.iter().zip(expected).map(|(value, (weight, expected))| weight * (value - expected).powi(2)).sum()
-}
-
 fn total_cost(camera: &Camera<f64>, views: &[BundleView<'_>], huber: f64) -> f64 {
     let costs: Vec<f64> = views
         .par_iter()
@@ -228,27 +143,6 @@ fn total_cost(camera: &Camera<f64>, views: &[BundleView<'_>], huber: f64) -> f64
         })
         .collect();
     costs.iter().sum()
-}
-
-/// Derivatives of the focal lengths on the axis by the camera's parameters.
-pub fn axial_focal_gradients(camera: &Camera<f64>) -> Option<[[f64; MAX_PARAMETERS]; 2]> {
-    const STEP: f64 = 1e-6;
-    let parameters = camera.parameters();
-    let here = camera.axial_focal_lengths()?;
-    let mut gradients = [[0.0; MAX_PARAMETERS]; 2];
-    for index in 0..parameters.len() {
-        let mut moved = parameters.clone();
-        let value = moved.get_mut(index)?;
-        let step = STEP * (1.0 + value.abs());
-        *value += step;
-        let there = Camera::from_parameters(camera.kind(), &moved)?.axial_focal_lengths()?;
-        for (gradient, (there, here)) in gradients.iter_mut().zip(there.iter().zip(&here)) {
-            if let Some(slot) = gradient.get_mut(index) {
-                *slot = (there - here) / step;
-            }
-        }
-    }
-    Some(gradients)
 }
 
 /// Refines the `free` parameters of `camera` and the poses of `views`.
@@ -270,7 +164,7 @@ pub fn bundle(
     let point_count: usize = views.iter().map(|view| view.points.len()).sum();
     let freedom = (2 * point_count).checked_sub(6 * views.len() + free.iter().filter(|free| **free).count())?;
     let prior = distortion_prior(&camera, sensor);
-    let mut best = total_cost(&camera, &views, huber) + prior_cost(&camera, &prior);
+    let mut best = total_cost(&camera, &views, huber) + prior.cost(&camera);
     if !best.is_finite() || freedom == 0 {
         return None;
     }
@@ -283,7 +177,7 @@ pub fn bundle(
     while steps < MAX_STEPS {
         let mut gain = None;
         while damping < 1e8 {
-            let trial = reduce(&linear, &PriorEquations::new(&camera, &prior, free), damping).and_then(
+            let trial = reduce(&linear, &prior.equations(&camera, free), damping).and_then(
                 |Reduced { border, gradient, factors }| {
                     let (border, scale) = scaled(&border);
                     let step = -border.cholesky()?.solve(&gradient.component_mul(&scale)).component_mul(&scale);
@@ -299,7 +193,7 @@ pub fn bundle(
                             BundleView { points: view.points, pose: step_pose(&view.pose, &-factor.solve(&right)) }
                         })
                         .collect();
-                    let cost = total_cost(&camera, &views, huber) + prior_cost(&camera, &prior);
+                    let cost = total_cost(&camera, &views, huber) + prior.cost(&camera);
                     (cost < best).then_some((camera, views, cost))
                 },
             );
@@ -319,7 +213,7 @@ pub fn bundle(
         }
     }
     let squares: f64 = linear.iter().map(|view| view.weighted_squares).sum();
-    let schur = reduce(&linear, &PriorEquations::new(&camera, &prior, free), 0.0)?.border;
+    let schur = reduce(&linear, &prior.equations(&camera, free), 0.0)?.border;
     let (schur, scale) = scaled(&schur);
     let eigen = schur.symmetric_eigen();
     // Directions that the data does not see have an eigenvalue of rounding size: their standard
