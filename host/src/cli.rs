@@ -127,12 +127,15 @@ pub fn run() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("evcal: {error}");
+            let mut told = error.to_string();
+            eprintln!("evcal: {told}");
             let mut source = error.source();
             while let Some(cause) = source {
-                // thiserror's transparent errors repeat their cause's text.
-                if cause.to_string() != error.to_string() {
-                    eprintln!("  because: {cause}");
+                // Many errors have their cause's text in their own.
+                let text = cause.to_string();
+                if !told.contains(&text) {
+                    eprintln!("  because: {text}");
+                    told = text;
                 }
                 source = cause.source();
             }

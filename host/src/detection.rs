@@ -4,11 +4,10 @@
 //! clusters → circles → grid), so that chunks run in parallel and the result does not depend on the
 //! number of threads.
 
+mod ordering;
+mod report;
 mod second_pass;
 
-use std::collections::BTreeMap;
-
-use evcal_core::circle::CircleCounts;
 use evcal_core::cluster::{SensorSize, row_bytes, row_count};
 use evcal_core::detector::Detector;
 use evcal_core::event::Event;
@@ -17,8 +16,9 @@ use evcal_core::pattern::Pattern;
 use evcal_core::window::{Outcome, Window, WindowPlanner};
 use nalgebra::Vector2;
 use rayon::prelude::*;
-use serde::Serialize;
 
+pub use self::ordering::order_frames;
+pub use self::report::DetectionReport;
 use self::second_pass::{Spacing, Uncertain, second_pass};
 use crate::circle_track::{UnorderedCircle, UnorderedFrame};
 use crate::event_pixel::EventPixel;
@@ -38,68 +38,6 @@ const CANDIDATES: usize = 256;
 /// The detector with room for the largest sensor; single precision, as on a microcontroller.
 type HostDetector =
     Detector<f32, { row_bytes(LARGEST_SENSOR.0 as usize) }, { row_count(LARGEST_SENSOR.1 as usize) }, RUNS, CLUSTERS>;
-
-/// What the detection took in and gave out.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct DetectionReport {
-    /// Events that came in.
-    pub events: u64,
-    /// Windows with too few events to be worth a try.
-    pub too_few_events: u64,
-    /// Windows tried.
-    pub windows: u64,
-    /// Windows in which the board was found.
-    pub found: u64,
-    /// Those of them in which only the frames around them told where the board lies.
-    pub found_by_neighbours: u64,
-    /// Circles found in all windows.
-    pub circles: u64,
-    /// Pairs of clusters that were refused, by reason.
-    pub pairs_refused: BTreeMap<&'static str, u64>,
-    /// Windows without a board, by reason.
-    pub grids_refused: BTreeMap<&'static str, u64>,
-    /// Windows in which something did not fit the detector's capacity.
-    pub overflowed: u64,
-    /// Circles of the frames found.
-    pub board_circles: u64,
-}
-
-impl DetectionReport {
-    /// Adds the counts of another part.
-    pub fn add(&mut self, other: &Self) {
-        self.events += other.events;
-        self.too_few_events += other.too_few_events;
-        self.windows += other.windows;
-        self.found += other.found;
-        self.found_by_neighbours += other.found_by_neighbours;
-        self.circles += other.circles;
-        self.overflowed += other.overflowed;
-        self.board_circles += other.board_circles;
-        for (reason, count) in &other.pairs_refused {
-            *self.pairs_refused.entry(reason).or_default() += count;
-        }
-        for (reason, count) in &other.grids_refused {
-            *self.grids_refused.entry(reason).or_default() += count;
-        }
-    }
-
-    fn count_pairs(&mut self, counts: &CircleCounts) {
-        self.circles += u64::from(counts.circles);
-        for (reason, count) in [
-            ("back to back", counts.back_to_back),
-            ("radius out of bounds", counts.radius_out_of_bounds),
-            ("arc too short", counts.arc_too_short),
-            ("radius against distance", counts.radius_against_distance),
-            ("centre against midpoint", counts.center_against_midpoint),
-            ("fit error", counts.error_too_large),
-            ("not mutual", counts.not_mutual),
-        ] {
-            if count > 0 {
-                *self.pairs_refused.entry(reason).or_default() += u64::from(count);
-            }
-        }
-    }
-}
 
 /// Circles found in one window, without a board.
 #[derive(Clone, Debug, PartialEq)]
@@ -460,68 +398,6 @@ impl<'a> DetectionStage<'a> {
         });
         (windows.collect(), report)
     }
-}
-
-/// Puts the circles of frames from elsewhere in the board's order; frames without a board fall away, and
-/// the report says why. Without a sensor size the image is as large as the circles' extent.
-pub fn order_frames(
-    frames: &[UnorderedFrame],
-    pattern: &Pattern,
-    sensor: Option<(u16, u16)>,
-) -> (Vec<ReferenceFrame>, DetectionReport) {
-    let circles = || frames.iter().flat_map(|frame| &frame.circles);
-    let extent = || {
-        circles().fold((1.0_f64, 1.0_f64), |size, circle| (size.0.max(circle.center.x), size.1.max(circle.center.y)))
-    };
-    let size = sensor.map_or_else(extent, |(width, height)| (width.into(), height.into()));
-    let options = GridOptions::new(pattern, size);
-    let ordered: Vec<Result<ReferenceFrame, GridError>> = frames
-        .par_iter()
-        .map_init(
-            || Box::new(GridWorkspace::<f64, CANDIDATES>::new()),
-            |workspace, frame| order_frame(frame, pattern, &options, workspace),
-        )
-        .collect();
-    let mut report = DetectionReport { windows: frames.len() as u64, ..DetectionReport::default() };
-    report.circles = circles().count() as u64;
-    let mut found = Vec::new();
-    for frame in ordered {
-        match frame {
-            Ok(frame) => {
-                report.found += 1;
-                report.board_circles += frame.circles.len() as u64;
-                found.push(frame);
-            }
-            Err(error) => *report.grids_refused.entry(grid_reason(error)).or_default() += 1,
-        }
-    }
-    (found, report)
-}
-
-fn order_frame(
-    frame: &UnorderedFrame,
-    pattern: &Pattern,
-    options: &GridOptions,
-    workspace: &mut GridWorkspace<f64, CANDIDATES>,
-) -> Result<ReferenceFrame, GridError> {
-    let candidates: Vec<GridCandidate<f64>> = frame
-        .circles
-        .iter()
-        .map(|circle| GridCandidate { center: circle.center, radius: circle.radius.unwrap_or(0.0) })
-        .collect();
-    let found = find_grid(&candidates, pattern, options, workspace)?;
-    let circles = found.circles.iter().filter_map(|pair| {
-        let circle = frame.circles.get(usize::from(pair.candidate))?;
-        Some(ObservedCircle {
-            index: usize::from(pair.board),
-            t: circle.t,
-            center: circle.center,
-            radius: circle.radius,
-            velocity: circle.velocity,
-        })
-    });
-    let circles = circles.collect();
-    Ok(ReferenceFrame { recording: 0, start: frame.start, end: frame.end, circles, pixels: Vec::new() })
 }
 
 /// The circles of a board that was found among `candidates`.

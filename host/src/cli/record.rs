@@ -55,7 +55,8 @@ pub(super) fn good_end(report: &RecordingReport) -> super::Outcome {
 /// One line.
 pub(super) fn as_text(status: &RecordingStatus) -> String {
     let (rate, megabytes) = (status.event_rate / 1e6, status.bytes as f64 / 1e6);
-    format!("{rate:.3} Mev/s, {megabytes:.1} MB, {} events dropped by the camera", status.dropped)
+    let silent = if status.events == 0 { "; no event yet: is the lens cap off, does anything move?" } else { "" };
+    format!("{rate:.3} Mev/s, {megabytes:.1} MB, {} events dropped by the camera{silent}", status.dropped)
 }
 
 /// What was recorded, in a few lines.

@@ -1,0 +1,71 @@
+//! Circles that were found elsewhere, put in the board's order.
+
+use evcal_core::grid::{GridCandidate, GridError, GridOptions, GridWorkspace, find_grid};
+use evcal_core::pattern::Pattern;
+use rayon::prelude::*;
+
+use super::{CANDIDATES, DetectionReport, grid_reason};
+use crate::circle_track::UnorderedFrame;
+use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+
+/// Puts the circles of frames from elsewhere in the board's order; frames without a board fall away, and
+/// the report says why. Without a sensor size the image is as large as the circles' extent.
+pub fn order_frames(
+    frames: &[UnorderedFrame],
+    pattern: &Pattern,
+    sensor: Option<(u16, u16)>,
+) -> (Vec<ReferenceFrame>, DetectionReport) {
+    let circles = || frames.iter().flat_map(|frame| &frame.circles);
+    let extent = || {
+        circles().fold((1.0_f64, 1.0_f64), |size, circle| (size.0.max(circle.center.x), size.1.max(circle.center.y)))
+    };
+    let size = sensor.map_or_else(extent, |(width, height)| (width.into(), height.into()));
+    let options = GridOptions::new(pattern, size);
+    let ordered: Vec<Result<ReferenceFrame, GridError>> = frames
+        .par_iter()
+        .map_init(
+            || Box::new(GridWorkspace::<f64, CANDIDATES>::new()),
+            |workspace, frame| order_frame(frame, pattern, &options, workspace),
+        )
+        .collect();
+    let mut report = DetectionReport { windows: frames.len() as u64, ..DetectionReport::default() };
+    report.circles = circles().count() as u64;
+    let mut found = Vec::new();
+    for frame in ordered {
+        match frame {
+            Ok(frame) => {
+                report.found += 1;
+                report.board_circles += frame.circles.len() as u64;
+                found.push(frame);
+            }
+            Err(error) => *report.grids_refused.entry(grid_reason(error)).or_default() += 1,
+        }
+    }
+    (found, report)
+}
+
+fn order_frame(
+    frame: &UnorderedFrame,
+    pattern: &Pattern,
+    options: &GridOptions,
+    workspace: &mut GridWorkspace<f64, CANDIDATES>,
+) -> Result<ReferenceFrame, GridError> {
+    let candidates: Vec<GridCandidate<f64>> = frame
+        .circles
+        .iter()
+        .map(|circle| GridCandidate { center: circle.center, radius: circle.radius.unwrap_or(0.0) })
+        .collect();
+    let found = find_grid(&candidates, pattern, options, workspace)?;
+    let circles = found.circles.iter().filter_map(|pair| {
+        let circle = frame.circles.get(usize::from(pair.candidate))?;
+        Some(ObservedCircle {
+            index: usize::from(pair.board),
+            t: circle.t,
+            center: circle.center,
+            radius: circle.radius,
+            velocity: circle.velocity,
+        })
+    });
+    let circles = circles.collect();
+    Ok(ReferenceFrame { recording: 0, start: frame.start, end: frame.end, circles, pixels: Vec::new() })
+}
