@@ -1,0 +1,229 @@
+//! What speaks for caution: one function a question.
+
+use evcal_core::camera::Camera;
+use nalgebra::Vector2;
+
+use super::{Cause, Finding, Severity, VerdictSettings};
+use crate::board::Board;
+use crate::coverage::Coverage;
+use crate::trust::Trust;
+
+/// All that is found.
+pub(super) fn findings_on(
+    camera: &Camera<f64>,
+    trust: &Trust,
+    board: &Board,
+    sensor: (u16, u16),
+    settings: &VerdictSettings,
+) -> Vec<Finding> {
+    let mut findings = Vec::from_iter(uncertain(trust, settings));
+    findings.extend(views(&trust.coverage, settings));
+    findings.extend(radius(trust, board, settings));
+    findings.extend(pixels_not_square(camera, trust, settings));
+    findings.extend(not_one_to_one(camera, sensor));
+    findings.extend(undetermined(camera, trust));
+    findings.extend(too_poor(camera, trust, settings));
+    findings.extend(halves(trust));
+    findings
+}
+
+fn uncertain(trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
+    let bound = trust.projection.rms_95;
+    let severity = if bound > settings.poor {
+        Severity::Failure
+    } else if bound > settings.good {
+        Severity::Warning
+    } else {
+        return None;
+    };
+    Some(Finding {
+        cause: Cause::Uncertain,
+        severity,
+        reason: format!("the projection is only known to {bound:.2} px"),
+        advice: "record longer, with the board near, tilted to all sides and in every corner of the image".to_owned(),
+    })
+}
+
+fn views(coverage: &Coverage, settings: &VerdictSettings) -> Vec<Finding> {
+    let warning =
+        |cause, reason, advice: &str| Finding { cause, severity: Severity::Warning, reason, advice: advice.to_owned() };
+    let mut findings = Vec::new();
+    if coverage.duration < settings.shortest {
+        findings.push(warning(
+            Cause::Short,
+            format!("the board was followed for {:.1} s only", coverage.duration),
+            "record five to ten seconds in which the whole board moves",
+        ));
+    }
+    if coverage.fill.high < settings.smallest_fill {
+        findings.push(warning(
+            Cause::FarAway,
+            format!(
+                "the board was never closer than {:.2} m and filled at most {:.0} % of the image's shorter side",
+                coverage.distance.low,
+                100.0 * coverage.fill.high
+            ),
+            "bring the board so near that it fills the image",
+        ));
+    }
+    if coverage.tilt.high < settings.smallest_tilt {
+        findings.push(warning(
+            Cause::HeadOn,
+            format!("the board was seen head-on, tilted by {:.0}° at most", coverage.tilt.high),
+            "tilt the board by 30° to 45° to all sides: head-on, focal length and distance cannot be told apart",
+        ));
+    }
+    if coverage.covered < settings.coverage {
+        findings.push(warning(
+            Cause::Uncovered,
+            format!(
+                "only {:.0} % of the sensor saw the board, nothing {}",
+                100.0 * coverage.covered,
+                empty_places(coverage)
+            ),
+            "move the board through the whole image, its corners too: elsewhere the distortion is a guess",
+        ));
+    }
+    findings
+}
+
+/// Which corners and sides of the sensor saw nothing.
+fn empty_places(coverage: &Coverage) -> String {
+    let names = [
+        ["at the upper left", "at the top", "at the upper right"],
+        ["at the left", "in the middle", "at the right"],
+        ["at the lower left", "at the bottom", "at the lower right"],
+    ];
+    let (width, height) = (coverage.columns.div_ceil(3), coverage.rows.div_ceil(3));
+    let mut empty = Vec::new();
+    for (row, names) in names.iter().enumerate() {
+        for (column, name) in names.iter().enumerate() {
+            let inside =
+                |index: &usize| index % coverage.columns / width == column && index / coverage.columns / height == row;
+            let cells: Vec<usize> = (0..coverage.counts.len()).filter(inside).collect();
+            let covered = cells.iter().filter(|&&index| coverage.is_covered(index)).count();
+            if covered * 2 < cells.len() {
+                empty.push(*name);
+            }
+        }
+    }
+    match empty.as_slice() {
+        [] => "in many small places".to_owned(),
+        [one] => (*one).to_owned(),
+        [first @ .., last] => format!("{} or {last}", first.join(", ")),
+    }
+}
+
+fn radius(trust: &Trust, board: &Board, settings: &VerdictSettings) -> Option<Finding> {
+    let observed = trust.radius?;
+    let ratio = observed.radius / board.radius;
+    ((ratio - 1.0).abs() > settings.radius).then(|| Finding {
+        cause: Cause::RadiusDisagrees,
+        severity: Severity::Failure,
+        reason: format!(
+            "the circles look like {:.1} mm in radius, not {:.1} mm, if their spacing is {:.1} mm",
+            1e3 * observed.radius,
+            1e3 * board.radius,
+            1e3 * board.spacing
+        ),
+        advice: format!(
+            "measure radius and spacing on the print: one of them is wrong (with the stated radius the spacing would be {:.1} mm)",
+            1e3 * board.spacing / ratio
+        ),
+    })
+}
+
+fn pixels_not_square(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
+    let parameters = camera.parameters();
+    let (&[fx, fy], _) = parameters.split_first_chunk::<2>()?;
+    let covariance = &trust.uncertainty.covariance;
+    let variance = covariance[(0, 0)] + covariance[(1, 1)] - 2.0 * covariance[(0, 1)];
+    let difference = (fx - fy).abs();
+    let sigma = variance.max(0.0).sqrt();
+    (difference > 4.0 * sigma && difference > settings.square_pixels * fx).then(|| Finding {
+        cause: Cause::PixelsNotSquare,
+        severity: Severity::Warning,
+        reason: format!("fx and fy differ by {difference:.2} ± {sigma:.2} px, but pixels are square"),
+        advice: "is the print scaled differently along its sides, or is the board bent?".to_owned(),
+    })
+}
+
+fn not_one_to_one(camera: &Camera<f64>, (width, height): (u16, u16)) -> Option<Finding> {
+    let pixels = (0..height).step_by(4).flat_map(|y| (0..width).step_by(4).map(move |x| (x, y)));
+    let corners = [(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)];
+    let all: Vec<(u16, u16)> = pixels.chain(corners).collect();
+    let outside =
+        all.iter().filter(|(x, y)| camera.unproject(&Vector2::new(f64::from(*x), f64::from(*y))).is_none()).count();
+    (outside > 0).then(|| Finding {
+        cause: Cause::NotOneToOne,
+        severity: Severity::Warning,
+        reason: format!(
+            "the distortion folds over inside the image, at {:.1} % of the pixels",
+            100.0 * outside as f64 / all.len() as f64
+        ),
+        advice: "cover the corners of the image, or take a model with fewer coefficients or one for wide lenses"
+            .to_owned(),
+    })
+}
+
+/// A focal length known worse than this part of it may be open for want of a second parameter.
+const TOGETHER: f64 = 0.02;
+
+fn undetermined(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
+    let sigma = trust.uncertainty.sigma();
+    let parameters = camera.parameters();
+    let names = camera.kind().parameter_names();
+    let lost: Vec<&str> = names
+        .iter()
+        .zip(parameters.iter().zip(&sigma))
+        .skip(4)
+        .filter(|(_, (value, sigma))| value.abs() < 2.0 * **sigma)
+        .map(|(name, _)| *name)
+        .collect();
+    // Each parameter may be open although the projection is known: then several only count together.
+    if let (Some(fx), Some(sigma)) = (parameters.first(), sigma.first())
+        && *sigma > TOGETHER * fx
+        && trust.projection.rms_95 < sigma * 0.1
+    {
+        return Some(Finding {
+            cause: Cause::ParameterUndetermined,
+            severity: Severity::Note,
+            reason: "focal length and shape parameters of this model are only known together, each alone is open"
+                .to_owned(),
+            advice: "use them together, or take a model with fewer coefficients".to_owned(),
+        });
+    }
+    (!lost.is_empty()).then(|| Finding {
+        cause: Cause::ParameterUndetermined,
+        severity: Severity::Note,
+        reason: format!("{} cannot be told from zero", lost.join(", ")),
+        advice: "a model with fewer coefficients may do as well".to_owned(),
+    })
+}
+
+fn too_poor(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
+    let pattern = trust.residuals.pattern;
+    (pattern.shift > settings.pattern && pattern.shift_ratio > settings.pattern_ratio).then(|| Finding {
+        cause: Cause::ModelTooPoor,
+        severity: Severity::Warning,
+        reason: format!(
+            "{} cannot follow this lens: residuals of {:.3} px stay in the same places of the image",
+            camera.kind(),
+            pattern.shift
+        ),
+        advice: "try --model auto, or a model with more coefficients; is the board flat?".to_owned(),
+    })
+}
+
+fn halves(trust: &Trust) -> Option<Finding> {
+    let halves = trust.split_half.as_ref()?;
+    (!halves.consistent()).then(|| Finding {
+        cause: Cause::HalvesDisagree,
+        severity: Severity::Warning,
+        reason: format!(
+            "two halves of the recording differ by {:.3} px, more than the {:.3} px that their uncertainty allows",
+            halves.difference.rms, halves.bound
+        ),
+        advice: "did anything change in between: focus, board, temperature? The stated ± is too small".to_owned(),
+    })
+}
