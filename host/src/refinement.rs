@@ -1,9 +1,9 @@
 //! Stages 10 and 11 in turn: associate, solve, associate anew with the better model, until it stops
 //! paying.
 
+use evcal_core::camera::refit::difference;
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::event::Event;
-use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
@@ -148,7 +148,8 @@ pub fn refine<E: Send>(
         let before = state.camera;
         let (solved, solve_report) = solve(&problem, state)?;
         state = solved;
-        let change = projection_change(&before, &state.camera, input.sensor);
+        let moved = difference(&before, &state.camera, input.sensor.0, input.sensor.1);
+        let change = if moved.compared > 0 { moved.root_mean_square } else { f64::INFINITY };
         rounds.push(RoundReport { association, solve: solve_report, change });
         if final_round || input.events == 0 {
             let bearings = BearingTable::new(&state.camera, input.sensor);
@@ -250,22 +251,4 @@ fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &Refinemen
     biases[0][1] = false;
     biases[0][2] = false;
     FreeParameters { intrinsics: std::array::from_fn(|index| index < camera.parameters().len()), biases }
-}
-
-/// Root mean square change of where bearings project, over a grid on the sensor, in pixels.
-fn projection_change(before: &Camera<f64>, after: &Camera<f64>, sensor: (u16, u16)) -> f64 {
-    const STEPS: u16 = 16;
-    let (mut sum, mut count) = (0.0, 0_usize);
-    for row in 0..=STEPS {
-        for column in 0..=STEPS {
-            let at = |size: u16, step: u16| f64::from(size.saturating_sub(1)) * f64::from(step) / f64::from(STEPS);
-            let pixel = Vector2::new(at(sensor.0, column), at(sensor.1, row));
-            let moved = before.unproject(&pixel).and_then(|bearing| after.project(&bearing));
-            if let Some(moved) = moved {
-                sum += (moved - pixel).norm_squared();
-                count += 1;
-            }
-        }
-    }
-    if count == 0 { f64::INFINITY } else { (sum / count as f64).sqrt() }
 }
