@@ -17,4 +17,5 @@ echo
 echo "== 3. against the truth"
 "$evcal" evaluate "$out/calibration" --truth "$session"
 echo
-echo "Look at $out/calibration/good-frame.png: events red and blue, the board where the model puts it green."
+echo "Open $out/calibration/report.html: whether the result is good and why, with maps and pictures. In"
+echo "$out/calibration/good-frame.png events are red and blue, the board where the model puts it is green."

@@ -5,10 +5,11 @@
 //! wrong, so that the formal σ is several times too small. How much too small, the recording itself tells:
 //! the observations are cut into blocks of time, each long enough that its errors hardly reach into the
 //! next, and the estimate's scatter when one block after the other is left out (the jackknife, to first
-//! order, with the trajectories giving way) gives another covariance. Its size can be trusted, its single
-//! entries, from some tens of blocks, are noisy; those of the formal one are not, but too small. What is
-//! stated is half of one and half of the other, blown up to the same size by one number,
-//! [`Uncertainty::inflation`].
+//! order, with the trajectories giving way) gives another covariance. How long is long enough is not known,
+//! so several lengths are tried: the one with the largest scatter gives the size of the covariance, the mean
+//! of all its shape. From a few to some tens of blocks that shape is noisy; the formal one is not, but it knows
+//! nothing of what correlates errors. What is stated is three parts of the former and one of the latter, blown up to the
+//! same size by one number, [`Uncertainty::inflation`].
 
 pub mod blocks;
 pub mod projection;
@@ -21,13 +22,13 @@ use crate::event_bias::{BIAS_COUNT, CLASS_COUNT};
 use crate::solve::levenberg::{intrinsics_of, linearised, system_of};
 use crate::solve::stretch::stretches;
 use crate::solve::{GLOBAL_COUNT, Problem, SolveError, State, bias_index};
-use blocks::{inflation, jackknife, sum_by_block};
+use blocks::{Scatter, scatter, sum_by_block};
 
 /// How observations are cut into blocks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct UncertaintySettings {
-    /// Length of a block; blocks of twice this length are looked at too (s).
+    /// Length of a block; blocks of half, twice and four times this length are looked at too (s).
     pub block: f64,
     /// Fewer blocks than this are shortened, as far as there are observations in between.
     pub fewest_blocks: usize,
@@ -35,7 +36,7 @@ pub struct UncertaintySettings {
 
 impl Default for UncertaintySettings {
     fn default() -> Self {
-        Self { block: 0.25, fewest_blocks: 8 }
+        Self { block: 0.25, fewest_blocks: 4 }
     }
 }
 
@@ -82,6 +83,29 @@ impl Uncertainty {
     }
 }
 
+/// Lengths of blocks that are looked at, as multiples of the one in the settings.
+const BLOCK_LENGTHS: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
+
+/// Part of the stated covariance whose shape is that of the scatter of blocks; the rest has that of the formal one.
+const SCATTER_PART: f64 = 0.75;
+
+/// The covariance that is stated, its inflation, and the number of blocks that the inflation was found with, from the formal
+/// one and from the `scatters` of blocks.
+fn combined(formal: &DMatrix<f64>, scatters: impl Iterator<Item = Scatter>) -> (DMatrix<f64>, f64, usize) {
+    let (mut shape, mut lengths) = (DMatrix::zeros(formal.nrows(), formal.ncols()), 0.0);
+    let (mut inflation, mut blocks) = (1.0, 0);
+    for scatter in scatters {
+        shape += scatter.covariance / scatter.inflation;
+        lengths += 1.0;
+        if scatter.inflation > inflation {
+            (inflation, blocks) = (scatter.inflation, scatter.blocks);
+        }
+    }
+    let shape =
+        if blocks > 0 { shape * (SCATTER_PART / lengths) + formal * (1.0 - SCATTER_PART) } else { formal.clone() };
+    (shape * inflation, inflation, blocks)
+}
+
 /// The uncertainty of `state`, which solves `problem`.
 ///
 /// # Errors
@@ -104,19 +128,9 @@ pub fn uncertainty(
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
     let longest = total / settings.fewest_blocks.max(2) as f64;
     let formal_intrinsics = formal.view((0, 0), (intrinsics, intrinsics)).into_owned();
-    let mut found = (formal_intrinsics.clone(), 1.0, 0);
-    for length in [settings.block, 2.0 * settings.block].map(|length| length.min(longest)) {
-        let blocks = sum_by_block(&times, &contributions, length);
-        let covariance = jackknife(&formal, &blocks, intrinsics);
-        let ratio = covariance.as_ref().and_then(|covariance| inflation(&formal_intrinsics, covariance));
-        if let (Some(covariance), Some(ratio)) = (covariance, ratio)
-            && ratio > found.1
-        {
-            found = (covariance, ratio, blocks.len());
-        }
-    }
-    let (scattered, inflation, blocks) = found;
-    let stated = (scattered + formal_intrinsics * inflation) * 0.5;
+    let lengths = BLOCK_LENGTHS.map(|factor| (factor * settings.block).min(longest));
+    let scatters = lengths.map(|length| scatter(&formal, &sum_by_block(&times, &contributions, length), intrinsics));
+    let (stated, inflation, blocks) = combined(&formal_intrinsics, scatters.into_iter().flatten());
 
     let count = state.camera.parameters().len();
     let mut variances = [0.0; GLOBAL_COUNT];
@@ -128,4 +142,31 @@ pub fn uncertainty(
         std::array::from_fn(|class| std::array::from_fn(|bias| variances[bias_index(class) + bias].sqrt()));
     let covariance = intrinsics_of(&stated, &free, count);
     Ok(Uncertainty { covariance, bias_sigma, inflation, observations: system.count, blocks })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_scatter_tells_the_size_and_all_of_them_the_shape() {
+        let formal = DMatrix::from_diagonal_element(2, 2, 1.0);
+        let of = |x: f64, y: f64, blocks: usize| Scatter {
+            covariance: DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(&[x, y])),
+            inflation: 0.5 * (x + y),
+            blocks,
+        };
+        let (stated, inflation, blocks) = combined(&formal, [of(1.0, 3.0, 9), of(6.0, 2.0, 5)].into_iter());
+        assert_eq!((inflation, blocks), (4.0, 5));
+        // The mean shape is (0.5 + 1.5, 1.5 + 0.5) / 2: even, as the formal one.
+        assert!((&stated - DMatrix::from_diagonal_element(2, 2, 4.0)).norm() < 1e-12, "{stated}");
+        let (stated, ..) = combined(&formal, std::iter::once(of(6.0, 2.0, 5)));
+        assert!((stated[(0, 0)] - 4.0 * (0.75 * 1.5 + 0.25)).abs() < 1e-12, "{stated}");
+    }
+
+    #[test]
+    fn without_scatter_the_formal_covariance_is_stated() {
+        let formal = DMatrix::from_diagonal_element(3, 3, 0.2);
+        assert_eq!(combined(&formal, std::iter::empty()), (formal.clone(), 1.0, 0));
+    }
 }

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! cargo build --release --workspace --examples
-//! target/release/examples/seeds [SEEDS [MODEL [SIMULATE-OPTION...]]]
+//! target/release/examples/seeds [FIRST-LAST [MODEL [SIMULATE-OPTION...]]]
 //! ```
 
 use std::path::Path;
@@ -26,12 +26,15 @@ struct Trial {
 
 fn main() {
     let mut arguments = std::env::args().skip(1);
-    let seeds: u64 = arguments.next().map_or(32, |count| count.parse().expect("the number of seeds"));
+    let range = arguments.next().unwrap_or_else(|| "1-32".to_owned());
+    let (first, last) = range.split_once('-').expect("the first and the last seed: 1-32");
+    let seed = |text: &str| text.parse::<u64>().expect("a seed is a whole number");
+    let seeds = seed(first)..=seed(last);
     let model = arguments.next().unwrap_or_else(|| "radtan".to_owned());
     let lens = lens::ALL.into_iter().find(|lens| lens.model == model).expect("one of the models of the tests");
     let options: Vec<String> = arguments.collect();
-    let trials: Vec<Trial> = (1..=seeds).filter_map(|seed| trial(lens, seed, &options)).collect();
-    println!("{} of {seeds} seeds calibrated, {model}, {}", trials.len(), options.join(" "));
+    let trials: Vec<Trial> = seeds.filter_map(|seed| trial(lens, seed, &options)).collect();
+    println!("{} of seeds {range} calibrated, {model} {}", trials.len(), options.join(" "));
     let names = lens.kind().parameter_names();
     println!("{:<4} {:>11} {:>11} {:>11} {:>7} {:>9}", "", "mean error", "scatter", "stated σ", "ratio", "in 95 %");
     let mut inside_all = 0;

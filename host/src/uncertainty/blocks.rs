@@ -23,11 +23,30 @@ pub fn sum_by_block(times: &[(usize, f64)], contributions: &[Contribution], leng
         .collect()
 }
 
+/// How the estimate scatters from block to block.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scatter {
+    /// Covariance of the intrinsics.
+    pub covariance: DMatrix<f64>,
+    /// How much larger it is than the formal one.
+    pub inflation: f64,
+    /// Number of blocks.
+    pub blocks: usize,
+}
+
+/// The scatter of the first `intrinsics` parameters over `blocks`; `formal` is the inverse of the whole information.
+/// `None` when it cannot be told.
+pub fn scatter(formal: &DMatrix<f64>, blocks: &[Contribution], intrinsics: usize) -> Option<Scatter> {
+    let covariance = jackknife(formal, blocks, intrinsics)?;
+    let inflation = inflation(&formal.view((0, 0), (intrinsics, intrinsics)).into_owned(), &covariance)?;
+    (inflation > 0.0).then_some(Scatter { covariance, inflation, blocks: blocks.len() })
+}
+
 /// Covariance of the first `intrinsics` parameters by the jackknife over `blocks`; `formal` is the inverse
 /// of the whole information. `None` with fewer than two blocks.
 ///
 /// Leaving out block k moves the estimate by (S − Sₖ)⁻¹ gₖ to first order.
-pub fn jackknife(formal: &DMatrix<f64>, blocks: &[Contribution], intrinsics: usize) -> Option<DMatrix<f64>> {
+fn jackknife(formal: &DMatrix<f64>, blocks: &[Contribution], intrinsics: usize) -> Option<DMatrix<f64>> {
     let count = blocks.len();
     if count < 2 {
         return None;
@@ -49,7 +68,7 @@ pub fn jackknife(formal: &DMatrix<f64>, blocks: &[Contribution], intrinsics: usi
 
 /// How much larger `covariance` is than `formal`: the mean over all directions in which the parameters can
 /// change, each counted in units of its own formal σ.
-pub fn inflation(formal: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Option<f64> {
+fn inflation(formal: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Option<f64> {
     let count = formal.nrows();
     (count > 0).then_some(())?;
     Some(formal.clone().cholesky()?.solve(covariance).trace() / count as f64)
@@ -88,8 +107,7 @@ mod tests {
         let (times, contributions) = contributions(copies);
         let information = contributions.iter().fold(DMatrix::zeros(2, 2), |sum, one| sum + &one.information);
         let formal = information.try_inverse().unwrap();
-        let covariance = jackknife(&formal, &sum_by_block(&times, &contributions, length), 2).unwrap();
-        inflation(&formal, &covariance).unwrap()
+        scatter(&formal, &sum_by_block(&times, &contributions, length), 2).unwrap().inflation
     }
 
     #[test]
