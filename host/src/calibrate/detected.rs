@@ -25,8 +25,9 @@ pub(super) struct Detected {
 /// # Errors
 /// [`CalibrateError`] when it is nowhere, or a recording cannot be used.
 pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, CalibrateError> {
+    let sensor = common_sensor(task)?;
     let mut all = Detected {
-        sensor: (0, 0),
+        sensor,
         frames: Vec::new(),
         starts: Vec::new(),
         recordings: Vec::new(),
@@ -36,12 +37,6 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
     // What the first damaged recording broke off with.
     let mut damage = None;
     for (index, input) in task.inputs.iter().enumerate() {
-        let sensor = sensor_of(input, task.sensor)?;
-        if index > 0 && sensor != all.sensor {
-            let file = input.name();
-            return Err(CalibrateError::SensorsDiffer { file, sensor, before: all.sensor });
-        }
-        all.sensor = sensor;
         progress(&format!("looking for the board in {}", input.name()));
         match input {
             Input::Events(_) => {
@@ -79,8 +74,21 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
     }
 }
 
+/// The sensor of all inputs.
+pub(super) fn common_sensor(task: &Task) -> Result<(u16, u16), CalibrateError> {
+    let mut common = (0, 0);
+    for (index, input) in task.inputs.iter().enumerate() {
+        let sensor = sensor_of(input, task.sensor)?;
+        if index > 0 && sensor != common {
+            return Err(CalibrateError::SensorsDiffer { file: input.name(), sensor, before: common });
+        }
+        common = sensor;
+    }
+    Ok(common)
+}
+
 /// The sensor of an input, or that which is `given` where it does not tell.
-pub(super) fn sensor_of(input: &Input, given: Option<(u16, u16)>) -> Result<(u16, u16), CalibrateError> {
+fn sensor_of(input: &Input, given: Option<(u16, u16)>) -> Result<(u16, u16), CalibrateError> {
     let sensor = match input {
         Input::Events(recording) => recording.open()?.information().sensor.or(given),
         Input::Circles { sensor, .. } => given.or(*sensor),

@@ -2,7 +2,7 @@
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 
-use super::detected::sensor_of;
+use super::detected::common_sensor;
 use super::error::CalibrateError;
 use super::{Calibrated, StageReports, Task};
 use crate::coverage::coverage_of;
@@ -127,14 +127,7 @@ fn no_frames(task: &Task) -> CalibrateError {
 /// # Errors
 /// [`CalibrateError`] says what is missing, and what to do.
 pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
-    let mut sensor = (0, 0);
-    for (index, input) in task.inputs.iter().enumerate() {
-        let own = sensor_of(input, task.sensor)?;
-        if index > 0 && own != sensor {
-            return Err(CalibrateError::SensorsDiffer { file: input.name(), sensor: own, before: sensor });
-        }
-        sensor = own;
-    }
+    let sensor = common_sensor(task)?;
     let seen = see_frames(task, None, &mut progress)?;
     let starts = seen.starts.clone();
     let (model, model_choice) = match task.model {
