@@ -1,7 +1,7 @@
 //! Time of the banded Cholesky at the size of the joint solve: six parameters a control point, cubic.
 
 use divan::Bencher;
-use evcal::banded::BandedCholesky;
+use evcal::numerics::banded::BandedCholesky;
 
 fn main() {
     divan::main();

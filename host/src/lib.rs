@@ -5,7 +5,6 @@
 //! splines → associations → joint solve → result → export.
 
 pub mod association;
-pub mod banded;
 pub mod board;
 pub mod board_sheet;
 pub mod burst;
@@ -27,6 +26,7 @@ pub mod initial;
 pub mod input;
 pub mod live;
 pub mod model_choice;
+pub mod numerics;
 pub mod opencv;
 pub mod other_board;
 pub mod output;

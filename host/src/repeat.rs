@@ -11,7 +11,7 @@ use crate::calibrate::{Calibrated, Task, calibrate};
 use crate::evaluate::projection_difference::projection_difference;
 use crate::input::Input;
 use crate::model_choice::ModelRequest;
-use crate::simulate::random::uniform_in;
+use crate::numerics::random::uniform_in;
 use crate::source::{Recording, SourceError};
 
 /// How many parts, and how long.

@@ -23,11 +23,11 @@ use rayon::prelude::*;
 
 use self::arbiter::Bus;
 use self::motion::Motion;
-use self::random::uniform;
 use self::rays::Rays;
 use self::row::{Row, STEPPING, Slice, Stage, TICK};
 use self::scene::{Scene, View};
 use crate::board::Board;
+use crate::numerics::random::uniform;
 use crate::timed_pose::TimedPose;
 
 pub mod arbiter;
@@ -37,7 +37,6 @@ pub mod frame;
 pub mod inertia;
 pub mod motion;
 pub mod pixel;
-pub mod random;
 pub mod rays;
 pub mod recording;
 mod row;

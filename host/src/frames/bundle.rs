@@ -312,7 +312,7 @@ mod tests {
 
     use super::*;
     use crate::board::Board;
-    use crate::simulate::random::normal;
+    use crate::numerics::random::normal;
 
     const SENSOR: (u16, u16) = (346, 260);
     const VIEWS: usize = 30;

@@ -15,9 +15,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::SimulationError;
-use super::random::normal;
 use super::row::Stage;
 use super::scene::View;
+use crate::numerics::random::normal;
 
 /// Largest value of a pixel: 10 bits.
 pub const FULL_SCALE: u16 = 1023;

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use usb_davis::protocol::{ImuModel, ImuSample, ImuScale};
 
 use super::SimulationError;
-use super::random::normal;
+use crate::numerics::random::normal;
 
 /// One g in m/s².
 pub const STANDARD_GRAVITY: f64 = 9.806_65;

@@ -12,10 +12,10 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::clock::{Interval, Ramps};
-use super::random::{uniform, uniform_in};
 use super::rays::{Ray, Rays};
 use super::scene::View;
 use crate::board::Board;
+use crate::numerics::random::{uniform, uniform_in};
 
 /// How the camera moves.
 ///

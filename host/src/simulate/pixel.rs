@@ -3,8 +3,8 @@
 use evcal_core::event::{Event, Polarity};
 use rand_chacha::ChaCha8Rng;
 
-use super::random::{exponential, normal, uniform, uniform_in};
 use super::sensor::SensorModel;
+use crate::numerics::random::{exponential, normal, uniform, uniform_in};
 
 /// Length of a sub-step over which a relaxing photoreceptor is taken as linear, in time constants.
 const RELAXATION_STEP: f64 = 0.3;

@@ -7,7 +7,7 @@ use super::GLOBAL_COUNT;
 use super::normal::{Block, BorderBlock, StretchEquations};
 use super::smoothness::Acceleration;
 use super::stretch::Stretch;
-use crate::banded::BandedCholesky;
+use crate::numerics::banded::BandedCholesky;
 
 /// Normal equations of one segment: A (block-banded), B (border) and gradient.
 struct SegmentSystem {

@@ -13,7 +13,7 @@ use evcal_core::spline::{Knots, quaternion};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::{RotationControl, RotationSpline, Trajectory, TrajectoryError, knots};
-use crate::banded::BandedCholesky;
+use crate::numerics::banded::BandedCholesky;
 use crate::timed_pose::TimedPose;
 
 /// What kind of trajectory to fit.

@@ -81,7 +81,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::simulate::random::uniform_in;
+    use crate::numerics::random::uniform_in;
 
     /// Measurements of two numbers, x and x + y, at 60 times, each repeated `copies` times.
     fn contributions(copies: usize) -> (Vec<(usize, f64)>, Vec<Contribution>) {

@@ -136,7 +136,7 @@ mod tests {
 
     use super::*;
     use crate::evaluate::projection_difference::projection_difference;
-    use crate::simulate::random::uniform_in;
+    use crate::numerics::random::uniform_in;
 
     const SIZE: (u16, u16) = (346, 260);
     const PARAMETERS: [f64; 9] = [331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -0.0004, 0.0005, -0.03];

@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::super::TrajectoryError;
 use super::Design;
-use crate::banded::BandedCholesky;
+use crate::numerics::banded::BandedCholesky;
 
 /// Most Gauss-Newton steps for an SO(3) spline; from the quaternion fit three or four suffice.
 const GAUSS_NEWTON_STEPS: usize = 10;
