@@ -20,10 +20,10 @@ use rayon::prelude::*;
 pub use self::ordering::order_frames;
 pub use self::report::DetectionReport;
 use self::second_pass::{Spacing, Uncertain, second_pass};
-use crate::circle_track::{UnorderedCircle, UnorderedFrame};
-use crate::event_pixel::EventPixel;
+use crate::circles::event_pixel::EventPixel;
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::circles::track::{UnorderedCircle, UnorderedFrame};
 use crate::opencv::find_circles_grid;
-use crate::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::settings::{DetectionSettings, Grid};
 
 /// Largest sensor that the detector has room for.

@@ -32,8 +32,8 @@ use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 use crate::board::Board;
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::opencv::MINIMUM_POINTS;
-use crate::reference_frame::{ObservedCircle, ReferenceFrame};
 pub(crate) use axial_focal::axial_focal_gradients;
 use bundle::{Bundle, BundleView, bundle};
 use cross_validation::cross_validate;

@@ -5,11 +5,11 @@ pub mod pass;
 use std::path::{Path, PathBuf};
 
 use crate::board::Board;
-use crate::circle_stream::{self, CircleStream};
-use crate::circle_track::{self, CircleFrames, CircleTrack, CircleTrackError};
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::circles::serial::{SerialAddress, SerialError};
+use crate::circles::stream::{self, CircleStream};
+use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
-use crate::reference_frame::ReferenceFrame;
-use crate::serial::{SerialAddress, SerialError};
 use crate::source::{Recording, RecordingKind, SourceError, SourceOptions, sniff};
 
 /// One input: events or circles.
@@ -51,10 +51,10 @@ impl Input {
         match sniff(path)? {
             RecordingKind::Events { .. } => Ok(Self::Events(Recording::new(path, options.clone())?)),
             RecordingKind::CircleTrack => {
-                let track = circle_track::read(path, &board.pattern, 0)?;
+                let track = track::read(path, &board.pattern, 0)?;
                 Ok(Self::from_track(path, track, None, board))
             }
-            RecordingKind::CircleStream => Ok(Self::from_stream(path, circle_stream::read(path)?, board)),
+            RecordingKind::CircleStream => Ok(Self::from_stream(path, stream::read(path)?, board)),
         }
     }
 

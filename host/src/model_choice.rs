@@ -16,9 +16,9 @@ use evcal_core::camera::{ModelKind, UnknownModel};
 use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
+use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::held_out::{ComparedCircles, Division, HeldOut, held_out};
 use crate::initial::{InitialError, InitialModel, InitialSettings, initial_model};
-use crate::reference_frame::ReferenceFrame;
 
 /// Models that `auto` tries: those that other programs read.
 pub const CANDIDATES: [ModelKind; 9] = [

@@ -8,7 +8,7 @@ use evcal_core::event::Event;
 use evcal_core::pattern::{Layout, Pattern};
 
 use crate::board::Board;
-use crate::circle_track::UnorderedFrame;
+use crate::circles::track::UnorderedFrame;
 use crate::detection::{CircleWindow, DetectionStage, order_frames};
 use crate::settings::DetectionSettings;
 

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use crate::board::Board;
 use crate::calibrate::{Calibrated, Task};
-use crate::circle_track;
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::circles::track;
 use crate::export::calibrated_camera::CalibratedCamera;
 use crate::export::format::Format;
 use crate::export::{kalibr, opencv, ros};
@@ -15,7 +16,6 @@ use crate::frames::witness::FrameOutcome;
 use crate::initial::PosedFrame;
 use crate::input::Input;
 use crate::picture::{Picture, grey_frame_picture, reference_frame_picture};
-use crate::reference_frame::ReferenceFrame;
 use crate::report::report;
 use crate::result::Calibration;
 use crate::stage_report::stage_report;
@@ -83,7 +83,7 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
         let frames = calibrated.frames.iter().filter(|frame| frame.recording == recording);
         let name = of_recording("circles", "csv");
         circles.clear();
-        circle_track::write(&mut circles, frames, &task.board.pattern, (start * 1e6).round() as i64)
+        track::write(&mut circles, frames, &task.board.pattern, (start * 1e6).round() as i64)
             .map_err(|error| OutputError { file: name.clone(), error })?;
         put(folder.join(name), &circles)?;
     }

@@ -10,9 +10,9 @@ use nalgebra::{Isometry3, Point3, Vector2};
 use rayon::prelude::*;
 
 use crate::board::Board;
-use crate::event_pixel::EventPixel;
+use crate::circles::event_pixel::EventPixel;
+use crate::circles::reference_frame::ReferenceFrame;
 use crate::frames::image::GreyImage;
-use crate::reference_frame::ReferenceFrame;
 
 /// Picture pixels for each sensor pixel in the pictures that stand in files.
 const SCALE: usize = 3;

@@ -32,7 +32,7 @@ pub use error::{SourceError, SourceErrorKind};
 pub use options::{Column, Columns, Damage, OptionError, SourceOptions, TimeUnit};
 pub use reader::{Decode, EventReader, ReadReport, StreamFaults, Truncation};
 
-use crate::{circle_stream, circle_track};
+use crate::circles::{stream, track};
 
 /// The formats, in the order in which they are tried.
 pub const FORMATS: &[&Format] =
@@ -111,9 +111,9 @@ pub enum RecordingKind {
         /// [`Format::name`].
         format: &'static str,
     },
-    /// Circles that a detector found: see [`crate::circle_track`].
+    /// Circles that a detector found: see [`crate::circles::track`].
     CircleTrack,
-    /// Circles as a microcontroller sends them: see [`crate::circle_stream`].
+    /// Circles as a microcontroller sends them: see [`crate::circles::stream`].
     CircleStream,
 }
 
@@ -123,10 +123,10 @@ pub enum RecordingKind {
 /// When the file cannot be read, is empty, or is of no known format.
 pub fn sniff(path: &Path) -> Result<RecordingKind, SourceError> {
     let head = Head::read(path)?;
-    if head.text().is_some_and(circle_track::is_circle_track) {
+    if head.text().is_some_and(track::is_circle_track) {
         return Ok(RecordingKind::CircleTrack);
     }
-    if circle_stream::is_circle_stream(&head.bytes) {
+    if stream::is_circle_stream(&head.bytes) {
         return Ok(RecordingKind::CircleStream);
     }
     Ok(RecordingKind::Events { format: find_format(path, &head)?.name })
@@ -176,7 +176,7 @@ impl Recording {
     pub fn new(path: impl Into<PathBuf>, options: SourceOptions) -> Result<Self, SourceError> {
         let path = path.into();
         let head = Head::read(&path)?;
-        if head.text().is_some_and(circle_track::is_circle_track) || circle_stream::is_circle_stream(&head.bytes) {
+        if head.text().is_some_and(track::is_circle_track) || stream::is_circle_stream(&head.bytes) {
             return Err(SourceError::new(&path, SourceErrorKind::CircleTrack));
         }
         let format = find_format(&path, &head)?;

@@ -2,11 +2,11 @@
 
 use super::Task;
 use super::error::CalibrateError;
+use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::input::Input;
 use crate::input::pass::{RecordingReport, read_events};
 use crate::other_board::OtherBoard;
-use crate::reference_frame::ReferenceFrame;
 use crate::settings::Settings;
 use crate::source::SourceError;
 

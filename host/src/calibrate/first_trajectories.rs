@@ -1,8 +1,8 @@
 //! Stages 8 and 9: segments, and the spline of each through the initial poses.
 
 use super::error::CalibrateError;
+use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
-use crate::reference_frame::ReferenceFrame;
 use crate::segment::{SegmentReport, SegmentSettings, segment};
 use crate::settings::Settings;
 use crate::solve::observation::PointObservation;

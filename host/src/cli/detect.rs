@@ -5,7 +5,7 @@ use std::io::BufWriter;
 use std::path::PathBuf;
 
 use evcal::board::Board;
-use evcal::circle_track::{self, UnorderedFrame};
+use evcal::circles::track::{self, UnorderedFrame};
 use evcal::detection::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR};
 use evcal::input::pass::read_recording;
 use evcal::picture::circle_picture;
@@ -91,7 +91,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             let (frames, report) = stage.into_frames();
             if let Some(path) = &arguments.output {
                 let mut output = BufWriter::new(create(path)?);
-                circle_track::write(&mut output, &frames, &board.pattern, origin)?;
+                track::write(&mut output, &frames, &board.pattern, origin)?;
             }
             let fullest = frames.iter().rev().max_by_key(|frame| frame.circles.len());
             if let (Some(path), Some(frame)) = (&arguments.picture, fullest) {
@@ -105,7 +105,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             let (windows, report) = stage.into_circles();
             if let Some(path) = &arguments.output {
                 let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
-                circle_track::write_unordered(&mut BufWriter::new(create(path)?), &frames, origin)?;
+                track::write_unordered(&mut BufWriter::new(create(path)?), &frames, origin)?;
             }
             let fullest = windows.iter().rev().max_by_key(|window| window.circles.len());
             if let (Some(path), Some(window)) = (&arguments.picture, fullest) {

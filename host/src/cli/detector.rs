@@ -6,11 +6,11 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use evcal::board::Board;
-use evcal::circle_stream::{self, CircleStream};
-use evcal::circle_track::{self, CircleFrames};
+use evcal::circles::serial::SerialAddress;
+use evcal::circles::stream::{self, CircleStream};
+use evcal::circles::track::{self, CircleFrames};
 use evcal::detection::{DetectionReport, order_frames};
 use evcal::input::Input;
-use evcal::serial::SerialAddress;
 use evcal::source::{RecordingKind, SourceOptions, sniff};
 
 use super::progress::spinner;
@@ -49,13 +49,13 @@ pub fn open_stream(path: &Path, silent: bool) -> Result<Option<CircleStream>, Bo
         return Ok(Some(stream?));
     }
     match sniff(path)? {
-        RecordingKind::CircleStream => Ok(Some(circle_stream::read(path)?)),
+        RecordingKind::CircleStream => Ok(Some(stream::read(path)?)),
         RecordingKind::CircleTrack | RecordingKind::Events { .. } => Ok(None),
     }
 }
 
 fn address(path: &Path) -> Result<SerialAddress, UsageError> {
-    path.to_string_lossy().parse().map_err(|error: evcal::serial::SerialError| UsageError(error.to_string()))
+    path.to_string_lossy().parse().map_err(|error: evcal::circles::serial::SerialError| UsageError(error.to_string()))
 }
 
 /// What `evcal detect` is to find in a stream, and where to write it.
@@ -83,14 +83,14 @@ pub fn detect(stream: CircleStream, wanted: &Wanted) -> super::Outcome {
         Some(board) => {
             let (ordered, report) = order_frames(&frames, &board.pattern, wanted.sensor.or(sensor));
             if let Some(output) = &mut output {
-                circle_track::write(output, &ordered, &board.pattern, origin)?;
+                track::write(output, &ordered, &board.pattern, origin)?;
             }
             report
         }
         None => {
             let enough: Vec<_> = frames.iter().filter(|frame| frame.circles.len() >= wanted.fewest).collect();
             if let Some(output) = &mut output {
-                circle_track::write_unordered(output, enough.iter().copied(), origin)?;
+                track::write_unordered(output, enough.iter().copied(), origin)?;
             }
             DetectionReport {
                 windows: frames.len() as u64,

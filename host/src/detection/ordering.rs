@@ -5,8 +5,8 @@ use evcal_core::pattern::Pattern;
 use rayon::prelude::*;
 
 use super::{CANDIDATES, DetectionReport, grid_reason};
-use crate::circle_track::UnorderedFrame;
-use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::circles::track::UnorderedFrame;
 
 /// Puts the circles of frames from elsewhere in the board's order; frames without a board fall away, and
 /// the report says why. Without a sensor size the image is as large as the circles' extent.

@@ -10,7 +10,7 @@ use evcal_core::grid::GridCandidate;
 use evcal_core::window::Window;
 use nalgebra::Vector2;
 
-use crate::reference_frame::ReferenceFrame;
+use crate::circles::reference_frame::ReferenceFrame;
 
 /// A window with a lattice of which the place on the board is not certain.
 pub(super) struct Uncertain {
@@ -127,7 +127,7 @@ pub(super) fn second_pass(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reference_frame::ObservedCircle;
+    use crate::circles::reference_frame::ObservedCircle;
 
     const SPACING: Spacing = Spacing { gap: 0.005, longest: 0.03 };
     const WINDOW: f64 = 0.002;

@@ -8,8 +8,8 @@ use super::bundle::{FrameBundle, FrameView, SeenDot, frame_bundle};
 use super::circle_image::center_bias;
 use super::detection::FrameDetectionReport;
 use crate::board::Board;
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::initial::{InitialError, InitialModel, PosedFrame, initial_model};
-use crate::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::settings::Settings;
 
 /// What became of the frames of all recordings.

@@ -13,8 +13,8 @@ use super::image::{GreyImage, TimedImage, visit_frames};
 use super::median;
 use super::settings::FrameSettings;
 use crate::board::Board;
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::grid_reason;
-use crate::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::source::{Recording, SourceError};
 
 /// Dots that the grid finder has room for.

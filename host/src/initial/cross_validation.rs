@@ -16,7 +16,7 @@ use super::settings::InitialSettings;
 use super::sighting::{BoardPoint, Sighting};
 use super::{Posed, drop_frame, settled};
 use crate::board::Board;
-use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 
 /// What the cross-validation makes of one frame.
 struct Validated {

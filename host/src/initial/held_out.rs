@@ -17,7 +17,7 @@ use super::settings::InitialSettings;
 use super::sighting::BoardPoint;
 use super::view_selection::select_views;
 use crate::board::Board;
-use crate::reference_frame::ReferenceFrame;
+use crate::circles::reference_frame::ReferenceFrame;
 
 /// What held-out circles cost with one camera model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

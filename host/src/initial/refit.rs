@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Vector2, Vector3};
 
 use super::settings::CrossValidationSettings;
 use crate::board::Board;
-use crate::event_pixel::EventPixel;
+use crate::circles::event_pixel::EventPixel;
 
 /// Points in which a rim is projected.
 const RIM_POINTS: usize = 24;

@@ -15,7 +15,7 @@ use super::report::DropReason;
 use super::settings::InitialSettings;
 use super::sighting::Sighting;
 use crate::board::Board;
-use crate::reference_frame::ObservedCircle;
+use crate::circles::reference_frame::ObservedCircle;
 
 /// For each turn of the board in its plane that maps it onto itself: the new index of every circle.
 /// The first turn is none.

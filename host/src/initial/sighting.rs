@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector2;
 
 use crate::board::Board;
-use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 
 /// Circles whose time differs from their frame's by less than this many seconds are not moved: no
 /// event has a finer time.

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::refit::ProjectedCircle;
 use super::*;
-use crate::event_pixel::EventPixel;
+use crate::circles::event_pixel::EventPixel;
 use crate::model_choice::{CANDIDATES, ModelChoiceSettings, choose_model};
 
 const SENSOR: (u16, u16) = (346, 260);

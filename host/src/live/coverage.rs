@@ -4,8 +4,8 @@ use nalgebra::{Matrix3, Vector2};
 
 use super::LiveSettings;
 use crate::board::Board;
+use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::homography::{homography, pose_from_homography};
-use crate::reference_frame::ReferenceFrame;
 
 /// Most columns and most rows of cells.
 const MOST_CELLS: u16 = 64;
@@ -192,7 +192,7 @@ mod tests {
     use nalgebra::{Isometry3, Point3, Vector3};
 
     use super::*;
-    use crate::reference_frame::ObservedCircle;
+    use crate::circles::reference_frame::ObservedCircle;
 
     const SENSOR: (u16, u16) = (346, 260);
 

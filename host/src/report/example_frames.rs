@@ -9,10 +9,10 @@ use super::page::Section;
 use super::rectification::{distorted, ideal_camera, projected};
 use crate::board::Board;
 use crate::calibrate::Calibrated;
-use crate::event_pixel::EventPixel;
+use crate::circles::event_pixel::EventPixel;
+use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::PosedFrame;
 use crate::picture::{BEYOND, OFF, ON, Picture, WHITE};
-use crate::reference_frame::ReferenceFrame;
 
 /// Widest picture in its own pixels; more would only make the file larger.
 const WIDEST: u16 = 800;

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use crate::event_pixel::EventPixel;
+use crate::circles::event_pixel::EventPixel;
 
 /// One circle of the board as seen in a reference frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -34,7 +34,7 @@ use std::path::{Path, PathBuf};
 use evcal_core::pattern::{Layout, Pattern};
 use nalgebra::Vector2;
 
-use crate::reference_frame::ReferenceFrame;
+use crate::circles::reference_frame::ReferenceFrame;
 pub use parse::{is_circle_track, parse};
 
 /// A circle whose place on the board is not known.
@@ -226,7 +226,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::reference_frame::ObservedCircle;
+    use crate::circles::reference_frame::ObservedCircle;
 
     const PATTERN: Pattern = Pattern { layout: Layout::Symmetric, rows: 3, columns: 6 };
 

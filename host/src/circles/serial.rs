@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use crate::circle_stream::{CircleStream, Receiver};
+use crate::circles::stream::{CircleStream, Receiver};
 
 const PREFIX: &str = "serial:";
 const DEFAULT_BAUD: u32 = 921_600;

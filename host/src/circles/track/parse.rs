@@ -6,7 +6,7 @@ use evcal_core::pattern::Pattern;
 use nalgebra::Vector2;
 
 use super::{CircleFrames, CircleTrack, CircleTrackErrorKind, UnorderedCircle, UnorderedFrame, describe};
-use crate::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 
 /// Circles further apart in time than this many seconds are not of one frame.
 const FRAME_GAP: f64 = 0.005;

@@ -9,7 +9,7 @@ use std::path::Path;
 use evcal_link::{Circle, Decoder, DecoderCounts, Hello, Losses, Message, PROTOCOL_VERSION, Statistics, WindowEnd};
 use nalgebra::Vector2;
 
-use crate::circle_track::{CircleFrames, CircleTrack, CircleTrackError, UnorderedCircle, UnorderedFrame};
+use crate::circles::track::{CircleFrames, CircleTrack, CircleTrackError, UnorderedCircle, UnorderedFrame};
 
 /// Time from the last window before a device started anew to the first one after, in microseconds: no
 /// trajectory goes across it.
@@ -46,7 +46,7 @@ pub fn read(path: &Path) -> Result<CircleStream, CircleTrackError> {
     receiver.push(&bytes);
     receiver.finish().ok_or_else(|| CircleTrackError {
         path: path.to_owned(),
-        kind: crate::circle_track::CircleTrackErrorKind::Empty,
+        kind: crate::circles::track::CircleTrackErrorKind::Empty,
     })
 }
 

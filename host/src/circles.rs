@@ -1,0 +1,7 @@
+//! Circles: reference frames, and the files and streams that bring circles in place of events.
+
+pub mod event_pixel;
+pub mod reference_frame;
+pub mod serial;
+pub mod stream;
+pub mod track;
