@@ -2,9 +2,9 @@
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use evcal::source::aedat4::header::Compression;
-use evcal::source::write::{EventWriter, OutputFormat};
-use evcal::source::{Recording, SourceOptions};
+use evcal::recording::aedat4::header::Compression;
+use evcal::recording::write::{EventWriter, OutputFormat};
+use evcal::recording::{Recording, SourceOptions};
 use evcal_core::event::{Event, Polarity};
 
 fn main() {

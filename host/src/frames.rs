@@ -13,7 +13,6 @@ pub mod circle_image;
 pub mod dark_spots;
 pub mod detection;
 pub mod dot;
-pub mod image;
 pub mod joint;
 pub mod settings;
 pub mod witness;

@@ -1,7 +1,5 @@
 //! What a calibration is made from: recordings of events, or circles that were found before.
 
-pub mod pass;
-
 use std::path::{Path, PathBuf};
 
 use crate::board::Board;
@@ -10,7 +8,7 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
-use crate::source::{Recording, RecordingKind, SourceError, SourceOptions, sniff};
+use crate::recording::{Recording, RecordingKind, SourceError, SourceOptions, sniff};
 
 /// One input: events or circles.
 pub enum Input {

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::board::Board;
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::frames::image::GreyImage;
+use crate::recording::pictures::GreyImage;
 
 /// Picture pixels for each sensor pixel in the pictures that stand in files.
 const SCALE: usize = 3;

@@ -12,7 +12,7 @@ use crate::evaluate::projection_difference::projection_difference;
 use crate::input::Input;
 use crate::model_choice::ModelRequest;
 use crate::numerics::random::uniform_in;
-use crate::source::{Recording, SourceError};
+use crate::recording::{Recording, SourceError};
 
 /// How many parts, and how long.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,7 +103,7 @@ pub fn repeat(
     settings: &RepeatSettings,
     mut progress: impl FnMut(usize),
 ) -> Result<Repetition, RepeatError> {
-    let pass = crate::input::pass::read_recording(recording, &mut |_| {})?;
+    let pass = crate::recording::pass::read_recording(recording, &mut |_| {})?;
     let duration = (pass.last - pass.first) as f64 * 1e-6;
     if duration < settings.seconds {
         return Err(RepeatError::TooShort { duration, seconds: settings.seconds });

@@ -10,7 +10,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use evcal::source::{Recording, SourceOptions};
+use evcal::recording::{Recording, SourceOptions};
 use serde_json::Value;
 use usb_davis::capture::Capture;
 use usb_davis::emulator::umockdev::{Access, EmulatedBus};

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use assert_cmd::Command;
-use evcal::source::aedat4::header::Compression;
-use evcal::source::aedat4::other_streams::{Frame, FrameReader, InertialSample, inertial_samples};
-use evcal::source::aedat4::write::{Encoder, OtherStreams};
-use evcal::source::write::Encode;
-use evcal::source::{Recording, SourceOptions};
+use evcal::recording::aedat4::header::Compression;
+use evcal::recording::aedat4::other_streams::{Frame, FrameReader, InertialSample, inertial_samples};
+use evcal::recording::aedat4::write::{Encoder, OtherStreams};
+use evcal::recording::write::Encode;
+use evcal::recording::{Recording, SourceOptions};
 use evcal_core::event::{Event, Polarity};
 use serde_json::Value;
 use tempfile::TempDir;

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use evcal::source::write::{EventWriter, OutputFormat};
+use evcal::recording::write::{EventWriter, OutputFormat};
 use evcal_core::event::{Event, Polarity};
 use tempfile::TempDir;
 use usb_davis::configuration::Streams;

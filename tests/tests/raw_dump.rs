@@ -5,7 +5,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use evcal::source::{Recording, SourceOptions};
+use evcal::recording::{Recording, SourceOptions};
 use evcal_core::event::{Event, Polarity};
 use evcal_tests::program;
 use serde_json::Value;

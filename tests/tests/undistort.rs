@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use evcal::source::{Recording, SourceOptions};
+use evcal::recording::{Recording, SourceOptions};
 use evcal::undistort::image_file::{self, ImageFile, Samples};
 use evcal_core::event::Event;
 use evcal_tests::lens::{KANNALA_BRANDT, Lens, RADTAN};

@@ -5,10 +5,10 @@ use super::error::CalibrateError;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::input::Input;
-use crate::input::pass::{RecordingReport, read_events};
 use crate::other_board::OtherBoard;
+use crate::recording::SourceError;
+use crate::recording::pass::{RecordingReport, read_events};
 use crate::settings::Settings;
-use crate::source::SourceError;
 
 /// Where the board was seen.
 pub(super) struct Detected {

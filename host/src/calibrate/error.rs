@@ -4,9 +4,9 @@ use crate::detection::LARGEST_SENSOR;
 use crate::frames::calibration::NoFrameCalibration;
 use crate::frames::joint::NoJointPoints;
 use crate::initial::InitialError;
+use crate::recording::SourceError;
 use crate::refinement::RefinementError;
 use crate::solve::SolveError;
-use crate::source::SourceError;
 use crate::trajectory::TrajectoryError;
 
 /// Why a calibration failed.

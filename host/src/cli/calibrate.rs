@@ -7,8 +7,8 @@ use evcal::calibrate::{FrameUse, Task, calibrate, calibrate_from_frames};
 use evcal::input::Input;
 use evcal::model_choice::ModelRequest;
 use evcal::output::write_folder;
+use evcal::recording::SourceOptions;
 use evcal::settings::{Extraction, Grid, Settings, SettingsError};
-use evcal::source::SourceOptions;
 use evcal::trajectory::RotationSpline;
 
 use super::progress::spinner;

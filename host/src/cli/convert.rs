@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use evcal::convert::{Target, TimeOrigin, convert};
-use evcal::source::Recording;
+use evcal::recording::Recording;
+use evcal::recording::convert::{Target, TimeOrigin, convert};
 
 use super::source_arguments::SourceArguments;
 use super::{print, progress};

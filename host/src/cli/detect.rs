@@ -7,10 +7,10 @@ use std::path::PathBuf;
 use evcal::board::Board;
 use evcal::circles::track::{self, UnorderedFrame};
 use evcal::detection::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR};
-use evcal::input::pass::read_recording;
 use evcal::picture::circle_picture;
+use evcal::recording::pass::read_recording;
+use evcal::recording::{Recording, SourceOptions};
 use evcal::settings::{Extraction, Settings};
-use evcal::source::{Recording, SourceOptions};
 use nalgebra::Vector2;
 
 use super::progress::spinner;

@@ -11,7 +11,7 @@ use evcal::circles::stream::{self, CircleStream};
 use evcal::circles::track::{self, CircleFrames};
 use evcal::detection::{DetectionReport, order_frames};
 use evcal::input::Input;
-use evcal::source::{RecordingKind, SourceOptions, sniff};
+use evcal::recording::{RecordingKind, SourceOptions, sniff};
 
 use super::progress::spinner;
 use super::{UsageError, print};

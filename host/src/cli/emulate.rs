@@ -5,7 +5,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
-use evcal::playback::Playback;
+use evcal::recording::playback::Playback;
 use usb_davis::emulator::vhci::VirtualCamera;
 use usb_davis::emulator::{Faults, Model, Pace};
 

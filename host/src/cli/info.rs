@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use evcal::information;
-use evcal::source::Recording;
+use evcal::recording::Recording;
+use evcal::recording::information;
 
 use super::print;
 use super::source_arguments::SourceArguments;

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use evcal::calibrate::{FrameUse, Task};
+use evcal::recording::{Recording, SourceOptions};
 use evcal::repeat::{RepeatSettings, Repetition, repeat};
-use evcal::source::{Recording, SourceOptions};
 
 use super::calibrate::MethodArguments;
 use super::progress::spinner;

@@ -7,6 +7,8 @@ use std::{fmt, fs};
 use clap::ValueEnum;
 use evcal::board::Board;
 use evcal::camera_file::{self, CameraDescription, SensorSize};
+use evcal::recording::aedat4::header::Compression;
+use evcal::recording::write::OutputFormat;
 use evcal::simulate::davis::{DavisDescription, DavisSettings, DavisTruth};
 use evcal::simulate::frame::FrameSettings;
 use evcal::simulate::inertia::InertialSettings;
@@ -17,8 +19,6 @@ use evcal::simulate::scene::SceneSettings;
 use evcal::simulate::sensor::SensorModel;
 use evcal::simulate::truth::Truth;
 use evcal::simulate::{EventCounts, Simulation, SimulationSettings};
-use evcal::source::aedat4::header::Compression;
-use evcal::source::write::OutputFormat;
 use evcal::tum;
 use evcal_core::camera::{Camera, ModelKind};
 

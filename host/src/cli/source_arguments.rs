@@ -1,6 +1,6 @@
 //! What a user can say about a recording that does not say it itself.
 
-use evcal::source::{Columns, Damage, SourceOptions, TimeUnit};
+use evcal::recording::{Columns, Damage, SourceOptions, TimeUnit};
 
 use super::value;
 

@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use evcal::camera_file::{self, CameraDescription, CameraFile, SensorSize};
-use evcal::convert::Target;
-use evcal::source::Recording;
+use evcal::recording::Recording;
+use evcal::recording::convert::Target;
 use evcal::undistort::PixelMap;
 use evcal::undistort::picture::undistort_picture;
 use evcal::undistort::recording::{

@@ -2,7 +2,7 @@
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use evcal::model_choice::ModelRequest;
-use evcal::source::MAX_SENSOR_SIZE;
+use evcal::recording::MAX_SENSOR_SIZE;
 use evcal_core::camera::ModelKind;
 
 /// Reads the name of a camera model; the help lists them all.

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::image::GreyImage;
 use super::settings::FrameSettings;
+use crate::recording::pictures::GreyImage;
 
 /// A connected dark region.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,13 +9,13 @@ use serde::Serialize;
 
 use super::dark_spots::dark_spots;
 use super::dot::{Dot, measure};
-use super::image::{GreyImage, TimedImage, visit_frames};
 use super::median;
 use super::settings::FrameSettings;
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::grid_reason;
-use crate::source::{Recording, SourceError};
+use crate::recording::pictures::{GreyImage, TimedImage, visit_frames};
+use crate::recording::{Recording, SourceError};
 
 /// Dots that the grid finder has room for.
 const CANDIDATES: usize = 256;

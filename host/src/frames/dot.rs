@@ -8,9 +8,9 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::dark_spots::DarkSpot;
-use super::image::GreyImage;
 use super::median;
 use super::settings::FrameSettings;
+use crate::recording::pictures::GreyImage;
 
 /// A dot of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]

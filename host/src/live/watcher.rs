@@ -12,8 +12,8 @@ use usb_davis::protocol::{Decoder, Message};
 use super::Coverage;
 use crate::board::Board;
 use crate::detection::DetectionStage;
+use crate::recording::davis::{CameraClock, event};
 use crate::settings::Settings;
-use crate::source::davis::{CameraClock, event};
 
 /// Chunks that are searched in one go: a fifth of a second, unless the settings say otherwise.
 const CHUNKS_TOGETHER: usize = 2;

@@ -10,9 +10,9 @@ use super::number::count;
 use super::rectification::{distorted, ideal_camera, projected};
 use crate::board::Board;
 use crate::calibrate::{Calibrated, Task};
-use crate::frames::image::{GreyImage, TimedImage, may_hold_frames, visit_frames};
 use crate::input::Input;
 use crate::picture::{BEYOND, Picture};
+use crate::recording::pictures::{GreyImage, TimedImage, may_hold_frames, visit_frames};
 
 /// Most frames that are carried to the board.
 const MOST_FRAMES: usize = 40;

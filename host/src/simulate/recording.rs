@@ -10,11 +10,11 @@ use usb_davis::protocol::{Frame as WireFrame, ImuSample, Region, Shutter};
 use super::davis::{DavisSettings, DavisSlice, DavisTruth};
 use super::frame::{FrameTimes, SimulatedFrame};
 use super::{EventCounts, Simulation};
-use crate::source::aedat4::header::Compression;
-use crate::source::aedat4::other_streams::{Frame, InertialSample};
-use crate::source::aedat4::write::{Encoder, OtherStreams};
-use crate::source::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
-use crate::source::write::{Encode, EventWriter, OutputFormat, WriteError};
+use crate::recording::aedat4::header::Compression;
+use crate::recording::aedat4::other_streams::{Frame, InertialSample};
+use crate::recording::aedat4::write::{Encoder, OtherStreams};
+use crate::recording::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
+use crate::recording::write::{Encode, EventWriter, OutputFormat, WriteError};
 
 /// Size of the sensor of a DAVIS346.
 pub const DAVIS346_SENSOR: (u16, u16) = (346, 260);
@@ -169,6 +169,8 @@ mod tests {
     use usb_davis::protocol::{Message, Polarity as WirePolarity};
 
     use super::*;
+    use crate::recording::aedat4::other_streams::{FrameReader, inertial_samples};
+    use crate::recording::{Recording, SourceOptions};
     use crate::simulate::SimulationSettings;
     use crate::simulate::frame::FrameSettings;
     use crate::simulate::inertia::InertialSettings;
@@ -177,8 +179,6 @@ mod tests {
     use crate::simulate::scene::SceneSettings;
     use crate::simulate::sensor::SensorModel;
     use crate::simulate::tests::{board, radtan};
-    use crate::source::aedat4::other_streams::{FrameReader, inertial_samples};
-    use crate::source::{Recording, SourceOptions};
 
     const DAVIS: fn() -> DavisSettings =
         || DavisSettings { frames: Some(FrameSettings::default()), imu: Some(InertialSettings::default()) };

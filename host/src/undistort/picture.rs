@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::PixelMap;
 use super::image_file::{self, ImageFile, ImageFileError, Samples};
-use crate::source::aedat4::other_streams::Frame;
+use crate::recording::aedat4::other_streams::Frame;
 
 /// A picture could not be undistorted.
 #[derive(Debug, thiserror::Error)]

@@ -9,10 +9,10 @@ use serde::Serialize;
 use super::PixelMap;
 use super::picture::{PictureError, undistort_frame, write_frame};
 use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
-use crate::convert::extras::{Extra, Extras};
-use crate::convert::{Change, ConversionReport, ConvertError, Target, TimeOrigin, convert_changed};
-use crate::source::write::WriteError;
-use crate::source::{EventReader, Recording, SourceError};
+use crate::recording::convert::extras::{Extra, Extras};
+use crate::recording::convert::{Change, ConversionReport, ConvertError, Target, TimeOrigin, convert_changed};
+use crate::recording::write::WriteError;
+use crate::recording::{EventReader, Recording, SourceError};
 
 /// The maps between a camera and the one without distortion.
 pub struct Maps {

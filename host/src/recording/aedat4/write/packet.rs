@@ -4,9 +4,9 @@
 use evcal_core::event::{Event, Polarity};
 
 use super::TableRow;
-use crate::source::aedat4::header::Compression;
-use crate::source::aedat4::other_streams::{Frame, InertialSample};
-use crate::source::write::WriteError;
+use crate::recording::aedat4::header::Compression;
+use crate::recording::aedat4::other_streams::{Frame, InertialSample};
+use crate::recording::write::WriteError;
 
 /// A FlatBuffer that grows from its size prefix on.
 struct Buffer(Vec<u8>);
@@ -51,7 +51,7 @@ impl Buffer {
 }
 
 /// `IOHE { compression @28, dataTablePosition @32 (not known yet), infoNode @40 → @44 }`
-pub(in crate::source::aedat4) fn header(compression: Compression, description: &str) -> Result<Vec<u8>, WriteError> {
+pub(in crate::recording::aedat4) fn header(compression: Compression, description: &str) -> Result<Vec<u8>, WriteError> {
     let mut buffer = Buffer::new(b"IOHE");
     // @12: vtable of 10 bytes, table of 20 bytes, its three fields; filled up to @24.
     buffer.u16s(&[10, 20, 4, 8, 16, 0]);
@@ -72,7 +72,7 @@ pub(in crate::source::aedat4) fn header(compression: Compression, description: &
 }
 
 /// `EVTS { elements @24 → @28 }`, elements from @32.
-pub(in crate::source::aedat4) fn event_packet(events: &[Event]) -> Result<Vec<u8>, WriteError> {
+pub(in crate::recording::aedat4) fn event_packet(events: &[Event]) -> Result<Vec<u8>, WriteError> {
     let mut buffer = Buffer::new(b"EVTS");
     buffer.0.reserve(20 + 16 * events.len());
     // @12: vtable of 6 bytes, table of 8 bytes, its only field; filled up to @20.

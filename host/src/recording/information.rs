@@ -6,7 +6,7 @@ use std::fmt;
 use evcal_core::event::{Event, Polarity};
 use serde::Serialize;
 
-use crate::source::{ReadReport, Recording, SourceError, StreamSummary};
+use crate::recording::{ReadReport, Recording, SourceError, StreamSummary};
 
 /// Length of the bins of the peak rate, in microseconds.
 const RATE_BIN: i64 = 10_000;
@@ -324,8 +324,8 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::source::SourceOptions;
-    use crate::source::write::{EventWriter, OutputFormat};
+    use crate::recording::SourceOptions;
+    use crate::recording::write::{EventWriter, OutputFormat};
 
     fn of(path: &Path) -> Information {
         gather(&Recording::new(path, SourceOptions::default()).unwrap()).unwrap()

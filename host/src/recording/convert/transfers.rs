@@ -7,7 +7,7 @@ use usb_davis::capture::Capture;
 use usb_davis::dump::DumpWriter;
 
 use super::{ConversionReport, ConvertError};
-use crate::source::davis::dump::COMPRESSION;
+use crate::recording::davis::dump::COMPRESSION;
 
 /// Copies the transfers of the recording at `from` into a new dump at `to`.
 pub fn copy(from: &Path, to: &Path) -> Result<ConversionReport, ConvertError> {

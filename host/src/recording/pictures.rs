@@ -2,9 +2,9 @@
 
 use usb_davis::protocol::{Message, Shutter};
 
-use crate::source::aedat4::other_streams::{Frame, FrameReader};
-use crate::source::davis::Messages;
-use crate::source::{Recording, SourceError, aedat4, davis};
+use crate::recording::aedat4::other_streams::{Frame, FrameReader};
+use crate::recording::davis::Messages;
+use crate::recording::{Recording, SourceError, aedat4, davis};
 
 /// A grey picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -161,8 +161,8 @@ mod tests {
     use usb_davis::protocol::{Frame as WireFrame, Region};
 
     use super::*;
-    use crate::source::SourceOptions;
-    use crate::source::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
+    use crate::recording::SourceOptions;
+    use crate::recording::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
 
     #[test]
     fn frames_of_a_camera_are_those_that_it_sent_and_a_rolling_shutter_is_told() {

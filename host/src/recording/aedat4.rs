@@ -176,7 +176,7 @@ mod tests {
     use super::header::Compression;
     use super::write::{event_packet, header, pack};
     use super::*;
-    use crate::source::Recording;
+    use crate::recording::Recording;
 
     /// A file with streams 0 "events", 1 "frames", 2 "more" (events) and these packets; not closed.
     fn file(compression: Compression, size: i64, packets: &[(i32, Vec<u8>)]) -> (TempDir, PathBuf) {

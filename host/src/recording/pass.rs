@@ -5,8 +5,8 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use evcal_core::event::Event;
 use serde::Serialize;
 
-use super::Input;
-use crate::source::{ReadReport, Recording, SourceError};
+use crate::input::Input;
+use crate::recording::{ReadReport, Recording, SourceError};
 
 /// What was read of a recording.
 #[derive(Clone, Debug, Serialize)]

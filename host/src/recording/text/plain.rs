@@ -5,7 +5,7 @@
 use evcal_core::event::{Event, Polarity};
 
 use super::layout::Layout;
-use crate::source::Column;
+use crate::recording::Column;
 
 /// An event, with what was read for it.
 pub struct PlainLine {
@@ -95,7 +95,7 @@ mod tests {
 
     use super::super::{MAX_FIELDS, event as general, split};
     use super::*;
-    use crate::source::TimeUnit;
+    use crate::recording::TimeUnit;
 
     fn both(line: &str, columns: &str, time_unit: TimeUnit) -> (Option<PlainLine>, Result<Event, String>) {
         let columns = columns.parse().unwrap();

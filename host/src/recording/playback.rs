@@ -17,7 +17,7 @@ use usb_davis::emulator::{CapturePieces, Piece, default_registers};
 use usb_davis::protocol::{EncodeError, Encoder, Layout, Polarity as WirePolarity, PolarityEvent};
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
-use crate::source::{Recording, RecordingKind, SourceError, SourceOptions, davis, sniff};
+use crate::recording::{Recording, RecordingKind, SourceError, SourceOptions, davis, sniff};
 
 /// Pieces that are read ahead.
 const AHEAD: usize = 64;
@@ -200,7 +200,7 @@ mod tests {
     use usb_davis::protocol::{Decoder, Message};
 
     use super::*;
-    use crate::source::write::{EventWriter, OutputFormat};
+    use crate::recording::write::{EventWriter, OutputFormat};
 
     fn events(count: i64) -> Vec<Event> {
         let event = |index: i64| Event {

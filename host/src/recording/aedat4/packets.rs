@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
 
 use super::header::{self, Compression, Header, MAGIC};
-use crate::source::{SourceError, SourceErrorKind, Truncation};
+use crate::recording::{SourceError, SourceErrorKind, Truncation};
 
 /// A packet that unpacks to more is damaged: a camera would need a minute to fill it.
 const MAX_UNPACKED: usize = 1 << 29;

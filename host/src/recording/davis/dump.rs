@@ -14,7 +14,7 @@ use usb_davis::emulator::default_registers;
 use usb_davis::protocol::{Encoder, Frame, FrameStep, ImuSample, Polarity as WirePolarity, PolarityEvent, frame_steps};
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
-use crate::source::write::WriteError;
+use crate::recording::write::WriteError;
 
 /// Bytes of a transfer, as `usb_davis::device` queues them.
 const TRANSFER_BYTES: usize = 128 * 1024;

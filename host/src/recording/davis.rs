@@ -118,7 +118,7 @@ mod tests {
     use usb_davis::protocol::{Encoder, Layout, Polarity as WirePolarity, PolarityEvent};
 
     use super::*;
-    use crate::source::{Recording, SourceOptions};
+    use crate::recording::{Recording, SourceOptions};
 
     #[test]
     fn dumps_and_bare_streams_give_the_events_they_were_made_of() {

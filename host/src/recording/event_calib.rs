@@ -190,7 +190,7 @@ impl<W: Write> Encode for Encoder<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::{Recording, SourceOptions};
+    use crate::recording::{Recording, SourceOptions};
 
     fn bytes(t: f64, x: f64, y: f64, polarity: u8) -> Vec<u8> {
         [t.to_le_bytes(), x.to_le_bytes(), y.to_le_bytes()].concat().into_iter().chain([polarity]).collect()

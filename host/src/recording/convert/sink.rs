@@ -10,10 +10,10 @@ use usb_davis::configuration::Configuration;
 use usb_davis::protocol::{Frame as WireFrame, ImuModel, ImuSample, ImuScale, Region, Shutter};
 
 use super::{Extra, Target};
-use crate::source::aedat4::other_streams::{Frame, InertialSample};
-use crate::source::aedat4::write::{Encoder, OtherStreams};
-use crate::source::davis::dump::{COMPRESSION, DumpEncoder, READOUT, davis346_header};
-use crate::source::write::{Encode, EventWriter, OutputFormat, WriteError};
+use crate::recording::aedat4::other_streams::{Frame, InertialSample};
+use crate::recording::aedat4::write::{Encoder, OtherStreams};
+use crate::recording::davis::dump::{COMPRESSION, DumpEncoder, READOUT, davis346_header};
+use crate::recording::write::{Encode, EventWriter, OutputFormat, WriteError};
 
 /// Size of the sensor of a DAVIS346.
 const DAVIS346_SENSOR: (u16, u16) = (346, 260);

@@ -8,8 +8,8 @@ use usb_davis::dump::DumpHeader;
 use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarity, PolarityEvent};
 use usb_davis::registers::{dvs, mux};
 
-use crate::source::reader::PAUSE_AFTER_RESET;
-use crate::source::{ReadReport, SourceError, SourceErrorKind, StreamFaults, Truncation};
+use crate::recording::reader::PAUSE_AFTER_RESET;
+use crate::recording::{ReadReport, SourceError, SourceErrorKind, StreamFaults, Truncation};
 
 /// An event of the wire as an event of a recording, `shift` µs later.
 pub fn event(event: &PolarityEvent, shift: i64) -> Event {

@@ -19,11 +19,16 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 pub mod aedat4;
+pub mod convert;
 pub mod davis;
 mod error;
 pub mod event_calib;
 mod foreign;
+pub mod information;
 mod options;
+pub mod pass;
+pub mod pictures;
+pub mod playback;
 mod reader;
 pub mod text;
 pub mod write;

@@ -256,7 +256,7 @@ impl<W: Write> Encode for Encoder<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::{Recording, TimeUnit};
+    use crate::recording::{Recording, TimeUnit};
 
     fn read(text: &[u8], options: SourceOptions) -> Result<(Vec<Event>, SourceInformation, ReadReport), SourceError> {
         let directory = tempfile::tempdir().unwrap();

@@ -9,11 +9,11 @@ use usb_davis::capture::Capture;
 use usb_davis::protocol::{ImuSample, Message};
 
 use super::{CAMERA_STREAMS, ConvertError};
-use crate::source::aedat4::other_streams::{Frame, FrameReader, InertialSample, inertial_samples};
-use crate::source::aedat4::write::OtherStreams;
-use crate::source::davis::Messages;
-use crate::source::davis::dump::READOUT;
-use crate::source::{ReadReport, SourceError, aedat4};
+use crate::recording::aedat4::other_streams::{Frame, FrameReader, InertialSample, inertial_samples};
+use crate::recording::aedat4::write::OtherStreams;
+use crate::recording::davis::Messages;
+use crate::recording::davis::dump::READOUT;
+use crate::recording::{ReadReport, SourceError, aedat4};
 
 /// A frame or an inertial sample.
 #[derive(Clone, Debug, PartialEq)]

@@ -15,9 +15,9 @@ use evcal_core::event::Event;
 use serde::Serialize;
 use usb_davis::capture::CaptureError;
 
-use crate::source::aedat4::header::Compression;
-use crate::source::write::{OutputFormat, WriteError};
-use crate::source::{EventReader, ReadReport, Recording, SourceError};
+use crate::recording::aedat4::header::Compression;
+use crate::recording::write::{OutputFormat, WriteError};
+use crate::recording::{EventReader, ReadReport, Recording, SourceError};
 use extras::{Extra, Extras};
 use sink::Sink;
 
@@ -117,7 +117,7 @@ pub enum ConvertError {
 const AFTERWARDS: i64 = 60_000_000;
 
 /// Names of the formats that hold what a camera sends.
-const CAMERA_STREAMS: [&str; 2] = [crate::source::davis::FORMAT.name, crate::source::davis::BARE_FORMAT.name];
+const CAMERA_STREAMS: [&str; 2] = [crate::recording::davis::FORMAT.name, crate::recording::davis::BARE_FORMAT.name];
 
 /// What is done to a recording on its way.
 pub struct Change<'a> {

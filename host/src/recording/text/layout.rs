@@ -1,7 +1,7 @@
 //! What the columns of a text file are: from the options, its line of names, or its values.
 
 use super::{MAX_FIELDS, is_comment, number, split};
-use crate::source::{Column, Columns, MAX_SENSOR_SIZE, SourceOptions, TimeUnit};
+use crate::recording::{Column, Columns, MAX_SENSOR_SIZE, SourceOptions, TimeUnit};
 
 /// How the lines of a file are to be read.
 #[derive(Clone, Debug, PartialEq)]

@@ -11,7 +11,7 @@ use packet::{frame_packet, imu_packet, packet_table};
 
 use super::header::{Compression, MAGIC};
 use super::other_streams::{Frame, InertialSample};
-use crate::source::write::{Encode, WriteError};
+use crate::recording::write::{Encode, WriteError};
 
 /// A packet spans at most this many microseconds, as with dv-processing...
 const PACKET_DURATION: i64 = 10_000;
@@ -222,7 +222,7 @@ mod tests {
     use evcal_core::event::Polarity;
 
     use super::*;
-    use crate::source::aedat4::flatbuffer;
+    use crate::recording::aedat4::flatbuffer;
 
     #[test]
     fn the_closing_table_points_at_the_content_of_each_packet() {

@@ -12,7 +12,7 @@ use super::flatbuffer::{self, Malformed, Table};
 use super::header::Stream;
 use super::packets::{PacketHead, PacketReader};
 use super::{EVENTS, describe, event, events};
-use crate::source::{SourceError, SourceErrorKind, StreamSummary};
+use crate::recording::{SourceError, SourceErrorKind, StreamSummary};
 
 const FRAMES: &str = "FRME";
 const INERTIAL: &str = "IMUS";
