@@ -1,5 +1,8 @@
 //! The printed circle grid: what the user types for it, and where its circles are.
 
+pub mod homography;
+pub mod sheet;
+
 use std::fmt;
 use std::str::FromStr;
 

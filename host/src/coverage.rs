@@ -5,6 +5,7 @@ use nalgebra::Isometry3;
 use serde::Serialize;
 
 use crate::board::Board;
+use crate::numerics::statistics::quantile;
 use crate::solve::{Problem, State};
 
 /// Columns and rows of the cells of the sensor.
@@ -31,10 +32,7 @@ pub struct Spread {
 impl Spread {
     fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
-        let at = |share: f64| {
-            let index = (share * values.len().saturating_sub(1) as f64).round() as usize;
-            values.get(index).copied().unwrap_or(0.0)
-        };
+        let at = |share| quantile(&values, share).unwrap_or(0.0);
         Self { low: at(0.05), median: at(0.5), high: at(0.95) }
     }
 }

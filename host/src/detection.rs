@@ -5,6 +5,8 @@
 //! number of threads.
 
 mod ordering;
+pub mod other_board;
+pub mod pictures;
 mod report;
 mod second_pass;
 

@@ -3,15 +3,11 @@
 //! | module | question |
 //! |---|---|
 //! | [`trajectory_error`] | how far are the estimated camera positions from the true ones (ATE)? |
-//! | [`projection_difference`] | where would two calibrations put the same point in the image? |
+//! | [`projection_difference`](crate::lens::projection_difference) | where would two calibrations put the same point in the image? |
 //! | [`intrinsics`] | which parameters differ, and by how much? |
 //!
 //! Parameters of a lens model trade against each other and against the camera's orientation, so
 //! the projection difference is the figure to trust; the parameters are for the eye.
 
 pub mod intrinsics;
-pub mod projection_difference;
-mod statistics;
 pub mod trajectory_error;
-
-pub use statistics::Statistics;

@@ -8,7 +8,6 @@
 
 pub mod basalt;
 pub mod calibrated_camera;
-pub mod covered_region;
 pub mod csv;
 pub mod dv_processing;
 pub mod dv_xml;
@@ -16,7 +15,6 @@ mod file_storage;
 pub mod format;
 pub mod kalibr;
 pub mod mrcal;
-pub mod nearest;
 mod number;
 pub mod opencv;
 pub mod ros;

@@ -10,20 +10,5 @@
 pub mod bundle;
 pub mod calibration;
 pub mod circle_image;
-pub mod dark_spots;
-pub mod detection;
-pub mod dot;
 pub mod joint;
-pub mod settings;
 pub mod witness;
-
-pub use settings::FrameSettings;
-
-/// The middle one of `values`; `None` without any.
-fn median(values: &mut [f64]) -> Option<f64> {
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return None;
-    }
-    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
-}

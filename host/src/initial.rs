@@ -8,12 +8,9 @@
 //! What it guarantees: no frame is trusted because it came first, what is dropped is in the report
 //! with its reason, and the result depends on frames and settings only, not on the number of threads.
 
-mod axial_focal;
 mod bundle;
 mod cross_validation;
-mod distortion_prior;
 pub mod held_out;
-pub mod homography;
 mod intrinsics;
 mod neighbour_vote;
 mod pose;
@@ -34,18 +31,16 @@ use rayon::prelude::*;
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::opencv::MINIMUM_POINTS;
-pub(crate) use axial_focal::axial_focal_gradients;
 use bundle::{Bundle, BundleView, bundle};
 use cross_validation::cross_validate;
-pub(crate) use distortion_prior::{DistortionPrior, distortion_prior};
 use intrinsics::{native_start, opencv_start};
 use pose::{FramePose, PoseError, robust_pose, settle_pose};
-pub(crate) use pose::{huber_cost, huber_weight, step_pose};
 use rotation_gate::rotation_gate;
 use sighting::{BoardPoint, Sighting};
 use velocity_gate::{Waypoint, velocity_gate};
 use view_selection::select_views;
 
+use crate::numerics::statistics::median;
 pub use intrinsics::OpencvStart;
 pub use report::{CircleCounts, DropReason, DroppedFrame, InitialError, InitialReport, Step};
 pub use settings::{CrossValidationSettings, InitialSettings};
@@ -341,11 +336,10 @@ fn finish(
         posed.par_iter().map(|posed| settle_pose(&camera, &posed.sighting.points, &posed.pose, settings)).collect();
     let sightings = posed.into_iter().map(|posed| posed.sighting);
     let mut posed = settled(sightings.zip(found), &mut report);
-    let mut sorted: Vec<f64> = posed.iter().map(|posed| posed.rms).collect();
-    sorted.sort_by(f64::total_cmp);
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let mut errors: Vec<f64> = posed.iter().map(|posed| posed.rms).collect();
+    let typical = median(&mut errors, f64::total_cmp).unwrap_or(0.0);
     // Errors below the scale of the loss are no reason to drop a frame, however good the others are.
-    let bound = (settings.max_frame_rms_ratio * median).max(settings.huber);
+    let bound = (settings.max_frame_rms_ratio * typical).max(settings.huber);
     let kept: Vec<bool> = posed.iter().map(|posed| posed.rms <= bound).collect();
     retain(&mut posed, &kept, |posed| drop_frame(&mut report, posed.sighting.frame, DropReason::LargeError));
     enough(posed.len(), settings, &mut report)?;

@@ -6,10 +6,8 @@
 
 pub mod association;
 pub mod board;
-pub mod board_sheet;
 pub mod burst;
 pub mod calibrate;
-pub mod camera_file;
 pub mod camera_recording;
 pub mod circles;
 pub mod coverage;
@@ -20,11 +18,11 @@ pub mod export;
 pub mod frames;
 pub mod initial;
 pub mod input;
+pub mod lens;
 pub mod live;
 pub mod model_choice;
 pub mod numerics;
 pub mod opencv;
-pub mod other_board;
 pub mod output;
 pub mod picture;
 pub mod recording;

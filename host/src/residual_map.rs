@@ -15,8 +15,9 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
+use crate::numerics::huber::huber;
 use crate::solve::bearing_table::BearingTable;
-use crate::solve::stretch::{EventResidual, PointResidual, huber, point_residuals, residuals};
+use crate::solve::stretch::{EventResidual, PointResidual, point_residuals, residuals};
 use crate::solve::{Problem, State};
 
 /// How residuals are gathered over the sensor.

@@ -16,7 +16,7 @@ use evcal_core::window::{Advance, WindowPolicy};
 use serde::{Deserialize, Serialize};
 
 use crate::association::AssociationSettings;
-use crate::frames::FrameSettings;
+use crate::detection::pictures::settings::FrameSettings;
 use crate::initial::InitialSettings;
 use crate::live::LiveSettings;
 use crate::model_choice::ModelChoiceSettings;

@@ -8,8 +8,8 @@
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use serde::{Deserialize, Serialize};
 
-use crate::camera_file::CameraDescription;
-use crate::evaluate::projection_difference::{ProjectionDifference, projection_difference};
+use crate::lens::camera_file::CameraDescription;
+use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::levenberg::{formal_covariance, solve};
 use crate::solve::observation::{EventBin, SegmentObservations};

@@ -12,7 +12,7 @@ use serde::Serialize;
 use self::findings::findings_on;
 pub use self::settings::VerdictSettings;
 use crate::board::Board;
-use crate::initial::axial_focal_gradients;
+use crate::lens::axial_focal::axial_focal_gradients;
 use crate::trust::Trust;
 
 /// How good a calibration is.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use evcal::export::covered_region::CoveredRegion;
+use evcal::lens::covered_region::CoveredRegion;
 use evcal_core::camera::Camera;
 use evcal_tests::lens::{INVERSE_RADIAL, KANNALA_BRANDT, Lens, RADTAN, RADTAN4, RADTAN8};
 use evcal_tests::{camera, read_json, text};

@@ -3,6 +3,7 @@
 use super::error::CalibrateError;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
+use crate::numerics::statistics::median;
 use crate::segment::{SegmentReport, SegmentSettings, segment};
 use crate::settings::Settings;
 use crate::solve::observation::PointObservation;
@@ -71,11 +72,7 @@ pub(super) fn first_trajectories(
 fn typical_interval(times: &[(usize, f64)]) -> f64 {
     let pairs = times.iter().zip(times.iter().skip(1));
     let mut intervals: Vec<f64> = pairs.filter(|(a, b)| a.0 == b.0).map(|(a, b)| b.1 - a.1).collect();
-    let middle = intervals.len() / 2;
-    if intervals.is_empty() {
-        return 0.0;
-    }
-    *intervals.select_nth_unstable_by(middle, f64::total_cmp).1
+    median(&mut intervals, f64::total_cmp).unwrap_or(0.0)
 }
 
 /// The spline of one segment, and its circle centres where there are no events.

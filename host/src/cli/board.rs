@@ -4,10 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use evcal::board::Board;
-use evcal::board_sheet::paper::Paper;
-use evcal::board_sheet::pdf::pdf;
-use evcal::board_sheet::svg::svg;
-use evcal::board_sheet::{board_sheet, board_that_fits};
+use evcal::board::sheet::paper::Paper;
+use evcal::board::sheet::pdf::pdf;
+use evcal::board::sheet::svg::svg;
+use evcal::board::sheet::{board_sheet, board_that_fits};
 use evcal_core::pattern::{Layout, Pattern};
 
 use super::{UsageError, print};

@@ -5,10 +5,10 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use evcal::camera_file;
 use evcal::evaluate::intrinsics::{IntrinsicsComparison, compare_intrinsics};
-use evcal::evaluate::projection_difference::{ProjectionDifference, projection_difference};
 use evcal::evaluate::trajectory_error::{Association, TrajectoryError, best_time_shift, trajectory_error};
+use evcal::lens::camera_file;
+use evcal::lens::projection_difference::{ProjectionDifference, projection_difference};
 use evcal::timed_pose::TimedPose;
 use evcal::tum;
 use nalgebra::Vector3;

@@ -6,7 +6,7 @@ use std::{fmt, fs};
 
 use clap::ValueEnum;
 use evcal::board::Board;
-use evcal::camera_file::{self, CameraDescription, SensorSize};
+use evcal::lens::camera_file::{self, CameraDescription, SensorSize};
 use evcal::recording::aedat4::header::Compression;
 use evcal::recording::write::OutputFormat;
 use evcal::simulate::davis::{DavisDescription, DavisSettings, DavisTruth};

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use evcal::camera_file::{self, CameraDescription, CameraFile, SensorSize};
+use evcal::lens::camera_file::{self, CameraDescription, CameraFile, SensorSize};
 use evcal::recording::Recording;
 use evcal::recording::convert::Target;
 use evcal::undistort::PixelMap;

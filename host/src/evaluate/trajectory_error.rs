@@ -8,10 +8,11 @@
 
 use std::fmt;
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
-use super::Statistics;
+use crate::numerics::rigid::best_rotation;
+use crate::numerics::statistics::Statistics;
 use crate::timed_pose::TimedPose;
 
 /// Which true pose belongs to an estimated one.
@@ -180,20 +181,6 @@ fn rigid_alignment(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Isometry3<f64> {
     let rotation = best_rotation(directions);
     let translation = mean_real - rotation * mean_guess;
     Isometry3::from_parts(Translation3::from(translation), UnitQuaternion::from_rotation_matrix(&rotation))
-}
-
-/// The rotation R that minimises Σ |a − R b|² over the pairs (a, b) (Kabsch 1976).
-pub(super) fn best_rotation(pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)>) -> Rotation3<f64> {
-    let covariance = pairs.map(|(a, b)| a * b.transpose()).sum::<Matrix3<f64>>();
-    let svd = covariance.svd(true, true);
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
-        return Rotation3::identity();
-    };
-    // nalgebra sorts the singular values, so the last direction is the least certain: turn that
-    // one where the best orthogonal matrix is a mirror.
-    let mirror = if (u * v_t).determinant() < 0.0 { -1.0 } else { 1.0 };
-    let turn = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, mirror));
-    Rotation3::from_matrix_unchecked(u * turn * v_t)
 }
 
 impl fmt::Display for TrajectoryError {

@@ -2,6 +2,7 @@
 //! weigh with.
 
 use super::{CLASS_COUNT, EventBias, SPEED_RANGE_COUNT};
+use crate::numerics::statistics::median;
 use crate::solve::stretch::EventResidual;
 
 /// Fewer events than this leave a class as it was.
@@ -17,7 +18,7 @@ pub fn shift_offsets(bias: &mut EventBias, residuals: &mut [EventResidual]) {
         let of_class = residuals.iter().filter(|event| usize::from(event.class) == class);
         let mut values: Vec<f32> = of_class.map(|event| event.residual).collect();
         if values.len() >= FEWEST {
-            *shift = median(&mut values);
+            *shift = median(&mut values, f32::total_cmp).unwrap_or(0.0);
             bias.offset += f64::from(*shift);
         }
     }
@@ -52,15 +53,8 @@ pub fn common_spread(bias: &mut EventBias, residuals: &[EventResidual]) {
 
 /// Standard deviation of a normal distribution whose residuals have these sizes; `None` for too few.
 fn spread(sizes: &mut [f32]) -> Option<f64> {
-    (sizes.len() >= FEWEST).then(|| (1.4826 * f64::from(median(sizes))).max(SMALLEST_SIGMA))
-}
-
-fn median(values: &mut [f32]) -> f32 {
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return 0.0;
-    }
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+    (sizes.len() >= FEWEST)
+        .then(|| (1.4826 * f64::from(median(sizes, f32::total_cmp).unwrap_or(0.0))).max(SMALLEST_SIGMA))
 }
 
 #[cfg(test)]

@@ -5,10 +5,10 @@ use std::path::Path;
 use evcal_core::camera::Camera;
 use serde::Deserialize;
 
-use super::covered_region::CoveredRegion;
 use crate::board::Board;
 use crate::calibrate::Calibrated;
-use crate::camera_file::{self, CameraDescription, CameraFileError, SensorSize};
+use crate::lens::camera_file::{self, CameraDescription, CameraFileError, SensorSize};
+use crate::lens::covered_region::CoveredRegion;
 
 /// Name of a camera that has none.
 pub const UNNAMED: &str = "camera";

@@ -3,8 +3,8 @@
 use evcal_core::camera::{Camera, ModelKind};
 
 use super::calibrated_camera::CalibratedCamera;
-use super::nearest::{Refit, nearest};
 use super::{basalt, csv, dv_processing, dv_xml, kalibr, mrcal, opencv, ros};
+use crate::lens::nearest::{Refit, nearest};
 
 /// A file format for cameras.
 pub struct Format {
@@ -108,7 +108,7 @@ impl Format {
 mod tests {
     use super::*;
     use crate::export::calibrated_camera::{ROS_TOPIC, UNNAMED};
-    use crate::export::covered_region::CoveredRegion;
+    use crate::lens::covered_region::CoveredRegion;
 
     #[test]
     fn names_and_files_differ_and_substitutes_can_be_written() {

@@ -15,8 +15,12 @@ use nalgebra::{Cholesky, DMatrix, DVector, Isometry3, Matrix6, SMatrix, SVector,
 use rayon::prelude::*;
 
 use super::circle_image::{CircleImage, circle_image_center};
-use super::median;
-use crate::initial::{DistortionPrior, distortion_prior, huber_cost, huber_weight, step_pose};
+use crate::lens::distortion_prior::DistortionPrior;
+use crate::lens::distortion_prior::distortion_prior;
+use crate::numerics::huber::huber_cost;
+use crate::numerics::huber::huber_weight;
+use crate::numerics::rigid::step_pose;
+use crate::numerics::statistics::median;
 
 type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
 type BorderVector = SVector<f64, MAX_PARAMETERS>;
@@ -242,7 +246,7 @@ fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 /// Standard deviation along one axis of residuals of which most are good.
 fn robust_spread(residuals: &[Vector2<f64>]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
-    median(&mut sizes).map_or(SMALLEST_SPREAD, |median| (1.4826 * median).max(SMALLEST_SPREAD))
+    median(&mut sizes, f64::total_cmp).map_or(SMALLEST_SPREAD, |median| (1.4826 * median).max(SMALLEST_SPREAD))
 }
 
 /// Refines `camera` and the poses of `views` on circles of `radius` (m). `sensor` is (width, height) in
@@ -298,7 +302,7 @@ pub fn frame_bundle(
         inflation,
         spread: robust_spread(&residuals),
         rms: (square / residuals.len().max(1) as f64).sqrt(),
-        median: median(&mut distances).unwrap_or(0.0),
+        median: median(&mut distances, f64::total_cmp).unwrap_or(0.0),
         steps,
     })
 }

@@ -6,9 +6,9 @@ use serde::Serialize;
 
 use super::bundle::{FrameBundle, FrameView, SeenDot, frame_bundle};
 use super::circle_image::center_bias;
-use super::detection::FrameDetectionReport;
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::detection::pictures::search::FrameDetectionReport;
 use crate::initial::{InitialError, InitialModel, PosedFrame, initial_model};
 use crate::settings::Settings;
 

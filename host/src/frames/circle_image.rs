@@ -154,7 +154,7 @@ mod tests {
     use nalgebra::{Translation3, UnitQuaternion, Vector6};
 
     use super::*;
-    use crate::initial::step_pose;
+    use crate::numerics::rigid::step_pose;
 
     const CENTER: Vector2<f64> = Vector2::new(0.165, 0.22);
     const RADIUS: f64 = 0.0175;

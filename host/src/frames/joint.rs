@@ -9,11 +9,11 @@ use serde::Serialize;
 
 use super::calibration::FrameCalibration;
 use super::circle_image::{center_bias, circle_image_center};
-use super::median;
-use super::settings::FrameSettings;
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use crate::initial::huber_weight;
+use crate::detection::pictures::settings::FrameSettings;
+use crate::numerics::huber::huber_weight;
+use crate::numerics::statistics::median;
 use crate::solve::State;
 use crate::solve::observation::PointObservation;
 use crate::trajectory::Trajectory;
@@ -210,5 +210,5 @@ fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: 
 /// Standard deviation along one axis of the residuals, of which most are good; `None` without any.
 fn spread(tied: &[Tied<'_>]) -> Option<f64> {
     let mut sizes: Vec<f64> = tied.iter().flat_map(|dot| [dot.residual.x.abs(), dot.residual.y.abs()]).collect();
-    median(&mut sizes).map(|median| 1.4826 * median)
+    median(&mut sizes, f64::total_cmp).map(|median| 1.4826 * median)
 }

@@ -8,9 +8,9 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 
 use super::calibration::{FrameCalibration, FrameReport, FrameSummary, NoFrameCalibration};
-use super::settings::FrameSettings;
-use crate::camera_file::{CameraDescription, Parameters};
-use crate::evaluate::projection_difference::{ProjectionDifference, projection_difference};
+use crate::detection::pictures::settings::FrameSettings;
+use crate::lens::camera_file::{CameraDescription, Parameters};
+use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
 use crate::uncertainty::projection::projection_uncertainty;
 use crate::verdict::{Cause, Finding, Severity};
 

@@ -11,10 +11,13 @@ use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use nalgebra::{Cholesky, Isometry3, Matrix6, SMatrix, SVector, U6, Vector6};
 use rayon::prelude::*;
 
-use super::axial_focal::axial_focal_gradients;
-use super::distortion_prior::{PriorEquations, distortion_prior};
-use super::pose::{distance, huber_cost, huber_weight, residual, step_pose};
+use super::pose::{distance, residual};
 use super::sighting::BoardPoint;
+use crate::lens::axial_focal::axial_focal_gradients;
+use crate::lens::distortion_prior::{PriorEquations, distortion_prior};
+use crate::numerics::huber::huber_cost;
+use crate::numerics::huber::huber_weight;
+use crate::numerics::rigid::step_pose;
 
 /// Parameter block of the camera; unused rows and columns are held.
 type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;

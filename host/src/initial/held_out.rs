@@ -12,12 +12,13 @@ use serde::Serialize;
 
 use super::InitialModel;
 use super::bundle::{BundleView, bundle};
-use super::pose::{huber_cost, refine_pose};
+use super::pose::refine_pose;
 use super::settings::InitialSettings;
 use super::sighting::BoardPoint;
 use super::view_selection::select_views;
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
+use crate::numerics::huber::huber_cost;
 
 /// What held-out circles cost with one camera model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

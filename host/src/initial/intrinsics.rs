@@ -11,6 +11,7 @@ use super::bundle::{Bundle, BundleView, bundle};
 use super::pose::homography_pose;
 use super::settings::InitialSettings;
 use super::sighting::BoardPoint;
+use crate::numerics::statistics::median;
 use crate::opencv::{self, Calibration, PinholeDistortion, View};
 
 /// How OpenCV's calibration went.
@@ -171,10 +172,8 @@ fn start_from(
         if calibration.rms <= settings.max_start_rms {
             break;
         }
-        let mut sorted = calibration.view_rms.clone();
-        sorted.sort_by(f64::total_cmp);
         // Half of the views are always kept, or a wrong calibration would choose its own evidence.
-        let bound = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0) * 1.5;
+        let bound = median(&mut calibration.view_rms.clone(), f64::total_cmp).unwrap_or(0.0) * 1.5;
         let kept: Vec<View> = calibration
             .views
             .iter()

@@ -1,10 +1,12 @@
 //! Pose of one frame: PnP in RANSAC, then least squares on the reprojection.
 
-use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, SMatrix, Vector2, Vector3, Vector6};
 
-use super::homography::{homography, pose_from_homography};
 use super::settings::InitialSettings;
 use super::sighting::BoardPoint;
+use crate::board::homography::{homography, pose_from_homography};
+use crate::numerics::huber::{huber_cost, huber_weight};
+use crate::numerics::rigid::step_pose;
 use crate::opencv::solve_pnp_ransac_ippe;
 use evcal_core::camera::{Camera, ProjectionParameterJacobian};
 
@@ -16,24 +18,6 @@ const MIN_BEARING_Z: f64 = 0.1;
 
 /// Cost, as a multiple of the better one's, up to which IPPE's second solution is followed too.
 const RIVAL_COST: f64 = 5.0;
-
-/// Huber's loss of a distance whose square is given: the square itself up to `huber`, linear beyond.
-pub fn huber_cost(squared: f64, huber: f64) -> f64 {
-    if squared <= huber * huber { squared } else { 2.0 * huber * squared.sqrt() - huber * huber }
-}
-
-/// Weight with which iteratively reweighted least squares realises [`huber_cost`].
-pub fn huber_weight(squared: f64, huber: f64) -> f64 {
-    if squared <= huber * huber { 1.0 } else { huber / squared.sqrt() }
-}
-
-/// `pose` with a small rotation (rad, camera axes) from the left and a small translation (m).
-pub fn step_pose(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
-    let rotation = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
-    let mut rotation = rotation * pose.rotation;
-    rotation.renormalize();
-    Isometry3::from_parts(Translation3::from(pose.translation.vector + step.fixed_rows::<3>(3)), rotation)
-}
 
 /// A reprojection error and what it depends on.
 pub struct Residual {

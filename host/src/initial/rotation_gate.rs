@@ -16,6 +16,7 @@ use super::settings::InitialSettings;
 use super::sighting::Sighting;
 use crate::board::Board;
 use crate::circles::reference_frame::ObservedCircle;
+use crate::numerics::statistics::median;
 
 /// For each turn of the board in its plane that maps it onto itself: the new index of every circle.
 /// The first turn is none.
@@ -90,8 +91,7 @@ fn turn_between(a: &[Option<f64>], b: &[Option<f64>], period: f64) -> Option<f64
     // the first row's difference, not around zero.
     let first = *differences.first()?;
     let mut around: Vec<f64> = differences.iter().map(|difference| wrap(difference - first, TAU)).collect();
-    around.sort_by(f64::total_cmp);
-    around.get(around.len() / 2).map(|median| wrap(first + median, period))
+    median(&mut around, f64::total_cmp).map(|median| wrap(first + median, period))
 }
 
 /// What the gate found.

@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Translation3};
 use super::neighbour_vote::{Voter, vote};
 use super::settings::InitialSettings;
 use crate::board::Board;
+use crate::numerics::statistics::median;
 
 /// A frame with a pose, as the gate sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,8 +127,7 @@ impl Limits {
             }
         }
         let limit = |mut seen: Vec<f64>, most: f64| {
-            seen.sort_by(f64::total_cmp);
-            let usual = seen.get(seen.len() / 2).copied();
+            let usual = median(&mut seen, f64::total_cmp);
             usual.map_or(most, |usual| (settings.max_acceleration_ratio * usual).min(most))
         };
         Self {
@@ -201,10 +201,10 @@ fn judge(waypoints: &[Centered], alive: &[usize], position: usize, limits: &Limi
     let narrowest = lines.iter().map(|line| line.0).fold(f64::INFINITY, f64::min);
     let mut excesses: Vec<f64> =
         lines.iter().filter(|line| line.0 <= WIDEST_LIMIT * narrowest).map(|line| line.1).collect();
-    excesses.sort_by(f64::total_cmp);
     let contradicted = excesses.iter().filter(|excess| **excess > 1.0).count() as f64;
-    match excesses.get(excesses.len() / 2) {
-        Some(median) => Verdict { contradicted: contradicted / excesses.len() as f64, excess: *median },
+    let count = excesses.len() as f64;
+    match median(&mut excesses, f64::total_cmp) {
+        Some(excess) => Verdict { contradicted: contradicted / count, excess },
         None => Verdict::default(),
     }
 }

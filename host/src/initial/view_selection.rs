@@ -7,9 +7,9 @@
 
 use nalgebra::{Matrix3, SVector, Vector2};
 
-use super::homography::homography;
 use super::sighting::BoardPoint;
 use crate::board::Board;
+use crate::board::homography::homography;
 
 /// Image position (2), scale, foreshortening (2), perspective (2), roll (2).
 type Features = SVector<f64, 9>;

@@ -4,8 +4,8 @@ use nalgebra::{Matrix3, Vector2};
 
 use super::LiveSettings;
 use crate::board::Board;
+use crate::board::homography::{homography, pose_from_homography};
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::initial::homography::{homography, pose_from_homography};
 
 /// Most columns and most rows of cells.
 const MOST_CELLS: u16 = 64;

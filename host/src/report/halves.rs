@@ -101,7 +101,7 @@ fn parameters(calibrated: &Calibrated, halves: &SplitHalf) -> Markup {
             } }
             tbody {
                 @for (name, &sigma) in names.iter().zip(&sigma) {
-                    @let value = |half: &crate::camera_file::CameraDescription| half.parameters.get(name).map(|value| super::number::with_sigma(value, sigma));
+                    @let value = |half: &crate::lens::camera_file::CameraDescription| half.parameters.get(name).map(|value| super::number::with_sigma(value, sigma));
                     tr {
                         th scope="row" { code { (name) } }
                         @for half in [first, second] { td.number { @if let Some((value, _)) = value(half) { (value) } } }

@@ -8,7 +8,7 @@ use super::frame::{FrameSensor, FrameSettings, FrameTimes, SimulatedFrame};
 use super::inertia::{InertialBias, InertialSettings, InertialTruth, InertialUnit};
 use super::row::TICK;
 use super::{EventCounts, SLICE_TICKS, Simulation, SimulationError};
-use crate::camera_file::CameraDescription;
+use crate::lens::camera_file::CameraDescription;
 
 /// What a camera sends beside its events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

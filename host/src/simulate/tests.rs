@@ -317,7 +317,7 @@ fn truth_is_a_camera_file_and_comes_back_from_json() {
     let truth = super::truth::Truth::new(&radtan(), &simulation, counts);
     let text = serde_json::to_string_pretty(&truth).unwrap();
     assert_eq!(serde_json::from_str::<super::truth::Truth>(&text).unwrap(), truth);
-    let file: crate::camera_file::CameraFile = serde_json::from_str(&text).unwrap();
+    let file: crate::lens::camera_file::CameraFile = serde_json::from_str(&text).unwrap();
     assert_eq!(file.camera.camera().unwrap().parameters(), radtan().parameters());
     assert_eq!(truth.board.parse::<Board>().unwrap(), board());
     let trajectory = simulation.trajectory(1000.0);

@@ -5,10 +5,10 @@ use serde::{Deserialize, Serialize};
 
 use super::davis::DavisDescription;
 use super::{EventCounts, Simulation, SimulationSettings};
-use crate::camera_file::{CameraDescription, SensorSize};
+use crate::lens::camera_file::{CameraDescription, SensorSize};
 
 /// Everything that makes a simulated recording, and what came out. As JSON it is a camera file too
-/// (see [`crate::camera_file`]).
+/// (see [`crate::lens::camera_file`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Size of the sensor.

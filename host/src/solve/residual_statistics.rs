@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::bearing_table::BearingTable;
 use super::stretch::{point_residuals, residuals};
 use super::{Problem, State};
+use crate::numerics::statistics::median;
 
 /// How far events are from where the model puts them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -27,6 +28,6 @@ pub fn residual_statistics(problem: &Problem, state: &State, bearings: &BearingT
         return ResidualStatistics::default();
     }
     let square: f64 = sizes.iter().map(|&size| f64::from(size) * f64::from(size)).sum();
-    let median = *sizes.select_nth_unstable_by(count / 2, f32::total_cmp).1;
-    ResidualStatistics { count, rms: (square / count as f64).sqrt(), median: f64::from(median) }
+    let middle = median(&mut sizes, f32::total_cmp).unwrap_or(0.0);
+    ResidualStatistics { count, rms: (square / count as f64).sqrt(), median: f64::from(middle) }
 }

@@ -15,6 +15,7 @@ use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
 use super::{Problem, Residual, State};
 use crate::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
+use crate::numerics::huber::huber;
 
 /// A run of bins (and of circle centres) of one segment, small enough to be a unit of work.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,13 +56,6 @@ pub fn stretches(segments: &[SegmentObservations]) -> Vec<Stretch> {
         }
     }
     stretches
-}
-
-/// Huber's loss of `error` (in units of σ): (cost ρ, square root of the row's weight).
-#[inline(always)]
-pub fn huber(error: f64, bound: f64) -> (f64, f64) {
-    let size = error.abs();
-    if size <= bound { (0.5 * error * error, 1.0) } else { (bound * (size - 0.5 * bound), (bound / size).sqrt()) }
 }
 
 /// Normal equations of `stretch` at `state`.

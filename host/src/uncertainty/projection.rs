@@ -3,14 +3,14 @@
 //! A bearing goes through the estimated lens to a pixel; how far would it land elsewhere, had the
 //! intrinsics come out otherwise? Part of that is only a camera frame turned by a little, which no user of
 //! the calibration can notice: the rotation that fits best over the sensor is taken out, as in
-//! [`projection_difference`](crate::evaluate::projection_difference) (and as mrcal's projection uncertainty
+//! [`projection_difference`](crate::lens::projection_difference) (and as mrcal's projection uncertainty
 //! does), so that the two can be compared.
 
 use evcal_core::camera::Camera;
 use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2};
 use serde::Serialize;
 
-use crate::evaluate::projection_difference::{grid, grid_size};
+use crate::lens::projection_difference::{grid, grid_size};
 
 /// How sure the projection is at one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -135,7 +135,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::evaluate::projection_difference::projection_difference;
+    use crate::lens::projection_difference::projection_difference;
     use crate::numerics::random::uniform_in;
 
     const SIZE: (u16, u16) = (346, 260);

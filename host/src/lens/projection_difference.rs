@@ -13,7 +13,7 @@ use evcal_core::camera::Camera;
 use nalgebra::{Matrix2x3, Matrix3, UnitQuaternion, Vector2, Vector3};
 use serde::Serialize;
 
-use super::trajectory_error::best_rotation;
+use crate::numerics::rigid::best_rotation;
 
 /// Number of columns of the grid of pixels.
 const COLUMNS: u16 = 61;

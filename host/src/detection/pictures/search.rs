@@ -9,11 +9,11 @@ use serde::Serialize;
 
 use super::dark_spots::dark_spots;
 use super::dot::{Dot, measure};
-use super::median;
 use super::settings::FrameSettings;
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::grid_reason;
+use crate::numerics::statistics::median;
 use crate::recording::pictures::{GreyImage, TimedImage, visit_frames};
 use crate::recording::{Recording, SourceError};
 
@@ -146,7 +146,7 @@ impl<'a> FrameDetection<'a> {
         searched.dots = dots.len() as u64;
         searched.circles = self.find_board(image, &dots, workspace).and_then(|board| {
             let mut blurs: Vec<f64> = board.iter().map(|(_, dot)| dot.blur).collect();
-            searched.blur = median(&mut blurs);
+            searched.blur = median(&mut blurs, f64::total_cmp);
             if searched.blur.is_some_and(|blur| blur > self.settings.max_blur) {
                 return Err("blurred");
             }
@@ -194,7 +194,7 @@ impl<'a> FrameDetection<'a> {
 
     /// The frames with the board in their order, and the report.
     pub fn finish(mut self) -> (Vec<ReferenceFrame>, FrameDetectionReport) {
-        self.report.blur = median(&mut self.blurs).unwrap_or(0.0);
+        self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
         (self.frames, self.report)
     }
 }

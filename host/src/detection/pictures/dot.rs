@@ -8,8 +8,8 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::dark_spots::DarkSpot;
-use super::median;
 use super::settings::FrameSettings;
+use crate::numerics::statistics::median;
 use crate::recording::pictures::GreyImage;
 
 /// A dot of a picture.
@@ -122,11 +122,11 @@ impl Window {
         // Grey levels are whole numbers: half of one is the least that their scatter can be told to.
         let scatter_about = |plane: &Vector3<f64>| {
             let mut sizes: Vec<f64> = ring().map(|(place, _, value)| residual(&place, value, plane).abs()).collect();
-            median(&mut sizes).map(|median| 1.4826 * median.max(0.3))
+            median(&mut sizes, f64::total_cmp).map(|median| 1.4826 * median.max(0.3))
         };
         // What lies beside the paper would tilt the plane: it begins level, at the height of most pixels.
         let mut values: Vec<f64> = ring().map(|(_, _, value)| value).collect();
-        let mut plane = Vector3::new(0.0, 0.0, median(&mut values)?);
+        let mut plane = Vector3::new(0.0, 0.0, median(&mut values, f64::total_cmp)?);
         let mut scatter = scatter_about(&plane)?;
         for _ in 0..2 {
             let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());

@@ -1,5 +1,6 @@
 //! The figures by which a set of errors is reported.
 
+use std::cmp::Ordering;
 use std::fmt;
 
 /// Figures of a set of non-negative errors, all in the unit of the errors.
@@ -51,6 +52,22 @@ impl fmt::Display for Statistics {
             self.rmse, self.mean, self.median, self.std, self.max
         )
     }
+}
+
+/// The middle one of `values` in `order`, of an even number the upper one; `None` without any.
+/// Changes their order.
+pub fn median<T: Copy>(values: &mut [T], order: impl FnMut(&T, &T) -> Ordering) -> Option<T> {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return None;
+    }
+    Some(*values.select_nth_unstable_by(middle, order).1)
+}
+
+/// The value below which `share` (0 to 1) of the `sorted` values lie, to the nearest rank; `None` without any.
+pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
+    let index = (share * sorted.len().saturating_sub(1) as f64).round() as usize;
+    sorted.get(index).copied()
 }
 
 #[cfg(test)]

@@ -1,0 +1,6 @@
+//! The board in the camera's own pictures: dark spots, dots, search.
+
+pub mod dark_spots;
+pub mod dot;
+pub mod search;
+pub mod settings;

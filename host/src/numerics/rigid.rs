@@ -1,0 +1,25 @@
+//! Rigid motions: small steps of a pose, and the rotation between two sets of directions.
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
+
+/// `pose` with a small rotation (rad, camera axes) from the left and a small translation (m).
+pub fn step_pose(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
+    let rotation = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
+    let mut rotation = rotation * pose.rotation;
+    rotation.renormalize();
+    Isometry3::from_parts(Translation3::from(pose.translation.vector + step.fixed_rows::<3>(3)), rotation)
+}
+
+/// The rotation R that minimises Σ |a − R b|² over the pairs (a, b) (Kabsch 1976).
+pub fn best_rotation(pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)>) -> Rotation3<f64> {
+    let covariance = pairs.map(|(a, b)| a * b.transpose()).sum::<Matrix3<f64>>();
+    let svd = covariance.svd(true, true);
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return Rotation3::identity();
+    };
+    // nalgebra sorts the singular values, so the last direction is the least certain: turn that
+    // one where the best orthogonal matrix is a mirror.
+    let mirror = if (u * v_t).determinant() < 0.0 { -1.0 } else { 1.0 };
+    let turn = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, mirror));
+    Rotation3::from_matrix_unchecked(u * turn * v_t)
+}
