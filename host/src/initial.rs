@@ -12,6 +12,7 @@ mod bundle;
 mod cross_validation;
 pub mod held_out;
 mod intrinsics;
+pub mod model_choice;
 mod neighbour_vote;
 mod pose;
 mod refit;

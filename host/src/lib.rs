@@ -20,7 +20,6 @@ pub mod initial;
 pub mod input;
 pub mod lens;
 pub mod live;
-pub mod model_choice;
 pub mod numerics;
 pub mod opencv;
 pub mod output;

@@ -8,9 +8,9 @@ use serde::Serialize;
 
 use crate::calibrate::error::CalibrateError;
 use crate::calibrate::{Calibrated, Task, calibrate};
+use crate::initial::model_choice::ModelRequest;
 use crate::input::Input;
 use crate::lens::projection_difference::projection_difference;
-use crate::model_choice::ModelRequest;
 use crate::numerics::random::uniform_in;
 use crate::recording::{Recording, SourceError};
 

@@ -14,8 +14,8 @@ use crate::frames::calibration::{FrameCalibration, NoFrameCalibration, calibrate
 use crate::frames::joint::{JointPoints, joint_points};
 use crate::frames::witness::{FrameOutcome, frame_witness};
 use crate::initial::InitialModel;
+use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::input::Input;
-use crate::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::recording::pass::RecordingReport;
 use crate::recording::pictures::may_hold_frames;
 use crate::refinement::Refined;

@@ -1,7 +1,7 @@
 //! Values that several subcommands take.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use evcal::model_choice::ModelRequest;
+use evcal::initial::model_choice::ModelRequest;
 use evcal::recording::MAX_SENSOR_SIZE;
 use evcal_core::camera::ModelKind;
 

@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use super::refit::ProjectedCircle;
 use super::*;
 use crate::circles::event_pixel::EventPixel;
-use crate::model_choice::{CANDIDATES, ModelChoiceSettings, choose_model};
+use crate::initial::model_choice::{CANDIDATES, ModelChoiceSettings, choose_model};
 
 const SENSOR: (u16, u16) = (346, 260);
 

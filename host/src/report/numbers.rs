@@ -8,7 +8,7 @@ use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use crate::calibrate::Calibrated;
-use crate::model_choice::ModelChoice;
+use crate::initial::model_choice::ModelChoice;
 
 /// The parameters with their standard deviations.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
