@@ -2,7 +2,6 @@
 
 mod detected;
 pub mod error;
-mod first_trajectories;
 mod frames;
 
 use evcal_core::event::Event;
@@ -10,7 +9,6 @@ use serde::Serialize;
 
 use self::detected::{Detected, detect_all};
 use self::error::CalibrateError;
-use self::first_trajectories::{FirstTrajectories, first_trajectories};
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::DetectionReport;
@@ -23,9 +21,10 @@ use crate::input::Input;
 use crate::recording::SourceError;
 use crate::recording::pass::{RecordingReport, read_events};
 use crate::refinement::{Refined, RefinementInput, RoundReport, StageSettings, refine};
-use crate::segment::SegmentReport;
 use crate::settings::Settings;
 use crate::solve::State;
+use crate::trajectory::first::{FirstTrajectories, first_trajectories};
+use crate::trajectory::segment::SegmentReport;
 use crate::trust::{Trust, examine};
 use crate::uncertainty::uncertainty;
 use crate::verdict::{Verdict, verdict};

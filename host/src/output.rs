@@ -19,8 +19,8 @@ use crate::recording::pictures::image_at;
 use crate::report::report;
 use crate::result::Calibration;
 use crate::stage_report::stage_report;
-use crate::timed_pose::TimedPose;
-use crate::tum;
+use crate::trajectory::timed_pose::TimedPose;
+use crate::trajectory::tum;
 
 /// Rate at which trajectories are written (Hz).
 pub const TRAJECTORY_RATE: f64 = 200.0;

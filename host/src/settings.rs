@@ -22,10 +22,10 @@ use crate::initial::model_choice::ModelChoiceSettings;
 use crate::live::LiveSettings;
 use crate::refinement::RefinementSettings;
 use crate::residual_map::ResidualMapSettings;
-use crate::segment::SegmentSettings;
 use crate::solve::SolveSettings;
 use crate::split_half::SplitHalfSettings;
 use crate::trajectory::RotationSpline;
+use crate::trajectory::segment::SegmentSettings;
 use crate::uncertainty::UncertaintySettings;
 use crate::verdict::VerdictSettings;
 

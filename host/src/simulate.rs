@@ -28,7 +28,7 @@ use self::row::{Row, STEPPING, Slice, Stage, TICK};
 use self::scene::{Scene, View};
 use crate::board::Board;
 use crate::numerics::random::uniform;
-use crate::timed_pose::TimedPose;
+use crate::trajectory::timed_pose::TimedPose;
 
 pub mod arbiter;
 pub mod clock;

@@ -6,8 +6,12 @@
 //! [`evcal_core::spline`]). [`knots`] chooses the knots from the times of the poses, [`fit`] the
 //! control points from the poses. Evaluation never panics: outside its knots a trajectory has no pose.
 
+pub mod first;
 pub mod fit;
 pub mod knots;
+pub mod segment;
+pub mod timed_pose;
+pub mod tum;
 
 use std::fmt;
 use std::str::FromStr;

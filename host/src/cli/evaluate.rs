@@ -9,8 +9,8 @@ use evcal::evaluate::intrinsics::{IntrinsicsComparison, compare_intrinsics};
 use evcal::evaluate::trajectory_error::{Association, TrajectoryError, best_time_shift, trajectory_error};
 use evcal::lens::camera_file;
 use evcal::lens::projection_difference::{ProjectionDifference, projection_difference};
-use evcal::timed_pose::TimedPose;
-use evcal::tum;
+use evcal::trajectory::timed_pose::TimedPose;
+use evcal::trajectory::tum;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 

@@ -19,7 +19,7 @@ use evcal::simulate::scene::SceneSettings;
 use evcal::simulate::sensor::SensorModel;
 use evcal::simulate::truth::Truth;
 use evcal::simulate::{EventCounts, Simulation, SimulationSettings};
-use evcal::tum;
+use evcal::trajectory::tum;
 use evcal_core::camera::{Camera, ModelKind};
 
 use super::{UsageError, print, progress, value};

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use crate::numerics::rigid::best_rotation;
 use crate::numerics::statistics::Statistics;
-use crate::timed_pose::TimedPose;
+use crate::trajectory::timed_pose::TimedPose;
 
 /// Which true pose belongs to an estimated one.
 #[derive(Clone, Copy, Debug, PartialEq)]

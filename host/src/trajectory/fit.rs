@@ -14,7 +14,7 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::{RotationControl, RotationSpline, Trajectory, TrajectoryError, knots};
 use crate::numerics::banded::BandedCholesky;
-use crate::timed_pose::TimedPose;
+use crate::trajectory::timed_pose::TimedPose;
 
 /// What kind of trajectory to fit.
 #[derive(Clone, Copy, Debug, PartialEq)]

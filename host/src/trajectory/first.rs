@@ -1,30 +1,30 @@
 //! Stages 8 and 9: segments, and the spline of each through the initial poses.
 
-use super::error::CalibrateError;
+use crate::calibrate::error::CalibrateError;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
 use crate::numerics::statistics::median;
-use crate::segment::{SegmentReport, SegmentSettings, segment};
 use crate::settings::Settings;
 use crate::solve::observation::PointObservation;
-use crate::timed_pose::TimedPose;
 use crate::trajectory::fit::{TrajectoryShape, fit, resampled};
+use crate::trajectory::segment::{SegmentReport, SegmentSettings, segment};
+use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::{Trajectory, TrajectoryError};
 
 /// What the joint solve starts from, beside the camera.
-pub(super) struct FirstTrajectories {
+pub struct FirstTrajectories {
     /// One for each segment that has one.
-    pub(super) trajectories: Vec<Trajectory>,
+    pub trajectories: Vec<Trajectory>,
     /// Circle centres of each trajectory, where there are no events.
-    pub(super) points: Vec<Vec<PointObservation>>,
+    pub points: Vec<Vec<PointObservation>>,
     /// What became of the reference frames.
-    pub(super) segments: SegmentReport,
+    pub segments: SegmentReport,
     /// Segments whose spline could not be fitted.
-    pub(super) without_spline: usize,
+    pub without_spline: usize,
 }
 
 /// Cuts `frames`, those with a pose in `initial`, into segments and fits a spline to each.
-pub(super) fn first_trajectories(
+pub fn first_trajectories(
     initial: &InitialModel,
     frames: &[ReferenceFrame],
     settings: &Settings,

@@ -5,7 +5,7 @@ use std::io::{self, BufRead, Write};
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
-use crate::timed_pose::TimedPose;
+use crate::trajectory::timed_pose::TimedPose;
 
 /// Why a trajectory could not be read.
 #[derive(Debug, thiserror::Error)]
