@@ -8,7 +8,6 @@ pub mod association;
 pub mod board;
 pub mod burst;
 pub mod calibrate;
-pub mod camera_recording;
 pub mod circles;
 pub mod coverage;
 pub mod detection;

@@ -5,6 +5,7 @@
 //! are left out of the display, and counted.
 
 pub mod coverage;
+pub mod recorder;
 mod watcher;
 
 use serde::{Deserialize, Serialize};

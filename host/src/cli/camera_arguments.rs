@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::ValueEnum;
-use evcal::camera_recording::RecordingPlan;
+use evcal::live::recorder::RecordingPlan;
 use usb_davis::configuration::{Configuration, Streams};
 use usb_davis::device::{Camera, DeviceError, Queue, Selector};
 

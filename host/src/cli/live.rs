@@ -4,7 +4,7 @@ use std::fs;
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
 
-use evcal::camera_recording::{Moment, RecordingStatus, record};
+use evcal::live::recorder::{Moment, RecordingStatus, record};
 use evcal::live::{Seen, Tilt, Watcher};
 
 use super::calibrate::{CalibrationArguments, calibrate_recordings};

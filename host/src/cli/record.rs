@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use evcal::camera_recording::{Moment, RecordingReport, RecordingStatus, record};
+use evcal::live::recorder::{Moment, RecordingReport, RecordingStatus, record};
 use serde_json::json;
 
 use super::camera_arguments::CameraArguments;
