@@ -4,7 +4,7 @@
 use std::time::Instant;
 
 use evcal::board::Board;
-use evcal::event_bias::{BIAS_COUNT, CLASS_COUNT, unknown};
+use evcal::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, unknown};
 use evcal::solve::levenberg::solve;
 use evcal::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use evcal::solve::{FreeParameters, Problem, SolveSettings, State};

@@ -4,15 +4,12 @@
 //! source → window → circles → grid → reference frames → initial model and poses → segments →
 //! splines → associations → joint solve → result → export.
 
-pub mod association;
 pub mod board;
-pub mod burst;
 pub mod calibrate;
 pub mod circles;
 pub mod coverage;
 pub mod detection;
 pub mod evaluate;
-pub mod event_bias;
 pub mod export;
 pub mod frames;
 pub mod initial;
@@ -24,7 +21,6 @@ pub mod opencv;
 pub mod output;
 pub mod picture;
 pub mod recording;
-pub mod refinement;
 pub mod repeat;
 pub mod report;
 pub mod residual_map;

@@ -14,9 +14,9 @@ pub mod histogram;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
 use crate::numerics::huber::huber;
 use crate::solve::bearing_table::BearingTable;
+use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
 use crate::solve::stretch::{EventResidual, PointResidual, point_residuals, residuals};
 use crate::solve::{Problem, State};
 

@@ -2,15 +2,15 @@
 
 use serde::Serialize;
 
-use crate::burst::RANK_COUNT;
 use crate::calibrate::{Calibrated, StageReports};
 use crate::coverage::Coverage;
-use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, ClassBias};
 use crate::frames::joint::JointReport;
 use crate::frames::witness::FrameOutcome;
 use crate::lens::camera_file::{CameraDescription, Parameters, SensorSize};
 use crate::lens::covered_region::CoveredRegion;
 use crate::residual_map::Pattern;
+use crate::solve::burst::RANK_COUNT;
+use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, ClassBias};
 use crate::split_half::{HeldOut, SplitHalf};
 use crate::trust::{ObservedRadius, Trust};
 use crate::verdict::Verdict;

@@ -15,14 +15,14 @@ use evcal_core::pattern::Pattern;
 use evcal_core::window::{Advance, WindowPolicy};
 use serde::{Deserialize, Serialize};
 
-use crate::association::AssociationSettings;
 use crate::detection::pictures::settings::FrameSettings;
 use crate::initial::InitialSettings;
 use crate::initial::model_choice::ModelChoiceSettings;
 use crate::live::LiveSettings;
-use crate::refinement::RefinementSettings;
 use crate::residual_map::ResidualMapSettings;
 use crate::solve::SolveSettings;
+use crate::solve::association::AssociationSettings;
+use crate::solve::refinement::RefinementSettings;
 use crate::split_half::SplitHalfSettings;
 use crate::trajectory::RotationSpline;
 use crate::trajectory::segment::SegmentSettings;

@@ -6,15 +6,19 @@
 //! III-C). Levenberg-Marquardt on the normal equations, which are block-banded per segment with a
 //! border of global parameters ([`normal`]); the rows are analytic ([`event_row`], [`point_row`]).
 
+pub mod association;
 pub mod bearing_table;
 pub mod board_ray;
+pub mod burst;
 pub mod edge_batch;
+pub mod event_bias;
 pub mod event_row;
 pub mod levenberg;
 pub mod normal;
 pub mod observation;
 pub mod point_row;
 pub mod pose_bin;
+pub mod refinement;
 pub mod residual_statistics;
 pub mod smoothness;
 pub mod stretch;
@@ -23,7 +27,7 @@ pub mod system;
 use evcal_core::camera::Camera;
 use serde::{Deserialize, Serialize};
 
-use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias};
+use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias};
 use crate::trajectory::Trajectory;
 use evcal_core::camera::MAX_PARAMETERS;
 use observation::SegmentObservations;

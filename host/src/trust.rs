@@ -4,10 +4,10 @@ use serde::Serialize;
 
 use crate::board::Board;
 use crate::coverage::{Coverage, coverage};
-use crate::refinement::Refined;
 use crate::residual_map::{ResidualMap, residual_map};
 use crate::settings::Settings;
 use crate::solve::SolveError;
+use crate::solve::refinement::Refined;
 use crate::split_half::{SplitHalf, split_half};
 use crate::uncertainty::Uncertainty;
 use crate::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
@@ -76,7 +76,7 @@ fn observed_radius(refined: &Refined, board: &Board) -> Option<ObservedRadius> {
     let mut of_polarity = [(0.0, 0_usize); 2];
     for event in refined.problem.segments.iter().flat_map(|segment| &segment.events) {
         let class = usize::from(event.class);
-        let polarity = class / crate::burst::RANK_COUNT;
+        let polarity = class / crate::solve::burst::RANK_COUNT;
         if let (Some(bias), Some(part)) = (bias.get(class), of_polarity.get_mut(polarity)) {
             part.0 += bias.offset + bias.curvature * inverse_radius;
             part.1 += 1;

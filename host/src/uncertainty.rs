@@ -18,7 +18,7 @@ use evcal_core::camera::MAX_PARAMETERS;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use crate::event_bias::{BIAS_COUNT, CLASS_COUNT};
+use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT};
 use crate::solve::levenberg::{intrinsics_of, linearised, system_of};
 use crate::solve::stretch::stretches;
 use crate::solve::{GLOBAL_COUNT, Problem, SolveError, State, bias_index};

@@ -5,8 +5,8 @@ use crate::frames::calibration::NoFrameCalibration;
 use crate::frames::joint::NoJointPoints;
 use crate::initial::InitialError;
 use crate::recording::SourceError;
-use crate::refinement::RefinementError;
 use crate::solve::SolveError;
+use crate::solve::refinement::RefinementError;
 use crate::trajectory::TrajectoryError;
 
 /// Why a calibration failed.

@@ -6,12 +6,12 @@ use super::chart::{Chart, Color, SensorMap, Series, round_down, round_up};
 use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
-use crate::burst::RANK_COUNT;
 use crate::calibrate::Calibrated;
-use crate::event_bias::CLASS_COUNT;
 use crate::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
 use crate::residual_map::{Pattern, ResidualMap};
 use crate::solve::bearing_table::BearingTable;
+use crate::solve::burst::RANK_COUNT;
+use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::stretch::residuals;
 
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];

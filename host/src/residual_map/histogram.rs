@@ -1,6 +1,6 @@
 //! How the residuals of each event class are distributed.
 
-use crate::event_bias::CLASS_COUNT;
+use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::stretch::EventResidual;
 
 /// Residuals beyond this are counted in the outermost bins (px).

@@ -11,11 +11,11 @@
 //! ∂r/∂k = −n' · ∂m'/∂k, ∂r/∂offset = −1, ∂r/∂latency = −v, ∂r/∂bend = −v², ∂r/∂curvature = −1/ρ,
 //! ∂r/∂(corner latency) = −v s², ∂r/∂(curvature latency) = −v/ρ, ∂r/∂memory = −a, with the normal speed
 //! v = dr/dt, the dot's radius ρ in pixels, the distance s from the middle of the sensor and the edge's
-//! acceleration a (see [`crate::event_bias`]).
+//! acceleration a (see [`crate::solve::event_bias`]).
 
 use evcal_core::camera::{MAX_COEFFICIENTS, MAX_PARAMETERS};
 
-use crate::event_bias::{BIAS_COUNT, ClassBias, EdgePassage};
+use crate::solve::event_bias::{BIAS_COUNT, ClassBias, EdgePassage};
 
 use super::Residual;
 use super::bearing_table::{BearingTable, Place};

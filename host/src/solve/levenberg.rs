@@ -9,7 +9,7 @@ use super::smoothness::{Acceleration, accelerations};
 use super::stretch::{Stretch, linearise, stretches};
 use super::system::System;
 use super::{GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
-use crate::event_bias::{BIAS_COUNT, CLASS_COUNT};
+use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT};
 
 const FIRST_DAMPING: f64 = 1e-6;
 const SMALLEST_DAMPING: f64 = 1e-10;

@@ -9,7 +9,7 @@ use evcal_core::camera::MAX_PARAMETERS;
 use multiversion::multiversion;
 use nalgebra::{DMatrix, Matrix3, SMatrix};
 
-use crate::event_bias::BIAS_COUNT;
+use crate::solve::event_bias::BIAS_COUNT;
 
 use super::event_row::{ROW, ROW_INTRINSICS, ROW_OFFSET, ROW_RESIDUAL};
 use super::pose_bin::PoseBin;

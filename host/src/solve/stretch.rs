@@ -14,8 +14,8 @@ use super::observation::{EventObservation, PointObservation, SegmentObservations
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
 use super::{Problem, Residual, State};
-use crate::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
 use crate::numerics::huber::huber;
+use crate::solve::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
 
 /// A run of bins (and of circle centres) of one segment, small enough to be a unit of work.
 #[derive(Clone, Debug, PartialEq)]

@@ -17,7 +17,7 @@ pub mod robust;
 
 use evcal_core::event::Polarity;
 
-use crate::burst::{MAX_RANK, RANK_COUNT};
+use crate::solve::burst::{MAX_RANK, RANK_COUNT};
 
 /// Number of event classes: two polarities × ranks.
 pub const CLASS_COUNT: usize = 2 * RANK_COUNT;

@@ -11,11 +11,11 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
-use crate::burst::BurstTracker;
-use crate::event_bias::{class, speed_range};
 use crate::solve::State;
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_ray::{BoardRay, is_in_front};
+use crate::solve::burst::BurstTracker;
+use crate::solve::event_bias::{class, speed_range};
 use crate::solve::event_row::EventEdge;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::pose_bin::PoseBin;

@@ -60,7 +60,7 @@ fn spread(sizes: &mut [f32]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::event_bias::unknown;
+    use crate::solve::event_bias::unknown;
 
     #[test]
     fn offsets_are_medians_and_spreads_their_deviations() {

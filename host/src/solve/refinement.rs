@@ -6,11 +6,11 @@ use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::event::Event;
 use serde::{Deserialize, Serialize};
 
-use crate::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
 use crate::board::Board;
-use crate::event_bias::robust::{class_spreads, common_spread, shift_offsets};
-use crate::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, unknown};
+use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
 use crate::solve::bearing_table::BearingTable;
+use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
+use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, unknown};
 use crate::solve::levenberg::solve;
 use crate::solve::observation::{PointObservation, SegmentObservations};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
