@@ -12,11 +12,10 @@ use self::error::CalibrateError;
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::DetectionReport;
-use crate::frames::joint::{JointPoints, JointReport};
-use crate::frames::witness::FrameOutcome;
 use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::initial::{InitialModel, InitialReport, initial_model};
 use crate::input::Input;
+use crate::picture_calibration::joint::{JointPoints, JointReport};
 use crate::recording::SourceError;
 use crate::recording::pass::{RecordingReport, read_events};
 use crate::settings::Settings;
@@ -25,9 +24,10 @@ use crate::solve::event_bias::unknown;
 use crate::solve::refinement::{Refined, RefinementInput, RoundReport, StageSettings, refine};
 use crate::trajectory::first::{FirstTrajectories, first_trajectories};
 use crate::trajectory::segment::SegmentReport;
+use crate::trust::uncertainty::uncertainty;
+use crate::trust::verdict::{Verdict, verdict};
+use crate::trust::witness::FrameOutcome;
 use crate::trust::{Trust, examine};
-use crate::uncertainty::uncertainty;
-use crate::verdict::{Verdict, verdict};
 
 pub use self::frames::calibrate_from_frames;
 

@@ -7,11 +7,9 @@
 pub mod board;
 pub mod calibrate;
 pub mod circles;
-pub mod coverage;
 pub mod detection;
 pub mod evaluate;
 pub mod export;
-pub mod frames;
 pub mod initial;
 pub mod input;
 pub mod lens;
@@ -20,21 +18,18 @@ pub mod numerics;
 pub mod opencv;
 pub mod output;
 pub mod picture;
+pub mod picture_calibration;
 pub mod recording;
 pub mod repeat;
 pub mod report;
-pub mod residual_map;
 pub mod result;
 pub mod settings;
 pub mod simulate;
 pub mod solve;
-pub mod split_half;
 pub mod stage_report;
 pub mod trajectory;
 pub mod trust;
-pub mod uncertainty;
 pub mod undistort;
-pub mod verdict;
 
 /// Version of the program, which its files name.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -11,7 +11,6 @@ use crate::circles::track;
 use crate::export::calibrated_camera::CalibratedCamera;
 use crate::export::format::Format;
 use crate::export::{kalibr, opencv, ros};
-use crate::frames::witness::FrameOutcome;
 use crate::initial::PosedFrame;
 use crate::input::Input;
 use crate::picture::{Picture, grey_frame_picture, reference_frame_picture};
@@ -21,6 +20,7 @@ use crate::result::Calibration;
 use crate::stage_report::stage_report;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::tum;
+use crate::trust::witness::FrameOutcome;
 
 /// Rate at which trajectories are written (Hz).
 pub const TRAJECTORY_RATE: f64 = 200.0;

@@ -3,17 +3,17 @@
 use serde::Serialize;
 
 use crate::calibrate::{Calibrated, StageReports};
-use crate::coverage::Coverage;
-use crate::frames::joint::JointReport;
-use crate::frames::witness::FrameOutcome;
 use crate::lens::camera_file::{CameraDescription, Parameters, SensorSize};
 use crate::lens::covered_region::CoveredRegion;
-use crate::residual_map::Pattern;
+use crate::picture_calibration::joint::JointReport;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, ClassBias};
-use crate::split_half::{HeldOut, SplitHalf};
+use crate::trust::coverage::Coverage;
+use crate::trust::residual_map::Pattern;
+use crate::trust::split_half::{HeldOut, SplitHalf};
+use crate::trust::verdict::Verdict;
+use crate::trust::witness::FrameOutcome;
 use crate::trust::{ObservedRadius, Trust};
-use crate::verdict::Verdict;
 
 /// Everything that a calibration found out. Field order is the order in the file.
 #[derive(Clone, Debug, Serialize)]

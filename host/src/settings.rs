@@ -19,15 +19,15 @@ use crate::detection::pictures::settings::FrameSettings;
 use crate::initial::InitialSettings;
 use crate::initial::model_choice::ModelChoiceSettings;
 use crate::live::LiveSettings;
-use crate::residual_map::ResidualMapSettings;
 use crate::solve::SolveSettings;
 use crate::solve::association::AssociationSettings;
 use crate::solve::refinement::RefinementSettings;
-use crate::split_half::SplitHalfSettings;
 use crate::trajectory::RotationSpline;
 use crate::trajectory::segment::SegmentSettings;
-use crate::uncertainty::UncertaintySettings;
-use crate::verdict::VerdictSettings;
+use crate::trust::residual_map::ResidualMapSettings;
+use crate::trust::split_half::SplitHalfSettings;
+use crate::trust::uncertainty::UncertaintySettings;
+use crate::trust::verdict::VerdictSettings;
 
 /// How a circle follows from a pair of clusters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

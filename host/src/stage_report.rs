@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 
 use crate::calibrate::Calibrated;
-use crate::frames::joint::JointReport;
-use crate::frames::witness::{FrameOutcome, FrameWitness};
+use crate::picture_calibration::joint::JointReport;
+use crate::trust::witness::{FrameOutcome, FrameWitness};
 
 /// The report of all stages of a calibration, in their order.
 pub fn stage_report(calibrated: &Calibrated) -> String {

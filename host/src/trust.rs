@@ -1,16 +1,23 @@
 //! How far a calibration can be trusted: uncertainty, coverage, comparison of halves, verdict.
 
+pub mod coverage;
+pub mod residual_map;
+pub mod split_half;
+pub mod uncertainty;
+pub mod verdict;
+pub mod witness;
+
 use serde::Serialize;
 
 use crate::board::Board;
-use crate::coverage::{Coverage, coverage};
-use crate::residual_map::{ResidualMap, residual_map};
 use crate::settings::Settings;
 use crate::solve::SolveError;
 use crate::solve::refinement::Refined;
-use crate::split_half::{SplitHalf, split_half};
-use crate::uncertainty::Uncertainty;
-use crate::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
+use crate::trust::coverage::{Coverage, coverage};
+use crate::trust::residual_map::{ResidualMap, residual_map};
+use crate::trust::split_half::{SplitHalf, split_half};
+use crate::trust::uncertainty::Uncertainty;
+use crate::trust::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
 
 /// What speaks for and against a calibration.
 #[derive(Clone, Debug)]

@@ -1,9 +1,9 @@
 //! Why a calibration fails.
 
 use crate::detection::LARGEST_SENSOR;
-use crate::frames::calibration::NoFrameCalibration;
-use crate::frames::joint::NoJointPoints;
 use crate::initial::InitialError;
+use crate::picture_calibration::calibration::NoFrameCalibration;
+use crate::picture_calibration::joint::NoJointPoints;
 use crate::recording::SourceError;
 use crate::solve::SolveError;
 use crate::solve::refinement::RefinementError;

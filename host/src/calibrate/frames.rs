@@ -6,27 +6,27 @@ use super::detected::common_sensor;
 use super::error::CalibrateError;
 use super::{Calibrated, StageReports, Task};
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::coverage::coverage_of;
 use crate::detection::DetectionReport;
 use crate::detection::pictures::search::{FrameDetection, FrameDetectionReport};
-use crate::frames::calibration::{FrameCalibration, NoFrameCalibration, calibrate_frames};
-use crate::frames::joint::{JointPoints, joint_points};
-use crate::frames::witness::{FrameOutcome, frame_witness};
 use crate::initial::InitialModel;
 use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::input::Input;
+use crate::picture_calibration::calibration::{FrameCalibration, NoFrameCalibration, calibrate_frames};
+use crate::picture_calibration::joint::{JointPoints, joint_points};
 use crate::recording::pass::RecordingReport;
 use crate::recording::pictures::may_hold_frames;
-use crate::residual_map::ResidualMap;
 use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, unknown};
 use crate::solve::refinement::Refined;
 use crate::solve::residual_statistics::ResidualStatistics;
 use crate::solve::{FreeParameters, Problem, SolveError, State};
 use crate::trajectory::segment::SegmentReport;
 use crate::trust::Trust;
-use crate::uncertainty::Uncertainty;
-use crate::uncertainty::projection::projection_uncertainty;
-use crate::verdict::verdict;
+use crate::trust::coverage::coverage_of;
+use crate::trust::residual_map::ResidualMap;
+use crate::trust::uncertainty::Uncertainty;
+use crate::trust::uncertainty::projection::projection_uncertainty;
+use crate::trust::verdict::verdict;
+use crate::trust::witness::{FrameOutcome, frame_witness};
 
 /// The reference frames of all recordings' pictures.
 pub(super) struct SeenFrames {

@@ -8,7 +8,7 @@ use super::number::percent;
 use super::page::Section;
 use crate::board::Board;
 use crate::calibrate::Calibrated;
-use crate::coverage::Coverage;
+use crate::trust::coverage::Coverage;
 
 /// The board in one reference frame, seen from the camera.
 struct Place {

@@ -9,7 +9,7 @@ use super::overview::capital;
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use crate::calibrate::{Calibrated, Task};
-use crate::frames::witness::{FrameOutcome, FrameWitness};
+use crate::trust::witness::{FrameOutcome, FrameWitness};
 
 /// The witness and pictures, where the recordings have frames.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {

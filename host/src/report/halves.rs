@@ -7,7 +7,7 @@ use super::number::signed;
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use crate::calibrate::Calibrated;
-use crate::split_half::SplitHalf;
+use crate::trust::split_half::SplitHalf;
 
 /// How the halves differ. Nothing for a calibration from frames alone, each of which has a pose of its own: its
 /// uncertainty is found by leaving frames out.

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::number::{count, percent, signed};
 use super::page::figure;
 use crate::calibrate::Calibrated;
-use crate::verdict::{Finding, Grade, Severity};
+use crate::trust::verdict::{Finding, Grade, Severity};
 
 /// The head of the page.
 pub fn head(calibrated: &Calibrated) -> Markup {

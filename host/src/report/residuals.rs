@@ -7,12 +7,12 @@ use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use crate::calibrate::Calibrated;
-use crate::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
-use crate::residual_map::{Pattern, ResidualMap};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::stretch::residuals;
+use crate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
+use crate::trust::residual_map::{Pattern, ResidualMap};
 
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
 

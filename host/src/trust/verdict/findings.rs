@@ -5,8 +5,8 @@ use nalgebra::Vector2;
 
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::board::Board;
-use crate::coverage::Coverage;
 use crate::trust::Trust;
+use crate::trust::coverage::Coverage;
 
 /// All that is found.
 pub(super) fn findings_on(

@@ -7,12 +7,12 @@ use evcal_core::camera::Camera;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-use super::calibration::{FrameCalibration, FrameReport, FrameSummary, NoFrameCalibration};
 use crate::detection::pictures::settings::FrameSettings;
 use crate::lens::camera_file::{CameraDescription, Parameters};
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
-use crate::uncertainty::projection::projection_uncertainty;
-use crate::verdict::{Cause, Finding, Severity};
+use crate::picture_calibration::calibration::{FrameCalibration, FrameReport, FrameSummary, NoFrameCalibration};
+use crate::trust::uncertainty::projection::projection_uncertainty;
+use crate::trust::verdict::{Cause, Finding, Severity};
 
 /// What the frames say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

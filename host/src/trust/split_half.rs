@@ -15,7 +15,7 @@ use crate::solve::levenberg::{formal_covariance, solve};
 use crate::solve::observation::{EventBin, SegmentObservations};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::{FreeParameters, Problem, SolveSettings, State};
-use crate::uncertainty::projection::projection_uncertainty;
+use crate::trust::uncertainty::projection::projection_uncertainty;
 
 /// How the halves are cut and solved.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,7 +69,7 @@ impl SplitHalf {
 }
 
 /// Halves `problem`, which `state` solves, and compares; `inflation` is that of the whole
-/// ([`crate::uncertainty::Uncertainty::inflation`]). `None` when there is too little to halve.
+/// ([`crate::trust::uncertainty::Uncertainty::inflation`]). `None` when there is too little to halve.
 pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &SplitHalfSettings) -> Option<SplitHalf> {
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
     if total < settings.slice * settings.fewest_slices.max(2) as f64 {

@@ -11,4 +11,3 @@ pub mod bundle;
 pub mod calibration;
 pub mod circle_image;
 pub mod joint;
-pub mod witness;
