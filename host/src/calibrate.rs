@@ -3,6 +3,8 @@
 mod detected;
 pub mod error;
 mod frames;
+pub mod input;
+pub mod repeat;
 
 use evcal_core::event::Event;
 use serde::Serialize;
@@ -10,11 +12,11 @@ use serde::Serialize;
 use self::detected::{Detected, detect_all};
 use self::error::CalibrateError;
 use crate::board::Board;
+use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::DetectionReport;
 use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::initial::{InitialModel, InitialReport, initial_model};
-use crate::input::Input;
 use crate::picture_calibration::joint::{JointPoints, JointReport};
 use crate::recording::SourceError;
 use crate::recording::pass::{RecordingReport, read_events};

@@ -5,6 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::board::Board;
+use crate::calibrate::input::Input;
 use crate::calibrate::{Calibrated, Task};
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::track;
@@ -12,7 +13,6 @@ use crate::export::calibrated_camera::CalibratedCamera;
 use crate::export::format::Format;
 use crate::export::{kalibr, opencv, ros};
 use crate::initial::PosedFrame;
-use crate::input::Input;
 use crate::picture::{Picture, grey_frame_picture, reference_frame_picture};
 use crate::recording::pictures::image_at;
 use crate::report::report;

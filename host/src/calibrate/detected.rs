@@ -2,10 +2,10 @@
 
 use super::Task;
 use super::error::CalibrateError;
+use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::other_board::OtherBoard;
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
-use crate::input::Input;
 use crate::recording::SourceError;
 use crate::recording::pass::{RecordingReport, read_events};
 use crate::settings::Settings;

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use evcal::board::Board;
+use evcal::calibrate::input::Input;
 use evcal::calibrate::{FrameUse, Task, calibrate, calibrate_from_frames};
 use evcal::initial::model_choice::ModelRequest;
-use evcal::input::Input;
 use evcal::output::write_folder;
 use evcal::recording::SourceOptions;
 use evcal::settings::{Extraction, Grid, Settings, SettingsError};

@@ -6,11 +6,11 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use evcal::board::Board;
+use evcal::calibrate::input::Input;
 use evcal::circles::serial::SerialAddress;
 use evcal::circles::stream::{self, CircleStream};
 use evcal::circles::track::{self, CircleFrames};
 use evcal::detection::{DetectionReport, order_frames};
-use evcal::input::Input;
 use evcal::recording::{RecordingKind, SourceOptions, sniff};
 
 use super::progress::spinner;

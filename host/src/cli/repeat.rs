@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use evcal::calibrate::repeat::{RepeatSettings, Repetition, repeat};
 use evcal::calibrate::{FrameUse, Task};
 use evcal::recording::{Recording, SourceOptions};
-use evcal::repeat::{RepeatSettings, Repetition, repeat};
 
 use super::calibrate::MethodArguments;
 use super::progress::spinner;

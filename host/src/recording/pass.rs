@@ -5,7 +5,7 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use evcal_core::event::Event;
 use serde::Serialize;
 
-use crate::input::Input;
+use crate::calibrate::input::Input;
 use crate::recording::{ReadReport, Recording, SourceError};
 
 /// What was read of a recording.

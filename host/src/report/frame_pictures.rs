@@ -9,8 +9,8 @@ use super::example_frames::{figure, scale};
 use super::number::count;
 use super::rectification::{distorted, ideal_camera, projected};
 use crate::board::Board;
+use crate::calibrate::input::Input;
 use crate::calibrate::{Calibrated, Task};
-use crate::input::Input;
 use crate::picture::{BEYOND, Picture};
 use crate::recording::pictures::{GreyImage, TimedImage, may_hold_frames, visit_frames};
 

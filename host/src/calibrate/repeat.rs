@@ -7,9 +7,9 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use crate::calibrate::error::CalibrateError;
+use crate::calibrate::input::Input;
 use crate::calibrate::{Calibrated, Task, calibrate};
 use crate::initial::model_choice::ModelRequest;
-use crate::input::Input;
 use crate::lens::projection_difference::projection_difference;
 use crate::numerics::random::uniform_in;
 use crate::recording::{Recording, SourceError};
