@@ -7,7 +7,6 @@
 //! Everywhere pixel (0, 0) is the centre of the top-left pixel, as in OpenCV, ROS, Kalibr and mrcal.
 
 pub mod basalt;
-pub mod calibrated_camera;
 pub mod csv;
 pub mod dv_processing;
 pub mod dv_xml;

@@ -24,7 +24,6 @@ pub mod result;
 pub mod settings;
 pub mod simulate;
 pub mod solve;
-pub mod stage_report;
 pub mod trajectory;
 pub mod trust;
 pub mod undistort;

@@ -5,10 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::builder::PossibleValuesParser;
-use evcal::export::calibrated_camera::{CalibratedCamera, ROS_TOPIC, UNNAMED};
 use evcal::export::format::{Exported, FORMATS, Format};
 use evcal::export::undistortion_table::{ExportedTable, fit_table, table};
 use evcal::lens::nearest::Refit;
+use evcal::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, UNNAMED};
 use evcal_core::camera::Camera;
 use evcal_core::undistortion::IdealCamera;
 

@@ -2,9 +2,9 @@
 
 use evcal_core::camera::{Camera, ModelKind};
 
-use super::calibrated_camera::CalibratedCamera;
 use super::{basalt, csv, dv_processing, dv_xml, kalibr, mrcal, opencv, ros};
 use crate::lens::nearest::{Refit, nearest};
+use crate::result::calibrated_camera::CalibratedCamera;
 
 /// A file format for cameras.
 pub struct Format {
@@ -107,8 +107,8 @@ impl Format {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::export::calibrated_camera::{ROS_TOPIC, UNNAMED};
     use crate::lens::covered_region::CoveredRegion;
+    use crate::result::calibrated_camera::{ROS_TOPIC, UNNAMED};
 
     #[test]
     fn names_and_files_differ_and_substitutes_can_be_written() {

@@ -1,0 +1,249 @@
+//! The result of a calibration, as it is written to `calibration.json`.
+
+use serde::Serialize;
+
+use crate::calibrate::{Calibrated, StageReports};
+use crate::lens::camera_file::{CameraDescription, Parameters, SensorSize};
+use crate::lens::covered_region::CoveredRegion;
+use crate::picture_calibration::joint::JointReport;
+use crate::solve::burst::RANK_COUNT;
+use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, ClassBias};
+use crate::trust::coverage::Coverage;
+use crate::trust::residual_map::Pattern;
+use crate::trust::split_half::{HeldOut, SplitHalf};
+use crate::trust::verdict::Verdict;
+use crate::trust::witness::FrameOutcome;
+use crate::trust::{ObservedRadius, Trust};
+
+/// Everything that a calibration found out. Field order is the order in the file.
+#[derive(Clone, Debug, Serialize)]
+pub struct Calibration {
+    /// Always `evcal-calibration`.
+    pub format: &'static str,
+    /// Version of this layout.
+    pub version: u32,
+    /// Version of the program.
+    pub program: &'static str,
+    /// Where pixel (0, 0) is.
+    pub pixel_convention: &'static str,
+    /// Size of the sensor.
+    pub sensor: SensorSize,
+    /// The lens.
+    pub camera: CameraDescription,
+    /// Whether it is good, and why.
+    pub verdict: Verdict,
+    /// Standard deviation of each lens parameter.
+    pub sigma: CameraDescription,
+    /// How sure the result is.
+    pub uncertainty: UncertaintySummary,
+    /// Where on the sensor and from where the board was seen.
+    pub coverage: Coverage,
+    /// Two halves of the recordings calibrated apart, if they are long enough.
+    pub split_half: Option<SplitHalfSummary>,
+    /// Whether residuals stay in the same places of the image.
+    pub residual_pattern: Pattern,
+    /// The circles' radius as the events see it.
+    pub observed_radius: Option<ObservedRadius>,
+    /// The lens before the joint solve.
+    pub initial_camera: CameraDescription,
+    /// Corners (px) of the convex region of the sensor in which the board was seen.
+    pub covered_region: Vec<[f64; 2]>,
+    /// The board, as on the command line.
+    pub board: String,
+    /// Event classes and their biases; empty when the input is circle centres.
+    pub event_classes: Vec<EventClass>,
+    /// How far the observations are from where the result puts them.
+    pub residuals: Residuals,
+    /// Trajectory segments.
+    pub segments: Vec<SegmentSummary>,
+    /// What the camera's own frames say; absent where the recordings have none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<FrameOutcome>,
+    /// How frames and events were solved together; absent where they were not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joint_frames: Option<JointReport>,
+    /// What every stage took in and gave out.
+    pub stages: StageReports,
+}
+
+/// One event class: polarity and rank in the burst.
+#[derive(Clone, Debug, Serialize)]
+pub struct EventClass {
+    /// `off` or `on`.
+    pub polarity: &'static str,
+    /// Rank in the burst, 0 for the first event; the last rank stands for all later ones.
+    pub rank: usize,
+    /// Offset from the geometric edge in pixels (positive outside the dot), latency in seconds
+    /// relative to the first OFF event, spread in pixels.
+    #[serde(flatten)]
+    pub bias: ClassBias,
+    /// Standard deviations of offset, latency, bend, curvature, corner latency, curvature latency and
+    /// memory; zero where one is held.
+    pub standard_deviations: [f64; BIAS_COUNT],
+}
+
+impl EventClass {
+    /// All classes with their biases and standard deviations.
+    pub fn all(bias: &[ClassBias; CLASS_COUNT], sigma: &[[f64; BIAS_COUNT]; CLASS_COUNT]) -> Vec<Self> {
+        bias.iter()
+            .zip(sigma)
+            .enumerate()
+            .map(|(class, (bias, sigma))| Self {
+                polarity: if class < RANK_COUNT { "off" } else { "on" },
+                rank: class % RANK_COUNT,
+                bias: *bias,
+                standard_deviations: *sigma,
+            })
+            .collect()
+    }
+}
+
+/// Residuals of the observations that the final solve used.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Residuals {
+    /// `event edge distance` or `circle centre distance`: two figures that cannot be compared.
+    pub measure: &'static str,
+    /// Number of observations.
+    pub count: usize,
+    /// Root mean square in pixels.
+    pub rms: f64,
+    /// Median of the absolute value in pixels.
+    pub median: f64,
+}
+
+/// How sure a result is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct UncertaintySummary {
+    /// Covariance of the lens parameters, in the order of the model.
+    pub covariance: Vec<Vec<f64>>,
+    /// Variance over what it would be if all observations were independent.
+    pub inflation: f64,
+    /// Independent observations that would determine the camera as well.
+    pub effective_observations: f64,
+    /// Blocks of time that the inflation was found with.
+    pub blocks: usize,
+    /// Expected root mean square error of the projection over the sensor (px).
+    pub projection_rms: f64,
+    /// What it stays below with a probability of 95 % (px).
+    pub projection_rms_95: f64,
+    /// Greatest standard deviation of the projection (px).
+    pub projection_max: f64,
+    /// The pixel where it is greatest.
+    pub projection_max_at: [f64; 2],
+}
+
+impl UncertaintySummary {
+    fn new(trust: &Trust) -> Self {
+        let Trust { uncertainty, projection, .. } = trust;
+        Self {
+            covariance: uncertainty.covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),
+            inflation: uncertainty.inflation,
+            effective_observations: uncertainty.effective_observations(),
+            blocks: uncertainty.blocks,
+            projection_rms: projection.rms,
+            projection_rms_95: projection.rms_95,
+            projection_max: projection.max,
+            projection_max_at: projection.max_at,
+        }
+    }
+}
+
+/// Two calibrations from one half of the observations each.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SplitHalfSummary {
+    /// The two cameras.
+    pub cameras: [CameraDescription; 2],
+    /// Root mean square difference of their projections (px).
+    pub difference_rms: f64,
+    /// Greatest difference (px).
+    pub difference_max: f64,
+    /// The root mean square difference to expect (px).
+    pub expected_rms: f64,
+    /// What it stays below in 95 of 100 cases if the uncertainties are right (px).
+    pub bound: f64,
+    /// How well each half's camera explains the other half.
+    pub held_out: HeldOut,
+}
+
+impl From<&SplitHalf> for SplitHalfSummary {
+    fn from(halves: &SplitHalf) -> Self {
+        Self {
+            cameras: halves.cameras.clone(),
+            difference_rms: halves.difference.rms,
+            difference_max: halves.difference.max,
+            expected_rms: halves.expected_rms,
+            bound: halves.bound,
+            held_out: halves.held_out,
+        }
+    }
+}
+
+/// One trajectory segment.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SegmentSummary {
+    /// Recording it belongs to.
+    pub recording: usize,
+    /// Start in seconds since the recording's first event.
+    pub start: f64,
+    /// End.
+    pub end: f64,
+    /// Number of control points.
+    pub control_points: usize,
+    /// Number of observations.
+    pub observations: usize,
+}
+
+impl Calibration {
+    /// The result of `calibrated`, seen on `board`.
+    pub fn new(calibrated: &Calibrated, board: &crate::board::Board) -> Self {
+        let state = &calibrated.refined.state;
+        let camera = &state.camera;
+        let names = camera.kind().parameter_names();
+        let trust = &calibrated.trust;
+        let sigma = Parameters::new(names.iter().copied().zip(trust.uncertainty.sigma()));
+        let from_events = calibrated.refined.problem.segments.iter().any(|segment| !segment.events.is_empty());
+        let statistics = calibrated.refined.residuals;
+        let segments = state.trajectories.iter().zip(&calibrated.refined.problem.segments);
+        Self {
+            format: "evcal-calibration",
+            version: 1,
+            program: crate::VERSION,
+            pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)",
+            sensor: SensorSize { width: calibrated.sensor.0, height: calibrated.sensor.1 },
+            camera: CameraDescription::new(camera),
+            verdict: calibrated.verdict.clone(),
+            uncertainty: UncertaintySummary::new(trust),
+            coverage: trust.coverage.clone(),
+            split_half: trust.split_half.as_ref().map(SplitHalfSummary::from),
+            residual_pattern: trust.residuals.pattern,
+            observed_radius: trust.radius,
+            sigma: CameraDescription { model: camera.kind().name().to_owned(), parameters: sigma },
+            initial_camera: CameraDescription::new(&calibrated.initial.camera),
+            covered_region: CoveredRegion::of_calibration(calibrated).corners().iter().map(|&c| c.into()).collect(),
+            board: board.to_string(),
+            event_classes: if from_events {
+                EventClass::all(&state.bias, &trust.uncertainty.bias_sigma)
+            } else {
+                Vec::new()
+            },
+            residuals: Residuals {
+                measure: if from_events { "event edge distance" } else { "circle centre distance" },
+                count: statistics.count,
+                rms: statistics.rms,
+                median: statistics.median,
+            },
+            segments: segments
+                .map(|(trajectory, observations)| SegmentSummary {
+                    recording: trajectory.recording,
+                    start: trajectory.start(),
+                    end: trajectory.end(),
+                    control_points: trajectory.control_point_count(),
+                    observations: observations.events.len() + observations.points.len(),
+                })
+                .collect(),
+            frames: calibrated.witness.clone(),
+            joint_frames: calibrated.joint.clone(),
+            stages: calibrated.reports.clone(),
+        }
+    }
+}
