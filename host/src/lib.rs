@@ -16,7 +16,6 @@ pub mod live;
 pub mod numerics;
 pub mod opencv;
 pub mod output;
-pub mod picture;
 pub mod picture_calibration;
 pub mod recording;
 pub mod report;

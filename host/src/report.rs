@@ -7,6 +7,7 @@ mod accumulation;
 mod board_places;
 mod camera_frames;
 mod chart;
+pub mod drawing;
 mod example_frames;
 mod frame_pictures;
 mod halves;

@@ -7,9 +7,9 @@ use std::path::PathBuf;
 use evcal::board::Board;
 use evcal::circles::track::{self, UnorderedFrame};
 use evcal::detection::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR};
-use evcal::picture::circle_picture;
 use evcal::recording::pass::read_recording;
 use evcal::recording::{Recording, SourceOptions};
+use evcal::report::drawing::circle_picture;
 use evcal::settings::{Extraction, Settings};
 use nalgebra::Vector2;
 

@@ -12,7 +12,7 @@ use crate::calibrate::Calibrated;
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::PosedFrame;
-use crate::picture::{BEYOND, OFF, ON, Picture, WHITE};
+use crate::report::drawing::{BEYOND, OFF, ON, Picture, WHITE};
 
 /// Widest picture in its own pixels; more would only make the file larger.
 const WIDEST: u16 = 800;

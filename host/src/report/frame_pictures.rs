@@ -11,8 +11,8 @@ use super::rectification::{distorted, ideal_camera, projected};
 use crate::board::Board;
 use crate::calibrate::input::Input;
 use crate::calibrate::{Calibrated, Task};
-use crate::picture::{BEYOND, Picture};
 use crate::recording::pictures::{GreyImage, TimedImage, may_hold_frames, visit_frames};
+use crate::report::drawing::{BEYOND, Picture};
 
 /// Most frames that are carried to the board.
 const MOST_FRAMES: usize = 40;
