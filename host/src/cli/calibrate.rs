@@ -6,7 +6,7 @@ use evcal::board::Board;
 use evcal::calibrate::input::Input;
 use evcal::calibrate::{FrameUse, Task, calibrate, calibrate_from_frames};
 use evcal::initial::model_choice::ModelRequest;
-use evcal::output::write_folder;
+use evcal::output::folder::write_folder;
 use evcal::recording::SourceOptions;
 use evcal::settings::{Extraction, Grid, Settings, SettingsError};
 use evcal::trajectory::RotationSpline;

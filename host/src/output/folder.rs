@@ -1,0 +1,240 @@
+//! The folder that a calibration writes.
+
+use std::fmt::Write as _;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::board::Board;
+use crate::calibrate::input::Input;
+use crate::calibrate::{Calibrated, Task};
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::circles::track;
+use crate::export::format::Format;
+use crate::export::{kalibr, opencv, ros};
+use crate::initial::PosedFrame;
+use crate::recording::pictures::image_at;
+use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_picture};
+use crate::report::report;
+use crate::result::calibrated_camera::CalibratedCamera;
+use crate::result::calibration_file::Calibration;
+use crate::result::stage_report::stage_report;
+use crate::trajectory::timed_pose::TimedPose;
+use crate::trajectory::tum;
+use crate::trust::witness::FrameOutcome;
+
+/// Rate at which trajectories are written (Hz).
+pub const TRAJECTORY_RATE: f64 = 200.0;
+
+/// Folder of files for other programs.
+const EXPORTS: &str = "exports";
+
+/// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
+const FOR_OTHERS: &[(Format, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
+
+/// What was written, for the terminal.
+pub struct Written {
+    /// The content of `calibration.json`.
+    pub json: String,
+    /// A few lines with the result.
+    pub summary: String,
+    /// What every stage took in and gave out.
+    pub stage_report: String,
+}
+
+/// A result file could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{file}: {error}")]
+pub struct OutputError {
+    file: String,
+    error: io::Error,
+}
+
+/// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `settings.toml`,
+/// `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, which is created. Of
+/// several recordings, each has its own clock: those after the first have their own `trajectory-2.txt`,
+/// `circles-2.csv` and so on.
+///
+/// # Errors
+/// [`OutputError`] names the file that could not be written.
+pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<Written, OutputError> {
+    let put = |path: PathBuf, content: &[u8]| {
+        std::fs::write(&path, content).map_err(|error| OutputError { file: path.display().to_string(), error })
+    };
+    std::fs::create_dir_all(folder).map_err(|error| OutputError { file: folder.display().to_string(), error })?;
+    let calibration = Calibration::new(calibrated, task.board);
+    let json = serde_json::to_string_pretty(&calibration)
+        .map_err(|error| OutputError { file: "calibration.json".to_owned(), error: error.into() })?;
+    let stage_report = stage_report(calibrated);
+    let mut summary = summary(&calibration);
+    put(folder.join("calibration.json"), json.as_bytes())?;
+    put(folder.join("settings.toml"), task.settings.to_toml().as_bytes())?;
+    put(folder.join("stages.txt"), stage_report.as_bytes())?;
+    put(folder.join("report.html"), report(calibrated, task).as_bytes())?;
+    let mut circles = Vec::new();
+    for (recording, start) in calibrated.starts.iter().enumerate() {
+        let of_recording = |name: &str, extension: &str| match recording {
+            0 => format!("{name}.{extension}"),
+            _ => format!("{name}-{}.{extension}", recording + 1),
+        };
+        let name = of_recording("trajectory", "txt");
+        let poses =
+            trajectory(calibrated, recording, *start).map_err(|error| OutputError { file: name.clone(), error })?;
+        put(folder.join(name), &poses)?;
+        let frames = calibrated.frames.iter().filter(|frame| frame.recording == recording);
+        let name = of_recording("circles", "csv");
+        circles.clear();
+        track::write(&mut circles, frames, &task.board.pattern, (start * 1e6).round() as i64)
+            .map_err(|error| OutputError { file: name.clone(), error })?;
+        put(folder.join(name), &circles)?;
+    }
+    let pictures = match &calibrated.witness {
+        Some(FrameOutcome::Only(_)) => frame_pictures(calibrated, task),
+        _ => pictures(calibrated, task.board),
+    };
+    for (name, picture) in pictures {
+        let path = folder.join(name);
+        picture.write_png(&path).map_err(|error| OutputError { file: path.display().to_string(), error })?;
+    }
+    let camera = CalibratedCamera::new(calibrated, task.board);
+    let exports = Path::new(EXPORTS);
+    std::fs::create_dir_all(folder.join(exports))
+        .map_err(|error| OutputError { file: folder.join(exports).display().to_string(), error })?;
+    for (format, place) in FOR_OTHERS {
+        let name = if *place == EXPORTS { exports.join(format.file) } else { format.file.into() };
+        match format.export(&camera) {
+            Ok(exported) => {
+                put(folder.join(&name), exported.text.as_bytes())?;
+                if let Some(refit) = exported.refit {
+                    let _ = write!(summary, "\n{}: {refit}", name.display());
+                }
+            }
+            Err(error) => {
+                let _ = write!(summary, "\nno {}: {error}", name.display());
+            }
+        }
+    }
+    Ok(Written { json, summary, stage_report })
+}
+
+/// The reference frames with the smallest and the largest error of the initial model.
+fn pictures(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Picture)> {
+    let initial = &calibrated.initial;
+    let with_pixels = initial
+        .frames
+        .iter()
+        .filter_map(|posed| calibrated.frames.get(posed.frame).map(|frame| (posed, frame)))
+        .filter(|(_, frame)| !frame.pixels.is_empty());
+    let mut ranked: Vec<_> = with_pixels.collect();
+    ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
+    let picture = |ranked: Option<&(&PosedFrame, &ReferenceFrame)>, name| {
+        let (posed, frame) = ranked?;
+        let camera = &calibrated.refined.state.camera;
+        Some((name, reference_frame_picture(frame, calibrated.sensor, board, camera, &posed.pose)))
+    };
+    let good = picture(ranked.first(), "good-frame.png");
+    let bad = picture(ranked.last(), "bad-frame.png");
+    good.into_iter().chain(bad).collect()
+}
+
+/// The camera's own pictures with the smallest and the largest error, as far as they can be read again.
+fn frame_pictures(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, Picture)> {
+    let mut ranked: Vec<&PosedFrame> = calibrated.initial.frames.iter().collect();
+    ranked.sort_by(|a, b| a.rms.total_cmp(&b.rms));
+    let picture = |posed: Option<&&PosedFrame>, name| {
+        let posed = posed?;
+        let frame = calibrated.frames.get(posed.frame)?;
+        let Some(Input::Events(recording)) = task.inputs.get(frame.recording) else { return None };
+        let exposure = (calibrated.starts.get(frame.recording)? + frame.start) * 1e6;
+        let picture = image_at(recording, exposure.round() as i64)?;
+        let image = (picture.image.as_ref().ok()?, picture.position);
+        let camera = &calibrated.refined.state.camera;
+        Some((name, grey_frame_picture(image, frame, calibrated.sensor, task.board, camera, &posed.pose)))
+    };
+    let good = picture(ranked.first(), "good-frame.png");
+    let bad = picture(ranked.last(), "bad-frame.png");
+    good.into_iter().chain(bad).collect()
+}
+
+/// The poses of one recording, which begins at `start` seconds of its own clock: along the trajectories, or those of
+/// the frames where there is none.
+fn trajectory(calibrated: &Calibrated, recording: usize, start: f64) -> io::Result<Vec<u8>> {
+    let mut poses = Vec::new();
+    if calibrated.refined.state.trajectories.is_empty() {
+        let of_frame = |posed: &PosedFrame| {
+            let frame = calibrated.frames.get(posed.frame).filter(|frame| frame.recording == recording)?;
+            Some(TimedPose { t: frame.t() + start, pose: posed.pose })
+        };
+        poses.extend(calibrated.initial.frames.iter().filter_map(of_frame));
+    }
+    for trajectory in calibrated.refined.state.trajectories.iter().filter(|one| one.recording == recording) {
+        let first = (trajectory.start() * TRAJECTORY_RATE).ceil() as i64;
+        let last = (trajectory.end() * TRAJECTORY_RATE).floor() as i64;
+        poses.extend((first..=last).filter_map(|step| {
+            let t = step as f64 / TRAJECTORY_RATE;
+            trajectory.pose(t).map(|pose| TimedPose { t: t + start, pose })
+        }));
+    }
+    let mut text = Vec::new();
+    tum::write(&mut text, &poses)?;
+    Ok(text)
+}
+
+fn summary(calibration: &Calibration) -> String {
+    let mut text = String::new();
+    let sensor = calibration.sensor;
+    let _ = writeln!(text, "camera {} on {} x {} pixels", calibration.camera.model, sensor.width, sensor.height);
+    for name in ordered_names(&calibration.camera.model) {
+        let value = calibration.camera.parameters.get(name).unwrap_or(f64::NAN);
+        let sigma = calibration.sigma.parameters.get(name).unwrap_or(f64::NAN);
+        let _ = writeln!(text, "  {name:<3} {value:>12.5} ± {sigma:.5}");
+    }
+    let _ = writeln!(text, "{}", calibration.verdict);
+    if let Some(halves) = &calibration.split_half {
+        let _ = writeln!(
+            text,
+            "halves differ by {:.4} px (expected {:.4}); held-out residual {:.4} px, own {:.4} px",
+            halves.difference_rms, halves.expected_rms, halves.held_out.rms, halves.held_out.own_rms
+        );
+    }
+    let residuals = calibration.residuals;
+    let _ = write!(
+        text,
+        "residual ({}): median {:.3} px, rms {:.3} px, {} observations",
+        residuals.measure, residuals.median, residuals.rms, residuals.count
+    );
+    if !calibration.segments.is_empty() {
+        let _ = write!(text, " in {} segments", calibration.segments.len());
+    }
+    match &calibration.frames {
+        Some(FrameOutcome::Witness(witness)) => {
+            let _ = write!(text, "\nframes: {}", witness.sentence);
+        }
+        Some(FrameOutcome::Silent(silent)) => {
+            let _ = write!(text, "\nframes: no calibration to compare with: {silent}");
+        }
+        Some(FrameOutcome::Only(frames)) => {
+            let _ = write!(text, "\nfrom {} of {} frames", frames.report.used, frames.report.detection.frames);
+        }
+        None => {}
+    }
+    if let Some(joint) = &calibration.joint_frames {
+        let _ = write!(
+            text,
+            "\nsolved together with {} dots of {} frames, which come {:.3} ± {:.3} ms before the events of their moment",
+            joint.dots,
+            joint.frames,
+            1e3 * joint.time_offset,
+            1e3 * joint.time_offset_sigma
+        );
+    }
+    for (index, recording) in calibration.stages.recordings.iter().enumerate() {
+        for note in &recording.notes {
+            let _ = write!(text, "\nnote on recording {}: {note}", index + 1);
+        }
+    }
+    text
+}
+
+fn ordered_names(model: &str) -> Vec<&'static str> {
+    evcal_core::camera::ModelKind::from_name(model).map_or_else(Vec::new, |kind| kind.parameter_names().to_vec())
+}
