@@ -6,16 +6,17 @@
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use evcal_core::circle::Method;
-use evcal_core::cluster::{SensorSize, row_bytes, row_count};
+use evcal_core::cluster::{row_bytes, row_count};
 use evcal_core::detector::{Detector, DetectorSettings};
 use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
 use evcal_core::window::{Outcome, WindowPlanner, WindowPolicy};
 
 fn main() {
     divan::main();
 }
 
-const SENSOR: SensorSize = SensorSize { width: 346, height: 260 };
+const SENSOR: Sensor = Sensor { width: 346, height: 260 };
 
 type Detector346<T> = Detector<T, { row_bytes(346) }, { row_count(260) }, 4096, 256>;
 

@@ -4,13 +4,13 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use evcal_core::budget::{EventBudget, LoadShedder};
 use evcal_core::camera::{Camera, ModelKind};
-use evcal_core::cluster::SensorSize;
 use evcal_core::decode::{Evt2Decoder, Evt2Encoder, PackedDecoder, PackedEncoder};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::filter::{EventFilter, FilterSettings, FilterStorage};
+use evcal_core::sensor::Sensor;
 use evcal_core::undistortion::{IdealCamera, UndistortionTable};
 
-const SENSOR: SensorSize = SensorSize { width: 346, height: 260 };
+const SENSOR: Sensor = Sensor { width: 346, height: 260 };
 const EVENTS: usize = 100_000;
 
 fn main() {

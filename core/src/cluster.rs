@@ -58,15 +58,6 @@ impl Default for ClusterSettings {
     }
 }
 
-/// A sensor's number of columns and rows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SensorSize {
-    /// Columns in pixels.
-    pub width: u16,
-    /// Rows in pixels.
-    pub height: u16,
-}
-
 /// A run of neighbouring pixels in a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelRun {

@@ -1,7 +1,8 @@
 //! Events of a window to circle candidates, with all the storage that takes.
 //!
 //! ```
-//! use evcal_core::cluster::{SensorSize, row_bytes, row_count};
+//! use evcal_core::cluster::{row_bytes, row_count};
+//! use evcal_core::sensor::Sensor;
 //! use evcal_core::detector::{Detector, DetectorSettings};
 //! use evcal_core::event::{Event, Polarity};
 //!
@@ -9,7 +10,7 @@
 //! type Detector346 = Detector<f32, { row_bytes(346) }, { row_count(260) }, 2048, 128>;
 //!
 //! let mut detector = Detector346::new();
-//! let sensor = SensorSize { width: 346, height: 260 };
+//! let sensor = Sensor { width: 346, height: 260 };
 //! // A dot of radius 8 px at (100, 100) that moves to the right.
 //! let events = (-60..=60).flat_map(|degrees| {
 //!     let (sin, cos) = f32::from(degrees as i16).to_radians().sin_cos();
@@ -26,8 +27,9 @@
 //! ```
 
 use crate::circle::{CircleCandidate, CircleCounts, ExtractionSettings, extract};
-use crate::cluster::{Cluster, ClusterCounts, ClusterSettings, Clusterer, PixelRuns, SensorSize, SensorTooLarge};
+use crate::cluster::{Cluster, ClusterCounts, ClusterSettings, Clusterer, PixelRuns, SensorTooLarge};
 use crate::event::{Event, Polarity};
+use crate::sensor::Sensor;
 use heapless::Vec;
 use nalgebra::RealField;
 
@@ -86,7 +88,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
     /// Finds the circles among the events of a window; what earlier windows left is forgotten.
     pub fn detect(
         &mut self,
-        sensor: SensorSize,
+        sensor: Sensor,
         events: impl IntoIterator<Item = Event>,
         settings: &DetectorSettings<T>,
     ) -> Result<Detection, SensorTooLarge> {

@@ -31,8 +31,8 @@ use core::fmt;
 use background::CellGrid;
 use pixels::{PixelFilter, Slot};
 
-use crate::cluster::SensorSize;
 use crate::event::Event;
+use crate::sensor::Sensor;
 
 /// Settings of the filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -132,12 +132,12 @@ impl core::error::Error for StorageTooSmall {}
 /// Judges event after event.
 ///
 /// ```
-/// use evcal_core::cluster::SensorSize;
+/// use evcal_core::sensor::Sensor;
 /// use evcal_core::event::{Event, Polarity};
 /// use evcal_core::filter::{EventFilter, FilterSettings, FilterStorage, Verdict};
 ///
 /// let mut storage = FilterStorage::<5655, 1024>::new();
-/// let sensor = SensorSize { width: 346, height: 260 };
+/// let sensor = Sensor { width: 346, height: 260 };
 /// let mut filter = EventFilter::new(sensor, FilterSettings::default(), &mut storage)?;
 /// let event = |t, x, y| Event { t, x, y, polarity: Polarity::On };
 /// assert_eq!(filter.judge(&event(0, 100, 100)), Verdict::Background);
@@ -148,7 +148,7 @@ impl core::error::Error for StorageTooSmall {}
 /// ```
 #[derive(Debug)]
 pub struct EventFilter<'a, const CELLS: usize, const SLOTS: usize> {
-    sensor: SensorSize,
+    sensor: Sensor,
     pixels: PixelFilter<'a, SLOTS>,
     cells: CellGrid<'a, CELLS>,
     /// Time of the first event, once there was one: the memories count from there.
@@ -162,7 +162,7 @@ impl<'a, const CELLS: usize, const SLOTS: usize> EventFilter<'a, CELLS, SLOTS> {
     /// # Errors
     /// If the storage is too small for the sensor.
     pub fn new(
-        sensor: SensorSize,
+        sensor: Sensor,
         settings: FilterSettings,
         storage: &'a mut FilterStorage<CELLS, SLOTS>,
     ) -> Result<Self, StorageTooSmall> {

@@ -39,6 +39,7 @@ pub mod event;
 pub mod filter;
 pub mod grid;
 pub mod pattern;
+pub mod sensor;
 pub mod spline;
 pub mod undistortion;
 pub mod window;

@@ -7,12 +7,12 @@
 //!
 //! ```
 //! use evcal_core::camera::{Camera, ModelKind};
-//! use evcal_core::cluster::SensorSize;
+//! use evcal_core::sensor::Sensor;
 //! use evcal_core::undistortion::{IdealCamera, UndistortionTable};
 //!
 //! let lens = [330.0, 330.0, 172.5, 129.5, -0.35, 0.15, 0.0, 0.0_f32];
 //! let camera = Camera::from_parameters(ModelKind::Radtan4, &lens).ok_or("no camera")?;
-//! let sensor = SensorSize { width: 346, height: 260 };
+//! let sensor = Sensor { width: 346, height: 260 };
 //! let ideal = IdealCamera { fx: 330.0, fy: 330.0, cx: 172.5, cy: 129.5 };
 //! // 44×33 nodes: every 8 pixels, 11.6 kB.
 //! let table = UndistortionTable::new(&camera, &ideal, sensor, [44, 33], [[0.0; 2]; 1452])?;
@@ -27,7 +27,7 @@ use core::fmt;
 use nalgebra::{RealField, Vector2};
 
 use crate::camera::Camera;
-use crate::cluster::SensorSize;
+use crate::sensor::Sensor;
 
 /// A camera without distortion: pixel = (fx X/Z + cx, fy Y/Z + cy).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,7 +93,7 @@ pub struct TableAccuracy {
 /// flash, a `Vec`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UndistortionTable<N> {
-    sensor: SensorSize,
+    sensor: Sensor,
     /// Columns and rows of nodes.
     size: [u16; 2],
     /// Nodes per pixel in x and y.
@@ -107,11 +107,7 @@ impl UndistortionTable<&'static [[f32; 2]]> {
     ///
     /// # Errors
     /// If there are fewer nodes than columns × rows, or fewer than 2 in a direction.
-    pub const fn from_nodes(
-        sensor: SensorSize,
-        size: [u16; 2],
-        nodes: &'static [[f32; 2]],
-    ) -> Result<Self, TableError> {
+    pub const fn from_nodes(sensor: Sensor, size: [u16; 2], nodes: &'static [[f32; 2]]) -> Result<Self, TableError> {
         match check(sensor, size, nodes.len()) {
             Ok(()) => Ok(Self { sensor, size, scale: scale(sensor, size), nodes }),
             Err(error) => Err(error),
@@ -127,7 +123,7 @@ impl<N: AsRef<[[f32; 2]]>> UndistortionTable<N> {
     pub fn new<T: RealField + Copy>(
         camera: &Camera<T>,
         ideal: &IdealCamera<T>,
-        sensor: SensorSize,
+        sensor: Sensor,
         size: [u16; 2],
         mut storage: N,
     ) -> Result<Self, TableError>
@@ -154,7 +150,7 @@ impl<N: AsRef<[[f32; 2]]>> UndistortionTable<N> {
     }
 
     /// The sensor that the table is for.
-    pub const fn sensor(&self) -> SensorSize {
+    pub const fn sensor(&self) -> Sensor {
         self.sensor
     }
 
@@ -213,7 +209,7 @@ impl<N: AsRef<[[f32; 2]]>> UndistortionTable<N> {
     }
 }
 
-const fn check(sensor: SensorSize, [columns, rows]: [u16; 2], room: usize) -> Result<(), TableError> {
+const fn check(sensor: Sensor, [columns, rows]: [u16; 2], room: usize) -> Result<(), TableError> {
     if columns < 2 || rows < 2 || sensor.width < 2 || sensor.height < 2 {
         return Err(TableError::TooSmall);
     }
@@ -223,7 +219,7 @@ const fn check(sensor: SensorSize, [columns, rows]: [u16; 2], room: usize) -> Re
     Ok(())
 }
 
-const fn scale(sensor: SensorSize, [columns, rows]: [u16; 2]) -> [f32; 2] {
+const fn scale(sensor: Sensor, [columns, rows]: [u16; 2]) -> [f32; 2] {
     let along = [columns as f32 - 1.0, rows as f32 - 1.0];
     [along[0] / (sensor.width as f32 - 1.0), along[1] / (sensor.height as f32 - 1.0)]
 }
@@ -249,7 +245,7 @@ mod tests {
     use super::*;
     use crate::camera::ModelKind;
 
-    const SENSOR: SensorSize = SensorSize { width: 346, height: 260 };
+    const SENSOR: Sensor = Sensor { width: 346, height: 260 };
 
     /// One lens of each model, the field of view of a DAVIS346 with its usual lens or wider.
     fn lenses() -> impl Iterator<Item = Camera<f64>> {
@@ -340,7 +336,7 @@ mod tests {
         let camera = Camera::from_parameters(ModelKind::KannalaBrandt, &[150.0, 150.0, 172.5, 129.5, 0., 0., 0., 0.]);
         let camera: Camera<f64> = camera.unwrap();
         let normalised = IdealCamera::normalised();
-        let large = SensorSize { width: 600, height: 600 };
+        let large = Sensor { width: 600, height: 600 };
         let table = UndistortionTable::new(&camera, &normalised, large, [60, 60], vec![[0.0; 2]; 3600]).unwrap();
         assert!(table.undistort(172.0, 129.0).is_some());
         assert_eq!(table.undistort(590.0, 590.0), None);
@@ -363,7 +359,7 @@ mod tests {
         assert_eq!(of(SENSOR, 10, 11), Some(TableError::TooManyNodes));
         assert_eq!(of(SENSOR, u16::MAX, u16::MAX), Some(TableError::TooManyNodes));
         assert_eq!(of(SENSOR, 1, 10), Some(TableError::TooSmall));
-        assert_eq!(of(SensorSize { width: 1, height: 1 }, 10, 10), Some(TableError::TooSmall));
+        assert_eq!(of(Sensor { width: 1, height: 1 }, 10, 10), Some(TableError::TooSmall));
         assert_eq!(of(SENSOR, 10, 10), None);
         static NODES: [[f32; 2]; 4] = [[0.0, 0.0], [345.0, 0.0], [0.0, 259.0], [345.0, 259.0]];
         const TABLE: Result<UndistortionTable<&'static [[f32; 2]]>, TableError> =

@@ -1,6 +1,7 @@
 //! Time of the joint solve for each event and iteration, on one core: a synthetic recording of 3 s whose
 //! events lie on the edges of all circles, as the association hands them over.
 
+use evcal_core::sensor::Sensor;
 use std::time::Instant;
 
 use evcal::board::Board;
@@ -17,7 +18,7 @@ use rand::RngExt;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-const SENSOR: (u16, u16) = (346, 260);
+const SENSOR: Sensor = Sensor::new(346, 260);
 const DURATION: f64 = 3.0;
 const EVENTS_IN_A_BIN: usize = 250;
 
@@ -98,7 +99,7 @@ fn observations(camera: &Camera<f64>, board: &Board, trajectory: &Trajectory, bi
                 continue;
             };
             let inside = |value: f64, size: u16| value >= 0.0 && value <= f64::from(size - 1);
-            if !inside(pixel.x, SENSOR.0) || !inside(pixel.y, SENSOR.1) {
+            if !inside(pixel.x, SENSOR.width) || !inside(pixel.y, SENSOR.height) {
                 continue;
             }
             observations.events.push(EventObservation {

@@ -6,6 +6,7 @@ use evcal::recording::aedat4::header::Compression;
 use evcal::recording::write::{EventWriter, OutputFormat};
 use evcal::recording::{Recording, SourceOptions};
 use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
 
 fn main() {
     divan::main();
@@ -39,7 +40,7 @@ fn events() -> Vec<Event> {
 fn read(bencher: Bencher, format: OutputFormat) {
     let directory = tempfile::tempdir().expect("a temporary directory");
     let path = directory.path().join("recording");
-    let mut writer = EventWriter::create(&path, format, (346, 260), "camera").expect("a file");
+    let mut writer = EventWriter::create(&path, format, Sensor::new(346, 260), "camera").expect("a file");
     writer.write(&events()).expect("space");
     writer.finish().expect("space");
     let recording = Recording::new(path, SourceOptions::default()).expect("a recording");

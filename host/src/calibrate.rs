@@ -7,6 +7,7 @@ pub mod input;
 pub mod repeat;
 
 use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
 use serde::Serialize;
 
 use self::detected::{Detected, detect_all};
@@ -54,7 +55,7 @@ pub struct Task<'a> {
     /// The camera model wanted.
     pub model: ModelRequest,
     /// Sensor size where the recordings do not tell it.
-    pub sensor: Option<(u16, u16)>,
+    pub sensor: Option<Sensor>,
     /// What frames are for.
     pub frames: FrameUse,
     /// Thresholds.
@@ -66,7 +67,7 @@ pub struct Task<'a> {
 /// A calibrated camera and how it came about.
 pub struct Calibrated {
     /// Sensor size in pixels.
-    pub sensor: (u16, u16),
+    pub sensor: Sensor,
     /// Camera, event biases and trajectories.
     pub refined: Refined,
     /// The model that the joint solve started from.

@@ -10,11 +10,13 @@ pub mod pictures;
 mod report;
 mod second_pass;
 
-use evcal_core::cluster::{SensorSize, row_bytes, row_count};
+use evcal_core::cluster::{row_bytes, row_count};
+
 use evcal_core::detector::Detector;
 use evcal_core::event::Event;
 use evcal_core::grid::{GridCandidate, GridCircle, GridError, GridOptions, GridWorkspace, find_grid, find_grid_near};
 use evcal_core::pattern::Pattern;
+use evcal_core::sensor::Sensor;
 use evcal_core::window::{Outcome, Window, WindowPlanner};
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -29,7 +31,7 @@ use crate::opencv::find_circles_grid;
 use crate::settings::{DetectionSettings, Grid};
 
 /// Largest sensor that the detector has room for.
-pub const LARGEST_SENSOR: (u16, u16) = (1280, 800);
+pub const LARGEST_SENSOR: Sensor = Sensor::new(1280, 800);
 /// Runs of pixels in a window.
 const RUNS: usize = 16_384;
 /// Clusters of one polarity in a window.
@@ -38,8 +40,13 @@ const CLUSTERS: usize = 512;
 const CANDIDATES: usize = 256;
 
 /// The detector with room for the largest sensor; single precision, as on a microcontroller.
-type HostDetector =
-    Detector<f32, { row_bytes(LARGEST_SENSOR.0 as usize) }, { row_count(LARGEST_SENSOR.1 as usize) }, RUNS, CLUSTERS>;
+type HostDetector = Detector<
+    f32,
+    { row_bytes(LARGEST_SENSOR.width as usize) },
+    { row_count(LARGEST_SENSOR.height as usize) },
+    RUNS,
+    CLUSTERS,
+>;
 
 /// Circles found in one window, without a board.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,7 +119,7 @@ type Searched = (Vec<Finding>, Vec<Uncertain>, DetectionReport);
 /// Searches a recording, batch by batch, for the board or for circles.
 pub struct DetectionStage<'a> {
     settings: &'a DetectionSettings,
-    sensor: SensorSize,
+    sensor: Sensor,
     wanted: Wanted,
     recording: usize,
     chunk: Vec<Event>,
@@ -127,19 +134,19 @@ const CHUNKS_TOGETHER: usize = 16;
 
 impl<'a> DetectionStage<'a> {
     /// Looks for a board of `pattern`.
-    pub fn for_board(settings: &'a DetectionSettings, sensor: (u16, u16), pattern: Pattern, recording: usize) -> Self {
+    pub fn for_board(settings: &'a DetectionSettings, sensor: Sensor, pattern: Pattern, recording: usize) -> Self {
         Self::new(settings, sensor, Wanted::Board(pattern), recording)
     }
 
     /// Looks for windows with at least `fewest` circles.
-    pub fn for_circles(settings: &'a DetectionSettings, sensor: (u16, u16), fewest: usize) -> Self {
+    pub fn for_circles(settings: &'a DetectionSettings, sensor: Sensor, fewest: usize) -> Self {
         Self::new(settings, sensor, Wanted::Circles(fewest), 0)
     }
 
-    fn new(settings: &'a DetectionSettings, sensor: (u16, u16), wanted: Wanted, recording: usize) -> Self {
+    fn new(settings: &'a DetectionSettings, sensor: Sensor, wanted: Wanted, recording: usize) -> Self {
         Self {
             settings,
-            sensor: SensorSize { width: sensor.0, height: sensor.1 },
+            sensor: Sensor { width: sensor.width, height: sensor.height },
             wanted,
             recording,
             chunk: Vec::new(),

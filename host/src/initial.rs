@@ -26,6 +26,7 @@ mod velocity_gate;
 mod view_selection;
 
 use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
@@ -114,7 +115,7 @@ fn retain<T>(elements: &mut Vec<T>, keep: &[bool], mut drop: impl FnMut(&T)) {
 pub fn initial_model(
     frames: &[ReferenceFrame],
     board: &Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     kind: ModelKind,
     settings: &InitialSettings,
 ) -> Result<InitialModel, InitialError> {
@@ -192,7 +193,7 @@ fn accepted_sightings(
 fn refine_start(
     camera: &Camera<f64>,
     views: &[&[BoardPoint]],
-    sensor: (u16, u16),
+    sensor: Sensor,
     settings: &InitialSettings,
 ) -> Option<(usize, Bundle)> {
     let posed: Vec<(Vec<BoardPoint>, Isometry3<f64>)> = views
@@ -219,7 +220,7 @@ fn refine_start(
 fn first_camera(
     sightings: &[Sighting],
     board: &Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     kind: ModelKind,
     settings: &InitialSettings,
     report: &mut InitialReport,
@@ -305,7 +306,7 @@ fn refine(
     camera: &Camera<f64>,
     posed: &[Posed],
     board: &Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     settings: &InitialSettings,
     report: &mut InitialReport,
 ) -> Result<Bundle, InitialError> {

@@ -14,6 +14,7 @@
 //!
 //! A new format is one file with a [`Format`] in it and one line in [`FORMATS`].
 
+use evcal_core::sensor::Sensor;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -157,7 +158,7 @@ pub struct SourceInformation {
     /// Name of the format.
     pub format: &'static str,
     /// Width and height of the sensor in pixels: from [`SourceOptions::sensor`], else from the file.
-    pub sensor: Option<(u16, u16)>,
+    pub sensor: Option<Sensor>,
     /// Model and serial number of the camera, as the file gives it.
     pub camera_name: Option<String>,
     /// What the reader took for granted or noticed, in sentences for the user.
@@ -232,7 +233,7 @@ mod tests {
     use super::write::{EventWriter, OutputFormat};
     use super::*;
 
-    const SENSOR: (u16, u16) = (346, 260);
+    const SENSOR: Sensor = Sensor::new(346, 260);
     const OUTPUTS: [OutputFormat; 5] = [
         OutputFormat::Aedat4(Compression::None),
         OutputFormat::Aedat4(Compression::Lz4),
@@ -399,7 +400,7 @@ mod tests {
 
     fn any_events() -> impl Strategy<Value = Vec<Event>> {
         let step = prop_oneof![0i64..20, 0i64..20_000];
-        let event = (step, 0..SENSOR.0, 0..SENSOR.1, any::<bool>());
+        let event = (step, 0..SENSOR.width, 0..SENSOR.height, any::<bool>());
         (-1_000_000i64..2_000_000_000_000_000, prop::collection::vec(event, 1..300)).prop_map(|(mut t, steps)| {
             let event = |(step, x, y, on)| {
                 t += step;

@@ -25,6 +25,7 @@ pub mod stretch;
 pub mod system;
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias};
@@ -113,7 +114,7 @@ impl Default for SolveSettings {
 /// What the joint solve works on; nothing of it changes while it runs.
 pub struct Problem {
     /// Sensor size (width, height) in pixels.
-    pub sensor: (u16, u16),
+    pub sensor: Sensor,
     /// Centres of the board's circles in metres.
     pub circle_centers: Vec<[f64; 2]>,
     /// Radius of the circles in metres.

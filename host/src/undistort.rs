@@ -10,33 +10,35 @@ pub mod sub_pixel;
 pub mod target;
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
 /// Where each pixel of a camera is seen by another one.
 #[derive(Clone, Debug)]
 pub struct PixelMap {
-    sensor: (u16, u16),
+    sensor: Sensor,
     /// Row by row; NaN where the other camera does not see the ray of the pixel.
     pixels: Vec<[f64; 2]>,
 }
 
 impl PixelMap {
     /// From the pixels of `from` on a `sensor` (width, height) to those of `to`.
-    pub fn new(from: &Camera<f64>, to: &Camera<f64>, sensor: (u16, u16)) -> Self {
-        let places = (0..sensor.1).flat_map(|y| (0..sensor.0).map(move |x| Vector2::new(f64::from(x), f64::from(y))));
+    pub fn new(from: &Camera<f64>, to: &Camera<f64>, sensor: Sensor) -> Self {
+        let places =
+            (0..sensor.height).flat_map(|y| (0..sensor.width).map(move |x| Vector2::new(f64::from(x), f64::from(y))));
         let seen = |pixel: Vector2<f64>| from.unproject(&pixel).and_then(|bearing| to.project(&bearing));
         let pixels = places.map(|pixel| seen(pixel).map_or([f64::NAN; 2], Into::into)).collect();
         Self { sensor, pixels }
     }
 
     /// Width and height of the sensor.
-    pub fn sensor(&self) -> (u16, u16) {
+    pub fn sensor(&self) -> Sensor {
         self.sensor
     }
 
     /// Where pixel (x, y) is seen; `None` where it is not.
     pub fn get(&self, x: u16, y: u16) -> Option<[f64; 2]> {
-        let (width, height) = self.sensor;
+        let Sensor { width, height } = self.sensor;
         let inside = x < width && y < height;
         let place = self.pixels.get(usize::from(y) * usize::from(width) + usize::from(x))?;
         (inside && place[0].is_finite()).then_some(*place)
@@ -45,7 +47,7 @@ impl PixelMap {
     /// The same, where it is seen on the sensor: from −0.5 to width or height − 0.5.
     pub fn get_on_sensor(&self, x: u16, y: u16) -> Option<[f64; 2]> {
         let on = |at: f64, size: u16| at >= -0.5 && at < f64::from(size) - 0.5;
-        self.get(x, y).filter(|[u, v]| on(*u, self.sensor.0) && on(*v, self.sensor.1))
+        self.get(x, y).filter(|[u, v]| on(*u, self.sensor.width) && on(*v, self.sensor.height))
     }
 
     /// The nearest pixel to where (x, y) is seen, if it is on the sensor.
@@ -64,7 +66,7 @@ mod tests {
     #[test]
     fn pixels_go_where_the_ray_goes_and_rim_pixels_may_leave() {
         let from = Camera::from_parameters(ModelKind::Radtan4, &[300.0, 301.0, 170.0, 131.0, -0.3, 0.1, 0.001, -0.002]);
-        let (from, sensor): (Camera<f64>, _) = (from.unwrap(), (346, 260));
+        let (from, sensor): (Camera<f64>, _) = (from.unwrap(), Sensor::new(346, 260));
         let to = Camera::from_parameters(ModelKind::Radtan4, &[300.0, 301.0, 170.0, 131.0, 0., 0., 0., 0.]).unwrap();
         let map = PixelMap::new(&from, &to, sensor);
         let [u, v] = map.get(200, 60).unwrap();

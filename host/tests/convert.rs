@@ -1,5 +1,6 @@
 //! `evcal convert` and `evcal info` as a user runs them.
 
+use evcal_core::sensor::Sensor;
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -83,7 +84,8 @@ fn sample(t: i64, turn: f32) -> InertialSample {
 fn write_aedat4(path: &Path, events: &[Event], frames: &[Frame], samples: &[InertialSample]) {
     let output = BufWriter::new(File::create(path).unwrap());
     let others = OtherStreams { frames: !frames.is_empty(), imu: !samples.is_empty() };
-    let mut encoder = Encoder::with_streams(output, Compression::Lz4, (346, 260), "DAVIS346_00000042", others).unwrap();
+    let mut encoder =
+        Encoder::with_streams(output, Compression::Lz4, Sensor::new(346, 260), "DAVIS346_00000042", others).unwrap();
     for part in events.chunks(5000) {
         encoder.write(part).unwrap();
     }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use evcal::lens::covered_region::CoveredRegion;
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use evcal_tests::lens::{INVERSE_RADIAL, KANNALA_BRANDT, Lens, RADTAN, RADTAN4, RADTAN8};
 use evcal_tests::{camera, read_json, text};
 use nalgebra::{Vector2, Vector3};
@@ -107,7 +108,7 @@ fn inverse_radial() {
     assert_eq!(storage.word("refit_from"), "inverse-radial");
     let file = folder.join("calibration.json");
     let corners: Vec<[f64; 2]> = serde_json::from_value(read_json(&file)["covered_region"].clone()).unwrap();
-    let region = CoveredRegion::around(corners.into_iter().map(Vector2::from), (346, 260));
+    let region = CoveredRegion::around(corners.into_iter().map(Vector2::from), Sensor::new(346, 260));
     let [rms, max] = ["refit_error_rms", "refit_error_max"].map(|name| storage.number(name));
     let pixels = (0..26).flat_map(|row| (0..35).map(move |column| Vector2::new(column as f64, row as f64) * 10.0));
     let distances = distances(&storage, &camera(&file), pixels.filter(|pixel| region.contains(pixel)));

@@ -1,12 +1,13 @@
 use super::*;
-use crate::cluster::{ClusterSettings, SensorSize, row_bytes, row_count};
+use crate::cluster::{ClusterSettings, row_bytes, row_count};
 use crate::detector::{Detection, Detector, DetectorSettings};
 use crate::event::{Event, Polarity};
+use crate::sensor::Sensor;
 use proptest::prelude::*;
 use std::boxed::Box;
 use std::vec::Vec;
 
-const SENSOR: SensorSize = SensorSize { width: 346, height: 260 };
+const SENSOR: Sensor = Sensor { width: 346, height: 260 };
 
 type Detector346 = Detector<f64, { row_bytes(346) }, { row_count(260) }, 4096, 256>;
 

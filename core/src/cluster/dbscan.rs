@@ -3,8 +3,9 @@
 use super::bitmap::{Bitmap, Touched, ones};
 use super::neighbourhood::Neighbourhood;
 use super::runs::{NONE, PixelRuns, RecentRows, Runs};
-use super::{CentralMoments, Cluster, ClusterSettings, PixelSums, SensorSize};
+use super::{CentralMoments, Cluster, ClusterSettings, PixelSums};
 use crate::event::{Event, Polarity};
+use crate::sensor::Sensor;
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
 
@@ -44,9 +45,9 @@ impl ClusterCounts {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SensorTooLarge {
     /// The sensor.
-    pub sensor: SensorSize,
+    pub sensor: Sensor,
     /// Largest sensor that fits.
-    pub capacity: SensorSize,
+    pub capacity: Sensor,
 }
 
 impl core::fmt::Display for SensorTooLarge {
@@ -100,13 +101,13 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
     /// Clusters the events of a window; what earlier windows left is forgotten.
     pub fn cluster(
         &mut self,
-        sensor: SensorSize,
+        sensor: Sensor,
         events: impl IntoIterator<Item = Event>,
         settings: &ClusterSettings,
     ) -> Result<ClusterCounts, SensorTooLarge> {
         let (width, height) = Bitmap::<ROW_BYTES, ROWS>::CAPACITY;
         if usize::from(sensor.width) > width || usize::from(sensor.height) > height {
-            let capacity = SensorSize {
+            let capacity = Sensor {
                 width: width.min(usize::from(u16::MAX)) as u16,
                 height: height.min(usize::from(u16::MAX)) as u16,
             };
@@ -153,7 +154,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         }
     }
 
-    fn insert(&mut self, sensor: SensorSize, events: impl IntoIterator<Item = Event>, counts: &mut ClusterCounts) {
+    fn insert(&mut self, sensor: Sensor, events: impl IntoIterator<Item = Event>, counts: &mut ClusterCounts) {
         let [off, on] = &mut self.pixels;
         for event in events {
             counts.events += 1;

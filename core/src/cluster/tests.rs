@@ -1,5 +1,6 @@
 use super::*;
 use crate::event::{Event, Polarity};
+use crate::sensor::Sensor;
 use proptest::prelude::*;
 use std::boxed::Box;
 use std::collections::{BTreeMap, BTreeSet};
@@ -7,7 +8,7 @@ use std::vec;
 use std::vec::Vec;
 
 /// Wide enough that a row has several words, with columns on both sides of each word's border.
-const SENSOR: SensorSize = SensorSize { width: 70, height: 24 };
+const SENSOR: Sensor = Sensor { width: 70, height: 24 };
 
 type Small = Clusterer<f64, { row_bytes(70) }, { row_count(24) }, 2000, 600>;
 
@@ -214,7 +215,7 @@ fn events_outside_of_the_sensor_are_counted() {
 #[test]
 fn a_sensor_that_does_not_fit_is_refused() {
     let mut clusterer = Box::new(Small::new());
-    let sensor = SensorSize { width: 346, height: 260 };
+    let sensor = Sensor { width: 346, height: 260 };
     let error = clusterer.cluster(sensor, [], &ClusterSettings::default()).unwrap_err();
     assert_eq!(error.sensor, sensor);
     assert!(error.capacity.width >= 70 && error.capacity.height == 24);
@@ -223,7 +224,7 @@ fn a_sensor_that_does_not_fit_is_refused() {
 #[test]
 fn a_sensor_wider_than_32_words_is_covered() {
     type Wide = Clusterer<f64, { row_bytes(1280) }, { row_count(8) }, 2000, 50>;
-    let sensor = SensorSize { width: 1280, height: 8 };
+    let sensor = Sensor { width: 1280, height: 8 };
     let mut clusterer = Box::new(Wide::new());
     let settings = ClusterSettings { epsilon: 1.5, min_points: 2, min_pixels: 2 };
     let starts = [0_u16, 31, 62, 500, 1023, 1277];
@@ -246,7 +247,7 @@ fn full_bitmaps_leave_nothing_behind() {
     assert_eq!(clusterer.clusters(Polarity::On).len(), 1);
     assert_eq!(clusterer.clusters(Polarity::On)[0].pixels, 70 * 24);
     // A smaller sensor must clear the rows of the larger one too.
-    let small = SensorSize { width: 10, height: 10 };
+    let small = Sensor { width: 10, height: 10 };
     clusterer.cluster(small, [], &settings).unwrap();
     let counts = clusterer.cluster(SENSOR, [], &settings).unwrap();
     assert_eq!((counts.unique_pixels(), counts.clusters), (0, [0, 0]));

@@ -1,6 +1,6 @@
 //! When each cell of the sensor last gave an event.
 
-use crate::cluster::SensorSize;
+use crate::sensor::Sensor;
 
 /// Binary digits by which microseconds are cut: a unit is 64 µs, and 16 bits wrap after 4.2 s.
 const UNIT: u32 = 6;
@@ -24,7 +24,7 @@ pub(super) struct CellGrid<'a, const CELLS: usize> {
 
 impl<'a, const CELLS: usize> CellGrid<'a, CELLS> {
     /// The smallest cells of which there are at most `CELLS`.
-    pub fn new(sensor: SensorSize, background_us: u32, times: &'a mut [u16; CELLS]) -> Option<Self> {
+    pub fn new(sensor: Sensor, background_us: u32, times: &'a mut [u16; CELLS]) -> Option<Self> {
         let along = |pixels: u16, shift: u32| u32::from(pixels).div_ceil(1 << shift);
         let fits = |shift: &u32| along(sensor.width, *shift) * along(sensor.height, *shift) <= CELLS as u32;
         let off = background_us == 0;

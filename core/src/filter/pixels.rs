@@ -1,7 +1,7 @@
 //! Pixels that fire too often or too soon.
 
 use super::{FilterSettings, Verdict};
-use crate::cluster::SensorSize;
+use crate::sensor::Sensor;
 
 /// Binary digits by which microseconds are cut: a unit is 16 µs, and 16 bits wrap after 1.05 s.
 const UNIT: u32 = 4;
@@ -45,7 +45,7 @@ pub(super) struct PixelFilter<'a, const SLOTS: usize> {
 }
 
 impl<'a, const SLOTS: usize> PixelFilter<'a, SLOTS> {
-    pub fn new(sensor: SensorSize, settings: &FilterSettings, slots: &'a mut [Slot; SLOTS]) -> Option<Self> {
+    pub fn new(sensor: Sensor, settings: &FilterSettings, slots: &'a mut [Slot; SLOTS]) -> Option<Self> {
         let pixels = u64::from(sensor.width) * u64::from(sensor.height);
         let active = settings.hot_events > 0 || settings.refractory_us > 0;
         if active && pixels.div_ceil(SLOTS as u64) > 1 << 16 {

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::event::Polarity;
 
-const SENSOR: SensorSize = SensorSize { width: 23, height: 17 };
+const SENSOR: Sensor = Sensor { width: 23, height: 17 };
 
 fn event(t: i64, x: u16, y: u16) -> Event {
     Event { t, x, y, polarity: Polarity::On }
@@ -158,7 +158,7 @@ proptest! {
 /// An edge over a noisy sensor with hot pixels, and the figures that such a filter is for.
 #[test]
 fn an_edge_stays_and_noise_goes() {
-    const WIDE: SensorSize = SensorSize { width: 346, height: 260 };
+    const WIDE: Sensor = Sensor { width: 346, height: 260 };
     let mut state = 1_u64;
     let mut random = |below: u64| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -205,7 +205,7 @@ fn an_edge_stays_and_noise_goes() {
 
 #[test]
 fn storage_that_cannot_do_is_refused() {
-    let large = SensorSize { width: 32_767, height: 32_767 };
+    let large = Sensor { width: 32_767, height: 32_767 };
     let all = FilterSettings::default();
     let refused = |settings| {
         let mut storage = FilterStorage::<100, 8>::new();

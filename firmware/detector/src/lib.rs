@@ -12,13 +12,13 @@
 //! is all zeros, so that a static of it costs RAM but no flash.
 //!
 //! ```
-//! use evcal_core::cluster::SensorSize;
+//! use evcal_core::sensor::Sensor;
 //! use evcal_core::window::Progress;
 //! use evcal_detector::{Pipeline, Settings, Source, Storage, row_bytes, row_count};
 //!
 //! // On a device: a static.
 //! let mut storage = Storage::<{ row_bytes(346) }, { row_count(260) }, 2048, 128, 4000, 1452, 512>::new();
-//! let settings = Settings::new("my board 1.0", SensorSize { width: 346, height: 260 }, 36);
+//! let settings = Settings::new("my board 1.0", Sensor { width: 346, height: 260 }, 36);
 //! let mut pipeline = Pipeline::new(settings, &mut storage)?;
 //! let mut source = Source::evt2();
 //!

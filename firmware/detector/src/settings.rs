@@ -1,7 +1,7 @@
 //! What a device is set to.
 
 use evcal_core::budget::EventBudget;
-use evcal_core::cluster::SensorSize;
+use evcal_core::sensor::Sensor;
 use evcal_core::detector::DetectorSettings;
 use evcal_core::filter::FilterSettings;
 use evcal_core::window::WindowPolicy;
@@ -12,7 +12,7 @@ pub struct Settings {
     /// Name and version of the firmware, for the user; what is beyond 32 bytes is not sent.
     pub device: &'static str,
     /// Size of the sensor in pixels.
-    pub sensor: SensorSize,
+    pub sensor: Sensor,
     /// Which events are dropped before anything else looks at them.
     pub filter: FilterSettings,
     /// How many events can be worked on; what comes beyond is shed.
@@ -30,7 +30,7 @@ impl Settings {
     ///
     /// A window is tried once it has 40 events for each dot, and sent if it has five sixths as many circles as
     /// the board: fewer tries than on a desktop, where time is cheap.
-    pub fn new(device: &'static str, sensor: SensorSize, circles: u16) -> Self {
+    pub fn new(device: &'static str, sensor: Sensor, circles: u16) -> Self {
         Self {
             device,
             sensor,

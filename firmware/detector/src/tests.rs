@@ -3,7 +3,7 @@
 use std::vec::Vec;
 
 use evcal_core::budget::EventBudget;
-use evcal_core::cluster::SensorSize;
+use evcal_core::sensor::Sensor;
 use evcal_core::decode::Evt2Encoder;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::filter::FilterSettings;
@@ -14,7 +14,7 @@ use super::*;
 
 type Storage346 = Storage<{ row_bytes(346) }, { row_count(260) }, 2048, 128, 4000, 1452, 512>;
 
-const SENSOR: SensorSize = SensorSize { width: 346, height: 260 };
+const SENSOR: Sensor = Sensor { width: 346, height: 260 };
 
 /// Settings without filter and shedding, for a board of `circles` dots.
 fn settings(circles: u16) -> Settings {
@@ -144,7 +144,7 @@ fn losses_are_told_with_the_windows() {
 #[test]
 fn a_sensor_beyond_the_storage_is_refused() {
     let mut storage = std::boxed::Box::new(Storage346::new());
-    let settings = Settings::new("test", SensorSize { width: 640, height: 480 }, 36);
+    let settings = Settings::new("test", Sensor { width: 640, height: 480 }, 36);
     assert!(matches!(Pipeline::new(settings, &mut storage), Err(SetupError::Detector(_))));
 }
 

@@ -5,7 +5,7 @@ use core::hint::black_box;
 use evcal_core::camera::conversion::{inverse_radial_from_radtan, radtan_from_inverse_radial};
 use evcal_core::camera::refit::{difference, refit};
 use evcal_core::camera::{Camera, CameraModel, InverseRadial, ModelKind, Radtan5};
-use evcal_core::cluster::SensorSize;
+use evcal_core::sensor::Sensor;
 use evcal_core::undistortion::{IdealCamera, UndistortionTable};
 use nalgebra::{RealField, Vector2, Vector3};
 
@@ -50,7 +50,7 @@ pub fn conversions<T: RealField + Copy>() {
 /// The undistortion look-up: made from a camera, or from nodes, and used.
 #[inline(never)]
 pub fn undistortion<T: RealField + Copy>() {
-    let sensor = SensorSize { width: black_box(1), height: black_box(1) };
+    let sensor = Sensor { width: black_box(1), height: black_box(1) };
     let ideal = IdealCamera { fx: any::<T>(), fy: any(), cx: any(), cy: any() };
     let parameters = [any::<T>(); 9];
     if let Some(camera) = Camera::from_parameters(kind(), black_box(parameters.as_slice()))

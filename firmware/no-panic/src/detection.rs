@@ -3,7 +3,8 @@
 use core::hint::black_box;
 
 use evcal_core::circle::{ExtractionSettings, Method, fit_circle};
-use evcal_core::cluster::{CentralMoments, ClusterSettings, PixelSums, SensorSize, row_bytes, row_count};
+use evcal_core::cluster::{CentralMoments, ClusterSettings, PixelSums, row_bytes, row_count};
+use evcal_core::sensor::Sensor;
 use evcal_core::detector::{Detector, DetectorSettings};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::window::{
@@ -89,7 +90,7 @@ pub fn detector<T: RealField + Copy>() {
     };
     let events = [event(); 8];
     let events: &[Event] = black_box(&events);
-    let sensor = SensorSize { width: black_box(1), height: black_box(1) };
+    let sensor = Sensor { width: black_box(1), height: black_box(1) };
     if let Ok(detection) = detector.detect(sensor, events.iter().copied(), &settings) {
         black_box((detection, detection.overflowed(), detection.clusters.unique_pixels()));
     }

@@ -3,7 +3,8 @@
 use core::hint::black_box;
 
 use evcal_core::budget::{EventBudget, LoadShedder};
-use evcal_core::cluster::{SensorSize, row_bytes, row_count};
+use evcal_core::cluster::{row_bytes, row_count};
+use evcal_core::sensor::Sensor;
 use evcal_core::decode::{Evt2Decoder, Evt2Encoder, PackedDecoder, PackedEncoder, Words};
 use evcal_core::filter::{EventFilter, FilterSettings, FilterStorage};
 use evcal_core::window::Progress;
@@ -38,7 +39,7 @@ fn filter_settings() -> FilterSettings {
 #[inline(never)]
 pub fn filters() {
     let mut storage = FilterStorage::<1452, 512>::new();
-    let sensor = SensorSize { width: black_box(1), height: black_box(1) };
+    let sensor = Sensor { width: black_box(1), height: black_box(1) };
     if let Ok(mut filter) = EventFilter::new(sensor, filter_settings(), black_box(&mut storage)) {
         let filter = black_box(&mut filter);
         black_box((filter.judge(&event()), *filter.counts(), filter.cell_size()));
@@ -72,7 +73,7 @@ pub fn link() {
 #[inline(never)]
 pub fn pipeline() {
     let mut storage = Storage::<{ row_bytes(346) }, { row_count(260) }, 2048, 128, 4000, 1452, 512>::new();
-    let sensor = SensorSize { width: black_box(1), height: black_box(1) };
+    let sensor = Sensor { width: black_box(1), height: black_box(1) };
     let settings = Settings { filter: filter_settings(), ..Settings::new(black_box("device"), sensor, black_box(1)) };
     let Ok(mut pipeline) = Pipeline::new(settings, black_box(&mut storage)) else { return };
     let pipeline = black_box(&mut pipeline);

@@ -9,10 +9,11 @@ use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::SourceError;
 use crate::recording::pass::{RecordingReport, read_events};
 use crate::settings::Settings;
+use evcal_core::sensor::Sensor;
 
 /// Where the board was seen.
 pub(super) struct Detected {
-    pub(super) sensor: (u16, u16),
+    pub(super) sensor: Sensor,
     pub(super) frames: Vec<ReferenceFrame>,
     pub(super) starts: Vec<f64>,
     pub(super) recordings: Vec<RecordingReport>,
@@ -75,33 +76,33 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
 }
 
 /// The sensor of all inputs.
-pub(super) fn common_sensor(task: &Task) -> Result<(u16, u16), CalibrateError> {
-    let mut common = (0, 0);
-    for (index, input) in task.inputs.iter().enumerate() {
+pub(super) fn common_sensor(task: &Task) -> Result<Sensor, CalibrateError> {
+    let mut common = None;
+    for input in task.inputs {
         let sensor = sensor_of(input, task.sensor)?;
-        if index > 0 && sensor != common {
-            return Err(CalibrateError::SensorsDiffer { file: input.name(), sensor, before: common });
+        let before = *common.get_or_insert(sensor);
+        if sensor != before {
+            return Err(CalibrateError::SensorsDiffer { file: input.name(), sensor, before });
         }
-        common = sensor;
     }
-    Ok(common)
+    common.ok_or(CalibrateError::NoInput)
 }
 
 /// The sensor of an input, or that which is `given` where it does not tell.
-fn sensor_of(input: &Input, given: Option<(u16, u16)>) -> Result<(u16, u16), CalibrateError> {
+fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateError> {
     let sensor = match input {
         Input::Events(recording) => recording.open()?.information().sensor.or(given),
         Input::Circles { sensor, .. } => given.or(*sensor),
     };
     let sensor = sensor.ok_or_else(|| CalibrateError::SensorUnknown { file: input.name() })?;
-    if sensor.0 > LARGEST_SENSOR.0 || sensor.1 > LARGEST_SENSOR.1 {
+    if sensor.width > LARGEST_SENSOR.width || sensor.height > LARGEST_SENSOR.height {
         return Err(CalibrateError::SensorTooLarge { file: input.name(), sensor });
     }
     Ok(sensor)
 }
 
 /// What the board in the recordings looks like, if not like the stated one.
-fn other_board(task: &Task, sensor: (u16, u16)) -> Result<Option<String>, SourceError> {
+fn other_board(task: &Task, sensor: Sensor) -> Result<Option<String>, SourceError> {
     for (index, input) in task.inputs.iter().enumerate() {
         if let Input::Events(_) = input {
             let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);

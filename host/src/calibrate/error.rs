@@ -8,10 +8,14 @@ use crate::recording::SourceError;
 use crate::solve::SolveError;
 use crate::solve::refinement::RefinementError;
 use crate::trajectory::TrajectoryError;
+use evcal_core::sensor::Sensor;
 
 /// Why a calibration failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
+    /// There is nothing to calibrate from.
+    #[error("there is no recording: name at least one")]
+    NoInput,
     /// A recording could not be read.
     #[error(transparent)]
     Source(#[from] SourceError),
@@ -22,22 +26,22 @@ pub enum CalibrateError {
         file: String,
     },
     /// The sensor is too large.
-    #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.0, .sensor.1, LARGEST_SENSOR.0, LARGEST_SENSOR.1)]
+    #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.width, .sensor.height, LARGEST_SENSOR.width, LARGEST_SENSOR.height)]
     SensorTooLarge {
         /// The file.
         file: String,
         /// Its size.
-        sensor: (u16, u16),
+        sensor: Sensor,
     },
     /// The recordings are of different sensors.
-    #[error("{file} is of a sensor with {} x {} pixels, the recordings before it of one with {} x {}: calibrate one camera at a time", .sensor.0, .sensor.1, .before.0, .before.1)]
+    #[error("{file} is of a sensor with {} x {} pixels, the recordings before it of one with {} x {}: calibrate one camera at a time", .sensor.width, .sensor.height, .before.width, .before.height)]
     SensorsDiffer {
         /// The file.
         file: String,
         /// Its sensor.
-        sensor: (u16, u16),
+        sensor: Sensor,
         /// The sensor of the recordings before it.
-        before: (u16, u16),
+        before: Sensor,
     },
     /// There are no events.
     #[error("{file} holds no events")]

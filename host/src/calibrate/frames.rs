@@ -1,6 +1,7 @@
 //! What the calibration does with the camera's own frames.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+use evcal_core::sensor::Sensor;
 
 use super::detected::common_sensor;
 use super::error::CalibrateError;
@@ -65,7 +66,7 @@ pub(super) fn see_frames(
 pub(super) fn frame_calibration(
     task: &Task,
     seen: SeenFrames,
-    sensor: (u16, u16),
+    sensor: Sensor,
     model: ModelKind,
     progress: &mut impl FnMut(&str),
 ) -> Option<Result<FrameCalibration, NoFrameCalibration>> {
@@ -81,7 +82,7 @@ pub(super) fn outcome(
     task: &Task,
     camera: &Camera<f64>,
     uncertainty: &Uncertainty,
-    sensor: (u16, u16),
+    sensor: Sensor,
     frames: &Result<FrameCalibration, NoFrameCalibration>,
 ) -> FrameOutcome {
     let calibration = match frames {
@@ -193,7 +194,7 @@ pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Res
 }
 
 /// How far a calibration from frames alone can be trusted.
-fn trust(task: &Task, calibration: &FrameCalibration, sensor: (u16, u16)) -> Result<Trust, CalibrateError> {
+fn trust(task: &Task, calibration: &FrameCalibration, sensor: Sensor) -> Result<Trust, CalibrateError> {
     let projection = projection_uncertainty(&calibration.camera, &calibration.covariance, sensor)
         .map_err(|_| CalibrateError::Solve(SolveError::Singular))?;
     let frames = || calibration.posed.iter().filter_map(|posed| calibration.frames.get(posed.frame));

@@ -1,5 +1,6 @@
 //! What a calibration is made from: recordings of events, or circles that were found before.
 
+use evcal_core::sensor::Sensor;
 use std::path::{Path, PathBuf};
 
 use crate::board::Board;
@@ -19,7 +20,7 @@ pub enum Input {
         /// The file or port.
         path: PathBuf,
         /// Sensor size in pixels, if a device told it.
-        sensor: Option<(u16, u16)>,
+        sensor: Option<Sensor>,
         /// Its frames; their recording number is set by the calibration.
         frames: Vec<ReferenceFrame>,
         /// Time in the file at which the frames' times count from, in seconds.
@@ -69,7 +70,7 @@ impl Input {
         Self::from_track(path, stream.track, stream.sensor, board)
     }
 
-    fn from_track(path: &Path, track: CircleTrack, sensor: Option<(u16, u16)>, board: &Board) -> Self {
+    fn from_track(path: &Path, track: CircleTrack, sensor: Option<Sensor>, board: &Board) -> Self {
         let (frames, detection) = match track.frames {
             CircleFrames::Ordered(frames) => (frames, DetectionReport::default()),
             CircleFrames::Unordered(frames) => order_frames(&frames, &board.pattern, sensor),

@@ -4,6 +4,7 @@
 //! become a frame of a [`CircleTrack`] without places on the board, which the grid finder then gives them.
 //! Damaged, lost and unknown frames cost what they held; all of them are counted and told.
 
+use evcal_core::sensor::Sensor;
 use std::path::Path;
 
 use evcal_link::{Circle, Decoder, DecoderCounts, Hello, Losses, Message, PROTOCOL_VERSION, Statistics, WindowEnd};
@@ -21,7 +22,7 @@ pub struct CircleStream {
     /// The circles.
     pub track: CircleTrack,
     /// Size of the sensor in pixels, if the device said it.
-    pub sensor: Option<(u16, u16)>,
+    pub sensor: Option<Sensor>,
     /// What the device said of itself, last.
     pub hello: Option<Hello>,
     /// Counts of the device since it started, as it told them last.
@@ -79,7 +80,7 @@ pub struct Receiver {
     incomplete: u64,
     over_capacity: u64,
     losses: [u64; 7],
-    sensors: Vec<(u16, u16)>,
+    sensors: Vec<Sensor>,
 }
 
 impl Receiver {
@@ -145,8 +146,8 @@ impl Receiver {
                 if hello.first && (self.hello.is_some() || !self.windows.is_empty()) {
                     self.restart(device_time(hello.time_us));
                 }
-                let sensor = (hello.sensor_width, hello.sensor_height);
-                if sensor.0 > 0 && sensor.1 > 0 && !self.sensors.contains(&sensor) {
+                let sensor = Sensor::new(hello.sensor_width, hello.sensor_height);
+                if sensor.width > 0 && sensor.height > 0 && !self.sensors.contains(&sensor) {
                     self.sensors.push(sensor);
                 }
                 self.hello = Some(hello);
@@ -237,10 +238,7 @@ impl Receiver {
             }
         }
         if let [first, .., last] = self.sensors.as_slice() {
-            notes.push(format!(
-                "the device changed its sensor from {} x {} to {} x {} pixels: is it one recording?",
-                first.0, first.1, last.0, last.1
-            ));
+            notes.push(format!("the device changed its sensor from {first} to {last} pixels: is it one recording?"));
         }
         let link = self.decoder.counts();
         for (count, what) in [
@@ -340,7 +338,7 @@ mod tests {
     fn windows_become_frames() {
         let messages = [vec![hello(true)], window(0, 5_000_000, 2), window(1, 5_010_000, 0), window(2, 5_020_000, 3)];
         let stream = receive(&encode(&messages.concat()).concat()).unwrap();
-        assert_eq!((stream.sensor, stream.track.circles), (Some((320, 240)), 5));
+        assert_eq!((stream.sensor, stream.track.circles), (Some(Sensor::new(320, 240)), 5));
         assert_eq!(stream.track.time_origin_us, 5_000_000);
         let [first, second] = frames(&stream) else { panic!() };
         assert_eq!((first.start, first.end, first.circles.len()), (0.0, 0.004, 2));

@@ -1,5 +1,6 @@
 //! `evcal calibrate`.
 
+use evcal_core::sensor::Sensor;
 use std::path::PathBuf;
 
 use evcal::board::Board;
@@ -23,7 +24,7 @@ pub struct Arguments {
     recordings: Vec<PathBuf>,
     /// Sensor size, where a recording does not tell it, for example 346x260
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
-    sensor: Option<(u16, u16)>,
+    sensor: Option<Sensor>,
     #[command(flatten)]
     calibration: CalibrationArguments,
 }
@@ -108,7 +109,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 /// Calibrates from `recordings` and writes the results.
 pub fn calibrate_recordings(
     recordings: &[PathBuf],
-    sensor: Option<(u16, u16)>,
+    sensor: Option<Sensor>,
     arguments: &CalibrationArguments,
 ) -> super::Outcome {
     let method = &arguments.method;

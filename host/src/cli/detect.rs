@@ -1,5 +1,6 @@
 //! `evcal detect`.
 
+use evcal_core::sensor::Sensor;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
@@ -36,7 +37,7 @@ pub struct Arguments {
     settings: Option<PathBuf>,
     /// Sensor size, where the recording does not tell it, for example 346x260
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
-    sensor: Option<(u16, u16)>,
+    sensor: Option<Sensor>,
     /// Circle-track file to write (CSV)
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -73,8 +74,10 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         .information()
         .sensor
         .ok_or_else(|| format!("{file} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT"))?;
-    if sensor.0 > LARGEST_SENSOR.0 || sensor.1 > LARGEST_SENSOR.1 {
-        return Err(format!("{file}: the sensor is larger than {} x {}", LARGEST_SENSOR.0, LARGEST_SENSOR.1).into());
+    if sensor.width > LARGEST_SENSOR.width || sensor.height > LARGEST_SENSOR.height {
+        return Err(
+            format!("{file}: the sensor is larger than {} x {}", LARGEST_SENSOR.width, LARGEST_SENSOR.height).into()
+        );
     }
     let bar = spinner(arguments.json);
     bar.set_message(format!("searching {file}"));

@@ -1,5 +1,6 @@
 //! Detectors elsewhere, whose circle streams come from a file or a serial port.
 
+use evcal_core::sensor::Sensor;
 use std::error::Error;
 use std::fs::File;
 use std::io::BufWriter;
@@ -65,7 +66,7 @@ pub struct Wanted<'a> {
     /// Without a board: fewest circles of a window.
     pub fewest: usize,
     /// Sensor size, if the user gives it.
-    pub sensor: Option<(u16, u16)>,
+    pub sensor: Option<Sensor>,
     /// Circle track to write.
     pub output: Option<&'a Path>,
     /// Print the report as JSON.

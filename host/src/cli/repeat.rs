@@ -1,5 +1,6 @@
 //! `evcal repeat`.
 
+use evcal_core::sensor::Sensor;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -18,7 +19,7 @@ pub struct Arguments {
     recording: PathBuf,
     /// Sensor size, where the recording does not tell it, for example 346x260
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
-    sensor: Option<(u16, u16)>,
+    sensor: Option<Sensor>,
     #[command(flatten)]
     method: MethodArguments,
     /// Number of parts

@@ -6,7 +6,7 @@ use std::{fmt, fs};
 
 use clap::ValueEnum;
 use evcal::board::Board;
-use evcal::lens::camera_file::{self, CameraDescription, SensorSize};
+use evcal::lens::camera_file::{self, CameraDescription};
 use evcal::recording::aedat4::header::Compression;
 use evcal::recording::write::OutputFormat;
 use evcal::simulate::davis::{DavisDescription, DavisSettings, DavisTruth};
@@ -21,6 +21,7 @@ use evcal::simulate::truth::Truth;
 use evcal::simulate::{EventCounts, Simulation, SimulationSettings};
 use evcal::trajectory::tum;
 use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
 
 use super::{UsageError, print, progress, value};
 
@@ -45,7 +46,7 @@ pub struct Arguments {
     camera: Option<PathBuf>,
     /// Size of the sensor in pixels [default: 346x260]
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = value::sensor)]
-    sensor: Option<(u16, u16)>,
+    sensor: Option<Sensor>,
     /// The board: layout, rows x columns, spacing (asymmetric: half the distance in a row), radius
     #[arg(long, default_value = "acircles:9x4:55mm:r17.5mm")]
     board: Board,
@@ -122,7 +123,7 @@ enum Format {
 
 /// Runs `evcal simulate`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    let (camera, SensorSize { width, height }) = lens(arguments)?;
+    let (camera, Sensor { width, height }) = lens(arguments)?;
     let settings = SimulationSettings {
         duration: arguments.duration,
         seed: arguments.seed,
@@ -222,11 +223,11 @@ fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>
 }
 
 /// The lens and the size of the sensor.
-fn lens(arguments: &Arguments) -> Result<(Camera<f64>, SensorSize), Box<dyn Error>> {
+fn lens(arguments: &Arguments) -> Result<(Camera<f64>, Sensor), Box<dyn Error>> {
     if let Some(file) = &arguments.camera {
         return Ok(camera_file::read(file)?);
     }
-    let (width, height) = arguments.sensor.unwrap_or(DAVIS346_SENSOR);
+    let Sensor { width, height } = arguments.sensor.unwrap_or(DAVIS346_SENSOR);
     let (kind, parameters) = match arguments.model {
         Some(kind) => (kind, arguments.parameters.clone()),
         None => {
@@ -236,7 +237,7 @@ fn lens(arguments: &Arguments) -> Result<(Camera<f64>, SensorSize), Box<dyn Erro
             (ModelKind::Radtan, vec![focal, focal, center[0], center[1], -0.35, 0.15, 0.0, 0.0, 0.0])
         }
     };
-    Ok((of_model(kind, &parameters)?, SensorSize { width, height }))
+    Ok((of_model(kind, &parameters)?, Sensor { width, height }))
 }
 
 /// The lens with these parameters.

@@ -1,6 +1,7 @@
 //! What a user can say about a recording that does not say it itself.
 
 use evcal::recording::{Columns, Damage, SourceOptions, TimeUnit};
+use evcal_core::sensor::Sensor;
 
 use super::value;
 
@@ -9,7 +10,7 @@ use super::value;
 pub struct SourceArguments {
     /// Size of the sensor in pixels, instead of what the file says
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = value::sensor)]
-    sensor: Option<(u16, u16)>,
+    sensor: Option<Sensor>,
     /// Columns of a text file, such as x,y,p,t; - for one to leave out
     #[arg(long, value_name = "NAMES", allow_hyphen_values = true)]
     columns: Option<Columns>,

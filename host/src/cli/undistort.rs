@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use evcal::lens::camera_file::{self, CameraDescription, CameraFile, SensorSize};
+use evcal::lens::camera_file::{self, CameraDescription, CameraFile};
 use evcal::recording::Recording;
 use evcal::recording::convert::Target;
 use evcal::undistort::PixelMap;
@@ -14,6 +14,7 @@ use evcal::undistort::recording::{
 use evcal::undistort::sub_pixel::SubPixelFormat;
 use evcal::undistort::target::{Projection, optimal_matrix, same_matrix};
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 
 use super::source_arguments::SourceArguments;
 use super::{UsageError, print, progress};
@@ -72,15 +73,14 @@ fn is_picture(path: &Path) -> bool {
 /// Runs `evcal undistort`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let (camera, sensor) = camera_file::read(&arguments.calibration)?;
-    let size = (sensor.width, sensor.height);
     let new = match arguments.alpha {
         Some(alpha) if !(0.0..=1.0).contains(&alpha) => {
             return Err(UsageError("--alpha must be from 0 to 1".to_owned()).into());
         }
-        Some(alpha) => optimal_matrix(&camera, arguments.model, size, alpha)?,
+        Some(alpha) => optimal_matrix(&camera, arguments.model, sensor, alpha)?,
         None => same_matrix(&camera, arguments.model)?,
     };
-    let maps = Maps { forth: PixelMap::new(&camera, &new, size), back: PixelMap::new(&new, &camera, size) };
+    let maps = Maps { forth: PixelMap::new(&camera, &new, sensor), back: PixelMap::new(&new, &camera, sensor) };
     let pictures = arguments.inputs.iter().filter(|path| is_picture(path)).count();
     match (arguments.inputs.as_slice(), pictures) {
         ([recording], 0) => undistort_one(arguments, recording, &maps, &new, sensor),
@@ -89,17 +89,11 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     }
 }
 
-fn undistort_one(
-    arguments: &Arguments,
-    path: &Path,
-    maps: &Maps,
-    new: &Camera<f64>,
-    sensor: SensorSize,
-) -> super::Outcome {
+fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     let mut options = arguments.source.options();
     // A recording that does not know its sensor is one of the calibrated sensor.
     options.sensor = options.sensor.or(Recording::new(path, options.clone())?.open()?.information().sensor);
-    options.sensor = options.sensor.or(Some((sensor.width, sensor.height)));
+    options.sensor = options.sensor.or(Some(sensor));
     let recording = Recording::new(path, options)?;
     let bar = progress::spinner(arguments.json);
     let tell = |events| bar.set_message(format!("{events} events"));
@@ -146,7 +140,7 @@ fn undistort_one(
     }
 }
 
-fn undistort_pictures(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sensor: SensorSize) -> super::Outcome {
+fn undistort_pictures(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     let for_recordings = arguments.subpixel || arguments.to.is_some() || arguments.frames.is_some();
     let Some(output) = arguments.output.as_ref().filter(|_| !for_recordings) else {
         return Err(UsageError("--subpixel, --to and --frames are for recordings; pictures take -o".to_owned()).into());
@@ -186,7 +180,7 @@ fn beside(output: &Path) -> PathBuf {
     output.with_extension("camera.json")
 }
 
-fn write_camera(path: &Path, camera: &Camera<f64>, sensor: SensorSize) -> super::Outcome {
+fn write_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     let text = serde_json::to_string_pretty(&CameraFile { sensor, camera: CameraDescription::new(camera) })?;
     fs::write(path, text).map_err(|error| format!("{}: {error}", path.display()))?;
     Ok(())

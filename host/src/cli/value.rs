@@ -4,6 +4,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use evcal::initial::model_choice::ModelRequest;
 use evcal::recording::MAX_SENSOR_SIZE;
 use evcal_core::camera::ModelKind;
+use evcal_core::sensor::Sensor;
 
 /// Reads the name of a camera model; the help lists them all.
 pub fn model() -> impl TypedValueParser<Value = ModelKind> {
@@ -17,10 +18,10 @@ pub fn model_request() -> impl TypedValueParser<Value = ModelRequest> {
 }
 
 /// Reads `WIDTHxHEIGHT` in pixels.
-pub fn sensor(text: &str) -> Result<(u16, u16), String> {
+pub fn sensor(text: &str) -> Result<Sensor, String> {
     let size = |part: &str| part.trim().parse().ok().filter(|size| (1..=MAX_SENSOR_SIZE).contains(size));
     text.split_once('x')
-        .and_then(|(width, height)| Some((size(width)?, size(height)?)))
+        .and_then(|(width, height)| Some(Sensor::new(size(width)?, size(height)?)))
         .ok_or_else(|| format!("write WIDTHxHEIGHT in pixels, 1 to {MAX_SENSOR_SIZE} each, for example 346x260"))
 }
 

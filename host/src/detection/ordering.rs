@@ -2,6 +2,7 @@
 
 use evcal_core::grid::{GridCandidate, GridError, GridOptions, GridWorkspace, find_grid};
 use evcal_core::pattern::Pattern;
+use evcal_core::sensor::Sensor;
 use rayon::prelude::*;
 
 use super::{CANDIDATES, DetectionReport, grid_reason};
@@ -13,13 +14,13 @@ use crate::circles::track::UnorderedFrame;
 pub fn order_frames(
     frames: &[UnorderedFrame],
     pattern: &Pattern,
-    sensor: Option<(u16, u16)>,
+    sensor: Option<Sensor>,
 ) -> (Vec<ReferenceFrame>, DetectionReport) {
     let circles = || frames.iter().flat_map(|frame| &frame.circles);
     let extent = || {
         circles().fold((1.0_f64, 1.0_f64), |size, circle| (size.0.max(circle.center.x), size.1.max(circle.center.y)))
     };
-    let size = sensor.map_or_else(extent, |(width, height)| (width.into(), height.into()));
+    let size = sensor.map_or_else(extent, |sensor| (sensor.width.into(), sensor.height.into()));
     let options = GridOptions::new(pattern, size);
     let ordered: Vec<Result<ReferenceFrame, GridError>> = frames
         .par_iter()

@@ -6,6 +6,7 @@
 
 use evcal_core::event::Event;
 use evcal_core::pattern::{Layout, Pattern};
+use evcal_core::sensor::Sensor;
 
 use crate::board::Board;
 use crate::circles::track::UnorderedFrame;
@@ -22,12 +23,12 @@ const FEWEST_FITS: f64 = 0.2;
 pub struct OtherBoard<'a> {
     stage: DetectionStage<'a>,
     board: Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
 }
 
 impl<'a> OtherBoard<'a> {
     /// For a recording in which `board` was not found.
-    pub fn new(settings: &'a DetectionSettings, board: &Board, sensor: (u16, u16)) -> Self {
+    pub fn new(settings: &'a DetectionSettings, board: &Board, sensor: Sensor) -> Self {
         let fewest = board.circle_count().div_ceil(2);
         Self { stage: DetectionStage::for_circles(settings, sensor, fewest), board: *board, sensor }
     }

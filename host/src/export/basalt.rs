@@ -10,6 +10,7 @@ use evcal_core::camera::ModelKind;
 use super::format::{Content, Format};
 use super::number::decimal;
 use super::ros::quoted;
+use evcal_core::sensor::Sensor;
 
 /// `basalt.json`. basalt has no radial-tangential model.
 pub const FORMAT: Format = Format {
@@ -34,7 +35,7 @@ const INERTIAL: &str = r#"    "calib_accel_bias": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
 "#;
 
 fn write(content: &Content) -> String {
-    let (width, height) = content.calibrated.sensor;
+    let Sensor { width, height } = content.calibrated.sensor;
     let camera_type = match content.model {
         ModelKind::Ucm => "ucm",
         ModelKind::Eucm => "eucm",

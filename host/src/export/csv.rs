@@ -6,6 +6,7 @@ use evcal_core::camera::ModelKind;
 
 use super::format::{Content, Format};
 use super::number::decimal;
+use evcal_core::sensor::Sensor;
 
 /// `parameters.csv`: below comments a line of names, then one line a parameter. `sigma` and the covariances with all
 /// parameters (`covariance_fx` …) are empty where they are not known; the unit of coefficients is empty.
@@ -14,7 +15,7 @@ pub const FORMAT: Format =
 
 fn write(content: &Content) -> String {
     let calibrated = content.calibrated;
-    let (width, height) = calibrated.sensor;
+    let Sensor { width, height } = calibrated.sensor;
     let mut text = String::new();
     for remark in content.remarks() {
         let _ = writeln!(text, "# {remark}");

@@ -6,6 +6,7 @@ use serde_json::json;
 
 use super::format::{Content, Format};
 use super::number::decimal;
+use evcal_core::sensor::Sensor;
 
 /// `dv-processing.json`. The library computes in single precision.
 pub const FORMAT: Format = Format {
@@ -18,7 +19,7 @@ pub const FORMAT: Format = Format {
 
 fn write(content: &Content) -> String {
     let calibrated = content.calibrated;
-    let (width, height) = calibrated.sensor;
+    let Sensor { width, height } = calibrated.sensor;
     let [fx, fy, cx, cy] = content.matrix.map(decimal);
     let coefficients: Vec<String> = content.distortion.iter().map(|value| decimal(*value)).collect();
     let model = if content.model == ModelKind::KannalaBrandt { "equidistant" } else { "radialTangential" };

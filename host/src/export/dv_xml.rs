@@ -5,6 +5,7 @@ use evcal_core::pattern::Layout;
 
 use super::file_storage::{self, Entry, Value, entry, valid_name};
 use super::format::{Content, Format};
+use evcal_core::sensor::Sensor;
 
 /// `dv.xml`. Distortion is a column of five, or of four for a fisheye.
 pub const FORMAT: Format = Format {
@@ -17,7 +18,7 @@ pub const FORMAT: Format = Format {
 
 fn entries(content: &Content) -> Vec<Entry> {
     let calibrated = content.calibrated;
-    let (width, height) = calibrated.sensor;
+    let Sensor { width, height } = calibrated.sensor;
     let fisheye = content.model == ModelKind::KannalaBrandt;
     let camera = vec![
         entry("camera_matrix", Value::Matrix { rows: 3, values: content.camera_matrix().to_vec() }),

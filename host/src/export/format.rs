@@ -106,6 +106,8 @@ impl Format {
 
 #[cfg(test)]
 mod tests {
+    use evcal_core::sensor::Sensor;
+
     use super::*;
     use crate::lens::covered_region::CoveredRegion;
     use crate::result::calibrated_camera::{ROS_TOPIC, UNNAMED};
@@ -122,11 +124,11 @@ mod tests {
     #[test]
     fn every_format_holds_every_mild_lens_and_states_a_refit() {
         // A small sensor: cameras are compared at every pixel.
-        let sensor = (80, 60);
+        let sensor = Sensor::new(80, 60);
         let parameters = [80.4, 80.1, 39.3, 29.4, -0.1, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
         for &kind in ModelKind::ALL {
-            let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor.0, sensor.1).unwrap();
+            let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor.width, sensor.height).unwrap();
             let calibrated = CalibratedCamera {
                 camera,
                 sensor,

@@ -10,6 +10,7 @@ use evcal_core::camera::ModelKind;
 use super::format::{Content, Format};
 use super::number::decimals;
 use super::ros::quoted;
+use evcal_core::sensor::Sensor;
 
 /// `camchain.yaml` of one camera.
 pub const FORMAT: Format = Format {
@@ -28,7 +29,7 @@ pub const FORMAT: Format = Format {
 };
 
 fn write(content: &Content) -> String {
-    let (width, height) = content.calibrated.sensor;
+    let Sensor { width, height } = content.calibrated.sensor;
     let (camera_model, distortion_model) = match content.model {
         ModelKind::KannalaBrandt => ("pinhole", "equidistant"),
         ModelKind::Fov => ("pinhole", "fov"),

@@ -8,6 +8,7 @@ use evcal_core::camera::ModelKind;
 
 use super::file_storage::{self, Entry, Value, entry};
 use super::format::{Content, Format};
+use evcal_core::sensor::Sensor;
 
 const MODELS: &[ModelKind] =
     &[ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt, ModelKind::Omni];
@@ -43,7 +44,7 @@ pub const JSON: Format = Format {
 };
 
 fn entries(content: &Content) -> Vec<Entry> {
-    let (width, height) = content.calibrated.sensor;
+    let Sensor { width, height } = content.calibrated.sensor;
     let (model, xi, distortion) = match (content.model, content.distortion) {
         (ModelKind::Omni, [xi, distortion @ ..]) => ("omnidir", Some(*xi), distortion),
         (ModelKind::KannalaBrandt, distortion) => ("fisheye", None, distortion),

@@ -9,6 +9,7 @@ use evcal_core::camera::ModelKind;
 
 use super::format::{Content, Format};
 use super::number::decimals;
+use evcal_core::sensor::Sensor;
 
 /// `camera_info.yaml`.
 pub const FORMAT: Format = Format {
@@ -20,7 +21,7 @@ pub const FORMAT: Format = Format {
 };
 
 fn write(content: &Content) -> String {
-    let (width, height) = content.calibrated.sensor;
+    let Sensor { width, height } = content.calibrated.sensor;
     let model = match content.model {
         ModelKind::KannalaBrandt => "equidistant",
         ModelKind::Radtan8 => "rational_polynomial",

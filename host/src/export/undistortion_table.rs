@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 
 use evcal_core::camera::Camera;
-use evcal_core::cluster::SensorSize;
+use evcal_core::sensor::Sensor;
 use evcal_core::undistortion::{IdealCamera, TableError, UndistortionTable};
 
 /// Distances of nodes that are tried, in pixels, coarsest first.
@@ -53,13 +53,13 @@ pub enum ExportTableError {
 pub fn fit_table(
     camera: &Camera<f64>,
     ideal: &IdealCamera<f64>,
-    sensor: (u16, u16),
+    sensor: Sensor,
     max_error: f64,
 ) -> Result<ExportedTable, ExportTableError> {
     let mut reached = f64::INFINITY;
     for spacing in SPACINGS {
         let nodes = |pixels: u16| pixels.saturating_sub(1).div_ceil(spacing).saturating_add(1);
-        let table = table(camera, ideal, sensor, [nodes(sensor.0), nodes(sensor.1)])?;
+        let table = table(camera, ideal, sensor, [nodes(sensor.width), nodes(sensor.height)])?;
         reached = table.largest_error;
         if reached <= max_error {
             return Ok(table);
@@ -75,10 +75,10 @@ pub fn fit_table(
 pub fn table(
     camera: &Camera<f64>,
     ideal: &IdealCamera<f64>,
-    sensor: (u16, u16),
+    sensor: Sensor,
     size: [u16; 2],
 ) -> Result<ExportedTable, ExportTableError> {
-    let sensor = SensorSize { width: sensor.0, height: sensor.1 };
+    let sensor = Sensor { width: sensor.width, height: sensor.height };
     let room = vec![[f32::NAN; 2]; usize::from(size[0]) * usize::from(size[1])];
     let table = UndistortionTable::new(camera, ideal, sensor, size, room)?;
     let accuracy = table.accuracy(camera, ideal);
@@ -101,7 +101,7 @@ impl ExportedTable {
 
     /// A C99 header.
     pub fn c_header(&self) -> String {
-        let (SensorSize { width, height }, [columns, rows]) = (self.table.sensor(), self.table.size());
+        let (Sensor { width, height }, [columns, rows]) = (self.table.sensor(), self.table.size());
         let [nodes_x, nodes_y] = self.nodes_a_pixel();
         let mut text = String::from("/*\n");
         for line in self.description() {
@@ -181,7 +181,7 @@ static inline bool evcal_undistort(float x, float y, float *undistorted_x, float
 
     /// A Rust module that needs nothing but `core`.
     pub fn rust_module(&self) -> String {
-        let (SensorSize { width, height }, [columns, rows]) = (self.table.sensor(), self.table.size());
+        let (Sensor { width, height }, [columns, rows]) = (self.table.sensor(), self.table.size());
         let [nodes_x, nodes_y] = self.nodes_a_pixel();
         let mut text = String::new();
         for line in self.description() {
@@ -200,7 +200,7 @@ pub const COLUMNS: u16 = {columns};
 pub const ROWS: u16 = {rows};
 
 /// x and y of each node, row by row; NaN where the lens model has no value. With evcal-core:
-/// `UndistortionTable::from_nodes(SensorSize {{ width, height }}, [COLUMNS, ROWS], &NODES)`.
+/// `UndistortionTable::from_nodes(Sensor {{ width, height }}, [COLUMNS, ROWS], &NODES)`.
 #[rustfmt::skip]
 pub static NODES: [[f32; 2]; {count}] = [
 ",
@@ -249,7 +249,7 @@ fn cell(coordinate: f32, pixels: u16, nodes_a_pixel: f32, nodes: u16) -> Option<
     }
 
     fn nodes_a_pixel(&self) -> [f32; 2] {
-        let (SensorSize { width, height }, [columns, rows]) = (self.table.sensor(), self.table.size());
+        let (Sensor { width, height }, [columns, rows]) = (self.table.sensor(), self.table.size());
         let ratio = |nodes: u16, pixels: u16| (f32::from(nodes) - 1.0) / (f32::from(pixels) - 1.0);
         [ratio(columns, width), ratio(rows, height)]
     }

@@ -8,6 +8,7 @@
 //! on the number of threads.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use evcal_core::sensor::Sensor;
 use nalgebra::{Cholesky, Isometry3, Matrix6, SMatrix, SVector, U6, Vector6};
 use rayon::prelude::*;
 
@@ -158,7 +159,7 @@ pub fn bundle(
     camera: &Camera<f64>,
     views: Vec<BundleView<'_>>,
     free: &[bool],
-    sensor: (u16, u16),
+    sensor: Sensor,
     huber: f64,
 ) -> Option<Bundle> {
     let mut camera = *camera;

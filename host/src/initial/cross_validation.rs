@@ -6,6 +6,7 @@
 //! Frames with too few confirmed circles are dropped.
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
@@ -31,7 +32,7 @@ pub fn cross_validate(
     posed: Vec<Posed>,
     camera: &Camera<f64>,
     board: &Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     settings: &InitialSettings,
     report: &mut InitialReport,
 ) -> Vec<Posed> {

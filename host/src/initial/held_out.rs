@@ -6,6 +6,7 @@
 //! that it is the blocks, not the frames, that are independent.
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -86,7 +87,7 @@ pub fn held_out(
     circles: &ComparedCircles,
     start: &Camera<f64>,
     board: &Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     division: &Division,
     settings: &InitialSettings,
 ) -> Option<HeldOut> {

@@ -3,6 +3,7 @@
 use evcal_core::camera::conversion::inverse_radial_from_radtan;
 use evcal_core::camera::refit::refit_where;
 use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -64,7 +65,7 @@ fn camera_of(
     kind: ModelKind,
     model: OpencvModel,
     calibration: &Calibration,
-    sensor: (u16, u16),
+    sensor: Sensor,
     covered: f64,
 ) -> Option<Camera<f64>> {
     let intrinsics = &calibration.intrinsics;
@@ -73,7 +74,7 @@ fn camera_of(
     match kind {
         ModelKind::InverseRadial => match Camera::from_parameters(ModelKind::Radtan, &parameters)? {
             Camera::Radtan(radtan) => {
-                inverse_radial_from_radtan(&radtan, sensor.0, sensor.1).map(Camera::InverseRadial)
+                inverse_radial_from_radtan(&radtan, sensor.width, sensor.height).map(Camera::InverseRadial)
             }
             _ => None,
         },
@@ -88,12 +89,12 @@ fn camera_of(
             };
             let near = Camera::from_parameters(near, &parameters).filter(|near| plausible(near, sensor))?;
             let center = Vector2::from(intrinsics.center);
-            refit_where(kind, &near, sensor.0, sensor.1, |pixel| (pixel - center).norm() <= covered)
+            refit_where(kind, &near, sensor.width, sensor.height, |pixel| (pixel - center).norm() <= covered)
         }
     }
 }
 
-fn calibrate(model: OpencvModel, views: &[View], sensor: (u16, u16)) -> Result<Calibration, opencv::OpencvError> {
+fn calibrate(model: OpencvModel, views: &[View], sensor: Sensor) -> Result<Calibration, opencv::OpencvError> {
     match model {
         OpencvModel::Pinhole(distortion) => opencv::calibrate_pinhole(views, sensor, distortion, None),
         OpencvModel::Fisheye => opencv::calibrate_fisheye(views, sensor),
@@ -107,8 +108,8 @@ fn covered_radius(views: &[View], center: [f64; 2]) -> f64 {
 }
 
 /// Focal lengths that are no camera's: fields of view below 6° and above 180° by far.
-fn plausible(camera: &Camera<f64>, sensor: (u16, u16)) -> bool {
-    let (width, height) = (f64::from(sensor.0), f64::from(sensor.1));
+fn plausible(camera: &Camera<f64>, sensor: Sensor) -> bool {
+    let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
     let diagonal = width.hypot(height);
     match (camera.axial_focal_lengths(), camera.parameters().as_slice()) {
         (Some([fx, fy]), &[_, _, cx, cy, ..]) => {
@@ -123,7 +124,7 @@ fn plausible(camera: &Camera<f64>, sensor: (u16, u16)) -> bool {
 pub fn opencv_start(
     kind: ModelKind,
     views: &[&[BoardPoint]],
-    sensor: (u16, u16),
+    sensor: Sensor,
     settings: &InitialSettings,
 ) -> (Option<Camera<f64>>, OpencvStart) {
     let views: Vec<View> = views.iter().map(|points| view_of(points)).collect();
@@ -144,7 +145,7 @@ fn start_from(
     kind: ModelKind,
     model: OpencvModel,
     mut views: Vec<View>,
-    sensor: (u16, u16),
+    sensor: Sensor,
     settings: &InitialSettings,
 ) -> (Option<Camera<f64>>, OpencvStart) {
     let mut start = OpencvStart { views: (views.len(), views.len()), rms: None, failure: None };
@@ -223,10 +224,10 @@ const SCAN_VIEWS: usize = 16;
 pub fn native_start(
     kind: ModelKind,
     views: &[&[BoardPoint]],
-    sensor: (u16, u16),
+    sensor: Sensor,
     settings: &InitialSettings,
 ) -> Option<Bundle> {
-    let size = Vector2::new(f64::from(sensor.0), f64::from(sensor.1));
+    let size = Vector2::new(f64::from(sensor.width), f64::from(sensor.height));
     let center = (size - Vector2::new(1.0, 1.0)) / 2.0;
     let count = kind.parameter_names().len();
     let scan: Vec<Camera<f64>> = (0..32)

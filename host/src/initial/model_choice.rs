@@ -9,6 +9,7 @@
 //! Friedman, *The Elements of Statistical Learning*, section 7.10). The standard error is that of the
 //! difference block by block, for what makes a block hard makes it hard for all models.
 
+use evcal_core::sensor::Sensor;
 use std::fmt;
 use std::str::FromStr;
 
@@ -192,7 +193,7 @@ impl fmt::Display for ModelChoice {
 pub fn choose_model(
     frames: &[ReferenceFrame],
     board: &Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     models: &[ModelKind],
     initial: &InitialSettings,
     settings: &ModelChoiceSettings,

@@ -4,6 +4,7 @@
 //! change of radius are fitted to them robustly. So a tilted circle needs no circle fit, and the
 //! result is the image of the circle's centre, not the centre of the ellipse.
 
+use evcal_core::sensor::Sensor;
 use std::f64::consts::TAU;
 
 use evcal_core::camera::Camera;
@@ -77,10 +78,10 @@ impl ProjectedCircle {
         self.axes.singular_values().min()
     }
 
-    fn inside(&self, sensor: (u16, u16)) -> bool {
+    fn inside(&self, sensor: Sensor) -> bool {
         let [low, high] = self.bounds;
-        let right = f64::from(sensor.0) - 1.0;
-        let bottom = f64::from(sensor.1) - 1.0;
+        let right = f64::from(sensor.width) - 1.0;
+        let bottom = f64::from(sensor.height) - 1.0;
         low.x >= 0.0 && low.y >= 0.0 && high.x <= right && high.y <= bottom
     }
 }
@@ -148,7 +149,7 @@ pub struct Frame<'a> {
     /// the window of this frame spans; `None` where no neighbour tells.
     pub motion: Option<(Isometry3<f64>, Isometry3<f64>, f64)>,
     /// Width and height in pixels.
-    pub sensor: (u16, u16),
+    pub sensor: Sensor,
     /// The events.
     pub pixels: &'a PixelRows,
 }

@@ -2,6 +2,7 @@
 
 use evcal_core::camera::{Camera, ModelKind, refit::difference};
 use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,7 +12,7 @@ use super::*;
 use crate::circles::event_pixel::EventPixel;
 use crate::initial::model_choice::{CANDIDATES, ModelChoiceSettings, choose_model};
 
-const SENSOR: (u16, u16) = (346, 260);
+const SENSOR: Sensor = Sensor::new(346, 260);
 
 fn board() -> Board {
     "acircles:9x4:55mm:r17.5mm".parse().unwrap()
@@ -54,7 +55,7 @@ fn image(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &Board, index: usiz
     let center = board.circle_center(index);
     let pixel = camera.project(&(pose * Point3::new(center.x, center.y, 0.0)).coords)?;
     let inside = |value: f64, size: u16| value > 8.0 && value < f64::from(size) - 9.0;
-    (inside(pixel.x, SENSOR.0) && inside(pixel.y, SENSOR.1)).then_some(pixel)
+    (inside(pixel.x, SENSOR.width) && inside(pixel.y, SENSOR.height)).then_some(pixel)
 }
 
 /// What is wrong with a frame on purpose.
@@ -166,7 +167,7 @@ fn every_model_comes_back_from_noisy_partial_boards_with_wrong_frames() {
         }
         let axial = |camera: &Camera<f64>| camera.axial_focal_lengths().unwrap()[0];
         assert!((axial(&model.camera) - axial(&scene.camera)).abs() < 0.6, "{kind}");
-        let over_sensor = difference(&scene.camera, &model.camera, SENSOR.0, SENSOR.1);
+        let over_sensor = difference(&scene.camera, &model.camera, SENSOR.width, SENSOR.height);
         assert!(over_sensor.root_mean_square < 0.5, "{kind} {over_sensor:?}");
         // Two coordinates with 0.15 px of noise each.
         assert!((0.19..0.23).contains(&model.report.rms), "{kind} {}", model.report.rms);
@@ -219,12 +220,12 @@ fn native_and_opencv_starts_reach_the_same_camera() {
         assert_eq!(start.failure, None, "{kind}");
         let (_, opencv) = refine_start(&opencv.unwrap(), &views, SENSOR, &settings).unwrap();
         let native = native_start(kind, &views, SENSOR, &settings).unwrap();
-        let between = difference(&opencv.camera, &native.camera, SENSOR.0, SENSOR.1);
+        let between = difference(&opencv.camera, &native.camera, SENSOR.width, SENSOR.height);
         // Along the curve on which omni's parameters explain each other, steps end where nothing is gained.
         let flat = kind == ModelKind::Omni;
         assert!(between.largest < if flat { 0.1 } else { 1e-3 }, "{kind} {between:?}");
         // The prior on the distortion is all that keeps them from the truth.
-        let from_truth = difference(&scene.camera, &native.camera, SENSOR.0, SENSOR.1);
+        let from_truth = difference(&scene.camera, &native.camera, SENSOR.width, SENSOR.height);
         assert!(from_truth.root_mean_square < 0.01, "{kind} {from_truth:?}");
     }
 }
@@ -241,7 +242,7 @@ fn the_chosen_model_comes_near_the_lens() {
         assert_eq!(choice.candidates.len(), CANDIDATES.len());
         let axial = |camera: &Camera<f64>| camera.axial_focal_lengths().unwrap()[0];
         assert!((axial(&model.camera) - axial(&scene.camera)).abs() < 0.6, "{kind}");
-        let over_sensor = difference(&scene.camera, &model.camera, SENSOR.0, SENSOR.1);
+        let over_sensor = difference(&scene.camera, &model.camera, SENSOR.width, SENSOR.height);
         assert!(over_sensor.root_mean_square < 0.5, "{kind}: {choice}: {over_sensor:?}");
         if kind != ModelKind::Radtan {
             assert!(!choice.chosen.starts_with("radtan"), "{kind}: {choice}");
@@ -314,8 +315,8 @@ fn hopeless_input_gets_an_error_that_says_what_to_do() {
 
 /// Bearings of all pixels.
 fn bearings(camera: &Camera<f64>) -> Vec<(u16, u16, Vector3<f64>)> {
-    (0..SENSOR.1)
-        .flat_map(|y| (0..SENSOR.0).map(move |x| (x, y)))
+    (0..SENSOR.height)
+        .flat_map(|y| (0..SENSOR.width).map(move |x| (x, y)))
         .filter_map(|(x, y)| Some((x, y, camera.unproject(&Vector2::new(f64::from(x), f64::from(y)))?)))
         .collect()
 }

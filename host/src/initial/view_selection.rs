@@ -5,6 +5,7 @@
 //! furthest from all that were taken (Gonzalez 1985), so that any number of first views is a good
 //! choice; views with few circles count as nearer than they are.
 
+use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix3, SVector, Vector2};
 
 use super::sighting::BoardPoint;
@@ -14,7 +15,7 @@ use crate::board::homography::homography;
 /// Image position (2), scale, foreshortening (2), perspective (2), roll (2).
 type Features = SVector<f64, 9>;
 
-fn features(points: &[BoardPoint], board: &Board, sensor: (u16, u16)) -> Option<Features> {
+fn features(points: &[BoardPoint], board: &Board, sensor: Sensor) -> Option<Features> {
     let extent = 0.5 * board.circle_center(board.circle_count().checked_sub(1)?).norm();
     let plane: Vec<Vector2<f64>> = points.iter().map(|point| (point.object - board.middle()) / extent).collect();
     let image: Vec<Vector2<f64>> = points.iter().map(|point| point.image).collect();
@@ -29,8 +30,8 @@ fn features(points: &[BoardPoint], board: &Board, sensor: (u16, u16)) -> Option<
     let roll = local.column(0).normalize();
     let center = points.iter().map(|point| point.image).sum::<Vector2<f64>>() / points.len() as f64;
     let features = Features::from([
-        center.x / f64::from(sensor.0),
-        center.y / f64::from(sensor.1),
+        center.x / f64::from(sensor.width),
+        center.y / f64::from(sensor.height),
         0.5 * determinant.abs().ln() * 0.5,
         0.5 * (stretch[(0, 0)] - stretch[(1, 1)]),
         stretch[(0, 1)],
@@ -44,7 +45,7 @@ fn features(points: &[BoardPoint], board: &Board, sensor: (u16, u16)) -> Option<
 }
 
 /// Positions in `views` of at most `count` views, the most useful first.
-pub fn select_views(views: &[&[BoardPoint]], board: &Board, sensor: (u16, u16), count: usize) -> Vec<usize> {
+pub fn select_views(views: &[&[BoardPoint]], board: &Board, sensor: Sensor, count: usize) -> Vec<usize> {
     let candidates: Vec<(usize, Features, f64)> = views
         .iter()
         .enumerate()

@@ -9,15 +9,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 pub use self::parameters::Parameters;
-
-/// Sensor size in pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SensorSize {
-    /// Columns.
-    pub width: u16,
-    /// Rows.
-    pub height: u16,
-}
+use evcal_core::sensor::Sensor;
 
 /// A camera model with its parameters by name. Pixel (0, 0) is the centre of the top-left pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,7 +25,7 @@ pub struct CameraDescription {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraFile {
     /// Size of the sensor.
-    pub sensor: SensorSize,
+    pub sensor: Sensor,
     /// The lens.
     pub camera: CameraDescription,
 }
@@ -98,7 +90,7 @@ impl CameraDescription {
 ///
 /// # Errors
 /// [`CameraFileError`].
-pub fn read(path: &Path) -> Result<(Camera<f64>, SensorSize), CameraFileError> {
+pub fn read(path: &Path) -> Result<(Camera<f64>, Sensor), CameraFileError> {
     let parsed: CameraFile = parse(path)?;
     let camera = parsed.camera.camera().map_err(|reason| wrong(path, reason))?;
     Ok((camera, parsed.sensor))

@@ -1,5 +1,6 @@
 //! The part of the sensor in which the board was seen.
 
+use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
 use crate::calibrate::Calibrated;
@@ -19,15 +20,15 @@ pub struct CoveredRegion {
 
 impl CoveredRegion {
     /// All of a `sensor` (width, height).
-    pub fn whole(sensor: (u16, u16)) -> Self {
-        let (right, bottom) = (f64::from(sensor.0) - 0.5, f64::from(sensor.1) - 0.5);
+    pub fn whole(sensor: Sensor) -> Self {
+        let (right, bottom) = (f64::from(sensor.width) - 0.5, f64::from(sensor.height) - 0.5);
         let corners = [[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]];
         Self { corners: corners.map(Vector2::from).to_vec() }
     }
 
     /// The convex hull of `points` (px), as far as they are on the `sensor`.
-    pub fn around(points: impl IntoIterator<Item = Vector2<f64>>, sensor: (u16, u16)) -> Self {
-        let (right, bottom) = (f64::from(sensor.0) - 0.5, f64::from(sensor.1) - 0.5);
+    pub fn around(points: impl IntoIterator<Item = Vector2<f64>>, sensor: Sensor) -> Self {
+        let (right, bottom) = (f64::from(sensor.width) - 0.5, f64::from(sensor.height) - 0.5);
         let finite = points.into_iter().filter(|point| point.x.is_finite() && point.y.is_finite());
         let mut points: Vec<Vector2<f64>> =
             finite.map(|point| Vector2::new(point.x.clamp(-0.5, right), point.y.clamp(-0.5, bottom))).collect();
@@ -87,7 +88,7 @@ fn chain<'a>(points: impl Iterator<Item = &'a Vector2<f64>>) -> Vec<Vector2<f64>
 mod tests {
     use super::*;
 
-    const SENSOR: (u16, u16) = (346, 260);
+    const SENSOR: Sensor = Sensor::new(346, 260);
 
     #[test]
     fn a_hull_holds_its_points_and_nothing_beyond() {

@@ -1,6 +1,7 @@
 //! What is expected of a distortion before anything is seen: weakly, that no term bends the image more than lenses do.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+use evcal_core::sensor::Sensor;
 use nalgebra::SVector;
 
 /// Part of the radius that one distortion term is expected to change at the furthest corner.
@@ -33,11 +34,11 @@ enum Coefficient {
 ///
 /// Radial terms are expected to change the radius at the corner furthest from the principal point by
 /// [`PRIOR_CHANGE`] of itself, more or less.
-pub fn distortion_prior(camera: &Camera<f64>, sensor: (u16, u16)) -> DistortionPrior {
+pub fn distortion_prior(camera: &Camera<f64>, sensor: Sensor) -> DistortionPrior {
     use Coefficient::{Free, Radial, Shape};
     let mut prior = DistortionPrior { weights: [0.0; MAX_PARAMETERS], expected: [0.0; MAX_PARAMETERS] };
     let &[fx, fy, cx, cy, ..] = camera.parameters().as_slice() else { return prior };
-    let (right, bottom) = (f64::from(sensor.0) - 1.0, f64::from(sensor.1) - 1.0);
+    let (right, bottom) = (f64::from(sensor.width) - 1.0, f64::from(sensor.height) - 1.0);
     let corner = (cx.max(right - cx) / fx).powi(2) + (cy.max(bottom - cy) / fy).powi(2);
     let coefficients: &[Coefficient] = match camera.kind() {
         ModelKind::Radtan4 => &[Radial(1), Radial(2), Free, Free],

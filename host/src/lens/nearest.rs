@@ -1,5 +1,6 @@
 //! The camera that a format can hold: the calibrated one, or the nearest of another model.
 
+use evcal_core::sensor::Sensor;
 use std::fmt;
 
 use evcal_core::camera::refit::refit_where;
@@ -72,7 +73,7 @@ pub fn nearest(
     camera: &Camera<f64>,
     models: &[ModelKind],
     substitutes: &[ModelKind],
-    sensor: (u16, u16),
+    sensor: Sensor,
     covered: &CoveredRegion,
 ) -> Option<Nearest> {
     let from = camera.kind();
@@ -83,7 +84,7 @@ pub fn nearest(
         return Some(Nearest { camera: same, refit: None });
     }
     let fitted = substitutes.iter().filter_map(|&to| {
-        let near = refit_where(to, camera, sensor.0, sensor.1, |pixel| covered.contains(pixel))?;
+        let near = refit_where(to, camera, sensor.width, sensor.height, |pixel| covered.contains(pixel))?;
         let (covered, sensor) = distances(camera, &near, sensor, covered)?;
         Some((near, Refit { from, to, covered, sensor }))
     });
@@ -116,12 +117,12 @@ fn same_camera(camera: &Camera<f64>, to: ModelKind) -> Option<Camera<f64>> {
 fn distances(
     reference: &Camera<f64>,
     other: &Camera<f64>,
-    sensor: (u16, u16),
+    sensor: Sensor,
     covered: &CoveredRegion,
 ) -> Option<(Distance, Distance)> {
-    let all = f64::from(sensor.0) * f64::from(sensor.1);
+    let all = f64::from(sensor.width) * f64::from(sensor.height);
     let step = (all / SAMPLES).sqrt().ceil().max(1.0) as usize;
-    let pixels = (0..sensor.1).step_by(step).flat_map(|y| (0..sensor.0).step_by(step).map(move |x| (x, y)));
+    let pixels = (0..sensor.height).step_by(step).flat_map(|y| (0..sensor.width).step_by(step).map(move |x| (x, y)));
     let (mut there, mut everywhere) = (Sum::default(), Sum::default());
     for (x, y) in pixels {
         let pixel = Vector2::new(f64::from(x), f64::from(y));
@@ -170,7 +171,7 @@ impl Sum {
 mod tests {
     use super::*;
 
-    const SENSOR: (u16, u16) = (346, 260);
+    const SENSOR: Sensor = Sensor::new(346, 260);
 
     fn camera(kind: ModelKind, coefficients: &[f64]) -> Camera<f64> {
         let parameters: Vec<f64> = [335.3, 334.9, 171.2, 128.8].iter().chain(coefficients).copied().collect();

@@ -220,9 +220,11 @@ mod tests {
     use evcal_core::camera::ModelKind;
     use nalgebra::Rotation3;
 
+    use evcal_core::sensor::Sensor;
+
     use super::*;
 
-    const SIZE: (u16, u16) = (346, 260);
+    const SIZE: Sensor = Sensor::new(346, 260);
 
     fn camera(kind: ModelKind, parameters: &[f64]) -> Camera<f64> {
         Camera::from_parameters(kind, parameters).unwrap()
@@ -239,7 +241,7 @@ mod tests {
     #[test]
     fn a_camera_does_not_differ_from_itself() {
         for camera in [radtan(), kannala_brandt()] {
-            let same = projection_difference(&camera, &camera, SIZE.0, SIZE.1).unwrap();
+            let same = projection_difference(&camera, &camera, SIZE.width, SIZE.height).unwrap();
             assert!(same.max < 1e-8 && Vector3::from(same.rotation).norm() < 1e-10, "{same}");
             assert_eq!(same.uncovered, 0);
         }
@@ -254,7 +256,8 @@ mod tests {
                 Some((projection.pixel, projection.by_point * turn.inverse().matrix()))
             };
             let unproject_second = |pixel: &Vector2<f64>| Some(turn * lens.unproject(pixel)?);
-            let result = difference(|pixel| lens.unproject(pixel), unproject_second, project, SIZE.0, SIZE.1).unwrap();
+            let result =
+                difference(|pixel| lens.unproject(pixel), unproject_second, project, SIZE.width, SIZE.height).unwrap();
             assert!(result.max < 1e-8, "{result}");
             assert!((Vector3::from(result.rotation) - turn.scaled_axis()).norm() < 1e-10);
         }
@@ -267,10 +270,12 @@ mod tests {
         let (focal, shift) = (300.0, 0.1);
         let first = camera(ModelKind::Radtan4, &[focal, focal, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]);
         let second = camera(ModelKind::Radtan4, &[focal, focal, 172.5 + shift, 129.5, 0.0, 0.0, 0.0, 0.0]);
-        let result = projection_difference(&first, &second, SIZE.0, SIZE.1).unwrap();
+        let result = projection_difference(&first, &second, SIZE.width, SIZE.height).unwrap();
 
-        let points: Vec<(f64, f64)> =
-            grid(SIZE.0, SIZE.1).iter().map(|pixel| ((pixel.x - 172.5) / focal, (pixel.y - 129.5) / focal)).collect();
+        let points: Vec<(f64, f64)> = grid(SIZE.width, SIZE.height)
+            .iter()
+            .map(|pixel| ((pixel.x - 172.5) / focal, (pixel.y - 129.5) / focal))
+            .collect();
         let (mut numerator, mut denominator) = (0.0, 0.0);
         for (x, y) in &points {
             numerator += 1.0 + x * x;
@@ -289,7 +294,7 @@ mod tests {
     fn a_focal_length_is_no_rotation() {
         let first = camera(ModelKind::Radtan4, &[300.0, 300.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]);
         let second = camera(ModelKind::Radtan4, &[303.0, 303.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]);
-        let result = projection_difference(&first, &second, SIZE.0, SIZE.1).unwrap();
+        let result = projection_difference(&first, &second, SIZE.width, SIZE.height).unwrap();
         let corner = (172.5f64.powi(2) + 129.5f64.powi(2)).sqrt();
         assert!((result.max - 0.01 * corner).abs() < 1e-6, "{result}");
         assert!(Vector3::from(result.rotation).norm() < 1e-9);
@@ -304,7 +309,7 @@ mod tests {
         // Strong barrel distortion folds over before the corners.
         let narrow = camera(ModelKind::Radtan4, &[200.0, 200.0, 172.5, 129.5, -0.5, 0.0, 0.0, 0.0]);
         let wide = camera(ModelKind::KannalaBrandt, &[200.0, 200.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]);
-        let result = projection_difference(&wide, &narrow, SIZE.0, SIZE.1).unwrap();
+        let result = projection_difference(&wide, &narrow, SIZE.width, SIZE.height).unwrap();
         assert!(result.uncovered > 0 && result.uncovered < result.grid.len());
         assert_eq!(result.grid.iter().filter(|point| point.difference.is_none()).count(), result.uncovered);
     }

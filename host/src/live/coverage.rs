@@ -1,5 +1,6 @@
 //! Where on the sensor the board was seen, and how it was tilted.
 
+use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix3, Vector2};
 
 use super::LiveSettings;
@@ -47,7 +48,7 @@ impl Tilt {
 pub struct Coverage {
     settings: LiveSettings,
     board: Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     cells: Vec<u64>,
     /// Homographies from the board (in spacings) to pixels from the middle of the sensor, divided by
     /// its width.
@@ -56,7 +57,7 @@ pub struct Coverage {
 
 impl Coverage {
     /// Nothing seen yet, of a sensor of this width and height.
-    pub fn new(settings: &LiveSettings, board: &Board, sensor: (u16, u16)) -> Self {
+    pub fn new(settings: &LiveSettings, board: &Board, sensor: Sensor) -> Self {
         let (columns, rows) = (settings.columns.clamp(1, MOST_CELLS), settings.rows.clamp(1, MOST_CELLS));
         let cells = vec![0; usize::from(columns) * usize::from(rows)];
         let settings = LiveSettings { columns, rows, ..settings.clone() };
@@ -65,7 +66,7 @@ impl Coverage {
 
     /// Takes a window with the board.
     pub fn add(&mut self, frame: &ReferenceFrame) {
-        let (width, height) = (f64::from(self.sensor.0), f64::from(self.sensor.1));
+        let (width, height) = (f64::from(self.sensor.width), f64::from(self.sensor.height));
         let (columns, rows) = (self.settings.columns, self.settings.rows);
         let cell = |position: f64, size: f64, count: u16| {
             let cell = (position + 0.5) / size * f64::from(count);
@@ -194,7 +195,7 @@ mod tests {
     use super::*;
     use crate::circles::reference_frame::ObservedCircle;
 
-    const SENSOR: (u16, u16) = (346, 260);
+    const SENSOR: Sensor = Sensor::new(346, 260);
 
     fn board() -> Board {
         "acircles:9x4:55mm:r17.5mm".parse().unwrap()
@@ -254,7 +255,7 @@ mod tests {
                 let angle = f64::from(index) * 0.5;
                 coverage.add(&view(Vector3::new(0.3 * angle.sin(), 0.4 * angle.cos(), 0.2), ahead(), focal));
             }
-            let found = focal_length(&coverage.views) * f64::from(SENSOR.0);
+            let found = focal_length(&coverage.views) * f64::from(SENSOR.width);
             assert!((found - focal).abs() < 1e-6 * focal, "{found} {focal}");
         }
         let mut frontal = Coverage::new(&LiveSettings::default(), &board(), SENSOR);

@@ -63,7 +63,7 @@ pub struct Watcher {
 impl Watcher {
     /// Starts a detector for the camera that `header` describes.
     pub fn start(settings: &Settings, board: &Board, header: &DumpHeader) -> Self {
-        let sensor = header.registers.layout().dvs.size();
+        let sensor = header.registers.layout().dvs.size().into();
         let shared = Arc::new(Shared {
             queue: Mutex::default(),
             filled: Condvar::new(),

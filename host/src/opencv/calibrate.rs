@@ -1,5 +1,6 @@
 //! Cameras from views of a board.
 
+use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use opencv::calib3d;
 use opencv::core::{self, Mat, Point2d, Scalar, Size, TermCriteria, Vector, no_array};
@@ -109,7 +110,7 @@ impl RawCalibration {
 /// an error: the caller chooses its views.
 pub fn calibrate_pinhole(
     views: &[View],
-    sensor: (u16, u16),
+    sensor: Sensor,
     distortion: PinholeDistortion,
     guess: Option<&Intrinsics>,
 ) -> Result<Calibration, OpencvError> {
@@ -138,7 +139,7 @@ pub fn calibrate_pinhole(
         let rms = calib3d::calibrate_camera_extended(
             &object,
             &image,
-            Size::new(i32::from(sensor.0), i32::from(sensor.1)),
+            Size::new(i32::from(sensor.width), i32::from(sensor.height)),
             &mut camera_matrix,
             &mut coefficients,
             &mut rotations,
@@ -156,7 +157,7 @@ pub fn calibrate_pinhole(
     raw.checked(views.len(), distortion.coefficient_count()).ok_or(OpencvError::Unusable { call: CALL })
 }
 
-fn calibrate_fisheye_once(views: &[&View], sensor: (u16, u16), iterations: i32) -> Result<Calibration, OpencvError> {
+fn calibrate_fisheye_once(views: &[&View], sensor: Sensor, iterations: i32) -> Result<Calibration, OpencvError> {
     const CALL: &str = "fisheye::calibrate";
     let run = || -> opencv::Result<_> {
         let object: Vector<Mat> = views.iter().map(|v| points_3d(&v.object)).collect::<opencv::Result<_>>()?;
@@ -167,7 +168,7 @@ fn calibrate_fisheye_once(views: &[&View], sensor: (u16, u16), iterations: i32) 
         let rms = calib3d::calibrate(
             &object,
             &image,
-            Size::new(i32::from(sensor.0), i32::from(sensor.1)),
+            Size::new(i32::from(sensor.width), i32::from(sensor.height)),
             &mut camera_matrix,
             &mut coefficients,
             &mut rotations,
@@ -201,7 +202,7 @@ fn calibrate_fisheye_once(views: &[&View], sensor: (u16, u16), iterations: i32) 
 }
 
 /// The views among `indices` that OpenCV's fisheye calibration can digest, found by halving.
-fn digestible(views: &[View], indices: &[usize], sensor: (u16, u16)) -> Vec<usize> {
+fn digestible(views: &[View], indices: &[usize], sensor: Sensor) -> Vec<usize> {
     // Below a handful of views the calibration itself is undetermined, and a failure says nothing.
     const SMALLEST_SET: usize = 3;
     let chosen: Vec<&View> = indices.iter().filter_map(|&index| views.get(index)).collect();
@@ -221,7 +222,7 @@ fn digestible(views: &[View], indices: &[usize], sensor: (u16, u16)) -> Vec<usiz
 ///
 /// It throws when a single view displeases it; such views are searched out and left away. What was
 /// used is in [`Calibration::views`].
-pub fn calibrate_fisheye(views: &[View], sensor: (u16, u16)) -> Result<Calibration, OpencvError> {
+pub fn calibrate_fisheye(views: &[View], sensor: Sensor) -> Result<Calibration, OpencvError> {
     SINGLE_THREAD.clone()?;
     if views.is_empty() || !views.iter().all(usable) {
         return Err(OpencvError::Input { call: "fisheye::calibrate" });

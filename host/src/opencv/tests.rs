@@ -1,9 +1,10 @@
 use evcal_core::pattern::{Layout, Pattern};
+use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
 use super::*;
 
-const SENSOR: (u16, u16) = (346, 260);
+const SENSOR: Sensor = Sensor::new(346, 260);
 
 fn object() -> Vec<[f64; 2]> {
     (0..35).map(|index| [f64::from(index % 7) * 0.04, f64::from(index / 7) * 0.04]).collect()

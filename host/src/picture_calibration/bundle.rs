@@ -11,6 +11,7 @@
 //! δ_f = (S − S_f)⁻¹ g_f, and the covariance is (n − 1) / n Σ δ_f δ_fᵀ.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use evcal_core::sensor::Sensor;
 use nalgebra::{Cholesky, DMatrix, DVector, Isometry3, Matrix6, SMatrix, SVector, U6, Vector2, Vector6};
 use rayon::prelude::*;
 
@@ -257,7 +258,7 @@ pub fn frame_bundle(
     camera: &Camera<f64>,
     views: &[FrameView],
     radius: f64,
-    sensor: (u16, u16),
+    sensor: Sensor,
     huber: f64,
 ) -> Option<FrameBundle> {
     let count = camera.parameters().len();
@@ -318,7 +319,7 @@ mod tests {
     use crate::board::Board;
     use crate::numerics::random::normal;
 
-    const SENSOR: (u16, u16) = (346, 260);
+    const SENSOR: Sensor = Sensor::new(346, 260);
     const VIEWS: usize = 30;
 
     fn camera() -> Camera<f64> {

@@ -1,6 +1,7 @@
 //! The ordinary calibration from pictures: every frame has a pose of its own.
 
 use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
@@ -99,7 +100,7 @@ pub fn calibrate_frames(
     frames: Vec<ReferenceFrame>,
     detection: FrameDetectionReport,
     board: &Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     kind: ModelKind,
     settings: &Settings,
 ) -> Result<FrameCalibration, NoFrameCalibration> {
@@ -153,7 +154,7 @@ fn start(
     frames: &[ReferenceFrame],
     detection: &FrameDetectionReport,
     board: &Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     kind: ModelKind,
     settings: &Settings,
 ) -> Result<InitialModel, String> {

@@ -11,6 +11,7 @@ pub mod write;
 
 mod flatbuffer;
 
+use evcal_core::sensor::Sensor;
 use std::path::Path;
 
 use evcal_core::event::{Event, Polarity};
@@ -156,14 +157,14 @@ fn choose_stream<'a>(
     }
 }
 
-fn sensor_size(stream: &Stream) -> Result<Option<(u16, u16)>, SourceErrorKind> {
+fn sensor_size(stream: &Stream) -> Result<Option<Sensor>, SourceErrorKind> {
     let Some((width, height)) = stream.size else {
         return Ok(None);
     };
     let side = |size: i64| u16::try_from(size).ok().filter(|side| (1..=MAX_SENSOR_SIZE).contains(side));
     match side(width).zip(side(height)) {
-        Some(sensor) => Ok(Some(sensor)),
-        None => Err(SourceErrorKind::SensorSize { width, height }),
+        Some(sensor) => Ok(Some(sensor.into())),
+        None => Err(SourceErrorKind::Sensor { width, height }),
     }
 }
 

@@ -18,6 +18,7 @@ use usb_davis::capture::CaptureError;
 use crate::recording::aedat4::header::Compression;
 use crate::recording::write::{OutputFormat, WriteError};
 use crate::recording::{EventReader, ReadReport, Recording, SourceError};
+use evcal_core::sensor::Sensor;
 use extras::{Extra, Extras};
 use sink::Sink;
 
@@ -182,7 +183,7 @@ pub fn convert_changed(
     let sensor = match (information.sensor, target) {
         (Some(sensor), _) => sensor,
         // It holds no sensor size.
-        (None, Target::Events(OutputFormat::EventCalib)) => (0, 0),
+        (None, Target::Events(OutputFormat::EventCalib)) => Sensor::new(0, 0),
         (None, _) => return Err(ConvertError::SensorUnknown(recording.path().to_owned())),
     };
     let camera_name = information.camera_name.as_deref().unwrap_or_default();

@@ -54,7 +54,7 @@ fn open(path: &Path, format: &'static str) -> Result<Box<dyn Decode>, SourceErro
     }
     let information = SourceInformation {
         format,
-        sensor: Some(header.registers.layout().dvs.size()),
+        sensor: Some(header.registers.layout().dvs.size().into()),
         camera_name: header.identity.is_some().then(|| header.camera_name()),
         notes,
     };
@@ -117,6 +117,8 @@ mod tests {
     use usb_davis::dump::{Compression, DumpHeader, DumpWriter, Transfer, TransferStatus};
     use usb_davis::protocol::{Encoder, Layout, Polarity as WirePolarity, PolarityEvent};
 
+    use evcal_core::sensor::Sensor;
+
     use super::*;
     use crate::recording::{Recording, SourceOptions};
 
@@ -146,7 +148,7 @@ mod tests {
             let recording = Recording::new(&path, SourceOptions::default()).expect("it is known");
             assert_eq!(recording.format(), format);
             let mut reader = recording.open().expect("it can be read");
-            assert_eq!(reader.information().sensor, Some((346, 260)));
+            assert_eq!(reader.information().sensor, Some(Sensor::new(346, 260)));
             let (mut events, mut batch) = (Vec::new(), Vec::new());
             while reader.next_batch(&mut batch).expect("it is whole") {
                 events.extend_from_slice(&batch);

@@ -70,7 +70,7 @@ pub enum SourceErrorKind {
     },
     /// A sensor larger than any event camera.
     #[error("says that its sensor has {width} x {height} pixels; 1 to 32767 each can be read; is the header damaged?")]
-    SensorSize {
+    Sensor {
         /// Width in pixels.
         width: i64,
         /// Height in pixels.

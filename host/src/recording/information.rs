@@ -1,5 +1,6 @@
 //! What a recording holds, at a glance: the content of `evcal info`.
 
+use evcal_core::sensor::Sensor;
 use std::collections::HashMap;
 use std::fmt;
 
@@ -17,7 +18,15 @@ const LISTED: usize = 10;
 /// A pixel with more than this many times the events of the median pixel is hot.
 const HOT_FACTOR: u64 = 10;
 /// Sensors of event cameras, for recordings that do not give theirs.
-const SENSORS: [(u16, u16); 7] = [(128, 128), (240, 180), (304, 240), (320, 320), (346, 260), (640, 480), (1280, 720)];
+const SENSORS: [Sensor; 7] = [
+    Sensor::new(128, 128),
+    Sensor::new(240, 180),
+    Sensor::new(304, 240),
+    Sensor::new(320, 320),
+    Sensor::new(346, 260),
+    Sensor::new(640, 480),
+    Sensor::new(1280, 720),
+];
 
 /// What a recording holds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -29,9 +38,9 @@ pub struct Information {
     /// Model and serial number of the camera.
     pub camera_name: Option<String>,
     /// Width and height of the sensor in pixels, if known.
-    pub sensor: Option<(u16, u16)>,
+    pub sensor: Option<Sensor>,
     /// The smallest usual sensor that all events fit in, if the recording does not say.
-    pub likely_sensor: Option<(u16, u16)>,
+    pub likely_sensor: Option<Sensor>,
     /// Time stamps of the first and the last event in µs.
     pub times_us: Option<(i64, i64)>,
     /// Time from the first to the last event in seconds.
@@ -142,8 +151,8 @@ pub fn gather(recording: &Recording) -> Result<Information, SourceError> {
 }
 
 /// The smallest usual sensor that has the pixel `largest`.
-fn likely_sensor(largest: (u16, u16)) -> Option<(u16, u16)> {
-    SENSORS.into_iter().find(|(width, height)| largest.0 < *width && largest.1 < *height)
+fn likely_sensor(largest: (u16, u16)) -> Option<Sensor> {
+    SENSORS.into_iter().find(|sensor| sensor.contains(largest.0, largest.1))
 }
 
 fn seconds(microseconds: i64) -> f64 {
@@ -252,8 +261,8 @@ impl fmt::Display for Information {
             f,
             "sensor",
             match (self.sensor, self.likely_sensor) {
-                (Some((width, height)), _) => format!("{width} x {height} pixels"),
-                (None, Some((width, height))) => format!("not given; all events fit in {width} x {height} pixels"),
+                (Some(sensor), _) => format!("{sensor} pixels"),
+                (None, Some(likely)) => format!("not given; all events fit in {likely} pixels"),
                 (None, None) => "not given".to_owned(),
             },
         )?;
@@ -338,7 +347,7 @@ mod tests {
         let burst = (0..500).map(|index| Event { t: 2_000_000 + index * 10, x: 7, y: 7, polarity: on(index) });
         let last = Event { t: 3_000_000, x: 345, y: 259, polarity: Polarity::Off };
         let events: Vec<Event> = calm.chain(burst).chain([last]).collect();
-        let mut writer = EventWriter::create(path, output, (346, 260), "camera 1").unwrap();
+        let mut writer = EventWriter::create(path, output, Sensor::new(346, 260), "camera 1").unwrap();
         writer.write(&events).unwrap();
         writer.finish().unwrap();
     }
@@ -360,7 +369,7 @@ mod tests {
         assert_eq!(information.hottest_pixels, hottest);
         assert_eq!(information.streams.len(), 1);
         assert_eq!(information.streams[0].elements, 1501);
-        assert_eq!((information.sensor, information.likely_sensor), (Some((346, 260)), None));
+        assert_eq!((information.sensor, information.likely_sensor), (Some(Sensor::new(346, 260)), None));
         let text = information.to_string();
         for part in ["AEDAT4", "camera 1", "346 x 260", "25.0 % ON", "(7, 7): 500"] {
             assert!(text.contains(part), "{text}");
@@ -374,7 +383,7 @@ mod tests {
         let path = directory.path().join("recording.bin");
         write(&path, OutputFormat::from_extension(&path).unwrap());
         let information = of(&path);
-        assert_eq!((information.sensor, information.likely_sensor), (None, Some((346, 260))));
+        assert_eq!((information.sensor, information.likely_sensor), (None, Some(Sensor::new(346, 260))));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What a user can say about a recording that does not say it itself.
 
+use evcal_core::sensor::Sensor;
 use std::fmt;
 use std::str::FromStr;
 
@@ -9,7 +10,7 @@ pub struct SourceOptions {
     /// Name or number of the event stream to read; the first one if not given.
     pub stream: Option<String>,
     /// Width and height of the sensor in pixels, instead of what the file says.
-    pub sensor: Option<(u16, u16)>,
+    pub sensor: Option<Sensor>,
     /// Columns of a text file.
     pub columns: Option<Columns>,
     /// Unit of the times in a text file.

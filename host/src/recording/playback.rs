@@ -18,6 +18,7 @@ use usb_davis::protocol::{EncodeError, Encoder, Layout, Polarity as WirePolarity
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
 use crate::recording::{Recording, RecordingKind, SourceError, SourceOptions, davis, sniff};
+use evcal_core::sensor::Sensor;
 
 /// Pieces that are read ahead.
 const AHEAD: usize = 64;
@@ -37,7 +38,7 @@ pub enum PlaybackError {
     /// Its transfers cannot be read.
     Capture(PathBuf, CaptureError),
     /// It comes from a larger sensor: width and height in pixels.
-    Sensor(PathBuf, (u16, u16)),
+    Sensor(PathBuf, Sensor),
     /// One of its events cannot be sent: its number, from 0.
     Event(PathBuf, u64, EncodeError),
 }
@@ -47,7 +48,7 @@ impl fmt::Display for PlaybackError {
         match self {
             Self::Source(error) => error.fmt(f),
             Self::Capture(path, error) => write!(f, "{}: {error}", path.display()),
-            Self::Sensor(path, (width, height)) => write!(
+            Self::Sensor(path, Sensor { width, height }) => write!(
                 f,
                 "{}: its sensor has {width}x{height} pixels; the emulated DAVIS346 has 346x260",
                 path.display()
@@ -100,7 +101,7 @@ impl Playback {
         let information = reader.information();
         let (width, height) = Layout::DAVIS346.dvs.size();
         if let Some(sensor) = information.sensor
-            && (sensor.0 > width || sensor.1 > height)
+            && (sensor.width > width || sensor.height > height)
         {
             return Err(PlaybackError::Sensor(path.to_owned(), sensor));
         }
@@ -225,7 +226,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
         let events = events(20_000);
-        let mut writer = EventWriter::create(&path, OutputFormat::Text, (346, 260), "").unwrap();
+        let mut writer = EventWriter::create(&path, OutputFormat::Text, Sensor::new(346, 260), "").unwrap();
         writer.write(&events).unwrap();
         writer.finish().unwrap();
         let pieces = pieces(&path);
@@ -277,7 +278,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("large.csv");
         let large = [Event { t: 0, x: 639, y: 479, polarity: Polarity::On }];
-        let mut writer = EventWriter::create(&path, OutputFormat::Text, (640, 480), "").unwrap();
+        let mut writer = EventWriter::create(&path, OutputFormat::Text, Sensor::new(640, 480), "").unwrap();
         writer.write(&large).unwrap();
         writer.finish().unwrap();
         let error = Playback::open(&path, SourceOptions::default()).err().unwrap().to_string();

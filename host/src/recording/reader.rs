@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use evcal_core::event::Event;
 
 use super::{MAX_SENSOR_SIZE, SourceError, SourceErrorKind, SourceInformation, SourceOptions};
+use evcal_core::sensor::Sensor;
 
 /// A step back of at most this many microseconds is jitter; a larger one is a clock that was reset.
 const LARGEST_JITTER: i64 = 100_000;
@@ -138,18 +139,18 @@ impl EventReader {
     pub(super) fn new(path: &Path, decoder: Box<dyn Decode>, options: &SourceOptions) -> Result<Self, SourceError> {
         let mut information = decoder.information().clone();
         if let Some(sensor) = options.sensor {
-            if let Some((width, height)) = information.sensor.filter(|&own| own != sensor) {
+            if let Some(Sensor { width, height }) = information.sensor.filter(|&own| own != sensor) {
                 information.notes.push(format!(
                     "the file says that the sensor has {width} x {height} pixels; {} x {} was asked for and is used",
-                    sensor.0, sensor.1
+                    sensor.width, sensor.height
                 ));
             }
             information.sensor = Some(sensor);
         }
-        if let Some((width, height)) = information.sensor
+        if let Some(Sensor { width, height }) = information.sensor
             && !((1..=MAX_SENSOR_SIZE).contains(&width) && (1..=MAX_SENSOR_SIZE).contains(&height))
         {
-            let kind = SourceErrorKind::SensorSize { width: width.into(), height: height.into() };
+            let kind = SourceErrorKind::Sensor { width: width.into(), height: height.into() };
             return Err(SourceError::new(path, kind));
         }
         Ok(Self {
@@ -230,7 +231,7 @@ impl EventReader {
 
     /// Puts times in order and drops what is out of range; on an error, `events` are those before it.
     fn check(&mut self, events: &mut Vec<Event>) -> Result<(), SourceErrorKind> {
-        let (width, height) = self.information.sensor.unwrap_or((MAX_SENSOR_SIZE, MAX_SENSOR_SIZE));
+        let Sensor { width, height } = self.information.sensor.unwrap_or(Sensor::new(MAX_SENSOR_SIZE, MAX_SENSOR_SIZE));
         let mut result = Ok(());
         let mut kept = 0;
         for index in 0..events.len() {
@@ -313,7 +314,7 @@ mod tests {
         }
     }
 
-    fn reader(events: Vec<Event>, own: Option<(u16, u16)>, wanted: Option<(u16, u16)>) -> EventReader {
+    fn reader(events: Vec<Event>, own: Option<Sensor>, wanted: Option<Sensor>) -> EventReader {
         let information = SourceInformation { format: "given", sensor: own, camera_name: None, notes: Vec::new() };
         let options = SourceOptions { sensor: wanted, ..SourceOptions::default() };
         EventReader::new(Path::new("given"), Box::new(Given(events, information)), &options).unwrap()
@@ -382,7 +383,7 @@ mod tests {
             (None, Some((1, 1)), 1),
             (Some((346, 260)), Some((347, 261)), 4),
         ] {
-            let mut reader = reader(events.clone(), own, wanted);
+            let mut reader = reader(events.clone(), own.map(Sensor::from), wanted.map(Sensor::from));
             let mut batch = Vec::new();
             while reader.next_batch(&mut batch).unwrap() {}
             let report = reader.report();
@@ -393,7 +394,7 @@ mod tests {
 
     #[test]
     fn a_sensor_that_no_camera_has_is_refused() {
-        for sensor in [(0, 260), (346, 0), (32_768, 260)] {
+        for sensor in [Sensor::new(0, 260), Sensor::new(346, 0), Sensor::new(32_768, 260)] {
             let information =
                 SourceInformation { format: "given", sensor: Some(sensor), camera_name: None, notes: Vec::new() };
             let decoder = Box::new(Given(Vec::new(), information));

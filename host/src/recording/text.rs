@@ -14,6 +14,7 @@ mod layout;
 mod number;
 mod plain;
 
+use evcal_core::sensor::Sensor;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
@@ -230,8 +231,8 @@ pub(super) struct Encoder<W> {
 }
 
 impl<W: Write> Encoder<W> {
-    pub(super) fn new(mut output: W, sensor: (u16, u16)) -> Result<Self, WriteError> {
-        writeln!(output, "# sensor {} x {}\nt_us,x,y,p", sensor.0, sensor.1)?;
+    pub(super) fn new(mut output: W, sensor: Sensor) -> Result<Self, WriteError> {
+        writeln!(output, "# sensor {} x {}\nt_us,x,y,p", sensor.width, sensor.height)?;
         Ok(Self { output, line: String::new() })
     }
 }
@@ -334,7 +335,7 @@ mod tests {
     fn the_size_of_the_sensor_is_read() {
         for text in ["346 260\n1 2 3 1\n", "# sensor 346 x 260\nt_us,x,y,p\n1,2,3,1\n"] {
             let (events, information, _) = default(text);
-            assert_eq!((events.len(), information.sensor), (1, Some((346, 260))));
+            assert_eq!((events.len(), information.sensor), (1, Some(Sensor::new(346, 260))));
         }
         let (events, _, report) =
             default("# sensor 346 x 260\nt_us,x,y,p\n1,346,3,1\n2,-1,3,1\n3,99999,3,1\n4,0,0,0\n");

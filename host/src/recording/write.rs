@@ -1,5 +1,6 @@
 //! Writing recordings: AEDAT4, text and EventCalib binary.
 
+use evcal_core::sensor::Sensor;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
@@ -21,8 +22,8 @@ pub enum WriteError {
     #[error("a packet or header is too large for its format")]
     TooLarge,
     /// A DAVIS346 has another sensor.
-    #[error("a DAVIS346 has 346x260 pixels; the recording is for a sensor of {}x{}", .0.0, .0.1)]
-    Sensor((u16, u16)),
+    #[error("a DAVIS346 has 346x260 pixels; the recording is for a sensor of {}x{}", .0.width, .0.height)]
+    Sensor(Sensor),
     /// A camera could not have sent this.
     #[error("cannot be said in the words of a DAVIS346: {0}")]
     Wire(#[from] EncodeError),
@@ -73,12 +74,7 @@ pub struct EventWriter(Box<dyn Encode>);
 impl EventWriter {
     /// Creates the file at `path` for events of a sensor of `sensor` (width, height) pixels.
     /// `camera_name` (model and serial number) is kept where the format has a place for it.
-    pub fn create(
-        path: &Path,
-        format: OutputFormat,
-        sensor: (u16, u16),
-        camera_name: &str,
-    ) -> Result<Self, WriteError> {
+    pub fn create(path: &Path, format: OutputFormat, sensor: Sensor, camera_name: &str) -> Result<Self, WriteError> {
         let file = BufWriter::with_capacity(1 << 18, File::create(path)?);
         Ok(Self(match format {
             OutputFormat::Aedat4(compression) => {

@@ -15,6 +15,7 @@ use crate::solve::board_ray::{BoardRay, is_in_front};
 use crate::solve::pose_bin::PoseBin;
 use crate::trajectory::Trajectory;
 use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
 
 /// Most events that are carried to the board; more do not make the picture any clearer.
 const MOST_EVENTS: u64 = 1_500_000;
@@ -27,24 +28,24 @@ const BIN: f64 = 0.5e-3;
 
 /// Events seen in each pixel of a picture.
 struct Accumulation {
-    size: (u16, u16),
+    size: Sensor,
     off: Vec<u32>,
     on: Vec<u32>,
 }
 
 impl Accumulation {
-    fn new(size: (u16, u16)) -> Self {
-        let counts = vec![0; usize::from(size.0) * usize::from(size.1)];
+    fn new(size: Sensor) -> Self {
+        let counts = vec![0; size.pixel_count()];
         Self { size, off: counts.clone(), on: counts }
     }
 
     fn add(&mut self, place: Vector2<f64>, polarity: Polarity) {
         let (column, row) = (place.x.round(), place.y.round());
-        if !(column >= 0.0 && row >= 0.0 && column < f64::from(self.size.0) && row < f64::from(self.size.1)) {
+        if !(column >= 0.0 && row >= 0.0 && column < f64::from(self.size.width) && row < f64::from(self.size.height)) {
             return;
         }
         let counts = if polarity == Polarity::On { &mut self.on } else { &mut self.off };
-        if let Some(count) = counts.get_mut(row as usize * usize::from(self.size.0) + column as usize) {
+        if let Some(count) = counts.get_mut(row as usize * usize::from(self.size.width) + column as usize) {
             *count += 1;
         }
     }
@@ -57,7 +58,7 @@ impl Accumulation {
         };
         Picture::of_sensor(self.size, scale, |place| {
             let (column, row) = (place.x.round().max(0.0) as usize, place.y.round().max(0.0) as usize);
-            let index = row * usize::from(self.size.0) + column;
+            let index = row * usize::from(self.size.width) + column;
             let (on, off) = (share(&self.on, index), share(&self.off, index));
             let left =
                 |on_takes: f64, off_takes: f64| (255.0 * (1.0 - on_takes * on) * (1.0 - off_takes * off)).round() as u8;
@@ -126,7 +127,7 @@ pub struct BoardFrame {
     corner: Vector2<f64>,
     pixels_per_metre: f64,
     /// Width and height of the picture.
-    pub size: (u16, u16),
+    pub size: Sensor,
 }
 
 impl BoardFrame {
@@ -138,7 +139,7 @@ impl BoardFrame {
         let extent = last + margin;
         let pixels_per_metre = (f64::from(BOARD_COLUMNS) / extent.x).min(f64::from(MOST_ROWS) / extent.y);
         let pixels = |metres: f64| (metres * pixels_per_metre).ceil().clamp(1.0, f64::from(MOST_ROWS)) as u16;
-        Self { corner: -margin, pixels_per_metre, size: (pixels(extent.x), pixels(extent.y)) }
+        Self { corner: -margin, pixels_per_metre, size: Sensor::new(pixels(extent.x), pixels(extent.y)) }
     }
 
     /// Where a point of the board (m) lies in the picture.

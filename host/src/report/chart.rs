@@ -3,6 +3,7 @@
 //! The plotting library writes fixed colours; the page's style sheet gives those of [`Color`] their shade for
 //! light, dark and paper.
 
+use evcal_core::sensor::Sensor;
 use std::ops::Range;
 
 use maud::{Markup, PreEscaped, Render, html};
@@ -205,7 +206,7 @@ pub struct SensorMap {
     /// What is to be seen, for who does not see it.
     pub description: String,
     /// Width and height of the sensor (px).
-    pub sensor: (u16, u16),
+    pub sensor: Sensor,
     /// Left, top, right and bottom of each cell (px) and its value, `None` where nothing is known.
     pub cells: Vec<([f64; 4], Option<f64>)>,
     /// Values of the palette's ends.
@@ -221,7 +222,7 @@ pub struct SensorMap {
 impl SensorMap {
     /// The map with its scale.
     pub fn render(&self) -> Markup {
-        let (width, height) = (f64::from(self.sensor.0.max(1)), f64::from(self.sensor.1.max(1)));
+        let (width, height) = (f64::from(self.sensor.width.max(1)), f64::from(self.sensor.height.max(1)));
         let room = f64::from(WIDTH - LABEL_WIDTH - MARGIN - RIGHT_MARGIN);
         let drawing_height = (room * height / width) as u32 + LABEL_HEIGHT + 2 * MARGIN;
         let unknown = self.cells.iter().any(|cell| cell.1.is_none());
@@ -237,7 +238,7 @@ impl SensorMap {
     }
 
     fn draw(&self, drawing: &Drawing) -> Result<(), DrawingError> {
-        let (width, height) = (f64::from(self.sensor.0), f64::from(self.sensor.1));
+        let (width, height) = (f64::from(self.sensor.width), f64::from(self.sensor.height));
         // Rows count downwards.
         let mut chart = ChartBuilder::on(drawing)
             .margin(MARGIN)

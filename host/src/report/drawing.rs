@@ -1,5 +1,6 @@
 //! Pictures of windows: events, circles found, and where the model puts the board.
 
+use evcal_core::sensor::Sensor;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::Path;
@@ -44,13 +45,13 @@ pub struct Picture {
 impl Picture {
     /// A white picture with `scale` x `scale` pixels for each pixel of a sensor of `sensor` (width, height)
     /// pixels.
-    pub fn new(sensor: (u16, u16), scale: usize) -> Self {
-        let (width, height) = (usize::from(sensor.0) * scale, usize::from(sensor.1) * scale);
+    pub fn new(sensor: Sensor, scale: usize) -> Self {
+        let (width, height) = (usize::from(sensor.width) * scale, usize::from(sensor.height) * scale);
         Self { width, height, rgb: WHITE.repeat(width * height), scale }
     }
 
     /// The picture of what `color` gives for each place on the sensor (px).
-    pub fn of_sensor(sensor: (u16, u16), scale: usize, color: impl Fn(Vector2<f64>) -> [u8; 3] + Sync) -> Self {
+    pub fn of_sensor(sensor: Sensor, scale: usize, color: impl Fn(Vector2<f64>) -> [u8; 3] + Sync) -> Self {
         let mut picture = Self::new(sensor, scale);
         let row_bytes = 3 * picture.width.max(1);
         let place = |index: usize| (index as f64 + 0.5) / scale as f64 - 0.5;
@@ -182,7 +183,7 @@ impl Picture {
 /// of the board, and the rims where `camera` at `pose` (`T_world_camera`) puts them in green.
 pub fn reference_frame_picture(
     frame: &ReferenceFrame,
-    sensor: (u16, u16),
+    sensor: Sensor,
     board: &Board,
     camera: &Camera<f64>,
     pose: &Isometry3<f64>,
@@ -197,7 +198,7 @@ pub fn reference_frame_picture(
 pub fn grey_frame_picture(
     (image, position): (&GreyImage, (u16, u16)),
     frame: &ReferenceFrame,
-    sensor: (u16, u16),
+    sensor: Sensor,
     board: &Board,
     camera: &Camera<f64>,
     pose: &Isometry3<f64>,
@@ -212,7 +213,7 @@ pub fn grey_frame_picture(
 }
 
 /// Circles (centre and radius in pixels) over the events of a window.
-pub fn circle_picture(pixels: &[EventPixel], circles: &[(Vector2<f64>, f64)], sensor: (u16, u16)) -> Picture {
+pub fn circle_picture(pixels: &[EventPixel], circles: &[(Vector2<f64>, f64)], sensor: Sensor) -> Picture {
     let mut picture = Picture::new(sensor, SCALE);
     picture.events(pixels);
     for &(center, radius) in circles {
@@ -230,7 +231,8 @@ mod tests {
     #[test]
     fn events_and_circles_are_where_they_should_be_and_png_reads_back() {
         let event = Event { t: 0, x: 5, y: 7, polarity: Polarity::On };
-        let picture = circle_picture(&[EventPixel::new(&event)], &[(Vector2::new(20.0, 15.0), 4.0)], (40, 30));
+        let picture =
+            circle_picture(&[EventPixel::new(&event)], &[(Vector2::new(20.0, 15.0), 4.0)], Sensor::new(40, 30));
         let at = |x: usize, y: usize| &picture.rgb[3 * (y * picture.width + x)..][..3];
         assert_eq!(at(5 * SCALE + 1, 7 * SCALE + 1), ON);
         assert_eq!(at((24.5 * SCALE as f64) as usize, (15.5 * SCALE as f64) as usize), FOUND);

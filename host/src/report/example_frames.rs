@@ -1,6 +1,7 @@
 //! Reference frames before and after rectification.
 
 use evcal_core::event::Polarity;
+use evcal_core::sensor::Sensor;
 use evcal_core::undistortion::IdealCamera;
 use maud::{Markup, html};
 use nalgebra::{Isometry3, Vector2};
@@ -58,8 +59,8 @@ pub fn pose(calibrated: &Calibrated, posed: &PosedFrame) -> Isometry3<f64> {
 }
 
 /// Picture pixels for each sensor pixel.
-pub fn scale((width, _): (u16, u16)) -> usize {
-    usize::from(WIDEST / width.max(1)).clamp(1, 4)
+pub fn scale(sensor: Sensor) -> usize {
+    usize::from(WIDEST / sensor.width.max(1)).clamp(1, 4)
 }
 
 fn pictures(
@@ -101,15 +102,16 @@ pub fn figure(picture: &Picture, description: &str, caption: &str) -> Markup {
 
 /// The colour of every pixel of the sensor.
 struct Raster {
-    sensor: (u16, u16),
+    sensor: Sensor,
     colors: Vec<[u8; 3]>,
 }
 
 impl Raster {
-    fn new(sensor: (u16, u16), pixels: &[EventPixel]) -> Self {
-        let mut colors = vec![WHITE; usize::from(sensor.0) * usize::from(sensor.1)];
-        for pixel in pixels.iter().filter(|pixel| pixel.x() < sensor.0) {
-            if let Some(color) = colors.get_mut(usize::from(pixel.y()) * usize::from(sensor.0) + usize::from(pixel.x()))
+    fn new(sensor: Sensor, pixels: &[EventPixel]) -> Self {
+        let mut colors = vec![WHITE; usize::from(sensor.width) * usize::from(sensor.height)];
+        for pixel in pixels.iter().filter(|pixel| pixel.x() < sensor.width) {
+            if let Some(color) =
+                colors.get_mut(usize::from(pixel.y()) * usize::from(sensor.width) + usize::from(pixel.x()))
             {
                 *color = if pixel.polarity() == Polarity::On { ON } else { OFF };
             }
@@ -119,9 +121,9 @@ impl Raster {
 
     fn color(&self, pixel: Vector2<f64>) -> [u8; 3] {
         let (column, row) = (pixel.x.round(), pixel.y.round());
-        if !(column >= 0.0 && row >= 0.0 && column < f64::from(self.sensor.0)) {
+        if !(column >= 0.0 && row >= 0.0 && column < f64::from(self.sensor.width)) {
             return BEYOND;
         }
-        self.colors.get(row as usize * usize::from(self.sensor.0) + column as usize).copied().unwrap_or(BEYOND)
+        self.colors.get(row as usize * usize::from(self.sensor.width) + column as usize).copied().unwrap_or(BEYOND)
     }
 }

@@ -118,7 +118,7 @@ impl Shown {
 fn carried(calibrated: &Calibrated, board: &Board, shown: &[Shown]) -> Picture {
     let frame = BoardFrame::new(board);
     let camera = &calibrated.refined.state.camera;
-    let (width, height) = (usize::from(frame.size.0), usize::from(frame.size.1));
+    let (width, height) = (usize::from(frame.size.width), usize::from(frame.size.height));
     let mut means = vec![None; width * height];
     means.par_iter_mut().enumerate().for_each(|(index, mean)| {
         let point = frame.point(Vector2::new((index % width.max(1)) as f64, (index / width.max(1)) as f64));

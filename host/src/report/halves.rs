@@ -56,7 +56,7 @@ const STEP: usize = 5;
 /// How much longer than the differences the arrows are.
 fn enlargement(calibrated: &Calibrated, halves: &SplitHalf) -> f64 {
     let difference = &halves.difference;
-    let room = STEP as f64 * f64::from(calibrated.sensor.0) / f64::from(difference.columns.max(1));
+    let room = STEP as f64 * f64::from(calibrated.sensor.width) / f64::from(difference.columns.max(1));
     // The corners may have many times the rest.
     let longest = difference.max.min(3.0 * difference.rms);
     round_down(0.9 * room / longest.max(1e-9))

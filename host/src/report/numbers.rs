@@ -9,6 +9,7 @@ use super::page::{Section, scrolling};
 use super::palette::Palette;
 use crate::calibrate::Calibrated;
 use crate::initial::model_choice::ModelChoice;
+use evcal_core::sensor::Sensor;
 
 /// The parameters with their standard deviations.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
@@ -119,7 +120,7 @@ fn correlation(calibrated: &Calibrated) -> Markup {
 }
 
 /// Angle of view in words.
-fn view(camera: &Camera<f64>, (width, height): (u16, u16)) -> Markup {
+fn view(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Markup {
     let (right, bottom) = (f64::from(width) - 0.5, f64::from(height) - 0.5);
     let (middle_x, middle_y) = (0.5 * (right - 0.5), 0.5 * (bottom - 0.5));
     let angle = |from: [f64; 2], to: [f64; 2]| {

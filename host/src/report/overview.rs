@@ -6,10 +6,11 @@ use super::number::{count, percent, signed};
 use super::page::figure;
 use crate::calibrate::Calibrated;
 use crate::trust::verdict::{Finding, Grade, Severity};
+use evcal_core::sensor::Sensor;
 
 /// The head of the page.
 pub fn head(calibrated: &Calibrated) -> Markup {
-    let (width, height) = calibrated.sensor;
+    let Sensor { width, height } = calibrated.sensor;
     let verdict = &calibrated.verdict;
     let class = match verdict.grade {
         Grade::Good => "good",

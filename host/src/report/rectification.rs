@@ -1,6 +1,7 @@
 //! Pictures as an ideal camera would have seen them.
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use evcal_core::undistortion::IdealCamera;
 use nalgebra::{Point3, Vector2, Vector3};
 
@@ -8,7 +9,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 const WIDEST: f64 = 1.2;
 
 /// An ideal camera with as many pixels as the sensor that sees as far as the middles of the sensor's sides.
-pub fn ideal_camera(camera: &Camera<f64>, (width, height): (u16, u16)) -> IdealCamera<f64> {
+pub fn ideal_camera(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> IdealCamera<f64> {
     let (right, bottom) = (f64::from(width) - 1.0, f64::from(height) - 1.0);
     let (cx, cy) = (0.5 * right, 0.5 * bottom);
     let tangent = |pixel: [f64; 2]| {
@@ -41,7 +42,7 @@ mod tests {
     fn the_ideal_camera_shows_the_middles_of_all_sides_and_straight_lines() {
         let camera =
             Camera::from_parameters(ModelKind::Radtan4, &[330.0, 331.0, 172.0, 130.0, -0.35, 0.12, 0.0, 0.0]).unwrap();
-        let ideal = ideal_camera(&camera, (346, 260));
+        let ideal = ideal_camera(&camera, Sensor::new(346, 260));
         let mut nearest = f64::INFINITY;
         for side in [[0.0, 129.5], [345.0, 129.5], [172.5, 0.0], [172.5, 259.0]] {
             let seen = projected(&ideal, &Point3::from(camera.unproject(&Vector2::from(side)).unwrap())).unwrap();

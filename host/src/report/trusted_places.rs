@@ -56,7 +56,7 @@ fn uncertainty(calibrated: &Calibrated) -> SensorMap {
 fn seen(calibrated: &Calibrated) -> SensorMap {
     let coverage = &calibrated.trust.coverage;
     let (columns, rows) = (coverage.columns.max(1), coverage.rows.max(1));
-    let (width, height) = (f64::from(calibrated.sensor.0), f64::from(calibrated.sensor.1));
+    let (width, height) = (f64::from(calibrated.sensor.width), f64::from(calibrated.sensor.height));
     let most = coverage.counts.iter().max().copied().unwrap_or(0);
     let cells = coverage.counts.iter().enumerate().map(|(index, &count)| {
         let at = |step: usize, size: f64, count: usize| size * step as f64 / count as f64 - 0.5;

@@ -7,8 +7,9 @@ use serde::Deserialize;
 
 use crate::board::Board;
 use crate::calibrate::Calibrated;
-use crate::lens::camera_file::{self, CameraDescription, CameraFileError, SensorSize};
+use crate::lens::camera_file::{self, CameraDescription, CameraFileError};
 use crate::lens::covered_region::CoveredRegion;
+use evcal_core::sensor::Sensor;
 
 /// Name of a camera that has none.
 pub const UNNAMED: &str = "camera";
@@ -22,7 +23,7 @@ pub struct CalibratedCamera {
     /// The lens.
     pub camera: Camera<f64>,
     /// Width and height in pixels.
-    pub sensor: (u16, u16),
+    pub sensor: Sensor,
     /// Model and serial number, such as `DAVIS346_00000001`.
     pub name: String,
     /// Topic of its images in ROS.
@@ -42,7 +43,7 @@ pub struct CalibratedCamera {
 /// The part of `calibration.json` that is exported. Of `truth.json` only the first two are there.
 #[derive(Deserialize)]
 struct CalibrationFile {
-    sensor: SensorSize,
+    sensor: Sensor,
     camera: CameraDescription,
     covered_region: Option<Vec<[f64; 2]>>,
     sigma: Option<CameraDescription>,
@@ -86,7 +87,7 @@ impl CalibratedCamera {
     pub fn read(path: &Path) -> Result<Self, CameraFileError> {
         let file: CalibrationFile = camera_file::parse(path)?;
         let camera = file.camera.camera().map_err(|reason| camera_file::wrong(path, reason))?;
-        let sensor = (file.sensor.width, file.sensor.height);
+        let sensor = file.sensor;
         let covered = match file.covered_region {
             Some(corners) => CoveredRegion::around(corners.into_iter().map(Into::into), sensor),
             None => CoveredRegion::whole(sensor),

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::calibrate::{Calibrated, StageReports};
-use crate::lens::camera_file::{CameraDescription, Parameters, SensorSize};
+use crate::lens::camera_file::{CameraDescription, Parameters};
 use crate::lens::covered_region::CoveredRegion;
 use crate::picture_calibration::joint::JointReport;
 use crate::solve::burst::RANK_COUNT;
@@ -14,6 +14,7 @@ use crate::trust::split_half::{HeldOut, SplitHalf};
 use crate::trust::verdict::Verdict;
 use crate::trust::witness::FrameOutcome;
 use crate::trust::{ObservedRadius, Trust};
+use evcal_core::sensor::Sensor;
 
 /// Everything that a calibration found out. Field order is the order in the file.
 #[derive(Clone, Debug, Serialize)]
@@ -27,7 +28,7 @@ pub struct Calibration {
     /// Where pixel (0, 0) is.
     pub pixel_convention: &'static str,
     /// Size of the sensor.
-    pub sensor: SensorSize,
+    pub sensor: Sensor,
     /// The lens.
     pub camera: CameraDescription,
     /// Whether it is good, and why.
@@ -209,7 +210,7 @@ impl Calibration {
             version: 1,
             program: crate::VERSION,
             pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)",
-            sensor: SensorSize { width: calibrated.sensor.0, height: calibrated.sensor.1 },
+            sensor: Sensor { width: calibrated.sensor.width, height: calibrated.sensor.height },
             camera: CameraDescription::new(camera),
             verdict: calibrated.verdict.clone(),
             uncertainty: UncertaintySummary::new(trust),

@@ -326,10 +326,12 @@ fn range(angles: impl Iterator<Item = f64>) -> (f64, f64) {
 mod tests {
     use nalgebra::Point3;
 
+    use evcal_core::sensor::Sensor;
+
     use super::*;
     use crate::simulate::tests::{board, kannala_brandt, radtan};
 
-    const SIZE: (u16, u16) = (346, 260);
+    const SIZE: Sensor = Sensor::new(346, 260);
 
     fn presets() -> [(MotionSettings, f64); 3] {
         [(MotionSettings::slow(), 150.0), (MotionSettings::fast(), 350.0), (MotionSettings::blur(), 700.0)]
@@ -339,7 +341,7 @@ mod tests {
     fn presets_keep_their_speed_and_the_board_in_view() {
         let board = board();
         for (camera, nearest, farthest) in [(radtan(), 0.5, 1.1), (kannala_brandt(), 0.25, 0.6)] {
-            let rays = Rays::new(&camera, SIZE.0, SIZE.1);
+            let rays = Rays::new(&camera, SIZE.width, SIZE.height);
             for (settings, speed) in presets() {
                 let duration = 10.0;
                 let motion = Motion::new(&settings, &board, &rays, duration, 4).unwrap();
@@ -377,7 +379,7 @@ mod tests {
     #[test]
     fn the_tilt_stays_within_its_limit() {
         let board = board();
-        let rays = Rays::new(&radtan(), SIZE.0, SIZE.1);
+        let rays = Rays::new(&radtan(), SIZE.width, SIZE.height);
         let settings = MotionSettings { tremor: 0.0, ..MotionSettings::fast() };
         let motion = Motion::new(&settings, &board, &rays, 20.0, 9).unwrap();
         let angles = (0..2000).map(|step| {
@@ -394,7 +396,7 @@ mod tests {
     fn a_pause_is_still_and_an_absence_sees_nothing() {
         let board = board();
         let camera = radtan();
-        let rays = Rays::new(&camera, SIZE.0, SIZE.1);
+        let rays = Rays::new(&camera, SIZE.width, SIZE.height);
         let settings = MotionSettings {
             pauses: vec![Interval { start: 1.0, end: 1.5 }],
             absences: vec![Interval { start: 4.0, end: 4.5 }],
@@ -421,7 +423,7 @@ mod tests {
     #[test]
     fn the_motion_is_smooth() {
         let board = board();
-        let rays = Rays::new(&kannala_brandt(), SIZE.0, SIZE.1);
+        let rays = Rays::new(&kannala_brandt(), SIZE.width, SIZE.height);
         let settings = MotionSettings {
             pauses: vec![Interval { start: 0.5, end: 0.8 }],
             absences: vec![Interval { start: 2.0, end: 2.1 }],
@@ -441,7 +443,7 @@ mod tests {
 
     #[test]
     fn other_seeds_move_otherwise() {
-        let rays = Rays::new(&radtan(), SIZE.0, SIZE.1);
+        let rays = Rays::new(&radtan(), SIZE.width, SIZE.height);
         let pose = |seed: u64| Motion::new(&MotionSettings::fast(), &board(), &rays, 2.0, seed).unwrap().pose(1.0);
         assert_eq!(pose(1), pose(1));
         assert!((pose(1).translation.vector - pose(2).translation.vector).norm() > 1e-3);

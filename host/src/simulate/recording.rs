@@ -1,5 +1,6 @@
 //! A simulation as a file.
 
+use evcal_core::sensor::Sensor;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
@@ -17,7 +18,7 @@ use crate::recording::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
 use crate::recording::write::{Encode, EventWriter, OutputFormat, WriteError};
 
 /// Size of the sensor of a DAVIS346.
-pub const DAVIS346_SENSOR: (u16, u16) = (346, 260);
+pub const DAVIS346_SENSOR: Sensor = Sensor::new(346, 260);
 /// Name of the camera in files that have a place for it.
 const CAMERA_NAME: &str = "evcal simulator";
 /// Serial number of the camera in dumps.
@@ -47,7 +48,7 @@ pub fn write(
     format: RecordingFormat,
     mut progress: impl FnMut(usize),
 ) -> Result<(EventCounts, DavisTruth), WriteError> {
-    let sensor = (simulation.rays().width(), simulation.rays().height());
+    let sensor = Sensor::new(simulation.rays().width(), simulation.rays().height());
     let mut done = 0;
     let mut tick = || {
         done += 1;
@@ -116,7 +117,7 @@ fn configuration(davis: &DavisSettings) -> Configuration {
 
 fn wire_frame(frame: &SimulatedFrame, exposure_cycles: u32) -> WireFrame<'_> {
     let FrameTimes { start, exposure_start, exposure_end, end } = frame.times;
-    let (width, height) = DAVIS346_SENSOR;
+    let Sensor { width, height } = DAVIS346_SENSOR;
     WireFrame {
         shutter: Shutter::Global,
         start,
@@ -133,7 +134,7 @@ fn wire_frame(frame: &SimulatedFrame, exposure_cycles: u32) -> WireFrame<'_> {
 fn write_aedat4<W: std::io::Write + std::io::Seek>(
     encoder: &mut Encoder<W>,
     slice: &DavisSlice<'_>,
-    sensor: (u16, u16),
+    sensor: Sensor,
 ) -> Result<(), WriteError> {
     encoder.write(slice.events)?;
     for SimulatedFrame { times, pixels } in slice.frames {
@@ -143,7 +144,7 @@ fn write_aedat4<W: std::io::Write + std::io::Seek>(
             t: exposure.0 + (exposure.1 - exposure.0) / 2,
             exposure: Some(exposure),
             readout: Some((time(times.start), time(times.end))),
-            size: sensor,
+            size: (sensor.width, sensor.height),
             position: (0, 0),
             channels: 1,
             pixels: pixels.iter().map(|pixel| (pixel >> 2) as u8).collect(),

@@ -5,14 +5,15 @@ use serde::{Deserialize, Serialize};
 
 use super::davis::DavisDescription;
 use super::{EventCounts, Simulation, SimulationSettings};
-use crate::lens::camera_file::{CameraDescription, SensorSize};
+use crate::lens::camera_file::CameraDescription;
+use evcal_core::sensor::Sensor;
 
 /// Everything that makes a simulated recording, and what came out. As JSON it is a camera file too
 /// (see [`crate::lens::camera_file`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Size of the sensor.
-    pub sensor: SensorSize,
+    pub sensor: Sensor,
     /// The lens.
     pub camera: CameraDescription,
     /// The board, as on the command line.
@@ -38,7 +39,7 @@ impl Truth {
         let board = simulation.scene().board();
         let rays = simulation.rays();
         Self {
-            sensor: SensorSize { width: rays.width(), height: rays.height() },
+            sensor: Sensor { width: rays.width(), height: rays.height() },
             camera: CameraDescription::new(camera),
             board: board.to_string(),
             mean_speed: simulation.motion().mean_speed(board, rays, settings.duration),

@@ -7,6 +7,7 @@
 //! predicts.
 
 use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -97,7 +98,7 @@ pub struct AssociationContext<'a> {
     /// Bearings of the current camera.
     pub bearings: &'a BearingTable,
     /// Sensor size (width, height) in pixels.
-    pub sensor: (u16, u16),
+    pub sensor: Sensor,
     /// The board.
     pub board: &'a Board,
     /// Length of a time bin (s).

@@ -4,6 +4,7 @@
 //! 4 × 4 pixels, with their slopes: the table is read at random, so that its size is time.
 
 use evcal_core::camera::{Camera, MAX_COEFFICIENTS, Unprojection};
+use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
@@ -103,10 +104,10 @@ impl BearingTable {
     /// Unprojects every pixel of a sensor of (width, height) pixels. The first parameters of all camera
     /// models are fx, fy, cx, cy, and act last: pixel = f · y + c with y of the bearing and the
     /// coefficients alone.
-    pub fn new(camera: &Camera<f64>, sensor: (u16, u16)) -> Self {
+    pub fn new(camera: &Camera<f64>, sensor: Sensor) -> Self {
         let extent = |length: u16| (usize::from(length) + 2 * MARGIN).next_multiple_of(CELL);
-        let size = (extent(sensor.0), extent(sensor.1));
-        let middle = [f64::from(sensor.0) / 2.0 - 0.5, f64::from(sensor.1) / 2.0 - 0.5];
+        let size = (extent(sensor.width), extent(sensor.height));
+        let middle = [f64::from(sensor.width) / 2.0 - 0.5, f64::from(sensor.height) / 2.0 - 0.5];
         let position = |index: usize| index as f64 - MARGIN as f64;
         let bearings = (0..size.0 * size.1)
             .into_par_iter()
@@ -217,7 +218,7 @@ mod tests {
         ];
         for (kind, parameters) in cameras {
             let camera = Camera::from_parameters(kind, &parameters).unwrap();
-            let table = BearingTable::new(&camera, (346, 260));
+            let table = BearingTable::new(&camera, Sensor::new(346, 260));
             for step in 0..500 {
                 let (x, y) = (-2.0 + 350.0 * f64::from(step % 23) / 22.3, -2.0 + 264.0 * f64::from(step % 37) / 36.7);
                 let place = table.place(x, y).unwrap();

@@ -7,6 +7,7 @@
 //! event several times as precise.
 
 use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
 
 /// Largest rank that is told apart; later events of a burst share it.
 pub const MAX_RANK: u8 = 3;
@@ -34,10 +35,10 @@ pub struct BurstTracker {
 impl BurstTracker {
     /// A tracker for a sensor of `sensor` = (width, height) pixels; a pixel that is silent for
     /// longer than `longest_pause` microseconds starts a new burst.
-    pub fn new(sensor: (u16, u16), longest_pause: i64) -> Self {
-        let width = usize::from(sensor.0);
+    pub fn new(sensor: Sensor, longest_pause: i64) -> Self {
+        let width = usize::from(sensor.width);
         let state = PixelState { last: i64::MIN, polarity: 0, rank: 0 };
-        Self { width, pixels: vec![state; width * usize::from(sensor.1)], longest_pause }
+        Self { width, pixels: vec![state; width * usize::from(sensor.height)], longest_pause }
     }
 
     /// Takes the next event in time order and tells its rank, 0 for the first of a burst, at most
@@ -65,7 +66,7 @@ mod tests {
 
     #[test]
     fn a_burst_ends_with_the_polarity_or_a_pause() {
-        let mut tracker = BurstTracker::new((4, 3), 1000);
+        let mut tracker = BurstTracker::new(Sensor::new(4, 3), 1000);
         let events = [(0, Off), (10, Off), (20, On), (30, On), (40, On), (50, On), (60, On), (2000, On), (2001, Off)];
         let ranks: Vec<u8> =
             events.iter().map(|&(t, polarity)| tracker.rank(&Event { t, x: 3, y: 2, polarity }).unwrap()).collect();

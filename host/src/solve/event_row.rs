@@ -147,6 +147,8 @@ pub fn step_to_edge(at_event: &EdgeDistance) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
+    use evcal_core::sensor::Sensor;
+
     use super::*;
     use evcal_core::camera::{Camera, ModelKind};
     use evcal_core::spline::MAX_ORDER;
@@ -189,7 +191,7 @@ mod tests {
     }
 
     fn residual(camera: &Camera<f64>, pose: &PoseBin, dt: f64, [x, y]: [f64; 2]) -> (f64, [f64; ROW]) {
-        let table = BearingTable::new(camera, (346, 260));
+        let table = BearingTable::new(camera, Sensor::new(346, 260));
         let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
         let ray = BoardRay::new(pose, dt, &bearing);
         let edge = EventEdge::of_event(&table, pose, ([x, y], dt), (&ray, &by_pixel), CENTER, RADIUS).unwrap();
@@ -266,7 +268,7 @@ mod tests {
         let (x, y) = (rim(&reference).x.round(), rim(&reference).y.round());
         let slope_x = (metres(x + 1e-4, y) - metres(x - 1e-4, y)) / 2e-4;
         let slope_y = (metres(x, y + 1e-4) - metres(x, y - 1e-4)) / 2e-4;
-        let table = BearingTable::new(&reference, (346, 260));
+        let table = BearingTable::new(&reference, Sensor::new(346, 260));
         let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
         let distance = BoardRay::new(&bin, 0.0, &bearing).edge_distance(&bin, &by_pixel, CENTER, RADIUS);
         assert_close(distance.scale / slope_x.hypot(slope_y), 1.0, "scale");

@@ -4,6 +4,7 @@
 use evcal_core::camera::refit::difference;
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
@@ -63,7 +64,7 @@ pub struct RefinementInput<'a, E> {
     /// The board.
     pub board: &'a Board,
     /// Sensor size (width, height) in pixels.
-    pub sensor: (u16, u16),
+    pub sensor: Sensor,
     /// Number of recordings.
     pub recordings: usize,
     /// Number of events in all recordings.
@@ -148,7 +149,7 @@ pub fn refine<E: Send>(
         let before = state.camera;
         let (solved, solve_report) = solve(&problem, state)?;
         state = solved;
-        let moved = difference(&before, &state.camera, input.sensor.0, input.sensor.1);
+        let moved = difference(&before, &state.camera, input.sensor.width, input.sensor.height);
         let change = if moved.compared > 0 { moved.root_mean_square } else { f64::INFINITY };
         rounds.push(RoundReport { association, solve: solve_report, change });
         if final_round || input.events == 0 {

@@ -1,6 +1,7 @@
 //! What a calibration saw: where on the sensor the observations lie, and from where the board was seen.
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use serde::Serialize;
 
@@ -67,13 +68,13 @@ impl Coverage {
     }
 
     /// Whether the calibration is backed by observations around `pixel` of a sensor of this size.
-    pub fn backs(&self, pixel: [f64; 2], sensor: (u16, u16)) -> bool {
+    pub fn backs(&self, pixel: [f64; 2], sensor: Sensor) -> bool {
         self.is_covered(cell(pixel, sensor))
     }
 }
 
 /// Index of the cell of `pixel`.
-fn cell([x, y]: [f64; 2], (width, height): (u16, u16)) -> usize {
+fn cell([x, y]: [f64; 2], Sensor { width, height }: Sensor) -> usize {
     let place = |position: f64, size: u16, count: usize| {
         (((position + 0.5) / f64::from(size) * count as f64).max(0.0) as usize).min(count - 1)
     };
@@ -100,7 +101,7 @@ pub fn coverage(problem: &Problem, state: &State, board: &Board) -> Coverage {
 /// of `board`.
 pub fn coverage_of(
     camera: &Camera<f64>,
-    sensor: (u16, u16),
+    sensor: Sensor,
     board: &Board,
     pixels: impl Iterator<Item = [f64; 2]>,
     poses: impl Iterator<Item = Isometry3<f64>>,
@@ -133,7 +134,7 @@ pub fn coverage_of(
         }
         let side = (high[0] - low[0]).max(high[1] - low[1]);
         if side.is_finite() {
-            fills.push(side / f64::from(sensor.0.min(sensor.1)));
+            fills.push(side / f64::from(sensor.width.min(sensor.height)));
         }
     }
     let mut coverage = Coverage {

@@ -11,6 +11,7 @@
 
 pub mod histogram;
 
+use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -216,10 +217,10 @@ fn inverse(normal: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     (information.min() >= WEAKEST * information.max()).then_some(inverse)
 }
 
-fn map_of(sensor: (u16, u16), observations: &[Observation], settings: &ResidualMapSettings) -> ResidualMap {
+fn map_of(sensor: Sensor, observations: &[Observation], settings: &ResidualMapSettings) -> ResidualMap {
     let columns = usize::from(settings.columns.max(1));
-    let cell = f64::from(sensor.0.max(1)) / columns as f64;
-    let rows = (f64::from(sensor.1.max(1)) / cell).ceil().max(1.0) as usize;
+    let cell = f64::from(sensor.width.max(1)) / columns as f64;
+    let rows = (f64::from(sensor.height.max(1)) / cell).ceil().max(1.0) as usize;
     let index_of = |pixel: [f64; 2]| {
         let [column, row] = pixel.map(|coordinate| ((coordinate + 0.5) / cell).max(0.0) as usize);
         row.min(rows - 1) * columns + column.min(columns - 1)

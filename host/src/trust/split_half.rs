@@ -16,6 +16,7 @@ use crate::solve::observation::{EventBin, SegmentObservations};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::{FreeParameters, Problem, SolveSettings, State};
 use crate::trust::uncertainty::projection::projection_uncertainty;
+use evcal_core::sensor::Sensor;
 
 /// How the halves are cut and solved.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,7 +86,7 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
         solved.push(own);
     }
     let [first, second] = solved.as_slice() else { return None };
-    let (width, height) = problem.sensor;
+    let Sensor { width, height } = problem.sensor;
     let difference = projection_difference(&first.camera, &second.camera, width, height).ok()?;
     let expected = projection_uncertainty(&state.camera, &covariance?, problem.sensor).ok()?;
 

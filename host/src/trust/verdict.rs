@@ -3,6 +3,7 @@
 mod findings;
 mod settings;
 
+use evcal_core::sensor::Sensor;
 use std::fmt;
 
 use evcal_core::camera::Camera;
@@ -113,7 +114,7 @@ pub fn verdict(
     camera: &Camera<f64>,
     trust: &Trust,
     board: &Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     more: Vec<Finding>,
     settings: &VerdictSettings,
 ) -> Verdict {

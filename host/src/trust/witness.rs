@@ -4,6 +4,7 @@
 //! sensor, with the implied rotation removed, must be what the uncertainty of both makes likely.
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
@@ -139,12 +140,12 @@ pub fn frame_witness(
     camera: &Camera<f64>,
     covariance: &DMatrix<f64>,
     frames: &FrameCalibration,
-    sensor: (u16, u16),
+    sensor: Sensor,
     settings: &FrameSettings,
 ) -> Result<FrameWitness, NoFrameCalibration> {
     let silent = |reason: String| NoFrameCalibration { reason, report: Box::new(frames.report.clone()) };
-    let difference =
-        projection_difference(camera, &frames.camera, sensor.0, sensor.1).map_err(|error| silent(error.to_string()))?;
+    let difference = projection_difference(camera, &frames.camera, sensor.width, sensor.height)
+        .map_err(|error| silent(error.to_string()))?;
     let expected = |camera, covariance| {
         projection_uncertainty(camera, covariance, sensor)
             .map(|uncertainty| uncertainty.rms)

@@ -1,5 +1,6 @@
 //! Pictures without distortion.
 
+use evcal_core::sensor::Sensor;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -28,7 +29,7 @@ pub enum PictureError {
     },
     /// It is not of this camera.
     #[error(
-        "{} has {} x {} pixels, the calibration is for {} x {}", path.display(), size.0, size.1, sensor.0, sensor.1
+        "{} has {} x {} pixels, the calibration is for {} x {}", path.display(), size.0, size.1, sensor.width, sensor.height
     )]
     Size {
         /// The picture.
@@ -36,7 +37,7 @@ pub enum PictureError {
         /// Its width and height.
         size: (u32, u32),
         /// Those of the calibrated sensor.
-        sensor: (u16, u16),
+        sensor: Sensor,
     },
 }
 
@@ -47,7 +48,7 @@ pub enum PictureError {
 pub fn undistort_picture(path: &Path, back: &PixelMap) -> Result<ImageFile, PictureError> {
     let picture = image_file::read(path).map_err(|error| PictureError::Read { path: path.to_owned(), error })?;
     let (sensor, ImageFile { size, channels, samples }) = (back.sensor(), picture);
-    if size != (u32::from(sensor.0), u32::from(sensor.1)) {
+    if size != (u32::from(sensor.width), u32::from(sensor.height)) {
         return Err(PictureError::Size { path: path.to_owned(), size, sensor });
     }
     let samples = match samples {
@@ -59,7 +60,7 @@ pub fn undistort_picture(path: &Path, back: &PixelMap) -> Result<ImageFile, Pict
 
 /// Undistorts a frame of a recording in place. A frame of a part of the sensor stays one of that part.
 pub fn undistort_frame(frame: &mut Frame, back: &PixelMap) {
-    frame.pixels = remap(&frame.pixels, frame.channels, frame.size, frame.position, back);
+    frame.pixels = remap(&frame.pixels, frame.channels, frame.size.into(), frame.position, back);
 }
 
 /// Writes a frame as a picture.
@@ -105,8 +106,8 @@ impl Sample for u16 {
 }
 
 /// The picture of `size` at `position` of the sensor with each pixel taken from where `back` says, black beyond the rim.
-fn remap<T: Sample>(pixels: &[T], channels: usize, size: (u16, u16), position: (u16, u16), back: &PixelMap) -> Vec<T> {
-    let (width, height) = (usize::from(size.0), usize::from(size.1));
+fn remap<T: Sample>(pixels: &[T], channels: usize, size: Sensor, position: (u16, u16), back: &PixelMap) -> Vec<T> {
+    let (width, height) = (usize::from(size.width), usize::from(size.height));
     let sample = |x: i64, y: i64, channel: usize| {
         let (x, y) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
         if x >= width || y >= height {
@@ -115,7 +116,7 @@ fn remap<T: Sample>(pixels: &[T], channels: usize, size: (u16, u16), position: (
         pixels.get((y * width + x) * channels + channel).copied().map(T::value)
     };
     let mut output = Vec::with_capacity(pixels.len());
-    for (row, column) in (0..size.1).flat_map(|row| (0..size.0).map(move |column| (row, column))) {
+    for (row, column) in (0..size.height).flat_map(|row| (0..size.width).map(move |column| (row, column))) {
         let place = back.get(position.0.saturating_add(column), position.1.saturating_add(row));
         for channel in 0..channels {
             let value = place.map_or(0.0, |[x, y]| {
@@ -146,8 +147,8 @@ mod tests {
     #[test]
     fn a_shift_of_the_centre_shifts_the_picture_and_fractions_are_means() {
         let pixels: Vec<u16> = (0..12 * 10).map(|index| (index % 12) * 1000 + (index / 12) * 10).collect();
-        let back = PixelMap::new(&pinhole(5.0, 4.0), &pinhole(6.5, 3.0), (12, 10));
-        let moved = remap(&pixels, 1, (12, 10), (0, 0), &back);
+        let back = PixelMap::new(&pinhole(5.0, 4.0), &pinhole(6.5, 3.0), Sensor::new(12, 10));
+        let moved = remap(&pixels, 1, Sensor::new(12, 10), (0, 0), &back);
         for (x, y) in (0..12).flat_map(|x| (0..10).map(move |y| (x, y))) {
             let expected = match (x, y) {
                 (_, 0) | (11, _) => 0,
@@ -161,7 +162,7 @@ mod tests {
 
     #[test]
     fn a_part_of_the_sensor_stays_where_it_is() {
-        let back = PixelMap::new(&pinhole(5.0, 4.0), &pinhole(6.0, 4.0), (12, 10));
+        let back = PixelMap::new(&pinhole(5.0, 4.0), &pinhole(6.0, 4.0), Sensor::new(12, 10));
         let pixels: Vec<u8> = (0..3 * 2).collect();
         let mut frame =
             Frame { t: 0, exposure: None, readout: None, size: (3, 2), position: (4, 5), channels: 1, pixels };

@@ -1,5 +1,6 @@
 //! Recordings without distortion.
 
+use evcal_core::sensor::Sensor;
 use std::fs;
 use std::path::Path;
 
@@ -45,14 +46,14 @@ pub enum UndistortError {
     #[error(transparent)]
     Picture(#[from] PictureError),
     /// It is of another sensor.
-    #[error("{file} is of a sensor with {} x {} pixels, the calibration of one with {} x {}", found.0, found.1, calibrated.0, calibrated.1)]
+    #[error("{file} is of a sensor with {found} pixels, the calibration of one with {calibrated}")]
     Sensor {
         /// The recording.
         file: String,
         /// Its sensor.
-        found: (u16, u16),
+        found: Sensor,
         /// That of the calibration.
-        calibrated: (u16, u16),
+        calibrated: Sensor,
     },
     /// The folder of the frames cannot be created.
     #[error("{folder}: {error}")]

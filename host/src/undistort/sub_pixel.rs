@@ -1,5 +1,6 @@
 //! Undistorted events with the fractions of their pixels.
 
+use evcal_core::sensor::Sensor;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -46,10 +47,10 @@ impl SubPixelWriter {
     ///
     /// # Errors
     /// What the system says.
-    pub fn create(path: &Path, format: SubPixelFormat, sensor: (u16, u16)) -> io::Result<Self> {
+    pub fn create(path: &Path, format: SubPixelFormat, sensor: Sensor) -> io::Result<Self> {
         let mut output = BufWriter::with_capacity(1 << 18, File::create_new(path)?);
         if format == SubPixelFormat::Text {
-            writeln!(output, "# undistorted, sensor {} x {}\nt_us,x,y,p", sensor.0, sensor.1)?;
+            writeln!(output, "# undistorted, sensor {} x {}\nt_us,x,y,p", sensor.width, sensor.height)?;
         }
         Ok(Self { output, format })
     }

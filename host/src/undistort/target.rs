@@ -1,6 +1,7 @@
 //! The camera without distortion that takes the place of a calibrated one.
 
 use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
 /// Points along each side of the grid that finds what the sensor sees: as many as OpenCV takes.
@@ -63,11 +64,11 @@ pub fn same_matrix(camera: &Camera<f64>, projection: Projection) -> Result<Camer
 pub fn optimal_matrix(
     camera: &Camera<f64>,
     projection: Projection,
-    sensor: (u16, u16),
+    sensor: Sensor,
     alpha: f64,
 ) -> Result<Camera<f64>, TargetError> {
     let normalised = projection.camera([1.0, 1.0, 0.0, 0.0]).ok_or(TargetError::Impossible)?;
-    let size = [f64::from(sensor.0) - 1.0, f64::from(sensor.1) - 1.0];
+    let size = [f64::from(sensor.width) - 1.0, f64::from(sensor.height) - 1.0];
     let mut inner = Rectangle { least: [f64::NEG_INFINITY; 2], most: [f64::INFINITY; 2] };
     let mut outer = Rectangle { least: [f64::INFINITY; 2], most: [f64::NEG_INFINITY; 2] };
     for (row, column) in (0..GRID).flat_map(|row| (0..GRID).map(move |column| (row, column))) {
@@ -119,7 +120,7 @@ mod tests {
     use super::*;
     use crate::undistort::PixelMap;
 
-    const SENSOR: (u16, u16) = (346, 260);
+    const SENSOR: Sensor = Sensor::new(346, 260);
 
     fn barrel() -> Camera<f64> {
         let parameters = [330.0, 331.0, 170.0, 131.0, -0.36, 0.14, 0.001, -0.0005];

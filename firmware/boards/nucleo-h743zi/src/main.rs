@@ -14,7 +14,7 @@
 use core::cell::RefCell;
 
 use cortex_m::interrupt::{Mutex, free};
-use evcal_core::cluster::SensorSize;
+use evcal_core::sensor::Sensor;
 use evcal_core::window::Progress;
 use evcal_detector::{Pipeline, Settings, Source, Storage, row_bytes, row_count};
 use heapless::spsc::{Consumer, Queue};
@@ -31,7 +31,7 @@ const BUFFER: usize = 16 * 1024;
 /// Bytes that wait to be sent: about five windows of circles.
 const QUEUE: usize = 8192;
 /// Sensor: a GenX320.
-const SENSOR: SensorSize = SensorSize { width: 320, height: 320 };
+const SENSOR: Sensor = Sensor { width: 320, height: 320 };
 /// Dots of the board.
 const CIRCLES: u16 = 36;
 

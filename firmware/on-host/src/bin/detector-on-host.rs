@@ -5,7 +5,7 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::{env, fs, io};
 
-use evcal_core::cluster::SensorSize;
+use evcal_core::sensor::Sensor;
 use evcal_core::window::Progress;
 use evcal_detector::{Pipeline, Settings, Source, Storage, row_bytes, row_count};
 
@@ -32,7 +32,7 @@ fn run() -> Result<(), Box<dyn Error>> {
     let bytes = fs::read(input)?;
     let mut output = io::BufWriter::new(fs::File::create(output)?);
     let mut storage = Box::new(Storage::<{ row_bytes(346) }, { row_count(260) }, 2048, 128, 4000, 1452, 512>::new());
-    let settings = Settings::new("evcal in QEMU", SensorSize { width: 346, height: 260 }, 36);
+    let settings = Settings::new("evcal in QEMU", Sensor { width: 346, height: 260 }, 36);
     let mut pipeline = Pipeline::new(settings, &mut storage)?;
     let mut send = |frame: &[u8]| output.write_all(frame).is_ok();
     let mut last_us = 0;

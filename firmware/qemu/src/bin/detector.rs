@@ -7,7 +7,7 @@
 
 use core::ffi::CStr;
 
-use evcal_core::cluster::SensorSize;
+use evcal_core::sensor::Sensor;
 use evcal_core::window::Progress;
 use evcal_detector::{Pipeline, Settings, Source, Storage, row_bytes, row_count};
 use qemu::{InstructionCounter, stack_bytes};
@@ -53,7 +53,7 @@ fn run() -> Result<(), &'static str> {
     let mut input = File::open(text(&input)?).map_err(|_| "cannot open the events")?;
     let mut output = File::create(text(&output)?).map_err(|_| "cannot create the stream")?;
 
-    let settings = Settings::new("evcal in QEMU", SensorSize { width: 346, height: 260 }, 36);
+    let settings = Settings::new("evcal in QEMU", Sensor { width: 346, height: 260 }, 36);
     let mut pipeline = Pipeline::new(settings, STORAGE.take()).map_err(|_| "the sensor is too large")?;
     let counter = InstructionCounter::start().ok_or("no counter")?;
     let mut send = |frame: &[u8]| output.write_all(frame).is_ok();

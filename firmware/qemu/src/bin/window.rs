@@ -6,7 +6,9 @@
 
 use core::ffi::CStr;
 
-use evcal_core::cluster::{SensorSize, row_bytes, row_count};
+use evcal_core::cluster::{row_bytes, row_count};
+
+use evcal_core::sensor::Sensor;
 use evcal_core::detector::{Detector, DetectorSettings};
 use evcal_core::window::{EventStorage, Progress, WindowBuffer, WindowPolicy};
 use evcal_detector::Source;
@@ -17,7 +19,7 @@ use semihosting::{experimental::env, println, process};
 use static_cell::ConstStaticCell;
 
 const EVENTS: usize = 4000;
-const SENSOR: SensorSize = SensorSize { width: 346, height: 260 };
+const SENSOR: Sensor = Sensor { width: 346, height: 260 };
 
 static DETECTOR: ConstStaticCell<Detector<f32, { row_bytes(346) }, { row_count(260) }, 2048, 128>> =
     ConstStaticCell::new(Detector::new());

@@ -3,6 +3,7 @@
 
 mod packet;
 
+use evcal_core::sensor::Sensor;
 use std::io::{Seek, SeekFrom, Write};
 
 use evcal_core::event::Event;
@@ -58,7 +59,7 @@ pub struct Encoder<W> {
 
 impl<W: Write + Seek> Encoder<W> {
     /// Writes the header of a file of events.
-    pub fn new(output: W, compression: Compression, sensor: (u16, u16), camera_name: &str) -> Result<Self, WriteError> {
+    pub fn new(output: W, compression: Compression, sensor: Sensor, camera_name: &str) -> Result<Self, WriteError> {
         Self::with_streams(output, compression, sensor, camera_name, OtherStreams::default())
     }
 
@@ -66,7 +67,7 @@ impl<W: Write + Seek> Encoder<W> {
     pub fn with_streams(
         mut output: W,
         compression: Compression,
-        sensor: (u16, u16),
+        sensor: Sensor,
         camera_name: &str,
         others: OtherStreams,
     ) -> Result<Self, WriteError> {
@@ -160,7 +161,7 @@ pub(super) fn pack(compression: Compression, bytes: &[u8]) -> Result<Vec<u8>, Wr
 /// The XML that describes the streams.
 fn description(
     compression: Compression,
-    (width, height): (u16, u16),
+    Sensor { width, height }: Sensor,
     camera_name: &str,
     others: OtherStreams,
 ) -> String {
@@ -227,7 +228,7 @@ mod tests {
     #[test]
     fn the_closing_table_points_at_the_content_of_each_packet() {
         let mut file = Cursor::new(Vec::new());
-        let mut encoder = Encoder::new(&mut file, Compression::None, (346, 260), "camera").unwrap();
+        let mut encoder = Encoder::new(&mut file, Compression::None, Sensor::new(346, 260), "camera").unwrap();
         let events: Vec<Event> = (0..100).map(|t| Event { t: t * 1000, x: 1, y: 2, polarity: Polarity::On }).collect();
         encoder.write(&events).unwrap();
         encoder.finish().unwrap();

@@ -1,5 +1,6 @@
 //! The writers behind one face.
 
+use evcal_core::sensor::Sensor;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
@@ -16,7 +17,7 @@ use crate::recording::davis::dump::{COMPRESSION, DumpEncoder, READOUT, davis346_
 use crate::recording::write::{Encode, EventWriter, OutputFormat, WriteError};
 
 /// Size of the sensor of a DAVIS346.
-const DAVIS346_SENSOR: (u16, u16) = (346, 260);
+const DAVIS346_SENSOR: Sensor = Sensor::new(346, 260);
 /// What the model of a camera's name is.
 const DAVIS346_NAME: &str = "DAVIS346_";
 /// A frame that takes longer has damaged times (µs).
@@ -48,7 +49,7 @@ impl Sink {
     pub fn create(
         path: &Path,
         target: Target,
-        sensor: (u16, u16),
+        sensor: Sensor,
         camera_name: &str,
         held: OtherStreams,
         zero: i64,
@@ -151,7 +152,7 @@ struct DumpSink {
 }
 
 impl DumpSink {
-    fn create(path: &Path, sensor: (u16, u16), camera_name: &str, origin: i64) -> Result<Self, WriteError> {
+    fn create(path: &Path, sensor: Sensor, camera_name: &str, origin: i64) -> Result<Self, WriteError> {
         if sensor != DAVIS346_SENSOR {
             return Err(WriteError::Sensor(sensor));
         }
@@ -196,7 +197,7 @@ impl DumpSink {
     fn frame(&mut self, frame: &Frame) -> bool {
         let ((width, height), (x, y)) = (frame.size, frame.position);
         let inside = |start: u16, size: u16, all: u16| size > 0 && u32::from(start) + u32::from(size) <= u32::from(all);
-        let fits = inside(x, width, DAVIS346_SENSOR.0) && inside(y, height, DAVIS346_SENSOR.1);
+        let fits = inside(x, width, DAVIS346_SENSOR.width) && inside(y, height, DAVIS346_SENSOR.height);
         if !fits || frame.channels != 1 {
             self.frames_without_place += 1;
             return false;

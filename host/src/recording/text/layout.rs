@@ -2,6 +2,7 @@
 
 use super::{MAX_FIELDS, is_comment, number, split};
 use crate::recording::{Column, Columns, MAX_SENSOR_SIZE, SourceOptions, TimeUnit};
+use evcal_core::sensor::Sensor;
 
 /// How the lines of a file are to be read.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,7 +14,7 @@ pub struct Layout {
     /// Number of lines before the first event.
     pub first_line: u64,
     /// Width and height, if the file gives them.
-    pub sensor: Option<(u16, u16)>,
+    pub sensor: Option<Sensor>,
     /// What was guessed, in sentences.
     pub notes: Vec<String>,
 }
@@ -32,7 +33,7 @@ struct Parts<'a> {
     /// Lines before the first line of numbers.
     first_line: u64,
     names: Option<Vec<&'a str>>,
-    sensor: Option<(u16, u16)>,
+    sensor: Option<Sensor>,
     rows: Vec<Vec<&'a [u8]>>,
 }
 
@@ -118,13 +119,13 @@ fn parts(text: &str) -> Result<Parts<'_>, String> {
     Ok(Parts { first_line, names, sensor, rows })
 }
 
-fn sensor_size(width: &[u8], height: &[u8]) -> Option<(u16, u16)> {
+fn sensor_size(width: &[u8], height: &[u8]) -> Option<Sensor> {
     let side = |field| number::pixel(field).filter(|side| (1..=MAX_SENSOR_SIZE).contains(side));
-    side(width).zip(side(height))
+    Some(Sensor::new(side(width)?, side(height)?))
 }
 
 /// The size in a comment `sensor WIDTH x HEIGHT`.
-fn sensor_comment(comment: &str) -> Option<(u16, u16)> {
+fn sensor_comment(comment: &str) -> Option<Sensor> {
     let (width, height) = comment.strip_prefix("sensor ")?.split_once('x')?;
     sensor_size(width.trim().as_bytes(), height.trim().as_bytes())
 }

@@ -1,9 +1,10 @@
+use evcal_core::sensor::Sensor;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
 
-const SENSOR: (u16, u16) = (320, 240);
+const SENSOR: Sensor = Sensor::new(320, 240);
 const SIGMA: f64 = 0.3;
 
 /// A normal deviate.

@@ -7,6 +7,7 @@
 //! does), so that the two can be compared.
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2};
 use serde::Serialize;
 
@@ -55,7 +56,7 @@ pub struct NoView;
 pub fn projection_uncertainty(
     camera: &Camera<f64>,
     covariance: &DMatrix<f64>,
-    (width, height): (u16, u16),
+    Sensor { width, height }: Sensor,
 ) -> Result<ProjectionUncertainty, NoView> {
     let pixels = grid(width, height);
     let count = camera.parameters().len();
@@ -134,11 +135,13 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
+    use evcal_core::sensor::Sensor;
+
     use super::*;
     use crate::lens::projection_difference::projection_difference;
     use crate::numerics::random::uniform_in;
 
-    const SIZE: (u16, u16) = (346, 260);
+    const SIZE: Sensor = Sensor::new(346, 260);
     const PARAMETERS: [f64; 9] = [331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -0.0004, 0.0005, -0.03];
 
     fn camera(parameters: &[f64]) -> Camera<f64> {
@@ -173,7 +176,7 @@ mod tests {
             let normal = DVector::from_fn(9, |_, _| (0..12).map(|_| uniform_in(&mut rng, -0.5, 0.5)).sum::<f64>());
             let step = &root * normal;
             let drawn: Vec<f64> = PARAMETERS.iter().zip(step.iter()).map(|(value, step)| value + step).collect();
-            let difference = projection_difference(&middle, &camera(&drawn), SIZE.0, SIZE.1).unwrap();
+            let difference = projection_difference(&middle, &camera(&drawn), SIZE.width, SIZE.height).unwrap();
             squares.push(difference.rms * difference.rms);
             let [x, y] = difference.grid[0].difference.unwrap();
             corner[0][0] += x * x / DRAWS as f64;

@@ -1,6 +1,7 @@
 //! What speaks for caution: one function a question.
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
 use super::{Cause, Finding, Severity, VerdictSettings};
@@ -13,7 +14,7 @@ pub(super) fn findings_on(
     camera: &Camera<f64>,
     trust: &Trust,
     board: &Board,
-    sensor: (u16, u16),
+    sensor: Sensor,
     settings: &VerdictSettings,
 ) -> Vec<Finding> {
     let mut findings = Vec::from_iter(uncertain(trust, settings));
@@ -148,7 +149,7 @@ fn pixels_not_square(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSett
     })
 }
 
-fn not_one_to_one(camera: &Camera<f64>, (width, height): (u16, u16)) -> Option<Finding> {
+fn not_one_to_one(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Option<Finding> {
     let pixels = (0..height).step_by(4).flat_map(|y| (0..width).step_by(4).map(move |x| (x, y)));
     let corners = [(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)];
     let all: Vec<(u16, u16)> = pixels.chain(corners).collect();

@@ -1,0 +1,44 @@
+//! The size of a sensor.
+
+use core::fmt;
+
+/// A sensor's number of columns and rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Sensor {
+    /// Columns in pixels.
+    pub width: u16,
+    /// Rows in pixels.
+    pub height: u16,
+}
+
+impl Sensor {
+    /// A sensor of `width` columns and `height` rows.
+    pub const fn new(width: u16, height: u16) -> Self {
+        Self { width, height }
+    }
+
+    /// Number of pixels.
+    pub const fn pixel_count(self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// Whether it has the pixel in column `x` and row `y`.
+    pub const fn contains(self, x: u16, y: u16) -> bool {
+        x < self.width && y < self.height
+    }
+}
+
+/// `WIDTH x HEIGHT`, as messages name it.
+impl fmt::Display for Sensor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} x {}", self.width, self.height)
+    }
+}
+
+/// From columns and rows.
+impl From<(u16, u16)> for Sensor {
+    fn from((width, height): (u16, u16)) -> Self {
+        Self { width, height }
+    }
+}
