@@ -60,7 +60,7 @@ impl Default for FilterSettings {
 
 /// What becomes of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum EventFate {
     /// It passes.
     Keep,
     /// It lies outside the sensor.
@@ -134,15 +134,15 @@ impl core::error::Error for StorageTooSmall {}
 /// ```
 /// use evcal_core::sensor::Sensor;
 /// use evcal_core::event::{Event, Polarity};
-/// use evcal_core::filter::{EventFilter, FilterSettings, FilterStorage, Verdict};
+/// use evcal_core::filter::{EventFilter, FilterSettings, FilterStorage, EventFate};
 ///
 /// let mut storage = FilterStorage::<5655, 1024>::new();
 /// let sensor = Sensor { width: 346, height: 260 };
 /// let mut filter = EventFilter::new(sensor, FilterSettings::default(), &mut storage)?;
 /// let event = |t, x, y| Event { t, x, y, polarity: Polarity::On };
-/// assert_eq!(filter.judge(&event(0, 100, 100)), Verdict::Background);
-/// assert_eq!(filter.judge(&event(500, 101, 100)), Verdict::Keep);
-/// assert_eq!(filter.judge(&event(600, 346, 100)), Verdict::Outside);
+/// assert_eq!(filter.judge(&event(0, 100, 100)), EventFate::Background);
+/// assert_eq!(filter.judge(&event(500, 101, 100)), EventFate::Keep);
+/// assert_eq!(filter.judge(&event(600, 346, 100)), EventFate::Outside);
 /// assert_eq!(filter.counts().background, 1);
 /// # Ok::<(), evcal_core::filter::StorageTooSmall>(())
 /// ```
@@ -177,17 +177,17 @@ impl<'a, const CELLS: usize, const SLOTS: usize> EventFilter<'a, CELLS, SLOTS> {
 
     /// What becomes of the next event. Events come in order of time.
     #[inline]
-    pub fn judge(&mut self, event: &Event) -> Verdict {
-        let verdict = self.verdict(event);
-        let count = match verdict {
-            Verdict::Keep => &mut self.counts.kept,
-            Verdict::Outside => &mut self.counts.outside,
-            Verdict::Hot => &mut self.counts.hot,
-            Verdict::Refractory => &mut self.counts.refractory,
-            Verdict::Background => &mut self.counts.background,
+    pub fn judge(&mut self, event: &Event) -> EventFate {
+        let fate = self.fate(event);
+        let count = match fate {
+            EventFate::Keep => &mut self.counts.kept,
+            EventFate::Outside => &mut self.counts.outside,
+            EventFate::Hot => &mut self.counts.hot,
+            EventFate::Refractory => &mut self.counts.refractory,
+            EventFate::Background => &mut self.counts.background,
         };
         *count = count.saturating_add(1);
-        verdict
+        fate
     }
 
     /// What was judged so far.
@@ -201,14 +201,14 @@ impl<'a, const CELLS: usize, const SLOTS: usize> EventFilter<'a, CELLS, SLOTS> {
     }
 
     #[inline]
-    fn verdict(&mut self, event: &Event) -> Verdict {
+    fn fate(&mut self, event: &Event) -> EventFate {
         if event.x >= self.sensor.width || event.y >= self.sensor.height {
-            return Verdict::Outside;
+            return EventFate::Outside;
         }
         let elapsed_us = event.t.saturating_sub(*self.origin_us.get_or_insert(event.t));
-        match self.pixels.verdict(event.x, event.y, elapsed_us) {
-            Verdict::Keep if self.cells.supports(event.x, event.y, elapsed_us) => Verdict::Keep,
-            Verdict::Keep => Verdict::Background,
+        match self.pixels.fate(event.x, event.y, elapsed_us) {
+            EventFate::Keep if self.cells.supports(event.x, event.y, elapsed_us) => EventFate::Keep,
+            EventFate::Keep => EventFate::Background,
             dropped => dropped,
         }
     }

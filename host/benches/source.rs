@@ -4,7 +4,7 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use evcal::recording::aedat4::header::Compression;
 use evcal::recording::write::{EventWriter, OutputFormat};
-use evcal::recording::{Recording, SourceOptions};
+use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
@@ -43,7 +43,7 @@ fn read(bencher: Bencher, format: OutputFormat) {
     let mut writer = EventWriter::create(&path, format, Sensor::new(346, 260), "camera").expect("a file");
     writer.write(&events()).expect("space");
     writer.finish().expect("space");
-    let recording = Recording::new(path, SourceOptions::default()).expect("a recording");
+    let recording = Recording::new(path, RecordingOptions::default()).expect("a recording");
     bencher.counter(ItemsCount::new(EVENTS)).bench(|| {
         let mut reader = recording.open().expect("a recording");
         let mut batch = Vec::new();

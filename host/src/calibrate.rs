@@ -19,7 +19,7 @@ use crate::detection::DetectionReport;
 use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::initial::{InitialModel, InitialReport, initial_model};
 use crate::picture_calibration::joint::{JointPoints, JointReport};
-use crate::recording::SourceError;
+use crate::recording::RecordingError;
 use crate::recording::pass::{RecordingReport, read_events};
 use crate::settings::Settings;
 use crate::solve::State;
@@ -153,7 +153,7 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
     };
     let stage =
         StageSettings { refinement: &settings.refinement, association: &settings.association, solve: &settings.solve };
-    let solved = |input: &RefinementInput<SourceError>, state: State, progress: &mut dyn FnMut(&str)| {
+    let solved = |input: &RefinementInput<RecordingError>, state: State, progress: &mut dyn FnMut(&str)| {
         refine(input, state, stage, |round| progress(&format!("joint solve, round {}", round + 1)))
     };
     let state = State { camera: initial.camera, bias: unknown(settings.refinement.first_sigma), trajectories };

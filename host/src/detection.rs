@@ -82,12 +82,12 @@ enum Wanted {
 }
 
 /// A window in which something was found.
-enum Finding {
+enum Found {
     Frame(ReferenceFrame),
     Circles(CircleWindow),
 }
 
-impl Finding {
+impl Found {
     fn frame(&self) -> Option<&ReferenceFrame> {
         match self {
             Self::Frame(frame) => Some(frame),
@@ -114,7 +114,7 @@ enum NoBoard {
 }
 
 /// What a chunk gave.
-type Searched = (Vec<Finding>, Vec<Uncertain>, DetectionReport);
+type Searched = (Vec<Found>, Vec<Uncertain>, DetectionReport);
 
 /// Searches a recording, batch by batch, for the board or for circles.
 pub struct DetectionStage<'a> {
@@ -125,7 +125,7 @@ pub struct DetectionStage<'a> {
     chunk: Vec<Event>,
     chunk_index: i64,
     waiting: Vec<(i64, Vec<Event>)>,
-    findings: Vec<Finding>,
+    findings: Vec<Found>,
     report: DetectionReport,
 }
 
@@ -218,7 +218,7 @@ impl<'a> DetectionStage<'a> {
     fn place_uncertain(
         &mut self,
         waiting: &[(i64, Vec<Event>)],
-        found: Vec<Finding>,
+        found: Vec<Found>,
         uncertain: Vec<Uncertain>,
         pattern: Pattern,
     ) {
@@ -235,12 +235,12 @@ impl<'a> DetectionStage<'a> {
             let events = events.get(window.window.first..window.window.last)?;
             Some(self.frame(&window.window, events, board_circles(&grid.circles, &window.candidates)))
         };
-        let mut latest = self.findings.iter().rev().filter_map(Finding::frame);
+        let mut latest = self.findings.iter().rev().filter_map(Found::frame);
         let before = [latest.next(), latest.next()];
-        let found = found.into_iter().filter_map(Finding::into_frame).collect();
+        let found = found.into_iter().filter_map(Found::into_frame).collect();
         let (frames, added) = second_pass(pattern.circle_count(), before, found, uncertain, spacing, place);
         let circles = frames.iter().map(|frame| frame.circles.len() as u64).sum::<u64>();
-        self.findings.extend(frames.into_iter().map(Finding::Frame));
+        self.findings.extend(frames.into_iter().map(Found::Frame));
         self.report.board_circles += circles;
         self.report.found += added;
         self.report.found_by_neighbours += added;
@@ -273,12 +273,12 @@ impl<'a> DetectionStage<'a> {
             let finding = match self.wanted {
                 Wanted::Board(pattern) => self
                     .find_board(detector, workspace, pattern)
-                    .map(|circles| Finding::Frame(self.frame(&window, inside, circles))),
+                    .map(|circles| Found::Frame(self.frame(&window, inside, circles))),
                 Wanted::Circles(fewest) => Some(detector.circles())
                     .filter(|circles| circles.len() >= fewest)
                     .map(|circles| {
                         let circles = circles.iter().map(|circle| (circle.center.cast(), f64::from(circle.radius)));
-                        Finding::Circles(CircleWindow {
+                        Found::Circles(CircleWindow {
                             start: window.start_us as f64 * 1e-6,
                             end: window.end_us as f64 * 1e-6,
                             circles: circles.collect(),
@@ -374,7 +374,7 @@ impl<'a> DetectionStage<'a> {
         ReferenceFrame { recording: self.recording, start, end, circles, pixels: unique_pixels(events) }
     }
 
-    fn finish(mut self) -> (Vec<Finding>, DetectionReport) {
+    fn finish(mut self) -> (Vec<Found>, DetectionReport) {
         self.close_chunk();
         self.search();
         (self.findings, self.report)
@@ -389,21 +389,21 @@ impl<'a> DetectionStage<'a> {
     /// in order of time: for those who cannot wait for the end.
     pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
         self.search();
-        std::mem::take(&mut self.findings).into_iter().filter_map(Finding::into_frame).collect()
+        std::mem::take(&mut self.findings).into_iter().filter_map(Found::into_frame).collect()
     }
 
     /// The reference frames in order of time, and the report.
     pub fn into_frames(self) -> (Vec<ReferenceFrame>, DetectionReport) {
         let (findings, report) = self.finish();
-        (findings.into_iter().filter_map(Finding::into_frame).collect(), report)
+        (findings.into_iter().filter_map(Found::into_frame).collect(), report)
     }
 
     /// The windows with circles in order of time, and the report.
     pub fn into_circles(self) -> (Vec<CircleWindow>, DetectionReport) {
         let (findings, report) = self.finish();
         let windows = findings.into_iter().filter_map(|finding| match finding {
-            Finding::Circles(window) => Some(window),
-            Finding::Frame(_) => None,
+            Found::Circles(window) => Some(window),
+            Found::Frame(_) => None,
         });
         (windows.collect(), report)
     }

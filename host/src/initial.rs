@@ -44,7 +44,7 @@ use view_selection::select_views;
 
 use crate::numerics::statistics::median;
 pub use intrinsics::OpencvStart;
-pub use report::{CircleCounts, DropReason, DroppedFrame, InitialError, InitialReport, Step};
+pub use report::{DropReason, DroppedFrame, InitialError, InitialReport, Step, ValidationCounts};
 pub use settings::{CrossValidationSettings, InitialSettings};
 
 /// A reference frame with its pose.

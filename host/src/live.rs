@@ -10,7 +10,7 @@ mod watcher;
 
 use serde::{Deserialize, Serialize};
 
-pub use coverage::{Coverage, Tilt};
+pub use coverage::{LiveCoverage, Tilt};
 pub use watcher::{Seen, Watcher};
 
 /// When enough has been seen.

@@ -16,7 +16,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use opencv::core::{self, Mat, Point2d, Point2f, Point3d, Point3f, Vector};
 use opencv::prelude::*;
 
-pub use calibrate::{Calibration, Intrinsics, PinholeDistortion, calibrate_fisheye, calibrate_pinhole};
+pub use calibrate::{Intrinsics, OpencvCalibration, PinholeDistortion, calibrate_fisheye, calibrate_pinhole};
 pub use circles_grid::find_circles_grid;
 pub use planar_pose::{PlanarPose, solve_ippe, solve_pnp_ransac_ippe};
 

@@ -12,7 +12,7 @@
 //! Times are those of the file, in microseconds, non-decreasing (see [`EventReader::next_batch`]);
 //! pixel (0, 0) is the top-left one.
 //!
-//! A new format is one file with a [`Format`] in it and one line in [`FORMATS`].
+//! A new format is one file with a [`FileFormat`] in it and one line in [`FORMATS`].
 
 use evcal_core::sensor::Sensor;
 use std::fs::File;
@@ -34,14 +34,14 @@ mod reader;
 pub mod text;
 pub mod write;
 
-pub use error::{SourceError, SourceErrorKind};
-pub use options::{Column, Columns, Damage, OptionError, SourceOptions, TimeUnit};
+pub use error::{RecordingError, RecordingErrorKind};
+pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
 pub use reader::{Decode, EventReader, ReadReport, StreamFaults, Truncation};
 
 use crate::circles::{stream, track};
 
 /// The formats, in the order in which they are tried.
-pub const FORMATS: &[&Format] =
+pub const FORMATS: &[&FileFormat] =
     &[&aedat4::FORMAT, &davis::FORMAT, &text::FORMAT, &event_calib::FORMAT, &davis::BARE_FORMAT];
 
 /// The largest sensor width or height that can be read.
@@ -51,18 +51,18 @@ pub const MAX_SENSOR_SIZE: u16 = 32_767;
 const HEAD_LENGTH: u64 = 65_536;
 
 /// A decoder at the beginning of its file.
-pub type Opened = Result<Box<dyn Decode>, SourceError>;
+pub type Opened = Result<Box<dyn Decode>, RecordingError>;
 
 /// A file format that holds events.
-pub struct Format {
+pub struct FileFormat {
     /// Name for the user.
     pub name: &'static str,
     /// Whether a file that begins like this is of this format.
     pub recognise: fn(&Head) -> bool,
     /// Starts reading a file of this format from its beginning.
-    pub open: fn(&Path, &SourceOptions) -> Opened,
+    pub open: fn(&Path, &RecordingOptions) -> Opened,
     /// Counts what the streams of such a file hold; empty where there is but one stream of events.
-    pub streams: fn(&Path) -> Result<Vec<StreamSummary>, SourceError>,
+    pub streams: fn(&Path) -> Result<Vec<StreamSummary>, RecordingError>,
 }
 
 /// How much one stream of a recording holds.
@@ -88,11 +88,11 @@ pub struct Head {
 
 impl Head {
     /// Reads the beginning of the file at `path`, which must be an ordinary file.
-    pub fn read(path: &Path) -> Result<Self, SourceError> {
-        let io = |error| SourceError::io(path, error);
+    pub fn read(path: &Path) -> Result<Self, RecordingError> {
+        let io = |error| RecordingError::io(path, error);
         let metadata = std::fs::metadata(path).map_err(io)?;
         if !metadata.is_file() {
-            return Err(SourceError::new(path, SourceErrorKind::NotAFile));
+            return Err(RecordingError::new(path, RecordingErrorKind::NotAFile));
         }
         let mut bytes = Vec::new();
         File::open(path).map_err(io)?.take(HEAD_LENGTH).read_to_end(&mut bytes).map_err(io)?;
@@ -114,7 +114,7 @@ impl Head {
 pub enum RecordingKind {
     /// Events, in the format of this name.
     Events {
-        /// [`Format::name`].
+        /// [`FileFormat::name`].
         format: &'static str,
     },
     /// Circles that a detector found: see [`crate::circles::track`].
@@ -127,7 +127,7 @@ pub enum RecordingKind {
 ///
 /// # Errors
 /// When the file cannot be read, is empty, or is of no known format.
-pub fn sniff(path: &Path) -> Result<RecordingKind, SourceError> {
+pub fn sniff(path: &Path) -> Result<RecordingKind, RecordingError> {
     let head = Head::read(path)?;
     if head.text().is_some_and(track::is_circle_track) {
         return Ok(RecordingKind::CircleTrack);
@@ -138,26 +138,26 @@ pub fn sniff(path: &Path) -> Result<RecordingKind, SourceError> {
     Ok(RecordingKind::Events { format: find_format(path, &head)?.name })
 }
 
-fn find_format(path: &Path, head: &Head) -> Result<&'static Format, SourceError> {
+fn find_format(path: &Path, head: &Head) -> Result<&'static FileFormat, RecordingError> {
     if head.bytes.is_empty() {
-        return Err(SourceError::new(path, SourceErrorKind::Empty));
+        return Err(RecordingError::new(path, RecordingErrorKind::Empty));
     }
     if let Some((format, advice)) = foreign::recognise(&head.bytes) {
-        return Err(SourceError::new(path, SourceErrorKind::Unsupported { format, advice }));
+        return Err(RecordingError::new(path, RecordingErrorKind::Unsupported { format, advice }));
     }
     FORMATS
         .iter()
         .find(|format| (format.recognise)(head))
         .copied()
-        .ok_or_else(|| SourceError::new(path, SourceErrorKind::UnknownFormat))
+        .ok_or_else(|| RecordingError::new(path, RecordingErrorKind::UnknownFormat))
 }
 
 /// What is known of a recording before its first event is read.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SourceInformation {
+pub struct RecordingInformation {
     /// Name of the format.
     pub format: &'static str,
-    /// Width and height of the sensor in pixels: from [`SourceOptions::sensor`], else from the file.
+    /// Width and height of the sensor in pixels: from [`RecordingOptions::sensor`], else from the file.
     pub sensor: Option<Sensor>,
     /// Model and serial number of the camera, as the file gives it.
     pub camera_name: Option<String>,
@@ -169,8 +169,8 @@ pub struct SourceInformation {
 #[derive(Clone)]
 pub struct Recording {
     path: PathBuf,
-    options: SourceOptions,
-    format: &'static Format,
+    options: RecordingOptions,
+    format: &'static FileFormat,
     span: Option<(i64, i64)>,
 }
 
@@ -179,11 +179,11 @@ impl Recording {
     ///
     /// # Errors
     /// When the file cannot be read, is empty, holds no events or is of no known format.
-    pub fn new(path: impl Into<PathBuf>, options: SourceOptions) -> Result<Self, SourceError> {
+    pub fn new(path: impl Into<PathBuf>, options: RecordingOptions) -> Result<Self, RecordingError> {
         let path = path.into();
         let head = Head::read(&path)?;
         if head.text().is_some_and(track::is_circle_track) || stream::is_circle_stream(&head.bytes) {
-            return Err(SourceError::new(&path, SourceErrorKind::CircleTrack));
+            return Err(RecordingError::new(&path, RecordingErrorKind::CircleTrack));
         }
         let format = find_format(&path, &head)?;
         Ok(Self { path, options, format, span: None })
@@ -209,7 +209,7 @@ impl Recording {
     ///
     /// # Errors
     /// When the file cannot be opened or its header cannot be understood.
-    pub fn open(&self) -> Result<EventReader, SourceError> {
+    pub fn open(&self) -> Result<EventReader, RecordingError> {
         let decoder = (self.format.open)(&self.path, &self.options)?;
         Ok(EventReader::new(&self.path, decoder, &self.options)?.within(self.span))
     }
@@ -218,7 +218,7 @@ impl Recording {
     ///
     /// # Errors
     /// When the file cannot be read.
-    pub fn streams(&self) -> Result<Vec<StreamSummary>, SourceError> {
+    pub fn streams(&self) -> Result<Vec<StreamSummary>, RecordingError> {
         (self.format.streams)(&self.path)
     }
 }
@@ -263,7 +263,7 @@ mod tests {
     }
 
     /// The events, what the reader met, and the error that ended it.
-    fn read(path: &Path, options: &SourceOptions) -> (Vec<Event>, ReadReport, Option<SourceError>) {
+    fn read(path: &Path, options: &RecordingOptions) -> (Vec<Event>, ReadReport, Option<RecordingError>) {
         let opened = Recording::new(path, options.clone()).and_then(|recording| recording.open());
         let mut reader = match opened {
             Ok(reader) => reader,
@@ -292,7 +292,7 @@ mod tests {
             let (_directory, path) = file(b"");
             write(&path, output, &events(100));
             assert_eq!(sniff(&path).unwrap(), RecordingKind::Events { format });
-            let recording = Recording::new(&path, SourceOptions::default()).unwrap();
+            let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
             let reader = recording.open().unwrap();
             let information = reader.information();
             assert_eq!(information.format, format);
@@ -305,7 +305,7 @@ mod tests {
     fn a_recording_can_be_read_again() {
         let (_directory, path) = file(b"");
         write(&path, OutputFormat::Text, &events(50));
-        let recording = Recording::new(&path, SourceOptions::default()).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
         for _ in 0..2 {
             let mut batch = Vec::new();
             assert!(recording.open().unwrap().next_batch(&mut batch).unwrap());
@@ -328,7 +328,7 @@ mod tests {
             (b"Dear reader,\n", "no format known"),
         ] {
             let (_directory, path) = file(content);
-            let (_, _, error) = read(&path, &SourceOptions::default());
+            let (_, _, error) = read(&path, &RecordingOptions::default());
             let message = error.unwrap().to_string();
             assert!(message.contains(part) && message.contains("recording"), "{message}");
         }
@@ -349,7 +349,7 @@ mod tests {
             let mut more = events.len();
             for cut in (0..length).rev() {
                 std::fs::File::options().write(true).open(&path).unwrap().set_len(cut).unwrap();
-                let (read, report, error) = read(&path, &SourceOptions::default());
+                let (read, report, error) = read(&path, &RecordingOptions::default());
                 assert_eq!(read, events[..read.len()], "{output:?} cut at {cut}");
                 assert!(read.len() <= more);
                 more = read.len();
@@ -387,11 +387,11 @@ mod tests {
                 std::fs::write(&path, &changed).unwrap();
                 changed[position] ^= change;
                 for damage in [Damage::Refuse, Damage::Skip] {
-                    let (read, report, _) = read(&path, &SourceOptions { damage, ..SourceOptions::default() });
+                    let (read, report, _) = read(&path, &RecordingOptions { damage, ..RecordingOptions::default() });
                     assert_eq!(read.len() as u64, report.events);
                     assert!(read.is_sorted_by_key(|event| event.t));
                 }
-                if let Ok(recording) = Recording::new(&path, SourceOptions::default()) {
+                if let Ok(recording) = Recording::new(&path, RecordingOptions::default()) {
                     let _ = recording.streams();
                 }
             }
@@ -418,7 +418,7 @@ mod tests {
             for output in OUTPUTS {
                 let (_directory, path) = file(b"");
                 write(&path, output, &events);
-                let (read, report, error) = read(&path, &SourceOptions::default());
+                let (read, report, error) = read(&path, &RecordingOptions::default());
                 prop_assert!(error.is_none(), "{output:?}: {error:?}");
                 prop_assert_eq!(&read, &events, "{:?}", output);
                 let expected = ReadReport { events: events.len() as u64, ..ReadReport::default() };
@@ -431,7 +431,7 @@ mod tests {
             let starts = [b"".as_slice(), b"#!AER-DAT4.0\r\n", b"#!AER-DAT4.0\r\n\x40\0\0\0\x10\0\0\0IOHE", b"t,x,y,p\n"];
             for rest in [&bytes, text.as_bytes()] {
                 let (_directory, path) = file(&[starts[start], rest].concat());
-                let _ = read(&path, &SourceOptions::default());
+                let _ = read(&path, &RecordingOptions::default());
             }
         }
     }

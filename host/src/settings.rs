@@ -15,7 +15,7 @@ use evcal_core::pattern::Pattern;
 use evcal_core::window::{Advance, WindowPolicy};
 use serde::{Deserialize, Serialize};
 
-use crate::detection::pictures::settings::FrameSettings;
+use crate::detection::pictures::settings::PictureSettings;
 use crate::initial::InitialSettings;
 use crate::initial::model_choice::ModelChoiceSettings;
 use crate::live::LiveSettings;
@@ -78,7 +78,7 @@ pub struct Settings {
     /// When a calibration is good.
     pub verdict: VerdictSettings,
     /// The camera's frames as a witness.
-    pub frames: FrameSettings,
+    pub frames: PictureSettings,
     /// How residuals are gathered over the sensor.
     pub residual_map: ResidualMapSettings,
     /// When a live camera has seen enough.

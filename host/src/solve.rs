@@ -44,7 +44,7 @@ pub const fn bias_index(class: usize) -> usize {
 /// What the residual of an event measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Residual {
+pub enum ResidualMeasure {
     /// Distance from the edge divided by the local scale of the board in the image: pixels, so that
     /// noise counts alike near and far, head-on and tilted.
     Pixel,
@@ -82,7 +82,7 @@ impl FreeParameters {
 #[serde(deny_unknown_fields, default)]
 pub struct SolveSettings {
     /// What a residual measures: `pixel` or `plane`.
-    pub residual: Residual,
+    pub residual: ResidualMeasure,
     /// Huber bound in units of a class's spread σ.
     pub huber: f64,
     /// Most Levenberg-Marquardt iterations in one solve.
@@ -100,7 +100,7 @@ pub struct SolveSettings {
 impl Default for SolveSettings {
     fn default() -> Self {
         Self {
-            residual: Residual::Pixel,
+            residual: ResidualMeasure::Pixel,
             huber: 1.5,
             iterations: 12,
             tolerance: 1e-5,

@@ -10,7 +10,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use evcal::recording::{Recording, SourceOptions};
+use evcal::recording::{Recording, RecordingOptions};
 use serde_json::Value;
 use usb_davis::capture::Capture;
 use usb_davis::emulator::umockdev::{Access, EmulatedBus};
@@ -81,7 +81,7 @@ fn interrupt(child: Child) -> (Option<i32>, String, String) {
 }
 
 fn count(path: &Path) -> u64 {
-    let mut reader = Recording::new(path, SourceOptions::default()).unwrap().open().unwrap();
+    let mut reader = Recording::new(path, RecordingOptions::default()).unwrap().open().unwrap();
     let mut batch = Vec::new();
     while reader.next_batch(&mut batch).unwrap() {}
     assert!(reader.report().stream.faults.is_empty());

@@ -11,7 +11,7 @@ use evcal::recording::aedat4::header::Compression;
 use evcal::recording::aedat4::other_streams::{Frame, FrameReader, InertialSample, inertial_samples};
 use evcal::recording::aedat4::write::{Encoder, OtherStreams};
 use evcal::recording::write::Encode;
-use evcal::recording::{Recording, SourceOptions};
+use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -95,7 +95,7 @@ fn write_aedat4(path: &Path, events: &[Event], frames: &[Frame], samples: &[Iner
 }
 
 fn read(path: &Path) -> (Vec<Event>, Option<String>) {
-    let mut reader = Recording::new(path, SourceOptions::default()).unwrap().open().unwrap();
+    let mut reader = Recording::new(path, RecordingOptions::default()).unwrap().open().unwrap();
     let (mut all, mut batch) = (Vec::new(), Vec::new());
     while reader.next_batch(&mut batch).unwrap() {
         all.extend_from_slice(&batch);

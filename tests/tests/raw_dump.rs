@@ -5,7 +5,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use evcal::recording::{Recording, SourceOptions};
+use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
 use evcal_tests::program;
 use serde_json::Value;
@@ -58,7 +58,7 @@ fn assert_same(left: &Path, right: &Path) {
 }
 
 fn events(path: &Path) -> Vec<Event> {
-    let recording = Recording::new(path, SourceOptions::default()).expect("it is known");
+    let recording = Recording::new(path, RecordingOptions::default()).expect("it is known");
     let mut reader = recording.open().expect("it can be read");
     let (mut events, mut batch) = (Vec::new(), Vec::new());
     while reader.next_batch(&mut batch).expect("it is whole") {

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use evcal::recording::{Recording, SourceOptions};
+use evcal::recording::{Recording, RecordingOptions};
 use evcal::undistort::image_file::{self, ImageFile, Samples};
 use evcal_core::event::Event;
 use evcal_tests::lens::{KANNALA_BRANDT, Lens, RADTAN};
@@ -18,7 +18,7 @@ fn recording(lens: &Lens) -> PathBuf {
 }
 
 fn events(path: &Path) -> Vec<Event> {
-    let mut reader = Recording::new(path, SourceOptions::default()).unwrap().open().unwrap();
+    let mut reader = Recording::new(path, RecordingOptions::default()).unwrap().open().unwrap();
     let (mut all, mut batch) = (Vec::new(), Vec::new());
     while reader.next_batch(&mut batch).unwrap() {
         all.append(&mut batch);

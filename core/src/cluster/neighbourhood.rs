@@ -15,7 +15,7 @@ pub(super) struct Neighbourhood {
 
 /// Which of 16 pixels are core, and which have no neighbour at all.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Verdict {
+pub(super) struct PixelNeighbours {
     pub(super) core: u32,
     pub(super) alone: u32,
 }
@@ -77,10 +77,10 @@ impl Neighbourhood {
         bit: usize,
         pixels: u32,
         enough: u32,
-    ) -> Verdict {
-        let mut verdict = Verdict::default();
+    ) -> PixelNeighbours {
+        let mut neighbours = PixelNeighbours::default();
         if pixels == 0 {
-            return verdict;
+            return neighbours;
         }
         let row_bits = Bitmap::<ROW_BYTES, ROWS>::ROW_BITS;
         let [middle, next, ..] = self.rows;
@@ -98,12 +98,12 @@ impl Neighbourhood {
                 count += self.count_far(bitmap, bit + index, enough - count);
             }
             if count >= enough {
-                verdict.core |= 1 << index;
+                neighbours.core |= 1 << index;
             } else if count == 1 {
-                verdict.alone |= 1 << index;
+                neighbours.alone |= 1 << index;
             }
         }
-        verdict
+        neighbours
     }
 
     /// Number of pixels within the disc about `bit` but for its three middle rows, or a smaller number

@@ -1,6 +1,6 @@
 //! Pixels that fire too often or too soon.
 
-use super::{FilterSettings, Verdict};
+use super::{EventFate, FilterSettings};
 use crate::sensor::Sensor;
 
 /// Binary digits by which microseconds are cut: a unit is 16 µs, and 16 bits wrap after 1.05 s.
@@ -68,16 +68,16 @@ impl<'a, const SLOTS: usize> PixelFilter<'a, SLOTS> {
     }
 
     #[inline]
-    pub fn verdict(&mut self, x: u16, y: u16, elapsed_us: i64) -> Verdict {
+    pub fn fate(&mut self, x: u16, y: u16, elapsed_us: i64) -> EventFate {
         if !self.active {
-            return Verdict::Keep;
+            return EventFate::Keep;
         }
         if elapsed_us >= self.period_end_us {
             self.next_period(elapsed_us);
         }
         let pixel = u32::from(y) * u32::from(self.width) + u32::from(x);
         // SLOTS is a power of two.
-        let Some(slot) = self.slots.get_mut(pixel as usize & (SLOTS - 1)) else { return Verdict::Keep };
+        let Some(slot) = self.slots.get_mut(pixel as usize & (SLOTS - 1)) else { return EventFate::Keep };
         let tag = (pixel >> SLOTS.trailing_zeros()) as u16;
         let now = (elapsed_us >> UNIT) as u16;
 
@@ -93,19 +93,19 @@ impl<'a, const SLOTS: usize> PixelFilter<'a, SLOTS> {
             } else if slot.count & HOT == 0 {
                 slot.count -= 1;
             }
-            return Verdict::Keep;
+            return EventFate::Keep;
         }
         let count = (slot.count & !HOT).saturating_add(1).min(HOT - 1);
         slot.count = (slot.count & HOT) | count;
         if slot.count > self.hot_events {
             slot.last = now;
-            return Verdict::Hot;
+            return EventFate::Hot;
         }
         if periods <= 1 && now.wrapping_sub(slot.last) < self.refractory {
-            return Verdict::Refractory;
+            return EventFate::Refractory;
         }
         slot.last = now;
-        Verdict::Keep
+        EventFate::Keep
     }
 
     #[cold]

@@ -22,17 +22,17 @@ fn origin(events: &[Event]) -> i64 {
 }
 
 /// Every event against all before it.
-fn naive(events: &[Event], settings: &FilterSettings, cell: u16) -> Vec<Verdict> {
+fn naive(events: &[Event], settings: &FilterSettings, cell: u16) -> Vec<EventFate> {
     let origin = origin(events);
     let period = |event: &Event| (event.t - origin) / i64::from(settings.hot_period_us);
     let units = |event: &Event, unit: i64| (event.t - origin) / unit;
     let mut counts: HashMap<(u16, u16, i64), u32> = HashMap::new();
     let mut last: HashMap<(u16, u16), i64> = HashMap::new();
     let mut neighbours: Vec<&Event> = Vec::new();
-    let mut verdicts = Vec::new();
+    let mut fates = Vec::new();
     for event in events {
         if event.x >= SENSOR.width || event.y >= SENSOR.height {
-            verdicts.push(Verdict::Outside);
+            fates.push(EventFate::Outside);
             continue;
         }
         let pixel = (event.x, event.y);
@@ -47,7 +47,7 @@ fn naive(events: &[Event], settings: &FilterSettings, cell: u16) -> Vec<Verdict>
             last.insert(pixel, now);
         }
         if hot || soon {
-            verdicts.push(if hot { Verdict::Hot } else { Verdict::Refractory });
+            fates.push(if hot { EventFate::Hot } else { EventFate::Refractory });
             continue;
         }
         let near = |other: &&&Event| {
@@ -61,23 +61,23 @@ fn naive(events: &[Event], settings: &FilterSettings, cell: u16) -> Vec<Verdict>
         // Of a cell only the last event counts, which is the youngest.
         let supported = settings.background_us == 0 || neighbours.iter().rev().any(|other| near(&other));
         neighbours.push(event);
-        verdicts.push(if supported { Verdict::Keep } else { Verdict::Background });
+        fates.push(if supported { EventFate::Keep } else { EventFate::Background });
     }
-    verdicts
+    fates
 }
 
 fn judge<const CELLS: usize, const SLOTS: usize>(
     events: &[Event],
     settings: FilterSettings,
-) -> (Vec<Verdict>, FilterCounts, u16) {
+) -> (Vec<EventFate>, FilterCounts, u16) {
     let mut storage = Box::new(FilterStorage::<CELLS, SLOTS>::new());
     let mut filter = EventFilter::new(SENSOR, settings, &mut storage).unwrap();
-    let verdicts = events.iter().map(|event| filter.judge(event)).collect();
-    (verdicts, *filter.counts(), filter.cell_size())
+    let fates = events.iter().map(|event| filter.judge(event)).collect();
+    (fates, *filter.counts(), filter.cell_size())
 }
 
-fn count(verdicts: &[Verdict], verdict: Verdict) -> u32 {
-    verdicts.iter().filter(|&&other| other == verdict).count() as u32
+fn count(fates: &[EventFate], fate: EventFate) -> u32 {
+    fates.iter().filter(|&&other| other == fate).count() as u32
 }
 
 prop_compose! {
@@ -109,17 +109,17 @@ proptest! {
     /// 391 pixels have a slot each in 512; cells of one pixel, of two and of eight.
     #[test]
     fn with_room_for_every_pixel_it_does_what_the_rules_say(events in events(), settings in settings()) {
-        for (verdicts, counts, cell) in [
+        for (fates, counts, cell) in [
             judge::<400, 512>(&events, settings),
             judge::<108, 512>(&events, settings),
             judge::<9, 512>(&events, settings),
         ] {
-            prop_assert_eq!(&verdicts, &naive(&events, &settings, cell));
-            prop_assert_eq!(counts.kept, count(&verdicts, Verdict::Keep));
-            prop_assert_eq!(counts.outside, count(&verdicts, Verdict::Outside));
-            prop_assert_eq!(counts.hot, count(&verdicts, Verdict::Hot));
-            prop_assert_eq!(counts.refractory, count(&verdicts, Verdict::Refractory));
-            prop_assert_eq!(counts.background, count(&verdicts, Verdict::Background));
+            prop_assert_eq!(&fates, &naive(&events, &settings, cell));
+            prop_assert_eq!(counts.kept, count(&fates, EventFate::Keep));
+            prop_assert_eq!(counts.outside, count(&fates, EventFate::Outside));
+            prop_assert_eq!(counts.hot, count(&fates, EventFate::Hot));
+            prop_assert_eq!(counts.refractory, count(&fates, EventFate::Refractory));
+            prop_assert_eq!(counts.background, count(&fates, EventFate::Background));
         }
     }
 
@@ -127,20 +127,20 @@ proptest! {
     #[test]
     fn with_few_slots_no_event_is_dropped_without_reason(events in events(), settings in settings()) {
         let settings = FilterSettings { background_us: 0, ..settings };
-        let (verdicts, ..) = judge::<1, 8>(&events, settings);
+        let (fates, ..) = judge::<1, 8>(&events, settings);
         let origin = origin(&events);
-        for (index, (event, verdict)) in events.iter().zip(&verdicts).enumerate() {
-            let before = || events[..index].iter().zip(&verdicts).filter(|(other, _)| (other.x, other.y) == (event.x, event.y));
-            match verdict {
-                Verdict::Hot => {
+        for (index, (event, fate)) in events.iter().zip(&fates).enumerate() {
+            let before = || events[..index].iter().zip(&fates).filter(|(other, _)| (other.x, other.y) == (event.x, event.y));
+            match fate {
+                EventFate::Hot => {
                     let period = |event: &Event| (event.t - origin) / i64::from(settings.hot_period_us);
                     let in_period = |wanted| before().filter(|(other, _)| period(other) == wanted).count();
                     let most = usize::from(settings.hot_events);
                     let period = period(event);
                     prop_assert!(in_period(period) >= most || in_period(period - 1) > most);
                 }
-                Verdict::Refractory => {
-                    let mut kept = before().filter(|(_, verdict)| matches!(verdict, Verdict::Keep | Verdict::Hot));
+                EventFate::Refractory => {
+                    let mut kept = before().filter(|(_, fate)| matches!(fate, EventFate::Keep | EventFate::Hot));
                     prop_assert!(kept.any(|(other, _)| event.t - other.t < i64::from(settings.refractory_us) + 32));
                 }
                 _ => {}
@@ -188,11 +188,11 @@ fn an_edge_stays_and_noise_goes() {
     let mut kept: HashMap<&str, (u32, u32)> = HashMap::new();
     let mut hot_dropped = HashSet::new();
     for (event, kind) in &events {
-        let verdict = filter.judge(event);
+        let fate = filter.judge(event);
         let (all, passed) = kept.entry(kind).or_default();
         *all += 1;
-        *passed += u32::from(verdict == Verdict::Keep);
-        if verdict == Verdict::Hot {
+        *passed += u32::from(fate == EventFate::Keep);
+        if fate == EventFate::Hot {
             hot_dropped.insert((event.x, event.y));
         }
     }

@@ -7,7 +7,7 @@ use evcal_core::circle::CircleCandidate;
 use evcal_core::cluster::SensorTooLarge;
 use evcal_core::detector::{Detection, Detector};
 use evcal_core::event::Event;
-use evcal_core::filter::{EventFilter, FilterStorage, StorageTooSmall, Verdict};
+use evcal_core::filter::{EventFilter, FilterStorage, StorageTooSmall, EventFate};
 use evcal_core::window::{EventStorage, Outcome, Progress, WindowBuffer};
 use evcal_link::{Encoder, Losses, Message, Statistics};
 
@@ -169,7 +169,7 @@ impl<
     /// Takes the next event of the sensor.
     pub fn push(&mut self, event: Event) -> Progress {
         self.statistics.events = self.statistics.events.wrapping_add(1);
-        if self.filter.judge(&event) != Verdict::Keep {
+        if self.filter.judge(&event) != EventFate::Keep {
             return Progress::Collecting;
         }
         // Events between two windows cost next to nothing, and nothing of the budget.

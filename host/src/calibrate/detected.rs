@@ -6,7 +6,7 @@ use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::other_board::OtherBoard;
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
-use crate::recording::SourceError;
+use crate::recording::RecordingError;
 use crate::recording::pass::{RecordingReport, read_events};
 use crate::settings::Settings;
 use evcal_core::sensor::Sensor;
@@ -102,7 +102,7 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
 }
 
 /// What the board in the recordings looks like, if not like the stated one.
-fn other_board(task: &Task, sensor: Sensor) -> Result<Option<String>, SourceError> {
+fn other_board(task: &Task, sensor: Sensor) -> Result<Option<String>, RecordingError> {
     for (index, input) in task.inputs.iter().enumerate() {
         if let Input::Events(_) = input {
             let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);

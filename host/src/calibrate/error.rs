@@ -4,7 +4,7 @@ use crate::detection::LARGEST_SENSOR;
 use crate::initial::InitialError;
 use crate::picture_calibration::calibration::NoFrameCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
-use crate::recording::SourceError;
+use crate::recording::RecordingError;
 use crate::solve::SolveError;
 use crate::solve::refinement::RefinementError;
 use crate::trajectory::TrajectoryError;
@@ -18,7 +18,7 @@ pub enum CalibrateError {
     NoInput,
     /// A recording could not be read.
     #[error(transparent)]
-    Source(#[from] SourceError),
+    Source(#[from] RecordingError),
     /// The sensor size is not known.
     #[error("{file} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT")]
     SensorUnknown {
@@ -87,8 +87,8 @@ pub enum CalibrateError {
     JointFrames(NoJointPoints),
 }
 
-impl From<RefinementError<SourceError>> for CalibrateError {
-    fn from(error: RefinementError<SourceError>) -> Self {
+impl From<RefinementError<RecordingError>> for CalibrateError {
+    fn from(error: RefinementError<RecordingError>) -> Self {
         match error {
             RefinementError::Read(error) => Self::Source(error),
             RefinementError::Solve(error) => Self::Solve(error),

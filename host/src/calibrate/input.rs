@@ -9,7 +9,7 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
-use crate::recording::{Recording, RecordingKind, SourceError, SourceOptions, sniff};
+use crate::recording::{Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
 
 /// One input: events or circles.
 pub enum Input {
@@ -46,7 +46,7 @@ impl Input {
     ///
     /// # Errors
     /// [`InputError`] when it is neither, or cannot be read.
-    pub fn open(path: &Path, options: &SourceOptions, board: &Board) -> Result<Self, InputError> {
+    pub fn open(path: &Path, options: &RecordingOptions, board: &Board) -> Result<Self, InputError> {
         match sniff(path)? {
             RecordingKind::Events { .. } => Ok(Self::Events(Recording::new(path, options.clone())?)),
             RecordingKind::CircleTrack => {
@@ -85,7 +85,7 @@ impl Input {
 pub enum InputError {
     /// It is no recording that can be read.
     #[error(transparent)]
-    Source(#[from] SourceError),
+    Source(#[from] RecordingError),
     /// It is a circle track with a mistake in it, or a circle stream without circles.
     #[error(transparent)]
     Circles(#[from] CircleTrackError),

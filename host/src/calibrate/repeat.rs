@@ -12,7 +12,7 @@ use crate::calibrate::{Calibrated, Task, calibrate};
 use crate::initial::model_choice::ModelRequest;
 use crate::lens::projection_difference::projection_difference;
 use crate::numerics::random::uniform_in;
-use crate::recording::{Recording, SourceError};
+use crate::recording::{Recording, RecordingError};
 use evcal_core::sensor::Sensor;
 
 /// How many parts, and how long.
@@ -81,7 +81,7 @@ pub struct Repetition {
 pub enum RepeatError {
     /// It cannot be read.
     #[error(transparent)]
-    Source(#[from] SourceError),
+    Source(#[from] RecordingError),
     /// It is shorter than a part.
     #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it")]
     TooShort {

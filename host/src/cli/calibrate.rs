@@ -8,7 +8,7 @@ use evcal::calibrate::input::Input;
 use evcal::calibrate::{FrameUse, Task, calibrate, calibrate_from_frames};
 use evcal::initial::model_choice::ModelRequest;
 use evcal::output::folder::write_folder;
-use evcal::recording::SourceOptions;
+use evcal::recording::RecordingOptions;
 use evcal::settings::{Extraction, Grid, Settings, SettingsError};
 use evcal::trajectory::RotationSpline;
 
@@ -114,7 +114,7 @@ pub fn calibrate_recordings(
 ) -> super::Outcome {
     let method = &arguments.method;
     let settings = method.settings()?;
-    let options = SourceOptions { sensor, ..SourceOptions::default() };
+    let options = RecordingOptions { sensor, ..RecordingOptions::default() };
     let inputs = recordings
         .iter()
         .map(|path| detector::open_input(path, &options, &method.board, &arguments.output, arguments.json))

@@ -9,7 +9,7 @@ use evcal::board::Board;
 use evcal::circles::track::{self, UnorderedFrame};
 use evcal::detection::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR};
 use evcal::recording::pass::read_recording;
-use evcal::recording::{Recording, SourceOptions};
+use evcal::recording::{Recording, RecordingOptions};
 use evcal::report::drawing::circle_picture;
 use evcal::settings::{Extraction, Settings};
 use nalgebra::Vector2;
@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     }
     let mut settings = arguments.settings.as_deref().map(Settings::read).transpose()?.unwrap_or_default();
     settings.detection.extraction = arguments.extraction.unwrap_or(settings.detection.extraction);
-    let options = SourceOptions { sensor: arguments.sensor, ..SourceOptions::default() };
+    let options = RecordingOptions { sensor: arguments.sensor, ..RecordingOptions::default() };
     let recording = Recording::new(&arguments.recording, options)?;
     let file = arguments.recording.display();
     let sensor = recording

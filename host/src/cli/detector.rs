@@ -12,7 +12,7 @@ use evcal::circles::serial::SerialAddress;
 use evcal::circles::stream::{self, CircleStream};
 use evcal::circles::track::{self, CircleFrames};
 use evcal::detection::{DetectionReport, order_frames};
-use evcal::recording::{RecordingKind, SourceOptions, sniff};
+use evcal::recording::{RecordingKind, RecordingOptions, sniff};
 
 use super::progress::spinner;
 use super::{UsageError, print};
@@ -21,7 +21,7 @@ use super::{UsageError, print};
 /// address says where, so that a calibration that fails can be tried again.
 pub fn open_input(
     path: &Path,
-    options: &SourceOptions,
+    options: &RecordingOptions,
     board: &Board,
     folder: &Path,
     silent: bool,

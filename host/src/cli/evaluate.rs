@@ -6,7 +6,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use evcal::evaluate::intrinsics::{IntrinsicsComparison, compare_intrinsics};
-use evcal::evaluate::trajectory_error::{Association, TrajectoryError, best_time_shift, trajectory_error};
+use evcal::evaluate::trajectory_error::{AbsoluteTrajectoryError, Association, best_time_shift, trajectory_error};
 use evcal::lens::camera_file;
 use evcal::lens::projection_difference::{ProjectionDifference, projection_difference};
 use evcal::trajectory::timed_pose::TimedPose;
@@ -51,9 +51,9 @@ struct TrajectoryFigures {
     estimate: PathBuf,
     truth: PathBuf,
     /// With the times as they are.
-    direct: TrajectoryError,
+    direct: AbsoluteTrajectoryError,
     /// With the times of the estimate shifted to fit best; `None` where too little is left.
-    shifted: Option<TrajectoryError>,
+    shifted: Option<AbsoluteTrajectoryError>,
 }
 
 /// Runs `evcal evaluate`.
@@ -148,7 +148,7 @@ fn print_trajectory(figures: &TrajectoryFigures, verbose: bool) -> super::Outcom
         return shifted.as_ref().map_or(Ok(()), print::line);
     }
     print::line(format!("{:24} {:>12} {:>12} {:>16}", "rms", "aligned mm", "as is mm", "orientation deg"))?;
-    let row = |name: String, error: &TrajectoryError| {
+    let row = |name: String, error: &AbsoluteTrajectoryError| {
         print::line(format!(
             "{name:24} {:12.4} {:12.4} {:16.4}",
             1e3 * error.aligned.rmse,
@@ -188,7 +188,7 @@ fn projection_json(projection: &ProjectionDifference, verbose: bool) -> Value {
 }
 
 fn trajectory_json(figures: &TrajectoryFigures) -> Value {
-    let error = |error: &TrajectoryError| {
+    let error = |error: &AbsoluteTrajectoryError| {
         json!({
             "time_shift_s": error.time_shift,
             "poses_without_truth": error.unmatched,

@@ -5,9 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::builder::PossibleValuesParser;
-use evcal::export::format::{Exported, FORMATS, Format};
+use evcal::export::format::{ExportFormat, Exported, FORMATS};
 use evcal::export::undistortion_table::{ExportedTable, fit_table, table};
-use evcal::lens::nearest::Refit;
+use evcal::lens::nearest::Replacement;
 use evcal::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, UNNAMED};
 use evcal_core::camera::Camera;
 use evcal_core::undistortion::IdealCamera;
@@ -119,7 +119,7 @@ fn write_formats(
     written: &mut Vec<PathBuf>,
 ) -> Result<Vec<RefitReport>, Box<dyn Error>> {
     let mut refits = Vec::new();
-    let mut refit_report = |format: &'static str, refit: Option<Refit>| {
+    let mut refit_report = |format: &'static str, refit: Option<Replacement>| {
         refits.extend(refit.map(|refit| RefitReport {
             format,
             model: refit.to.name(),
@@ -128,7 +128,7 @@ fn write_formats(
             sensor_max_px: refit.sensor.largest,
         }));
     };
-    let Some(format) = Format::from_name(name) else {
+    let Some(format) = ExportFormat::from_name(name) else {
         let folder = arguments.output.as_deref();
         let folder = folder.ok_or_else(|| UsageError("--format all takes a folder: add -o DIR".to_owned()))?;
         fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use evcal::live::recorder::{Moment, RecordingReport, RecordingStatus, record};
+use evcal::live::recorder::{Moment, RecorderReport, RecordingStatus, record};
 use serde_json::json;
 
 use super::camera_arguments::CameraArguments;
@@ -44,7 +44,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 }
 
 /// An error if the recording ended otherwise than planned.
-pub(super) fn good_end(report: &RecordingReport) -> super::Outcome {
+pub(super) fn good_end(report: &RecorderReport) -> super::Outcome {
     if report.ending.is_good() {
         return Ok(());
     }
@@ -60,7 +60,7 @@ pub(super) fn as_text(status: &RecordingStatus) -> String {
 }
 
 /// What was recorded, in a few lines.
-pub(super) fn summary(report: &RecordingReport) -> String {
+pub(super) fn summary(report: &RecorderReport) -> String {
     let status = &report.status;
     let mut text = format!(
         "{}: {} events in {:.1} s, {:.1} MB in {} transfers ({})",
@@ -83,7 +83,7 @@ pub(super) fn summary(report: &RecordingReport) -> String {
     text
 }
 
-fn as_json(report: &RecordingReport) -> serde_json::Value {
+fn as_json(report: &RecorderReport) -> serde_json::Value {
     let status = &report.status;
     json!({
         "file": report.path, "seconds": status.seconds, "events": status.events, "bytes": status.bytes,

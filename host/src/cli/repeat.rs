@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use evcal::calibrate::repeat::{RepeatSettings, Repetition, repeat};
 use evcal::calibrate::{FrameUse, Task};
-use evcal::recording::{Recording, SourceOptions};
+use evcal::recording::{Recording, RecordingOptions};
 
 use super::calibrate::MethodArguments;
 use super::progress::spinner;
@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     }
     let settings = arguments.method.settings()?;
     let sensor = arguments.sensor;
-    let recording = Recording::new(&arguments.recording, SourceOptions { sensor, ..SourceOptions::default() })?;
+    let recording = Recording::new(&arguments.recording, RecordingOptions { sensor, ..RecordingOptions::default() })?;
     let (board, model) = (&arguments.method.board, arguments.method.model);
     let task =
         Task { inputs: &[], board, model, sensor, frames: FrameUse::Ignore, settings: &settings, command_line: "" };

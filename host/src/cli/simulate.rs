@@ -10,7 +10,7 @@ use evcal::lens::camera_file::{self, CameraDescription};
 use evcal::recording::aedat4::header::Compression;
 use evcal::recording::write::OutputFormat;
 use evcal::simulate::davis::{DavisDescription, DavisSettings, DavisTruth};
-use evcal::simulate::frame::FrameSettings;
+use evcal::simulate::frame::ExposureModel;
 use evcal::simulate::inertia::InertialSettings;
 use evcal::simulate::motion::MotionSettings;
 use evcal::simulate::rays::Rays;
@@ -63,8 +63,8 @@ pub struct Arguments {
     #[arg(long, value_name = "NUMBER", default_value_t = 1)]
     seed: u64,
     /// Format of the recording; dvraw is what a DAVIS346 sends over USB
-    #[arg(long, value_enum, default_value_t = Format::Aedat4)]
-    format: Format,
+    #[arg(long, value_enum, default_value_t = RecordingFile::Aedat4)]
+    format: RecordingFile,
     /// Frames too, with a global shutter, so many a second [default: 25] (aedat4 and dvraw)
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25")]
     frames: Option<f64>,
@@ -114,7 +114,7 @@ enum Light {
 
 /// Formats of recordings, by their extension.
 #[derive(Clone, Copy, ValueEnum)]
-enum Format {
+enum RecordingFile {
     Aedat4,
     Dvraw,
     Csv,
@@ -155,13 +155,13 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let directory = &arguments.output;
     fs::create_dir_all(directory).map_err(|error| at(directory, error))?;
     let (name, format) = match arguments.format {
-        Format::Aedat4 if davis == DavisSettings::default() => {
+        RecordingFile::Aedat4 if davis == DavisSettings::default() => {
             ("events.aedat4", RecordingFormat::Events(OutputFormat::Aedat4(Compression::Zstd)))
         }
-        Format::Aedat4 => ("events.aedat4", RecordingFormat::Aedat4),
-        Format::Dvraw => ("events.dvraw", RecordingFormat::Davis346),
-        Format::Csv => ("events.csv", RecordingFormat::Events(OutputFormat::Text)),
-        Format::Bin => ("events.bin", RecordingFormat::Events(OutputFormat::EventCalib)),
+        RecordingFile::Aedat4 => ("events.aedat4", RecordingFormat::Aedat4),
+        RecordingFile::Dvraw => ("events.dvraw", RecordingFormat::Davis346),
+        RecordingFile::Csv => ("events.csv", RecordingFormat::Events(OutputFormat::Text)),
+        RecordingFile::Bin => ("events.bin", RecordingFormat::Events(OutputFormat::EventCalib)),
     };
     let recording = directory.join(name);
     let (counts, davis_truth) = simulate(&simulation, &davis, &recording, format, arguments.json)?;
@@ -208,15 +208,17 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 
 /// Frames and inertial samples, as far as asked for.
 fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>> {
-    if (arguments.frames.is_some() || arguments.imu) && matches!(arguments.format, Format::Csv | Format::Bin) {
+    if (arguments.frames.is_some() || arguments.imu)
+        && matches!(arguments.format, RecordingFile::Csv | RecordingFile::Bin)
+    {
         return Err(UsageError("frames and inertial samples need --format aedat4 or dvraw".to_owned()).into());
     }
     let (frames, imu) = match arguments.light {
-        Light::Default => (FrameSettings::default(), InertialSettings::default()),
-        Light::Low => (FrameSettings::low_light(), InertialSettings::default()),
-        Light::Ideal => (FrameSettings::ideal(), InertialSettings::ideal()),
+        Light::Default => (ExposureModel::default(), InertialSettings::default()),
+        Light::Low => (ExposureModel::low_light(), InertialSettings::default()),
+        Light::Ideal => (ExposureModel::ideal(), InertialSettings::ideal()),
     };
-    let at_rate = |rate: f64| FrameSettings { interval: (1e6 / rate).round() as u32, ..frames };
+    let at_rate = |rate: f64| ExposureModel { interval: (1e6 / rate).round() as u32, ..frames };
     let settings = DavisSettings { frames: arguments.frames.map(at_rate), imu: arguments.imu.then_some(imu) };
     settings.check()?;
     Ok(settings)

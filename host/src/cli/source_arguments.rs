@@ -1,6 +1,6 @@
 //! What a user can say about a recording that does not say it itself.
 
-use evcal::recording::{Columns, Damage, SourceOptions, TimeUnit};
+use evcal::recording::{Columns, Damage, RecordingOptions, TimeUnit};
 use evcal_core::sensor::Sensor;
 
 use super::value;
@@ -27,8 +27,8 @@ pub struct SourceArguments {
 
 impl SourceArguments {
     /// The options for the reader.
-    pub fn options(&self) -> SourceOptions {
-        SourceOptions {
+    pub fn options(&self) -> RecordingOptions {
+        RecordingOptions {
             stream: self.stream.clone(),
             sensor: self.sensor,
             columns: self.columns.clone(),

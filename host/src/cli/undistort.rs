@@ -12,7 +12,7 @@ use evcal::undistort::recording::{
     Maps, UndistortionReport, undistort_frames, undistort_recording, undistort_sub_pixel,
 };
 use evcal::undistort::sub_pixel::SubPixelFormat;
-use evcal::undistort::target::{Projection, optimal_matrix, same_matrix};
+use evcal::undistort::target::{TargetProjection, optimal_matrix, same_matrix};
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 
@@ -36,7 +36,7 @@ pub struct Arguments {
     output: Option<PathBuf>,
     /// How the camera without distortion projects: pinhole, or equidistant for lenses that see too much for that
     #[arg(long, default_value = "pinhole", value_parser = projection)]
-    model: Projection,
+    model: TargetProjection,
     /// Part of the image kept, from 0 (no black corners) to 1 (all of it), as in OpenCV's
     /// getOptimalNewCameraMatrix [default: the camera matrix stays]
     #[arg(long, value_name = "0..1")]
@@ -57,10 +57,10 @@ pub struct Arguments {
     json: bool,
 }
 
-fn projection(text: &str) -> Result<Projection, &'static str> {
+fn projection(text: &str) -> Result<TargetProjection, &'static str> {
     match text {
-        "pinhole" => Ok(Projection::Pinhole),
-        "equidistant" => Ok(Projection::Equidistant),
+        "pinhole" => Ok(TargetProjection::Pinhole),
+        "equidistant" => Ok(TargetProjection::Equidistant),
         _ => Err("write pinhole or equidistant"),
     }
 }

@@ -42,7 +42,7 @@ mod tests {
 
     #[test]
     fn sensors_are_two_numbers() {
-        assert_eq!(sensor("346x260"), Ok((346, 260)));
+        assert_eq!(sensor("346x260"), Ok(Sensor::new(346, 260)));
         for text in ["", "346", "346x", "0x260", "346x260x3", "-1x5", "40000x5", "346,260"] {
             assert!(sensor(text).unwrap_err().contains("346x260"), "{text}");
         }

@@ -29,7 +29,7 @@ pub enum Association {
 
 /// How far an estimated trajectory is from the truth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TrajectoryError {
+pub struct AbsoluteTrajectoryError {
     /// Seconds added to the times of the estimate.
     pub time_shift: f64,
     /// Poses of the estimate for which there is no truth.
@@ -66,7 +66,7 @@ pub fn trajectory_error(
     estimate: &[TimedPose],
     association: Association,
     time_shift: f64,
-) -> Result<TrajectoryError, TooFewMatches> {
+) -> Result<AbsoluteTrajectoryError, TooFewMatches> {
     let pairs: Vec<(Isometry3<f64>, Isometry3<f64>)> = estimate
         .iter()
         .filter_map(|estimated| {
@@ -86,7 +86,7 @@ pub fn trajectory_error(
         pairs.iter().map(|(real, guess)| (real.translation.vector, guess.translation.vector)).collect();
     let alignment = rigid_alignment(&positions);
     let statistics = |errors: Vec<f64>| Statistics::new(errors).ok_or(few);
-    Ok(TrajectoryError {
+    Ok(AbsoluteTrajectoryError {
         time_shift,
         unmatched: estimate.len() - pairs.len(),
         direct: statistics(positions.iter().map(|(real, guess)| (real - guess).norm()).collect())?,
@@ -183,7 +183,7 @@ fn rigid_alignment(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(translation), UnitQuaternion::from_rotation_matrix(&rotation))
 }
 
-impl fmt::Display for TrajectoryError {
+impl fmt::Display for AbsoluteTrajectoryError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,

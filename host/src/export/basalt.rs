@@ -7,13 +7,13 @@ use std::fmt::Write as _;
 
 use evcal_core::camera::ModelKind;
 
-use super::format::{Content, Format};
+use super::format::{Content, ExportFormat};
 use super::number::decimal;
 use super::ros::quoted;
 use evcal_core::sensor::Sensor;
 
 /// `basalt.json`. basalt has no radial-tangential model.
-pub const FORMAT: Format = Format {
+pub const FORMAT: ExportFormat = ExportFormat {
     name: "basalt",
     file: "basalt.json",
     models: &[ModelKind::KannalaBrandt, ModelKind::Ucm, ModelKind::Eucm, ModelKind::DoubleSphere, ModelKind::Fov],

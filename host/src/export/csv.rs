@@ -4,14 +4,14 @@ use std::fmt::Write as _;
 
 use evcal_core::camera::ModelKind;
 
-use super::format::{Content, Format};
+use super::format::{Content, ExportFormat};
 use super::number::decimal;
 use evcal_core::sensor::Sensor;
 
 /// `parameters.csv`: below comments a line of names, then one line a parameter. `sigma` and the covariances with all
 /// parameters (`covariance_fx` …) are empty where they are not known; the unit of coefficients is empty.
-pub const FORMAT: Format =
-    Format { name: "csv", file: "parameters.csv", models: ModelKind::ALL, substitutes: &[], write };
+pub const FORMAT: ExportFormat =
+    ExportFormat { name: "csv", file: "parameters.csv", models: ModelKind::ALL, substitutes: &[], write };
 
 fn write(content: &Content) -> String {
     let calibrated = content.calibrated;

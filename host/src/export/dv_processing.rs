@@ -4,12 +4,12 @@ use evcal_core::camera::ModelKind;
 use evcal_core::pattern::Layout;
 use serde_json::json;
 
-use super::format::{Content, Format};
+use super::format::{Content, ExportFormat};
 use super::number::decimal;
 use evcal_core::sensor::Sensor;
 
 /// `dv-processing.json`. The library computes in single precision.
-pub const FORMAT: Format = Format {
+pub const FORMAT: ExportFormat = ExportFormat {
     name: "dv-processing",
     file: "dv-processing.json",
     models: &[ModelKind::Radtan4, ModelKind::Radtan, ModelKind::KannalaBrandt],

@@ -4,11 +4,11 @@ use evcal_core::camera::ModelKind;
 use evcal_core::pattern::Layout;
 
 use super::file_storage::{self, Entry, Value, entry, valid_name};
-use super::format::{Content, Format};
+use super::format::{Content, ExportFormat};
 use evcal_core::sensor::Sensor;
 
 /// `dv.xml`. Distortion is a column of five, or of four for a fisheye.
-pub const FORMAT: Format = Format {
+pub const FORMAT: ExportFormat = ExportFormat {
     name: "dv-xml",
     file: "dv.xml",
     models: &[ModelKind::Radtan, ModelKind::KannalaBrandt],

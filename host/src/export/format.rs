@@ -3,11 +3,11 @@
 use evcal_core::camera::{Camera, ModelKind};
 
 use super::{basalt, csv, dv_processing, dv_xml, kalibr, mrcal, opencv, ros};
-use crate::lens::nearest::{Refit, nearest};
+use crate::lens::nearest::{Replacement, nearest};
 use crate::result::calibrated_camera::CalibratedCamera;
 
 /// A file format for cameras.
-pub struct Format {
+pub struct ExportFormat {
     /// Its name on the command line.
     pub name: &'static str,
     /// Name of its file in a folder of all formats.
@@ -21,7 +21,7 @@ pub struct Format {
 }
 
 /// The formats.
-pub const FORMATS: &[Format] = &[
+pub const FORMATS: &[ExportFormat] = &[
     opencv::YAML,
     opencv::XML,
     opencv::JSON,
@@ -42,10 +42,10 @@ pub struct Content<'a> {
     pub matrix: [f64; 4],
     /// Its distortion coefficients.
     pub distortion: &'a [f64],
-    /// Its model, one of [`Format::models`].
+    /// Its model, one of [`ExportFormat::models`].
     pub model: ModelKind,
     /// What it cost to get it.
-    pub refit: Option<&'a Refit>,
+    pub refit: Option<&'a Replacement>,
 }
 
 impl Content<'_> {
@@ -70,7 +70,7 @@ pub struct Exported {
     /// The camera in it.
     pub camera: Camera<f64>,
     /// What it cost to get it, where the format does not hold the calibrated model.
-    pub refit: Option<Refit>,
+    pub refit: Option<Replacement>,
 }
 
 /// A format cannot hold a camera, nor one near it.
@@ -81,7 +81,7 @@ pub struct ExportError {
     model: ModelKind,
 }
 
-impl Format {
+impl ExportFormat {
     /// The format of this name.
     pub fn from_name(name: &str) -> Option<&'static Self> {
         FORMATS.iter().find(|format| format.name == name)
@@ -117,7 +117,7 @@ mod tests {
         for (index, format) in FORMATS.iter().enumerate() {
             assert!(FORMATS[..index].iter().all(|other| other.name != format.name && other.file != format.file));
             assert!(format.substitutes.iter().all(|model| format.models.contains(model)), "{}", format.name);
-            assert!(Format::from_name(format.name).is_some_and(|found| found.file == format.file));
+            assert!(ExportFormat::from_name(format.name).is_some_and(|found| found.file == format.file));
         }
     }
 

@@ -7,13 +7,13 @@ use std::fmt::Write as _;
 
 use evcal_core::camera::ModelKind;
 
-use super::format::{Content, Format};
+use super::format::{Content, ExportFormat};
 use super::number::decimals;
 use super::ros::quoted;
 use evcal_core::sensor::Sensor;
 
 /// `camchain.yaml` of one camera.
-pub const FORMAT: Format = Format {
+pub const FORMAT: ExportFormat = ExportFormat {
     name: "kalibr",
     file: "camchain.yaml",
     models: &[

@@ -7,12 +7,12 @@ use std::fmt::Write as _;
 
 use evcal_core::camera::ModelKind;
 
-use super::format::{Content, Format};
+use super::format::{Content, ExportFormat};
 use super::number::{decimal, decimals};
 use evcal_core::sensor::Sensor;
 
 /// `camera.cameramodel`.
-pub const FORMAT: Format = Format {
+pub const FORMAT: ExportFormat = ExportFormat {
     name: "mrcal",
     file: "camera.cameramodel",
     models: &[ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8],

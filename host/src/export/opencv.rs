@@ -7,7 +7,7 @@
 use evcal_core::camera::ModelKind;
 
 use super::file_storage::{self, Entry, Value, entry};
-use super::format::{Content, Format};
+use super::format::{Content, ExportFormat};
 use evcal_core::sensor::Sensor;
 
 const MODELS: &[ModelKind] =
@@ -17,7 +17,7 @@ const MODELS: &[ModelKind] =
 const SUBSTITUTES: &[ModelKind] = &[ModelKind::Radtan, ModelKind::KannalaBrandt];
 
 /// YAML, which OpenCV alone reads.
-pub const YAML: Format = Format {
+pub const YAML: ExportFormat = ExportFormat {
     name: "opencv-yaml",
     file: "camera.yaml",
     models: MODELS,
@@ -26,7 +26,7 @@ pub const YAML: Format = Format {
 };
 
 /// XML.
-pub const XML: Format = Format {
+pub const XML: ExportFormat = ExportFormat {
     name: "opencv-xml",
     file: "camera.xml",
     models: MODELS,
@@ -35,7 +35,7 @@ pub const XML: Format = Format {
 };
 
 /// JSON.
-pub const JSON: Format = Format {
+pub const JSON: ExportFormat = ExportFormat {
     name: "opencv-json",
     file: "camera.json",
     models: MODELS,

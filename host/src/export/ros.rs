@@ -7,12 +7,12 @@ use std::fmt::Write as _;
 
 use evcal_core::camera::ModelKind;
 
-use super::format::{Content, Format};
+use super::format::{Content, ExportFormat};
 use super::number::decimals;
 use evcal_core::sensor::Sensor;
 
 /// `camera_info.yaml`.
-pub const FORMAT: Format = Format {
+pub const FORMAT: ExportFormat = ExportFormat {
     name: "ros",
     file: "camera_info.yaml",
     models: &[ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt],

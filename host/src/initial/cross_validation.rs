@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::pose::{FramePose, PoseError, settle_pose};
 use super::refit::{Frame, PixelRows, ProjectedCircle, Rejection, refit_circle};
-use super::report::{CircleCounts, DropReason, InitialReport};
+use super::report::{DropReason, InitialReport, ValidationCounts};
 use super::settings::InitialSettings;
 use super::sighting::{BoardPoint, Sighting};
 use super::{Posed, drop_frame, settled};
@@ -22,7 +22,7 @@ use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 /// What the cross-validation makes of one frame.
 struct Validated {
     sighting: Sighting,
-    counts: CircleCounts,
+    counts: ValidationCounts,
     confirmed: bool,
 }
 
@@ -92,7 +92,7 @@ fn motion(
 
 /// The circles of a frame as its events confirm them.
 fn confirm(view: &Frame<'_>, sighting: &Sighting, board: &Board, settings: &InitialSettings) -> Validated {
-    let mut counts = CircleCounts { seen: sighting.circles.len(), ..CircleCounts::default() };
+    let mut counts = ValidationCounts { seen: sighting.circles.len(), ..ValidationCounts::default() };
     let mut inside = 0_u32;
     let mut circles = Vec::with_capacity(board.circle_count());
     for index in 0..board.circle_count() {
@@ -135,6 +135,6 @@ fn perspective_corrected(camera: &Camera<f64>, posed: &Posed, board: &Board) -> 
             point.image += offset;
         }
     }
-    let counts = CircleCounts { seen: sighting.circles.len(), ..CircleCounts::default() };
+    let counts = ValidationCounts { seen: sighting.circles.len(), ..ValidationCounts::default() };
     Validated { sighting, counts, confirmed: true }
 }

@@ -23,14 +23,14 @@ use crate::numerics::huber::huber_cost;
 
 /// What held-out circles cost with one camera model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct HeldOut {
+pub struct HeldOutCost {
     /// Circles held out.
     pub count: usize,
     /// Mean Huber's loss of a circle in each block (px²), in the order of the blocks.
     pub block_costs: Vec<f64>,
 }
 
-impl HeldOut {
+impl HeldOutCost {
     /// Mean of the blocks' costs (px²).
     pub fn mean(&self) -> f64 {
         self.block_costs.iter().sum::<f64>() / self.block_costs.len().max(1) as f64
@@ -90,7 +90,7 @@ pub fn held_out(
     sensor: Sensor,
     division: &Division,
     settings: &InitialSettings,
-) -> Option<HeldOut> {
+) -> Option<HeldOutCost> {
     let frames = &circles.frames;
     let blocks = division.blocks.clamp(1, frames.len().max(1));
     let folds = division.folds.clamp(2, blocks.max(2));
@@ -137,7 +137,7 @@ pub fn held_out(
             }
         }
     }
-    Some(HeldOut {
+    Some(HeldOutCost {
         count: sums.iter().map(|sum| sum.1).sum(),
         block_costs: sums.iter().filter(|sum| sum.1 > 0).map(|(cost, count)| cost / *count as f64).collect(),
     })

@@ -13,7 +13,7 @@ use super::pose::homography_pose;
 use super::settings::InitialSettings;
 use super::sighting::BoardPoint;
 use crate::numerics::statistics::median;
-use crate::opencv::{self, Calibration, PinholeDistortion, View};
+use crate::opencv::{self, OpencvCalibration, PinholeDistortion, View};
 
 /// How OpenCV's calibration went.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -64,7 +64,7 @@ fn opencv_models(kind: ModelKind) -> &'static [OpencvModel] {
 fn camera_of(
     kind: ModelKind,
     model: OpencvModel,
-    calibration: &Calibration,
+    calibration: &OpencvCalibration,
     sensor: Sensor,
     covered: f64,
 ) -> Option<Camera<f64>> {
@@ -94,7 +94,7 @@ fn camera_of(
     }
 }
 
-fn calibrate(model: OpencvModel, views: &[View], sensor: Sensor) -> Result<Calibration, opencv::OpencvError> {
+fn calibrate(model: OpencvModel, views: &[View], sensor: Sensor) -> Result<OpencvCalibration, opencv::OpencvError> {
     match model {
         OpencvModel::Pinhole(distortion) => opencv::calibrate_pinhole(views, sensor, distortion, None),
         OpencvModel::Fisheye => opencv::calibrate_fisheye(views, sensor),

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::initial::held_out::{ComparedCircles, Division, HeldOut, held_out};
+use crate::initial::held_out::{ComparedCircles, Division, HeldOutCost, held_out};
 use crate::initial::{InitialError, InitialModel, InitialSettings, initial_model};
 
 /// Models that `auto` tries: those that other programs read.
@@ -101,7 +101,7 @@ pub struct Candidate {
     /// Number of the model's parameters.
     pub parameters: usize,
     /// Its held-out statistics, on the same blocks for all candidates.
-    pub held_out: HeldOut,
+    pub held_out: HeldOutCost,
 }
 
 /// Mean and standard error of the mean of `values`; the error is 0 for fewer than two.
@@ -219,7 +219,7 @@ pub fn choose_model(
     let circles_of = *circles_of;
     let circles = ComparedCircles::new(reference, frames, board);
     let division = Division { blocks: settings.blocks, folds: settings.folds, views: settings.views };
-    let held: Vec<Option<HeldOut>> =
+    let held: Vec<Option<HeldOutCost>> =
         found.iter().map(|(_, model)| held_out(&circles, &model.camera, board, sensor, &division, initial)).collect();
     let compared: Vec<usize> = (0..found.len()).filter(|&index| matches!(held.get(index), Some(Some(_)))).collect();
     let candidates: Vec<Candidate> = found
@@ -273,7 +273,7 @@ mod tests {
     use super::*;
 
     fn candidate(parameters: usize, block_costs: &[f64]) -> Candidate {
-        Candidate { parameters, held_out: HeldOut { count: 100, block_costs: block_costs.to_vec() } }
+        Candidate { parameters, held_out: HeldOutCost { count: 100, block_costs: block_costs.to_vec() } }
     }
 
     #[test]

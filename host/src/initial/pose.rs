@@ -20,7 +20,7 @@ const MIN_BEARING_Z: f64 = 0.1;
 const RIVAL_COST: f64 = 5.0;
 
 /// A reprojection error and what it depends on.
-pub struct Residual {
+pub struct ReprojectionResidual {
     /// Projected minus observed image point, in pixels.
     pub error: Vector2<f64>,
     /// Its derivative by the step of [`step_pose`].
@@ -30,14 +30,18 @@ pub struct Residual {
 }
 
 /// The reprojection error of `point`; `None` outside the camera's domain.
-pub fn residual(camera: &Camera<f64>, pose: &Isometry3<f64>, point: &BoardPoint) -> Option<Residual> {
+pub fn residual(camera: &Camera<f64>, pose: &Isometry3<f64>, point: &BoardPoint) -> Option<ReprojectionResidual> {
     let turned = pose.rotation * Vector3::new(point.object.x, point.object.y, 0.0);
     let projection = camera.project_with_jacobians(&(turned + pose.translation.vector))?;
     let by_rotation: Matrix3<f64> = -turned.cross_matrix();
     let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
     by_pose.fixed_columns_mut::<3>(0).copy_from(&(projection.by_point * by_rotation));
     by_pose.fixed_columns_mut::<3>(3).copy_from(&projection.by_point);
-    Some(Residual { error: projection.pixel - point.image, by_pose, by_parameters: projection.by_parameters })
+    Some(ReprojectionResidual {
+        error: projection.pixel - point.image,
+        by_pose,
+        by_parameters: projection.by_parameters,
+    })
 }
 
 /// Distance in pixels of `point` from its projection; infinite outside the camera's domain.

@@ -132,7 +132,7 @@ pub enum Rejection {
 
 /// A circle found again.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Refit {
+pub struct RefitCircle {
     /// Image of the circle's centre.
     pub center: Vector2<f64>,
     /// Mean radius in pixels.
@@ -160,7 +160,7 @@ pub fn refit_circle(
     board: &Board,
     index: usize,
     settings: &CrossValidationSettings,
-) -> Result<Refit, Rejection> {
+) -> Result<RefitCircle, Rejection> {
     let object = board.circle_center(index);
     let circle = ProjectedCircle::new(frame.camera, &frame.pose, object, board.radius)
         .filter(|circle| circle.inside(frame.sensor))
@@ -228,7 +228,7 @@ pub fn refit_circle(
         && fit_error <= settings.max_fit_error + half_motion / 2.0
         && deviation.is_some_and(|deviation| deviation <= settings.max_center_deviation);
     if agrees {
-        Ok(Refit { center: circle.center + shift, radius: circle.radius() + solution.z })
+        Ok(RefitCircle { center: circle.center + shift, radius: circle.radius() + solution.z })
     } else {
         Err(Rejection::Disagrees)
     }

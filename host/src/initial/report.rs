@@ -87,7 +87,7 @@ pub struct DroppedFrame {
 
 /// What happened to single circles in the frames that stay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct CircleCounts {
+pub struct ValidationCounts {
     /// Circles of the frames that came to the cross-validation, or stay without events to check them.
     pub seen: usize,
     /// Circles that do not agree with their frame's pose.
@@ -114,7 +114,7 @@ pub struct InitialReport {
     /// The other frames, ordered by index.
     pub dropped: Vec<DroppedFrame>,
     /// What happened to single circles.
-    pub circles: CircleCounts,
+    pub circles: ValidationCounts,
     /// Frames of a symmetric board whose circles were renamed by a turn of the board.
     pub turned: usize,
     /// Circles that belong to another time than their frame but whose velocity is unknown.

@@ -75,7 +75,7 @@ fn smooth(waypoints: &[Centered], mut kept: Vec<bool>, settings: &InitialSetting
     let mut alive: Vec<usize> = kept.iter().enumerate().filter(|(_, kept)| **kept).map(|(index, _)| index).collect();
     let limits = Limits::new(waypoints, &alive, settings);
     let judge = |alive: &[usize], position: usize| judge(waypoints, alive, position, &limits);
-    let mut verdicts: Vec<Verdict> = (0..alive.len()).map(|position| judge(&alive, position)).collect();
+    let mut verdicts: Vec<Contradiction> = (0..alive.len()).map(|position| judge(&alive, position)).collect();
     loop {
         let worst = verdicts
             .iter()
@@ -171,15 +171,17 @@ impl Line {
 
 /// How a frame lies to the lines through its neighbours.
 #[derive(Clone, Copy, Debug, Default)]
-struct Verdict {
+struct Contradiction {
     /// Part of the lines that the frame lies too far off.
     contradicted: f64,
     /// Median over the lines of the distance, as a multiple of what is allowed.
     excess: f64,
 }
 
-fn judge(waypoints: &[Centered], alive: &[usize], position: usize, limits: &Limits) -> Verdict {
-    let Some(here) = alive.get(position).and_then(|&index| waypoints.get(index)) else { return Verdict::default() };
+fn judge(waypoints: &[Centered], alive: &[usize], position: usize, limits: &Limits) -> Contradiction {
+    let Some(here) = alive.get(position).and_then(|&index| waypoints.get(index)) else {
+        return Contradiction::default();
+    };
     let first = position.saturating_sub(LINE_REACH);
     let neighbours: Vec<&Centered> = alive
         .iter()
@@ -204,8 +206,8 @@ fn judge(waypoints: &[Centered], alive: &[usize], position: usize, limits: &Limi
     let contradicted = excesses.iter().filter(|excess| **excess > 1.0).count() as f64;
     let count = excesses.len() as f64;
     match median(&mut excesses, f64::total_cmp) {
-        Some(excess) => Verdict { contradicted: contradicted / count, excess },
-        None => Verdict::default(),
+        Some(excess) => Contradiction { contradicted: contradicted / count, excess },
+        None => Contradiction::default(),
     }
 }
 

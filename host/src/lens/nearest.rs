@@ -21,12 +21,12 @@ pub struct Nearest {
     /// The camera.
     pub camera: Camera<f64>,
     /// What it cost to get it, where the calibrated model is another one.
-    pub refit: Option<Refit>,
+    pub refit: Option<Replacement>,
 }
 
 /// How a camera was replaced by the nearest one of another model.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Refit {
+pub struct Replacement {
     /// The calibrated model.
     pub from: ModelKind,
     /// The model that replaces it.
@@ -48,7 +48,7 @@ pub struct Distance {
     pub unseen: f64,
 }
 
-impl fmt::Display for Refit {
+impl fmt::Display for Replacement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { from, to, covered, sensor } = self;
         write!(
@@ -86,7 +86,7 @@ pub fn nearest(
     let fitted = substitutes.iter().filter_map(|&to| {
         let near = refit_where(to, camera, sensor.width, sensor.height, |pixel| covered.contains(pixel))?;
         let (covered, sensor) = distances(camera, &near, sensor, covered)?;
-        Some((near, Refit { from, to, covered, sensor }))
+        Some((near, Replacement { from, to, covered, sensor }))
     });
     let best = fitted.min_by(|(_, a), (_, b)| {
         let order = a.covered.unseen.total_cmp(&b.covered.unseen);

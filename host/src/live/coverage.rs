@@ -45,7 +45,7 @@ impl Tilt {
 /// square pixels without distortion whose principal point is the middle of the sensor; good to some
 /// per cent, enough to tell 15° from 0°.
 #[derive(Clone, Debug)]
-pub struct Coverage {
+pub struct LiveCoverage {
     settings: LiveSettings,
     board: Board,
     sensor: Sensor,
@@ -55,7 +55,7 @@ pub struct Coverage {
     views: Vec<Matrix3<f64>>,
 }
 
-impl Coverage {
+impl LiveCoverage {
     /// Nothing seen yet, of a sensor of this width and height.
     pub fn new(settings: &LiveSettings, board: &Board, sensor: Sensor) -> Self {
         let (columns, rows) = (settings.columns.clamp(1, MOST_CELLS), settings.rows.clamp(1, MOST_CELLS));
@@ -239,7 +239,7 @@ mod tests {
                     (false, _, true) => Tilt::Bottom,
                     (false, _, false) => Tilt::Top,
                 };
-                let mut coverage = Coverage::new(&LiveSettings::default(), &board(), SENSOR);
+                let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
                 coverage.add(&frame);
                 let found = Tilt::ALL.into_iter().zip(coverage.tilts()).find(|(_, count)| *count == 1);
                 assert_eq!(found.map(|(tilt, _)| tilt), Some(expected), "{focal} {turn:?}");
@@ -250,7 +250,7 @@ mod tests {
     #[test]
     fn the_focal_length_follows_from_tilted_views() {
         for focal in [150.0, 330.0, 700.0] {
-            let mut coverage = Coverage::new(&LiveSettings::default(), &board(), SENSOR);
+            let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
             for index in 0..12 {
                 let angle = f64::from(index) * 0.5;
                 coverage.add(&view(Vector3::new(0.3 * angle.sin(), 0.4 * angle.cos(), 0.2), ahead(), focal));
@@ -258,7 +258,7 @@ mod tests {
             let found = focal_length(&coverage.views) * f64::from(SENSOR.width);
             assert!((found - focal).abs() < 1e-6 * focal, "{found} {focal}");
         }
-        let mut frontal = Coverage::new(&LiveSettings::default(), &board(), SENSOR);
+        let mut frontal = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
         frontal.add(&view(Vector3::zeros(), ahead(), 330.0));
         assert_eq!(frontal.tilts(), [0; 4]);
     }
@@ -266,7 +266,7 @@ mod tests {
     #[test]
     fn enough_is_enough_and_what_is_missing_is_named() {
         let settings = LiveSettings { boards: 8, boards_per_tilt: 1, circles_per_cell: 1, ..LiveSettings::default() };
-        let mut coverage = Coverage::new(&settings, &board(), SENSOR);
+        let mut coverage = LiveCoverage::new(&settings, &board(), SENSOR);
         assert_eq!(coverage.missing().len(), 6);
         for side in [-1.0, 1.0] {
             coverage.add(&view(Vector3::new(0.4 * side, 0.0, 0.0), Vector3::new(-0.2, 0.0, 0.9), 330.0));

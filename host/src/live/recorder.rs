@@ -84,7 +84,7 @@ impl Ending {
 
 /// What was recorded.
 #[derive(Debug)]
-pub struct RecordingReport {
+pub struct RecorderReport {
     /// The file.
     pub path: PathBuf,
     /// How it went, as of the end.
@@ -130,7 +130,7 @@ pub fn record(
     path: &Path,
     plan: &RecordingPlan,
     mut watch: impl FnMut(Moment<'_>) -> ControlFlow<()>,
-) -> Result<RecordingReport, RecordingError> {
+) -> Result<RecorderReport, RecordingError> {
     let failed = |error: DumpError| RecordingError::File { path: path.to_owned(), error };
     let file = File::create_new(path).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => RecordingError::Exists(path.to_owned()),
@@ -156,7 +156,7 @@ pub fn record(
     let counts = counter.counts();
     let status =
         RecordingStatus { dropped: camera.dropped_events(), ..progress.status(counts.events, statistics.bytes) };
-    Ok(RecordingReport {
+    Ok(RecorderReport {
         path: path.to_owned(),
         status,
         transfers: statistics.transfers,

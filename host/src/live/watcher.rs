@@ -9,7 +9,7 @@ use usb_davis::capture::GapRepair;
 use usb_davis::dump::{DumpHeader, Transfer, TransferStatus};
 use usb_davis::protocol::{Decoder, Message};
 
-use super::Coverage;
+use super::LiveCoverage;
 use crate::board::Board;
 use crate::detection::DetectionStage;
 use crate::recording::davis::{CameraClock, event};
@@ -22,7 +22,7 @@ const CHUNKS_TOGETHER: usize = 2;
 #[derive(Clone, Debug)]
 pub struct Seen {
     /// Boards, coverage and tilts.
-    pub coverage: Coverage,
+    pub coverage: LiveCoverage,
     /// Transfers that were left out because the detector was busy.
     pub left_out: u64,
 }
@@ -43,7 +43,7 @@ struct Queue {
 struct Shared {
     queue: Mutex<Queue>,
     filled: Condvar,
-    coverage: Mutex<Coverage>,
+    coverage: Mutex<LiveCoverage>,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -67,7 +67,7 @@ impl Watcher {
         let shared = Arc::new(Shared {
             queue: Mutex::default(),
             filled: Condvar::new(),
-            coverage: Mutex::new(Coverage::new(&settings.live, board, sensor)),
+            coverage: Mutex::new(LiveCoverage::new(&settings.live, board, sensor)),
         });
         let (of_thread, settings, pattern) = (Arc::clone(&shared), settings.clone(), board.pattern);
         let longest_wait_ns = (settings.live.longest_wait.max(0.0) * 1e9) as u64;

@@ -57,7 +57,7 @@ pub struct Intrinsics {
 
 /// A calibration by OpenCV.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Calibration {
+pub struct OpencvCalibration {
     /// The camera.
     pub intrinsics: Intrinsics,
     /// Root mean square of the distances between measured and projected points, in pixels.
@@ -93,13 +93,13 @@ struct RawCalibration {
 
 impl RawCalibration {
     /// `None` unless all of it is there, for this number of views and of coefficients, and finite.
-    fn checked(self, views: usize, coefficients: usize) -> Option<Calibration> {
+    fn checked(self, views: usize, coefficients: usize) -> Option<OpencvCalibration> {
         let intrinsics = intrinsics_of(&self.camera_matrix, &self.coefficients, coefficients)?;
         let poses = poses(&self.rotations, &self.translations)?;
         let Self { rms, view_rms, .. } = self;
         let finite = rms.is_finite() && view_rms.iter().all(|rms| rms.is_finite());
         let complete = finite && view_rms.len() == views && poses.len() == views;
-        complete.then(|| Calibration { intrinsics, rms, views: (0..views).collect(), view_rms, poses })
+        complete.then(|| OpencvCalibration { intrinsics, rms, views: (0..views).collect(), view_rms, poses })
     }
 }
 
@@ -113,7 +113,7 @@ pub fn calibrate_pinhole(
     sensor: Sensor,
     distortion: PinholeDistortion,
     guess: Option<&Intrinsics>,
-) -> Result<Calibration, OpencvError> {
+) -> Result<OpencvCalibration, OpencvError> {
     const CALL: &str = "calibrateCamera";
     SINGLE_THREAD.clone()?;
     if views.is_empty() || !views.iter().all(usable) {
@@ -157,7 +157,7 @@ pub fn calibrate_pinhole(
     raw.checked(views.len(), distortion.coefficient_count()).ok_or(OpencvError::Unusable { call: CALL })
 }
 
-fn calibrate_fisheye_once(views: &[&View], sensor: Sensor, iterations: i32) -> Result<Calibration, OpencvError> {
+fn calibrate_fisheye_once(views: &[&View], sensor: Sensor, iterations: i32) -> Result<OpencvCalibration, OpencvError> {
     const CALL: &str = "fisheye::calibrate";
     let run = || -> opencv::Result<_> {
         let object: Vector<Mat> = views.iter().map(|v| points_3d(&v.object)).collect::<opencv::Result<_>>()?;
@@ -221,8 +221,8 @@ fn digestible(views: &[View], indices: &[usize], sensor: Sensor) -> Vec<usize> {
 /// OpenCV's `fisheye::calibrate` (Kannala-Brandt, k1 … k4) on `views` of a planar board.
 ///
 /// It throws when a single view displeases it; such views are searched out and left away. What was
-/// used is in [`Calibration::views`].
-pub fn calibrate_fisheye(views: &[View], sensor: Sensor) -> Result<Calibration, OpencvError> {
+/// used is in [`OpencvCalibration::views`].
+pub fn calibrate_fisheye(views: &[View], sensor: Sensor) -> Result<OpencvCalibration, OpencvError> {
     SINGLE_THREAD.clone()?;
     if views.is_empty() || !views.iter().all(usable) {
         return Err(OpencvError::Input { call: "fisheye::calibrate" });
@@ -239,5 +239,5 @@ pub fn calibrate_fisheye(views: &[View], sensor: Sensor) -> Result<Calibration, 
     }
     let chosen: Vec<&View> = kept.iter().filter_map(|&index| views.get(index)).collect();
     calibrate_fisheye_once(&chosen, sensor, CALIBRATION_ITERATIONS)
-        .map(|calibration| Calibration { views: kept, ..calibration })
+        .map(|calibration| OpencvCalibration { views: kept, ..calibration })
 }

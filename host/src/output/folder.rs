@@ -9,14 +9,14 @@ use crate::calibrate::input::Input;
 use crate::calibrate::{Calibrated, Task};
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::track;
-use crate::export::format::Format;
+use crate::export::format::ExportFormat;
 use crate::export::{kalibr, opencv, ros};
 use crate::initial::PosedFrame;
 use crate::recording::pictures::image_at;
 use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_picture};
 use crate::report::report;
 use crate::result::calibrated_camera::CalibratedCamera;
-use crate::result::calibration_file::Calibration;
+use crate::result::calibration_file::CalibrationFile;
 use crate::result::stage_report::stage_report;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::tum;
@@ -29,7 +29,7 @@ pub const TRAJECTORY_RATE: f64 = 200.0;
 const EXPORTS: &str = "exports";
 
 /// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
-const FOR_OTHERS: &[(Format, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
+const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
 
 /// What was written, for the terminal.
 pub struct Written {
@@ -61,7 +61,7 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
         std::fs::write(&path, content).map_err(|error| OutputError { file: path.display().to_string(), error })
     };
     std::fs::create_dir_all(folder).map_err(|error| OutputError { file: folder.display().to_string(), error })?;
-    let calibration = Calibration::new(calibrated, task.board);
+    let calibration = CalibrationFile::new(calibrated, task.board);
     let json = serde_json::to_string_pretty(&calibration)
         .map_err(|error| OutputError { file: "calibration.json".to_owned(), error: error.into() })?;
     let stage_report = stage_report(calibrated);
@@ -179,7 +179,7 @@ fn trajectory(calibrated: &Calibrated, recording: usize, start: f64) -> io::Resu
     Ok(text)
 }
 
-fn summary(calibration: &Calibration) -> String {
+fn summary(calibration: &CalibrationFile) -> String {
     let mut text = String::new();
     let sensor = calibration.sensor;
     let _ = writeln!(text, "camera {} on {} x {} pixels", calibration.camera.model, sensor.width, sensor.height);

@@ -11,7 +11,7 @@ use super::calibration::FrameCalibration;
 use super::circle_image::{center_bias, circle_image_center};
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use crate::detection::pictures::settings::FrameSettings;
+use crate::detection::pictures::settings::PictureSettings;
 use crate::numerics::huber::huber_weight;
 use crate::numerics::statistics::median;
 use crate::solve::State;
@@ -92,7 +92,7 @@ pub fn joint_points(
     state: &State,
     event_inflation: f64,
     board: &Board,
-    settings: &FrameSettings,
+    settings: &PictureSettings,
 ) -> Result<JointPoints, NoJointPoints> {
     let used: Vec<&ReferenceFrame> =
         calibration.posed.iter().filter_map(|posed| calibration.frames.get(posed.frame)).collect();

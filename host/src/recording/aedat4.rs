@@ -20,11 +20,12 @@ use header::{Header, MAGIC, Stream};
 use packets::{PacketHead, PacketReader};
 
 use super::{
-    Damage, Decode, Format, MAX_SENSOR_SIZE, ReadReport, SourceError, SourceErrorKind, SourceInformation, SourceOptions,
+    Damage, Decode, FileFormat, MAX_SENSOR_SIZE, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
+    RecordingOptions,
 };
 
 /// AEDAT4.
-pub const FORMAT: Format = Format {
+pub const FORMAT: FileFormat = FileFormat {
     name: "AEDAT4",
     recognise: |head| head.bytes.starts_with(MAGIC),
     open: |path, options| Ok(Box::new(EventDecoder::open(path, options)?)),
@@ -42,15 +43,15 @@ struct EventDecoder {
     stream: i32,
     names: Vec<(i32, String)>,
     damage: Damage,
-    information: SourceInformation,
+    information: RecordingInformation,
 }
 
 impl EventDecoder {
-    fn open(path: &Path, options: &SourceOptions) -> Result<Self, SourceError> {
+    fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
         let packets = PacketReader::open(path)?;
         let header = packets.header();
         let mut notes = Vec::new();
-        let error = |kind| SourceError::new(path, kind);
+        let error = |kind| RecordingError::new(path, kind);
         let stream = choose_stream(header, options.stream.as_deref(), &mut notes).map_err(error)?;
         if header.table_position.is_none() {
             notes.push("the recording was not closed (it has no table of packets); it is read packet by packet".into());
@@ -58,12 +59,12 @@ impl EventDecoder {
         let sensor = sensor_size(stream).map_err(error)?;
         let names = header.streams.iter().map(|stream| (stream.id, describe(stream))).collect();
         let camera_name = stream.source.clone();
-        let information = SourceInformation { format: FORMAT.name, sensor, camera_name, notes };
+        let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, notes };
         Ok(Self { stream: stream.id, names, damage: options.damage, information, packets })
     }
 
     /// Appends the events of the packet `head`.
-    fn decode_packet(&mut self, head: &PacketHead, batch: &mut Vec<Event>) -> Result<(), SourceError> {
+    fn decode_packet(&mut self, head: &PacketHead, batch: &mut Vec<Event>) -> Result<(), RecordingError> {
         let content = self.packets.content(head)?;
         match events(content, head.cut_off) {
             Ok(events) => {
@@ -78,11 +79,11 @@ impl EventDecoder {
 }
 
 impl Decode for EventDecoder {
-    fn information(&self) -> &SourceInformation {
+    fn information(&self) -> &RecordingInformation {
         &self.information
     }
 
-    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         while batch.len() < BATCH {
             let Some(head) = self.packets.next_packet()? else {
                 report.truncated = self.packets.truncated().cloned();
@@ -96,7 +97,7 @@ impl Decode for EventDecoder {
             }
             match (self.decode_packet(&head, batch), self.damage) {
                 (Ok(()), _) => {}
-                (Err(SourceError { kind: SourceErrorKind::Damaged { .. }, .. }), Damage::Skip) => {
+                (Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }), Damage::Skip) => {
                     report.damaged_packets += 1;
                 }
                 (Err(error), _) => return Err(error),
@@ -136,15 +137,15 @@ fn choose_stream<'a>(
     header: &'a Header,
     wanted: Option<&str>,
     notes: &mut Vec<String>,
-) -> Result<&'a Stream, SourceErrorKind> {
+) -> Result<&'a Stream, RecordingErrorKind> {
     let of_events = || header.streams.iter().filter(|stream| stream.type_identifier == EVENTS);
     let Some(first) = of_events().next() else {
-        return Err(SourceErrorKind::NoEventStream(describe_all(header.streams.iter())));
+        return Err(RecordingErrorKind::NoEventStream(describe_all(header.streams.iter())));
     };
     match wanted {
         Some(wanted) => {
             of_events().find(|stream| stream.name == wanted || stream.id.to_string() == wanted).ok_or_else(|| {
-                SourceErrorKind::NoSuchStream { wanted: wanted.to_owned(), available: describe_all(of_events()) }
+                RecordingErrorKind::NoSuchStream { wanted: wanted.to_owned(), available: describe_all(of_events()) }
             })
         }
         None => {
@@ -157,14 +158,14 @@ fn choose_stream<'a>(
     }
 }
 
-fn sensor_size(stream: &Stream) -> Result<Option<Sensor>, SourceErrorKind> {
+fn sensor_size(stream: &Stream) -> Result<Option<Sensor>, RecordingErrorKind> {
     let Some((width, height)) = stream.size else {
         return Ok(None);
     };
     let side = |size: i64| u16::try_from(size).ok().filter(|side| (1..=MAX_SENSOR_SIZE).contains(side));
     match side(width).zip(side(height)) {
         Some(sensor) => Ok(Some(sensor.into())),
-        None => Err(SourceErrorKind::Sensor { width, height }),
+        None => Err(RecordingErrorKind::Sensor { width, height }),
     }
 }
 
@@ -216,7 +217,7 @@ mod tests {
         error: Option<String>,
     }
 
-    fn read(path: &Path, options: SourceOptions) -> Outcome {
+    fn read(path: &Path, options: RecordingOptions) -> Outcome {
         let opened = Recording::new(path, options).and_then(|recording| recording.open());
         let mut reader = match opened {
             Ok(reader) => reader,
@@ -241,7 +242,7 @@ mod tests {
         for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
             let packets = [(0, packet(compression, 0)), (1, vec![1, 2, 3]), (9, vec![]), (0, packet(compression, 50))];
             let (_directory, path) = file(compression, 346, &packets);
-            let outcome = read(&path, SourceOptions::default());
+            let outcome = read(&path, RecordingOptions::default());
             assert_eq!(outcome.error, None);
             assert_eq!(outcome.events, [events(0), events(50)].concat());
             assert!(outcome.notes.iter().any(|note| note.contains("not closed")));
@@ -260,12 +261,12 @@ mod tests {
             let (_directory, path) = file(compression, 346, &packets);
             let byte = std::fs::read(&path).unwrap().windows(8).position(|bytes| bytes == [0x5a; 8]).unwrap();
 
-            let outcome = read(&path, SourceOptions::default());
+            let outcome = read(&path, RecordingOptions::default());
             assert_eq!(outcome.events, events(0));
             let error = outcome.error.unwrap();
             assert!(error.contains(&format!("byte {byte}")) && error.contains("recording.aedat4"), "{error}");
 
-            let outcome = read(&path, SourceOptions { damage: Damage::Skip, ..SourceOptions::default() });
+            let outcome = read(&path, RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() });
             assert_eq!((outcome.error, outcome.report.damaged_packets), (None, 1));
             assert_eq!(outcome.events, [events(0), events(90)].concat());
         }
@@ -279,7 +280,7 @@ mod tests {
         let byte = bytes.len();
         bytes.extend_from_slice(&[0, 0, 0, 0, 0xff, 0xff, 0xff, 0xff, 1, 2, 3]);
         std::fs::write(&path, bytes).unwrap();
-        let outcome = read(&path, SourceOptions::default());
+        let outcome = read(&path, RecordingOptions::default());
         assert_eq!(outcome.events, events(0));
         assert!(outcome.error.unwrap().contains(&format!("byte {byte}")));
     }
@@ -288,14 +289,14 @@ mod tests {
     fn one_of_several_event_streams_can_be_chosen() {
         let compression = Compression::Lz4;
         let (_directory, path) = file(compression, 346, &[(0, packet(compression, 0)), (2, packet(compression, 50))]);
-        let outcome = read(&path, SourceOptions::default());
+        let outcome = read(&path, RecordingOptions::default());
         assert_eq!(outcome.events, events(0));
         assert!(outcome.notes.iter().any(|note| note.contains("2 more (EVTS)")), "{:?}", outcome.notes);
         for wanted in ["2", "more"] {
-            let outcome = read(&path, SourceOptions { stream: Some(wanted.into()), ..SourceOptions::default() });
+            let outcome = read(&path, RecordingOptions { stream: Some(wanted.into()), ..RecordingOptions::default() });
             assert_eq!(outcome.events, events(50));
         }
-        let outcome = read(&path, SourceOptions { stream: Some("frames".into()), ..SourceOptions::default() });
+        let outcome = read(&path, RecordingOptions { stream: Some("frames".into()), ..RecordingOptions::default() });
         assert!(outcome.error.unwrap().contains("0 events (EVTS), 2 more (EVTS)"));
     }
 
@@ -303,17 +304,17 @@ mod tests {
     fn a_sensor_that_is_too_large_is_refused() {
         for size in [32_768, 0, -5, 70_000] {
             let (_directory, path) = file(Compression::None, size, &[]);
-            let error = read(&path, SourceOptions::default()).error.unwrap();
+            let error = read(&path, RecordingOptions::default()).error.unwrap();
             assert!(error.contains(&size.to_string()), "{error}");
         }
         let (_directory, path) = file(Compression::None, 32_767, &[]);
-        assert_eq!(read(&path, SourceOptions::default()).error, None);
+        assert_eq!(read(&path, RecordingOptions::default()).error, None);
     }
 
     #[test]
     fn packets_that_unpack_to_too_much_are_damage() {
         let bomb = zstd::bulk::compress(&vec![0; (1 << 29) + 1], 1).unwrap();
         let (_directory, path) = file(Compression::Zstd, 346, &[(0, bomb)]);
-        assert!(read(&path, SourceOptions::default()).error.unwrap().contains("512 MiB"));
+        assert!(read(&path, RecordingOptions::default()).error.unwrap().contains("512 MiB"));
     }
 }

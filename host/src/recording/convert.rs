@@ -17,7 +17,7 @@ use usb_davis::capture::CaptureError;
 
 use crate::recording::aedat4::header::Compression;
 use crate::recording::write::{OutputFormat, WriteError};
-use crate::recording::{EventReader, ReadReport, Recording, SourceError};
+use crate::recording::{EventReader, ReadReport, Recording, RecordingError};
 use evcal_core::sensor::Sensor;
 use extras::{Extra, Extras};
 use sink::Sink;
@@ -83,7 +83,7 @@ pub struct ConversionReport {
 pub enum ConvertError {
     /// The recording cannot be opened.
     #[error(transparent)]
-    Source(#[from] SourceError),
+    Source(#[from] RecordingError),
     /// The camera's stream cannot be read.
     #[error("{}: {error}", path.display())]
     Capture {

@@ -16,10 +16,10 @@ pub use messages::{CameraClock, event};
 use usb_davis::capture::{CaptureFormat, sniff};
 use usb_davis::protocol::Message;
 
-use super::{Decode, Format, Head, ReadReport, SourceError, SourceInformation, StreamSummary};
+use super::{Decode, FileFormat, Head, ReadReport, RecordingError, RecordingInformation, StreamSummary};
 
 /// Dumps and captures, which begin with a mark.
-pub const FORMAT: Format = Format {
+pub const FORMAT: FileFormat = FileFormat {
     name: "DAVIS USB recording",
     recognise: |head| is(head, &[CaptureFormat::Dvraw, CaptureFormat::Packets]),
     open: |path, _| open(path, FORMAT.name),
@@ -27,7 +27,7 @@ pub const FORMAT: Format = Format {
 };
 
 /// The stream alone, which can be told from other files only by its words.
-pub const BARE_FORMAT: Format = Format {
+pub const BARE_FORMAT: FileFormat = FileFormat {
     name: "bare DAVIS stream",
     recognise: |head| is(head, &[CaptureFormat::BarePayload]),
     open: |path, _| open(path, BARE_FORMAT.name),
@@ -42,17 +42,17 @@ fn is(head: &Head, formats: &[CaptureFormat]) -> bool {
 
 struct Transfers {
     messages: Messages,
-    information: SourceInformation,
+    information: RecordingInformation,
 }
 
-fn open(path: &Path, format: &'static str) -> Result<Box<dyn Decode>, SourceError> {
+fn open(path: &Path, format: &'static str) -> Result<Box<dyn Decode>, RecordingError> {
     let messages = Messages::open(path)?;
     let header = messages.header();
     let mut notes = Vec::new();
     if header.registers.is_empty() {
         notes.push("the recording does not hold the camera's registers: taken for a DAVIS346".to_owned());
     }
-    let information = SourceInformation {
+    let information = RecordingInformation {
         format,
         sensor: Some(header.registers.layout().dvs.size().into()),
         camera_name: header.identity.is_some().then(|| header.camera_name()),
@@ -62,11 +62,11 @@ fn open(path: &Path, format: &'static str) -> Result<Box<dyn Decode>, SourceErro
 }
 
 impl Decode for Transfers {
-    fn information(&self) -> &SourceInformation {
+    fn information(&self) -> &RecordingInformation {
         &self.information
     }
 
-    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut more = true;
         while more && batch.len() < BATCH {
             more = self.messages.next(|message, shift| {
@@ -81,7 +81,7 @@ impl Decode for Transfers {
 }
 
 /// Counts what the stream holds.
-fn summarise(path: &Path) -> Result<Vec<StreamSummary>, SourceError> {
+fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut messages = Messages::open(path)?;
     let names = ["events", "frames", "inertial samples", "signals"];
     let mut summaries =
@@ -120,7 +120,7 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
-    use crate::recording::{Recording, SourceOptions};
+    use crate::recording::{Recording, RecordingOptions};
 
     #[test]
     fn dumps_and_bare_streams_give_the_events_they_were_made_of() {
@@ -145,7 +145,7 @@ mod tests {
         for (content, format) in [(dump, FORMAT.name), (bytes, BARE_FORMAT.name)] {
             let path = directory.path().join("recording");
             std::fs::write(&path, content).expect("it can be written");
-            let recording = Recording::new(&path, SourceOptions::default()).expect("it is known");
+            let recording = Recording::new(&path, RecordingOptions::default()).expect("it is known");
             assert_eq!(recording.format(), format);
             let mut reader = recording.open().expect("it can be read");
             assert_eq!(reader.information().sensor, Some(Sensor::new(346, 260)));

@@ -6,16 +6,16 @@ use std::path::{Path, PathBuf};
 /// Why a recording could not be read.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {kind}", path.display())]
-pub struct SourceError {
+pub struct RecordingError {
     /// The file.
     pub path: PathBuf,
     /// What happened.
-    pub kind: SourceErrorKind,
+    pub kind: RecordingErrorKind,
 }
 
 /// What happened to a recording.
 #[derive(Debug, thiserror::Error)]
-pub enum SourceErrorKind {
+pub enum RecordingErrorKind {
     /// The operating system refused.
     #[error("cannot be read: {0}")]
     Io(io::Error),
@@ -92,12 +92,12 @@ pub enum SourceErrorKind {
     Layout(String),
 }
 
-impl SourceError {
-    pub(crate) fn new(path: &Path, kind: SourceErrorKind) -> Self {
+impl RecordingError {
+    pub(crate) fn new(path: &Path, kind: RecordingErrorKind) -> Self {
         Self { path: path.to_owned(), kind }
     }
 
     pub(crate) fn io(path: &Path, error: io::Error) -> Self {
-        Self::new(path, SourceErrorKind::Io(error))
+        Self::new(path, RecordingErrorKind::Io(error))
     }
 }

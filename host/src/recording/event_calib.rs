@@ -11,16 +11,17 @@ use evcal_core::event::{Event, Polarity};
 
 use super::write::{Encode, WriteError};
 use super::{
-    Decode, Format, Head, MAX_SENSOR_SIZE, ReadReport, SourceError, SourceErrorKind, SourceInformation, Truncation,
+    Decode, FileFormat, Head, MAX_SENSOR_SIZE, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
+    Truncation,
 };
 
 /// EventCalib binary.
-pub const FORMAT: Format = Format {
+pub const FORMAT: FileFormat = FileFormat {
     name: "EventCalib binary",
     recognise,
     open: |path, _| {
-        let file = File::open(path).map_err(|error| SourceError::io(path, error))?;
-        let information = SourceInformation {
+        let file = File::open(path).map_err(|error| RecordingError::io(path, error))?;
+        let information = RecordingInformation {
             format: FORMAT.name,
             sensor: None,
             camera_name: None,
@@ -78,13 +79,13 @@ fn recognise(head: &Head) -> bool {
 struct Decoder {
     path: PathBuf,
     file: BufReader<File>,
-    information: SourceInformation,
+    information: RecordingInformation,
     records: u64,
 }
 
 impl Decoder {
     /// The next record; `None` at the end of the file.
-    fn next_record(&mut self, report: &mut ReadReport) -> Result<Option<[u8; RECORD]>, SourceError> {
+    fn next_record(&mut self, report: &mut ReadReport) -> Result<Option<[u8; RECORD]>, RecordingError> {
         let mut bytes = [0; RECORD];
         let mut length = 0;
         while let Some(rest) = bytes.get_mut(length..).filter(|rest| !rest.is_empty()) {
@@ -99,7 +100,7 @@ impl Decoder {
                 }
                 Ok(count) => length += count,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(SourceError::io(&self.path, error)),
+                Err(error) => return Err(RecordingError::io(&self.path, error)),
             }
         }
         self.records += 1;
@@ -108,8 +109,8 @@ impl Decoder {
 }
 
 /// The event in record number `index`, from 0.
-fn event(record: &Record, index: u64) -> Result<Event, SourceErrorKind> {
-    let error = |what: String| SourceErrorKind::Event { event: index + 1, what };
+fn event(record: &Record, index: u64) -> Result<Event, RecordingErrorKind> {
+    let error = |what: String| RecordingErrorKind::Event { event: index + 1, what };
     // NaN fails the comparison too.
     let is_time = record.t.abs() < MAX_TIME;
     if !is_time {
@@ -139,11 +140,11 @@ fn event(record: &Record, index: u64) -> Result<Event, SourceErrorKind> {
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &SourceInformation {
+    fn information(&self) -> &RecordingInformation {
         &self.information
     }
 
-    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         while batch.len() < BATCH {
             let (records, _) = self.file.buffer().as_chunks();
             let decoded = (self.records..).zip(records).map(|(index, bytes)| event(&record(bytes), index));
@@ -153,13 +154,13 @@ impl Decode for Decoder {
             self.file.consume(count * RECORD);
             self.records += count as u64;
             // The buffer is empty or ends within a record, unless it holds an error or the batch is full.
-            result.map_err(|kind| SourceError::new(&self.path, kind))?;
+            result.map_err(|kind| RecordingError::new(&self.path, kind))?;
             if batch.len() < BATCH {
                 let index = self.records;
                 let Some(bytes) = self.next_record(report)? else {
                     return Ok(false);
                 };
-                batch.push(event(&record(&bytes), index).map_err(|kind| SourceError::new(&self.path, kind))?);
+                batch.push(event(&record(&bytes), index).map_err(|kind| RecordingError::new(&self.path, kind))?);
             }
         }
         Ok(true)
@@ -190,7 +191,7 @@ impl<W: Write> Encode for Encoder<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::{Recording, SourceOptions};
+    use crate::recording::{Recording, RecordingOptions};
 
     fn bytes(t: f64, x: f64, y: f64, polarity: u8) -> Vec<u8> {
         [t.to_le_bytes(), x.to_le_bytes(), y.to_le_bytes()].concat().into_iter().chain([polarity]).collect()
@@ -200,7 +201,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.bin");
         std::fs::write(&path, content).unwrap();
-        let opened = Recording::new(&path, SourceOptions::default()).and_then(|recording| recording.open());
+        let opened = Recording::new(&path, RecordingOptions::default()).and_then(|recording| recording.open());
         let mut reader = match opened {
             Ok(reader) => reader,
             Err(error) => return (Vec::new(), Some(error.to_string())),

@@ -7,7 +7,7 @@ use std::fmt;
 use evcal_core::event::{Event, Polarity};
 use serde::Serialize;
 
-use crate::recording::{ReadReport, Recording, SourceError, StreamSummary};
+use crate::recording::{ReadReport, Recording, RecordingError, StreamSummary};
 
 /// Length of the bins of the peak rate, in microseconds.
 const RATE_BIN: i64 = 10_000;
@@ -107,7 +107,7 @@ pub struct HotPixel {
 /// # Errors
 /// When it cannot be opened. An error further on ends up in [`Information::error`], with the figures
 /// of what was read until then.
-pub fn gather(recording: &Recording) -> Result<Information, SourceError> {
+pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
     let mut reader = recording.open()?;
     let mut statistics = Statistics::default();
     let mut events = Vec::new();
@@ -333,11 +333,11 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::recording::SourceOptions;
+    use crate::recording::RecordingOptions;
     use crate::recording::write::{EventWriter, OutputFormat};
 
     fn of(path: &Path) -> Information {
-        gather(&Recording::new(path, SourceOptions::default()).unwrap()).unwrap()
+        gather(&Recording::new(path, RecordingOptions::default()).unwrap()).unwrap()
     }
 
     /// 1000 events at 1 kev/s going round 100 pixels, 500 in 5 ms from 2 s on at (7, 7), and one at 3 s.

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 /// What to take for granted when a recording is read. The default takes everything from the file.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct SourceOptions {
+pub struct RecordingOptions {
     /// Name or number of the event stream to read; the first one if not given.
     pub stream: Option<String>,
     /// Width and height of the sensor in pixels, instead of what the file says.

@@ -6,7 +6,7 @@ use evcal_core::event::Event;
 use serde::Serialize;
 
 use crate::calibrate::input::Input;
-use crate::recording::{ReadReport, Recording, SourceError};
+use crate::recording::{ReadReport, Recording, RecordingError};
 
 /// What was read of a recording.
 #[derive(Clone, Debug, Serialize)]
@@ -32,7 +32,7 @@ pub struct Pass {
     /// What the reader met.
     pub report: ReadReport,
     /// What ended the pass before the end of the recording.
-    pub damage: Option<SourceError>,
+    pub damage: Option<RecordingError>,
 }
 
 impl Pass {
@@ -63,8 +63,8 @@ impl Pass {
 /// Hands all events of an input to `visit`, with times from its first event; nothing for circles.
 ///
 /// # Errors
-/// [`SourceError`] when the recording cannot be read.
-pub fn read_events(inputs: &[Input], index: usize, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, SourceError> {
+/// [`RecordingError`] when the recording cannot be read.
+pub fn read_events(inputs: &[Input], index: usize, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, RecordingError> {
     let Some(Input::Events(recording)) = inputs.get(index) else {
         let report = ReadReport::default();
         return Ok(Pass { count: 0, first: 0, last: 0, assumptions: Vec::new(), report, damage: None });
@@ -79,8 +79,8 @@ const READ_AHEAD: usize = 4;
 /// those before the damage. A thread of its own reads ahead.
 ///
 /// # Errors
-/// [`SourceError`] when not one event can be read.
-pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, SourceError> {
+/// [`RecordingError`] when not one event can be read.
+pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, RecordingError> {
     std::thread::scope(|scope| {
         let (sender, batches) = sync_channel(READ_AHEAD);
         let reader = scope.spawn(move || read_ahead(recording, &sender));
@@ -91,7 +91,7 @@ pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) ->
     })
 }
 
-fn read_ahead(recording: &Recording, sender: &SyncSender<Vec<Event>>) -> Result<Pass, SourceError> {
+fn read_ahead(recording: &Recording, sender: &SyncSender<Vec<Event>>) -> Result<Pass, RecordingError> {
     let mut reader = recording.open()?;
     let (mut count, mut first, mut last) = (0, None, 0);
     let damage = loop {

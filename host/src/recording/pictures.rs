@@ -4,7 +4,7 @@ use usb_davis::protocol::{Message, Shutter};
 
 use crate::recording::aedat4::other_streams::{Frame, FrameReader};
 use crate::recording::davis::Messages;
-use crate::recording::{Recording, SourceError, aedat4, davis};
+use crate::recording::{Recording, RecordingError, aedat4, davis};
 
 /// A grey picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,7 +88,10 @@ pub fn may_hold_frames(format: &str) -> bool {
 ///
 /// # Errors
 /// When the file cannot be opened.
-pub fn visit_frames(recording: &Recording, mut visit: impl FnMut(TimedImage)) -> Result<Option<String>, SourceError> {
+pub fn visit_frames(
+    recording: &Recording,
+    mut visit: impl FnMut(TimedImage),
+) -> Result<Option<String>, RecordingError> {
     let format = recording.format();
     if !may_hold_frames(format) {
         return Ok(None);
@@ -161,7 +164,7 @@ mod tests {
     use usb_davis::protocol::{Frame as WireFrame, Region};
 
     use super::*;
-    use crate::recording::SourceOptions;
+    use crate::recording::RecordingOptions;
     use crate::recording::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
 
     #[test]
@@ -186,7 +189,7 @@ mod tests {
         }
         encoder.advance(100_000).unwrap();
         encoder.finish().unwrap();
-        let recording = Recording::new(&path, SourceOptions::default()).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
         let mut images = Vec::new();
         assert_eq!(visit_frames(&recording, |image| images.push(image)).unwrap(), None);
         let [global, rolling] = &images[..] else { panic!("{} images", images.len()) };

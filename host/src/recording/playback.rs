@@ -17,7 +17,7 @@ use usb_davis::emulator::{CapturePieces, Piece, default_registers};
 use usb_davis::protocol::{EncodeError, Encoder, Layout, Polarity as WirePolarity, PolarityEvent};
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
-use crate::recording::{Recording, RecordingKind, SourceError, SourceOptions, davis, sniff};
+use crate::recording::{Recording, RecordingError, RecordingKind, RecordingOptions, davis, sniff};
 use evcal_core::sensor::Sensor;
 
 /// Pieces that are read ahead.
@@ -34,7 +34,7 @@ const FIRMWARE: u16 = 6;
 #[derive(Debug)]
 pub enum PlaybackError {
     /// It cannot be read.
-    Source(SourceError),
+    Source(RecordingError),
     /// Its transfers cannot be read.
     Capture(PathBuf, CaptureError),
     /// It comes from a larger sensor: width and height in pixels.
@@ -62,8 +62,8 @@ impl fmt::Display for PlaybackError {
 
 impl std::error::Error for PlaybackError {}
 
-impl From<SourceError> for PlaybackError {
-    fn from(error: SourceError) -> Self {
+impl From<RecordingError> for PlaybackError {
+    fn from(error: RecordingError) -> Self {
         Self::Source(error)
     }
 }
@@ -90,7 +90,7 @@ impl Playback {
     ///
     /// # Errors
     /// When it cannot be read, or comes from a sensor larger than that of a DAVIS346.
-    pub fn open(path: &Path, options: SourceOptions) -> Result<Self, PlaybackError> {
+    pub fn open(path: &Path, options: RecordingOptions) -> Result<Self, PlaybackError> {
         let transfers = [davis::FORMAT.name, davis::BARE_FORMAT.name];
         if matches!(sniff(path)?, RecordingKind::Events { format } if transfers.contains(&format)) {
             let capture = open(path)?;
@@ -214,7 +214,7 @@ mod tests {
     }
 
     fn pieces(path: &Path) -> Vec<Piece> {
-        let (mut play, failures) = Playback::open(path, SourceOptions::default()).unwrap().plays();
+        let (mut play, failures) = Playback::open(path, RecordingOptions::default()).unwrap().plays();
         let pieces: Vec<Piece> = play().collect();
         assert_eq!(play().collect::<Vec<_>>(), pieces);
         assert!(failures.try_recv().is_err());
@@ -267,7 +267,7 @@ mod tests {
             dump.transfer(&transfer).unwrap();
         }
         std::fs::write(&path, dump.finish().unwrap()).unwrap();
-        let playback = Playback::open(&path, SourceOptions::default()).unwrap();
+        let playback = Playback::open(&path, RecordingOptions::default()).unwrap();
         assert_eq!((playback.serial(), playback.header()), ("0042", &header));
         let sent: Vec<u8> = pieces(&path).into_iter().flat_map(|piece| piece.bytes).collect();
         assert_eq!(sent, payload);
@@ -281,10 +281,10 @@ mod tests {
         let mut writer = EventWriter::create(&path, OutputFormat::Text, Sensor::new(640, 480), "").unwrap();
         writer.write(&large).unwrap();
         writer.finish().unwrap();
-        let error = Playback::open(&path, SourceOptions::default()).err().unwrap().to_string();
+        let error = Playback::open(&path, RecordingOptions::default()).err().unwrap().to_string();
         assert!(error.contains("640x480") && error.contains("large.csv"), "{error}");
         std::fs::write(&path, "0 1 1 1\n10 2 2 0\n20 400 3 1\n").unwrap();
-        let (mut play, failures) = Playback::open(&path, SourceOptions::default()).unwrap().plays();
+        let (mut play, failures) = Playback::open(&path, RecordingOptions::default()).unwrap().plays();
         assert_eq!(play().count(), 0);
         let error = failures.recv().unwrap().to_string();
         assert!(error.contains("event 2") && error.contains("(400, 3)"), "{error}");

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
 
-use super::{MAX_SENSOR_SIZE, SourceError, SourceErrorKind, SourceInformation, SourceOptions};
+use super::{MAX_SENSOR_SIZE, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions};
 use evcal_core::sensor::Sensor;
 
 /// A step back of at most this many microseconds is jitter; a larger one is a clock that was reset.
@@ -22,14 +22,14 @@ const MAX_TIME: i64 = 1 << 55;
 /// Turns the bytes of one format into events, in the order of the file.
 pub trait Decode: Send {
     /// What the header of the file says.
-    fn information(&self) -> &SourceInformation;
+    fn information(&self) -> &RecordingInformation;
 
     /// Appends the next events to `batch`, which is empty, and counts in `report` whatever was not
     /// an event. Returns false when the file has ended.
     ///
     /// # Errors
     /// Events that were decoded before an error are in `batch` and count.
-    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError>;
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError>;
 }
 
 /// Where a file ends although more should follow.
@@ -119,12 +119,12 @@ impl StreamFaults {
 pub struct EventReader {
     path: PathBuf,
     decoder: Box<dyn Decode>,
-    information: SourceInformation,
+    information: RecordingInformation,
     report: ReadReport,
     clock: Option<Clock>,
     decoded: u64,
     ended: bool,
-    pending: Option<SourceError>,
+    pending: Option<RecordingError>,
     span: Option<(i64, i64)>,
 }
 
@@ -136,7 +136,11 @@ struct Clock {
 }
 
 impl EventReader {
-    pub(super) fn new(path: &Path, decoder: Box<dyn Decode>, options: &SourceOptions) -> Result<Self, SourceError> {
+    pub(super) fn new(
+        path: &Path,
+        decoder: Box<dyn Decode>,
+        options: &RecordingOptions,
+    ) -> Result<Self, RecordingError> {
         let mut information = decoder.information().clone();
         if let Some(sensor) = options.sensor {
             if let Some(Sensor { width, height }) = information.sensor.filter(|&own| own != sensor) {
@@ -150,8 +154,8 @@ impl EventReader {
         if let Some(Sensor { width, height }) = information.sensor
             && !((1..=MAX_SENSOR_SIZE).contains(&width) && (1..=MAX_SENSOR_SIZE).contains(&height))
         {
-            let kind = SourceErrorKind::Sensor { width: width.into(), height: height.into() };
-            return Err(SourceError::new(path, kind));
+            let kind = RecordingErrorKind::Sensor { width: width.into(), height: height.into() };
+            return Err(RecordingError::new(path, kind));
         }
         Ok(Self {
             path: path.to_owned(),
@@ -172,7 +176,7 @@ impl EventReader {
     }
 
     /// What is known of the recording.
-    pub fn information(&self) -> &SourceInformation {
+    pub fn information(&self) -> &RecordingInformation {
         &self.information
     }
 
@@ -192,7 +196,7 @@ impl EventReader {
     ///
     /// # Errors
     /// After an error, the events before it have been handed out, and no more follow.
-    pub fn next_batch(&mut self, events: &mut Vec<Event>) -> Result<bool, SourceError> {
+    pub fn next_batch(&mut self, events: &mut Vec<Event>) -> Result<bool, RecordingError> {
         events.clear();
         while events.is_empty() {
             if let Some(error) = self.pending.take() {
@@ -210,7 +214,7 @@ impl EventReader {
             }
             if let Err(kind) = self.check(events) {
                 self.ended = true;
-                self.pending = Some(SourceError::new(&self.path, kind));
+                self.pending = Some(RecordingError::new(&self.path, kind));
             }
             self.cut(events);
         }
@@ -230,7 +234,7 @@ impl EventReader {
     }
 
     /// Puts times in order and drops what is out of range; on an error, `events` are those before it.
-    fn check(&mut self, events: &mut Vec<Event>) -> Result<(), SourceErrorKind> {
+    fn check(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let Sensor { width, height } = self.information.sensor.unwrap_or(Sensor::new(MAX_SENSOR_SIZE, MAX_SENSOR_SIZE));
         let mut result = Ok(());
         let mut kept = 0;
@@ -257,11 +261,11 @@ impl EventReader {
     }
 
     /// The time to hand out for an event whose time in the file is `t`.
-    fn order(&mut self, t: i64) -> Result<i64, SourceErrorKind> {
+    fn order(&mut self, t: i64) -> Result<i64, RecordingErrorKind> {
         if !(-MAX_TIME..=MAX_TIME).contains(&t) {
             let what =
                 format!("its time, {t} us, is out of range; is the recording damaged, or its time unit another one?");
-            return Err(SourceErrorKind::Event { event: self.decoded, what });
+            return Err(RecordingErrorKind::Event { event: self.decoded, what });
         }
         let Some(clock) = &mut self.clock else {
             self.clock = Some(Clock { latest: t, shift: 0 });
@@ -285,7 +289,7 @@ impl EventReader {
                  sort them, or check the column and the unit of the time",
                 self.report.clock_resets
             );
-            return Err(SourceErrorKind::Event { event: self.decoded, what });
+            return Err(RecordingErrorKind::Event { event: self.decoded, what });
         }
         clock.latest += PAUSE_AFTER_RESET;
         clock.shift = clock.latest - t;
@@ -300,14 +304,14 @@ mod tests {
     use super::*;
 
     /// Hands out the events two by two.
-    struct Given(Vec<Event>, SourceInformation);
+    struct Given(Vec<Event>, RecordingInformation);
 
     impl Decode for Given {
-        fn information(&self) -> &SourceInformation {
+        fn information(&self) -> &RecordingInformation {
             &self.1
         }
 
-        fn decode(&mut self, batch: &mut Vec<Event>, _: &mut ReadReport) -> Result<bool, SourceError> {
+        fn decode(&mut self, batch: &mut Vec<Event>, _: &mut ReadReport) -> Result<bool, RecordingError> {
             let count = self.0.len().min(2);
             batch.extend(self.0.drain(..count));
             Ok(!self.0.is_empty())
@@ -315,8 +319,8 @@ mod tests {
     }
 
     fn reader(events: Vec<Event>, own: Option<Sensor>, wanted: Option<Sensor>) -> EventReader {
-        let information = SourceInformation { format: "given", sensor: own, camera_name: None, notes: Vec::new() };
-        let options = SourceOptions { sensor: wanted, ..SourceOptions::default() };
+        let information = RecordingInformation { format: "given", sensor: own, camera_name: None, notes: Vec::new() };
+        let options = RecordingOptions { sensor: wanted, ..RecordingOptions::default() };
         EventReader::new(Path::new("given"), Box::new(Given(events, information)), &options).unwrap()
     }
 
@@ -325,7 +329,7 @@ mod tests {
     }
 
     /// The times handed out, the report, and the error at the end.
-    fn times(events: Vec<Event>) -> (Vec<i64>, ReadReport, Option<SourceError>) {
+    fn times(events: Vec<Event>) -> (Vec<i64>, ReadReport, Option<RecordingError>) {
         let mut reader = reader(events, None, None);
         let (mut all, mut batch) = (Vec::new(), Vec::new());
         let error = loop {
@@ -396,9 +400,9 @@ mod tests {
     fn a_sensor_that_no_camera_has_is_refused() {
         for sensor in [Sensor::new(0, 260), Sensor::new(346, 0), Sensor::new(32_768, 260)] {
             let information =
-                SourceInformation { format: "given", sensor: Some(sensor), camera_name: None, notes: Vec::new() };
+                RecordingInformation { format: "given", sensor: Some(sensor), camera_name: None, notes: Vec::new() };
             let decoder = Box::new(Given(Vec::new(), information));
-            assert!(EventReader::new(Path::new("given"), decoder, &SourceOptions::default()).is_err());
+            assert!(EventReader::new(Path::new("given"), decoder, &RecordingOptions::default()).is_err());
         }
     }
 }

@@ -1,11 +1,11 @@
 //! Text and CSV: one event per line.
 //!
 //! Fields are separated by spaces, tabs, commas or semicolons. Lines that begin with `#` or `%` are
-//! comments. What the columns are is taken from, in this order: [`SourceOptions::columns`], a line of
+//! comments. What the columns are is taken from, in this order: [`RecordingOptions::columns`], a line of
 //! names at the top (also inside the last comment), the values of the first lines. The unit of time
-//! comes from [`SourceOptions::time_unit`], the name of the column (`t_us`, `time [s]`…), or the
+//! comes from [`RecordingOptions::time_unit`], the name of the column (`t_us`, `time [s]`…), or the
 //! values: with decimals, seconds; whole numbers, microseconds unless all are multiples of 1000 or
-//! beyond 10¹⁷, then nanoseconds. Whatever was guessed is in [`SourceInformation::notes`].
+//! beyond 10¹⁷, then nanoseconds. Whatever was guessed is in [`RecordingInformation::notes`].
 //!
 //! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`. Before the first event a line with
 //! two whole numbers may give the width and height of the sensor.
@@ -24,12 +24,12 @@ use layout::Layout;
 
 use super::write::{Encode, WriteError};
 use super::{
-    Column, Decode, Format, Head, ReadReport, SourceError, SourceErrorKind, SourceInformation, SourceOptions,
-    Truncation,
+    Column, Decode, FileFormat, Head, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
+    RecordingOptions, Truncation,
 };
 
 /// Text or CSV.
-pub const FORMAT: Format = Format {
+pub const FORMAT: FileFormat = FileFormat {
     name: "text",
     recognise: |head| head.text().is_some_and(|text| text.bytes().any(|byte| byte.is_ascii_digit())),
     open: |path, options| Ok(Box::new(Decoder::open(path, options)?)),
@@ -46,7 +46,7 @@ struct Decoder {
     path: PathBuf,
     file: BufReader<File>,
     layout: Layout,
-    information: SourceInformation,
+    information: RecordingInformation,
     line: Vec<u8>,
     /// Number of the line that was read last, from 1.
     number: u64,
@@ -64,13 +64,13 @@ enum Line {
 }
 
 impl Decoder {
-    fn open(path: &Path, options: &SourceOptions) -> Result<Self, SourceError> {
+    fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
         let head = Head::read(path)?;
         let layout = head.text().ok_or_else(|| "is no text".to_owned()).and_then(|text| layout::find(text, options));
-        let layout = layout.map_err(|what| SourceError::new(path, SourceErrorKind::Layout(what)))?;
-        let file = File::open(path).map_err(|error| SourceError::io(path, error))?;
+        let layout = layout.map_err(|what| RecordingError::new(path, RecordingErrorKind::Layout(what)))?;
+        let file = File::open(path).map_err(|error| RecordingError::io(path, error))?;
         let file = BufReader::with_capacity(1 << 18, file);
-        let information = SourceInformation {
+        let information = RecordingInformation {
             format: FORMAT.name,
             sensor: layout.sensor,
             camera_name: None,
@@ -93,10 +93,10 @@ impl Decoder {
         Some(plain.event)
     }
 
-    fn next_line(&mut self, report: &mut ReadReport) -> Result<Line, SourceError> {
+    fn next_line(&mut self, report: &mut ReadReport) -> Result<Line, RecordingError> {
         self.line.clear();
         let read = self.file.by_ref().take(MAX_LINE).read_until(b'\n', &mut self.line);
-        let length = read.map_err(|error| SourceError::io(&self.path, error))?;
+        let length = read.map_err(|error| RecordingError::io(&self.path, error))?;
         if length == 0 {
             return Ok(Line::End);
         }
@@ -134,17 +134,17 @@ impl Decoder {
         }
     }
 
-    fn error(&self, what: String) -> SourceError {
-        SourceError::new(&self.path, SourceErrorKind::Line { line: self.number, what })
+    fn error(&self, what: String) -> RecordingError {
+        RecordingError::new(&self.path, RecordingErrorKind::Line { line: self.number, what })
     }
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &SourceInformation {
+    fn information(&self) -> &RecordingInformation {
         &self.information
     }
 
-    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, SourceError> {
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         while batch.len() < BATCH {
             if let Some(event) = self.next_plain_line() {
                 batch.push(event);
@@ -259,7 +259,10 @@ mod tests {
     use super::*;
     use crate::recording::{Recording, TimeUnit};
 
-    fn read(text: &[u8], options: SourceOptions) -> Result<(Vec<Event>, SourceInformation, ReadReport), SourceError> {
+    fn read(
+        text: &[u8],
+        options: RecordingOptions,
+    ) -> Result<(Vec<Event>, RecordingInformation, ReadReport), RecordingError> {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events");
         std::fs::write(&path, text).unwrap();
@@ -271,12 +274,12 @@ mod tests {
         Ok((all, reader.information().clone(), reader.report().clone()))
     }
 
-    fn default(text: &str) -> (Vec<Event>, SourceInformation, ReadReport) {
-        read(text.as_bytes(), SourceOptions::default()).unwrap()
+    fn default(text: &str) -> (Vec<Event>, RecordingInformation, ReadReport) {
+        read(text.as_bytes(), RecordingOptions::default()).unwrap()
     }
 
     fn failure(text: &str) -> String {
-        read(text.as_bytes(), SourceOptions::default()).unwrap_err().to_string()
+        read(text.as_bytes(), RecordingOptions::default()).unwrap_err().to_string()
     }
 
     fn event(t: i64, x: u16, y: u16, polarity: Polarity) -> Event {
@@ -321,10 +324,10 @@ mod tests {
 
     #[test]
     fn options_have_the_last_word() {
-        let options = SourceOptions {
+        let options = RecordingOptions {
             columns: Some("-,y,x,p,t".parse().unwrap()),
             time_unit: Some(TimeUnit::Milliseconds),
-            ..SourceOptions::default()
+            ..RecordingOptions::default()
         };
         let (events, information, _) = read(b"9 7 5 1 2\n9 8 6 0 3\n", options).unwrap();
         assert_eq!(events, [event(2000, 5, 7, Polarity::On), event(3000, 6, 8, Polarity::Off)]);

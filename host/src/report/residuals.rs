@@ -12,7 +12,7 @@ use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::stretch::residuals;
 use crate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
-use crate::trust::residual_map::{Pattern, ResidualMap};
+use crate::trust::residual_map::{ResidualMap, ResidualPattern};
 
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
 
@@ -103,8 +103,8 @@ fn by_place(calibrated: &Calibrated, map: &ResidualMap) -> Markup {
     }
 }
 
-fn pattern_in_words(pattern: &Pattern) -> Markup {
-    let Pattern { cells, shift, shift_ratio, outward, outward_ratio } = *pattern;
+fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
+    let ResidualPattern { cells, shift, shift_ratio, outward, outward_ratio } = *pattern;
     html! {
         @if cells == 0 {
             p { "No cell of the sensor saw enough to tell noise from a pattern." }

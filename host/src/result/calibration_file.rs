@@ -9,8 +9,8 @@ use crate::picture_calibration::joint::JointReport;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, ClassBias};
 use crate::trust::coverage::Coverage;
-use crate::trust::residual_map::Pattern;
-use crate::trust::split_half::{HeldOut, SplitHalf};
+use crate::trust::residual_map::ResidualPattern;
+use crate::trust::split_half::{HeldOutResidual, SplitHalf};
 use crate::trust::verdict::Verdict;
 use crate::trust::witness::FrameOutcome;
 use crate::trust::{ObservedRadius, Trust};
@@ -18,7 +18,7 @@ use evcal_core::sensor::Sensor;
 
 /// Everything that a calibration found out. Field order is the order in the file.
 #[derive(Clone, Debug, Serialize)]
-pub struct Calibration {
+pub struct CalibrationFile {
     /// Always `evcal-calibration`.
     pub format: &'static str,
     /// Version of this layout.
@@ -42,7 +42,7 @@ pub struct Calibration {
     /// Two halves of the recordings calibrated apart, if they are long enough.
     pub split_half: Option<SplitHalfSummary>,
     /// Whether residuals stay in the same places of the image.
-    pub residual_pattern: Pattern,
+    pub residual_pattern: ResidualPattern,
     /// The circles' radius as the events see it.
     pub observed_radius: Option<ObservedRadius>,
     /// The lens before the joint solve.
@@ -163,7 +163,7 @@ pub struct SplitHalfSummary {
     /// What it stays below in 95 of 100 cases if the uncertainties are right (px).
     pub bound: f64,
     /// How well each half's camera explains the other half.
-    pub held_out: HeldOut,
+    pub held_out: HeldOutResidual,
 }
 
 impl From<&SplitHalf> for SplitHalfSummary {
@@ -194,7 +194,7 @@ pub struct SegmentSummary {
     pub observations: usize,
 }
 
-impl Calibration {
+impl CalibrationFile {
     /// The result of `calibrated`, seen on `board`.
     pub fn new(calibrated: &Calibrated, board: &crate::board::Board) -> Self {
         let state = &calibrated.refined.state;

@@ -4,7 +4,7 @@ use evcal_core::event::Event;
 use serde::{Deserialize, Serialize};
 use usb_davis::protocol::ImuSample;
 
-use super::frame::{FrameSensor, FrameSettings, FrameTimes, SimulatedFrame};
+use super::frame::{ExposureModel, FrameSensor, FrameTimes, SimulatedFrame};
 use super::inertia::{InertialBias, InertialSettings, InertialTruth, InertialUnit};
 use super::row::TICK;
 use super::{EventCounts, SLICE_TICKS, Simulation, SimulationError};
@@ -15,7 +15,7 @@ use crate::lens::camera_file::CameraDescription;
 #[serde(deny_unknown_fields)]
 pub struct DavisSettings {
     /// Frames, if any.
-    pub frames: Option<FrameSettings>,
+    pub frames: Option<ExposureModel>,
     /// Inertial samples, if any.
     pub imu: Option<InertialSettings>,
 }

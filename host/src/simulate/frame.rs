@@ -29,7 +29,7 @@ const FRAME_STREAM: u64 = 1 << 32;
 /// How the frame sensor is set up. Values of pixels run from 0 to [`FULL_SCALE`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FrameSettings {
+pub struct ExposureModel {
     /// Time from frame to frame in microseconds.
     pub interval: u32,
     /// Exposure time in microseconds.
@@ -54,7 +54,7 @@ pub struct FrameSettings {
     pub gain_spread: f64,
 }
 
-impl Default for FrameSettings {
+impl Default for ExposureModel {
     fn default() -> Self {
         Self {
             interval: 40_000,
@@ -71,7 +71,7 @@ impl Default for FrameSettings {
     }
 }
 
-impl FrameSettings {
+impl ExposureModel {
     /// Dim light: a long exposure that still gets little of it.
     pub fn low_light() -> Self {
         Self { exposure: 20_000, moments: 32, white: 300.0, read_noise: 5.0, ..Self::default() }
@@ -133,7 +133,7 @@ pub struct FrameTimes {
 
 impl FrameTimes {
     /// The times of frame `number` (from 0), which follow each other from the recording's start on.
-    pub fn new(settings: &FrameSettings, number: u32) -> Self {
+    pub fn new(settings: &ExposureModel, number: u32) -> Self {
         let start = u64::from(number) * u64::from(settings.interval);
         let exposure_start = start + u64::from(settings.readout);
         let exposure_end = exposure_start + u64::from(settings.exposure);
@@ -153,7 +153,7 @@ pub struct SimulatedFrame {
 /// A frame sensor with its fixed pattern.
 #[derive(Clone, Debug)]
 pub struct FrameSensor {
-    settings: FrameSettings,
+    settings: ExposureModel,
     seed: u64,
     /// Value in the dark and relative sensitivity of each pixel, row by row.
     pattern: Vec<(f64, f64)>,
@@ -161,7 +161,7 @@ pub struct FrameSensor {
 
 impl FrameSensor {
     /// The sensor on `stage`, its fixed pattern drawn from `seed`.
-    pub fn new(stage: &Stage, settings: FrameSettings, seed: u64) -> Self {
+    pub fn new(stage: &Stage, settings: ExposureModel, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(PATTERN_STREAM);
         let (width, height) = (stage.rays.width(), stage.rays.height());
@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn a_frame_is_the_mean_light_of_its_exposure() {
         let stage = stage();
-        let sensor = FrameSensor::new(&stage, FrameSettings::ideal(), 1);
+        let sensor = FrameSensor::new(&stage, ExposureModel::ideal(), 1);
         let frame = sensor.expose(&stage, sliding, 3);
         assert_eq!(
             frame.times,
@@ -274,11 +274,11 @@ mod tests {
     #[test]
     fn noise_has_its_variance() {
         let stage = stage();
-        let settings = FrameSettings { moments: 1, ..FrameSettings::default() };
+        let settings = ExposureModel { moments: 1, ..ExposureModel::default() };
         let sensor = FrameSensor::new(&stage, settings, 1);
         let frames: Vec<SimulatedFrame> =
             (0..40).map(|number| sensor.expose(&stage, |_| sliding(0.0), number)).collect();
-        let clean = FrameSensor::new(&stage, FrameSettings { moments: 1, ..FrameSettings::ideal() }, 1);
+        let clean = FrameSensor::new(&stage, ExposureModel { moments: 1, ..ExposureModel::ideal() }, 1);
         let clean = clean.expose(&stage, |_| sliding(0.0), 0);
         let (mut variance, mut pattern, mut count) = (0.0, 0.0, 0.0);
         for (index, &value) in clean.pixels.iter().enumerate().filter(|(_, value)| **value == 700) {
@@ -300,18 +300,18 @@ mod tests {
     #[test]
     fn bright_pixels_saturate_and_dark_ones_stay_at_zero() {
         let stage = stage();
-        let bright = FrameSettings { white: 5000.0, moments: 1, ..FrameSettings::ideal() };
+        let bright = ExposureModel { white: 5000.0, moments: 1, ..ExposureModel::ideal() };
         let frame = FrameSensor::new(&stage, bright, 1).expose(&stage, sliding, 0);
         assert_eq!(frame.pixels.iter().max(), Some(&FULL_SCALE));
-        let dark = FrameSettings { white: 1.0, moments: 1, read_noise: 30.0, ..FrameSettings::ideal() };
+        let dark = ExposureModel { white: 1.0, moments: 1, read_noise: 30.0, ..ExposureModel::ideal() };
         let frame = FrameSensor::new(&stage, dark, 1).expose(&stage, sliding, 0);
         assert_eq!(frame.pixels.iter().min(), Some(&0));
     }
 
     #[test]
     fn impossible_times_are_refused() {
-        assert!(FrameSettings { exposure: 30_000, ..FrameSettings::default() }.check().is_err());
-        for settings in [FrameSettings::default(), FrameSettings::low_light(), FrameSettings::ideal()] {
+        assert!(ExposureModel { exposure: 30_000, ..ExposureModel::default() }.check().is_err());
+        for settings in [ExposureModel::default(), ExposureModel::low_light(), ExposureModel::ideal()] {
             assert_eq!(settings.check(), Ok(()));
         }
     }

@@ -171,9 +171,9 @@ mod tests {
 
     use super::*;
     use crate::recording::aedat4::other_streams::{FrameReader, inertial_samples};
-    use crate::recording::{Recording, SourceOptions};
+    use crate::recording::{Recording, RecordingOptions};
     use crate::simulate::SimulationSettings;
-    use crate::simulate::frame::FrameSettings;
+    use crate::simulate::frame::ExposureModel;
     use crate::simulate::inertia::InertialSettings;
     use crate::simulate::motion::MotionSettings;
     use crate::simulate::rays::Rays;
@@ -182,7 +182,7 @@ mod tests {
     use crate::simulate::tests::{board, radtan};
 
     const DAVIS: fn() -> DavisSettings =
-        || DavisSettings { frames: Some(FrameSettings::default()), imu: Some(InertialSettings::default()) };
+        || DavisSettings { frames: Some(ExposureModel::default()), imu: Some(InertialSettings::default()) };
 
     fn simulation(width: u16) -> Simulation {
         let settings = SimulationSettings {
@@ -267,7 +267,7 @@ mod tests {
         write(&simulation, &DAVIS(), &path, RecordingFormat::Aedat4, |_| {}).unwrap();
         let (events, frames, samples) = everything(&simulation);
 
-        let recording = Recording::new(&path, SourceOptions::default()).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
         let counts: Vec<u64> = recording.streams().unwrap().iter().map(|stream| stream.elements).collect();
         assert_eq!(counts, [events.len() as u64, 3, 139]);
         let mut reader = recording.open().unwrap();

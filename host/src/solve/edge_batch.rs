@@ -9,7 +9,7 @@ use super::bearing_table::{BearingTable, Place};
 use super::board_ray::{BoardRay, EdgeDistance, is_in_front};
 use super::event_row::{EventEdge, step_to_edge};
 use super::pose_bin::PoseBin;
-use super::{Problem, Residual};
+use super::{Problem, ResidualMeasure};
 
 /// Most events in a batch.
 pub const LANES: usize = 64;
@@ -113,7 +113,7 @@ impl<'a> EdgeBatch<'a> {
         meet(&self.rays, pose, problem.radius, count, &mut self.edges);
         // The second pass overwrites the step.
         let step = self.edges.step;
-        if problem.settings.residual == Residual::Pixel {
+        if problem.settings.residual == ResidualMeasure::Pixel {
             for (lane, event) in events.take(LANES).enumerate() {
                 let (x, y) = (f64::from(event.pixel.0), f64::from(event.pixel.1));
                 let met = self.places[lane].is_some() && is_in_front(self.edges.depth[lane]);

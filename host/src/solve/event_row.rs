@@ -17,7 +17,7 @@ use evcal_core::camera::{MAX_COEFFICIENTS, MAX_PARAMETERS};
 
 use crate::solve::event_bias::{BIAS_COUNT, ClassBias, EdgePassage};
 
-use super::Residual;
+use super::ResidualMeasure;
 use super::bearing_table::{BearingTable, Place};
 use super::board_ray::{BoardRay, EdgeDistance, is_in_front};
 use super::pose_bin::PoseBin;
@@ -69,7 +69,7 @@ impl<'a> EventEdge<'a> {
         let (bearing, by_pixel) = place.bearing();
         let ray = BoardRay::new(pose, dt, &bearing);
         let at_edge = ray.edge_distance(pose, &by_pixel, center, radius);
-        let edge = Self::new(pose, at_edge, place, step, radius, Residual::Pixel, 1.0);
+        let edge = Self::new(pose, at_edge, place, step, radius, ResidualMeasure::Pixel, 1.0);
         (is_in_front(ray.depth()) && edge.pixels.is_finite()).then_some(edge)
     }
 
@@ -81,13 +81,13 @@ impl<'a> EventEdge<'a> {
         place: Place<'a>,
         step: [f64; 2],
         radius: f64,
-        residual: Residual,
+        residual: ResidualMeasure,
         mean_scale: f64,
     ) -> Self {
         let along = at_edge.by_pixel[0] * step[0] + at_edge.by_pixel[1] * step[1];
         let pixels = match residual {
-            Residual::Pixel => (along + at_edge.metres) / at_edge.scale,
-            Residual::Plane => at_edge.metres / mean_scale,
+            ResidualMeasure::Pixel => (along + at_edge.metres) / at_edge.scale,
+            ResidualMeasure::Plane => at_edge.metres / mean_scale,
         };
         let normal_speed = at_edge.normal_speed(pose);
         Self {

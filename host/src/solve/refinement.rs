@@ -16,7 +16,7 @@ use crate::solve::levenberg::solve;
 use crate::solve::observation::{PointObservation, SegmentObservations};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::{EventResidual, residuals};
-use crate::solve::{FreeParameters, Problem, Residual, SolveError, SolveReport, SolveSettings, State};
+use crate::solve::{FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State};
 
 /// How often to associate and solve, and which biases to fit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -222,7 +222,7 @@ fn problem<E>(
 fn updated_bias(state: &State, mut residuals: Vec<EventResidual>, settings: StageSettings) -> EventBias {
     let mut bias = state.bias;
     // The paper's residual knows no offsets.
-    if settings.refinement.offsets && settings.solve.residual == Residual::Pixel {
+    if settings.refinement.offsets && settings.solve.residual == ResidualMeasure::Pixel {
         shift_offsets(&mut bias, &mut residuals);
         class_spreads(&mut bias, &residuals);
     } else {
@@ -244,7 +244,7 @@ fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &Refinemen
     }
     let mut biases = counts.map(|count| {
         // The paper's residual knows no biases.
-        let enough = count >= FEWEST && problem.settings.residual == Residual::Pixel;
+        let enough = count >= FEWEST && problem.settings.residual == ResidualMeasure::Pixel;
         let (offset, latency) = (enough && settings.offsets, enough && settings.latencies);
         [offset, latency, latency, offset, latency, latency, latency]
     });

@@ -13,7 +13,7 @@ use super::normal::{BinEquations, RowProduct, StretchEquations, add_outer_produc
 use super::observation::{EventObservation, PointObservation, SegmentObservations};
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
-use super::{Problem, Residual, State};
+use super::{Problem, ResidualMeasure, State};
 use crate::numerics::huber::huber;
 use crate::solve::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
 
@@ -128,8 +128,8 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
 #[inline(always)]
 fn scale_of(problem: &Problem, edge: &EventEdge) -> f64 {
     match problem.settings.residual {
-        Residual::Pixel => edge.distance.scale,
-        Residual::Plane => problem.mean_scale,
+        ResidualMeasure::Pixel => edge.distance.scale,
+        ResidualMeasure::Plane => problem.mean_scale,
     }
 }
 

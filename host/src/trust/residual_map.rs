@@ -63,7 +63,7 @@ pub struct ResidualMap {
     /// The cells, row by row.
     pub cells: Vec<CellResiduals>,
     /// What they say together.
-    pub pattern: Pattern,
+    pub pattern: ResidualPattern,
 }
 
 impl ResidualMap {
@@ -104,7 +104,7 @@ pub struct Displacement {
 
 /// The figures of a residual map that stand for all of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Pattern {
+pub struct ResidualPattern {
     /// Cells with a displacement.
     pub cells: usize,
     /// Root mean square displacement over the cells, less what noise explains (px).
@@ -254,7 +254,7 @@ fn map_of(sensor: Sensor, observations: &[Observation], settings: &ResidualMapSe
     ResidualMap { columns, rows, cell, cells, pattern }
 }
 
-fn pattern(cells: &[CellResiduals]) -> Pattern {
+fn pattern(cells: &[CellResiduals]) -> ResidualPattern {
     let mut shift = MeanSquare::default();
     let mut outward = MeanSquare::default();
     for cell in cells {
@@ -272,7 +272,7 @@ fn pattern(cells: &[CellResiduals]) -> Pattern {
         }
     }
     let ((shift_pixels, shift_ratio), (outward_pixels, outward_ratio)) = (shift.roots(), outward.roots());
-    Pattern { cells: shift.count, shift: shift_pixels, shift_ratio, outward: outward_pixels, outward_ratio }
+    ResidualPattern { cells: shift.count, shift: shift_pixels, shift_ratio, outward: outward_pixels, outward_ratio }
 }
 
 /// Mean squares of a figure over the cells: beyond noise, and in units of its standard error.

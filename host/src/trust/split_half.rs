@@ -38,7 +38,7 @@ impl Default for SplitHalfSettings {
 
 /// How well a camera explains events that it was not calibrated from.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct HeldOut {
+pub struct HeldOutResidual {
     /// Observations in both halves.
     pub count: usize,
     /// Root mean square residual with the camera of the other half (px).
@@ -59,7 +59,7 @@ pub struct SplitHalf {
     /// What it stays below in 95 of 100 cases if those are right (px).
     pub bound: f64,
     /// Held-out residuals.
-    pub held_out: HeldOut,
+    pub held_out: HeldOutResidual,
 }
 
 impl SplitHalf {
@@ -90,7 +90,7 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
     let difference = projection_difference(&first.camera, &second.camera, width, height).ok()?;
     let expected = projection_uncertainty(&state.camera, &covariance?, problem.sensor).ok()?;
 
-    let mut held_out = HeldOut { count: 0, rms: 0.0, own_rms: 0.0 };
+    let mut held_out = HeldOutResidual { count: 0, rms: 0.0, own_rms: 0.0 };
     for ((half, own), other) in halves.iter().zip([first, second]).zip([&second.camera, &first.camera]) {
         let own_residuals = residual_statistics(half, own, &BearingTable::new(&own.camera, half.sensor));
         let held = with_camera_held(half, own, other)?;
@@ -99,7 +99,7 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
         held_out.own_rms += own_residuals.rms * own_residuals.rms * own_residuals.count as f64;
     }
     let mean = |sum: f64| (sum / held_out.count.max(1) as f64).sqrt();
-    let held_out = HeldOut { rms: mean(held_out.rms), own_rms: mean(held_out.own_rms), ..held_out };
+    let held_out = HeldOutResidual { rms: mean(held_out.rms), own_rms: mean(held_out.own_rms), ..held_out };
     Some(SplitHalf {
         cameras: [CameraDescription::new(&first.camera), CameraDescription::new(&second.camera)],
         difference,

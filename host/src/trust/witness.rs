@@ -8,7 +8,7 @@ use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-use crate::detection::pictures::settings::FrameSettings;
+use crate::detection::pictures::settings::PictureSettings;
 use crate::lens::camera_file::{CameraDescription, Parameters};
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
 use crate::picture_calibration::calibration::{FrameCalibration, FrameReport, FrameSummary, NoFrameCalibration};
@@ -141,7 +141,7 @@ pub fn frame_witness(
     covariance: &DMatrix<f64>,
     frames: &FrameCalibration,
     sensor: Sensor,
-    settings: &FrameSettings,
+    settings: &PictureSettings,
 ) -> Result<FrameWitness, NoFrameCalibration> {
     let silent = |reason: String| NoFrameCalibration { reason, report: Box::new(frames.report.clone()) };
     let difference = projection_difference(camera, &frames.camera, sensor.width, sensor.height)

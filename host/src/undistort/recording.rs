@@ -13,7 +13,7 @@ use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
 use crate::recording::convert::extras::{Extra, Extras};
 use crate::recording::convert::{Change, ConversionReport, ConvertError, Target, TimeOrigin, convert_changed};
 use crate::recording::write::WriteError;
-use crate::recording::{EventReader, Recording, SourceError};
+use crate::recording::{EventReader, Recording, RecordingError};
 
 /// The maps between a camera and the one without distortion.
 pub struct Maps {
@@ -41,7 +41,7 @@ pub enum UndistortError {
     Convert(#[from] ConvertError),
     /// The recording cannot be read.
     #[error(transparent)]
-    Source(#[from] SourceError),
+    Source(#[from] RecordingError),
     /// A frame cannot be written.
     #[error(transparent)]
     Picture(#[from] PictureError),

@@ -9,7 +9,7 @@ const GRID: u16 = 9;
 
 /// How the new camera projects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Projection {
+pub enum TargetProjection {
     /// As a pinhole: straight lines stay straight.
     #[default]
     Pinhole,
@@ -30,7 +30,7 @@ pub enum TargetError {
     Impossible,
 }
 
-impl Projection {
+impl TargetProjection {
     /// The camera with this projection and fx, fy, cx, cy.
     pub fn camera(self, matrix: [f64; 4]) -> Option<Camera<f64>> {
         let kind = match self {
@@ -47,7 +47,7 @@ impl Projection {
 ///
 /// # Errors
 /// [`TargetError::Impossible`].
-pub fn same_matrix(camera: &Camera<f64>, projection: Projection) -> Result<Camera<f64>, TargetError> {
+pub fn same_matrix(camera: &Camera<f64>, projection: TargetProjection) -> Result<Camera<f64>, TargetError> {
     let parameters = camera.parameters();
     let (matrix, _) = parameters.split_first_chunk::<4>().ok_or(TargetError::Impossible)?;
     projection.camera(*matrix).ok_or(TargetError::Impossible)
@@ -63,7 +63,7 @@ pub fn same_matrix(camera: &Camera<f64>, projection: Projection) -> Result<Camer
 /// [`TargetError`].
 pub fn optimal_matrix(
     camera: &Camera<f64>,
-    projection: Projection,
+    projection: TargetProjection,
     sensor: Sensor,
     alpha: f64,
 ) -> Result<Camera<f64>, TargetError> {
@@ -129,7 +129,7 @@ mod tests {
 
     #[test]
     fn alpha_zero_leaves_no_black_and_alpha_one_loses_nothing() {
-        for projection in [Projection::Pinhole, Projection::Equidistant] {
+        for projection in [TargetProjection::Pinhole, TargetProjection::Equidistant] {
             let full = optimal_matrix(&barrel(), projection, SENSOR, 0.0).unwrap();
             let all = optimal_matrix(&barrel(), projection, SENSOR, 1.0).unwrap();
             let back = PixelMap::new(&full, &barrel(), SENSOR);
@@ -144,10 +144,10 @@ mod tests {
 
     #[test]
     fn an_undistorted_camera_stays_what_it_is() {
-        let camera = Projection::Pinhole.camera([330.0, 331.0, 170.0, 131.0]).unwrap();
-        assert_eq!(same_matrix(&camera, Projection::Pinhole), Ok(camera));
+        let camera = TargetProjection::Pinhole.camera([330.0, 331.0, 170.0, 131.0]).unwrap();
+        assert_eq!(same_matrix(&camera, TargetProjection::Pinhole), Ok(camera));
         for alpha in [0.0, 0.4, 1.0] {
-            let found = optimal_matrix(&camera, Projection::Pinhole, SENSOR, alpha).unwrap();
+            let found = optimal_matrix(&camera, TargetProjection::Pinhole, SENSOR, alpha).unwrap();
             for (found, expected) in found.parameters().iter().zip(&camera.parameters()) {
                 assert!((found - expected).abs() < 1e-9);
             }
@@ -158,8 +158,8 @@ mod tests {
     fn what_a_pinhole_cannot_show_is_refused() {
         let wide = [100.0, 100.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0];
         let wide: Camera<f64> = Camera::from_parameters(ModelKind::KannalaBrandt, &wide).unwrap();
-        assert_eq!(optimal_matrix(&wide, Projection::Pinhole, SENSOR, 1.0), Err(TargetError::RimUnseen));
-        assert!(optimal_matrix(&wide, Projection::Equidistant, SENSOR, 1.0).is_ok());
-        assert!(same_matrix(&wide, Projection::Pinhole).is_ok());
+        assert_eq!(optimal_matrix(&wide, TargetProjection::Pinhole, SENSOR, 1.0), Err(TargetError::RimUnseen));
+        assert!(optimal_matrix(&wide, TargetProjection::Equidistant, SENSOR, 1.0).is_ok());
+        assert!(same_matrix(&wide, TargetProjection::Pinhole).is_ok());
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::settings::FrameSettings;
+use super::settings::PictureSettings;
 use crate::recording::pictures::GreyImage;
 
 /// A connected dark region.
@@ -28,7 +28,7 @@ impl DarkSpot {
         (values.max().max(0.0).sqrt(), values.min().max(0.0).sqrt())
     }
 
-    fn is_dot(&self, settings: &FrameSettings) -> bool {
+    fn is_dot(&self, settings: &PictureSettings) -> bool {
         let (longest, shortest) = self.half_axes();
         let ellipse = std::f64::consts::PI * longest * shortest;
         shortest >= settings.min_radius
@@ -40,7 +40,7 @@ impl DarkSpot {
 
 /// The dark spots that may be dots. Grey levels are compared within two distances, so that small dots
 /// in uneven light and large ones are both found.
-pub fn dark_spots(image: &GreyImage, settings: &FrameSettings) -> Vec<DarkSpot> {
+pub fn dark_spots(image: &GreyImage, settings: &PictureSettings) -> Vec<DarkSpot> {
     let mut spots: Vec<DarkSpot> = Vec::new();
     for reach in [settings.max_radius / 3.0, settings.max_radius] {
         let dark = darker_than_around(image, reach.ceil() as usize + 2, settings.min_contrast);
@@ -196,7 +196,7 @@ mod tests {
         let pixels =
             (0..80 * 100).map(|index| if inside((index % 100) as f64, (index / 100) as f64) { 20 } else { 200 });
         let image = GreyImage::new(100, 80, pixels.collect()).unwrap();
-        let spots = dark_spots(&image, &FrameSettings::default());
+        let spots = dark_spots(&image, &PictureSettings::default());
         let [spot] = spots[..] else { panic!("{spots:?}") };
         let (longest, shortest) = spot.half_axes();
         assert!((longest - 12.0).abs() < 0.15 && (shortest - 6.0).abs() < 0.15, "{longest} {shortest}");

@@ -8,7 +8,7 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::dark_spots::DarkSpot;
-use super::settings::FrameSettings;
+use super::settings::PictureSettings;
 use crate::numerics::statistics::median;
 use crate::recording::pictures::GreyImage;
 
@@ -54,7 +54,7 @@ const CORE: f64 = 0.4;
 
 /// Measures the dot at `spot`. `reach` is where the surroundings end, in radii: halfway to the rim of
 /// the next dot.
-pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64, settings: &FrameSettings) -> Result<Dot, NoDot> {
+pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64, settings: &PictureSettings) -> Result<Dot, NoDot> {
     let inverse = spot.shape.try_inverse().ok_or(NoDot::LowContrast)?;
     let inner = 1.0 + INNER_SHARE * (reach - 1.0);
     let mut center = spot.center;
@@ -149,7 +149,7 @@ impl Window {
         (f64::from(foreign) <= FOREIGN_SHARE * f64::from(count)).then_some(Paper { plane, scatter })
     }
 
-    fn measure(&self, image: &GreyImage, settings: &FrameSettings) -> Result<Dot, NoDot> {
+    fn measure(&self, image: &GreyImage, settings: &PictureSettings) -> Result<Dot, NoDot> {
         if !self.inside(image) {
             return Err(NoDot::CutByBorder);
         }
@@ -235,7 +235,7 @@ mod tests {
     }
 
     fn dots(image: &GreyImage) -> Vec<Result<Dot, NoDot>> {
-        let settings = FrameSettings::default();
+        let settings = PictureSettings::default();
         dark_spots(image, &settings).iter().map(|spot| measure(image, spot, 2.2, &settings)).collect()
     }
 

@@ -9,13 +9,13 @@ use serde::Serialize;
 
 use super::dark_spots::dark_spots;
 use super::dot::{Dot, measure};
-use super::settings::FrameSettings;
+use super::settings::PictureSettings;
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::grid_reason;
 use crate::numerics::statistics::median;
 use crate::recording::pictures::{GreyImage, TimedImage, visit_frames};
-use crate::recording::{Recording, SourceError};
+use crate::recording::{Recording, RecordingError};
 
 /// Dots that the grid finder has room for.
 const CANDIDATES: usize = 256;
@@ -57,7 +57,7 @@ struct Searched {
 /// Looks for the board in the pictures of recordings.
 pub struct FrameDetection<'a> {
     board: &'a Board,
-    settings: &'a FrameSettings,
+    settings: &'a PictureSettings,
     /// Fewest circles of a board.
     fewest: usize,
     frames: Vec<ReferenceFrame>,
@@ -67,7 +67,7 @@ pub struct FrameDetection<'a> {
 
 impl<'a> FrameDetection<'a> {
     /// Looks for `board`, of which at least `fewest` circles must be seen.
-    pub fn new(board: &'a Board, fewest: usize, settings: &'a FrameSettings) -> Self {
+    pub fn new(board: &'a Board, fewest: usize, settings: &'a PictureSettings) -> Self {
         let report = FrameDetectionReport::default();
         Self { board, settings, fewest, frames: Vec::new(), blurs: Vec::new(), report }
     }
@@ -79,7 +79,7 @@ impl<'a> FrameDetection<'a> {
     ///
     /// # Errors
     /// When the file cannot be opened.
-    pub fn search(&mut self, recording: &Recording, number: usize, start: Option<i64>) -> Result<i64, SourceError> {
+    pub fn search(&mut self, recording: &Recording, number: usize, start: Option<i64>) -> Result<i64, RecordingError> {
         let mut waiting: Vec<TimedImage> = Vec::new();
         let mut origin = start;
         let note = visit_frames(recording, |image| {

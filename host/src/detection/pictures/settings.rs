@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Every threshold of the frames, with its unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct FrameSettings {
+pub struct PictureSettings {
     /// Smallest part of the light around a dot that is missing in its middle.
     pub min_contrast: f64,
     /// Smallest radius of a dot (px).
@@ -33,7 +33,7 @@ pub struct FrameSettings {
     pub max_time_offset: f64,
 }
 
-impl Default for FrameSettings {
+impl Default for PictureSettings {
     fn default() -> Self {
         Self {
             min_contrast: 0.25,

@@ -12,7 +12,7 @@ use super::flatbuffer::{self, Malformed, Table};
 use super::header::Stream;
 use super::packets::{PacketHead, PacketReader};
 use super::{EVENTS, describe, event, events};
-use crate::recording::{SourceError, SourceErrorKind, StreamSummary};
+use crate::recording::{RecordingError, RecordingErrorKind, StreamSummary};
 
 const FRAMES: &str = "FRME";
 const INERTIAL: &str = "IMUS";
@@ -49,7 +49,7 @@ impl FrameReader {
     ///
     /// # Errors
     /// When the file cannot be read or its header is damaged.
-    pub fn open(path: &Path) -> Result<Self, SourceError> {
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let packets = PacketReader::open(path)?;
         let mut streams = packets.header().streams.iter();
         let stream = streams.find(|stream| stream.type_identifier == FRAMES).map(|stream| stream.id);
@@ -60,7 +60,7 @@ impl FrameReader {
     ///
     /// # Errors
     /// When the file cannot be read or a packet is damaged; the pictures after that one can still be read.
-    pub fn next_frame(&mut self) -> Result<Option<Frame>, SourceError> {
+    pub fn next_frame(&mut self) -> Result<Option<Frame>, RecordingError> {
         while let Some(head) = self.packets.next_packet()? {
             if Some(head.stream) == self.stream && !head.cut_off {
                 let content = self.packets.content(&head)?;
@@ -124,7 +124,7 @@ pub struct InertialSample {
 ///
 /// # Errors
 /// When the file cannot be read or a packet is damaged.
-pub fn inertial_samples(path: &Path) -> Result<Vec<InertialSample>, SourceError> {
+pub fn inertial_samples(path: &Path) -> Result<Vec<InertialSample>, RecordingError> {
     let mut packets = PacketReader::open(path)?;
     let mut streams = packets.header().streams.iter();
     let stream = streams.find(|stream| stream.type_identifier == INERTIAL).map(|stream| stream.id);
@@ -159,7 +159,7 @@ fn inertial_packet(content: &[u8], samples: &mut Vec<InertialSample>) -> Result<
 ///
 /// # Errors
 /// When the file cannot be read or its header is damaged.
-pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, SourceError> {
+pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut packets = PacketReader::open(path)?;
     let streams = packets.header().streams.clone();
     let mut summaries: Vec<StreamSummary> = streams
@@ -170,7 +170,7 @@ pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, SourceError> {
         let head = match packets.next_packet() {
             Ok(Some(head)) => head,
             // Damage is for the reader of events to report.
-            Ok(None) | Err(SourceError { kind: SourceErrorKind::Damaged { .. }, .. }) => return Ok(summaries),
+            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => return Ok(summaries),
             Err(error) => return Err(error),
         };
         let number = streams.iter().position(|stream| stream.id == head.stream);
@@ -187,7 +187,7 @@ pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, SourceError> {
                     (earlier, later) => earlier.or(later),
                 };
             }
-            Err(SourceError { kind: SourceErrorKind::Damaged { .. }, .. }) => {}
+            Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => {}
             Err(error) => return Err(error),
         }
     }
@@ -198,7 +198,7 @@ fn elements(
     packets: &mut PacketReader,
     head: &PacketHead,
     stream: &Stream,
-) -> Result<(u64, Option<(i64, i64)>), SourceError> {
+) -> Result<(u64, Option<(i64, i64)>), RecordingError> {
     let content = packets.content(head)?;
     let parsed = match stream.type_identifier.as_str() {
         EVENTS => events(content, head.cut_off).map(|events| {

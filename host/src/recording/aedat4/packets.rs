@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
 
 use super::header::{self, Compression, Header, MAGIC};
-use crate::recording::{SourceError, SourceErrorKind, Truncation};
+use crate::recording::{RecordingError, RecordingErrorKind, Truncation};
 
 /// A packet that unpacks to more is damaged: a camera would need a minute to fill it.
 const MAX_UNPACKED: usize = 1 << 29;
@@ -48,11 +48,11 @@ pub struct PacketHead {
 
 impl PacketReader {
     /// Opens the file and reads its header.
-    pub fn open(path: &Path) -> Result<Self, SourceError> {
-        let io = |error| SourceError::io(path, error);
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let io = |error| RecordingError::io(path, error);
         let damaged = |byte, what: String| {
             let advice = "nothing can be read without the header";
-            SourceError::new(path, SourceErrorKind::Damaged { byte, what, advice })
+            RecordingError::new(path, RecordingErrorKind::Damaged { byte, what, advice })
         };
         let file = File::open(path).map_err(io)?;
         let file_length = file.metadata().map_err(io)?.len();
@@ -102,14 +102,14 @@ impl PacketReader {
     }
 
     /// An error about the packet `head`.
-    pub fn damaged(&self, head: &PacketHead, what: &str) -> SourceError {
+    pub fn damaged(&self, head: &PacketHead, what: &str) -> RecordingError {
         let what = format!("a packet of stream {} is damaged: {what}", head.stream);
-        SourceError::new(&self.path, SourceErrorKind::Damaged { byte: head.byte, what, advice: SKIP_ADVICE })
+        RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte: head.byte, what, advice: SKIP_ADVICE })
     }
 
     /// The next packet, or `None` at the end. Its content may be read once with [`Self::content`].
-    pub fn next_packet(&mut self) -> Result<Option<PacketHead>, SourceError> {
-        let io = |error| SourceError::io(&self.path, error);
+    pub fn next_packet(&mut self) -> Result<Option<PacketHead>, RecordingError> {
+        let io = |error| RecordingError::io(&self.path, error);
         // The content of the packet before may have been left unread: seek within the buffer if possible.
         let here = self.file.stream_position().map_err(io)?;
         let distance = i64::try_from(self.position).unwrap_or(i64::MAX) - i64::try_from(here).unwrap_or(i64::MAX);
@@ -131,7 +131,7 @@ impl PacketReader {
         let Ok(length) = u64::try_from(size) else {
             let what = format!("a packet of stream {stream} says that it has {size} bytes");
             let advice = "the file cannot be read beyond it; the events before it can be used";
-            return Err(SourceError::new(&self.path, SourceErrorKind::Damaged { byte: start, what, advice }));
+            return Err(RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte: start, what, advice }));
         };
         let byte = start + 8;
         let available = self.end - byte;
@@ -145,11 +145,11 @@ impl PacketReader {
     }
 
     /// Notes that the file ends within a packet; an error if it does not end there.
-    fn cut_off(&mut self, byte: u64, rest: String) -> Result<(), SourceError> {
+    fn cut_off(&mut self, byte: u64, rest: String) -> Result<(), RecordingError> {
         if self.header.table_position == Some(self.end) {
             let what = format!("{rest} are left before the closing table");
             let advice = "the sizes of packets do not add up; the events before it can be used";
-            return Err(SourceError::new(&self.path, SourceErrorKind::Damaged { byte, what, advice }));
+            return Err(RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte, what, advice }));
         }
         let lost = match &self.truncated {
             Some(truncation) => format!("{rest} are left; {}", truncation.lost),
@@ -162,10 +162,10 @@ impl PacketReader {
 
     /// The content of the packet `head` that [`Self::next_packet`] has just returned, unpacked and
     /// without size prefix. Of a packet that is cut off, what can be had: of a compressed one, nothing.
-    pub fn content(&mut self, head: &PacketHead) -> Result<&[u8], SourceError> {
+    pub fn content(&mut self, head: &PacketHead) -> Result<&[u8], RecordingError> {
         self.packed.clear();
         let read = self.file.by_ref().take(head.length).read_to_end(&mut self.packed);
-        read.map_err(|error| SourceError::io(&self.path, error))?;
+        read.map_err(|error| RecordingError::io(&self.path, error))?;
         let unpacked: &[u8] = match self.header.compression {
             Compression::None => &self.packed,
             _ if head.cut_off => &[],

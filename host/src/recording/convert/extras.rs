@@ -13,7 +13,7 @@ use crate::recording::aedat4::other_streams::{Frame, FrameReader, InertialSample
 use crate::recording::aedat4::write::OtherStreams;
 use crate::recording::davis::Messages;
 use crate::recording::davis::dump::READOUT;
-use crate::recording::{ReadReport, SourceError, aedat4};
+use crate::recording::{ReadReport, RecordingError, aedat4};
 
 /// A frame or an inertial sample.
 #[derive(Clone, Debug, PartialEq)]
@@ -92,7 +92,7 @@ impl Extras {
     }
 
     /// Those of the recording at `path`.
-    pub fn open(path: &Path, format: &str) -> Result<Self, SourceError> {
+    pub fn open(path: &Path, format: &str) -> Result<Self, RecordingError> {
         if CAMERA_STREAMS.contains(&format) {
             let held = held_by_camera(path)?;
             let messages = Box::new(Messages::open(path)?);
@@ -182,7 +182,7 @@ impl Extras {
     }
 }
 
-fn held_by_camera(path: &Path) -> Result<OtherStreams, SourceError> {
+fn held_by_camera(path: &Path) -> Result<OtherStreams, RecordingError> {
     let mut messages = Messages::open(path)?;
     let mut held = OtherStreams::default();
     while !(held.frames && held.imu)

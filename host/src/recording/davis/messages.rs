@@ -9,7 +9,7 @@ use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarit
 use usb_davis::registers::{dvs, mux};
 
 use crate::recording::reader::PAUSE_AFTER_RESET;
-use crate::recording::{ReadReport, SourceError, SourceErrorKind, StreamFaults, Truncation};
+use crate::recording::{ReadReport, RecordingError, RecordingErrorKind, StreamFaults, Truncation};
 
 /// An event of the wire as an event of a recording, `shift` µs later.
 pub fn event(event: &PolarityEvent, shift: i64) -> Event {
@@ -68,7 +68,7 @@ pub struct Messages {
 
 impl Messages {
     /// Opens a dump, a capture or a bare stream.
-    pub fn open(path: &Path) -> Result<Self, SourceError> {
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let capture = Capture::open(path).map_err(|reason| error(path, reason))?;
         let decoder = capture.header().decoder();
         let clock = CameraClock::default();
@@ -82,7 +82,7 @@ impl Messages {
 
     /// Hands over the messages of the next transfer, each with what to add to its times in µs; false
     /// at the end.
-    pub fn next(&mut self, mut sink: impl FnMut(Message<'_>, i64)) -> Result<bool, SourceError> {
+    pub fn next(&mut self, mut sink: impl FnMut(Message<'_>, i64)) -> Result<bool, RecordingError> {
         let (clock, [frames, samples, signals]) = (&mut self.clock, &mut self.other);
         let take = |message: Message<'_>| {
             match message {
@@ -128,9 +128,9 @@ impl Messages {
     }
 }
 
-fn error(path: &Path, error: CaptureError) -> SourceError {
+fn error(path: &Path, error: CaptureError) -> RecordingError {
     match error {
-        CaptureError::Io(error) => SourceError::io(path, error),
-        error => SourceError::new(path, SourceErrorKind::Layout(error.to_string())),
+        CaptureError::Io(error) => RecordingError::io(path, error),
+        error => RecordingError::new(path, RecordingErrorKind::Layout(error.to_string())),
     }
 }

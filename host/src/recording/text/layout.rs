@@ -1,7 +1,7 @@
 //! What the columns of a text file are: from the options, its line of names, or its values.
 
 use super::{MAX_FIELDS, is_comment, number, split};
-use crate::recording::{Column, Columns, MAX_SENSOR_SIZE, SourceOptions, TimeUnit};
+use crate::recording::{Column, Columns, MAX_SENSOR_SIZE, RecordingOptions, TimeUnit};
 use evcal_core::sensor::Sensor;
 
 /// How the lines of a file are to be read.
@@ -41,7 +41,7 @@ struct Parts<'a> {
 ///
 /// # Errors
 /// A sentence that says what is unclear and what to do.
-pub fn find(text: &str, options: &SourceOptions) -> Result<Layout, String> {
+pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, String> {
     let parts = parts(text)?;
     let mut notes = Vec::new();
     let named = parts.names.as_deref().map(columns_from_names);

@@ -58,7 +58,7 @@ fn a_displacement_is_found_where_it_is() {
 fn noise_alone_has_a_ratio_of_one_even_where_events_err_together() {
     for shared in [0.0, 0.3, 1.0] {
         let observations = observations(|_| Vector2::zeros(), 0.0, shared);
-        let Pattern { cells, shift, shift_ratio, outward_ratio, .. } =
+        let ResidualPattern { cells, shift, shift_ratio, outward_ratio, .. } =
             map_of(SENSOR, &observations, &ResidualMapSettings::default()).pattern;
         assert_eq!(cells, 192);
         assert!((0.85..1.15).contains(&shift_ratio), "shared {shared}: {shift_ratio}");
@@ -74,7 +74,7 @@ fn edges_of_one_direction_tell_no_displacement() {
         observation.row = Vector3::new(observation.row.x.signum(), 0.0, 1.0);
     }
     let map = map_of(SENSOR, &observations, &ResidualMapSettings::default());
-    assert_eq!(map.pattern, Pattern::default());
+    assert_eq!(map.pattern, ResidualPattern::default());
     assert!(map.cells.iter().all(|cell| cell.count > 0 && (cell.rms - SIGMA).abs() < 0.05));
 }
 
@@ -100,6 +100,6 @@ fn circle_centres_have_a_displacement_but_nothing_outward() {
 #[test]
 fn nothing_seen_is_an_empty_map() {
     let map = map_of(SENSOR, &[], &ResidualMapSettings::default());
-    assert_eq!(map.pattern, Pattern::default());
+    assert_eq!(map.pattern, ResidualPattern::default());
     assert!(map.cells.iter().all(|cell| *cell == CellResiduals::default()));
 }
