@@ -2,7 +2,7 @@
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test test-report test-usb-guest test-embedded test-embedded-slow compatibility setup readers build check bench
+.PHONY: demo test test-report test-usb-guest test-embedded test-embedded-slow compatibility setup readers build check rooms bench
 
 demo: build
 	@sh tools/demo.sh
@@ -33,6 +33,10 @@ test-embedded-slow: setup
 # A third-party driver must accept the emulated camera. Apart, because it brings its own libusb.
 compatibility: setup
 	cargo test --manifest-path usb-davis/compatibility/Cargo.toml --release --locked
+
+# Which room of host/src uses which, and import circles in all crates.
+rooms: setup
+	cargo test -p evcal --test rooms --release --locked -- --nocapture
 
 check: setup
 	cargo fmt --all --check

@@ -25,8 +25,9 @@ pub use self::ordering::order_frames;
 pub use self::report::DetectionReport;
 use self::second_pass::{Spacing, Uncertain, second_pass};
 use crate::circles::event_pixel::EventPixel;
+use crate::circles::reference_frame::UnorderedCircle;
+use crate::circles::reference_frame::UnorderedFrame;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use crate::circles::track::{UnorderedCircle, UnorderedFrame};
 use crate::opencv::find_circles_grid;
 use crate::settings::{DetectionSettings, Grid};
 

@@ -1,8 +1,9 @@
 //! evcal: from a recording of a moving circle grid to a calibrated event camera.
 //!
 //! Stages are plain functions over plain structs, and data flows one way:
-//! source → window → circles → grid → reference frames → initial model and poses → segments →
-//! splines → associations → joint solve → result → export.
+//! recording → window → circles → grid → reference frames → initial model and poses → segments →
+//! splines → associations → joint solve → result → export. `docs/architecture.md` has a table of the
+//! modules here and of what each may use.
 
 pub mod board;
 pub mod calibrate;

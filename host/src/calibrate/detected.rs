@@ -3,11 +3,12 @@
 use super::Task;
 use super::error::CalibrateError;
 use crate::calibrate::input::Input;
+use crate::calibrate::input::read_events;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::other_board::OtherBoard;
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::RecordingError;
-use crate::recording::pass::{RecordingReport, read_events};
+use crate::recording::pass::RecordingReport;
 use crate::settings::Settings;
 use evcal_core::sensor::Sensor;
 

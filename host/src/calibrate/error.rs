@@ -7,7 +7,7 @@ use crate::picture_calibration::joint::NoJointPoints;
 use crate::recording::RecordingError;
 use crate::solve::SolveError;
 use crate::solve::refinement::RefinementError;
-use crate::trajectory::TrajectoryError;
+use crate::trajectory::first::FirstTrajectoryError;
 use evcal_core::sensor::Sensor;
 
 /// Why a calibration failed.
@@ -55,21 +55,9 @@ pub enum CalibrateError {
     /// No initial model.
     #[error(transparent)]
     Initial(#[from] InitialError),
-    /// No segment is long enough.
-    #[error(
-        "the board was found in {frames} windows, but never often enough in a row for a trajectory ({too_few} groups of fewer than {fewest}): keep the whole board in view and moving"
-    )]
-    NoSegment {
-        /// Reference frames.
-        frames: usize,
-        /// Groups that were too short.
-        too_few: usize,
-        /// Frames needed.
-        fewest: usize,
-    },
-    /// No segment has a spline.
-    #[error("no trajectory could be fitted: {0}")]
-    Trajectory(TrajectoryError),
+    /// There is no trajectory to start from.
+    #[error(transparent)]
+    FirstTrajectories(#[from] FirstTrajectoryError),
     /// The joint solve failed.
     #[error(transparent)]
     Solve(SolveError),

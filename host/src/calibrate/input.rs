@@ -9,7 +9,10 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
+use crate::recording::ReadReport;
+use crate::recording::pass::{Pass, read_recording};
 use crate::recording::{Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
+use evcal_core::event::Event;
 
 /// One input: events or circles.
 pub enum Input {
@@ -78,6 +81,18 @@ impl Input {
         let start = track.time_origin_us as f64 * 1e-6;
         Self::Circles { path: path.to_owned(), sensor, frames, start, notes: track.notes, detection }
     }
+}
+
+/// Hands all events of an input to `visit`, with times from its first event; nothing for circles.
+///
+/// # Errors
+/// [`RecordingError`] when the recording cannot be read.
+pub fn read_events(inputs: &[Input], index: usize, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, RecordingError> {
+    let Some(Input::Events(recording)) = inputs.get(index) else {
+        let report = ReadReport::default();
+        return Ok(Pass { count: 0, first: 0, last: 0, assumptions: Vec::new(), report, damage: None });
+    };
+    read_recording(recording, visit)
 }
 
 /// Why an input could not be opened.

@@ -41,3 +41,38 @@ impl ReferenceFrame {
         0.5 * (self.start + self.end)
     }
 }
+
+/// A circle whose place on the board is not known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnorderedCircle {
+    /// Time to which the centre belongs, in seconds since the origin.
+    pub t: f64,
+    /// Centre in pixels.
+    pub center: Vector2<f64>,
+    /// Radius in pixels, where the file gives it.
+    pub radius: Option<f64>,
+    /// Velocity of the centre in pixels per second, where the file gives it.
+    pub velocity: Option<Vector2<f64>>,
+}
+
+/// Circles that were seen together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnorderedFrame {
+    /// Start of the time window in seconds since the origin.
+    pub start: f64,
+    /// End of the time window.
+    pub end: f64,
+    /// The circles, in the order of the file.
+    pub circles: Vec<UnorderedCircle>,
+}
+
+/// One observed circle centre with its own time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointObservation {
+    /// Time in seconds.
+    pub t: f64,
+    /// Centre in pixels.
+    pub pixel: Vector2<f64>,
+    /// Index of the circle on the board.
+    pub circle: usize,
+}

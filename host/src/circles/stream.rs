@@ -10,7 +10,9 @@ use std::path::Path;
 use evcal_link::{Circle, Decoder, DecoderCounts, Hello, Losses, Message, PROTOCOL_VERSION, Statistics, WindowEnd};
 use nalgebra::Vector2;
 
-use crate::circles::track::{CircleFrames, CircleTrack, CircleTrackError, UnorderedCircle, UnorderedFrame};
+use crate::circles::reference_frame::UnorderedCircle;
+use crate::circles::reference_frame::UnorderedFrame;
+use crate::circles::track::{CircleFrames, CircleTrack, CircleTrackError};
 
 /// Time from the last window before a device started anew to the first one after, in microseconds: no
 /// trajectory goes across it.

@@ -32,34 +32,10 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use evcal_core::pattern::{Layout, Pattern};
-use nalgebra::Vector2;
 
 use crate::circles::reference_frame::ReferenceFrame;
+use crate::circles::reference_frame::UnorderedFrame;
 pub use parse::{is_circle_track, parse};
-
-/// A circle whose place on the board is not known.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct UnorderedCircle {
-    /// Time to which the centre belongs, in seconds since the origin.
-    pub t: f64,
-    /// Centre in pixels.
-    pub center: Vector2<f64>,
-    /// Radius in pixels, where the file gives it.
-    pub radius: Option<f64>,
-    /// Velocity of the centre in pixels per second, where the file gives it.
-    pub velocity: Option<Vector2<f64>>,
-}
-
-/// Circles that were seen together.
-#[derive(Clone, Debug, PartialEq)]
-pub struct UnorderedFrame {
-    /// Start of the time window in seconds since the origin.
-    pub start: f64,
-    /// End of the time window.
-    pub end: f64,
-    /// The circles, in the order of the file.
-    pub circles: Vec<UnorderedCircle>,
-}
 
 /// The frames of a circle track, in the order of time.
 #[derive(Clone, Debug, PartialEq)]
@@ -224,6 +200,8 @@ fn describe(pattern: &Pattern) -> String {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+
+    use nalgebra::Vector2;
 
     use super::*;
     use crate::circles::reference_frame::ObservedCircle;

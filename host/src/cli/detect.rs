@@ -6,7 +6,8 @@ use std::io::BufWriter;
 use std::path::PathBuf;
 
 use evcal::board::Board;
-use evcal::circles::track::{self, UnorderedFrame};
+use evcal::circles::reference_frame::UnorderedFrame;
+use evcal::circles::track::{self};
 use evcal::detection::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR};
 use evcal::recording::pass::read_recording;
 use evcal::recording::{Recording, RecordingOptions};

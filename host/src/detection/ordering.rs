@@ -6,8 +6,8 @@ use evcal_core::sensor::Sensor;
 use rayon::prelude::*;
 
 use super::{CANDIDATES, DetectionReport, grid_reason};
+use crate::circles::reference_frame::UnorderedFrame;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use crate::circles::track::UnorderedFrame;
 
 /// Puts the circles of frames from elsewhere in the board's order; frames without a board fall away, and
 /// the report says why. Without a sensor size the image is as large as the circles' extent.

@@ -9,7 +9,7 @@ use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 
 use crate::board::Board;
-use crate::circles::track::UnorderedFrame;
+use crate::circles::reference_frame::UnorderedFrame;
 use crate::detection::{CircleWindow, DetectionStage, order_frames};
 use crate::settings::DetectionSettings;
 

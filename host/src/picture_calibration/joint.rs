@@ -10,12 +10,12 @@ use serde::Serialize;
 use super::calibration::FrameCalibration;
 use super::circle_image::{center_bias, circle_image_center};
 use crate::board::Board;
+use crate::circles::reference_frame::PointObservation;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::pictures::settings::PictureSettings;
 use crate::numerics::huber::huber_weight;
 use crate::numerics::statistics::median;
 use crate::solve::State;
-use crate::solve::observation::PointObservation;
 use crate::trajectory::Trajectory;
 
 /// Frames in a joint solve.

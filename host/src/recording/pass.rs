@@ -5,7 +5,6 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use evcal_core::event::Event;
 use serde::Serialize;
 
-use crate::calibrate::input::Input;
 use crate::recording::{ReadReport, Recording, RecordingError};
 
 /// What was read of a recording.
@@ -58,18 +57,6 @@ impl Pass {
         }
         RecordingReport { count: self.count, duration: (self.last - self.first) as f64 * 1e-6, notes }
     }
-}
-
-/// Hands all events of an input to `visit`, with times from its first event; nothing for circles.
-///
-/// # Errors
-/// [`RecordingError`] when the recording cannot be read.
-pub fn read_events(inputs: &[Input], index: usize, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, RecordingError> {
-    let Some(Input::Events(recording)) = inputs.get(index) else {
-        let report = ReadReport::default();
-        return Ok(Pass { count: 0, first: 0, last: 0, assumptions: Vec::new(), report, damage: None });
-    };
-    read_recording(recording, visit)
 }
 
 /// Batches that are read while earlier ones are worked on.

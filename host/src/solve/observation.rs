@@ -1,6 +1,6 @@
 //! What the joint solve is fed: events and circle centres, each tied to a circle of the board.
 
-use nalgebra::Vector2;
+use crate::circles::reference_frame::PointObservation;
 
 /// One associated event.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,17 +18,6 @@ pub struct EventObservation {
     pub class: u8,
     /// Range of the edge's normal speed (see [`crate::solve::event_bias::speed_range`]).
     pub speed_range: u8,
-}
-
-/// One observed circle centre with its own time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PointObservation {
-    /// Time in seconds.
-    pub t: f64,
-    /// Centre in pixels.
-    pub pixel: Vector2<f64>,
-    /// Index of the circle on the board.
-    pub circle: usize,
 }
 
 /// The events of one time bin.

@@ -10,10 +10,11 @@ use super::board_ray::EdgeDistance;
 use super::edge_batch::{BatchEvent, EdgeBatch, LANES};
 use super::event_row::{EventEdge, ROW, ROW_RESIDUAL};
 use super::normal::{BinEquations, RowProduct, StretchEquations, add_outer_products};
-use super::observation::{EventObservation, PointObservation, SegmentObservations};
+use super::observation::{EventObservation, SegmentObservations};
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
 use super::{Problem, ResidualMeasure, State};
+use crate::circles::reference_frame::PointObservation;
 use crate::numerics::huber::huber;
 use crate::solve::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
 

@@ -1,11 +1,10 @@
 //! Stages 8 and 9: segments, and the spline of each through the initial poses.
 
-use crate::calibrate::error::CalibrateError;
+use crate::circles::reference_frame::PointObservation;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
 use crate::numerics::statistics::median;
 use crate::settings::Settings;
-use crate::solve::observation::PointObservation;
 use crate::trajectory::fit::{TrajectoryShape, fit, resampled};
 use crate::trajectory::segment::{SegmentReport, SegmentSettings, segment};
 use crate::trajectory::timed_pose::TimedPose;
@@ -23,12 +22,32 @@ pub struct FirstTrajectories {
     pub without_spline: usize,
 }
 
+/// Why there is no trajectory to start from.
+#[derive(Debug, thiserror::Error)]
+pub enum FirstTrajectoryError {
+    /// No segment is long enough.
+    #[error(
+        "the board was found in {frames} windows, but never often enough in a row for a trajectory ({too_few} groups of fewer than {fewest}): keep the whole board in view and moving"
+    )]
+    NoSegment {
+        /// Reference frames.
+        frames: usize,
+        /// Groups that were too short.
+        too_few: usize,
+        /// Frames needed.
+        fewest: usize,
+    },
+    /// No segment has a spline.
+    #[error("no trajectory could be fitted: {0}")]
+    Trajectory(TrajectoryError),
+}
+
 /// Cuts `frames`, those with a pose in `initial`, into segments and fits a spline to each.
 pub fn first_trajectories(
     initial: &InitialModel,
     frames: &[ReferenceFrame],
     settings: &Settings,
-) -> Result<FirstTrajectories, CalibrateError> {
+) -> Result<FirstTrajectories, FirstTrajectoryError> {
     let times: Vec<(usize, f64)> = initial
         .frames
         .iter()
@@ -42,7 +61,7 @@ pub fn first_trajectories(
     if ranges.is_empty() {
         let fewest = settings.segment.fewest_frames.max(settings.spline.degree + 1);
         let too_few = segments.too_few_frames + segments.too_short;
-        return Err(CalibrateError::NoSegment { frames: segments.frames_in, too_few, fewest });
+        return Err(FirstTrajectoryError::NoSegment { frames: segments.frames_in, too_few, fewest });
     }
     let shape = TrajectoryShape {
         degree: settings.spline.degree,
@@ -63,7 +82,7 @@ pub fn first_trajectories(
     }
     let without_spline = ranges.len() - trajectories.len();
     if let (true, Some(error)) = (trajectories.is_empty(), failure) {
-        return Err(CalibrateError::Trajectory(error));
+        return Err(FirstTrajectoryError::Trajectory(error));
     }
     Ok(FirstTrajectories { trajectories, points, segments, without_spline })
 }

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use evcal_core::pattern::Pattern;
 use nalgebra::Vector2;
 
-use super::{CircleFrames, CircleTrack, CircleTrackErrorKind, UnorderedCircle, UnorderedFrame, describe};
+use super::{CircleFrames, CircleTrack, CircleTrackErrorKind, describe};
+use crate::circles::reference_frame::UnorderedCircle;
+use crate::circles::reference_frame::UnorderedFrame;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 
 /// Circles further apart in time than this many seconds are not of one frame.
