@@ -15,6 +15,7 @@ mod model;
 mod output;
 mod piece;
 mod requests;
+mod stall;
 #[cfg(target_os = "linux")]
 mod transfers;
 #[cfg(target_os = "linux")]
@@ -31,4 +32,4 @@ pub use faults::Faults;
 pub use model::Model;
 pub use output::Pace;
 pub use piece::{CapturePieces, Piece};
-pub use requests::Stall;
+pub use stall::Stall;

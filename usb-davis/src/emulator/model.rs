@@ -7,7 +7,8 @@ use super::descriptors::descriptors;
 use super::faults::Faults;
 use super::output::{Output, Pace, Taken};
 use super::piece::Piece;
-use super::requests::{Stall, standard_request};
+use super::requests::standard_request;
+use super::stall::Stall;
 use crate::dump::{DumpHeader, Identity};
 use crate::registers::{
     REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot, aps, dvs, mux, usb,

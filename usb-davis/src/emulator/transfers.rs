@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use super::model::Model;
-use super::requests::Stall;
+use super::stall::Stall;
 use crate::capture::DATA_ENDPOINT;
 
 struct Queued<T> {

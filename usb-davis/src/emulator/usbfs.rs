@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use std::io;
 
 use super::model::Model;
-use super::requests::Stall;
+use super::stall::Stall;
 use super::transfers::QueuedTransfers;
 use crate::capture::DATA_ENDPOINT;
 

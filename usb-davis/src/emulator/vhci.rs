@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 pub use port::VhciError;
 
 use super::model::Model;
-use super::requests::Stall;
+use super::stall::Stall;
 use super::transfers::QueuedTransfers;
 use super::usbip::{Command, Submission, read_command, read_done, unlink_done, write_done};
 
