@@ -123,7 +123,7 @@ impl Camera {
     /// Writes all settings. The camera may run meanwhile.
     pub fn configure(&mut self, configuration: &Configuration) -> Result<(), DeviceError> {
         let mut writes = Vec::new();
-        configuration.writes(&self.clocks(), |register, value| writes.push((register, value)));
+        configuration.writes(&self.clocks(), self.layout().imu.model, |register, value| writes.push((register, value)));
         self.write_all(writes)
     }
 
