@@ -12,6 +12,7 @@ mod default_registers;
 mod descriptors;
 mod faults;
 mod model;
+mod multiplexer;
 mod output;
 mod piece;
 mod requests;
@@ -28,8 +29,8 @@ mod usbip;
 pub mod vhci;
 
 pub use default_registers::default_registers;
-pub use faults::Faults;
+pub use faults::{Failures, Faults};
 pub use model::Model;
 pub use output::Pace;
 pub use piece::{CapturePieces, Piece};
-pub use stall::Stall;
+pub use stall::{Stall, TransferFault};

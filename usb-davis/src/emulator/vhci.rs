@@ -67,7 +67,7 @@ impl Link {
         let Some((number, data)) = self.queued.next(model) else { return Ok(false) };
         self.socket.write_all(&match data {
             Ok(data) => read_done(number, 0, &data),
-            Err(Stall) => read_done(number, -EPIPE, &[]),
+            Err(fault) => read_done(number, -fault.errno(), &[]),
         })?;
         Ok(true)
     }
