@@ -4,7 +4,7 @@
 //! [`Configuration::calibration`] differs in what would bend a measurement.
 
 use crate::bias::Biases;
-use crate::protocol::{Region, Shutter};
+use crate::protocol::{ImuModel, Region, Shutter};
 use crate::registers::{Clocks, Register, aps, chip, dvs, external_input, imu, mux, usb};
 
 /// Pixels that can be silenced one by one.
@@ -77,8 +77,9 @@ impl Configuration {
         Self { background_activity_filter: None, ..Self::default() }
     }
 
-    /// Hands over all writes in order, except those that start and stop the camera.
-    pub fn writes(&self, clocks: &Clocks, mut write: impl FnMut(Register, u32)) {
+    /// Hands over all writes in order, except those that start and stop the camera. `imu` is the
+    /// camera's ([`crate::protocol::Layout::imu`]): only the MPU-9250 has a filter of the gyroscope alone.
+    pub fn writes(&self, clocks: &Clocks, imu: ImuModel, mut write: impl FnMut(Register, u32)) {
         for (bias, value) in self.biases.iter() {
             write(bias.register(), u32::from(value));
         }
@@ -90,7 +91,9 @@ impl Configuration {
         write(imu::SAMPLE_RATE_DIVIDER, u32::from(self.imu_divider));
         write(imu::ACCELEROMETER_LOW_PASS, 1);
         write(imu::ACCELEROMETER_FULL_SCALE, u32::from(self.accelerometer_scale & 3));
-        write(imu::GYROSCOPE_LOW_PASS, 1);
+        if imu == ImuModel::Mpu9250 {
+            write(imu::GYROSCOPE_LOW_PASS, 1);
+        }
         write(imu::GYROSCOPE_FULL_SCALE, u32::from(self.gyroscope_scale & 3));
         self.connectors(clocks, &mut write);
         write(usb::EARLY_PACKET_DELAY, clocks.cycles(clocks.usb, self.early_packet_delay));

@@ -40,7 +40,7 @@ mod stream;
 mod transfers;
 
 pub use camera::Camera;
-pub use error::{DeviceError, StreamError, Unsupported};
-pub use list::{Availability, Listing, Selector, UDEV_RULE, UDEV_RULE_FILE, list};
-pub use stream::{Stream, StreamStatistics};
-pub use transfers::Queue;
+pub use error::{DeviceError, StreamError, UDEV_RULE, UDEV_RULE_FILE, Unsupported};
+pub use list::{Availability, Listing, Selector, list};
+pub use stream::Stream;
+pub use transfers::{Queue, StreamStatistics};

@@ -12,9 +12,11 @@ mod default_registers;
 mod descriptors;
 mod faults;
 mod model;
+mod multiplexer;
 mod output;
 mod piece;
 mod requests;
+mod stall;
 #[cfg(target_os = "linux")]
 mod transfers;
 #[cfg(target_os = "linux")]
@@ -27,8 +29,8 @@ mod usbip;
 pub mod vhci;
 
 pub use default_registers::default_registers;
-pub use faults::Faults;
+pub use faults::{Failures, Faults};
 pub use model::Model;
 pub use output::Pace;
 pub use piece::{CapturePieces, Piece};
-pub use requests::Stall;
+pub use stall::{Stall, TransferFault};

@@ -346,9 +346,10 @@ impl Clocks {
         }
     }
 
-    /// `microseconds` in cycles of a clock of `megahertz`, rounded down; saturates.
+    /// `microseconds` in cycles of a clock of `megahertz`, rounded to the nearest as libcaer does; saturates.
     pub fn cycles(&self, megahertz: u32, microseconds: u32) -> u32 {
-        let cycles = u128::from(microseconds) * u128::from(megahertz) * u128::from(self.deviation) / 1000;
+        let thousandths = u128::from(microseconds) * u128::from(megahertz) * u128::from(self.deviation);
+        let cycles = (thousandths + 500) / 1000;
         u32::try_from(cycles).unwrap_or(u32::MAX)
     }
 
@@ -373,6 +374,8 @@ mod tests {
         assert_eq!(clocks.cycles(clocks.logic, 10), 1008);
         assert_eq!(clocks.cycles(clocks.logic, 5), 504);
         assert_eq!(clocks.cycles(u32::MAX, u32::MAX), u32::MAX);
+        // 997.92 and 30.24 cycles.
+        assert_eq!((clocks.cycles(clocks.adc, 33), clocks.cycles(clocks.adc, 1)), (998, 30));
         assert!((clocks.microseconds(30, 120_960) - 4000.0).abs() < 1e-9);
     }
 }

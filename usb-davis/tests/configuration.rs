@@ -1,11 +1,16 @@
 //! The default configuration against the register traffic of libcaer.
 
 use usb_davis::configuration::Configuration;
-use usb_davis::registers::{Clocks, Register, dvs};
+use usb_davis::protocol::ImuModel;
+use usb_davis::registers::{Clocks, Register, dvs, imu};
 
 fn writes(configuration: &Configuration) -> Vec<(Register, u32)> {
+    writes_to(configuration, ImuModel::Mpu9250)
+}
+
+fn writes_to(configuration: &Configuration, imu: ImuModel) -> Vec<(Register, u32)> {
     let mut writes = Vec::new();
-    configuration.writes(&Clocks::ASSUMED, |register, value| writes.push((register, value)));
+    configuration.writes(&Clocks::ASSUMED, imu, |register, value| writes.push((register, value)));
     writes
 }
 
@@ -30,6 +35,15 @@ fn calibration_differs_in_the_background_activity_filter_only() {
     let calibration = writes(&Configuration::calibration());
     let different: Vec<_> = default.iter().zip(&calibration).filter(|(one, other)| one != other).collect();
     assert_eq!(different, [(&(dvs::BACKGROUND_ACTIVITY_FILTER, 1), &(dvs::BACKGROUND_ACTIVITY_FILTER, 0))]);
+}
+
+#[test]
+fn only_the_imu_that_has_it_gets_a_filter_of_the_gyroscope() {
+    let mut expected = writes(&Configuration::default());
+    expected.retain(|(register, _)| *register != imu::GYROSCOPE_LOW_PASS);
+    for imu in [ImuModel::Mpu6050, ImuModel::Absent] {
+        assert_eq!(writes_to(&Configuration::default(), imu), expected);
+    }
 }
 
 #[test]

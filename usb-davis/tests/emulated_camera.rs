@@ -18,7 +18,7 @@ use usb_davis::configuration::{Configuration, QUIESCE, Streams};
 use usb_davis::dump::Identity;
 use usb_davis::emulator::umockdev::EmulatedBus;
 use usb_davis::emulator::{Faults, Model, Pace};
-use usb_davis::protocol::{DecoderCounts, Message};
+use usb_davis::protocol::{DecoderCounts, ImuModel, Message};
 use usb_davis::registers::{Clocks, Register, mux, sysinfo, usb};
 
 fn run(bus: &EmulatedBus, arguments: &[&str]) -> Output {
@@ -113,7 +113,8 @@ fn register_traffic_is_that_of_libcaer_and_all_events_arrive_again_and_again() {
         assert_eq!(report["bytes"], bytes, "run {run}");
         assert_eq!(check_events(&file), COUNT);
         let mut expected = Vec::new();
-        Configuration::calibration().writes(&Clocks::ASSUMED, |register, value| expected.push((register, value)));
+        Configuration::calibration()
+            .writes(&Clocks::ASSUMED, ImuModel::Mpu9250, |register, value| expected.push((register, value)));
         expected.extend(QUIESCE);
         expected.extend([(mux::RUN_CHIP, 1), (usb::RUN, 1), (mux::TIMESTAMP_RUN, 1), (mux::RUN, 1)]);
         expected.extend(Streams::EVENTS.writes());

@@ -13,9 +13,9 @@ use usb_davis::emulator::{Faults, Model, Piece};
 const CAMERAS: u64 = 5;
 const RUNS_EACH: u64 = 20;
 
-/// Byte `at` of an endless stream that is told apart at every offset.
+/// Byte `at` of an endless stream that is told apart at every offset. All words are timestamps.
 fn byte(at: u64) -> u8 {
-    (at.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as u8
+    (at.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as u8 | if at % 2 == 1 { 0x80 } else { 0 }
 }
 
 fn pieces() -> impl Iterator<Item = Piece> + Send + 'static {

@@ -396,6 +396,40 @@ fn a_lost_column_costs_the_frame_and_no_other() {
 }
 
 #[test]
+fn a_restart_of_the_clock_costs_the_frame_that_it_falls_into() {
+    let whole = frame(3, 2, Special::FrameStartGlobalShutter);
+    let exposure = whole.iter().position(|&word| word == Word::Special(Special::ExposureEnd)).expect("one");
+    // Between the columns, before the corners, and within a column.
+    for at in [exposure, 4, 16] {
+        let mut words = whole.clone();
+        words.insert(at, Word::Special(Special::TimestampReset));
+        words.push(Word::Wrap(1));
+        words.extend(&whole);
+        let (messages, counts) = decode_as(Layout::DAVIS346, &words);
+        assert_eq!(messages[0], Seen::Anomaly(AnomalyKind::FrameAcrossReset, 2 * at as u64));
+        assert!(matches!(messages[1], Seen::Reset(_)), "{messages:?}");
+        assert!(matches!(&messages[2..], [Seen::Frame { start: 32868, damaged: 0, .. }]), "{messages:?}");
+        assert_eq!((counts.frames, counts.anomalies.total()), (1, 1));
+    }
+}
+
+#[test]
+fn a_surplus_end_of_a_column_is_told_and_harmless() {
+    let whole = frame(3, 2, Special::FrameStartGlobalShutter);
+    let end = whole.iter().position(|&word| word == Word::Special(Special::ColumnEnd)).expect("one");
+    let first = whole.iter().position(|&word| word == Word::Special(Special::ResetColumnStart)).expect("one");
+    for at in [end, first] {
+        let mut words = whole.clone();
+        words.insert(at, Word::Special(Special::ColumnEnd));
+        let place = if at == end { end + 1 } else { first };
+        assert_eq!(
+            decode(&words),
+            [Seen::Anomaly(AnomalyKind::FrameStray, 2 * place as u64), whole_frame(&[0, 1, 2, 100, 101, 102])]
+        );
+    }
+}
+
+#[test]
 fn a_frame_cut_by_the_next_one() {
     let whole = frame(3, 2, Special::FrameStartGlobalShutter);
     let mut words = whole[..20].to_vec();

@@ -22,7 +22,7 @@ use usb_davis::configuration::{Configuration, QUIESCE, Streams};
 use usb_davis::device::{Availability, Camera, Listing, Queue, Selector, StreamError, StreamStatistics, list};
 use usb_davis::emulator::vhci::VirtualCamera;
 use usb_davis::emulator::{Faults, Model};
-use usb_davis::protocol::{Decoder, DecoderCounts, Message};
+use usb_davis::protocol::{Decoder, DecoderCounts, ImuModel, Message};
 use usb_davis::registers::{Clocks, Register, mux, sysinfo, usb};
 
 /// A virtual machine without hardware support on a busy computer is slow.
@@ -115,7 +115,8 @@ fn a_camera_is_listed_opened_and_configured() {
     assert_eq!(camera.read(Register::new(5, 10)).expect("it answers"), 0x427F);
     receive(&mut camera, Streams::EVENTS, 0, |message| panic!("{message:?}"));
     let mut expected = Vec::new();
-    Configuration::calibration().writes(&Clocks::ASSUMED, |register, value| expected.push((register, value)));
+    Configuration::calibration()
+        .writes(&Clocks::ASSUMED, ImuModel::Mpu9250, |register, value| expected.push((register, value)));
     expected.extend(QUIESCE);
     expected.extend([(mux::RUN_CHIP, 1), (usb::RUN, 1), (mux::TIMESTAMP_RUN, 1), (mux::RUN, 1)]);
     expected.extend(Streams::EVENTS.writes());

@@ -70,6 +70,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         stall_at: arguments.stall_at,
         cuts: arguments.cuts.iter().map(|&length| length as usize).collect(),
         bad_word_every: arguments.bad_word_every,
+        ..Faults::default()
     };
     let pace = match arguments.pace {
         PaceArgument::Real => Pace::Real,

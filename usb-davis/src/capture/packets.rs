@@ -36,7 +36,8 @@ struct Interface {
     ticks_per_second: u64,
 }
 
-enum Format {
+/// What kind of packet file it is, with the interfaces that it names.
+enum PacketFile {
     Pcap(Interface),
     PcapNg(Vec<Interface>),
 }
@@ -44,7 +45,7 @@ enum Format {
 /// Reads packets from `R`.
 pub(super) struct PacketReader<R> {
     input: R,
-    format: Format,
+    file: PacketFile,
     big_endian: bool,
     data: Vec<u8>,
     /// The file ends within a packet.
@@ -99,12 +100,11 @@ impl<R: Read> PacketReader<R> {
     pub(super) fn new(mut input: R) -> Result<Self, CaptureError> {
         let mut magic = [0; 4];
         input.read_exact(&mut magic)?;
-        let reader =
-            |input, format, big_endian| Self { input, format, big_endian, data: Vec::new(), unfinished: false };
+        let reader = |input, file, big_endian| Self { input, file, big_endian, data: Vec::new(), unfinished: false };
         let magic = u32::from_be_bytes(magic);
         let (big_endian, ticks_per_second) = match magic {
             SECTION => {
-                let mut reader = reader(input, Format::PcapNg(Vec::new()), false);
+                let mut reader = reader(input, PacketFile::PcapNg(Vec::new()), false);
                 reader.section()?;
                 return Ok(reader);
             }
@@ -117,14 +117,14 @@ impl<R: Read> PacketReader<R> {
         let mut head = [0; 20];
         input.read_exact(&mut head)?;
         let link_type = Fields { bytes: &head, big_endian }.u32(16) as u16;
-        Ok(reader(input, Format::Pcap(Interface { link_type, ticks_per_second }), big_endian))
+        Ok(reader(input, PacketFile::Pcap(Interface { link_type, ticks_per_second }), big_endian))
     }
 
     /// The next packet; `None` at the end of the file or of its last whole packet.
     pub(super) fn next(&mut self) -> Result<Option<Packet<'_>>, CaptureError> {
-        match self.format {
-            Format::Pcap(interface) => self.next_pcap(interface),
-            Format::PcapNg(_) => self.next_pcapng(),
+        match self.file {
+            PacketFile::Pcap(interface) => self.next_pcap(interface),
+            PacketFile::PcapNg(_) => self.next_pcapng(),
         }
     }
 
@@ -188,7 +188,7 @@ impl<R: Read> PacketReader<R> {
             _ => return Err(CaptureError::Damaged("the section header has no byte order".to_owned())),
         };
         let length = Fields { bytes: &head, big_endian: self.big_endian }.u32(0);
-        self.format = Format::PcapNg(Vec::new());
+        self.file = PacketFile::PcapNg(Vec::new());
         self.take(length.saturating_sub(12))?;
         Ok(())
     }
@@ -215,7 +215,7 @@ impl<R: Read> PacketReader<R> {
                 1 => {
                     let interface =
                         Interface { link_type: fields.u16(0), ticks_per_second: resolution(fields, length) };
-                    if let Format::PcapNg(interfaces) = &mut self.format {
+                    if let PacketFile::PcapNg(interfaces) = &mut self.file {
                         interfaces.push(interface);
                     }
                 }
@@ -224,9 +224,9 @@ impl<R: Read> PacketReader<R> {
                         6 => (fields.u32(0), fields.u32(12), fields.u32(16), 20),
                         _ => (0, fields.u32(0).min(length - 16), fields.u32(0), 4),
                     };
-                    let interface = match &self.format {
-                        Format::PcapNg(interfaces) => interfaces.get(index as usize).copied(),
-                        Format::Pcap(interface) => Some(*interface),
+                    let interface = match &self.file {
+                        PacketFile::PcapNg(interfaces) => interfaces.get(index as usize).copied(),
+                        PacketFile::Pcap(interface) => Some(*interface),
                     };
                     let Some(interface) = interface else {
                         return Err(CaptureError::Damaged(format!("a packet of unknown interface {index}")));

@@ -1,20 +1,15 @@
 //! One open camera: its registers and its configuration.
 
 use std::sync::Arc;
-use std::thread::sleep;
-use std::time::Duration;
 
 use rusb::{Context, DeviceHandle};
 
 use super::error::DeviceError;
 use super::list::{INTERFACE, Selector, cameras, check_versions, open, read, write};
-use super::stream::Stream;
-use super::transfers::{Queue, Transfers};
-use crate::capture::DATA_ENDPOINT;
-use crate::configuration::{Configuration, QUIESCE, Streams};
+use crate::configuration::{Configuration, QUIESCE};
 use crate::dump::{DumpHeader, Identity};
 use crate::protocol::Layout;
-use crate::registers::{Clocks, Register, RegisterSnapshot, aps, dvs, external_input, imu, mux, sysinfo, usb};
+use crate::registers::{Clocks, Register, RegisterSnapshot, aps, dvs, external_input, imu, mux, sysinfo};
 
 /// Read-only registers that describe the camera.
 const DESCRIPTION: [Register; 26] = [
@@ -46,19 +41,10 @@ const DESCRIPTION: [Register; 26] = [
     mux::HAS_STATISTICS,
 ];
 
-/// Pauses after switching, as libcaer makes them.
-const SETTLE_QUIET: Duration = Duration::from_millis(10);
-const SETTLE_CHIP: Duration = Duration::from_millis(200);
-const SETTLE_STREAM: Duration = Duration::from_millis(50);
-
-/// Reads of what an earlier run left in the camera: as long as it takes one to find nothing.
-const STALE_TIMEOUT: Duration = Duration::from_millis(20);
-const STALE_MOST: usize = 256;
-
 /// An open DAVIS346. Dropping it releases the camera.
 pub struct Camera {
-    context: Context,
-    handle: Arc<DeviceHandle<Context>>,
+    pub(super) context: Context,
+    pub(super) handle: Arc<DeviceHandle<Context>>,
     identity: Identity,
     registers: RegisterSnapshot,
 }
@@ -137,11 +123,11 @@ impl Camera {
     /// Writes all settings. The camera may run meanwhile.
     pub fn configure(&mut self, configuration: &Configuration) -> Result<(), DeviceError> {
         let mut writes = Vec::new();
-        configuration.writes(&self.clocks(), |register, value| writes.push((register, value)));
+        configuration.writes(&self.clocks(), self.layout().imu.model, |register, value| writes.push((register, value)));
         self.write_all(writes)
     }
 
-    fn write_all(&mut self, writes: impl IntoIterator<Item = (Register, u32)>) -> Result<(), DeviceError> {
+    pub(super) fn write_all(&mut self, writes: impl IntoIterator<Item = (Register, u32)>) -> Result<(), DeviceError> {
         writes.into_iter().try_for_each(|(register, value)| self.write(register, value))
     }
 
@@ -161,45 +147,8 @@ impl Camera {
         counter(mux::DVS_DROPPED) + counter(dvs::DROPPED)
     }
 
-    /// Starts `streams`: brings the camera to rest, empties it of what an earlier run left, queues
-    /// the transfers, then switches on chip, output, time, multiplexer and at last the streams.
-    pub fn start(&mut self, streams: Streams, queue: Queue) -> Result<Stream<'_>, DeviceError> {
-        self.write_all(QUIESCE)?;
-        sleep(SETTLE_QUIET);
-        self.handle.clear_halt(DATA_ENDPOINT).map_err(DeviceError::usb("clearing the data endpoint"))?;
-        self.discard_stale()?;
-        let transfers = Transfers::start(&self.context, &self.handle, DATA_ENDPOINT, queue)
-            .map_err(DeviceError::usb("queueing transfers"))?;
-        match self.switch_on(streams) {
-            // What it sent before it was unplugged can be read; the stream ends by itself then.
-            Ok(()) | Err(DeviceError::Unplugged) => Ok(Stream::new(self, transfers)),
-            Err(error) => Err(error),
-        }
-    }
-
-    fn switch_on(&mut self, streams: Streams) -> Result<(), DeviceError> {
-        self.write(mux::RUN_CHIP, 1)?;
-        sleep(SETTLE_CHIP);
-        self.write_all([(usb::RUN, 1), (mux::TIMESTAMP_RUN, 1), (mux::RUN, 1)])?;
-        sleep(SETTLE_STREAM);
-        self.write_all(streams.writes())
-    }
-
     pub(super) fn quiesce(&mut self) -> Result<(), DeviceError> {
         self.write_all(QUIESCE)
-    }
-
-    /// Bytes of an earlier run would be taken for the beginning of this one.
-    fn discard_stale(&self) -> Result<(), DeviceError> {
-        let mut stale = vec![0; 16 * 1024];
-        for _ in 0..STALE_MOST {
-            match self.handle.read_bulk(DATA_ENDPOINT, &mut stale, STALE_TIMEOUT) {
-                Ok(0) | Err(rusb::Error::Timeout) => break,
-                Ok(_) | Err(rusb::Error::Overflow) => {}
-                Err(error) => return Err(DeviceError::usb("emptying the camera")(error)),
-            }
-        }
-        Ok(())
     }
 }
 

@@ -1,6 +1,10 @@
 //! What can go wrong with a camera, and what to do about it.
 
-use super::list::{UDEV_RULE, UDEV_RULE_FILE};
+/// Where to put [`UDEV_RULE`].
+pub const UDEV_RULE_FILE: &str = "/etc/udev/rules.d/65-inivation.rules";
+/// Lets whoever sits at the computer open the camera.
+pub const UDEV_RULE: &str =
+    r#"SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", MODE="0660", TAG+="uaccess""#;
 
 /// Firmware or logic that this crate does not speak to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -9,12 +9,6 @@ use crate::dump::Identity;
 use crate::registers::{REQUEST_REGISTER, Register, sysinfo};
 use crate::{PRODUCT_ID, VENDOR_ID};
 
-/// Where to put [`UDEV_RULE`].
-pub const UDEV_RULE_FILE: &str = "/etc/udev/rules.d/65-inivation.rules";
-/// Lets whoever sits at the computer open the camera.
-pub const UDEV_RULE: &str =
-    r#"SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", MODE="0660", TAG+="uaccess""#;
-
 pub(super) const CONTROL_TIMEOUT: Duration = Duration::from_secs(1);
 pub(super) const INTERFACE: u8 = 0;
 const FIRMWARE_LEAST: u8 = 6;

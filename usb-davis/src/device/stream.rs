@@ -1,25 +1,62 @@
-//! A running camera.
+//! A running camera: how it is started and stopped.
 
+use std::thread::sleep;
 use std::time::Duration;
 
 use super::camera::Camera;
 use super::error::{DeviceError, StreamError};
-use super::transfers::Transfers;
+use super::transfers::{Queue, StreamStatistics, Transfers};
+use crate::capture::DATA_ENDPOINT;
+use crate::configuration::Streams;
 use crate::dump::Transfer;
+use crate::registers::{mux, usb};
 
-/// What a stream has done.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct StreamStatistics {
-    /// Transfers that brought something.
-    pub transfers: u64,
-    /// Bytes they brought.
-    pub bytes: u64,
-    /// Transfers that could not be queued again at once, because all buffers were full: the reader
-    /// is too slow. The camera may have dropped events then; its own counters know
-    /// ([`Camera::read_drop_counters`]).
-    pub starved: u64,
-    /// Largest number of full buffers that waited to be read.
-    pub waiting_most: usize,
+/// Pauses after switching, as libcaer makes them.
+const SETTLE_QUIET: Duration = Duration::from_millis(10);
+const SETTLE_CHIP: Duration = Duration::from_millis(200);
+const SETTLE_STREAM: Duration = Duration::from_millis(50);
+
+/// Reads of what an earlier run left in the camera: as long as it takes one to find nothing.
+const STALE_TIMEOUT: Duration = Duration::from_millis(20);
+const STALE_MOST: usize = 256;
+
+impl Camera {
+    /// Starts `streams`: brings the camera to rest, empties it of what an earlier run left, queues
+    /// the transfers, then switches on chip, output, time, multiplexer and at last the streams.
+    pub fn start(&mut self, streams: Streams, queue: Queue) -> Result<Stream<'_>, DeviceError> {
+        self.quiesce()?;
+        sleep(SETTLE_QUIET);
+        self.handle.clear_halt(DATA_ENDPOINT).map_err(DeviceError::usb("clearing the data endpoint"))?;
+        self.discard_stale()?;
+        let transfers = Transfers::start(&self.context, &self.handle, DATA_ENDPOINT, queue)
+            .map_err(DeviceError::usb("queueing transfers"))?;
+        match self.switch_on(streams) {
+            // What it sent before it was unplugged can be read; the stream ends by itself then.
+            Ok(()) | Err(DeviceError::Unplugged) => Ok(Stream::new(self, transfers)),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn switch_on(&mut self, streams: Streams) -> Result<(), DeviceError> {
+        self.write(mux::RUN_CHIP, 1)?;
+        sleep(SETTLE_CHIP);
+        self.write_all([(usb::RUN, 1), (mux::TIMESTAMP_RUN, 1), (mux::RUN, 1)])?;
+        sleep(SETTLE_STREAM);
+        self.write_all(streams.writes())
+    }
+
+    /// Bytes of an earlier run would be taken for the beginning of this one.
+    fn discard_stale(&self) -> Result<(), DeviceError> {
+        let mut stale = vec![0; 16 * 1024];
+        for _ in 0..STALE_MOST {
+            match self.handle.read_bulk(DATA_ENDPOINT, &mut stale, STALE_TIMEOUT) {
+                Ok(0) | Err(rusb::Error::Timeout) => break,
+                Ok(_) | Err(rusb::Error::Overflow) => {}
+                Err(error) => return Err(DeviceError::usb("emptying the camera")(error)),
+            }
+        }
+        Ok(())
+    }
 }
 
 /// A running camera. Dropping it stops the camera.

@@ -26,7 +26,6 @@ use rusb::ffi::{
 use rusb::{Context, DeviceHandle, UsbContext};
 
 use super::error::StreamError;
-use super::stream::StreamStatistics;
 use crate::dump::{Transfer, TransferStatus};
 
 /// No transfer waits longer than this for data; it is queued again then.
@@ -54,6 +53,21 @@ impl Default for Queue {
     fn default() -> Self {
         Self { transfers: 32, transfer_bytes: 128 * 1024, waiting: 512 }
     }
+}
+
+/// What a stream has done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StreamStatistics {
+    /// Transfers that brought something.
+    pub transfers: u64,
+    /// Bytes they brought.
+    pub bytes: u64,
+    /// Transfers that could not be queued again at once, because all buffers were full: the reader
+    /// is too slow. The camera may have dropped events then; its own counters know
+    /// ([`super::Camera::read_drop_counters`]).
+    pub starved: u64,
+    /// Largest number of full buffers that waited to be read.
+    pub waiting_most: usize,
 }
 
 /// A full buffer.

@@ -1,6 +1,5 @@
 //! The camera's USB descriptors.
 
-use super::requests::Stall;
 use crate::dump::Identity;
 
 const DEVICE: u8 = 1;
@@ -35,17 +34,18 @@ pub(super) fn descriptors(identity: &Identity) -> Vec<u8> {
     [&device_descriptor(identity)[..], CONFIGURATION_DESCRIPTOR].concat()
 }
 
-pub(super) fn descriptor(identity: &Identity, kind: u8, index: u8) -> Result<Vec<u8>, Stall> {
+/// `None` if there is no such descriptor.
+pub(super) fn descriptor(identity: &Identity, kind: u8, index: u8) -> Option<Vec<u8>> {
     match (kind, index) {
-        (DEVICE, 0) => Ok(device_descriptor(identity).to_vec()),
-        (CONFIGURATION, 0) => Ok(CONFIGURATION_DESCRIPTOR.to_vec()),
-        (DEVICE_CAPABILITIES, 0) => Ok(CAPABILITIES_DESCRIPTOR.to_vec()),
+        (DEVICE, 0) => Some(device_descriptor(identity).to_vec()),
+        (CONFIGURATION, 0) => Some(CONFIGURATION_DESCRIPTOR.to_vec()),
+        (DEVICE_CAPABILITIES, 0) => Some(CAPABILITIES_DESCRIPTOR.to_vec()),
         // American English.
-        (STRING, 0) => Ok(vec![4, STRING, 0x09, 0x04]),
-        (STRING, 1) => Ok(string_descriptor("INI")),
-        (STRING, 2) => Ok(string_descriptor("DAViS FX3")),
-        (STRING, 3) => Ok(string_descriptor(&identity.serial)),
-        _ => Err(Stall),
+        (STRING, 0) => Some(vec![4, STRING, 0x09, 0x04]),
+        (STRING, 1) => Some(string_descriptor("INI")),
+        (STRING, 2) => Some(string_descriptor("DAViS FX3")),
+        (STRING, 3) => Some(string_descriptor(&identity.serial)),
+        _ => None,
     }
 }
 

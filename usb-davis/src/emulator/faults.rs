@@ -12,6 +12,20 @@ pub struct Faults {
     /// Of so many words of the stream, the last is replaced by one that no camera sends. None or 0:
     /// none is.
     pub bad_word_every: Option<u64>,
+    /// The bus fails; once only.
+    pub failures: Option<Failures>,
+    /// Bytes of an earlier run that are still in the camera: they come before everything else, at first
+    /// and again after each run, once no transfer is queued any more.
+    pub stale: Vec<u8>,
+}
+
+/// Transfers that fail one after the other. What they would have brought is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Failures {
+    /// Bytes sent before the first of them.
+    pub at: u64,
+    /// How many.
+    pub transfers: u64,
 }
 
 /// Words that no camera sends, in turn: an unknown special, a row and a column outside the sensor,
@@ -22,9 +36,18 @@ impl Faults {
     /// `room` for a transfer after `sent` bytes, cut to the next fault. `cut` counts the transfers.
     pub(super) fn limit(&self, room: usize, sent: u64, cut: usize) -> usize {
         let cut = self.cuts.get(cut % self.cuts.len().max(1)).copied().unwrap_or(room).max(1);
-        let next = [self.stall_at, self.unplug_at].into_iter().flatten().min();
+        let failures = self.failures.map(|failures| failures.at).filter(|&at| at > sent);
+        let next = [self.stall_at, self.unplug_at, failures].into_iter().flatten().min();
         let left = next.map_or(u64::MAX, |at| at.saturating_sub(sent));
         room.min(cut).min(usize::try_from(left).unwrap_or(usize::MAX))
+    }
+
+    /// Whether a transfer after `sent` bytes fails. Counts it.
+    pub(super) fn take_failure(&mut self, sent: u64) -> bool {
+        let Some(failures) = self.failures.as_mut().filter(|failures| failures.at <= sent) else { return false };
+        let fails = failures.transfers > 0;
+        failures.transfers = failures.transfers.saturating_sub(1);
+        fails
     }
 
     /// Puts bad words into `bytes`, which come after `sent` bytes of the stream.

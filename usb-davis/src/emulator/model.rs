@@ -7,10 +7,13 @@ use super::descriptors::descriptors;
 use super::faults::Faults;
 use super::output::{Output, Pace, Taken};
 use super::piece::Piece;
-use super::requests::{Stall, standard_request};
+use super::requests::standard_request;
+use super::stall::{Stall, TransferFault};
+use crate::configuration::Streams;
 use crate::dump::{DumpHeader, Identity};
 use crate::registers::{
-    REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot, aps, dvs, mux, usb,
+    REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot, aps, dvs, external_input, imu,
+    mux, usb,
 };
 use crate::{PRODUCT_ID, VENDOR_ID};
 
@@ -165,25 +168,34 @@ impl Model {
         if register.is_read_only() {
             return;
         }
-        let ran = self.runs();
+        let rises = value != 0 && !self.is_on(register);
         self.registers.set(register, value);
-        match (ran, self.runs()) {
-            (false, true) => self.output.start(),
-            (true, false) => self.output.stop(),
-            _ => {}
+        self.output.switch(self.streams());
+        if register == mux::TIMESTAMP_RESET && rises {
+            self.output.restart_time();
         }
     }
 
-    /// Whether the way from pixels to bus is open.
-    fn runs(&self) -> bool {
-        let on = |register| self.registers.get(register).unwrap_or(0) != 0;
-        let path = [mux::RUN_CHIP, mux::RUN, mux::TIMESTAMP_RUN, usb::RUN].into_iter().all(on);
-        path && [dvs::RUN, aps::RUN].into_iter().any(on)
+    fn is_on(&self, register: Register) -> bool {
+        self.registers.get(register).unwrap_or(0) != 0
+    }
+
+    /// What runs, if anything does and the way from there to the bus is open.
+    fn streams(&self) -> Option<Streams> {
+        let any = |registers: &[Register]| registers.iter().any(|&register| self.is_on(register));
+        let streams = Streams {
+            events: self.is_on(dvs::RUN),
+            frames: self.is_on(aps::RUN),
+            imu: any(&[imu::RUN_ACCELEROMETER, imu::RUN_GYROSCOPE, imu::RUN_TEMPERATURE]),
+            signals: any(&[external_input::RUN_DETECTOR, external_input::RUN_GENERATOR]),
+        };
+        let path = [mux::RUN_CHIP, mux::RUN, mux::TIMESTAMP_RUN, usb::RUN].into_iter().all(|on| self.is_on(on));
+        (path && (streams.events || streams.frames || streams.imu || streams.signals)).then_some(streams)
     }
 
     /// What a transfer from the data endpoint of at most `room` bytes brings now; `None` if there is
     /// nothing yet.
-    pub fn bulk(&mut self, room: usize) -> Option<Result<Vec<u8>, Stall>> {
+    pub fn bulk(&mut self, room: usize) -> Option<Result<Vec<u8>, TransferFault>> {
         if !self.halted {
             let clocks = self.registers.clocks();
             let cycles = self.registers.get(usb::EARLY_PACKET_DELAY).unwrap_or(0);
@@ -191,10 +203,11 @@ impl Model {
             match self.output.take(room, delay) {
                 Taken::Nothing => return None,
                 Taken::Bytes(bytes) => return Some(Ok(bytes)),
+                Taken::Failure => return Some(Err(TransferFault::Bus)),
                 Taken::Halt => self.halted = true,
             }
         }
-        Some(Err(Stall))
+        Some(Err(TransferFault::Stall))
     }
 
     /// After what time it wants its next turn.
@@ -207,14 +220,16 @@ impl Model {
         self.output.turn();
     }
 
-    /// Lets time pass without a queued transfer. Each piece that found no room counts as one dropped
-    /// event.
+    /// Lets time pass without a queued transfer. Counts what found no room.
     pub(super) fn idle(&mut self) {
-        let dropped = self.output.idle();
-        if dropped > 0 {
-            let dropped = self.registers.counter(mux::DVS_DROPPED).unwrap_or(0) + dropped;
-            self.registers.set(mux::DVS_DROPPED, (dropped >> 32) as u32);
-            self.registers.set(mux::DVS_DROPPED.next(), dropped as u32);
+        let (events, signals) = (self.is_on(mux::DROP_DVS_ON_STALL), self.is_on(mux::DROP_EXTERNAL_INPUT_ON_STALL));
+        let drops = self.output.idle(events, signals);
+        for (counter, dropped) in [(mux::DVS_DROPPED, drops.events), (mux::EXTERNAL_INPUT_DROPPED, drops.signals)] {
+            if dropped > 0 {
+                let dropped = self.registers.counter(counter).unwrap_or(0) + dropped;
+                self.registers.set(counter, (dropped >> 32) as u32);
+                self.registers.set(counter.next(), dropped as u32);
+            }
         }
     }
 
@@ -259,27 +274,52 @@ mod tests {
         let pieces = [Piece { time: 0, bytes: vec![1; 100] }];
         let faults = Faults { stall_at: Some(60), ..Faults::default() };
         let mut model = Model::new("1", move || pieces.clone().into_iter()).with_faults(faults);
-        for register in [mux::RUN_CHIP, usb::RUN, mux::TIMESTAMP_RUN, mux::RUN, dvs::RUN] {
+        for register in PATH.into_iter().chain([dvs::RUN]) {
             assert_eq!(model.bulk(64), None);
             model.write(register, 1);
         }
         let status = |model: &mut Model| model.control([0x82, 0, 0, 0, DATA_ENDPOINT, 0, 2, 0], &[]);
         assert_eq!((model.bulk(64), status(&mut model)), (Some(Ok(vec![1; 60])), Ok(vec![0, 0])));
-        assert_eq!((model.bulk(64), status(&mut model)), (Some(Err(Stall)), Ok(vec![1, 0])));
-        assert_eq!(model.bulk(64), Some(Err(Stall)));
+        assert_eq!((model.bulk(64), status(&mut model)), (Some(Err(TransferFault::Stall)), Ok(vec![1, 0])));
+        assert_eq!(model.bulk(64), Some(Err(TransferFault::Stall)));
         assert_eq!(model.control(CLEAR_HALT, &[]), Ok(vec![]));
         assert_eq!((model.bulk(64), status(&mut model)), (Some(Ok(vec![1; 40])), Ok(vec![0, 0])));
     }
 
+    /// The words that start all of the camera but its modules.
+    const PATH: [Register; 4] = [mux::RUN_CHIP, usb::RUN, mux::TIMESTAMP_RUN, mux::RUN];
+
     #[test]
-    fn a_piece_without_room_counts_as_a_dropped_event() {
-        let pieces: Vec<_> = (0..100).map(|_| Piece { time: 0, bytes: vec![0; 1000] }).collect();
+    fn dropped_events_are_counted_as_events() {
+        // Row 0, then 499 columns.
+        let bytes: Vec<u8> = [0x00, 0x10].into_iter().chain([0x00, 0x20].repeat(499)).collect();
+        let pieces = vec![Piece { time: 0, bytes }; 100];
         let mut model = Model::new("1", move || pieces.clone().into_iter()).with_pace(Pace::Real);
-        for register in [mux::RUN_CHIP, usb::RUN, mux::TIMESTAMP_RUN, mux::RUN, dvs::RUN] {
+        for register in PATH.into_iter().chain([mux::DROP_DVS_ON_STALL, dvs::RUN]) {
             model.write(register, 1);
         }
         model.idle();
-        assert_eq!(model.registers().counter(mux::DVS_DROPPED), Some(35));
+        let Some(Ok(bytes)) = model.bulk(1 << 20) else { panic!("nothing") };
+        let columns = bytes.as_chunks::<2>().0.iter().filter(|word| word[1] == 0x20).count() as u64;
+        assert_eq!(model.registers().counter(mux::DVS_DROPPED), Some(100 * 499 - columns));
+        assert!(columns > 30_000);
+    }
+
+    #[test]
+    fn a_pulse_of_the_reset_register_puts_a_reset_into_the_stream() {
+        let pieces: Vec<_> = (0..4u8).map(|low| Piece { time: 0, bytes: vec![low, 0x80, 5, 0x10, 6, 0x20] }).collect();
+        let mut model = Model::new("1", move || pieces.clone().into_iter());
+        for register in PATH.into_iter().chain([dvs::RUN]) {
+            model.write(register, 1);
+        }
+        assert_eq!(model.bulk(12), Some(Ok(vec![0, 0x80, 5, 0x10, 6, 0x20, 1, 0x80, 5, 0x10, 6, 0x20])));
+        let pulse = [0, 2, 0, 0, 0, 1, 0, 2, 0, 0, 0, 0];
+        assert_eq!(model.control([0x40, 0xC2, 2, 0, 0, 0, 12, 0], &pulse), Ok(vec![]));
+        assert_eq!(model.bulk(64), Some(Ok(vec![1, 0, 1, 0x80, 5, 0x10, 6, 0x20, 2, 0x80, 5, 0x10, 6, 0x20])));
+        // Switched off, it sends nothing, and says nothing of the time either.
+        model.write(dvs::RUN, 0);
+        model.write(mux::TIMESTAMP_RESET, 1);
+        assert_eq!(model.bulk(64), None);
     }
 
     #[test]

@@ -4,7 +4,9 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use super::faults::Faults;
+use super::multiplexer::{Drops, Gate, Multiplexer, needs_more};
 use super::piece::Piece;
+use crate::configuration::Streams;
 
 /// How fast the stream is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -12,8 +14,8 @@ pub enum Pace {
     /// As fast as the client reads; nothing is ever dropped.
     #[default]
     Full,
-    /// By the pieces' times. What does not fit into the FIFO, because no transfer is queued, is
-    /// dropped and counted by register 0.83, as the camera does.
+    /// By the pieces' times. Events and signals that do not fit into the FIFO, because no transfer is
+    /// queued, are dropped and counted by registers 0.83 and 0.81, as the camera does.
     Real,
 }
 
@@ -22,6 +24,9 @@ const TURN: Duration = Duration::from_millis(1);
 const TURN_AT_REST: Duration = Duration::from_millis(20);
 /// Longest time between two turns that passes for the camera too.
 const TURN_MOST: Duration = Duration::from_millis(5);
+/// Programs switch the camera's modules on one after the other: for so long, what a module has to send
+/// waits for it.
+const SWITCHING: Duration = Duration::from_millis(100);
 /// Room of the camera's output.
 const FIFO_BYTES: usize = 64 * 1024;
 
@@ -36,6 +41,8 @@ pub(super) enum Taken {
     Bytes(Vec<u8>),
     /// Nothing: the endpoint halts.
     Halt,
+    /// Nothing: the bus fails.
+    Failure,
 }
 
 /// The camera's data endpoint.
@@ -44,11 +51,17 @@ pub(super) struct Output {
     pieces: Pieces,
     /// A piece whose time has not come.
     next: Option<Piece>,
+    multiplexer: Multiplexer,
     fifo: VecDeque<u8>,
+    /// How much of the bytes of an earlier run was sent, and whether a run has ended since.
+    stale: usize,
+    ended: bool,
     pub(super) pace: Pace,
     pub(super) delay: Duration,
     pub(super) faults: Faults,
-    running: bool,
+    /// Modules that run, while the way from them to the bus is open.
+    streams: Option<Streams>,
+    switched: Option<Instant>,
     started: Option<Instant>,
     /// When it was last given the processor, and for how long it was kept from it.
     turned: Option<Instant>,
@@ -67,11 +80,15 @@ impl Output {
             source: Box::new(move || Box::new(source())),
             pieces: Box::new(std::iter::empty()),
             next: None,
+            multiplexer: Multiplexer::default(),
             fifo: VecDeque::new(),
+            stale: 0,
+            ended: false,
             pace: Pace::default(),
             delay: Duration::ZERO,
             faults: Faults::default(),
-            running: false,
+            streams: None,
+            switched: None,
             started: None,
             turned: None,
             asleep: Duration::ZERO,
@@ -86,25 +103,41 @@ impl Output {
         self.sent
     }
 
-    /// Begins the stream anew.
-    pub(super) fn start(&mut self) {
+    /// Modules are switched on or off; `None`: nothing is sent. The stream begins anew if nothing was
+    /// before; what is in the FIFO at the end stays there.
+    pub(super) fn switch(&mut self, streams: Option<Streams>) {
+        if streams == self.streams {
+            return;
+        }
+        match streams {
+            Some(_) if self.streams.is_none() => self.start(),
+            Some(_) => {}
+            None => self.ended = true,
+        }
+        (self.streams, self.switched) = (streams, Some(Instant::now()));
+    }
+
+    fn start(&mut self) {
         self.pieces = (self.source)();
         (self.next, self.started, self.sent, self.cut) = (None, Some(Instant::now()), 0, 0);
         self.asleep = Duration::ZERO;
+        self.multiplexer = Multiplexer::default();
         self.fifo.clear();
-        self.running = true;
     }
 
-    /// Ends the stream; what is in the FIFO stays there.
-    pub(super) fn stop(&mut self) {
-        self.running = false;
+    /// Restarts the time of a running stream at zero.
+    pub(super) fn restart_time(&mut self) {
+        if self.streams.is_some() {
+            let mut words = Vec::new();
+            self.multiplexer.restart_time(&mut words);
+            self.fifo.extend(words);
+        }
     }
 
     /// Loses what it holds, as without power.
     pub(super) fn clear(&mut self) {
-        self.running = false;
+        (self.streams, self.stale, self.sent) = (None, 0, 0);
         self.fifo.clear();
-        self.sent = 0;
     }
 
     /// Whether it is time to unplug the camera; true once.
@@ -118,6 +151,14 @@ impl Output {
         if self.faults.stall_at.take_if(|at| self.sent >= *at).is_some() {
             return Taken::Halt;
         }
+        if self.streams.is_none() && self.faults.take_failure(self.sent) {
+            return Taken::Failure;
+        }
+        if let Some(stale) = self.faults.stale.get(self.stale..).filter(|stale| !stale.is_empty()) {
+            let stale: Vec<u8> = stale.iter().copied().take(room).collect();
+            self.stale += stale.len();
+            return Taken::Bytes(stale);
+        }
         let room = self.faults.limit(room, self.sent, self.cut);
         self.fill(room);
         let take = self.fifo.len().min(room);
@@ -129,13 +170,14 @@ impl Output {
         self.faults.spoil(&mut bytes, self.sent);
         self.sent_last = Some(Instant::now());
         self.cut = self.cut.wrapping_add(1);
+        let fails = self.faults.take_failure(self.sent);
         self.sent += take as u64;
-        Taken::Bytes(bytes)
+        if fails { Taken::Failure } else { Taken::Bytes(bytes) }
     }
 
     /// After what time it wants its next turn: soon only while there is something to play.
     pub(super) fn turn_interval(&self) -> Duration {
-        if self.running { TURN } else { TURN_AT_REST }
+        if self.streams.is_some() { TURN } else { TURN_AT_REST }
     }
 
     /// To be called every few milliseconds. Where the computer was too busy for that, the camera's
@@ -147,14 +189,16 @@ impl Output {
     }
 
     /// The next piece, if its time has come.
-    fn due(&mut self) -> Option<Piece> {
-        if !self.running {
-            return None;
-        }
+    fn due(&mut self, streams: Streams) -> Option<Piece> {
         let elapsed = self.started.map_or(Duration::ZERO, |started| started.elapsed()).saturating_sub(self.asleep);
         let elapsed = elapsed.checked_sub(self.delay)?;
-        let piece = self.next.take().or_else(|| self.pieces.next())?;
-        if self.pace == Pace::Real && Duration::from_micros(piece.time) > elapsed {
+        let Some(piece) = self.next.take().or_else(|| self.pieces.next()) else {
+            self.fifo.extend(self.multiplexer.finish());
+            return None;
+        };
+        let early = self.pace == Pace::Real && Duration::from_micros(piece.time) > elapsed;
+        let switching = self.switched.is_some_and(|switched| switched.elapsed() < SWITCHING);
+        if early || switching && needs_more(&piece.bytes, streams) {
             self.next = Some(piece);
             return None;
         }
@@ -162,36 +206,76 @@ impl Output {
     }
 
     fn fill(&mut self, room: usize) {
-        while self.fifo.len() < room {
-            let Some(piece) = self.due() else { return };
-            self.fifo.extend(piece.bytes);
+        let mut words = Vec::new();
+        while self.fifo.len() < room
+            && let Some(streams) = self.streams
+            && let Some(piece) = self.due(streams)
+        {
+            words.clear();
+            self.multiplexer.take(&piece.bytes, Gate::without_limit(streams), &mut words);
+            self.fifo.extend(&words);
         }
     }
 
-    /// Lets time pass without a queued transfer: how many pieces found no room in the FIFO.
-    pub(super) fn idle(&mut self) -> u64 {
-        let mut dropped = 0;
-        while self.pace == Pace::Real {
-            let Some(piece) = self.due() else { break };
-            if self.fifo.len() + piece.bytes.len() > FIFO_BYTES {
-                dropped += 1;
-            } else {
-                self.fifo.extend(piece.bytes);
-            }
+    /// Lets time pass without a queued transfer: what found no room in the FIFO. `drop_events` and
+    /// `drop_signals`: these do not wait for room.
+    pub(super) fn idle(&mut self, drop_events: bool, drop_signals: bool) -> Drops {
+        // Nobody listens to the end of the run before any more.
+        if self.streams.is_none() && std::mem::take(&mut self.ended) {
+            self.stale = 0;
         }
-        dropped
+        let mut drops = Drops::default();
+        let mut words = Vec::new();
+        while self.pace == Pace::Real
+            && let Some(streams) = self.streams
+            && let Some(piece) = self.due(streams)
+        {
+            let room = FIFO_BYTES.saturating_sub(self.fifo.len());
+            words.clear();
+            let new =
+                self.multiplexer.take(&piece.bytes, Gate { streams, room, drop_events, drop_signals }, &mut words);
+            (drops.events, drops.signals) = (drops.events + new.events, drops.signals + new.signals);
+            self.fifo.extend(&words);
+        }
+        drops
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::emulator::Failures;
 
     fn running(pieces: Vec<Piece>, faults: Faults) -> Output {
         let mut output = Output::new(move || pieces.clone().into_iter());
         output.faults = faults;
-        output.start();
+        output.switch(Some(Streams::ALL));
         output
+    }
+
+    #[test]
+    fn failed_transfers_lose_what_they_would_have_brought() {
+        let pieces = vec![Piece { time: 0, bytes: (0..100).collect() }];
+        let failures = Some(Failures { at: 10, transfers: 2 });
+        let mut output = running(pieces, Faults { failures, ..Faults::default() });
+        let mut take = || output.take(20, Duration::ZERO);
+        assert_eq!(take(), Taken::Bytes((0..10).collect()));
+        assert_eq!([take(), take()], [Taken::Failure, Taken::Failure]);
+        assert_eq!(take(), Taken::Bytes((50..70).collect()));
+    }
+
+    #[test]
+    fn stale_bytes_come_first_and_again_after_each_run() {
+        let pieces = vec![Piece { time: 0, bytes: vec![1; 10] }];
+        let mut output = running(pieces, Faults { stale: vec![9; 5], ..Faults::default() });
+        assert_eq!(output.take(3, Duration::ZERO), Taken::Bytes(vec![9; 3]));
+        assert_eq!(output.take(30, Duration::ZERO), Taken::Bytes(vec![9; 2]));
+        assert_eq!(output.take(30, Duration::ZERO), Taken::Bytes(vec![1; 10]));
+        output.switch(None);
+        assert_eq!(output.take(30, Duration::ZERO), Taken::Nothing);
+        output.idle(true, true);
+        assert_eq!(output.take(30, Duration::ZERO), Taken::Bytes(vec![9; 5]));
+        assert_eq!(output.take(30, Duration::ZERO), Taken::Nothing);
     }
 
     #[test]
@@ -213,11 +297,19 @@ mod tests {
     }
 
     #[test]
-    fn what_no_transfer_takes_is_dropped_at_real_pace() {
-        let pieces = (0..100).map(|_| Piece { time: 0, bytes: vec![0; 1000] }).collect();
-        let mut output = running(pieces, Faults::default());
-        output.pace = Pace::Real;
-        assert_eq!(output.idle(), 35);
-        assert_eq!(output.take(1 << 20, Duration::ZERO), Taken::Bytes(vec![0; 65_000]));
+    fn events_that_no_transfer_takes_are_dropped_at_real_pace() {
+        // Row 0, then 499 columns.
+        let bytes: Vec<u8> = [0x00, 0x10].into_iter().chain([0x00, 0x20].repeat(499)).collect();
+        let pieces = vec![Piece { time: 0, bytes }; 100];
+        for drop_events in [true, false] {
+            let mut output = running(pieces.clone(), Faults::default());
+            output.pace = Pace::Real;
+            let dropped = output.idle(drop_events, true).events;
+            let Taken::Bytes(bytes) = output.take(1 << 20, Duration::ZERO) else { panic!("nothing") };
+            let columns = bytes.as_chunks::<2>().0.iter().filter(|word| word[1] == 0x20).count() as u64;
+            assert_eq!(columns + dropped, 100 * 499);
+            assert_eq!((dropped > 0, bytes.len() <= FIFO_BYTES), (drop_events, drop_events));
+            assert!(bytes.len() > FIFO_BYTES - 100);
+        }
     }
 }

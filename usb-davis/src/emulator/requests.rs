@@ -1,12 +1,9 @@
 //! Requests that every USB device answers (USB 3.2, table 9-4).
 
 use super::descriptors::descriptor;
+use super::stall::Stall;
 use crate::capture::DATA_ENDPOINT;
 use crate::dump::Identity;
-
-/// The endpoint is halted, or the request is not known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stall;
 
 /// Bit of the request type that says that the device answers with data; the others name what is
 /// asked.
@@ -43,7 +40,7 @@ pub(super) fn standard_request(identity: &Identity, halted: &mut bool, setup: [u
         }
         // Power saving: nothing is saved here.
         (DEVICE | INTERFACE, 0, CLEAR_FEATURE | SET_FEATURE) => Ok(Vec::new()),
-        (DEVICE, IN, GET_DESCRIPTOR) => descriptor(identity, v1, v0),
+        (DEVICE, IN, GET_DESCRIPTOR) => descriptor(identity, v1, v0).ok_or(Stall),
         // There is one configuration, and one setting of its interface.
         (DEVICE, IN, GET_CONFIGURATION) => Ok(vec![1]),
         (INTERFACE, IN, GET_INTERFACE) => Ok(vec![0]),

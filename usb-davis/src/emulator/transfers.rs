@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use super::model::Model;
-use super::requests::Stall;
+use super::stall::TransferFault;
 use crate::capture::DATA_ENDPOINT;
 
 struct Queued<T> {
@@ -28,7 +28,7 @@ impl<T> QueuedTransfers<T> {
     }
 
     /// The first transfer that the camera has data for, and these. Only the data endpoint ever has.
-    pub(super) fn next(&mut self, model: &mut Model) -> Option<(T, Result<Vec<u8>, Stall>)> {
+    pub(super) fn next(&mut self, model: &mut Model) -> Option<(T, Result<Vec<u8>, TransferFault>)> {
         let Some(index) = self.0.iter().position(|transfer| transfer.endpoint == DATA_ENDPOINT) else {
             model.idle();
             return None;

@@ -6,7 +6,6 @@ use std::collections::VecDeque;
 use std::io;
 
 use super::model::Model;
-use super::requests::Stall;
 use super::transfers::QueuedTransfers;
 use crate::capture::DATA_ENDPOINT;
 
@@ -104,7 +103,7 @@ impl OpenNode {
         while let Some((urb, data)) = self.pending.next(model) {
             self.done.push_back(match data {
                 Ok(data) => urb.done(0, data),
-                Err(Stall) => urb.done(-EPIPE, Vec::new()),
+                Err(fault) => urb.done(-fault.errno(), Vec::new()),
             });
         }
     }

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 pub use port::VhciError;
 
 use super::model::Model;
-use super::requests::Stall;
+use super::stall::Stall;
 use super::transfers::QueuedTransfers;
 use super::usbip::{Command, Submission, read_command, read_done, unlink_done, write_done};
 
@@ -67,7 +67,7 @@ impl Link {
         let Some((number, data)) = self.queued.next(model) else { return Ok(false) };
         self.socket.write_all(&match data {
             Ok(data) => read_done(number, 0, &data),
-            Err(Stall) => read_done(number, -EPIPE, &[]),
+            Err(fault) => read_done(number, -fault.errno(), &[]),
         })?;
         Ok(true)
     }

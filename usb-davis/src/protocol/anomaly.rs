@@ -49,7 +49,10 @@ anomalies! {
     FrameTooLarge: "frame larger than its memory",
     /// A frame ended with the wrong number of columns, or another began before it ended; dropped.
     FrameIncomplete: "frame with columns missing",
-    /// A word of a frame outside of one, or a sample outside of a column; it is skipped.
+    /// The camera's clock restarted within a frame, whose times would be of two clocks; it is dropped.
+    FrameAcrossReset: "clock restarted within a frame",
+    /// A word of a frame outside of one, or a sample or the end of a column outside of a column; it is
+    /// skipped.
     FrameStray: "word of a frame out of place",
     /// A column has too few samples. The frame is delivered and says so.
     ColumnIncomplete: "frame column with samples missing",

@@ -281,6 +281,9 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
                 sink(Message::Imu(sample));
             }),
             Word::Special(Special::TimestampReset) => {
+                if self.frame.discard() {
+                    self.anomaly(AnomalyKind::FrameAcrossReset, offset, word, sink);
+                }
                 (self.wrap, self.time, self.resuming) = (0, 0, false);
                 self.counts.timestamp_resets += 1;
                 sink(Message::TimestampReset { previous: time });

@@ -103,6 +103,8 @@ struct Current {
     /// Cannot or need not be collected: its words are passed over.
     discarded: bool,
     column: Option<Column>,
+    /// A column has begun and not ended, be it one that is not collected because there are too many.
+    within_column: bool,
     reset_columns: u16,
     signal_columns: u16,
     damaged_columns: u16,
@@ -131,6 +133,13 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> FrameAssembly<S> {
         self.synchronised = false;
     }
 
+    /// The clock restarts: whether that costs a frame. Its remaining words are passed over.
+    pub(super) fn discard(&mut self) -> bool {
+        let Some(current) = self.current.as_mut().filter(|current| !current.discarded) else { return false };
+        (current.discarded, current.geometry, current.column) = (true, None, None);
+        true
+    }
+
     pub(super) fn start(&mut self, shutter: Shutter, time: u64, report: &mut impl FnMut(AnomalyKind)) {
         if self.current.is_some() {
             report(AnomalyKind::FrameIncomplete);
@@ -148,6 +157,7 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> FrameAssembly<S> {
             geometry: None,
             discarded: false,
             column: None,
+            within_column: false,
             reset_columns: 0,
             signal_columns: 0,
             damaged_columns: 0,
@@ -201,6 +211,7 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> FrameAssembly<S> {
                 .map(|region| Geometry::new(&self.array, region));
             current.discarded = current.geometry.is_none();
         }
+        current.within_column = true;
         let Some(geometry) = current.geometry else { return };
         let columns = match level {
             Level::Reset => &mut current.reset_columns,
@@ -251,8 +262,11 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> FrameAssembly<S> {
     pub(super) fn column_end(&mut self, report: &mut impl FnMut(AnomalyKind)) {
         self.stray = false;
         match self.current.as_mut() {
-            Some(current) => close_column(current, self.memory.as_mut(), report),
-            None => report(AnomalyKind::FrameStray),
+            Some(current) if current.within_column || current.discarded => {
+                current.within_column = false;
+                close_column(current, self.memory.as_mut(), report);
+            }
+            Some(_) | None => report(AnomalyKind::FrameStray),
         }
     }
 

@@ -4,6 +4,8 @@
 //! user's columns. Events arrive mirrored right, so only the axes are swapped. Frames arrive as the
 //! chip is wired, so their *wire* columns and rows are mirrored first, then swapped.
 
+#[cfg(feature = "std")]
+use crate::registers::RegisterSnapshot;
 use crate::registers::{Register, aps, dvs, imu};
 
 /// Widest or highest array that can be spoken of: coordinates have 12 bits, and no DAVIS comes near.
@@ -108,6 +110,14 @@ impl Layout {
                 negate: [imu_orientation & 0b100 != 0, imu_orientation & 0b010 != 0, imu_orientation & 0b001 != 0],
             },
         }
+    }
+}
+
+#[cfg(feature = "std")]
+impl RegisterSnapshot {
+    /// What they say of sizes and orientations.
+    pub fn layout(&self) -> Layout {
+        Layout::from_registers(|register| self.get(register))
     }
 }
 

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::{Clocks, Register};
-use crate::protocol::Layout;
 
 /// Registers and their values, in order of module and parameter. As JSON a list of
 /// `[module, parameter, value]`.
@@ -42,11 +41,6 @@ impl RegisterSnapshot {
     /// Whether none is known.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
-    }
-
-    /// What they say of sizes and orientations.
-    pub fn layout(&self) -> Layout {
-        Layout::from_registers(|register| self.get(register))
     }
 
     /// What they say of clock rates.

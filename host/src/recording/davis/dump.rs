@@ -30,7 +30,8 @@ const LATENCY: u64 = 150;
 pub fn davis346_header(serial: &str, configuration: &Configuration) -> DumpHeader {
     let mut registers = default_registers();
     let clocks = registers.clocks();
-    configuration.writes(&clocks, |register, value| registers.set(register, value));
+    let imu = registers.layout().imu.model;
+    configuration.writes(&clocks, imu, |register, value| registers.set(register, value));
     let identity =
         Identity { vendor_id: VENDOR_ID, product_id: PRODUCT_ID, device_version: 6, serial: serial.to_owned() };
     DumpHeader { identity: Some(identity), registers, ..DumpHeader::default() }
