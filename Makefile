@@ -15,20 +15,20 @@ test: setup readers check
 
 # report.html in a headless browser, as a phone and as a desktop; installs the browser.
 test-report: build
-	@sh tools/check-report.sh
+	@sh tools/report/check.sh
 
 # The emulated camera on a real kernel, in a virtual machine; says so where there cannot be one.
 test-usb-guest:
-	@sh tools/test-usb-guest.sh
+	@sh tools/usb/test-guest.sh
 
 # The core and the detector's firmware on emulated microcontrollers; installs QEMU and compiles core for them.
 test-embedded: build
-	@sh tools/test-embedded.sh
-	@sh tools/test-embedded-calibration.sh
+	@sh tools/embedded/test.sh
+	@sh tools/embedded/test-calibration.sh
 
 # The core's tests as 32-bit Arm programs, and the example for a real board.
 test-embedded-slow: setup
-	@sh tools/test-embedded-slow.sh
+	@sh tools/embedded/test-slow.sh
 
 # A third-party driver must accept the emulated camera. Apart, because it brings its own libusb.
 compatibility: setup
@@ -38,7 +38,7 @@ check: setup
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --release --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked
-	@sh tools/check-no-std.sh
+	@sh tools/check/no-std.sh
 
 build: setup
 	cargo build --release --locked
@@ -47,8 +47,8 @@ bench: setup
 	cargo bench --workspace
 
 setup:
-	@sh tools/setup.sh
+	@sh tools/setup/build.sh
 
 # The programs that tests read evcal's files with: OpenCV, mrcal, dv-processing, renderers.
 readers: setup
-	@sh tools/setup-readers.sh
+	@sh tools/setup/readers.sh
