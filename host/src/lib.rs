@@ -3,6 +3,9 @@
 //! Stages are plain functions over plain structs, and data flows one way:
 //! source → window → circles → grid → reference frames → initial model and poses → segments →
 //! splines → associations → joint solve → result → export.
+// No input makes it panic; what is printed is printed by the program.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod board;
 pub mod calibrate;
