@@ -2,33 +2,44 @@
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test test-report test-usb-guest test-embedded test-embedded-slow compatibility setup readers build check rooms bench
+.PHONY: demo test test-times test-workspace test-report test-usb-guest test-embedded test-embedded-slow \
+    compatibility setup readers build programs rooms bench check check-format check-lints check-documentation check-no-std \
+    check-dependencies check-oldest-rust
+
+# What `make test` runs, in this order.
+CHECKS = check-format check-lints check-documentation check-no-std check-dependencies check-oldest-rust
+TESTS = setup readers $(CHECKS) test-workspace test-report test-usb-guest test-embedded
 
 demo: build
 	@sh tools/demo.sh
 
-test: setup readers check
+test:
+	@for step in $(TESTS); do $(MAKE) $$step || exit 1; done
+
+# How long each step takes. COLD=--cold builds everything anew.
+test-times: setup
+	@sh tools/measure/time-tests.sh $(COLD) $(TESTS)
+
+# All tests that cargo runs.
+test-workspace: setup
 	cargo test --workspace --release --locked
-	@$(MAKE) test-report
-	@$(MAKE) test-usb-guest
-	@$(MAKE) test-embedded
 
 # report.html in a headless browser, as a phone and as a desktop; installs the browser.
-test-report: build
-	@sh tools/check-report.sh
+test-report: programs
+	@sh tools/report/check.sh
 
 # The emulated camera on a real kernel, in a virtual machine; says so where there cannot be one.
-test-usb-guest:
-	@sh tools/test-usb-guest.sh
+test-usb-guest: setup
+	@sh tools/usb/test-guest.sh
 
 # The core and the detector's firmware on emulated microcontrollers; installs QEMU and compiles core for them.
-test-embedded: build
-	@sh tools/test-embedded.sh
-	@sh tools/test-embedded-calibration.sh
+test-embedded: programs
+	@sh tools/embedded/test.sh
+	@sh tools/embedded/test-calibration.sh
 
 # The core's tests as 32-bit Arm programs, and the example for a real board.
 test-embedded-slow: setup
-	@sh tools/test-embedded-slow.sh
+	@sh tools/embedded/test-slow.sh
 
 # A third-party driver must accept the emulated camera. Apart, because it brings its own libusb.
 compatibility: setup
@@ -38,21 +49,42 @@ compatibility: setup
 rooms: setup
 	cargo test -p evcal --test rooms --release --locked -- --nocapture
 
-check: setup
+check: $(CHECKS)
+
+check-format: setup
 	cargo fmt --all --check
+
+check-lints: setup
 	cargo clippy --workspace --all-targets --release --locked -- -D warnings
+
+check-documentation: setup
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked
-	@sh tools/check-no-std.sh
+
+check-no-std: setup
+	@sh tools/check/no-std.sh
+
+# Licences, sources and known flaws of dependencies, where cargo-deny is installed.
+check-dependencies: setup
+	@sh tools/check/dependencies.sh
+
+# The oldest Rust that is promised, where it is installed.
+check-oldest-rust: setup
+	@sh tools/check/oldest-rust.sh
 
 build: setup
 	cargo build --release --locked
+
+# The programs as the tests have them: their dependencies have features that only tests ask for, and another build
+# would compile most of evcal a second time.
+programs: setup
+	cargo test --workspace --release --locked --no-run
 
 bench: setup
 	cargo bench --workspace
 
 setup:
-	@sh tools/setup.sh
+	@sh tools/setup/build.sh
 
 # The programs that tests read evcal's files with: OpenCV, mrcal, dv-processing, renderers.
 readers: setup
-	@sh tools/setup-readers.sh
+	@sh tools/setup/readers.sh

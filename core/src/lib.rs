@@ -25,6 +25,9 @@
 //! events are in microseconds. A pose `T_world_camera` maps camera coordinates (z forward) to world
 //! coordinates, where the board lies in the plane z = 0.
 #![no_std]
+#![forbid(unsafe_code)]
+// No input makes it panic; indices are covered by the proof in firmware/no-panic.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable)]
 
 #[cfg(test)]
 extern crate std;

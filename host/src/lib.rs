@@ -4,6 +4,9 @@
 //! recording → window → circles → grid → reference frames → initial model and poses → segments →
 //! splines → associations → joint solve → result → export. `docs/architecture.md` has a table of the
 //! modules here and of what each may use.
+// No input makes it panic; what is printed is printed by the program.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod board;
 pub mod calibrate;

@@ -125,6 +125,7 @@ fn notes(calibration: &Value) -> String {
 
 /// A pseudo-terminal: the device's end, the path of the computer's, and the computer's held open but not
 /// locked, for bytes to wait in it until the program comes.
+#[expect(unsafe_code, reason = "serialport gives no handle that the safe wrappers of fcntl take")]
 fn port_pair() -> (TTYPort, PathBuf, File) {
     let (device, computer) = TTYPort::pair().unwrap();
     // A program that inherits the device's end would never hear it hang up.

@@ -1,4 +1,4 @@
-//! The programs that read what evcal writes. `tools/setup-readers.sh` installs them.
+//! The programs that read what evcal writes. `tools/setup/readers.sh` installs them.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ pub const SYSTEM_PYTHON: &str = "/usr/bin/python3";
 pub fn python() -> PathBuf {
     let target = program().ancestors().nth(2).expect("cargo puts programs below its target folder");
     let python = target.join("readers/bin/python");
-    assert!(python.exists(), "{} is missing: run tools/setup-readers.sh", python.display());
+    assert!(python.exists(), "{} is missing: run tools/setup/readers.sh", python.display());
     python
 }
 
@@ -30,14 +30,14 @@ pub fn ask(python: &Path, script: &str, question: &Value) -> Value {
     drop(input);
     let output = child.wait_with_output().expect("the script ends");
     let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{} (is everything of tools/setup-readers.sh there?): {errors}", script.display());
+    assert!(output.status.success(), "{} (is everything of tools/setup/readers.sh there?): {errors}", script.display());
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{}: {error}: {errors}", script.display()))
 }
 
 /// Runs a program that must succeed, and returns what it prints.
 pub fn run(program: &str, arguments: &[&str]) -> String {
     let output = Command::new(program).args(arguments).output();
-    let output = output.unwrap_or_else(|error| panic!("{program}: {error}: run tools/setup-readers.sh"));
+    let output = output.unwrap_or_else(|error| panic!("{program}: {error}: run tools/setup/readers.sh"));
     assert!(output.status.success(), "{program} {arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8_lossy(&output.stdout).into_owned()
 }

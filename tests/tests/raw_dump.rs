@@ -72,7 +72,7 @@ fn events(path: &Path) -> Vec<Event> {
 #[test]
 fn the_simulated_session_is_made_again_byte_for_byte() {
     let directory = TempDir::new().unwrap();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("tools").join("make-fixtures.sh");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("tools").join("fixtures/make.sh");
     succeed(Command::new("sh").arg(script).env("EVCAL", program()).env("FIXTURES", directory.path()));
     assert_same(&directory.path().join("board"), &fixtures().join("board"));
 }

@@ -1,5 +1,5 @@
 //! `report.html` of a calibration, without a browser: complete, by itself, small, and nothing in it that a file name
-//! could smuggle in. `tools/check-report.sh` looks at it in a browser.
+//! could smuggle in. `tools/report/check.sh` looks at it in a browser.
 
 use std::fs;
 use std::path::Path;

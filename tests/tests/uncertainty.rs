@@ -1,4 +1,4 @@
-//! Whether the truth lies where the stated uncertainty says. `examples/seeds.rs` does the same for many seeds.
+//! Whether the truth lies where the stated uncertainty says. `experiments/seeds.rs` does the same for many seeds.
 
 use evcal_tests::{json, lens, read_json, text};
 

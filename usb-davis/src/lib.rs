@@ -33,6 +33,15 @@
 //! # Ok::<(), usb_davis::capture::CaptureError>(())
 //! ```
 #![cfg_attr(not(feature = "std"), no_std)]
+// No input makes it panic.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::unreachable,
+    clippy::indexing_slicing,
+    clippy::string_slice
+)]
 
 #[cfg(all(test, not(feature = "std")))]
 extern crate std;

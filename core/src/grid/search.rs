@@ -168,7 +168,7 @@ fn circles<T: RealField + Copy, const N: usize>(
         };
         let Some(point) = points.get(site.point) else { continue };
         let mut carried = GridCircle { board, candidate: point.candidate };
-        for known in circles.iter_mut() {
+        for known in &mut circles {
             if carried.board < known.board {
                 core::mem::swap(&mut carried, known);
             }

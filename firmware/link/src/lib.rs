@@ -22,6 +22,9 @@
 //! assert_eq!(decoder.counts().frames, 1);
 //! ```
 #![no_std]
+#![forbid(unsafe_code)]
+// No input makes it panic.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::indexing_slicing)]
 
 #[cfg(test)]
 extern crate std;

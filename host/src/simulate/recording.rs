@@ -234,7 +234,7 @@ mod tests {
                     seen_events.extend_from_slice(events);
                 }
                 Message::Frame(frame) => {
-                    seen_frames.push((frame.start, frame.exposure_middle(), frame.pixels.to_vec()))
+                    seen_frames.push((frame.start, frame.exposure_middle(), frame.pixels.to_vec()));
                 }
                 Message::Imu(sample) => seen_samples.push(sample),
                 other => panic!("{other:?}"),

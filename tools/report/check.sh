@@ -2,14 +2,14 @@
 # Opens a report in a headless browser as a phone and as a desktop would show it. Fails on anything in the browser's
 # console, on any request, on a page wider than the screen, and above 5 MB. Leaves pictures of the whole page.
 #
-#   tools/check-report.sh [REPORT.html [FOLDER-FOR-PICTURES]]
+#   tools/report/check.sh [REPORT.html [FOLDER-FOR-PICTURES]]
 #
 # Without a report, calibrates the recording in fixtures/board first. Installs Debian's chromium-headless-shell (99 MB)
 # where there is no such browser.
 set -eu
-cd "$(dirname "$0")/.."
-script=check-report
-. tools/packages.sh
+cd "$(dirname "$0")/../.."
+script=test-report
+. tools/setup/packages.sh
 target="${CARGO_TARGET_DIR:-target}"
 pictures="${2:-$target/report}"
 largest=5000000
@@ -27,12 +27,12 @@ find_browser() {
 browser=$(find_browser)
 if [ -z "$browser" ]; then
     if ! is_debian; then
-        echo "check-report: no chromium-headless-shell here and no apt-get to install it: the report is not looked at"
+        echo "test-report: no chromium-headless-shell here and no apt-get to install it: the report is not looked at"
         exit 0
     fi
     if ! install_packages chromium-headless-shell fonts-dejavu-core 2>"$pictures/install.log"; then
         tail -n 5 "$pictures/install.log"
-        echo "check-report: this system has no package chromium-headless-shell: the report is not looked at"
+        echo "test-report: this system has no package chromium-headless-shell: the report is not looked at"
         exit 0
     fi
     browser=$(find_browser)
@@ -47,7 +47,7 @@ if [ -z "$report" ]; then
 fi
 failed=0
 fail() {
-    echo "check-report: $*"
+    echo "test-report: $*"
     failed=1
 }
 
@@ -93,7 +93,7 @@ for size in "390 844 phone" "1440 900 desktop"; do
         fail "at $width px the browser asked for something outside of the file"
     fi
     [ -s "$pictures/report-$name.png" ] || fail "no picture at $width px"
-    echo "check-report: $name: page of $2 x $page_height px, $pictures/report-$name.png"
+    echo "test-report: $name: page of $2 x $page_height px, $pictures/report-$name.png"
 done
 [ "$failed" -eq 0 ] || exit 1
-echo "check-report: $report: $bytes bytes, no request, nothing in the console, no overflow"
+echo "test-report: $report: $bytes bytes, no request, nothing in the console, no overflow"

@@ -2,9 +2,9 @@
 # Links a program that calls everything in core, link and detector, and that cannot be linked if a panic can be
 # reached; and tests that a deliberate panic is found.
 #
-#   tools/no-panic.sh DIRECTORY TARGET     where to build, and for what; after tools/embedded-target.sh
+#   tools/embedded/no-panic.sh DIRECTORY TARGET     where to build, and for what; after tools/embedded/target.sh
 set -eu
-cd "$(dirname "$0")/../firmware"
+cd "$(dirname "$0")/../../firmware"
 out=$1
 target=$2
 link() {

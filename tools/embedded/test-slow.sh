@@ -2,9 +2,9 @@
 # What takes long: the core's ordinary tests as 32-bit Arm programs under QEMU, where `usize` has 32 bits and
 # the compiler is another; and the example for a real board, to the end.
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 script=test-embedded-slow
-. tools/packages.sh
+. tools/setup/packages.sh
 out=${CARGO_TARGET_DIR:-$PWD/target}/embedded
 mkdir -p "$out"
 target=armv7-unknown-linux-gnueabihf
@@ -17,7 +17,7 @@ RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1 \
     CARGO_TARGET_ARMV7_UNKNOWN_LINUX_GNUEABIHF_RUNNER="qemu-arm -L /usr/arm-linux-gnueabihf" \
     cargo test --release --locked -Zbuild-std --target "$target" --target-dir "$out/arm-linux" -p evcal-core --lib --tests
 
-settings=$(tools/embedded-target.sh thumbv7em-none-eabihf)
+settings=$(tools/embedded/target.sh thumbv7em-none-eabihf)
 eval "$settings"
 echo "== board example: NUCLEO-H743ZI"
 (

@@ -5,9 +5,9 @@
 # Installs QEMU and takes the kernel from Debian's package linux-image-amd64, unpacked below
 # the target directory. Where that cannot be had, it says so and exits with 0.
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 script=test-usb-guest
-. tools/packages.sh
+. tools/setup/packages.sh
 
 # The guest is killed after this many seconds.
 time_limit=900

@@ -2,9 +2,9 @@
 # Compiles the core, the link and the detector against a sysroot that holds nothing but `core`, and tests
 # that a use of `std` or `alloc` would not get through. Needs no target but this machine's.
 #
-#   tools/core-only.sh DIRECTORY     where to build
+#   tools/embedded/core-only.sh DIRECTORY     where to build
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 out=$1
 rm -rf "$out/sysroot" "$out/probe"
 host=$(rustc --version --verbose | sed -n 's/^host: //p')

@@ -3,12 +3,12 @@
 # without a reachable panic, run in QEMU with the same result as here, within their budgets of RAM,
 # flash and instructions. Installs what is missing from Debian's packages.
 #
-#   tools/test-embedded.sh           all of it
-#   tools/test-embedded.sh --record  writes the measured figures to firmware/budgets.txt, to be asserted from then on
+#   tools/embedded/test.sh           all of it
+#   tools/embedded/test.sh --record  writes the measured figures to firmware/budgets.txt, to be asserted from then on
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 script=test-embedded
-. tools/packages.sh
+. tools/setup/packages.sh
 record=${1:-}
 out=${CARGO_TARGET_DIR:-$PWD/target}/embedded
 mkdir -p "$out"
@@ -29,10 +29,10 @@ need_program size binutils
 need_program qemu-system-arm qemu-system-arm
 need_program qemu-system-riscv32 qemu-system-misc
 
-tools/core-only.sh "$out/core-only"
+tools/embedded/core-only.sh "$out/core-only"
 
 step "programs for $arm, $riscv and this machine"
-settings=$(tools/embedded-target.sh "$arm" "$riscv")
+settings=$(tools/embedded/target.sh "$arm" "$riscv")
 eval "$settings"
 (
     cd firmware
@@ -51,7 +51,7 @@ programs() {
     esac
 }
 
-tools/no-panic.sh "$out/firmware" "$arm"
+tools/embedded/no-panic.sh "$out/firmware" "$arm"
 
 # run MACHINE PROGRAM ARGUMENT...: a program for a machine in QEMU, where an instruction takes 64 ns (Arm) or 1 ns.
 run() {
@@ -107,7 +107,7 @@ else_per_event=$(($(figure cortex-m4f instructions_else) / $(figure cortex-m4f e
 } > "$out/figures.txt"
 if [ "$record" = --record ]; then
     {
-        echo "# Figures of the detector on a Cortex-M4F, by tools/test-embedded.sh --record: name, recorded value, limit."
+        echo "# Figures of the detector on a Cortex-M4F, by tools/embedded/test.sh --record: name, recorded value, limit."
         echo "# The test fails above the limit, or more than 3 % above the recorded value."
         cat "$out/figures.txt"
     } > firmware/budgets.txt
@@ -116,7 +116,7 @@ printf '%-30s %10s %10s %10s\n' "Cortex-M4F" measured recorded limit
 exceeded=""
 while read -r name value limit; do
     recorded=$(sed -n "s/^$name \([0-9]*\) .*/\1/p" firmware/budgets.txt)
-    [ -n "$recorded" ] || fail "firmware/budgets.txt has no $name: run tools/test-embedded.sh --record"
+    [ -n "$recorded" ] || fail "firmware/budgets.txt has no $name: run tools/embedded/test.sh --record"
     printf '%-30s %10s %10s %10s\n' "$name" "$value" "$recorded" "$limit"
     if [ "$value" -gt "$limit" ] || [ $((value * 100)) -gt $((recorded * 103)) ]; then
         exceeded="$exceeded $name"
@@ -127,5 +127,5 @@ echo "instructions per event of a 4000-event window, per spline evaluation:" \
     "RV32IMAFC $(figure rv32imafc-window instructions_per_event), $(figure rv32imafc-spline instructions_per_evaluation)"
 [ -z "$exceeded" ] || fail "over budget:$exceeded"
 
-tools/board-examples.sh "$out/firmware"
+tools/embedded/board-examples.sh "$out/firmware"
 echo "test-embedded: all passed"

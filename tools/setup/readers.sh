@@ -2,21 +2,21 @@
 # Installs on Debian the programs that tests read evcal's files with: mrcal and renderers of PDF and SVG from
 # Debian, OpenCV, PyYAML and dv-processing from PyPI in an environment of their own below the target folder.
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 
-script=setup-readers
-. tools/packages.sh
+script=readers
+. tools/setup/packages.sh
 
 if is_debian; then
     install_packages python3-venv python3-mrcal poppler-utils librsvg2-bin
 else
-    echo "setup-readers: this is not Debian or a relative; install mrcal for /usr/bin/python3, pdftoppm and rsvg-convert yourself" >&2
+    echo "readers: this is not Debian or a relative; install mrcal for /usr/bin/python3, pdftoppm and rsvg-convert yourself" >&2
 fi
 
 readers="${CARGO_TARGET_DIR:-target}/readers"
-wanted=tools/readers/requirements.txt
+wanted=tests/readers/requirements.txt
 if ! cmp -s "$wanted" "$readers/installed.txt"; then
-    echo "setup-readers: installing the packages of $wanted to $readers"
+    echo "readers: installing the packages of $wanted to $readers"
     rm -rf "$readers"
     mkdir -p "$readers"
     /usr/bin/python3 -m venv "$readers"

@@ -4,9 +4,9 @@
 # none that is new enough.
 set -eu
 
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 script=setup
-. tools/packages.sh
+. tools/setup/packages.sh
 needed_rust=1.89
 
 new_enough() {

@@ -1,9 +1,9 @@
 #!/bin/sh
 # A whole simulated recording through the detector on an emulated Cortex-M4F; its circle stream, calibrated
 # here, must be near the truth: focal lengths within 0.3 %, principal point within 1 px.
-# After tools/test-embedded.sh, whose programs it runs, and with evcal built.
+# After tools/embedded/test.sh, whose programs it runs, and with evcal built.
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 target=${CARGO_TARGET_DIR:-$PWD/target}
 out=$target/embedded
 evcal=$target/release/evcal

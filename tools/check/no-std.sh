@@ -2,7 +2,7 @@
 # Builds what claims to need neither std nor an allocator against a sysroot that holds the core library
 # alone: any use of the others, also in a dependency, is an error (E0463). Needs no further target.
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 
 host=$(rustc -vV | sed -n 's/^host: //p')
 libraries=$(rustc --print target-libdir)

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Makes cargo able to build for the microcontroller targets given:
 #
-#   eval "$(tools/embedded-target.sh thumbv7em-none-eabihf riscv32imafc-unknown-none-elf)"
+#   eval "$(tools/embedded/target.sh thumbv7em-none-eabihf riscv32imafc-unknown-none-elf)"
 #
 # Targets that the installed compiler has (`rustup target add ...`) are used as they are. Where one is
 # missing, `core` is built once from Debian's Rust sources with Debian's compiler of the same version
@@ -9,7 +9,7 @@
 # needs `alloc` or `std` does not compile.
 set -eu
 script=embedded-target
-. "$(dirname "$0")/packages.sh"
+. "$(dirname "$0")/../setup/packages.sh"
 
 say() { echo "embedded-target: $*" >&2; }
 
@@ -23,7 +23,7 @@ has_target() {
     ls "$directory"/libcore-*.rlib >/dev/null 2>&1
 }
 
-[ $# -gt 0 ] || { say "usage: embedded-target.sh TARGET..."; exit 2; }
+[ $# -gt 0 ] || { say "usage: tools/embedded/target.sh TARGET..."; exit 2; }
 targets="$*"
 missing_targets=""
 for target in "$@"; do

@@ -1,0 +1,22 @@
+#!/bin/sh
+# Licences, sources and known flaws of all dependencies, as deny.toml allows them. Needs cargo-deny
+# (`cargo install cargo-deny --locked`); where it is not installed, says so. Known flaws are looked up in the database
+# that `cargo deny fetch` keeps on this machine; nothing is downloaded here.
+set -eu
+cd "$(dirname "$0")/../.."
+
+if ! cargo deny --version >/dev/null 2>&1; then
+    echo "dependencies: SKIPPED, cargo-deny is not installed; licences and sources of dependencies were not checked"
+    exit 0
+fi
+cargo deny --offline check --hide-inclusion-graph licenses bans sources
+if cargo metadata --offline --locked --format-version 1 --manifest-path firmware/Cargo.toml >/dev/null 2>&1; then
+    cargo deny --offline --manifest-path firmware/Cargo.toml check --hide-inclusion-graph licenses bans sources
+else
+    echo "dependencies: those of the firmware are not here yet; make test-embedded fetches them"
+fi
+if ls "${CARGO_HOME:-$HOME/.cargo}"/advisory-db*/*/ >/dev/null 2>&1; then
+    cargo deny --offline check advisories
+else
+    echo "dependencies: known flaws were not looked up, there is no database here; cargo deny fetch gets it"
+fi

@@ -1,0 +1,16 @@
+#!/bin/sh
+# Compiles everything with the oldest Rust that Cargo.toml promises (rust-version), where rustup has it
+# (`rustup toolchain install VERSION --profile minimal`). Elsewhere clippy alone looks for what is newer
+# (incompatible_msrv, for the standard library; a part of `make check`), and this says so.
+set -eu
+cd "$(dirname "$0")/../.."
+
+version=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+if cargo "+$version" --version >/dev/null 2>&1; then
+    cargo "+$version" check --workspace --all-targets --locked --target-dir "${CARGO_TARGET_DIR:-target}/oldest-rust"
+    echo "oldest-rust: everything compiles with Rust $version"
+elif cargo --version | grep -q "^cargo $version\."; then
+    echo "oldest-rust: this is Rust $version"
+else
+    echo "oldest-rust: SKIPPED, Rust $version is not installed; only clippy looked for what is newer"
+fi

@@ -1,0 +1,28 @@
+#!/bin/sh
+# What can be told of a commit in seconds: white space, formatting, scripts that are none, and the lints of the crates that
+# it changes (some 20 s once they have been compiled). `make test` tells the rest.
+#
+#   ln -s ../../tools/pre-commit.sh "$(git rev-parse --git-path hooks)/pre-commit"     runs it at each commit
+#   git commit --no-verify                                                             commits without it
+set -eu
+cd "$(git rev-parse --show-toplevel)"
+
+fail() { echo "pre-commit: $*" >&2; exit 1; }
+changed() { git diff --cached --name-only --diff-filter=d -- "$@"; }
+
+git diff --cached --check -- . ':!fixtures' || fail "white space or marks of a conflict, see above"
+cargo fmt --all --check >/dev/null || fail "not formatted: run cargo fmt --all and add what changes"
+changed '*.sh' .ci/run | while read -r script; do
+    sh -n "$script" || fail "$script is no shell script"
+done
+crates=""
+for folder in core:evcal-core firmware/link:evcal-link host:evcal tests:evcal-tests usb-davis:usb-davis; do
+    [ -z "$(changed "${folder%:*}/**.rs" "${folder%:*}/Cargo.toml")" ] || crates="$crates -p ${folder#*:}"
+done
+if [ -n "$(changed Cargo.toml clippy.toml)" ]; then
+    crates=" --workspace"
+fi
+if [ -n "$crates" ]; then
+    # shellcheck disable=SC2086 # one word a crate
+    cargo clippy -q$crates --lib --bins -- -D warnings || fail "lints, see above"
+fi
