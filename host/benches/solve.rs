@@ -5,7 +5,8 @@ use evcal_core::sensor::Sensor;
 use std::time::Instant;
 
 use evcal::board::Board;
-use evcal::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, unknown};
+use evcal::solve::event_bias::bias::Biases;
+use evcal::solve::event_bias::{CLASS_COUNT, unknown};
 use evcal::solve::levenberg::solve;
 use evcal::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use evcal::solve::{FreeParameters, Problem, SolveSettings, State};
@@ -42,7 +43,7 @@ fn main() {
             segments: vec![observations],
             free: FreeParameters {
                 intrinsics: std::array::from_fn(|index| index < 9),
-                biases: [[true; BIAS_COUNT]; CLASS_COUNT],
+                biases: [Biases::from_fn(|_| true); CLASS_COUNT],
             },
             settings,
         };

@@ -210,9 +210,9 @@ fn refine_start(
     if posed.len() < settings.min_frames {
         return None;
     }
-    let views = posed.iter().map(|(points, pose)| BundleView { points, pose: *pose }).collect();
+    let views: Vec<BundleView<'_>> = posed.iter().map(|(points, pose)| BundleView { points, pose: *pose }).collect();
     let free = vec![true; camera.kind().parameter_names().len()];
-    Some((posed.len(), bundle(camera, views, &free, sensor, settings.huber)?))
+    Some((posed.len(), bundle(camera, &views, &free, sensor, settings.huber)?))
 }
 
 /// The camera from a diverse subset of the sightings: OpenCV's, refined, unless the native start
@@ -319,7 +319,7 @@ fn refine(
     let free = vec![true; camera.kind().parameter_names().len()];
     report.bundle_views = views.len();
     let count = views.len();
-    let refined = bundle(camera, views, &free, sensor, settings.huber)
+    let refined = bundle(camera, &views, &free, sensor, settings.huber)
         .ok_or_else(|| InitialError::NoCamera { views: count, reason: "the refinement diverged".to_owned() })?;
     report.bundle_steps = refined.steps;
     views_differ(&refined, settings)?;

@@ -28,17 +28,18 @@ use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
-use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias};
+use crate::solve::event_bias::bias::{Bias, Biases};
+use crate::solve::event_bias::{CLASS_COUNT, EventBias};
 use crate::trajectory::Trajectory;
 use evcal_core::camera::MAX_PARAMETERS;
 use observation::SegmentObservations;
 
 /// Number of global parameters: intrinsics, then the biases of each event class.
-pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + BIAS_COUNT * CLASS_COUNT;
+pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + Bias::COUNT * CLASS_COUNT;
 
-/// Index of the first bias of `class` among the global parameters.
-pub const fn bias_index(class: usize) -> usize {
-    MAX_PARAMETERS + BIAS_COUNT * class
+/// Index of a bias of `class` among the global parameters.
+pub const fn bias_index(class: usize, bias: Bias) -> usize {
+    MAX_PARAMETERS + Bias::COUNT * class + bias.index()
 }
 
 /// What the residual of an event measures.
@@ -58,7 +59,7 @@ pub struct FreeParameters {
     /// Which intrinsics are free, in the order of the camera model; those beyond its own stay unused.
     pub intrinsics: [bool; MAX_PARAMETERS],
     /// Which biases of each event class are free.
-    pub biases: [[bool; BIAS_COUNT]; CLASS_COUNT],
+    pub biases: [Biases<bool>; CLASS_COUNT],
 }
 
 impl FreeParameters {
@@ -69,8 +70,8 @@ impl FreeParameters {
             *flag = free;
         }
         for (class, biases) in self.biases.iter().enumerate() {
-            for (bias, &free) in biases.iter().enumerate() {
-                mask[bias_index(class) + bias] = free;
+            for bias in Bias::ALL {
+                mask[bias_index(class, bias)] = biases[bias];
             }
         }
         mask

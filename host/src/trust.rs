@@ -12,6 +12,7 @@ use serde::Serialize;
 use crate::board::Board;
 use crate::settings::Settings;
 use crate::solve::SolveError;
+use crate::solve::event_bias::bias::Bias;
 use crate::solve::refinement::Refined;
 use crate::trust::coverage::{Coverage, coverage};
 use crate::trust::residual_map::{ResidualMap, residual_map};
@@ -85,7 +86,7 @@ fn observed_radius(refined: &Refined, board: &Board) -> Option<ObservedRadius> {
         let class = usize::from(event.class);
         let polarity = class / crate::solve::burst::RANK_COUNT;
         if let (Some(bias), Some(part)) = (bias.get(class), of_polarity.get_mut(polarity)) {
-            part.0 += bias.offset + bias.curvature * inverse_radius;
+            part.0 += bias.biases[Bias::Offset] + bias.biases[Bias::Curvature] * inverse_radius;
             part.1 += 1;
         }
     }

@@ -16,7 +16,8 @@ use crate::picture_calibration::calibration::{FrameCalibration, NoFrameCalibrati
 use crate::picture_calibration::joint::{JointPoints, joint_points};
 use crate::recording::pass::RecordingReport;
 use crate::recording::pictures::may_hold_frames;
-use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, unknown};
+use crate::solve::event_bias::bias::Biases;
+use crate::solve::event_bias::{CLASS_COUNT, unknown};
 use crate::solve::refinement::Refined;
 use crate::solve::residual_statistics::ResidualStatistics;
 use crate::solve::{FreeParameters, Problem, SolveError, State};
@@ -176,7 +177,7 @@ pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Res
         point_sigma: calibration.spread,
         associated_latencies: [0.0; CLASS_COUNT],
         segments: Vec::new(),
-        free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [[false; BIAS_COUNT]; CLASS_COUNT] },
+        free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
         settings: task.settings.solve.clone(),
     };
     Ok(Calibrated {
@@ -210,7 +211,7 @@ fn trust(task: &Task, calibration: &FrameCalibration, sensor: Sensor) -> Result<
     Ok(Trust {
         uncertainty: Uncertainty {
             covariance: calibration.covariance.clone(),
-            bias_sigma: [[0.0; BIAS_COUNT]; CLASS_COUNT],
+            bias_sigma: [Biases::default(); CLASS_COUNT],
             inflation: calibration.inflation,
             observations: calibration.report.dots_used,
             blocks: calibration.report.used,

@@ -119,7 +119,7 @@ pub fn held_out(
             return None;
         }
         let free = vec![true; start.kind().parameter_names().len()];
-        let camera = bundle(start, views, &free, sensor, settings.huber)?.camera;
+        let camera = bundle(start, &views, &free, sensor, settings.huber)?.camera;
         let costs: Vec<(usize, f64, usize)> = frames
             .par_iter()
             .enumerate()

@@ -266,7 +266,7 @@ pub fn native_start(
     let mut camera = *start;
     let mut result = None;
     for free in passes(count) {
-        let refined = bundle(&camera, bundle_views.clone(), &free, sensor, settings.huber)?;
+        let refined = bundle(&camera, &bundle_views, &free, sensor, settings.huber)?;
         camera = refined.camera;
         for (view, pose) in bundle_views.iter_mut().zip(&refined.poses) {
             view.pose = *pose;

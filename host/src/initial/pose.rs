@@ -6,12 +6,14 @@ use super::settings::InitialSettings;
 use super::sighting::BoardPoint;
 use crate::board::homography::{homography, pose_from_homography};
 use crate::numerics::huber::{huber_cost, huber_weight};
+use crate::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
 use crate::numerics::rigid::step_pose;
 use crate::opencv::solve_pnp_ransac_ippe;
 use evcal_core::camera::{Camera, ProjectionParameterJacobian};
 
-/// Steps that a refinement may take.
-const MAX_STEPS: usize = 20;
+/// How a refinement goes.
+const SCHEDULE: Schedule =
+    Schedule { first_damping: 1e-4, smallest_damping: 1e-9, largest_damping: 1e6, most_steps: 20, smallest_gain: 1e-9 };
 
 /// Smallest z of a bearing whose x/z, y/z PnP can work with (84° from the optical axis).
 const MIN_BEARING_Z: f64 = 0.1;
@@ -66,43 +68,32 @@ pub struct Fit {
 /// The `T_camera_world` near `start` that minimises Huber's loss of the reprojection errors of
 /// `points`; `None` if `start` puts a point outside the camera's domain or the points do not fix it.
 pub fn refine_pose(camera: &Camera<f64>, points: &[BoardPoint], start: &Isometry3<f64>, huber: f64) -> Option<Fit> {
-    let mut pose = *start;
-    let mut best = cost(camera, &pose, points, huber);
-    if !best.is_finite() || points.len() < 3 {
+    let mut best = Costed { estimate: *start, cost: cost(camera, start, points, huber) };
+    if !best.cost.is_finite() || points.len() < 3 {
         return None;
     }
-    let mut damping = 1e-4;
-    for _ in 0..MAX_STEPS {
+    let linearise = |pose: &Isometry3<f64>| {
         let mut normal = Matrix6::zeros();
         let mut gradient = Vector6::zeros();
-        for residual in points.iter().filter_map(|point| residual(camera, &pose, point)) {
+        for residual in points.iter().filter_map(|point| residual(camera, pose, point)) {
             let weight = huber_weight(residual.error.norm_squared(), huber);
             normal += residual.by_pose.transpose() * residual.by_pose * weight;
             gradient += residual.by_pose.transpose() * residual.error * weight;
         }
-        let mut improved = false;
-        let mut gain = 0.0;
-        while damping < 1e6 {
-            let mut damped = normal;
-            for index in 0..6 {
-                damped[(index, index)] *= 1.0 + damping;
-            }
-            let step = -damped.cholesky()?.solve(&gradient);
-            let trial = step_pose(&pose, &step);
-            let trial_cost = cost(camera, &trial, points, huber);
-            if trial_cost < best {
-                gain = (best - trial_cost) / best;
-                (pose, best, improved) = (trial, trial_cost, true);
-                damping = (damping * 0.1).max(1e-9);
-                break;
-            }
-            damping *= 10.0;
+        (normal, gradient)
+    };
+    let mut determined = true;
+    minimise(&mut best, &SCHEDULE, linearise, |pose, (normal, gradient), damping| {
+        let mut damped = *normal;
+        for index in 0..6 {
+            damped[(index, index)] *= 1.0 + damping;
         }
-        if !improved || gain < 1e-9 {
-            break;
-        }
-    }
-    Some(Fit { pose, cost: best })
+        let factor = damped.cholesky();
+        determined &= factor.is_some();
+        let estimate = step_pose(pose, &-factor?.solve(gradient));
+        Some(Costed { estimate, cost: cost(camera, &estimate, points, huber) })
+    });
+    determined.then_some(Fit { pose: best.estimate, cost: best.cost })
 }
 
 /// Points in normalised coordinates (plane, image), with their positions in `points`; those whose

@@ -12,19 +12,21 @@
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
-use nalgebra::{Cholesky, DMatrix, DVector, Isometry3, Matrix6, SMatrix, SVector, U6, Vector2, Vector6};
+use nalgebra::{DMatrix, DVector, Isometry3, SMatrix, SVector, Vector2};
 use rayon::prelude::*;
 
 use super::circle_image::{CircleImage, circle_image_center};
-use crate::lens::distortion_prior::DistortionPrior;
-use crate::lens::distortion_prior::distortion_prior;
-use crate::numerics::huber::huber_cost;
-use crate::numerics::huber::huber_weight;
+use crate::lens::distortion_prior::{DistortionPrior, distortion_prior};
+use crate::numerics::arrow::{PoseEquations, unit_diagonal};
+use crate::numerics::huber::{huber_cost, huber_weight};
+use crate::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
 use crate::numerics::rigid::step_pose;
 use crate::numerics::statistics::median;
 
 type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
 type BorderVector = SVector<f64, MAX_PARAMETERS>;
+/// Normal equations of one view.
+type Equations = PoseEquations<MAX_PARAMETERS>;
 
 /// A dot: its circle's centre on the board (m) and its centre of area in the picture (px).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,10 +67,14 @@ pub struct FrameBundle {
     pub steps: usize,
 }
 
-/// Steps that one pass may take.
-const MOST_STEPS: usize = 50;
-/// A step that lowers the cost by less than this part of it is the last one.
-const SMALLEST_GAIN: f64 = 1e-10;
+/// How one pass goes.
+const SCHEDULE: Schedule = Schedule {
+    first_damping: 1e-4,
+    smallest_damping: 1e-10,
+    largest_damping: 1e8,
+    most_steps: 50,
+    smallest_gain: 1e-10,
+};
 /// Passes, each with the spread that the one before has left.
 const PASSES: usize = 3;
 /// Smallest spread that is believed (px).
@@ -83,139 +89,70 @@ struct Target<'a> {
     bound: f64,
 }
 
-/// Normal equations of one view.
-struct ViewEquations {
-    border: Border,
-    gradient: BorderVector,
-    mixed: SMatrix<f64, MAX_PARAMETERS, 6>,
-    block: Matrix6<f64>,
-    block_gradient: Vector6<f64>,
-    squares: f64,
-}
-
-/// One view with its pose eliminated.
-struct Eliminated {
-    border: Border,
-    gradient: BorderVector,
-    factor: Cholesky<f64, U6>,
-}
-
-impl ViewEquations {
-    fn new(camera: &Camera<f64>, pose: &Isometry3<f64>, view: &FrameView, target: &Target<'_>) -> Self {
-        let mut sum = Self {
-            border: Border::zeros(),
-            gradient: BorderVector::zeros(),
-            mixed: SMatrix::zeros(),
-            block: Matrix6::zeros(),
-            block_gradient: Vector6::zeros(),
-            squares: 0.0,
-        };
-        for dot in &view.dots {
-            let Some(image) = CircleImage::new(camera, pose, dot.object, target.radius) else { continue };
-            let error = image.center - dot.image;
-            let squared = error.norm_squared();
-            let weight = huber_weight(squared, target.bound);
-            let by_camera = image.by_parameters.transpose() * weight;
-            let by_pose = image.by_pose.transpose() * weight;
-            sum.border += by_camera * image.by_parameters;
-            sum.gradient += by_camera * error;
-            sum.mixed += by_camera * image.by_pose;
-            sum.block += by_pose * image.by_pose;
-            sum.block_gradient += by_pose * error;
-            sum.squares += weight * squared;
-        }
-        sum
-    }
-
-    fn eliminate(&self, damping: f64) -> Option<Eliminated> {
-        let mut block = self.block;
-        for index in 0..6 {
-            block[(index, index)] *= 1.0 + damping;
-        }
-        let factor = block.cholesky()?;
-        let border = self.border - self.mixed * factor.solve(&self.mixed.transpose());
-        let gradient = self.gradient - self.mixed * factor.solve(&self.block_gradient);
-        Some(Eliminated { border, gradient, factor })
-    }
-}
-
-/// The estimate of one step.
+/// What is refined: camera and `T_camera_world` of each view.
+#[derive(Clone)]
 struct Estimate {
     camera: Camera<f64>,
     poses: Vec<Isometry3<f64>>,
-    cost: f64,
 }
 
 impl Target<'_> {
-    fn cost(&self, camera: &Camera<f64>, poses: &[Isometry3<f64>]) -> f64 {
+    fn cost(&self, estimate: &Estimate) -> f64 {
         let of_view = |(view, pose): (&FrameView, &Isometry3<f64>)| -> f64 {
             let distance = |dot: &SeenDot| {
-                circle_image_center(camera, pose, dot.object, self.radius)
+                circle_image_center(&estimate.camera, pose, dot.object, self.radius)
                     .map_or(f64::INFINITY, |center| (center - dot.image).norm_squared())
             };
             view.dots.iter().map(|dot| huber_cost(distance(dot), self.bound)).sum()
         };
-        let costs: Vec<f64> = self.views.par_iter().zip(poses).map(of_view).collect();
-        costs.iter().sum::<f64>() + self.prior.cost(camera)
+        let costs: Vec<f64> = self.views.par_iter().zip(&estimate.poses).map(of_view).collect();
+        costs.iter().sum::<f64>() + self.prior.cost(&estimate.camera)
     }
 
-    fn linearise(&self, camera: &Camera<f64>, poses: &[Isometry3<f64>]) -> Vec<ViewEquations> {
-        let equations = |(view, pose)| ViewEquations::new(camera, pose, view, self);
-        self.views.par_iter().zip(poses).map(equations).collect()
+    fn equations(&self, camera: &Camera<f64>, pose: &Isometry3<f64>, view: &FrameView) -> Equations {
+        let mut sum = Equations::new();
+        for dot in &view.dots {
+            let Some(image) = CircleImage::new(camera, pose, dot.object, self.radius) else { continue };
+            let error = image.center - dot.image;
+            let weight = huber_weight(error.norm_squared(), self.bound);
+            sum.add(error, &image.by_parameters, &image.by_pose, weight);
+        }
+        sum
+    }
+
+    fn linearise(&self, estimate: &Estimate) -> Vec<Equations> {
+        let views = self.views.par_iter().zip(&estimate.poses);
+        views.map(|(view, pose)| self.equations(&estimate.camera, pose, view)).collect()
     }
 
     /// `estimate` after one damped step; `None` where the equations have no solution.
-    fn step(&self, estimate: &Estimate, linear: &[ViewEquations], damping: f64) -> Option<Estimate> {
-        let eliminated: Vec<Eliminated> = linear.iter().map(|view| view.eliminate(damping)).collect::<Option<_>>()?;
+    fn step(&self, estimate: &Estimate, linear: &[Equations], damping: f64) -> Option<Costed<Estimate>> {
+        let eliminated: Vec<_> = linear.iter().map(|view| view.eliminate(damping)).collect::<Option<_>>()?;
         let parameters = estimate.camera.parameters();
         let count = parameters.len();
-        let mut border: Border = eliminated.iter().map(|view| view.border).sum();
-        let mut gradient: BorderVector = eliminated.iter().map(|view| view.gradient).sum();
+        let mut border = Border::zeros();
+        let mut gradient = BorderVector::zeros();
+        for (view, eliminated) in linear.iter().zip(&eliminated) {
+            border += view.border - eliminated.border;
+            gradient += view.border_gradient - eliminated.gradient;
+        }
         let prior = self.prior.equations(&estimate.camera, &[true; MAX_PARAMETERS]);
         border.set_diagonal(&((border.diagonal() + prior.weights) * (1.0 + damping)));
         gradient += prior.gradient;
-        let (border, scale) = scaled(&border.view((0, 0), (count, count)).into_owned());
+        let (border, scale) = unit_diagonal(&border.view((0, 0), (count, count)).into_owned());
         let right = gradient.rows(0, count).component_mul(&scale);
         let step = -border.cholesky()?.solve(&right).component_mul(&scale);
         let moved: Vec<f64> = parameters.iter().zip(step.iter()).map(|(value, step)| value + step).collect();
         let camera = Camera::from_parameters(estimate.camera.kind(), &moved)?;
         let mut of_border = BorderVector::zeros();
         of_border.rows_mut(0, count).copy_from(&step);
-        let poses: Vec<Isometry3<f64>> = estimate
-            .poses
-            .iter()
-            .zip(linear.iter().zip(&eliminated))
-            .map(|(pose, (equations, eliminated))| {
-                let right = equations.block_gradient + equations.mixed.transpose() * of_border;
-                step_pose(pose, &-eliminated.factor.solve(&right))
-            })
+        let poses = estimate.poses.iter().zip(linear.iter().zip(&eliminated));
+        let poses = poses
+            .map(|(pose, (equations, eliminated))| step_pose(pose, &equations.pose_step(eliminated, &of_border)))
             .collect();
-        let cost = self.cost(&camera, &poses);
-        Some(Estimate { camera, poses, cost })
-    }
-
-    /// Levenberg-Marquardt; gives the steps taken.
-    fn minimise(&self, estimate: &mut Estimate) -> usize {
-        estimate.cost = self.cost(&estimate.camera, &estimate.poses);
-        let mut damping = 1e-4;
-        for steps in 0..MOST_STEPS {
-            let linear = self.linearise(&estimate.camera, &estimate.poses);
-            let better = loop {
-                let trial = self.step(estimate, &linear, damping).filter(|trial| trial.cost < estimate.cost);
-                if trial.is_some() || damping > 1e8 {
-                    break trial;
-                }
-                damping *= 10.0;
-            };
-            let Some(better) = better else { return steps };
-            let gain = (estimate.cost - better.cost) / estimate.cost;
-            *estimate = better;
-            damping = (damping * 0.1).max(1e-10);
-            if gain < SMALLEST_GAIN {
-                return steps + 1;
-            }
-        }
-        MOST_STEPS
+        let estimate = Estimate { camera, poses };
+        let cost = self.cost(&estimate);
+        Some(Costed { estimate, cost })
     }
 
     /// The residuals of all dots in pixels.
@@ -229,16 +166,9 @@ impl Target<'_> {
     }
 }
 
-/// `matrix` scaled to a unit diagonal, and the scale of its rows and columns.
-fn scaled(matrix: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
-    let scale = matrix.diagonal().map(|value| if value > 0.0 { 1.0 / value.sqrt() } else { 1.0 });
-    let entry = |row: usize, column: usize| matrix[(row, column)] * scale[row] * scale[column];
-    (DMatrix::from_fn(matrix.nrows(), matrix.ncols(), entry), scale)
-}
-
 /// The inverse of a symmetric positive definite matrix; `None` if it is none.
 fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let (matrix, scale) = scaled(matrix);
+    let (matrix, scale) = unit_diagonal(matrix);
     let inverse = matrix.cholesky()?.inverse();
     let entry = |row: usize, column: usize| inverse[(row, column)] * scale[row] * scale[column];
     Some(DMatrix::from_fn(inverse.nrows(), inverse.ncols(), entry))
@@ -266,28 +196,43 @@ pub fn frame_bundle(
     let freedom = (2 * dots).checked_sub(6 * views.len() + count).filter(|freedom| *freedom > 0)?;
     let prior = distortion_prior(camera, sensor);
     let mut target = Target { radius, views, prior, bound: f64::INFINITY };
-    let poses = views.iter().map(|view| view.pose).collect();
-    let mut estimate = Estimate { camera: *camera, poses, cost: f64::INFINITY };
+    let start = Estimate { camera: *camera, poses: views.iter().map(|view| view.pose).collect() };
+    let mut best = Costed { estimate: start, cost: f64::INFINITY };
     let mut steps = 0;
     for _ in 0..PASSES {
-        target.bound = huber * robust_spread(&target.residuals(&estimate));
-        steps += target.minimise(&mut estimate);
-        if !estimate.cost.is_finite() {
+        target.bound = huber * robust_spread(&target.residuals(&best.estimate));
+        best.cost = target.cost(&best.estimate);
+        steps += minimise(
+            &mut best,
+            &SCHEDULE,
+            |estimate| target.linearise(estimate),
+            |estimate, linear, damping| target.step(estimate, linear, damping),
+        );
+        if !best.cost.is_finite() {
             return None;
         }
     }
+    let estimate = best.estimate;
     let residuals = target.residuals(&estimate);
-    let linear = target.linearise(&estimate.camera, &estimate.poses);
+    let linear = target.linearise(&estimate);
     let squares: f64 = linear.iter().map(|view| view.squares).sum();
-    let eliminated: Vec<Eliminated> = linear.iter().map(|view| view.eliminate(0.0)).collect::<Option<_>>()?;
-    let part = |border: &Border| border.view((0, 0), (count, count)).into_owned();
-    let mut border: DMatrix<f64> = part(&eliminated.iter().map(|view| view.border).sum());
+    // Border and gradient of each view, its pose eliminated.
+    let of_view = |view: &Equations| {
+        let eliminated = view.eliminate(0.0)?;
+        let border = (view.border - eliminated.border).view((0, 0), (count, count)).into_owned();
+        Some((border, (view.border_gradient - eliminated.gradient).rows(0, count).into_owned()))
+    };
+    let eliminated: Vec<(DMatrix<f64>, DVector<f64>)> = linear.iter().map(of_view).collect::<Option<_>>()?;
+    let mut border = DMatrix::zeros(count, count);
+    for (of_view, _) in &eliminated {
+        border += of_view;
+    }
     for (index, weight) in prior.weights.iter().enumerate().take(count) {
         border[(index, index)] += weight;
     }
     let mut covariance = DMatrix::zeros(count, count);
-    for view in &eliminated {
-        let moved = inverse(&(&border - part(&view.border)))? * view.gradient.rows(0, count);
+    for (of_view, gradient) in &eliminated {
+        let moved = inverse(&(&border - of_view))? * gradient;
         covariance += &moved * moved.transpose();
     }
     let frames = views.len() as f64;

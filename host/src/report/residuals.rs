@@ -10,6 +10,7 @@ use crate::calibrate::Calibrated;
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::CLASS_COUNT;
+use crate::solve::event_bias::bias::Bias;
 use crate::solve::stretch::residuals;
 use crate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
 use crate::trust::residual_map::{ResidualMap, ResidualPattern};
@@ -165,8 +166,8 @@ fn class_table(calibrated: &Calibrated, classes: &[ClassResiduals; CLASS_COUNT])
             tbody {
                 @for (index, (class, bias)) in classes.iter().zip(bias).enumerate().filter(|(_, (class, _))| class.count > 0) {
                     @let sigma = calibrated.trust.uncertainty.bias_sigma.get(index).copied().unwrap_or_default();
-                    @let (offset, offset_sigma) = with_sigma(bias.offset, sigma[0]);
-                    @let (latency, latency_sigma) = with_sigma(1e3 * bias.latency, 1e3 * sigma[1]);
+                    @let (offset, offset_sigma) = with_sigma(bias.biases[Bias::Offset], sigma[Bias::Offset]);
+                    @let (latency, latency_sigma) = with_sigma(1e3 * bias.biases[Bias::Latency], 1e3 * sigma[Bias::Latency]);
                     tr {
                         th scope="row" { (if index < RANK_COUNT { "OFF, " } else { "ON, " }) (RANKS.get(index % RANK_COUNT).copied().unwrap_or_default()) }
                         td.number { (count(class.count as u64)) }

@@ -1,13 +1,14 @@
 //! The result of a calibration, as it is written to `calibration.json`.
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use crate::calibrate::{Calibrated, StageReports};
 use crate::lens::camera_file::{CameraDescription, Parameters};
 use crate::lens::covered_region::CoveredRegion;
 use crate::picture_calibration::joint::JointReport;
 use crate::solve::burst::RANK_COUNT;
-use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, ClassBias};
+use crate::solve::event_bias::bias::{Bias, Biases};
+use crate::solve::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
 use crate::trust::coverage::Coverage;
 use crate::trust::residual_map::ResidualPattern;
 use crate::trust::split_half::{HeldOutResidual, SplitHalf};
@@ -74,29 +75,45 @@ pub struct EventClass {
     pub polarity: &'static str,
     /// Rank in the burst, 0 for the first event; the last rank stands for all later ones.
     pub rank: usize,
-    /// Offset from the geometric edge in pixels (positive outside the dot), latency in seconds
-    /// relative to the first OFF event, spread in pixels.
-    #[serde(flatten)]
-    pub bias: ClassBias,
-    /// Standard deviations of offset, latency, bend, curvature, corner latency, curvature latency and
-    /// memory; zero where one is held.
-    pub standard_deviations: [f64; BIAS_COUNT],
+    /// What shifts its events from the edge, under the names of [`Bias::name`].
+    #[serde(flatten, serialize_with = "write_biases")]
+    pub biases: Biases<f64>,
+    /// Spread in pixels, for each of the ranges of normal speed.
+    pub sigma: [f64; SPEED_RANGE_COUNT],
+    /// Standard deviations of the biases, in the order of [`Bias::ALL`]; zero where one is held.
+    pub standard_deviations: Biases<f64>,
 }
 
 impl EventClass {
     /// All classes with their biases and standard deviations.
-    pub fn all(bias: &[ClassBias; CLASS_COUNT], sigma: &[[f64; BIAS_COUNT]; CLASS_COUNT]) -> Vec<Self> {
+    pub fn all(bias: &[ClassBias; CLASS_COUNT], sigma: &[Biases<f64>; CLASS_COUNT]) -> Vec<Self> {
         bias.iter()
             .zip(sigma)
             .enumerate()
             .map(|(class, (bias, sigma))| Self {
                 polarity: if class < RANK_COUNT { "off" } else { "on" },
                 rank: class % RANK_COUNT,
-                bias: *bias,
+                biases: bias.biases,
+                sigma: bias.sigma,
                 standard_deviations: *sigma,
             })
             .collect()
     }
+}
+
+/// Writes each bias under its name.
+fn write_biases<S: Serializer>(biases: &Biases<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+    /// Their order in the file.
+    const LAYOUT: [Bias; Bias::COUNT] = [
+        Bias::Offset,
+        Bias::Curvature,
+        Bias::Latency,
+        Bias::Bend,
+        Bias::CornerLatency,
+        Bias::CurvatureLatency,
+        Bias::Memory,
+    ];
+    serializer.collect_map(LAYOUT.map(|bias| (bias.name(), biases[bias])))
 }
 
 /// Residuals of the observations that the final solve used.
@@ -246,5 +263,23 @@ impl CalibrationFile {
             joint_frames: calibrated.joint.clone(),
             stages: calibrated.reports.clone(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::event_bias::unknown;
+
+    #[test]
+    fn each_bias_of_a_class_is_written_under_its_name() {
+        let mut bias = unknown(0.3);
+        bias[1].biases = Biases::from_fn(|bias| bias.index() as f64);
+        let classes = EventClass::all(&bias, &[Biases::default(); CLASS_COUNT]);
+        let written = serde_json::to_value(&classes[1]).unwrap();
+        for bias in Bias::ALL {
+            assert_eq!(written[bias.name()], bias.index() as f64);
+        }
+        assert_eq!(written["sigma"][0], 0.3);
     }
 }

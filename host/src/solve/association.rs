@@ -16,6 +16,7 @@ use crate::solve::State;
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_ray::{BoardRay, is_in_front};
 use crate::solve::burst::BurstTracker;
+use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{class, speed_range};
 use crate::solve::event_row::EventEdge;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
@@ -158,7 +159,7 @@ impl<'a> Associator<'a> {
         let bursts = &mut self.bursts;
         self.ranks.extend(events.iter().map(|event| bursts.rank(event)));
         let (Some(first), Some(last)) = (events.first(), events.last()) else { return };
-        let latencies = self.context.state.bias.iter().map(|bias| bias.latency);
+        let latencies = self.context.state.bias.iter().map(|bias| bias.biases[Bias::Latency]);
         let margin = latencies.fold(0.0, |most: f64, latency| most.max(latency.abs())) + 1e-4;
         let span = (first.t as f64 * 1e-6 - margin, last.t as f64 * 1e-6 + margin);
         let bins: Vec<SegmentBins> =
@@ -204,7 +205,7 @@ impl<'a> Associator<'a> {
         let settings = self.context.settings;
         let class = class(event.polarity, rank);
         let bias = self.context.state.bias.get(class)?;
-        let time = event.t as f64 * 1e-6 - bias.latency;
+        let time = event.t as f64 * 1e-6 - bias.biases[Bias::Latency];
         let Some((segment, bin, pose)) =
             bins.iter().enumerate().find_map(|(index, bins)| bins.pose(time).map(|(bin, pose)| (index, bin, pose)))
         else {

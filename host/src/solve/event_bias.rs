@@ -13,11 +13,13 @@
 //! Its spread depends on the speed: slow edges give noise the time to move events, fast ones turn
 //! differences between pixels' latencies into pixels.
 
+pub mod bias;
 pub mod robust;
 
 use evcal_core::event::Polarity;
 
 use crate::solve::burst::{MAX_RANK, RANK_COUNT};
+use bias::{Bias, Biases};
 
 /// Number of event classes: two polarities × ranks.
 pub const CLASS_COUNT: usize = 2 * RANK_COUNT;
@@ -28,27 +30,10 @@ pub fn class(polarity: Polarity, rank: u8) -> usize {
 }
 
 /// What is known of one event class.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClassBias {
-    /// Mean signed distance of the class from the geometric edge in pixels, positive outside the
-    /// dot.
-    pub offset: f64,
-    /// What one over the dot's radius in pixels adds to the offset (px²).
-    pub curvature: f64,
-    /// Delay in seconds between the edge's passage and the event, relative to class 0 (first OFF
-    /// event of a burst): a delay common to all classes cannot be told from a shift of the clock.
-    pub latency: f64,
-    /// What the square of the normal speed in px/s adds to the offset (s²/px), relative to class 0: at
-    /// high speed the pixel's low-pass no longer delays by a constant time.
-    pub bend: f64,
-    /// What the latency grows by from the middle of the sensor to its corners (s), with the square of
-    /// the distance.
-    pub corner_latency: f64,
-    /// What one over the dot's radius in pixels adds to the latency (s px).
-    pub curvature_latency: f64,
-    /// What the acceleration of the edge in px/s² adds to the offset (s²): a slow pixel remembers where
-    /// the edge was before.
-    pub memory: f64,
+    /// What shifts its events from the edge.
+    pub biases: Biases<f64>,
     /// Spread of the class in pixels, for each of the ranges of normal speed of [`speed_range`].
     pub sigma: [f64; SPEED_RANGE_COUNT],
 }
@@ -61,10 +46,6 @@ pub fn speed_range(normal_speed: f64) -> usize {
     let speed = normal_speed.abs();
     [100.0, 200.0, 400.0, 800.0].iter().filter(|&&bound| speed >= bound).count()
 }
-
-/// Number of biases of a class: offset, latency, bend, curvature, corner latency, curvature latency and
-/// memory, in the order in which the joint solve has them.
-pub const BIAS_COUNT: usize = 7;
 
 /// How an edge passes a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,18 +63,17 @@ pub struct EdgePassage {
 impl EdgePassage {
     /// Derivatives of the expected distance by the biases of the class.
     #[inline(always)]
-    pub fn derivatives(&self) -> [f64; BIAS_COUNT] {
+    pub fn derivatives(&self) -> Biases<f64> {
         let speed = self.normal_speed;
-        let inverse_radius = self.inverse_radius;
-        [
-            1.0,
-            speed,
-            speed * speed,
-            inverse_radius,
-            speed * self.corner_share,
-            speed * inverse_radius,
-            self.acceleration,
-        ]
+        let mut derivatives = Biases::default();
+        derivatives[Bias::Offset] = 1.0;
+        derivatives[Bias::Latency] = speed;
+        derivatives[Bias::Bend] = speed * speed;
+        derivatives[Bias::Curvature] = self.inverse_radius;
+        derivatives[Bias::CornerLatency] = speed * self.corner_share;
+        derivatives[Bias::CurvatureLatency] = speed * self.inverse_radius;
+        derivatives[Bias::Memory] = self.acceleration;
+        derivatives
     }
 }
 
@@ -103,20 +83,14 @@ impl ClassBias {
     #[inline(always)]
     pub fn distance(&self, passage: &EdgePassage) -> f64 {
         let EdgePassage { normal_speed, inverse_radius, corner_share, acceleration } = *passage;
-        let latency =
-            self.bend * normal_speed + self.corner_latency * corner_share + self.curvature_latency * inverse_radius;
-        self.offset + self.curvature * inverse_radius + self.memory * acceleration + normal_speed * latency
-    }
-
-    /// Adds a step of the joint solve.
-    pub fn update(&mut self, step: [f64; BIAS_COUNT]) {
-        self.offset += step[0];
-        self.latency += step[1];
-        self.bend += step[2];
-        self.curvature += step[3];
-        self.corner_latency += step[4];
-        self.curvature_latency += step[5];
-        self.memory += step[6];
+        let biases = &self.biases;
+        let latency = biases[Bias::Bend] * normal_speed
+            + biases[Bias::CornerLatency] * corner_share
+            + biases[Bias::CurvatureLatency] * inverse_radius;
+        biases[Bias::Offset]
+            + biases[Bias::Curvature] * inverse_radius
+            + biases[Bias::Memory] * acceleration
+            + normal_speed * latency
     }
 }
 
@@ -125,16 +99,23 @@ pub type EventBias = [ClassBias; CLASS_COUNT];
 
 /// Before anything is known: no offset, no latency, a spread of `sigma` pixels.
 pub fn unknown(sigma: f64) -> EventBias {
-    let sigma = [sigma; SPEED_RANGE_COUNT];
-    let class = ClassBias {
-        offset: 0.0,
-        curvature: 0.0,
-        latency: 0.0,
-        bend: 0.0,
-        corner_latency: 0.0,
-        curvature_latency: 0.0,
-        memory: 0.0,
-        sigma,
-    };
-    [class; CLASS_COUNT]
+    [ClassBias { biases: Biases::default(), sigma: [sigma; SPEED_RANGE_COUNT] }; CLASS_COUNT]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn derivatives_are_those_of_the_distance() {
+        let passage =
+            EdgePassage { normal_speed: 300.0, inverse_radius: 0.1, corner_share: 0.6, acceleration: -2000.0 };
+        let [known, ..] = unknown(1.0);
+        for bias in Bias::ALL.into_iter().filter(|&bias| bias != Bias::Latency) {
+            let mut moved = known;
+            moved.biases[bias] = 2.0;
+            let slope = (moved.distance(&passage) - known.distance(&passage)) / 2.0;
+            assert!((slope - passage.derivatives()[bias]).abs() <= 1e-12 * slope.abs(), "{bias:?}: {slope}");
+        }
+    }
 }

@@ -15,7 +15,8 @@
 
 use evcal_core::camera::{MAX_COEFFICIENTS, MAX_PARAMETERS};
 
-use crate::solve::event_bias::{BIAS_COUNT, ClassBias, EdgePassage};
+use crate::solve::event_bias::bias::Bias;
+use crate::solve::event_bias::{ClassBias, EdgePassage};
 
 use super::ResidualMeasure;
 use super::bearing_table::{BearingTable, Place};
@@ -30,9 +31,13 @@ pub const ROW_INTRINSICS: usize = 6;
 /// Where the coefficients of the camera model begin in a row, after fx, fy, cx and cy.
 const ROW_COEFFICIENTS: usize = ROW_INTRINSICS + 4;
 /// Where the biases of the class begin in a row.
-pub const ROW_OFFSET: usize = ROW_INTRINSICS + MAX_PARAMETERS;
+const ROW_BIASES: usize = ROW_INTRINSICS + MAX_PARAMETERS;
+/// Where a bias of the class stands in a row.
+pub const fn row_bias(bias: Bias) -> usize {
+    ROW_BIASES + bias.index()
+}
 /// Where the residual stands in a row.
-pub const ROW_RESIDUAL: usize = ROW_OFFSET + BIAS_COUNT;
+pub const ROW_RESIDUAL: usize = ROW_BIASES + Bias::COUNT;
 
 /// An event's distance from the projected edge.
 #[derive(Clone, Copy)]
@@ -131,7 +136,7 @@ impl<'a> EventEdge<'a> {
         let (linear, coefficients) = self.place.by_intrinsics(distance.by_pixel.map(|value| -value * factor));
         row[ROW_INTRINSICS..ROW_COEFFICIENTS].copy_from_slice(&linear);
         row[ROW_COEFFICIENTS..ROW_COEFFICIENTS + MAX_COEFFICIENTS].copy_from_slice(&coefficients);
-        for (entry, derivative) in row[ROW_OFFSET..].iter_mut().zip(self.passage().derivatives()) {
+        for (entry, derivative) in row[ROW_BIASES..].iter_mut().zip(self.passage().derivatives().as_array()) {
             *entry = -derivative * weight;
         }
         row[ROW_RESIDUAL] = residual * weight;
@@ -235,8 +240,8 @@ mod tests {
         }
         // A later latency means an earlier pose.
         let at = |dt: f64| residual(&reference, &bin, dt, pixel).0;
-        assert_close(row[ROW_OFFSET + 1], difference(at(-STEP), at(STEP)), "latency");
-        assert_close(row[ROW_OFFSET], -1.0, "offset");
+        assert_close(row[row_bias(Bias::Latency)], difference(at(-STEP), at(STEP)), "latency");
+        assert_close(row[row_bias(Bias::Offset)], -1.0, "offset");
         assert_close(row[ROW_RESIDUAL], residual(&reference, &bin, 0.0, pixel).0, "residual");
     }
 

@@ -9,7 +9,8 @@ use super::smoothness::{Acceleration, accelerations};
 use super::stretch::{Stretch, linearise, stretches};
 use super::system::System;
 use super::{GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
-use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT};
+use crate::solve::event_bias::CLASS_COUNT;
+use crate::solve::event_bias::bias::Bias;
 
 const FIRST_DAMPING: f64 = 1e-6;
 const SMALLEST_DAMPING: f64 = 1e-10;
@@ -119,7 +120,9 @@ fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<State>
     let camera = evcal_core::camera::Camera::from_parameters(state.camera.kind(), &parameters)?;
     let mut bias = state.bias;
     for (class, bias) in bias.iter_mut().enumerate().take(CLASS_COUNT) {
-        bias.update(*globals.get(bias_index(class)..)?.first_chunk::<BIAS_COUNT>()?);
+        for which in Bias::ALL {
+            bias.biases[which] += globals.get(bias_index(class, which))?;
+        }
     }
     let mut trajectories = state.trajectories.clone();
     for (trajectory, step) in trajectories.iter_mut().zip(segments) {

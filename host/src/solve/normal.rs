@@ -9,9 +9,9 @@ use evcal_core::camera::MAX_PARAMETERS;
 use multiversion::multiversion;
 use nalgebra::{DMatrix, Matrix3, SMatrix};
 
-use crate::solve::event_bias::BIAS_COUNT;
+use crate::solve::event_bias::bias::Bias;
 
-use super::event_row::{ROW, ROW_INTRINSICS, ROW_OFFSET, ROW_RESIDUAL};
+use super::event_row::{ROW, ROW_INTRINSICS, ROW_RESIDUAL, row_bias};
 use super::pose_bin::PoseBin;
 use super::{GLOBAL_COUNT, bias_index};
 
@@ -160,8 +160,8 @@ impl BinEquations {
             for parameter in 0..MAX_PARAMETERS {
                 self.border[(line, parameter)] += at(ROW_INTRINSICS + parameter, line);
             }
-            for bias in 0..BIAS_COUNT {
-                self.border[(line, bias_index(class) + bias)] += at(ROW_OFFSET + bias, line);
+            for bias in Bias::ALL {
+                self.border[(line, bias_index(class, bias))] += at(row_bias(bias), line);
             }
             self.gradient[line] += at(ROW_RESIDUAL, line);
         }
@@ -173,15 +173,15 @@ impl BinEquations {
             }
             equations.corner_gradient[parameter] += at(ROW_RESIDUAL, line);
         }
-        for bias in 0..BIAS_COUNT {
-            let global = bias_index(class) + bias;
+        for bias in Bias::ALL {
+            let (global, line) = (bias_index(class, bias), row_bias(bias));
             for parameter in 0..MAX_PARAMETERS {
-                corner[(global, parameter)] += at(ROW_OFFSET + bias, ROW_INTRINSICS + parameter);
+                corner[(global, parameter)] += at(line, ROW_INTRINSICS + parameter);
             }
-            for other in 0..=bias {
-                corner[(global, bias_index(class) + other)] += at(ROW_OFFSET + bias, ROW_OFFSET + other);
+            for other in Bias::ALL.into_iter().take_while(|other| other.index() <= bias.index()) {
+                corner[(global, bias_index(class, other))] += at(line, row_bias(other));
             }
-            equations.corner_gradient[global] += at(ROW_RESIDUAL, ROW_OFFSET + bias);
+            equations.corner_gradient[global] += at(ROW_RESIDUAL, line);
         }
         *product = [[0.0; ROW]; ROW];
     }

@@ -11,8 +11,9 @@ use crate::board::Board;
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
 use crate::solve::bearing_table::BearingTable;
+use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
-use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, unknown};
+use crate::solve::event_bias::{CLASS_COUNT, EventBias, unknown};
 use crate::solve::levenberg::solve;
 use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
@@ -212,9 +213,9 @@ fn problem<E>(
         radius: input.board.radius,
         mean_scale: 1.0,
         point_sigma: input.point_sigma,
-        associated_latencies: state.bias.map(|bias| bias.latency),
+        associated_latencies: state.bias.map(|bias| bias.biases[Bias::Latency]),
         segments,
-        free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [[false; BIAS_COUNT]; CLASS_COUNT] },
+        free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
         settings: settings.solve.clone(),
     }
 }
@@ -246,11 +247,11 @@ fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &Refinemen
     let mut biases = counts.map(|count| {
         // The paper's residual knows no biases.
         let enough = count >= FEWEST && problem.settings.residual == ResidualMeasure::Pixel;
-        let (offset, latency) = (enough && settings.offsets, enough && settings.latencies);
-        [offset, latency, latency, offset, latency, latency, latency]
+        let wanted = |bias: Bias| if bias.needs_motion() { settings.latencies } else { settings.offsets };
+        Biases::from_fn(|bias| enough && wanted(bias))
     });
     // What delays all events alike cannot be told from a shift of the clock.
-    biases[0][1] = false;
-    biases[0][2] = false;
+    biases[0][Bias::Latency] = false;
+    biases[0][Bias::Bend] = false;
     FreeParameters { intrinsics: std::array::from_fn(|index| index < camera.parameters().len()), biases }
 }

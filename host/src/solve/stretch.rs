@@ -16,6 +16,7 @@ use super::pose_bin::PoseBin;
 use super::{Problem, ResidualMeasure, State};
 use crate::circles::reference_frame::PointObservation;
 use crate::numerics::huber::huber;
+use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
 
 /// A run of bins (and of circle centres) of one segment, small enough to be a unit of work.
@@ -147,7 +148,7 @@ fn visit_edges<'a>(
     let class_of = |event: &EventObservation| usize::from(event.class).min(CLASS_COUNT - 1);
     let batched = events.iter().map(|event| {
         let class = class_of(event);
-        let later = problem.associated_latencies[class] - state.bias[class].latency;
+        let later = problem.associated_latencies[class] - state.bias[class].biases[Bias::Latency];
         BatchEvent { pixel: (event.x, event.y), dt: f64::from(event.dt) + later, circle: event.circle }
     });
     batch.visit(problem, bearings, pose, batched, |index, edge| {

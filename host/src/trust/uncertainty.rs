@@ -18,7 +18,8 @@ use evcal_core::camera::MAX_PARAMETERS;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT};
+use crate::solve::event_bias::CLASS_COUNT;
+use crate::solve::event_bias::bias::Biases;
 use crate::solve::levenberg::{intrinsics_of, linearised, system_of};
 use crate::solve::stretch::stretches;
 use crate::solve::{GLOBAL_COUNT, Problem, SolveError, State, bias_index};
@@ -47,7 +48,7 @@ pub struct Uncertainty {
     /// parameters that are held are zero.
     pub covariance: DMatrix<f64>,
     /// Standard deviation of each bias of each event class; zero where it is held.
-    pub bias_sigma: [[f64; BIAS_COUNT]; CLASS_COUNT],
+    pub bias_sigma: [Biases<f64>; CLASS_COUNT],
     /// Variance of the estimate over what it would be if all observations were independent, at least 1.
     pub inflation: f64,
     /// Number of observations.
@@ -138,8 +139,7 @@ pub fn uncertainty(
     for (global, variance) in places.zip(formal.diagonal().iter()) {
         variances[global] = inflation * variance.max(0.0);
     }
-    let bias_sigma =
-        std::array::from_fn(|class| std::array::from_fn(|bias| variances[bias_index(class) + bias].sqrt()));
+    let bias_sigma = std::array::from_fn(|class| Biases::from_fn(|bias| variances[bias_index(class, bias)].sqrt()));
     let covariance = intrinsics_of(&stated, &free, count);
     Ok(Uncertainty { covariance, bias_sigma, inflation, observations: system.count, blocks })
 }

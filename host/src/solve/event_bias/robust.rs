@@ -1,6 +1,7 @@
 //! Offsets and spreads of the event classes straight from residuals, for the solve to start from and to
 //! weigh with.
 
+use super::bias::Bias;
 use super::{CLASS_COUNT, EventBias, SPEED_RANGE_COUNT};
 use crate::numerics::statistics::median;
 use crate::solve::stretch::EventResidual;
@@ -19,7 +20,7 @@ pub fn shift_offsets(bias: &mut EventBias, residuals: &mut [EventResidual]) {
         let mut values: Vec<f32> = of_class.map(|event| event.residual).collect();
         if values.len() >= FEWEST {
             *shift = median(&mut values, f32::total_cmp).unwrap_or(0.0);
-            bias.offset += f64::from(*shift);
+            bias.biases[Bias::Offset] += f64::from(*shift);
         }
     }
     for event in residuals {
@@ -71,7 +72,7 @@ mod tests {
         let mut bias = unknown(1.0);
         shift_offsets(&mut bias, &mut residuals);
         class_spreads(&mut bias, &residuals);
-        assert!((bias[2].offset - 0.25).abs() < 1e-6);
+        assert!((bias[2].biases[Bias::Offset] - 0.25).abs() < 1e-6);
         for range in 0..SPEED_RANGE_COUNT {
             assert!((bias[2].sigma[range] - 1.4826 * 0.25).abs() < 2e-3);
         }

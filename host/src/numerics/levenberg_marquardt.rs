@@ -1,0 +1,119 @@
+//! Levenberg-Marquardt: damped steps downhill.
+//!
+//! The estimate, its equations and how a damped step is found belong to the caller; here is when to
+//! damp more, when less, and when to stop.
+
+/// How far to go and how much to damp.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Schedule {
+    /// Damping of the first step, relative to the diagonal.
+    pub first_damping: f64,
+    /// Least damping.
+    pub smallest_damping: f64,
+    /// From this damping on, no step is tried.
+    pub largest_damping: f64,
+    /// Most steps.
+    pub most_steps: usize,
+    /// A step that lowers the cost by less than this part of it is the last one.
+    pub smallest_gain: f64,
+}
+
+/// An estimate and its cost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Costed<S> {
+    /// The estimate.
+    pub estimate: S,
+    /// Its cost.
+    pub cost: f64,
+}
+
+/// Lowers the cost of `best` step by step; gives the number of steps taken.
+///
+/// `linearise` sets up the equations at an estimate, `trial` is the estimate after a step with this
+/// damping; `None` where the equations have no solution. A step that does not lower the cost is
+/// tried again with ten times the damping; after one that does, the damping is a tenth.
+pub fn minimise<S, E>(
+    best: &mut Costed<S>,
+    schedule: &Schedule,
+    linearise: impl Fn(&S) -> E,
+    mut trial: impl FnMut(&S, &E, f64) -> Option<Costed<S>>,
+) -> usize {
+    let mut damping = schedule.first_damping;
+    for steps in 0..schedule.most_steps {
+        let equations = linearise(&best.estimate);
+        let better = loop {
+            if damping >= schedule.largest_damping {
+                return steps;
+            }
+            if let Some(better) = trial(&best.estimate, &equations, damping).filter(|trial| trial.cost < best.cost) {
+                break better;
+            }
+            damping *= 10.0;
+        };
+        let gain = (best.cost - better.cost) / best.cost;
+        *best = better;
+        damping = (damping * 0.1).max(schedule.smallest_damping);
+        if gain < schedule.smallest_gain {
+            return steps + 1;
+        }
+    }
+    schedule.most_steps
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix2, Vector2};
+
+    use super::*;
+
+    const SCHEDULE: Schedule = Schedule {
+        first_damping: 1e-3,
+        smallest_damping: 1e-10,
+        largest_damping: 1e8,
+        most_steps: 100,
+        smallest_gain: 1e-12,
+    };
+
+    /// Rosenbrock's valley, as two residuals.
+    fn residuals(at: &Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(1.0 - at.x, 10.0 * (at.y - at.x * at.x))
+    }
+
+    fn rosenbrock(schedule: &Schedule) -> (Costed<Vector2<f64>>, usize) {
+        let start = Vector2::new(-1.2, 1.0);
+        let mut best = Costed { estimate: start, cost: residuals(&start).norm_squared() };
+        let linearise = |at: &Vector2<f64>| (Matrix2::new(-1.0, 0.0, -20.0 * at.x, 10.0), residuals(at));
+        let steps = minimise(&mut best, schedule, linearise, |at, (jacobian, residual), damping| {
+            let mut normal = jacobian.transpose() * jacobian;
+            normal.set_diagonal(&(normal.diagonal() * (1.0 + damping)));
+            let estimate = at - normal.cholesky()?.solve(&(jacobian.transpose() * residual));
+            Some(Costed { estimate, cost: residuals(&estimate).norm_squared() })
+        });
+        (best, steps)
+    }
+
+    #[test]
+    fn the_floor_of_a_bent_valley_is_found() {
+        let (best, steps) = rosenbrock(&SCHEDULE);
+        assert!((best.estimate - Vector2::new(1.0, 1.0)).norm() < 1e-9, "{best:?} after {steps}");
+        assert!(steps < SCHEDULE.most_steps);
+    }
+
+    #[test]
+    fn the_cost_never_rises_and_steps_are_counted() {
+        let mut last = residuals(&Vector2::new(-1.2, 1.0)).norm_squared();
+        for most_steps in 0..10 {
+            let (best, steps) = rosenbrock(&Schedule { most_steps, ..SCHEDULE });
+            assert_eq!(steps, most_steps);
+            assert!(most_steps == 0 || best.cost < last, "{most_steps}: {} {last}", best.cost);
+            last = best.cost;
+        }
+    }
+
+    #[test]
+    fn equations_without_a_solution_leave_the_estimate_alone() {
+        let mut best = Costed { estimate: 3.0, cost: 9.0 };
+        assert_eq!(minimise(&mut best, &SCHEDULE, |_| (), |_, (), _| None), 0);
+        assert_eq!(best, Costed { estimate: 3.0, cost: 9.0 });
+    }
+}
