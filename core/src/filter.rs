@@ -60,6 +60,7 @@ impl Default for FilterSettings {
 
 /// What becomes of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum EventFate {
     /// It passes.
     Keep,
@@ -111,6 +112,7 @@ impl<const CELLS: usize, const SLOTS: usize> Default for FilterStorage<CELLS, SL
 
 /// The storage is too small for the sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum StorageTooSmall {
     /// Even cells of 64×64 pixels are more than `CELLS`.
     Cells,

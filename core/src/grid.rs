@@ -135,6 +135,7 @@ pub struct FoundGrid<T, const N: usize> {
 
 /// Why no board was found. The reason given is that of the attempt that went furthest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum GridError {
     /// There are more candidates than the workspace holds.
     TooManyCandidates {

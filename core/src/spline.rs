@@ -46,6 +46,7 @@ pub const MAX_ORDER: usize = MAX_DEGREE + 1;
 
 /// Why a knot vector or a parameter was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum SplineError {
     /// The degree is not in 1..=[`MAX_DEGREE`].
     Degree,

@@ -60,6 +60,7 @@ impl<T: RealField + Copy> IdealCamera<T> {
 
 /// Why a table could not be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TableError {
     /// The table takes more nodes than it has room for.
     TooManyNodes,

@@ -9,6 +9,7 @@ use evcal::simulate::sensor::SensorModel;
 use evcal::simulate::{Simulation, SimulationSettings};
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
 
 fn main() {
     divan::main();
@@ -29,7 +30,7 @@ fn simulation(motion: MotionSettings) -> Option<Simulation> {
         sensor: SensorModel::default(),
         motion,
     };
-    Simulation::new(Rays::new(&camera, 346, 260), "acircles:9x4:55mm:r17.5mm".parse().ok()?, settings).ok()
+    Simulation::new(Rays::new(&camera, Sensor::new(346, 260)), "acircles:9x4:55mm:r17.5mm".parse().ok()?, settings).ok()
 }
 
 fn run(bencher: divan::Bencher<'_, '_>, motion: MotionSettings, threads: usize) {

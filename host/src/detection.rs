@@ -439,5 +439,6 @@ pub(crate) fn grid_reason(error: GridError) -> &'static str {
         GridError::WrongBoard { .. } => "circles beside the board",
         GridError::AmbiguousPlacement { .. } => PLACE_UNCERTAIN,
         GridError::NotAsExpected => "board not where it is expected",
+        _ => "no board",
     }
 }

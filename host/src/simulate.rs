@@ -16,6 +16,7 @@
 use std::collections::BTreeSet;
 
 use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -171,11 +172,11 @@ impl Simulation {
     fn rows(&self) -> Vec<Row> {
         let hot = self.hot_pixels();
         let view = View::new(&self.motion.pose(0.0));
-        (0..self.rays().height()).map(|y| Row::new(&self.stage, &view, y, &hot, self.settings.seed)).collect()
+        (0..self.rays().sensor().height).map(|y| Row::new(&self.stage, &view, y, &hot, self.settings.seed)).collect()
     }
 
     fn hot_pixels(&self) -> BTreeSet<(u16, u16)> {
-        let (width, height) = (self.rays().width(), self.rays().height());
+        let Sensor { width, height } = self.rays().sensor();
         let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
         rng.set_stream(HOT_PIXEL_STREAM);
         let mut draw = |size: u16| ((uniform(&mut rng) * f64::from(size)) as u16).min(size.saturating_sub(1));

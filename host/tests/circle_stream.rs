@@ -12,6 +12,7 @@ use evcal::board::Board;
 use evcal::simulate::motion::{Motion, MotionSettings};
 use evcal::simulate::rays::Rays;
 use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
 use evcal_link::{Circle, DeviceName, Encoder, Hello, Message, PROTOCOL_VERSION, WindowEnd};
 use nalgebra::{Point3, Vector3};
 use serde_json::Value;
@@ -19,8 +20,7 @@ use serialport::{SerialPort, TTYPort};
 use tempfile::TempDir;
 
 const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
-const WIDTH: u16 = 346;
-const HEIGHT: u16 = 260;
+const SENSOR: Sensor = Sensor::new(346, 260);
 const LENS: [f64; 9] = [330.0, 331.0, 170.0, 131.5, -0.35, 0.15, 0.0, 0.0, 0.0];
 /// Windows 10 ms apart, 4 ms long.
 const WINDOWS: u32 = 500;
@@ -31,7 +31,7 @@ fn frames() -> Vec<Vec<u8>> {
     let camera = Camera::from_parameters(ModelKind::Radtan, &LENS).unwrap();
     let board: Board = BOARD.parse().unwrap();
     let duration = f64::from(WINDOWS) * 0.01;
-    let motion = Motion::new(&MotionSettings::fast(), &board, &Rays::new(&camera, WIDTH, HEIGHT), duration, 3).unwrap();
+    let motion = Motion::new(&MotionSettings::fast(), &board, &Rays::new(&camera, SENSOR), duration, 3).unwrap();
     let mut state = 7_u64;
     let mut random = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -42,8 +42,8 @@ fn frames() -> Vec<Vec<u8>> {
         protocol: PROTOCOL_VERSION,
         first: true,
         device: DeviceName::try_from("test detector").unwrap(),
-        sensor_width: WIDTH,
-        sensor_height: HEIGHT,
+        sensor_width: SENSOR.width,
+        sensor_height: SENSOR.height,
         ..Hello::default()
     };
     let mut frames = vec![encoder.encode(&Message::Hello(hello)).to_vec()];
@@ -54,7 +54,8 @@ fn frames() -> Vec<Vec<u8>> {
             let point = pose.inverse_transform_point(&Point3::new(x, y, 0.0)).coords;
             let pixel = camera.project(&Vector3::new(point.x, point.y, point.z))?;
             let inside = pixel.x > 8.0 && pixel.y > 8.0;
-            (inside && pixel.x < f64::from(WIDTH) - 9.0 && pixel.y < f64::from(HEIGHT) - 9.0).then_some(pixel)
+            (inside && pixel.x < f64::from(SENSOR.width) - 9.0 && pixel.y < f64::from(SENSOR.height) - 9.0)
+                .then_some(pixel)
         };
         let mut circles = Vec::new();
         for index in 0..board.circle_count() {
@@ -144,7 +145,7 @@ fn a_stream_is_calibrated_from_a_file_and_from_a_serial_port_alike() {
     fs::write(&file, &bytes).unwrap();
     let from_file = json(&calibrate(text(&file), &directory.path().join("file")).wait_with_output().unwrap());
     assert_near_truth(&from_file);
-    assert_eq!(from_file["sensor"], serde_json::json!({"width": WIDTH, "height": HEIGHT}));
+    assert_eq!(from_file["sensor"], serde_json::json!({"width": SENSOR.width, "height": SENSOR.height}));
     assert!(notes(&from_file).contains("test detector"), "{}", notes(&from_file));
 
     let (mut device, computer, _open) = port_pair();

@@ -7,6 +7,7 @@
 use nalgebra::{Matrix3x2, RealField, SMatrix, Vector2, Vector3};
 
 use super::{MAX_COEFFICIENTS, MAX_PARAMETERS, PointJacobian, Projection, Unprojection};
+use crate::sensor::Sensor;
 
 /// Names of the camera matrix' parameters.
 macro_rules! parameter_names {
@@ -58,13 +59,13 @@ impl<T: RealField + Copy> CameraMatrix<T> {
         Vector2::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy)
     }
 
-    /// The largest distance of a pixel of a `width` × `height` sensor from the axis, in the image plane.
-    pub fn corner_radius(&self, width: u16, height: u16) -> T {
+    /// The largest distance of a pixel of `sensor` from the axis, in the image plane.
+    pub fn corner_radius(&self, sensor: Sensor) -> T {
         let far = |size: u16, centre: T, focal: T| {
             let last = nalgebra::convert::<f64, T>(f64::from(size.saturating_sub(1)));
             centre.abs().max((last - centre).abs()) / focal
         };
-        far(width, self.cx, self.fx).hypot(far(height, self.cy, self.fy))
+        far(sensor.width, self.cx, self.fx).hypot(far(sensor.height, self.cy, self.fy))
     }
 
     /// fx, fy, cx, cy.

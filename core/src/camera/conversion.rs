@@ -16,6 +16,7 @@ use nalgebra::RealField;
 use super::CameraModel;
 use super::inverse_radial::InverseRadial;
 use super::radtan::{Radtan, Radtan5};
+use crate::sensor::Sensor;
 
 /// Radii a fit looks at.
 const SAMPLES: usize = 128;
@@ -29,16 +30,15 @@ struct Sample<T> {
     weight: T,
 }
 
-/// The inverse radial camera nearest to the radial part of `camera` on a `width` × `height` sensor.
+/// The inverse radial camera nearest to the radial part of `camera` on `sensor`.
 ///
 /// `None` if `camera` is not defined on enough of the sensor.
 pub fn inverse_radial_from_radtan<T: RealField + Copy, const N: usize>(
     camera: &Radtan<T, N>,
-    width: u16,
-    height: u16,
+    sensor: Sensor,
 ) -> Option<InverseRadial<T>> {
     let radial = camera.radial_part();
-    let corner = radial.matrix().corner_radius(width, height);
+    let corner = radial.matrix().corner_radius(sensor);
     let samples = samples(corner, |distorted| {
         let (ideal, distorted_by_ideal) = radial.undistort_radius(distorted)?;
         Some(Sample { argument: distorted, value: ideal, weight: distorted_by_ideal })
@@ -47,15 +47,14 @@ pub fn inverse_radial_from_radtan<T: RealField + Copy, const N: usize>(
     InverseRadial::from_parameters(&radial.matrix().parameters(&coefficients))
 }
 
-/// The radial-tangential camera (k1 k2 0 0 k3) nearest to `camera` on a `width` × `height` sensor.
+/// The radial-tangential camera (k1 k2 0 0 k3) nearest to `camera` on `sensor`.
 ///
 /// `None` if `camera` is not defined on enough of the sensor.
 pub fn radtan_from_inverse_radial<T: RealField + Copy>(
     camera: &InverseRadial<T>,
-    width: u16,
-    height: u16,
+    sensor: Sensor,
 ) -> Option<Radtan5<T>> {
-    let corner = camera.matrix().corner_radius(width, height);
+    let corner = camera.matrix().corner_radius(sensor);
     let samples = samples(corner, |distorted| {
         let ideal = (distorted < camera.radius().limit()).then(|| camera.radius().value_and_slope(distorted).0)?;
         Some(Sample { argument: ideal, value: distorted, weight: T::one() })
@@ -162,8 +161,7 @@ mod tests {
     use nalgebra::Vector2;
     use proptest::prelude::*;
 
-    const WIDTH: u16 = 346;
-    const HEIGHT: u16 = 260;
+    const SENSOR: Sensor = Sensor::new(346, 260);
 
     fn radtan(coefficients: [f64; 5]) -> Radtan5<f64> {
         let [k1, k2, p1, p2, k3] = coefficients;
@@ -185,7 +183,7 @@ mod tests {
     #[test]
     fn fit_approaches_the_power_series_for_weak_distortion() {
         let (k1, k2, k3) = (-0.001, 0.0004, -0.0002);
-        let camera = inverse_radial_from_radtan(&radtan([k1, k2, 0.0, 0.0, k3]), WIDTH, HEIGHT).unwrap();
+        let camera = inverse_radial_from_radtan(&radtan([k1, k2, 0.0, 0.0, k3]), SENSOR).unwrap();
         let fitted = camera.parameters();
         for (power, (fitted, expected)) in fitted[4..].iter().zip(series([k1, k2, k3])).enumerate() {
             // At the corner (radius 0.64) a coefficient counts 0.64^(2 i + 1) times.
@@ -197,14 +195,14 @@ mod tests {
     #[test]
     fn strong_barrel_distortion_converts_where_the_series_fails() {
         let forward = radtan([-0.3, 0.08, 0.0, 0.0, 0.0]);
-        let fitted = inverse_radial_from_radtan(&forward, WIDTH, HEIGHT).unwrap();
+        let fitted = inverse_radial_from_radtan(&forward, SENSOR).unwrap();
         let forward_camera = Camera::Radtan(forward);
-        let fitted_difference = difference(&forward_camera, &Camera::InverseRadial(fitted), WIDTH, HEIGHT);
+        let fitted_difference = difference(&forward_camera, &Camera::InverseRadial(fitted), SENSOR);
         assert_eq!(fitted_difference.outside, 0);
         assert!(fitted_difference.largest < 0.01, "{fitted_difference:?}");
         let with_series = forward.matrix().parameters(&series([-0.3, 0.08, 0.0]));
         let series_camera = Camera::InverseRadial(InverseRadial::from_parameters(&with_series).unwrap());
-        let series_difference = difference(&forward_camera, &series_camera, WIDTH, HEIGHT);
+        let series_difference = difference(&forward_camera, &series_camera, SENSOR);
         assert!(series_difference.largest > 10.0 * fitted_difference.largest, "{series_difference:?}");
     }
 
@@ -212,17 +210,17 @@ mod tests {
     fn tangential_distortion_is_what_the_conversion_loses() {
         let p1 = 1e-3;
         let forward = radtan([-0.2, 0.05, p1, 0.0, 0.0]);
-        let fitted = inverse_radial_from_radtan(&forward, WIDTH, HEIGHT).unwrap();
-        let lost = difference(&Camera::Radtan(forward), &Camera::InverseRadial(fitted), WIDTH, HEIGHT);
+        let fitted = inverse_radial_from_radtan(&forward, SENSOR).unwrap();
+        let lost = difference(&Camera::Radtan(forward), &Camera::InverseRadial(fitted), SENSOR);
         let ideal_corner = (176.0_f64 / 345.0).hypot(133.0 / 343.0) * 1.2;
         assert!(lost.largest > 0.1 && lost.largest < 3.0 * p1 * ideal_corner.powi(2) * 345.0, "{lost:?}");
     }
 
     #[test]
     fn a_camera_without_distortion_converts_to_one_without() {
-        let fitted = inverse_radial_from_radtan(&radtan([0.0; 5]), WIDTH, HEIGHT).unwrap();
+        let fitted = inverse_radial_from_radtan(&radtan([0.0; 5]), SENSOR).unwrap();
         assert_eq!(fitted.parameters()[4..], [0.0; 5]);
-        let back = radtan_from_inverse_radial(&fitted, WIDTH, HEIGHT).unwrap();
+        let back = radtan_from_inverse_radial(&fitted, SENSOR).unwrap();
         assert_eq!(back, radtan([0.0; 5]));
     }
 
@@ -230,8 +228,8 @@ mod tests {
     fn single_precision_converts_too() {
         let parameters = [345.0_f32, 343.0, 170.0, 127.0, -0.3, 0.08, 0.0, 0.0];
         let forward = super::super::Radtan4::from_parameters(&parameters).unwrap();
-        let fitted = inverse_radial_from_radtan(&forward, WIDTH, HEIGHT).unwrap();
-        let lost = difference(&Camera::Radtan4(forward), &Camera::InverseRadial(fitted), WIDTH, HEIGHT);
+        let fitted = inverse_radial_from_radtan(&forward, SENSOR).unwrap();
+        let lost = difference(&Camera::Radtan4(forward), &Camera::InverseRadial(fitted), SENSOR);
         assert!(lost.largest < 0.01 && lost.outside == 0, "{lost:?}");
     }
 
@@ -242,10 +240,10 @@ mod tests {
             k2 in -0.05..0.1_f64,
         ) {
             let forward = radtan([k1, k2, 0.0, 0.0, 0.0]);
-            let inverse = inverse_radial_from_radtan(&forward, WIDTH, HEIGHT);
+            let inverse = inverse_radial_from_radtan(&forward, SENSOR);
             prop_assume!(forward.unproject(&Vector2::new(345.0, 259.0)).is_some());
-            let back = radtan_from_inverse_radial(&inverse.unwrap(), WIDTH, HEIGHT).unwrap();
-            let lost = difference(&Camera::Radtan(forward), &Camera::Radtan(back), WIDTH, HEIGHT);
+            let back = radtan_from_inverse_radial(&inverse.unwrap(), SENSOR).unwrap();
+            let lost = difference(&Camera::Radtan(forward), &Camera::Radtan(back), SENSOR);
             prop_assert!(lost.largest < 0.01, "{lost:?}");
         }
     }

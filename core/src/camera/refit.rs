@@ -13,6 +13,7 @@
 use nalgebra::{RealField, SMatrix, SVector, Vector2};
 
 use super::{Camera, MAX_PARAMETERS, ModelKind};
+use crate::sensor::Sensor;
 
 /// Columns and rows of the grid of pixels.
 const GRID: u16 = 33;
@@ -33,28 +34,22 @@ pub struct Difference<T> {
     pub outside: usize,
 }
 
-/// Compares two cameras on a `width` × `height` sensor, in pixels of `other`.
-pub fn difference<T: RealField + Copy>(
-    reference: &Camera<T>,
-    other: &Camera<T>,
-    width: u16,
-    height: u16,
-) -> Difference<T> {
-    difference_where(reference, other, width, height, |_| true)
+/// Compares two cameras on `sensor`, in pixels of `other`.
+pub fn difference<T: RealField + Copy>(reference: &Camera<T>, other: &Camera<T>, sensor: Sensor) -> Difference<T> {
+    difference_where(reference, other, sensor, |_| true)
 }
 
 /// As [`difference`], on the pixels that are `inside`.
 pub fn difference_where<T: RealField + Copy>(
     reference: &Camera<T>,
     other: &Camera<T>,
-    width: u16,
-    height: u16,
+    sensor: Sensor,
     inside: impl Fn(&Vector2<T>) -> bool,
 ) -> Difference<T> {
     let mut sum = T::zero();
     let mut largest = T::zero();
     let (mut compared, mut outside) = (0, 0);
-    for pixel in grid(width, height).filter(inside) {
+    for pixel in grid(sensor).filter(inside) {
         let seen = reference.unproject(&pixel).and_then(|bearing| other.project(&bearing));
         if let Some(seen) = seen {
             let square = (seen - pixel).norm_squared();
@@ -69,19 +64,14 @@ pub fn difference_where<T: RealField + Copy>(
     Difference { root_mean_square: mean.sqrt(), largest: largest.sqrt(), compared, outside }
 }
 
-/// The camera of model `kind` nearest to `reference` on a `width` × `height` sensor.
+/// The camera of model `kind` nearest to `reference` on `sensor`.
 ///
 /// Minimises the sum of squared [`difference`]s over all parameters. Pixels that `reference` does
 /// not define, or that the camera of the new model from which the fit starts cannot see (more than 89°
 /// off the axis for pinhole models), do not count. `None` if fewer than half of the grid's pixels
 /// remain.
-pub fn refit<T: RealField + Copy>(
-    kind: ModelKind,
-    reference: &Camera<T>,
-    width: u16,
-    height: u16,
-) -> Option<Camera<T>> {
-    refit_where(kind, reference, width, height, |_| true)
+pub fn refit<T: RealField + Copy>(kind: ModelKind, reference: &Camera<T>, sensor: Sensor) -> Option<Camera<T>> {
+    refit_where(kind, reference, sensor, |_| true)
 }
 
 /// As [`refit`], on the pixels that are `inside`: beyond the region that a calibration saw, a
@@ -89,14 +79,13 @@ pub fn refit<T: RealField + Copy>(
 pub fn refit_where<T: RealField + Copy>(
     kind: ModelKind,
     reference: &Camera<T>,
-    width: u16,
-    height: u16,
+    sensor: Sensor,
     inside: impl Fn(&Vector2<T>) -> bool,
 ) -> Option<Camera<T>> {
     let mut best: Option<(Camera<T>, NormalEquations<T>)> = None;
     for coefficients in starts(kind) {
         let fitted = start(kind, reference, coefficients)
-            .and_then(|start| fit(kind, reference, start, || grid(width, height).filter(&inside)));
+            .and_then(|start| fit(kind, reference, start, || grid(sensor).filter(&inside)));
         if let Some((camera, equations)) = fitted {
             let better = best.as_ref().is_none_or(|(_, best)| {
                 equations.compared > best.compared || equations.compared == best.compared && equations.cost < best.cost
@@ -196,13 +185,13 @@ fn start<T: RealField + Copy>(
 }
 
 /// Pixels that span the sensor.
-fn grid<T: RealField + Copy>(width: u16, height: u16) -> impl Iterator<Item = Vector2<T>> {
+fn grid<T: RealField + Copy>(sensor: Sensor) -> impl Iterator<Item = Vector2<T>> {
     let coordinate = |index: u16, size: u16| {
         let part = f64::from(index) / f64::from(GRID - 1);
         nalgebra::convert::<f64, T>(part * f64::from(size.saturating_sub(1)))
     };
     (0..GRID).flat_map(move |row| {
-        (0..GRID).map(move |column| Vector2::new(coordinate(column, width), coordinate(row, height)))
+        (0..GRID).map(move |column| Vector2::new(coordinate(column, sensor.width), coordinate(row, sensor.height)))
     })
 }
 
@@ -254,8 +243,7 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
-    const WIDTH: u16 = 346;
-    const HEIGHT: u16 = 260;
+    const SENSOR: Sensor = Sensor::new(346, 260);
 
     fn camera(kind: ModelKind, coefficients: &[f64]) -> Camera<f64> {
         let parameters: Vec<f64> = [345.0, 343.0, 171.3, 127.8].iter().chain(coefficients).copied().collect();
@@ -275,8 +263,8 @@ mod tests {
             camera(ModelKind::Fov, &[0.93]),
             camera(ModelKind::Omni, &[1.4, -0.2, 0.05, 0.001, -0.0005]),
         ] {
-            let found = refit(reference.kind(), &reference, WIDTH, HEIGHT).unwrap();
-            let apart = difference(&reference, &found, WIDTH, HEIGHT);
+            let found = refit(reference.kind(), &reference, SENSOR).unwrap();
+            let apart = difference(&reference, &found, SENSOR);
             assert!(apart.largest < 1e-9, "{apart:?}");
             for (found, expected) in found.parameters().iter().zip(&reference.parameters()) {
                 assert!((found - expected).abs() < 1e-6 * (1.0 + expected.abs()), "{found} {expected}");
@@ -287,10 +275,8 @@ mod tests {
     #[test]
     fn five_coefficients_are_refitted_to_four_better_than_truncated() {
         let reference = camera(ModelKind::Radtan, &[-0.25, 0.1, 0.001, -0.0005, -0.1]);
-        let refitted =
-            difference(&reference, &refit(ModelKind::Radtan4, &reference, WIDTH, HEIGHT).unwrap(), WIDTH, HEIGHT);
-        let truncated =
-            difference(&reference, &camera(ModelKind::Radtan4, &[-0.25, 0.1, 0.001, -0.0005]), WIDTH, HEIGHT);
+        let refitted = difference(&reference, &refit(ModelKind::Radtan4, &reference, SENSOR).unwrap(), SENSOR);
+        let truncated = difference(&reference, &camera(ModelKind::Radtan4, &[-0.25, 0.1, 0.001, -0.0005]), SENSOR);
         assert!(refitted.root_mean_square < 0.1 * truncated.root_mean_square, "{refitted:?} {truncated:?}");
     }
 
@@ -298,9 +284,9 @@ mod tests {
     fn every_model_comes_near_a_mild_lens() {
         let reference = camera(ModelKind::Radtan4, &[-0.2, 0.05, 0.0, 0.0]);
         for &kind in ModelKind::ALL {
-            let found = refit(kind, &reference, WIDTH, HEIGHT).unwrap();
+            let found = refit(kind, &reference, SENSOR).unwrap();
             assert_eq!(found.kind(), kind);
-            let apart = difference(&reference, &found, WIDTH, HEIGHT);
+            let apart = difference(&reference, &found, SENSOR);
             // One or two coefficients have little say in the shape of the distortion.
             let near = match kind {
                 ModelKind::Ucm | ModelKind::Fov | ModelKind::DoubleSphere => 0.5,
@@ -316,21 +302,21 @@ mod tests {
     fn what_was_not_seen_does_not_spoil_the_fit() {
         let reference = camera(ModelKind::InverseRadial, &[0.3, 0.1, 0.1, 2.0, -6.0]);
         let seen = |pixel: &Vector2<f64>| (pixel - Vector2::new(171.3, 127.8)).norm() < 150.0;
-        let inside = |camera: &Camera<f64>| difference_where(&reference, camera, WIDTH, HEIGHT, seen);
-        let everywhere = refit(ModelKind::Radtan, &reference, WIDTH, HEIGHT).unwrap();
-        let here = refit_where(ModelKind::Radtan, &reference, WIDTH, HEIGHT, seen).unwrap();
+        let inside = |camera: &Camera<f64>| difference_where(&reference, camera, SENSOR, seen);
+        let everywhere = refit(ModelKind::Radtan, &reference, SENSOR).unwrap();
+        let here = refit_where(ModelKind::Radtan, &reference, SENSOR, seen).unwrap();
         let (everywhere, here) = (inside(&everywhere), inside(&here));
-        assert_eq!(here.compared, grid(WIDTH, HEIGHT).filter(seen).count());
+        assert_eq!(here.compared, grid(SENSOR).filter(seen).count());
         assert!(here.root_mean_square < 0.3 * everywhere.root_mean_square, "{here:?} {everywhere:?}");
-        assert!(refit_where(ModelKind::Radtan, &reference, WIDTH, HEIGHT, |_| false).is_none());
+        assert!(refit_where(ModelKind::Radtan, &reference, SENSOR, |_| false).is_none());
     }
 
     #[test]
     fn a_fisheye_that_sees_behind_the_image_plane_has_no_pinhole_twin() {
         let parameters = [60.0, 60.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0];
         let fisheye: Camera<f64> = Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap();
-        assert_eq!(refit(ModelKind::Radtan4, &fisheye, WIDTH, HEIGHT), None);
-        assert!(refit(ModelKind::KannalaBrandt, &fisheye, WIDTH, HEIGHT).is_some());
+        assert_eq!(refit(ModelKind::Radtan4, &fisheye, SENSOR), None);
+        assert!(refit(ModelKind::KannalaBrandt, &fisheye, SENSOR).is_some());
     }
 
     #[test]
@@ -340,7 +326,7 @@ mod tests {
         parameters[2] += 3.0;
         parameters[3] -= 4.0;
         let moved = Camera::from_parameters(ModelKind::Radtan4, &parameters).unwrap();
-        let apart = difference(&reference, &moved, WIDTH, HEIGHT);
+        let apart = difference(&reference, &moved, SENSOR);
         assert!((apart.root_mean_square - 5.0).abs() < 1e-12 && (apart.largest - 5.0).abs() < 1e-12);
         assert_eq!((apart.compared, apart.outside), (33 * 33, 0));
     }

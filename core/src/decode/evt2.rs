@@ -37,6 +37,7 @@ pub struct Trigger {
 
 /// What a word can say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Evt2Record {
     /// An event of a pixel.
     Event(Event),

@@ -24,6 +24,9 @@ impl Site {
     }
 }
 
+/// Board coordinates (x; y) for each lattice step (u, v).
+pub(super) type Axes = [[i32; 2]; 2];
+
 /// An affine map from lattice to image coordinates.
 pub(super) struct Affine<T> {
     /// Mean of the lattice coordinates.
@@ -129,7 +132,7 @@ impl<const N: usize> Lattice<N> {
         let mut next = 0;
         while let Some(site) = self.sites.get(next).copied() {
             next += 1;
-            for (step_u, step_v) in AXES {
+            for (step_u, step_v) in STEPS {
                 let (u, v) = (i32::from(site.u) + step_u, i32::from(site.v) + step_v);
                 if self.at(u, v).is_some() {
                     continue;
@@ -150,7 +153,7 @@ impl<const N: usize> Lattice<N> {
         let mut sum = Vector2::zeros();
         let mut count = T::zero();
         let mut step_squared: Option<T> = None;
-        for (du, dv) in AXES {
+        for (du, dv) in STEPS {
             let Some(first) = at(u - du, v - dv) else { continue };
             let second = at(u - 2 * du, v - 2 * dv);
             if let Some(second) = second {
@@ -188,7 +191,8 @@ struct Extrapolation<T> {
     spacing_squared: T,
 }
 
-const AXES: [(i32, i32); 4] = [(1, 0), (0, 1), (-1, 0), (0, -1)];
+/// From a site to its neighbours.
+const STEPS: [(i32, i32); 4] = [(1, 0), (0, 1), (-1, 0), (0, -1)];
 
 fn cell_mut(cells: &mut [[u16; SIDE]; SIDE], u: i32, v: i32) -> Option<&mut u16> {
     let column = usize::try_from(u + HALF).ok()?;

@@ -8,7 +8,7 @@
 use heapless::Vec;
 use nalgebra::RealField;
 
-use super::lattice::Lattice;
+use super::lattice::{Axes, Lattice};
 use super::warp::LatticeImage;
 use crate::pattern::{Layout, Pattern};
 
@@ -19,9 +19,6 @@ const LARGEST_ENTRY: i32 = 2;
 const LARGEST_SHEAR: f64 = 1.6;
 /// Extent of a lattice in board units that can be handled.
 const EXTENT: usize = 192;
-
-/// The board's coordinates (x; y) per lattice step (u, v).
-pub(super) type Axes = [[i32; 2]; 2];
 
 /// Maps lattice site (u, v) to the board's lattice position `axes` · (u, v) − `origin`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,8 +9,7 @@
 
 use nalgebra::{Matrix2, Matrix3, RealField, Vector2, Vector3};
 
-use super::lattice::Lattice;
-use super::placement::Axes;
+use super::lattice::{Axes, Lattice};
 use super::points::Points;
 
 /// Number of parameters: a, b, c, d, e, f, g, h of the homography [a b c; d e f; g h 1], λ₁, λ₂,

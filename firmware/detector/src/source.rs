@@ -42,7 +42,7 @@ impl Source {
         match &mut self.decoder {
             Decoder::Evt2(decoder) => match decoder.push(word)? {
                 Evt2Record::Event(event) => Some(event),
-                Evt2Record::Trigger(_) => None,
+                _ => None,
             },
             Decoder::Packed(decoder) => decoder.push(word),
         }

@@ -34,16 +34,16 @@ pub fn every_model<T: RealField + Copy>() {
 pub fn conversions<T: RealField + Copy>() {
     let parameters = [any::<T>(); 9];
     let parameters: &[T] = black_box(&parameters);
-    let (width, height) = black_box((1, 1));
+    let sensor = Sensor { width: black_box(1), height: black_box(1) };
     if let Some(camera) = Radtan5::from_parameters(parameters) {
-        black_box(inverse_radial_from_radtan(&camera, width, height));
+        black_box(inverse_radial_from_radtan(&camera, sensor));
     }
     if let Some(camera) = InverseRadial::from_parameters(parameters) {
-        black_box(radtan_from_inverse_radial(&camera, width, height));
+        black_box(radtan_from_inverse_radial(&camera, sensor));
     }
     let Some(camera) = Camera::from_parameters(kind(), parameters) else { return };
-    if let Some(other) = refit(kind(), &camera, width, height) {
-        black_box(difference(&camera, &other, width, height));
+    if let Some(other) = refit(kind(), &camera, sensor) {
+        black_box(difference(&camera, &other, sensor));
     }
 }
 

@@ -13,7 +13,6 @@ use crate::initial::model_choice::ModelRequest;
 use crate::lens::projection_difference::projection_difference;
 use crate::numerics::random::uniform_in;
 use crate::recording::{Recording, RecordingError};
-use evcal_core::sensor::Sensor;
 
 /// How many parts, and how long.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,8 +135,7 @@ pub fn repeat(
     let summary = Summary::of(&cameras);
     for (index, calibrated) in &cameras {
         let (Some(mean), Some(run)) = (&summary.mean, runs.get_mut(*index)) else { continue };
-        let Sensor { width, height } = calibrated.sensor;
-        let difference = projection_difference(mean, &calibrated.refined.state.camera, width, height);
+        let difference = projection_difference(mean, &calibrated.refined.state.camera, calibrated.sensor);
         if let (Ok(camera), Ok(difference)) = (&mut run.outcome, difference) {
             camera.difference = difference.rms;
         }

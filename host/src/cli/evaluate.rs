@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         .into());
     }
     let intrinsics = compare_intrinsics(&truth, &calibration);
-    let projection = projection_difference(&truth, &calibration, sensor.width, sensor.height)?;
+    let projection = projection_difference(&truth, &calibration, sensor)?;
     let trajectory = match trajectories(arguments, &calibration_file, &truth_file)? {
         Some((estimate, truth)) => Some(compare_trajectories(estimate, truth, arguments.time_shift)?),
         None => None,

@@ -123,7 +123,7 @@ enum RecordingFile {
 
 /// Runs `evcal simulate`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    let (camera, Sensor { width, height }) = lens(arguments)?;
+    let (camera, sensor) = lens(arguments)?;
     let settings = SimulationSettings {
         duration: arguments.duration,
         seed: arguments.seed,
@@ -144,11 +144,11 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         },
     };
     let davis = davis_settings(arguments)?;
-    let mut simulation = Simulation::new(Rays::new(&camera, width, height), arguments.board, settings)?;
+    let mut simulation = Simulation::new(Rays::new(&camera, sensor), arguments.board, settings)?;
     let mut frame_camera = None;
     if !arguments.frame_lens.is_empty() {
         let lens = of_model(camera.kind(), &arguments.frame_lens)?;
-        simulation = simulation.with_frame_rays(Rays::new(&lens, width, height));
+        simulation = simulation.with_frame_rays(Rays::new(&lens, sensor));
         frame_camera = Some(CameraDescription::new(&lens));
     }
 

@@ -128,7 +128,7 @@ mod tests {
         let parameters = [80.4, 80.1, 39.3, 29.4, -0.1, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
         for &kind in ModelKind::ALL {
-            let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor.width, sensor.height).unwrap();
+            let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor).unwrap();
             let calibrated = CalibratedCamera {
                 camera,
                 sensor,

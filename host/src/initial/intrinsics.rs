@@ -73,9 +73,7 @@ fn camera_of(
     parameters.extend_from_slice(&intrinsics.distortion);
     match kind {
         ModelKind::InverseRadial => match Camera::from_parameters(ModelKind::Radtan, &parameters)? {
-            Camera::Radtan(radtan) => {
-                inverse_radial_from_radtan(&radtan, sensor.width, sensor.height).map(Camera::InverseRadial)
-            }
+            Camera::Radtan(radtan) => inverse_radial_from_radtan(&radtan, sensor).map(Camera::InverseRadial),
             _ => None,
         },
         ModelKind::Radtan4 | ModelKind::Radtan | ModelKind::Radtan8 | ModelKind::KannalaBrandt => {
@@ -89,7 +87,7 @@ fn camera_of(
             };
             let near = Camera::from_parameters(near, &parameters).filter(|near| plausible(near, sensor))?;
             let center = Vector2::from(intrinsics.center);
-            refit_where(kind, &near, sensor.width, sensor.height, |pixel| (pixel - center).norm() <= covered)
+            refit_where(kind, &near, sensor, |pixel| (pixel - center).norm() <= covered)
         }
     }
 }

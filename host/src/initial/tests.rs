@@ -167,7 +167,7 @@ fn every_model_comes_back_from_noisy_partial_boards_with_wrong_frames() {
         }
         let axial = |camera: &Camera<f64>| camera.axial_focal_lengths().unwrap()[0];
         assert!((axial(&model.camera) - axial(&scene.camera)).abs() < 0.6, "{kind}");
-        let over_sensor = difference(&scene.camera, &model.camera, SENSOR.width, SENSOR.height);
+        let over_sensor = difference(&scene.camera, &model.camera, SENSOR);
         assert!(over_sensor.root_mean_square < 0.5, "{kind} {over_sensor:?}");
         // Two coordinates with 0.15 px of noise each.
         assert!((0.19..0.23).contains(&model.report.rms), "{kind} {}", model.report.rms);
@@ -220,12 +220,12 @@ fn native_and_opencv_starts_reach_the_same_camera() {
         assert_eq!(start.failure, None, "{kind}");
         let (_, opencv) = refine_start(&opencv.unwrap(), &views, SENSOR, &settings).unwrap();
         let native = native_start(kind, &views, SENSOR, &settings).unwrap();
-        let between = difference(&opencv.camera, &native.camera, SENSOR.width, SENSOR.height);
+        let between = difference(&opencv.camera, &native.camera, SENSOR);
         // Along the curve on which omni's parameters explain each other, steps end where nothing is gained.
         let flat = kind == ModelKind::Omni;
         assert!(between.largest < if flat { 0.1 } else { 1e-3 }, "{kind} {between:?}");
         // The prior on the distortion is all that keeps them from the truth.
-        let from_truth = difference(&scene.camera, &native.camera, SENSOR.width, SENSOR.height);
+        let from_truth = difference(&scene.camera, &native.camera, SENSOR);
         assert!(from_truth.root_mean_square < 0.01, "{kind} {from_truth:?}");
     }
 }
@@ -242,7 +242,7 @@ fn the_chosen_model_comes_near_the_lens() {
         assert_eq!(choice.candidates.len(), CANDIDATES.len());
         let axial = |camera: &Camera<f64>| camera.axial_focal_lengths().unwrap()[0];
         assert!((axial(&model.camera) - axial(&scene.camera)).abs() < 0.6, "{kind}");
-        let over_sensor = difference(&scene.camera, &model.camera, SENSOR.width, SENSOR.height);
+        let over_sensor = difference(&scene.camera, &model.camera, SENSOR);
         assert!(over_sensor.root_mean_square < 0.5, "{kind}: {choice}: {over_sensor:?}");
         if kind != ModelKind::Radtan {
             assert!(!choice.chosen.starts_with("radtan"), "{kind}: {choice}");

@@ -84,7 +84,7 @@ pub fn nearest(
         return Some(Nearest { camera: same, refit: None });
     }
     let fitted = substitutes.iter().filter_map(|&to| {
-        let near = refit_where(to, camera, sensor.width, sensor.height, |pixel| covered.contains(pixel))?;
+        let near = refit_where(to, camera, sensor, |pixel| covered.contains(pixel))?;
         let (covered, sensor) = distances(camera, &near, sensor, covered)?;
         Some((near, Replacement { from, to, covered, sensor }))
     });

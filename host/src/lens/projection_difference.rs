@@ -10,6 +10,7 @@
 use std::fmt;
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix2x3, Matrix3, UnitQuaternion, Vector2, Vector3};
 use serde::Serialize;
 
@@ -65,12 +66,11 @@ pub struct NoCommonView {
     pub total: usize,
 }
 
-/// The projection difference of `second` to `first` over a sensor of `width` × `height` pixels.
+/// The projection difference of `second` to `first` over `sensor`.
 pub fn projection_difference(
     first: &Camera<f64>,
     second: &Camera<f64>,
-    width: u16,
-    height: u16,
+    sensor: Sensor,
 ) -> Result<ProjectionDifference, NoCommonView> {
     let unproject = |pixel: &Vector2<f64>| first.unproject(pixel);
     let unproject_second = |pixel: &Vector2<f64>| second.unproject(pixel);
@@ -78,17 +78,16 @@ pub fn projection_difference(
         let projection = second.project_with_jacobians(point)?;
         Some((projection.pixel, projection.by_point))
     };
-    difference(unproject, unproject_second, project, width, height)
+    difference(unproject, unproject_second, project, sensor)
 }
 
 fn difference(
     unproject_first: impl Fn(&Vector2<f64>) -> Option<Vector3<f64>>,
     unproject_second: impl Fn(&Vector2<f64>) -> Option<Vector3<f64>>,
     project_second: impl Fn(&Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)>,
-    width: u16,
-    height: u16,
+    sensor: Sensor,
 ) -> Result<ProjectionDifference, NoCommonView> {
-    let pixels = grid(width, height);
+    let pixels = grid(sensor);
     let bearings: Vec<Option<Vector3<f64>>> = pixels.iter().map(unproject_first).collect();
     let seen = || pixels.iter().zip(&bearings).filter_map(|(pixel, bearing)| Some((pixel, (*bearing)?)));
 
@@ -128,7 +127,7 @@ fn difference(
         return Err(NoCommonView { covered, total: pixels.len() });
     };
     let sum: f64 = differences.iter().flatten().map(|difference| difference.norm_squared()).sum();
-    let (columns, rows) = grid_size(width, height);
+    let (columns, rows) = grid_size(sensor);
     Ok(ProjectionDifference {
         columns,
         rows,
@@ -149,20 +148,21 @@ fn difference(
 }
 
 /// Columns and rows of the grid of pixels on a sensor.
-pub(crate) fn grid_size(width: u16, height: u16) -> (u16, u16) {
-    let rows = (f64::from(COLUMNS) * f64::from(height) / f64::from(width.max(1))).round();
+pub(crate) fn grid_size(sensor: Sensor) -> (u16, u16) {
+    let rows = (f64::from(COLUMNS) * f64::from(sensor.height) / f64::from(sensor.width.max(1))).round();
     (COLUMNS, rows.clamp(2.0, 1000.0) as u16)
 }
 
 /// The grid of pixels on a sensor, row by row.
-pub(crate) fn grid(width: u16, height: u16) -> Vec<Vector2<f64>> {
-    let (columns, rows) = grid_size(width, height);
+pub(crate) fn grid(sensor: Sensor) -> Vec<Vector2<f64>> {
+    let (columns, rows) = grid_size(sensor);
     let place = |index: u16, count: u16, size: u16| {
         f64::from(index) * (f64::from(size) - 1.0) / f64::from(count.saturating_sub(1).max(1))
     };
     (0..rows)
         .flat_map(|row| {
-            (0..columns).map(move |column| Vector2::new(place(column, columns, width), place(row, rows, height)))
+            (0..columns)
+                .map(move |column| Vector2::new(place(column, columns, sensor.width), place(row, rows, sensor.height)))
         })
         .collect()
 }
@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn a_camera_does_not_differ_from_itself() {
         for camera in [radtan(), kannala_brandt()] {
-            let same = projection_difference(&camera, &camera, SIZE.width, SIZE.height).unwrap();
+            let same = projection_difference(&camera, &camera, SIZE).unwrap();
             assert!(same.max < 1e-8 && Vector3::from(same.rotation).norm() < 1e-10, "{same}");
             assert_eq!(same.uncovered, 0);
         }
@@ -256,8 +256,7 @@ mod tests {
                 Some((projection.pixel, projection.by_point * turn.inverse().matrix()))
             };
             let unproject_second = |pixel: &Vector2<f64>| Some(turn * lens.unproject(pixel)?);
-            let result =
-                difference(|pixel| lens.unproject(pixel), unproject_second, project, SIZE.width, SIZE.height).unwrap();
+            let result = difference(|pixel| lens.unproject(pixel), unproject_second, project, SIZE).unwrap();
             assert!(result.max < 1e-8, "{result}");
             assert!((Vector3::from(result.rotation) - turn.scaled_axis()).norm() < 1e-10);
         }
@@ -270,12 +269,10 @@ mod tests {
         let (focal, shift) = (300.0, 0.1);
         let first = camera(ModelKind::Radtan4, &[focal, focal, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]);
         let second = camera(ModelKind::Radtan4, &[focal, focal, 172.5 + shift, 129.5, 0.0, 0.0, 0.0, 0.0]);
-        let result = projection_difference(&first, &second, SIZE.width, SIZE.height).unwrap();
+        let result = projection_difference(&first, &second, SIZE).unwrap();
 
-        let points: Vec<(f64, f64)> = grid(SIZE.width, SIZE.height)
-            .iter()
-            .map(|pixel| ((pixel.x - 172.5) / focal, (pixel.y - 129.5) / focal))
-            .collect();
+        let points: Vec<(f64, f64)> =
+            grid(SIZE).iter().map(|pixel| ((pixel.x - 172.5) / focal, (pixel.y - 129.5) / focal)).collect();
         let (mut numerator, mut denominator) = (0.0, 0.0);
         for (x, y) in &points {
             numerator += 1.0 + x * x;
@@ -294,7 +291,7 @@ mod tests {
     fn a_focal_length_is_no_rotation() {
         let first = camera(ModelKind::Radtan4, &[300.0, 300.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]);
         let second = camera(ModelKind::Radtan4, &[303.0, 303.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]);
-        let result = projection_difference(&first, &second, SIZE.width, SIZE.height).unwrap();
+        let result = projection_difference(&first, &second, SIZE).unwrap();
         let corner = (172.5f64.powi(2) + 129.5f64.powi(2)).sqrt();
         assert!((result.max - 0.01 * corner).abs() < 1e-6, "{result}");
         assert!(Vector3::from(result.rotation).norm() < 1e-9);
@@ -309,7 +306,7 @@ mod tests {
         // Strong barrel distortion folds over before the corners.
         let narrow = camera(ModelKind::Radtan4, &[200.0, 200.0, 172.5, 129.5, -0.5, 0.0, 0.0, 0.0]);
         let wide = camera(ModelKind::KannalaBrandt, &[200.0, 200.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]);
-        let result = projection_difference(&wide, &narrow, SIZE.width, SIZE.height).unwrap();
+        let result = projection_difference(&wide, &narrow, SIZE).unwrap();
         assert!(result.uncovered > 0 && result.uncovered < result.grid.len());
         assert_eq!(result.grid.iter().filter(|point| point.difference.is_none()).count(), result.uncovered);
     }

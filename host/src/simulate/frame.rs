@@ -8,6 +8,7 @@
 //! Rates, times and noise are near those of recordings made with real DAVIS346: 25 Hz, 9.2 ms to
 //! read all pixels, 2 to 7 steps of 1023 of noise from frame to frame.
 
+use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -164,7 +165,7 @@ impl FrameSensor {
     pub fn new(stage: &Stage, settings: ExposureModel, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(PATTERN_STREAM);
-        let (width, height) = (stage.rays.width(), stage.rays.height());
+        let Sensor { width, height } = stage.rays.sensor();
         let mut pattern = Vec::with_capacity(usize::from(width) * usize::from(height));
         for _ in 0..height {
             let column = settings.column_offset * normal(&mut rng);
@@ -187,7 +188,7 @@ impl FrameSensor {
                 View::new(&pose(t * 1e-6))
             })
             .collect();
-        let width = usize::from(stage.rays.width()).max(1);
+        let width = usize::from(stage.rays.sensor().width).max(1);
         let mut pixels = vec![0; self.pattern.len()];
         pixels.par_chunks_mut(width).zip(self.pattern.par_chunks(width)).enumerate().for_each(
             |(y, (pixels, pattern))| {
@@ -229,7 +230,7 @@ mod tests {
     fn stage() -> Stage {
         let sensor = SensorModel::ideal();
         let scene = Scene::new(board(), SceneSettings::default(), sensor.point_spread);
-        Stage { rays: Rays::new(&radtan(), 346, 260), scene, sensor, stepping: STEPPING }
+        Stage { rays: Rays::new(&radtan(), Sensor::new(346, 260)), scene, sensor, stepping: STEPPING }
     }
 
     /// In front of the board's middle, sideways at 0.5 m/s: 1 px in 4 ms at 0.7 m.

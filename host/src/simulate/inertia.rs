@@ -195,6 +195,7 @@ mod tests {
     use crate::simulate::motion::{Motion, MotionSettings};
     use crate::simulate::rays::Rays;
     use crate::simulate::tests::{board, radtan};
+    use evcal_core::sensor::Sensor;
 
     #[test]
     fn at_rest_it_feels_one_g_upwards() {
@@ -210,7 +211,9 @@ mod tests {
     /// Dead reckoning from the true readings leads along the trajectory.
     #[test]
     fn readings_integrate_to_the_motion() {
-        let motion = Motion::new(&MotionSettings::fast(), &board(), &Rays::new(&radtan(), 346, 260), 2.0, 5).unwrap();
+        let motion =
+            Motion::new(&MotionSettings::fast(), &board(), &Rays::new(&radtan(), Sensor::new(346, 260)), 2.0, 5)
+                .unwrap();
         let pose = |t: f64| motion.pose(t);
         let start = pose(0.1);
         let mut rotation = start.rotation;

@@ -6,6 +6,7 @@
 //! every edge of the sensor. A tremor of the hand comes on top. How fast the sinusoids run is set
 //! such that the board's mean speed in the image is the stated one.
 
+use evcal_core::sensor::Sensor;
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -303,7 +304,7 @@ const MOTION_STREAM: u64 = u64::MAX;
 /// Azimuth and elevation of the middle of the field of view, and half its width and height, in
 /// radians, along the sensor's middle row and column.
 fn field_of_view(rays: &Rays) -> Option<(Vector2<f64>, Vector2<f64>)> {
-    let (width, height) = (rays.width(), rays.height());
+    let Sensor { width, height } = rays.sensor();
     let azimuths =
         (0..width).filter_map(|x| rays.get(x, height / 2)).map(|ray| libm::atan2(ray.bearing.x, ray.bearing.z));
     let elevations = (0..height)
@@ -341,7 +342,7 @@ mod tests {
     fn presets_keep_their_speed_and_the_board_in_view() {
         let board = board();
         for (camera, nearest, farthest) in [(radtan(), 0.5, 1.1), (kannala_brandt(), 0.25, 0.6)] {
-            let rays = Rays::new(&camera, SIZE.width, SIZE.height);
+            let rays = Rays::new(&camera, SIZE);
             for (settings, speed) in presets() {
                 let duration = 10.0;
                 let motion = Motion::new(&settings, &board, &rays, duration, 4).unwrap();
@@ -379,7 +380,7 @@ mod tests {
     #[test]
     fn the_tilt_stays_within_its_limit() {
         let board = board();
-        let rays = Rays::new(&radtan(), SIZE.width, SIZE.height);
+        let rays = Rays::new(&radtan(), SIZE);
         let settings = MotionSettings { tremor: 0.0, ..MotionSettings::fast() };
         let motion = Motion::new(&settings, &board, &rays, 20.0, 9).unwrap();
         let angles = (0..2000).map(|step| {
@@ -396,7 +397,7 @@ mod tests {
     fn a_pause_is_still_and_an_absence_sees_nothing() {
         let board = board();
         let camera = radtan();
-        let rays = Rays::new(&camera, SIZE.width, SIZE.height);
+        let rays = Rays::new(&camera, SIZE);
         let settings = MotionSettings {
             pauses: vec![Interval { start: 1.0, end: 1.5 }],
             absences: vec![Interval { start: 4.0, end: 4.5 }],
@@ -423,7 +424,7 @@ mod tests {
     #[test]
     fn the_motion_is_smooth() {
         let board = board();
-        let rays = Rays::new(&kannala_brandt(), SIZE.width, SIZE.height);
+        let rays = Rays::new(&kannala_brandt(), SIZE);
         let settings = MotionSettings {
             pauses: vec![Interval { start: 0.5, end: 0.8 }],
             absences: vec![Interval { start: 2.0, end: 2.1 }],
@@ -443,7 +444,7 @@ mod tests {
 
     #[test]
     fn other_seeds_move_otherwise() {
-        let rays = Rays::new(&radtan(), SIZE.width, SIZE.height);
+        let rays = Rays::new(&radtan(), SIZE);
         let pose = |seed: u64| Motion::new(&MotionSettings::fast(), &board(), &rays, 2.0, seed).unwrap().pose(1.0);
         assert_eq!(pose(1), pose(1));
         assert!((pose(1).translation.vector - pose(2).translation.vector).norm() > 1e-3);

@@ -1,6 +1,7 @@
 //! What every pixel looks at: its bearing and how the bearing turns from pixel to pixel.
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use nalgebra::{Vector2, Vector3};
 
 /// The ray of one pixel, in camera coordinates.
@@ -19,15 +20,14 @@ pub struct Ray {
 /// The rays of all pixels of a sensor.
 #[derive(Clone, Debug)]
 pub struct Rays {
-    width: u16,
-    height: u16,
+    sensor: Sensor,
     rays: Vec<Option<Ray>>,
 }
 
 impl Rays {
-    /// The rays of a `width` × `height` sensor behind the lens `camera`. A pixel outside the lens
+    /// The rays of `sensor` behind the lens `camera`. A pixel outside the lens
     /// model's domain has no ray: it sees constant light.
-    pub fn new(camera: &Camera<f64>, width: u16, height: u16) -> Self {
+    pub fn new(camera: &Camera<f64>, sensor: Sensor) -> Self {
         let ray = |x: u16, y: u16| {
             let seen = camera.unproject_with_jacobians(&Vector2::new(f64::from(x), f64::from(y)))?;
             let along_x = seen.by_pixel.column(0).into_owned();
@@ -37,26 +37,22 @@ impl Rays {
             let turn = (0.5 * (xx + yy + libm::hypot(xx - yy, 2.0 * xy))).sqrt();
             Some(Ray { bearing: seen.bearing, along_x, along_y, turn })
         };
-        let rays = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| ray(x, y)).collect();
-        Self { width, height, rays }
+        let rays =
+            (0..sensor.height).flat_map(|y| (0..sensor.width).map(move |x| (x, y))).map(|(x, y)| ray(x, y)).collect();
+        Self { sensor, rays }
     }
 
-    /// Number of columns.
-    pub fn width(&self) -> u16 {
-        self.width
-    }
-
-    /// Number of rows.
-    pub fn height(&self) -> u16 {
-        self.height
+    /// Size of the sensor in pixels.
+    pub fn sensor(&self) -> Sensor {
+        self.sensor
     }
 
     /// The ray of pixel (x, y); `None` where the lens has no bearing or outside the sensor.
     pub fn get(&self, x: u16, y: u16) -> Option<&Ray> {
-        if x >= self.width {
+        if x >= self.sensor.width {
             return None;
         }
-        self.rays.get(usize::from(y) * usize::from(self.width) + usize::from(x))?.as_ref()
+        self.rays.get(usize::from(y) * usize::from(self.sensor.width) + usize::from(x))?.as_ref()
     }
 
     /// The rays in the middle of `columns` × `rows` equal cells of the sensor, row by row.
@@ -64,8 +60,8 @@ impl Rays {
         let position = |index: u16, count: u16, size: u16| {
             ((2 * u32::from(index) + 1) * u32::from(size) / (2 * u32::from(count.max(1)))) as u16
         };
-        (0..rows)
-            .flat_map(move |row| (0..columns).map(move |column| (column, row)))
-            .map(move |(column, row)| self.get(position(column, columns, self.width), position(row, rows, self.height)))
+        (0..rows).flat_map(move |row| (0..columns).map(move |column| (column, row))).map(move |(column, row)| {
+            self.get(position(column, columns, self.sensor.width), position(row, rows, self.sensor.height))
+        })
     }
 }

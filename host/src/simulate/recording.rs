@@ -48,7 +48,7 @@ pub fn write(
     format: RecordingFormat,
     mut progress: impl FnMut(usize),
 ) -> Result<(EventCounts, DavisTruth), WriteError> {
-    let sensor = Sensor::new(simulation.rays().width(), simulation.rays().height());
+    let sensor = simulation.rays().sensor();
     let mut done = 0;
     let mut tick = || {
         done += 1;
@@ -192,7 +192,7 @@ mod tests {
             sensor: SensorModel::default(),
             motion: MotionSettings::fast(),
         };
-        Simulation::new(Rays::new(&radtan(), width, 260), board(), settings).unwrap()
+        Simulation::new(Rays::new(&radtan(), Sensor::new(width, 260)), board(), settings).unwrap()
     }
 
     /// Everything that the simulation hands over.

@@ -65,7 +65,7 @@ impl Stage {
     /// Light at pixel (x, y) relative to the middle of the image.
     pub fn gain(&self, x: u16, y: u16) -> f64 {
         let middle = |size: u16| 0.5 * (f64::from(size) - 1.0);
-        let (half_width, half_height) = (middle(self.rays.width()), middle(self.rays.height()));
+        let (half_width, half_height) = (middle(self.rays.sensor().width), middle(self.rays.sensor().height));
         let (dx, dy) = (f64::from(x) - half_width, f64::from(y) - half_height);
         let corner = half_width * half_width + half_height * half_height;
         1.0 - self.sensor.vignette * (dx * dx + dy * dy) / corner.max(1.0)
@@ -114,7 +114,7 @@ impl Slice {
         let cell =
             |position: u16, size: u16, cells: u16| usize::from(position) * usize::from(cells) / usize::from(size);
         let (columns, rows) = SPEED_GRID;
-        let index = cell(y, rays.height(), rows) * usize::from(columns) + cell(x, rays.width(), columns);
+        let index = cell(y, rays.sensor().height, rows) * usize::from(columns) + cell(x, rays.sensor().width, columns);
         self.speeds.get(index).copied().unwrap_or(1.0)
     }
 
@@ -171,7 +171,7 @@ impl Row {
             let pixel = Pixel::new((x, y), &stage.sensor, stage.gain(x, y), hot, sample.radiance, &mut rng);
             Site { pixel, edge: sample.edge, speed: f64::INFINITY }
         };
-        let sites = (0..stage.rays.width()).map(site).collect();
+        let sites = (0..stage.rays.sensor().width).map(site).collect();
         Self { y, sites, rng, events: Vec::new() }
     }
 

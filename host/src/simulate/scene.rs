@@ -321,6 +321,7 @@ mod tests {
     use super::*;
     use crate::simulate::rays::Rays;
     use crate::simulate::tests::{board, kannala_brandt, radtan};
+    use evcal_core::sensor::Sensor;
 
     const POINT_SPREAD: f64 = 0.6;
 
@@ -357,7 +358,7 @@ mod tests {
         const SIDE: i32 = 100;
         let board = board();
         let scene = Scene::new(board, SceneSettings::default(), POINT_SPREAD);
-        let rays = Rays::new(camera, 346, 260);
+        let rays = Rays::new(camera, Sensor::new(346, 260));
         let view = View::new(pose);
         let offset = |index: i32| (f64::from(index) + 0.5) / f64::from(SIDE) * 10.0 - 5.0;
         let mut worst = 0.0f64;
@@ -402,7 +403,7 @@ mod tests {
         let camera = radtan();
         let pose = pose(&board(), 0.7, 40.0, 25.0);
         let view = View::new(&pose);
-        let rays = Rays::new(&camera, 346, 260);
+        let rays = Rays::new(&camera, Sensor::new(346, 260));
         let point = |x: f64, y: f64| {
             let direction = pose.rotation * camera.unproject(&Vector2::new(x, y)).unwrap();
             let origin = pose.translation.vector;
@@ -426,7 +427,7 @@ mod tests {
     #[test]
     fn a_pixel_that_looks_away_sees_the_background() {
         let scene = Scene::new(board(), SceneSettings::default(), POINT_SPREAD);
-        let rays = Rays::new(&radtan(), 346, 260);
+        let rays = Rays::new(&radtan(), Sensor::new(346, 260));
         let away = pose(&board(), 0.7, 0.0, 0.0) * nalgebra::UnitQuaternion::from_euler_angles(0.0, 3.0, 0.0);
         let sample = scene.sample(&View::new(&away), rays.get(170, 130).unwrap());
         assert_eq!(sample, Sample { radiance: scene.settings().background, edge: f64::NEG_INFINITY });

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
 use nalgebra::{Isometry3, Vector2};
 
 use super::clock::Interval;
@@ -34,7 +35,7 @@ fn settings(sensor: SensorModel, motion: MotionSettings, duration: f64) -> Simul
 }
 
 fn simulation(sensor: SensorModel, motion: MotionSettings, duration: f64) -> Simulation {
-    let rays = Rays::new(&radtan(), 346, 260);
+    let rays = Rays::new(&radtan(), Sensor::new(346, 260));
     Simulation::new(rays, board(), settings(sensor, motion, duration)).unwrap()
 }
 
@@ -255,7 +256,7 @@ fn a_pause_is_silent() {
 #[test]
 fn the_number_of_threads_does_not_matter_and_the_seed_does() {
     let events = |threads: usize, seed: u64| {
-        let rays = Rays::new(&radtan(), 346, 260);
+        let rays = Rays::new(&radtan(), Sensor::new(346, 260));
         let settings = SimulationSettings { seed, ..settings(SensorModel::default(), MotionSettings::blur(), 0.1) };
         let simulation = Simulation::new(rays, board(), settings).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -330,7 +331,7 @@ fn a_wrong_setting_is_named() {
     let refused = |change: fn(&mut SimulationSettings)| {
         let mut settings = settings(SensorModel::default(), MotionSettings::fast(), 1.0);
         change(&mut settings);
-        Simulation::new(Rays::new(&radtan(), 346, 260), board(), settings).unwrap_err().to_string()
+        Simulation::new(Rays::new(&radtan(), Sensor::new(346, 260)), board(), settings).unwrap_err().to_string()
     };
     assert!(refused(|settings| settings.duration = f64::NAN).contains("duration is NaN"));
     assert!(refused(|settings| settings.sensor.threshold_on = 0.0).contains("sensor.threshold_on is 0"));
@@ -339,7 +340,7 @@ fn a_wrong_setting_is_named() {
     let backwards = refused(|settings| settings.motion.pauses.push(Interval { start: 2.0, end: 1.0 }));
     assert!(backwards.contains("motion.pauses"));
     let nothing = Simulation::new(
-        Rays::new(&radtan(), 0, 0),
+        Rays::new(&radtan(), Sensor::new(0, 0)),
         board(),
         settings(SensorModel::default(), MotionSettings::fast(), 1.0),
     );

@@ -1,12 +1,12 @@
 //! What is known of a simulated recording, beside its events and its trajectory.
 
 use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use super::davis::DavisDescription;
 use super::{EventCounts, Simulation, SimulationSettings};
 use crate::lens::camera_file::CameraDescription;
-use evcal_core::sensor::Sensor;
 
 /// Everything that makes a simulated recording, and what came out. As JSON it is a camera file too
 /// (see [`crate::lens::camera_file`]).
@@ -39,7 +39,7 @@ impl Truth {
         let board = simulation.scene().board();
         let rays = simulation.rays();
         Self {
-            sensor: Sensor { width: rays.width(), height: rays.height() },
+            sensor: rays.sensor(),
             camera: CameraDescription::new(camera),
             board: board.to_string(),
             mean_speed: simulation.motion().mean_speed(board, rays, settings.duration),

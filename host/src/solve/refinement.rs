@@ -151,7 +151,7 @@ pub fn refine<E: Send>(
         let before = state.camera;
         let (solved, solve_report) = solve(&problem, state)?;
         state = solved;
-        let moved = difference(&before, &state.camera, input.sensor.width, input.sensor.height);
+        let moved = difference(&before, &state.camera, input.sensor);
         let change = if moved.compared > 0 { moved.root_mean_square } else { f64::INFINITY };
         rounds.push(RoundReport { association, solve: solve_report, change });
         if final_round || input.events == 0 {

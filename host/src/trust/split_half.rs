@@ -16,7 +16,6 @@ use crate::solve::observation::{EventBin, SegmentObservations};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::{FreeParameters, Problem, SolveSettings, State};
 use crate::trust::uncertainty::projection::projection_uncertainty;
-use evcal_core::sensor::Sensor;
 
 /// How the halves are cut and solved.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,8 +85,7 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
         solved.push(own);
     }
     let [first, second] = solved.as_slice() else { return None };
-    let Sensor { width, height } = problem.sensor;
-    let difference = projection_difference(&first.camera, &second.camera, width, height).ok()?;
+    let difference = projection_difference(&first.camera, &second.camera, problem.sensor).ok()?;
     let expected = projection_uncertainty(&state.camera, &covariance?, problem.sensor).ok()?;
 
     let mut held_out = HeldOutResidual { count: 0, rms: 0.0, own_rms: 0.0 };

@@ -144,8 +144,8 @@ pub fn frame_witness(
     settings: &PictureSettings,
 ) -> Result<FrameWitness, NoFrameCalibration> {
     let silent = |reason: String| NoFrameCalibration { reason, report: Box::new(frames.report.clone()) };
-    let difference = projection_difference(camera, &frames.camera, sensor.width, sensor.height)
-        .map_err(|error| silent(error.to_string()))?;
+    let difference =
+        projection_difference(camera, &frames.camera, sensor).map_err(|error| silent(error.to_string()))?;
     let expected = |camera, covariance| {
         projection_uncertainty(camera, covariance, sensor)
             .map(|uncertainty| uncertainty.rms)

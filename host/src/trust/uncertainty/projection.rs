@@ -48,7 +48,7 @@ pub struct ProjectionUncertainty {
 #[error("the lens model sees fewer than 3 points of the sensor")]
 pub struct NoView;
 
-/// The projection uncertainty of `camera` on a sensor of (width, height) pixels from the covariance of its
+/// The projection uncertainty of `camera` on `sensor` from the covariance of its
 /// parameters, in their order.
 ///
 /// # Errors
@@ -56,9 +56,9 @@ pub struct NoView;
 pub fn projection_uncertainty(
     camera: &Camera<f64>,
     covariance: &DMatrix<f64>,
-    Sensor { width, height }: Sensor,
+    sensor: Sensor,
 ) -> Result<ProjectionUncertainty, NoView> {
-    let pixels = grid(width, height);
+    let pixels = grid(sensor);
     let count = camera.parameters().len();
     if covariance.shape() != (count, count) {
         return Err(NoView);
@@ -103,7 +103,7 @@ pub fn projection_uncertainty(
     let spread = covariance * square / seen.len() as f64;
     let mean = spread.trace().max(0.0);
     let variance = 2.0 * (&spread * &spread).trace().max(0.0);
-    let (columns, rows) = grid_size(width, height);
+    let (columns, rows) = grid_size(sensor);
     Ok(ProjectionUncertainty {
         columns,
         rows,
@@ -176,7 +176,7 @@ mod tests {
             let normal = DVector::from_fn(9, |_, _| (0..12).map(|_| uniform_in(&mut rng, -0.5, 0.5)).sum::<f64>());
             let step = &root * normal;
             let drawn: Vec<f64> = PARAMETERS.iter().zip(step.iter()).map(|(value, step)| value + step).collect();
-            let difference = projection_difference(&middle, &camera(&drawn), SIZE.width, SIZE.height).unwrap();
+            let difference = projection_difference(&middle, &camera(&drawn), SIZE).unwrap();
             squares.push(difference.rms * difference.rms);
             let [x, y] = difference.grid[0].difference.unwrap();
             corner[0][0] += x * x / DRAWS as f64;
