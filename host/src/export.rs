@@ -1,20 +1,90 @@
 //! Files that other programs load.
 //!
-//! A format is one file with a [`format::Format`] in it, the camera models that it holds among them,
-//! and one line in [`format::FORMATS`]. A calibration of another model is replaced by the nearest camera
-//! that the format holds ([`nearest`]), with the difference stated: no coefficient is ever dropped.
+//! A format is one file with an [`ExportFormat`] in it, the camera models that it holds among them,
+//! and one line in [`FORMATS`]. A calibration of another model is replaced by the nearest camera
+//! that the format holds ([`crate::lens::nearest`]), with the difference stated: no coefficient is ever dropped.
 //!
 //! Everywhere pixel (0, 0) is the centre of the top-left pixel, as in OpenCV, ROS, Kalibr and mrcal.
 
 pub mod basalt;
+pub mod content;
 pub mod csv;
 pub mod dv_processing;
 pub mod dv_xml;
 mod file_storage;
-pub mod format;
 pub mod kalibr;
 pub mod mrcal;
 mod number;
 pub mod opencv;
 pub mod ros;
 pub mod undistortion_table;
+
+use self::content::ExportFormat;
+
+/// The formats.
+pub const FORMATS: &[ExportFormat] = &[
+    opencv::YAML,
+    opencv::XML,
+    opencv::JSON,
+    ros::FORMAT,
+    kalibr::FORMAT,
+    basalt::FORMAT,
+    dv_xml::FORMAT,
+    dv_processing::FORMAT,
+    mrcal::FORMAT,
+    csv::FORMAT,
+];
+
+/// The format of this name.
+pub fn from_name(name: &str) -> Option<&'static ExportFormat> {
+    FORMATS.iter().find(|format| format.name == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::{Camera, ModelKind};
+    use evcal_core::sensor::Sensor;
+
+    use super::*;
+    use crate::lens::covered_region::CoveredRegion;
+    use crate::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, UNNAMED};
+
+    #[test]
+    fn names_and_files_differ_and_substitutes_can_be_written() {
+        for (index, format) in FORMATS.iter().enumerate() {
+            assert!(FORMATS[..index].iter().all(|other| other.name != format.name && other.file != format.file));
+            assert!(format.substitutes.iter().all(|model| format.models.contains(model)), "{}", format.name);
+            assert!(from_name(format.name).is_some_and(|found| found.file == format.file));
+        }
+    }
+
+    #[test]
+    fn every_format_holds_every_mild_lens_and_states_a_refit() {
+        // A small sensor: cameras are compared at every pixel.
+        let sensor = Sensor::new(80, 60);
+        let parameters = [80.4, 80.1, 39.3, 29.4, -0.1, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
+        for &kind in ModelKind::ALL {
+            let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor).unwrap();
+            let calibrated = CalibratedCamera {
+                camera,
+                sensor,
+                name: UNNAMED.to_owned(),
+                ros_topic: ROS_TOPIC.to_owned(),
+                covered: CoveredRegion::whole(sensor),
+                sigma: None,
+                covariance: None,
+                residual_rms: None,
+                board: None,
+            };
+            for format in FORMATS {
+                let exported = format.export(&calibrated).unwrap();
+                assert!(format.models.contains(&exported.camera.kind()), "{} {kind}", format.name);
+                if let Some(refit) = exported.refit {
+                    assert!(refit.covered.largest < 0.1 && refit.covered.unseen == 0.0, "{}: {refit}", format.name);
+                    assert!(exported.text.contains(&format!("no model {kind}")), "{}: {}", format.name, exported.text);
+                }
+            }
+        }
+    }
+}

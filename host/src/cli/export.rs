@@ -5,7 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::builder::PossibleValuesParser;
-use evcal::export::format::{ExportFormat, Exported, FORMATS};
+use evcal::export;
+use evcal::export::FORMATS;
+use evcal::export::content::Exported;
 use evcal::export::undistortion_table::{ExportedTable, fit_table, table};
 use evcal::lens::nearest::Replacement;
 use evcal::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, UNNAMED};
@@ -128,7 +130,7 @@ fn write_formats(
             sensor_max_px: refit.sensor.largest,
         }));
     };
-    let Some(format) = ExportFormat::from_name(name) else {
+    let Some(format) = export::from_name(name) else {
         let folder = arguments.output.as_deref();
         let folder = folder.ok_or_else(|| UsageError("--format all takes a folder: add -o DIR".to_owned()))?;
         fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;

@@ -7,9 +7,8 @@ use std::fmt::Write as _;
 
 use evcal_core::camera::ModelKind;
 
-use super::format::{Content, ExportFormat};
-use super::number::decimal;
-use super::ros::quoted;
+use super::content::{Content, ExportFormat};
+use super::number::{decimal, quoted};
 use evcal_core::sensor::Sensor;
 
 /// `basalt.json`. basalt has no radial-tangential model.

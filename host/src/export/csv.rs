@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use evcal_core::camera::ModelKind;
 
-use super::format::{Content, ExportFormat};
+use super::content::{Content, ExportFormat};
 use super::number::decimal;
 use evcal_core::sensor::Sensor;
 

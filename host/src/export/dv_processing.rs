@@ -4,7 +4,7 @@ use evcal_core::camera::ModelKind;
 use evcal_core::pattern::Layout;
 use serde_json::json;
 
-use super::format::{Content, ExportFormat};
+use super::content::{Content, ExportFormat};
 use super::number::decimal;
 use evcal_core::sensor::Sensor;
 

@@ -3,8 +3,8 @@
 use evcal_core::camera::ModelKind;
 use evcal_core::pattern::Layout;
 
+use super::content::{Content, ExportFormat};
 use super::file_storage::{self, Entry, Value, entry, valid_name};
-use super::format::{Content, ExportFormat};
 use evcal_core::sensor::Sensor;
 
 /// `dv.xml`. Distortion is a column of five, or of four for a fisheye.

@@ -7,9 +7,8 @@ use std::fmt::Write as _;
 
 use evcal_core::camera::ModelKind;
 
-use super::format::{Content, ExportFormat};
-use super::number::decimals;
-use super::ros::quoted;
+use super::content::{Content, ExportFormat};
+use super::number::{decimals, quoted};
 use evcal_core::sensor::Sensor;
 
 /// `camchain.yaml` of one camera.

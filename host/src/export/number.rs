@@ -1,4 +1,4 @@
-//! Numbers as every reader understands them.
+//! Numbers and text as every reader understands them.
 
 /// The shortest decimal that is read back as the same f64, with a point and without an exponent: what
 /// YAML 1.1 and Kalibr take for a real number.
@@ -10,6 +10,11 @@ pub fn decimal(value: f64) -> String {
 /// [`decimal`]s with commas between them.
 pub fn decimals(values: &[f64]) -> String {
     values.iter().map(|value| decimal(*value)).collect::<Vec<_>>().join(", ")
+}
+
+/// Text in double quotation marks, of which JSON's form is one that YAML has, too.
+pub fn quoted(text: &str) -> String {
+    serde_json::Value::from(text).to_string()
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@
 
 use evcal_core::camera::ModelKind;
 
+use super::content::{Content, ExportFormat};
 use super::file_storage::{self, Entry, Value, entry};
-use super::format::{Content, ExportFormat};
 use evcal_core::sensor::Sensor;
 
 const MODELS: &[ModelKind] =

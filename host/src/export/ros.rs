@@ -7,8 +7,8 @@ use std::fmt::Write as _;
 
 use evcal_core::camera::ModelKind;
 
-use super::format::{Content, ExportFormat};
-use super::number::decimals;
+use super::content::{Content, ExportFormat};
+use super::number::{decimals, quoted};
 use evcal_core::sensor::Sensor;
 
 /// `camera_info.yaml`.
@@ -43,11 +43,6 @@ fn write(content: &Content) -> String {
     matrix(&mut text, "rectification_matrix", 3, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
     matrix(&mut text, "projection_matrix", 3, &[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
     text
-}
-
-/// Text in double quotation marks, of which JSON's form is one that YAML has, too.
-pub(super) fn quoted(text: &str) -> String {
-    serde_json::Value::from(text).to_string()
 }
 
 fn matrix(text: &mut String, name: &str, rows: usize, values: &[f64]) {

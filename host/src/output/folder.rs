@@ -9,7 +9,7 @@ use crate::calibrate::input::Input;
 use crate::calibrate::{Calibrated, Task};
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::track;
-use crate::export::format::ExportFormat;
+use crate::export::content::ExportFormat;
 use crate::export::{kalibr, opencv, ros};
 use crate::initial::PosedFrame;
 use crate::recording::pictures::image_at;

@@ -1,8 +1,7 @@
-//! The formats by name.
+//! What every format is made from and gives: a format, its content, the file.
 
 use evcal_core::camera::{Camera, ModelKind};
 
-use super::{basalt, csv, dv_processing, dv_xml, kalibr, mrcal, opencv, ros};
 use crate::lens::nearest::{Replacement, nearest};
 use crate::result::calibrated_camera::CalibratedCamera;
 
@@ -19,20 +18,6 @@ pub struct ExportFormat {
     /// The file.
     pub write: fn(&Content) -> String,
 }
-
-/// The formats.
-pub const FORMATS: &[ExportFormat] = &[
-    opencv::YAML,
-    opencv::XML,
-    opencv::JSON,
-    ros::FORMAT,
-    kalibr::FORMAT,
-    basalt::FORMAT,
-    dv_xml::FORMAT,
-    dv_processing::FORMAT,
-    mrcal::FORMAT,
-    csv::FORMAT,
-];
 
 /// What goes into a file.
 pub struct Content<'a> {
@@ -82,11 +67,6 @@ pub struct ExportError {
 }
 
 impl ExportFormat {
-    /// The format of this name.
-    pub fn from_name(name: &str) -> Option<&'static Self> {
-        FORMATS.iter().find(|format| format.name == name)
-    }
-
     /// The file for a camera.
     ///
     /// # Errors
@@ -101,53 +81,5 @@ impl ExportFormat {
         let (model, refit) = (near.camera.kind(), near.refit.as_ref());
         let text = (self.write)(&Content { calibrated, matrix: *matrix, distortion, model, refit });
         Ok(Exported { text, camera: near.camera, refit: near.refit })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use evcal_core::sensor::Sensor;
-
-    use super::*;
-    use crate::lens::covered_region::CoveredRegion;
-    use crate::result::calibrated_camera::{ROS_TOPIC, UNNAMED};
-
-    #[test]
-    fn names_and_files_differ_and_substitutes_can_be_written() {
-        for (index, format) in FORMATS.iter().enumerate() {
-            assert!(FORMATS[..index].iter().all(|other| other.name != format.name && other.file != format.file));
-            assert!(format.substitutes.iter().all(|model| format.models.contains(model)), "{}", format.name);
-            assert!(ExportFormat::from_name(format.name).is_some_and(|found| found.file == format.file));
-        }
-    }
-
-    #[test]
-    fn every_format_holds_every_mild_lens_and_states_a_refit() {
-        // A small sensor: cameras are compared at every pixel.
-        let sensor = Sensor::new(80, 60);
-        let parameters = [80.4, 80.1, 39.3, 29.4, -0.1, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
-        for &kind in ModelKind::ALL {
-            let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor).unwrap();
-            let calibrated = CalibratedCamera {
-                camera,
-                sensor,
-                name: UNNAMED.to_owned(),
-                ros_topic: ROS_TOPIC.to_owned(),
-                covered: CoveredRegion::whole(sensor),
-                sigma: None,
-                covariance: None,
-                residual_rms: None,
-                board: None,
-            };
-            for format in FORMATS {
-                let exported = format.export(&calibrated).unwrap();
-                assert!(format.models.contains(&exported.camera.kind()), "{} {kind}", format.name);
-                if let Some(refit) = exported.refit {
-                    assert!(refit.covered.largest < 0.1 && refit.covered.unseen == 0.0, "{}: {refit}", format.name);
-                    assert!(exported.text.contains(&format!("no model {kind}")), "{}: {}", format.name, exported.text);
-                }
-            }
-        }
     }
 }
