@@ -2,8 +2,8 @@
 
 mod detected;
 pub mod error;
-mod frames;
 pub mod input;
+mod pictures;
 pub mod repeat;
 
 use evcal_core::event::Event;
@@ -30,14 +30,14 @@ use crate::trajectory::first::{FirstTrajectories, first_trajectories};
 use crate::trajectory::segment::SegmentReport;
 use crate::trust::uncertainty::uncertainty;
 use crate::trust::verdict::{Verdict, verdict};
-use crate::trust::witness::FrameOutcome;
+use crate::trust::witness::WitnessOutcome;
 use crate::trust::{Trust, examine};
 
-pub use self::frames::calibrate_from_frames;
+pub use self::pictures::calibrate_from_pictures;
 
 /// What the camera's own frames are for, where the recordings have them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum FrameUse {
+pub enum PictureUse {
     /// They are calibrated apart, and compared with the events.
     #[default]
     Witness,
@@ -58,7 +58,7 @@ pub struct Task<'a> {
     /// Sensor size where the recordings do not tell it.
     pub sensor: Option<Sensor>,
     /// What frames are for.
-    pub frames: FrameUse,
+    pub frames: PictureUse,
     /// Thresholds.
     pub settings: &'a Settings,
     /// The command line, for the report; may be empty.
@@ -78,7 +78,7 @@ pub struct Calibrated {
     /// For each input the time of its first event or circle in the file (s).
     pub starts: Vec<f64>,
     /// What the camera's own frames say of it; `None` where the recordings have none.
-    pub witness: Option<FrameOutcome>,
+    pub witness: Option<WitnessOutcome>,
     /// How frames and events were solved together, if they were.
     pub joint: Option<JointReport>,
     /// Stage reports.
@@ -127,15 +127,15 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
     };
 
     let from_frames = match task.frames {
-        FrameUse::Ignore => None,
-        FrameUse::Witness | FrameUse::Joint => {
-            let seen = frames::see_frames(task, Some(&starts), &mut progress)?;
-            frames::frame_calibration(task, seen, sensor, initial.camera.kind(), &mut progress)
+        PictureUse::Ignore => None,
+        PictureUse::Witness | PictureUse::Joint => {
+            let seen = pictures::see_pictures(task, Some(&starts), &mut progress)?;
+            pictures::picture_calibration(task, seen, sensor, initial.camera.kind(), &mut progress)
         }
     };
     let to_join = match task.frames {
-        FrameUse::Joint => Some(frames::needed(task, from_frames.as_ref())?),
-        FrameUse::Ignore | FrameUse::Witness => None,
+        PictureUse::Joint => Some(pictures::needed(task, from_frames.as_ref())?),
+        PictureUse::Ignore | PictureUse::Witness => None,
     };
 
     progress("trajectory");
@@ -166,10 +166,10 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
     let mut uncertainty = certainty(&refined)?;
     let witness = from_frames
         .as_ref()
-        .map(|calibration| frames::outcome(task, &refined.state.camera, &uncertainty, sensor, calibration));
+        .map(|calibration| pictures::outcome(task, &refined.state.camera, &uncertainty, sensor, calibration));
     let mut joint = None;
     if let Some(calibration) = to_join {
-        let JointPoints { points, report } = frames::observations(task, &refined, &uncertainty, calibration)?;
+        let JointPoints { points, report } = pictures::observations(task, &refined, &uncertainty, calibration)?;
         let input = RefinementInput { points, point_sigma: report.sigma, ..input };
         refined = solved(&input, refined.state, &mut progress)?;
         uncertainty = certainty(&refined)?;
@@ -186,7 +186,7 @@ pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrat
         segments_without_spline: without_spline,
         rounds: refined.rounds.clone(),
     };
-    let findings = witness.as_ref().and_then(FrameOutcome::finding).into_iter().collect();
+    let findings = witness.as_ref().and_then(WitnessOutcome::finding).into_iter().collect();
     let verdict = verdict(&refined.state.camera, &trust, task.board, sensor, findings, &settings.verdict);
     Ok(Calibrated { sensor, refined, initial, frames, starts, witness, joint, reports, trust, verdict })
 }

@@ -5,17 +5,17 @@
 
 mod accumulation;
 mod board_places;
-mod camera_frames;
+mod camera_pictures;
 mod chart;
 pub mod drawing;
 mod example_frames;
-mod frame_pictures;
 mod halves;
 mod number;
 mod numbers;
 mod overview;
 mod page;
 mod palette;
+mod picture_examples;
 mod provenance;
 mod rectification;
 mod residuals;
@@ -33,7 +33,7 @@ pub fn report(calibrated: &Calibrated, task: &Task) -> String {
         board_places::section(calibrated, task.board),
         halves::section(calibrated),
         residuals::section(calibrated, &calibrated.trust.residuals),
-        camera_frames::section(calibrated, task),
+        camera_pictures::section(calibrated, task),
         example_frames::section(calibrated, task.board),
         accumulation::section(calibrated, task),
         trajectory::section(calibrated),

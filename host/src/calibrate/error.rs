@@ -2,7 +2,7 @@
 
 use crate::detection::LARGEST_SENSOR;
 use crate::initial::InitialError;
-use crate::picture_calibration::calibration::NoFrameCalibration;
+use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
 use crate::recording::RecordingError;
 use crate::solve::SolveError;
@@ -69,7 +69,7 @@ pub enum CalibrateError {
     },
     /// The frames give no calibration.
     #[error("no calibration from the camera's frames: {0}")]
-    Frames(NoFrameCalibration),
+    Frames(NoPictureCalibration),
     /// Frames and events cannot be solved together.
     #[error("frames and events cannot be solved together: {0}")]
     JointFrames(NoJointPoints),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use evcal::board::Board;
 use evcal::calibrate::input::Input;
-use evcal::calibrate::{FrameUse, Task, calibrate, calibrate_from_frames};
+use evcal::calibrate::{PictureUse, Task, calibrate, calibrate_from_pictures};
 use evcal::initial::model_choice::ModelRequest;
 use evcal::output::folder::write_folder;
 use evcal::recording::RecordingOptions;
@@ -119,7 +119,7 @@ pub fn calibrate_recordings(
         .iter()
         .map(|path| detector::open_input(path, &options, &method.board, &arguments.output, arguments.json))
         .collect::<Result<Vec<Input>, _>>()?;
-    let frames = if arguments.joint_frames { FrameUse::Joint } else { FrameUse::Witness };
+    let frames = if arguments.joint_frames { PictureUse::Joint } else { PictureUse::Witness };
     let task = Task {
         inputs: &inputs,
         board: &method.board,
@@ -132,7 +132,7 @@ pub fn calibrate_recordings(
     let bar = spinner(arguments.json);
     let progress = |message: &str| bar.set_message(message.to_owned());
     let calibrated =
-        if arguments.frames_only { calibrate_from_frames(&task, progress)? } else { calibrate(&task, progress)? };
+        if arguments.frames_only { calibrate_from_pictures(&task, progress)? } else { calibrate(&task, progress)? };
     bar.set_message("writing results");
     let written = write_folder(&arguments.output, &calibrated, &task)?;
     bar.finish_and_clear();

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use evcal::calibrate::repeat::{RepeatSettings, Repetition, repeat};
-use evcal::calibrate::{FrameUse, Task};
+use evcal::calibrate::{PictureUse, Task};
 use evcal::recording::{Recording, RecordingOptions};
 
 use super::calibrate::MethodArguments;
@@ -46,7 +46,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let recording = Recording::new(&arguments.recording, RecordingOptions { sensor, ..RecordingOptions::default() })?;
     let (board, model) = (&arguments.method.board, arguments.method.model);
     let task =
-        Task { inputs: &[], board, model, sensor, frames: FrameUse::Ignore, settings: &settings, command_line: "" };
+        Task { inputs: &[], board, model, sensor, frames: PictureUse::Ignore, settings: &settings, command_line: "" };
     let parts = RepeatSettings { runs: arguments.runs, seconds: arguments.seconds, seed: arguments.seed };
     let bar = spinner(arguments.json);
     let repetition = repeat(&recording, &task, &parts, |run| {

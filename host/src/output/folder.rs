@@ -20,7 +20,7 @@ use crate::result::calibration_file::CalibrationFile;
 use crate::result::stage_report::stage_report;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::tum;
-use crate::trust::witness::FrameOutcome;
+use crate::trust::witness::WitnessOutcome;
 
 /// Rate at which trajectories are written (Hz).
 pub const TRAJECTORY_RATE: f64 = 200.0;
@@ -88,7 +88,7 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
         put(folder.join(name), &circles)?;
     }
     let pictures = match &calibrated.witness {
-        Some(FrameOutcome::Only(_)) => frame_pictures(calibrated, task),
+        Some(WitnessOutcome::Only(_)) => frame_pictures(calibrated, task),
         _ => pictures(calibrated, task.board),
     };
     for (name, picture) in pictures {
@@ -206,13 +206,13 @@ fn summary(calibration: &CalibrationFile) -> String {
         let _ = write!(text, " in {} segments", calibration.segments.len());
     }
     match &calibration.frames {
-        Some(FrameOutcome::Witness(witness)) => {
+        Some(WitnessOutcome::Witness(witness)) => {
             let _ = write!(text, "\nframes: {}", witness.sentence);
         }
-        Some(FrameOutcome::Silent(silent)) => {
+        Some(WitnessOutcome::Silent(silent)) => {
             let _ = write!(text, "\nframes: no calibration to compare with: {silent}");
         }
-        Some(FrameOutcome::Only(frames)) => {
+        Some(WitnessOutcome::Only(frames)) => {
             let _ = write!(text, "\nfrom {} of {} frames", frames.report.used, frames.report.detection.frames);
         }
         None => {}

@@ -39,7 +39,7 @@ pub struct SeenDot {
 
 /// The dots of one frame and its pose.
 #[derive(Clone, Debug, PartialEq)]
-pub struct FrameView {
+pub struct PictureView {
     /// The dots.
     pub dots: Vec<SeenDot>,
     /// `T_camera_world`.
@@ -48,7 +48,7 @@ pub struct FrameView {
 
 /// A camera from frames.
 #[derive(Clone, Debug)]
-pub struct FrameBundle {
+pub struct PictureBundle {
     /// The camera.
     pub camera: Camera<f64>,
     /// `T_camera_world` of each view.
@@ -83,7 +83,7 @@ const SMALLEST_SPREAD: f64 = 0.002;
 /// What stays the same during a solve.
 struct Target<'a> {
     radius: f64,
-    views: &'a [FrameView],
+    views: &'a [PictureView],
     prior: DistortionPrior,
     /// Huber's bound in pixels.
     bound: f64,
@@ -98,7 +98,7 @@ struct Estimate {
 
 impl Target<'_> {
     fn cost(&self, estimate: &Estimate) -> f64 {
-        let of_view = |(view, pose): (&FrameView, &Isometry3<f64>)| -> f64 {
+        let of_view = |(view, pose): (&PictureView, &Isometry3<f64>)| -> f64 {
             let distance = |dot: &SeenDot| {
                 circle_image_center(&estimate.camera, pose, dot.object, self.radius)
                     .map_or(f64::INFINITY, |center| (center - dot.image).norm_squared())
@@ -109,7 +109,7 @@ impl Target<'_> {
         costs.iter().sum::<f64>() + self.prior.cost(&estimate.camera)
     }
 
-    fn equations(&self, camera: &Camera<f64>, pose: &Isometry3<f64>, view: &FrameView) -> Equations {
+    fn equations(&self, camera: &Camera<f64>, pose: &Isometry3<f64>, view: &PictureView) -> Equations {
         let mut sum = Equations::new();
         for dot in &view.dots {
             let Some(image) = CircleImage::new(camera, pose, dot.object, self.radius) else { continue };
@@ -157,7 +157,7 @@ impl Target<'_> {
 
     /// The residuals of all dots in pixels.
     fn residuals(&self, estimate: &Estimate) -> Vec<Vector2<f64>> {
-        let of_view = |(view, pose): (&FrameView, &Isometry3<f64>)| -> Vec<Vector2<f64>> {
+        let of_view = |(view, pose): (&PictureView, &Isometry3<f64>)| -> Vec<Vector2<f64>> {
             let residual =
                 |dot: &SeenDot| Some(circle_image_center(&estimate.camera, pose, dot.object, self.radius)? - dot.image);
             view.dots.iter().filter_map(residual).collect()
@@ -184,13 +184,13 @@ fn robust_spread(residuals: &[Vector2<f64>]) -> f64 {
 /// pixels, `huber` the distance in spreads from which a centre counts linearly.
 ///
 /// `None` if a dot starts outside the camera's domain or the views do not determine the camera.
-pub fn frame_bundle(
+pub fn picture_bundle(
     camera: &Camera<f64>,
-    views: &[FrameView],
+    views: &[PictureView],
     radius: f64,
     sensor: Sensor,
     huber: f64,
-) -> Option<FrameBundle> {
+) -> Option<PictureBundle> {
     let count = camera.parameters().len();
     let dots: usize = views.iter().map(|view| view.dots.len()).sum();
     let freedom = (2 * dots).checked_sub(6 * views.len() + count).filter(|freedom| *freedom > 0)?;
@@ -241,7 +241,7 @@ pub fn frame_bundle(
     let inflation = (&border * &covariance).trace() / (count as f64 * variance);
     let mut distances: Vec<f64> = residuals.iter().map(|residual| residual.norm()).collect();
     let square: f64 = residuals.iter().map(|residual| residual.norm_squared()).sum();
-    Some(FrameBundle {
+    Some(PictureBundle {
         camera: estimate.camera,
         poses: estimate.poses,
         covariance,
@@ -274,7 +274,7 @@ mod tests {
 
     /// Dots with noise that is the same within no two frames: a fifth of the frames is four times as noisy,
     /// and each frame is a little larger or smaller than it should be, as by blur.
-    fn views(camera: &Camera<f64>, seed: u64) -> Vec<FrameView> {
+    fn views(camera: &Camera<f64>, seed: u64) -> Vec<PictureView> {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let middle = Vector2::new(173.0, 130.0);
@@ -294,7 +294,7 @@ mod tests {
                     let noise = Vector2::new(normal(&mut rng), normal(&mut rng)) * noise;
                     Some(SeenDot { object, image: middle + (image - middle) * scale + noise })
                 });
-                FrameView { dots: dots.collect(), pose }
+                PictureView { dots: dots.collect(), pose }
             })
             .collect()
     }
@@ -305,7 +305,7 @@ mod tests {
         let truth = camera();
         let (mut squares, mut stated) = ([0.0; 8], [0.0; 8]);
         for seed in 0..REPETITIONS {
-            let bundle = frame_bundle(&truth, &views(&truth, seed), 0.0175, SENSOR, 2.5).unwrap();
+            let bundle = picture_bundle(&truth, &views(&truth, seed), 0.0175, SENSOR, 2.5).unwrap();
             let found = bundle.camera.parameters();
             for index in 0..8 {
                 squares[index] += (found[index] - truth.parameters()[index]).powi(2) / REPETITIONS as f64;
@@ -326,7 +326,7 @@ mod tests {
         for view in &mut views {
             view.pose.translation.vector.z *= 1.04;
         }
-        let bundle = frame_bundle(&start.unwrap(), &views, 0.0175, SENSOR, 2.5).unwrap();
+        let bundle = picture_bundle(&start.unwrap(), &views, 0.0175, SENSOR, 2.5).unwrap();
         let sigma = bundle.covariance.diagonal().map(f64::sqrt);
         for (index, (found, truth)) in bundle.camera.parameters().iter().zip(truth.parameters()).enumerate() {
             assert!((found - truth).abs() < 4.0 * sigma[index], "parameter {index}: {found} {truth}");

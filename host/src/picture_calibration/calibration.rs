@@ -5,19 +5,19 @@ use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-use super::bundle::{FrameBundle, FrameView, SeenDot, frame_bundle};
+use super::bundle::{PictureBundle, PictureView, SeenDot, picture_bundle};
 use super::circle_image::center_bias;
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use crate::detection::pictures::search::FrameDetectionReport;
+use crate::detection::pictures::search::PictureSearchReport;
 use crate::initial::{InitialError, InitialModel, PosedFrame, initial_model};
 use crate::settings::Settings;
 
 /// What became of the frames of all recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct FrameReport {
+pub struct PictureReport {
     /// From pictures to boards.
-    pub detection: FrameDetectionReport,
+    pub detection: PictureSearchReport,
     /// Frames that the calibration used.
     pub used: usize,
     /// Why the others with a board fell away, in words.
@@ -28,7 +28,7 @@ pub struct FrameReport {
 
 /// A camera calibrated from frames.
 #[derive(Clone, Debug)]
-pub struct FrameCalibration {
+pub struct PictureCalibration {
     /// The camera.
     pub camera: Camera<f64>,
     /// Covariance of its parameters, in the order of the model, from the scatter between frames.
@@ -48,18 +48,18 @@ pub struct FrameCalibration {
     /// How it started.
     pub initial: InitialModel,
     /// What became of the frames.
-    pub report: FrameReport,
+    pub report: PictureReport,
 }
 
-impl FrameCalibration {
+impl PictureCalibration {
     /// Standard deviation of each of the camera's parameters.
     pub fn sigma(&self) -> Vec<f64> {
         self.covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect()
     }
 
     /// What a result from frames alone says of itself.
-    pub fn summary(&self) -> FrameSummary {
-        FrameSummary {
+    pub fn summary(&self) -> PictureSummary {
+        PictureSummary {
             sigma: self.sigma(),
             spread: self.spread,
             inflation: self.inflation,
@@ -70,7 +70,7 @@ impl FrameCalibration {
 
 /// What a result from frames alone says of itself.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct FrameSummary {
+pub struct PictureSummary {
     /// Standard deviation of each of the camera's parameters, in the order of the model.
     pub sigma: Vec<f64>,
     /// Standard deviation of a centre along one axis (px).
@@ -78,17 +78,17 @@ pub struct FrameSummary {
     /// Variance of the parameters over that of independent residuals, on average.
     pub inflation: f64,
     /// What became of the frames.
-    pub report: FrameReport,
+    pub report: PictureReport,
 }
 
 /// Why the frames gave no camera, and what became of them.
 #[derive(Clone, Debug, PartialEq, Serialize, thiserror::Error)]
 #[error("{reason}")]
-pub struct NoFrameCalibration {
+pub struct NoPictureCalibration {
     /// In words, with what to do.
     pub reason: String,
     /// What became of the frames.
-    pub report: Box<FrameReport>,
+    pub report: Box<PictureReport>,
 }
 
 /// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which
@@ -96,21 +96,21 @@ pub struct NoFrameCalibration {
 ///
 /// # Errors
 /// When too few frames are left, or they do not determine the camera.
-pub fn calibrate_frames(
+pub fn calibrate_pictures(
     frames: Vec<ReferenceFrame>,
-    detection: FrameDetectionReport,
+    detection: PictureSearchReport,
     board: &Board,
     sensor: Sensor,
     kind: ModelKind,
     settings: &Settings,
-) -> Result<FrameCalibration, NoFrameCalibration> {
-    let mut report = FrameReport { detection, ..FrameReport::default() };
+) -> Result<PictureCalibration, NoPictureCalibration> {
+    let mut report = PictureReport { detection, ..PictureReport::default() };
     let initial = match start(&frames, &report.detection, board, sensor, kind, settings) {
         Ok(initial) => initial,
-        Err(reason) => return Err(NoFrameCalibration { reason, report: Box::new(report) }),
+        Err(reason) => return Err(NoPictureCalibration { reason, report: Box::new(report) }),
     };
     report.dropped = initial.report.reasons();
-    let views: Vec<FrameView> = initial
+    let views: Vec<PictureView> = initial
         .frames
         .iter()
         .map(|posed| {
@@ -118,13 +118,13 @@ pub fn calibrate_frames(
             let dots = posed.circles.iter().filter_map(|circle| {
                 Some(SeenDot { object: board.circle_center(circle.index), image: nearest(measured, circle)? })
             });
-            FrameView { dots: dots.collect(), pose: posed.pose.inverse() }
+            PictureView { dots: dots.collect(), pose: posed.pose.inverse() }
         })
         .collect();
-    let bundle = frame_bundle(&initial.camera, &views, board.radius, sensor, settings.frames.huber);
-    let Some(FrameBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
+    let bundle = picture_bundle(&initial.camera, &views, board.radius, sensor, settings.frames.huber);
+    let Some(PictureBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
         let reason = format!("the {} frames with the board do not determine the camera: tilt it more", views.len());
-        return Err(NoFrameCalibration { reason, report: Box::new(report) });
+        return Err(NoPictureCalibration { reason, report: Box::new(report) });
     };
     let mut posed = initial.frames.clone();
     for ((posed, view), pose) in posed.iter_mut().zip(&views).zip(&poses) {
@@ -140,7 +140,7 @@ pub fn calibrate_frames(
     }
     report.used = views.len();
     report.dots_used = views.iter().map(|view| view.dots.len()).sum();
-    Ok(FrameCalibration { camera, covariance, inflation, spread, rms, median, frames, posed, initial, report })
+    Ok(PictureCalibration { camera, covariance, inflation, spread, rms, median, frames, posed, initial, report })
 }
 
 /// The measured centre that became `circle`, whose centre was put right by less than its radius.
@@ -152,7 +152,7 @@ fn nearest(measured: &[ObservedCircle], circle: &ObservedCircle) -> Option<nalge
 /// The first camera and poses, or why there is none.
 fn start(
     frames: &[ReferenceFrame],
-    detection: &FrameDetectionReport,
+    detection: &PictureSearchReport,
     board: &Board,
     sensor: Sensor,
     kind: ModelKind,

@@ -7,7 +7,7 @@
 use nalgebra::{Isometry3, Vector2};
 use serde::Serialize;
 
-use super::calibration::FrameCalibration;
+use super::calibration::PictureCalibration;
 use super::circle_image::{center_bias, circle_image_center};
 use crate::board::Board;
 use crate::circles::reference_frame::PointObservation;
@@ -88,7 +88,7 @@ struct Tied<'a> {
 /// # Errors
 /// [`NoJointPoints`].
 pub fn joint_points(
-    calibration: &FrameCalibration,
+    calibration: &PictureCalibration,
     state: &State,
     event_inflation: f64,
     board: &Board,

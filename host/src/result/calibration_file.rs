@@ -13,7 +13,7 @@ use crate::trust::coverage::Coverage;
 use crate::trust::residual_map::ResidualPattern;
 use crate::trust::split_half::{HeldOutResidual, SplitHalf};
 use crate::trust::verdict::Verdict;
-use crate::trust::witness::FrameOutcome;
+use crate::trust::witness::WitnessOutcome;
 use crate::trust::{ObservedRadius, Trust};
 use evcal_core::sensor::Sensor;
 
@@ -60,7 +60,7 @@ pub struct CalibrationFile {
     pub segments: Vec<SegmentSummary>,
     /// What the camera's own frames say; absent where the recordings have none.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub frames: Option<FrameOutcome>,
+    pub frames: Option<WitnessOutcome>,
     /// How frames and events were solved together; absent where they were not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint_frames: Option<JointReport>,

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use crate::calibrate::Calibrated;
 use crate::picture_calibration::joint::JointReport;
-use crate::trust::witness::{FrameOutcome, FrameWitness};
+use crate::trust::witness::{PictureWitness, WitnessOutcome};
 
 /// The report of all stages of a calibration, in their order.
 pub fn stage_report(calibrated: &Calibrated) -> String {
@@ -18,7 +18,7 @@ pub fn stage_report(calibrated: &Calibrated) -> String {
     }
     if let Some(outcome) = &calibrated.witness {
         frame_report(&mut text, outcome, calibrated.joint.as_ref());
-        if let FrameOutcome::Only(_) = outcome {
+        if let WitnessOutcome::Only(_) = outcome {
             return text;
         }
     }
@@ -95,7 +95,7 @@ pub fn stage_report(calibrated: &Calibrated) -> String {
 }
 
 /// What became of the camera's own frames.
-fn frame_report(text: &mut String, outcome: &FrameOutcome, joint: Option<&JointReport>) {
+fn frame_report(text: &mut String, outcome: &WitnessOutcome, joint: Option<&JointReport>) {
     let report = outcome.report();
     let detection = &report.detection;
     let _ = writeln!(text, "frames         {} read, {} held the board", detection.frames, detection.with_board);
@@ -117,11 +117,11 @@ fn frame_report(text: &mut String, outcome: &FrameOutcome, joint: Option<&JointR
         let _ = writeln!(text, "               {note}");
     }
     match outcome {
-        FrameOutcome::Witness(witness) => witness_report(text, witness),
-        FrameOutcome::Silent(silent) => {
+        WitnessOutcome::Witness(witness) => witness_report(text, witness),
+        WitnessOutcome::Silent(silent) => {
             let _ = writeln!(text, "               no calibration: {silent}");
         }
-        FrameOutcome::Only(frames) => {
+        WitnessOutcome::Only(frames) => {
             let _ = writeln!(
                 text,
                 "               {} frames with {} dots used ({}); a centre scatters by {:.3} px, variance {:.1} times that of \
@@ -144,7 +144,7 @@ fn frame_report(text: &mut String, outcome: &FrameOutcome, joint: Option<&JointR
     }
 }
 
-fn witness_report(text: &mut String, witness: &FrameWitness) {
+fn witness_report(text: &mut String, witness: &PictureWitness) {
     let report = &witness.report;
     let _ = writeln!(
         text,

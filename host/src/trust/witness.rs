@@ -11,7 +11,9 @@ use serde::Serialize;
 use crate::detection::pictures::settings::PictureSettings;
 use crate::lens::camera_file::{CameraDescription, Parameters};
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
-use crate::picture_calibration::calibration::{FrameCalibration, FrameReport, FrameSummary, NoFrameCalibration};
+use crate::picture_calibration::calibration::{
+    NoPictureCalibration, PictureCalibration, PictureReport, PictureSummary,
+};
 use crate::trust::uncertainty::projection::projection_uncertainty;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
@@ -56,7 +58,7 @@ pub struct ExpectedDifference {
 
 /// The calibration from frames as a witness of that from events.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct FrameWitness {
+pub struct PictureWitness {
     /// What follows, in words.
     pub sentence: String,
     /// Whether both agree.
@@ -81,7 +83,7 @@ pub struct FrameWitness {
     /// Variance of the camera's parameters over that of independent residuals.
     pub inflation: f64,
     /// What became of the frames.
-    pub report: FrameReport,
+    pub report: PictureReport,
     /// The difference at every point of the sensor.
     #[serde(skip)]
     pub difference: ProjectionDifference,
@@ -93,18 +95,18 @@ pub struct FrameWitness {
 /// What the frames of a calibration's recordings were good for.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum FrameOutcome {
+pub enum WitnessOutcome {
     /// They were calibrated and compared.
-    Witness(Box<FrameWitness>),
+    Witness(Box<PictureWitness>),
     /// They gave no camera.
-    Silent(NoFrameCalibration),
+    Silent(NoPictureCalibration),
     /// The calibration is from them alone.
-    Only(Box<FrameSummary>),
+    Only(Box<PictureSummary>),
 }
 
-impl FrameOutcome {
+impl WitnessOutcome {
     /// What became of the frames.
-    pub fn report(&self) -> &FrameReport {
+    pub fn report(&self) -> &PictureReport {
         match self {
             Self::Witness(witness) => &witness.report,
             Self::Silent(silent) => &silent.report,
@@ -136,14 +138,14 @@ impl FrameOutcome {
 ///
 /// # Errors
 /// When both have no part of the sensor in common.
-pub fn frame_witness(
+pub fn picture_witness(
     camera: &Camera<f64>,
     covariance: &DMatrix<f64>,
-    frames: &FrameCalibration,
+    frames: &PictureCalibration,
     sensor: Sensor,
     settings: &PictureSettings,
-) -> Result<FrameWitness, NoFrameCalibration> {
-    let silent = |reason: String| NoFrameCalibration { reason, report: Box::new(frames.report.clone()) };
+) -> Result<PictureWitness, NoPictureCalibration> {
+    let silent = |reason: String| NoPictureCalibration { reason, report: Box::new(frames.report.clone()) };
     let difference =
         projection_difference(camera, &frames.camera, sensor).map_err(|error| silent(error.to_string()))?;
     let expected = |camera, covariance| {
@@ -178,7 +180,7 @@ pub fn frame_witness(
             difference_sigma: covariance.get((index, index)).map_or(0.0, |value| value.max(0.0).sqrt()).hypot(*sigma),
         })
         .collect();
-    Ok(FrameWitness {
+    Ok(PictureWitness {
         sentence: sentence(agreement, &difference, &expected, ratio, frames.report.used),
         agreement,
         difference_rms: difference.rms,

@@ -24,7 +24,7 @@ const PICTURES_TOGETHER: usize = 64;
 
 /// What the pictures of all recordings held.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct FrameDetectionReport {
+pub struct PictureSearchReport {
     /// Frames read.
     pub frames: u64,
     /// Frames in which the board was found.
@@ -55,20 +55,20 @@ struct Searched {
 }
 
 /// Looks for the board in the pictures of recordings.
-pub struct FrameDetection<'a> {
+pub struct PictureSearch<'a> {
     board: &'a Board,
     settings: &'a PictureSettings,
     /// Fewest circles of a board.
     fewest: usize,
     frames: Vec<ReferenceFrame>,
     blurs: Vec<f64>,
-    report: FrameDetectionReport,
+    report: PictureSearchReport,
 }
 
-impl<'a> FrameDetection<'a> {
+impl<'a> PictureSearch<'a> {
     /// Looks for `board`, of which at least `fewest` circles must be seen.
     pub fn new(board: &'a Board, fewest: usize, settings: &'a PictureSettings) -> Self {
-        let report = FrameDetectionReport::default();
+        let report = PictureSearchReport::default();
         Self { board, settings, fewest, frames: Vec::new(), blurs: Vec::new(), report }
     }
 
@@ -193,7 +193,7 @@ impl<'a> FrameDetection<'a> {
     }
 
     /// The frames with the board in their order, and the report.
-    pub fn finish(mut self) -> (Vec<ReferenceFrame>, FrameDetectionReport) {
+    pub fn finish(mut self) -> (Vec<ReferenceFrame>, PictureSearchReport) {
         self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
         (self.frames, self.report)
     }

@@ -3,22 +3,22 @@
 use maud::{Markup, html};
 
 use super::chart::{SensorMap, cells_of_grid, round_up};
-use super::frame_pictures;
 use super::number::{count, signed, with_sigma};
 use super::overview::capital;
 use super::page::{Section, scrolling};
 use super::palette::Palette;
+use super::picture_examples;
 use crate::calibrate::{Calibrated, Task};
-use crate::trust::witness::{FrameOutcome, FrameWitness};
+use crate::trust::witness::{PictureWitness, WitnessOutcome};
 
 /// The witness and pictures, where the recordings have frames.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let outcome = calibrated.witness.as_ref()?;
     let content = html! {
         @match outcome {
-            FrameOutcome::Witness(witness) => (witnessed(calibrated, witness)),
-            FrameOutcome::Silent(silent) => p { "The recording has frames, but they say nothing: " (silent.reason) "." },
-            FrameOutcome::Only(_) => p { "This calibration is from the camera's frames alone; events were not used." },
+            WitnessOutcome::Witness(witness) => (witnessed(calibrated, witness)),
+            WitnessOutcome::Silent(silent) => p { "The recording has frames, but they say nothing: " (silent.reason) "." },
+            WitnessOutcome::Only(_) => p { "This calibration is from the camera's frames alone; events were not used." },
         }
         @if let Some(joint) = &calibrated.joint {
             p {
@@ -28,12 +28,12 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
             }
         }
         (counts(outcome))
-        (frame_pictures::pictures(calibrated, task))
+        (picture_examples::pictures(calibrated, task))
     };
     Some(Section { id: "camera-frames", title: "The camera's own frames", content })
 }
 
-fn counts(outcome: &FrameOutcome) -> Markup {
+fn counts(outcome: &WitnessOutcome) -> Markup {
     let report = outcome.report();
     let detection = &report.detection;
     let refused: Vec<String> =
@@ -48,7 +48,7 @@ fn counts(outcome: &FrameOutcome) -> Markup {
     }
 }
 
-fn witnessed(calibrated: &Calibrated, witness: &FrameWitness) -> Markup {
+fn witnessed(calibrated: &Calibrated, witness: &PictureWitness) -> Markup {
     let difference = &witness.difference;
     let points: Vec<_> =
         difference.grid.iter().map(|point| (point.pixel, point.difference.map(|[x, y]| x.hypot(y)))).collect();
@@ -81,7 +81,7 @@ fn witnessed(calibrated: &Calibrated, witness: &FrameWitness) -> Markup {
     }
 }
 
-fn parameters(witness: &FrameWitness) -> Markup {
+fn parameters(witness: &PictureWitness) -> Markup {
     html! {
         table.short {
             thead { tr {

@@ -9,10 +9,10 @@ use super::{Calibrated, StageReports, Task};
 use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::DetectionReport;
-use crate::detection::pictures::search::{FrameDetection, FrameDetectionReport};
+use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
 use crate::initial::InitialModel;
 use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
-use crate::picture_calibration::calibration::{FrameCalibration, NoFrameCalibration, calibrate_frames};
+use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, calibrate_pictures};
 use crate::picture_calibration::joint::{JointPoints, joint_points};
 use crate::recording::pass::RecordingReport;
 use crate::recording::pictures::may_hold_frames;
@@ -28,25 +28,25 @@ use crate::trust::residual_map::ResidualMap;
 use crate::trust::uncertainty::Uncertainty;
 use crate::trust::uncertainty::projection::projection_uncertainty;
 use crate::trust::verdict::verdict;
-use crate::trust::witness::{FrameOutcome, frame_witness};
+use crate::trust::witness::{WitnessOutcome, picture_witness};
 
 /// The reference frames of all recordings' pictures.
-pub(super) struct SeenFrames {
+pub(super) struct SeenPictures {
     frames: Vec<ReferenceFrame>,
-    report: FrameDetectionReport,
+    report: PictureSearchReport,
     /// For each input the time from which its frames' times count (s).
     starts: Vec<f64>,
 }
 
 /// Looks for the board in all pictures. Their times count from `starts` (s), or else from the first
 /// picture of each recording.
-pub(super) fn see_frames(
+pub(super) fn see_pictures(
     task: &Task,
     starts: Option<&[f64]>,
     progress: &mut impl FnMut(&str),
-) -> Result<SeenFrames, CalibrateError> {
+) -> Result<SeenPictures, CalibrateError> {
     let fewest = task.settings.detection.fewest_circles(&task.board.pattern);
-    let mut detection = FrameDetection::new(task.board, fewest, &task.settings.frames);
+    let mut detection = PictureSearch::new(task.board, fewest, &task.settings.frames);
     let mut origins = Vec::new();
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
@@ -60,22 +60,22 @@ pub(super) fn see_frames(
         origins.push(origin as f64 * 1e-6);
     }
     let (frames, report) = detection.finish();
-    Ok(SeenFrames { frames, report, starts: origins })
+    Ok(SeenPictures { frames, report, starts: origins })
 }
 
 /// The calibration from `seen` alone; `None` where the recordings hold no frames.
-pub(super) fn frame_calibration(
+pub(super) fn picture_calibration(
     task: &Task,
-    seen: SeenFrames,
+    seen: SeenPictures,
     sensor: Sensor,
     model: ModelKind,
     progress: &mut impl FnMut(&str),
-) -> Option<Result<FrameCalibration, NoFrameCalibration>> {
+) -> Option<Result<PictureCalibration, NoPictureCalibration>> {
     if seen.report.frames == 0 {
         return None;
     }
     progress(&format!("calibration from {} frames", seen.frames.len()));
-    Some(calibrate_frames(seen.frames, seen.report, task.board, sensor, model, task.settings))
+    Some(calibrate_pictures(seen.frames, seen.report, task.board, sensor, model, task.settings))
 }
 
 /// Compares the result from events with that from frames.
@@ -84,21 +84,21 @@ pub(super) fn outcome(
     camera: &Camera<f64>,
     uncertainty: &Uncertainty,
     sensor: Sensor,
-    frames: &Result<FrameCalibration, NoFrameCalibration>,
-) -> FrameOutcome {
+    frames: &Result<PictureCalibration, NoPictureCalibration>,
+) -> WitnessOutcome {
     let calibration = match frames {
         Ok(calibration) => calibration,
-        Err(silent) => return FrameOutcome::Silent(silent.clone()),
+        Err(silent) => return WitnessOutcome::Silent(silent.clone()),
     };
-    let witness = frame_witness(camera, &uncertainty.covariance, calibration, sensor, &task.settings.frames);
-    witness.map_or_else(FrameOutcome::Silent, |witness| FrameOutcome::Witness(Box::new(witness)))
+    let witness = picture_witness(camera, &uncertainty.covariance, calibration, sensor, &task.settings.frames);
+    witness.map_or_else(WitnessOutcome::Silent, |witness| WitnessOutcome::Witness(Box::new(witness)))
 }
 
 /// The calibration from frames, which there must be.
 pub(super) fn needed<'a>(
     task: &Task,
-    frames: Option<&'a Result<FrameCalibration, NoFrameCalibration>>,
-) -> Result<&'a FrameCalibration, CalibrateError> {
+    frames: Option<&'a Result<PictureCalibration, NoPictureCalibration>>,
+) -> Result<&'a PictureCalibration, CalibrateError> {
     match frames {
         Some(Ok(calibration)) => Ok(calibration),
         Some(Err(silent)) => Err(CalibrateError::Frames(silent.clone())),
@@ -112,7 +112,7 @@ pub(super) fn observations(
     task: &Task,
     refined: &Refined,
     uncertainty: &Uncertainty,
-    calibration: &FrameCalibration,
+    calibration: &PictureCalibration,
 ) -> Result<JointPoints, CalibrateError> {
     joint_points(calibration, &refined.state, uncertainty.inflation, task.board, &task.settings.frames)
         .map_err(CalibrateError::JointFrames)
@@ -128,9 +128,9 @@ fn no_frames(task: &Task) -> CalibrateError {
 ///
 /// # Errors
 /// [`CalibrateError`] says what is missing, and what to do.
-pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
+pub fn calibrate_from_pictures(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
     let sensor = common_sensor(task)?;
-    let seen = see_frames(task, None, &mut progress)?;
+    let seen = see_pictures(task, None, &mut progress)?;
     let starts = seen.starts.clone();
     let (model, model_choice) = match task.model {
         ModelRequest::Given(model) => (model, None),
@@ -141,7 +141,7 @@ pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Res
             (initial.camera.kind(), Some(choice))
         }
     };
-    let found = frame_calibration(task, seen, sensor, model, &mut progress);
+    let found = picture_calibration(task, seen, sensor, model, &mut progress);
     let calibration = needed(task, found.as_ref())?;
     let of_recording = |number: usize| calibration.frames.iter().filter(move |frame| frame.recording == number);
     let recordings = (0..task.inputs.len())
@@ -186,7 +186,7 @@ pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Res
         initial: InitialModel { frames: calibration.posed.clone(), ..calibration.initial.clone() },
         frames: calibration.frames.clone(),
         starts,
-        witness: Some(FrameOutcome::Only(Box::new(calibration.summary()))),
+        witness: Some(WitnessOutcome::Only(Box::new(calibration.summary()))),
         joint: None,
         reports,
         trust,
@@ -195,7 +195,7 @@ pub fn calibrate_from_frames(task: &Task, mut progress: impl FnMut(&str)) -> Res
 }
 
 /// How far a calibration from frames alone can be trusted.
-fn trust(task: &Task, calibration: &FrameCalibration, sensor: Sensor) -> Result<Trust, CalibrateError> {
+fn trust(task: &Task, calibration: &PictureCalibration, sensor: Sensor) -> Result<Trust, CalibrateError> {
     let projection = projection_uncertainty(&calibration.camera, &calibration.covariance, sensor)
         .map_err(|_| CalibrateError::Solve(SolveError::Singular))?;
     let frames = || calibration.posed.iter().filter_map(|posed| calibration.frames.get(posed.frame));
