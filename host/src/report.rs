@@ -23,7 +23,8 @@ mod stages;
 mod trajectory;
 mod trusted_places;
 
-use crate::calibrate::{Calibrated, Task};
+use crate::calibrate::Task;
+use crate::calibrate::calibrated::Calibrated;
 
 /// The report of `calibrated`, which came from `task`, as HTML.
 pub fn report(calibrated: &Calibrated, task: &Task) -> String {
@@ -32,7 +33,7 @@ pub fn report(calibrated: &Calibrated, task: &Task) -> String {
         trusted_places::section(calibrated),
         board_places::section(calibrated, task.board),
         halves::section(calibrated),
-        residuals::section(calibrated, &calibrated.trust.residuals),
+        residuals::section(calibrated),
         camera_pictures::section(calibrated, task),
         example_frames::section(calibrated, task.board),
         accumulation::section(calibrated, task),

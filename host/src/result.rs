@@ -2,4 +2,5 @@
 
 pub mod calibrated_camera;
 pub mod calibration_file;
+pub mod stage_lines;
 pub mod stage_report;

@@ -7,20 +7,22 @@ pub mod uncertainty;
 pub mod verdict;
 pub mod witness;
 
+use evcal_core::sensor::Sensor;
 use serde::Serialize;
 
 use crate::board::Board;
-use crate::settings::Settings;
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::picture_calibration::calibration::PictureCalibration;
 use crate::solve::SolveError;
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::refinement::Refined;
-use crate::trust::coverage::{Coverage, coverage};
-use crate::trust::residual_map::{ResidualMap, residual_map};
-use crate::trust::split_half::{SplitHalf, split_half};
-use crate::trust::uncertainty::Uncertainty;
+use crate::trust::coverage::{Coverage, coverage, coverage_of};
+use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
+use crate::trust::split_half::{SplitHalf, SplitHalfSettings, split_half};
 use crate::trust::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
+use crate::trust::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
 
-/// What speaks for and against a calibration.
+/// What speaks for and against a calibration, whatever it was made from.
 #[derive(Clone, Debug)]
 pub struct Trust {
     /// Covariance of the intrinsics.
@@ -29,11 +31,18 @@ pub struct Trust {
     pub projection: ProjectionUncertainty,
     /// What was seen.
     pub coverage: Coverage,
+}
+
+/// What speaks for and against a calibration along trajectories, beside [`Trust`].
+#[derive(Clone, Debug)]
+pub struct EventTrust {
+    /// Standard deviations of the event biases.
+    pub bias_sigma: BiasSigma,
     /// Two halves calibrated apart; `None` when the recordings are too short for that.
     pub split_half: Option<SplitHalf>,
-    /// The residuals over the sensor; empty for a calibration from frames alone.
+    /// The residuals over the sensor.
     pub residuals: ResidualMap,
-    /// What the events say of the circles' radius; `None` without events.
+    /// What the events say of the circles' radius; `None` where the input is circle centres.
     pub radius: Option<ObservedRadius>,
 }
 
@@ -58,20 +67,48 @@ const USUAL_OFFSET: f64 = -0.45;
 /// [`SolveError::Singular`] when the observations do not determine the camera.
 pub fn examine(
     refined: &Refined,
-    uncertainty: Uncertainty,
+    uncertainty: SolveUncertainty,
     board: &Board,
-    settings: &Settings,
-) -> Result<Trust, SolveError> {
+    halves: &SplitHalfSettings,
+    map: &ResidualMapSettings,
+) -> Result<(Trust, EventTrust), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
+    let SolveUncertainty { intrinsics: uncertainty, bias_sigma } = uncertainty;
     let projection = projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor)
         .map_err(|_| SolveError::Singular)?;
-    Ok(Trust {
-        projection,
-        coverage: coverage(problem, state, board),
-        split_half: split_half(problem, state, uncertainty.inflation, &settings.split_half),
-        residuals: residual_map(problem, state, &settings.residual_map),
+    let events = EventTrust {
+        bias_sigma,
+        split_half: split_half(problem, state, uncertainty.inflation, halves),
+        residuals: residual_map(problem, state, map),
         radius: observed_radius(refined, board),
-        uncertainty,
+    };
+    Ok((Trust { uncertainty, projection, coverage: coverage(problem, state, board) }, events))
+}
+
+/// Examines a calibration from pictures alone.
+///
+/// # Errors
+/// [`SolveError::Singular`] when the lens sees next to nothing of the sensor.
+pub fn examine_pictures(calibration: &PictureCalibration, board: &Board, sensor: Sensor) -> Result<Trust, SolveError> {
+    let projection = projection_uncertainty(&calibration.camera, &calibration.covariance, sensor)
+        .map_err(|_| SolveError::Singular)?;
+    let used: Vec<&ReferenceFrame> =
+        calibration.posed.iter().filter_map(|posed| calibration.frames.get(posed.frame)).collect();
+    let duration = used
+        .chunk_by(|a, b| a.recording == b.recording)
+        .filter_map(|recording| Some(recording.last()?.t() - recording.first()?.t()))
+        .sum();
+    let pixels = calibration.posed.iter().flat_map(|posed| posed.circles.iter().map(|circle| circle.center.into()));
+    let poses = calibration.posed.iter().map(|posed| posed.pose);
+    Ok(Trust {
+        uncertainty: Uncertainty {
+            covariance: calibration.covariance.clone(),
+            inflation: calibration.inflation,
+            observations: calibration.report.dots_used,
+            blocks: calibration.report.used,
+        },
+        projection,
+        coverage: coverage_of(&calibration.camera, sensor, board, pixels, poses, duration),
     })
 }
 

@@ -61,18 +61,18 @@ pub enum CalibrateError {
     /// The joint solve failed.
     #[error(transparent)]
     Solve(SolveError),
-    /// There are no frames.
+    /// There are no pictures.
     #[error("{file} holds no frames, and frames were asked for: record with --frames, or leave them out")]
-    NoFrames {
+    NoPictures {
         /// The files.
         file: String,
     },
-    /// The frames give no calibration.
+    /// The pictures give no calibration.
     #[error("no calibration from the camera's frames: {0}")]
-    Frames(NoPictureCalibration),
-    /// Frames and events cannot be solved together.
+    Pictures(NoPictureCalibration),
+    /// Pictures and events cannot be solved together.
     #[error("frames and events cannot be solved together: {0}")]
-    JointFrames(NoJointPoints),
+    JointPictures(NoJointPoints),
 }
 
 impl From<RefinementError<RecordingError>> for CalibrateError {

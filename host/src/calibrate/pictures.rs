@@ -1,32 +1,23 @@
-//! What the calibration does with the camera's own frames.
+//! What the calibration does with the camera's own pictures.
 
-use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 
+use super::Task;
+use super::calibrated::{Calibrated, Evidence};
 use super::detected::common_sensor;
 use super::error::CalibrateError;
-use super::{Calibrated, StageReports, Task};
 use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::detection::DetectionReport;
 use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
-use crate::initial::InitialModel;
 use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, calibrate_pictures};
 use crate::picture_calibration::joint::{JointPoints, joint_points};
 use crate::recording::pass::RecordingReport;
 use crate::recording::pictures::may_hold_frames;
-use crate::solve::event_bias::bias::Biases;
-use crate::solve::event_bias::{CLASS_COUNT, unknown};
 use crate::solve::refinement::Refined;
-use crate::solve::residual_statistics::ResidualStatistics;
-use crate::solve::{FreeParameters, Problem, SolveError, State};
-use crate::trajectory::segment::SegmentReport;
-use crate::trust::Trust;
-use crate::trust::coverage::coverage_of;
-use crate::trust::residual_map::ResidualMap;
+use crate::trust::examine_pictures;
 use crate::trust::uncertainty::Uncertainty;
-use crate::trust::uncertainty::projection::projection_uncertainty;
 use crate::trust::verdict::verdict;
 use crate::trust::witness::{WitnessOutcome, picture_witness};
 
@@ -78,35 +69,35 @@ pub(super) fn picture_calibration(
     Some(calibrate_pictures(seen.frames, seen.report, task.board, sensor, model, task.settings))
 }
 
-/// Compares the result from events with that from frames.
-pub(super) fn outcome(
+/// Compares the result from events with that from pictures.
+pub(super) fn witness(
     task: &Task,
     camera: &Camera<f64>,
     uncertainty: &Uncertainty,
     sensor: Sensor,
-    frames: &Result<PictureCalibration, NoPictureCalibration>,
+    pictures: &Result<PictureCalibration, NoPictureCalibration>,
 ) -> WitnessOutcome {
-    let calibration = match frames {
+    let calibration = match pictures {
         Ok(calibration) => calibration,
-        Err(silent) => return WitnessOutcome::Silent(silent.clone()),
+        Err(failure) => return WitnessOutcome::Failed(failure.clone()),
     };
     let witness = picture_witness(camera, &uncertainty.covariance, calibration, sensor, &task.settings.frames);
-    witness.map_or_else(WitnessOutcome::Silent, |witness| WitnessOutcome::Witness(Box::new(witness)))
+    witness.map_or_else(WitnessOutcome::Failed, |witness| WitnessOutcome::Witness(Box::new(witness)))
 }
 
-/// The calibration from frames, which there must be.
-pub(super) fn needed<'a>(
+/// The calibration from pictures, which there must be.
+pub(super) fn require<'a>(
     task: &Task,
-    frames: Option<&'a Result<PictureCalibration, NoPictureCalibration>>,
+    pictures: Option<&'a Result<PictureCalibration, NoPictureCalibration>>,
 ) -> Result<&'a PictureCalibration, CalibrateError> {
-    match frames {
+    match pictures {
         Some(Ok(calibration)) => Ok(calibration),
-        Some(Err(silent)) => Err(CalibrateError::Frames(silent.clone())),
-        None => Err(no_frames(task)),
+        Some(Err(failure)) => Err(CalibrateError::Pictures(failure.clone())),
+        None => Err(no_pictures(task)),
     }
 }
 
-/// The centres of dots in the frames as observations for the joint solve, tied to the trajectories of
+/// The centres of dots in the pictures as observations for the joint solve, tied to the trajectories of
 /// `refined`.
 pub(super) fn observations(
     task: &Task,
@@ -115,111 +106,46 @@ pub(super) fn observations(
     calibration: &PictureCalibration,
 ) -> Result<JointPoints, CalibrateError> {
     joint_points(calibration, &refined.state, uncertainty.inflation, task.board, &task.settings.frames)
-        .map_err(CalibrateError::JointFrames)
+        .map_err(CalibrateError::JointPictures)
 }
 
-fn no_frames(task: &Task) -> CalibrateError {
+fn no_pictures(task: &Task) -> CalibrateError {
     let files: Vec<String> = task.inputs.iter().map(Input::name).collect();
-    CalibrateError::NoFrames { file: files.join(", ") }
+    CalibrateError::NoPictures { file: files.join(", ") }
 }
 
-/// Calibrates from the camera's own frames alone, as ordinary image calibration does: each frame has
-/// its own pose. `progress` is told what is going on, in words.
+/// Calibrates from the camera's own pictures alone, as ordinary image calibration does: each picture has
+/// its own pose.
 ///
 /// # Errors
 /// [`CalibrateError`] says what is missing, and what to do.
-pub fn calibrate_from_pictures(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
+pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
     let sensor = common_sensor(task)?;
-    let seen = see_pictures(task, None, &mut progress)?;
+    let seen = see_pictures(task, None, progress)?;
     let starts = seen.starts.clone();
     let (model, model_choice) = match task.model {
         ModelRequest::Given(model) => (model, None),
         ModelRequest::Auto => {
             let (stage, choice) = (&task.settings.initial, &task.settings.model_choice);
-            let told = |model| progress(&format!("initial model {model} from {} frames", seen.frames.len()));
-            let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, choice, told)?;
+            let tell = |model| progress(&format!("initial model {model} from {} frames", seen.frames.len()));
+            let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, choice, tell)?;
             (initial.camera.kind(), Some(choice))
         }
     };
-    let found = picture_calibration(task, seen, sensor, model, &mut progress);
-    let calibration = needed(task, found.as_ref())?;
-    let of_recording = |number: usize| calibration.frames.iter().filter(move |frame| frame.recording == number);
-    let recordings = (0..task.inputs.len())
-        .map(|number| {
-            let end = of_recording(number).map(|frame| frame.end).fold(0.0, f64::max);
-            let notes = if number == 0 { calibration.report.detection.notes.clone() } else { Vec::new() };
-            RecordingReport { count: of_recording(number).count() as u64, duration: end, notes }
-        })
-        .collect();
-    let residuals =
-        ResidualStatistics { count: calibration.report.dots_used, rms: calibration.rms, median: calibration.median };
-    let state = State {
-        camera: calibration.camera,
-        bias: unknown(task.settings.refinement.first_sigma),
-        trajectories: Vec::new(),
-    };
-    let reports = StageReports {
-        recordings,
-        detection: DetectionReport::default(),
-        initial: calibration.initial.report.clone(),
-        model_choice,
-        segments: SegmentReport::default(),
-        segments_without_spline: 0,
-        rounds: Vec::new(),
-    };
-    let trust = trust(task, calibration, sensor)?;
-    let verdict = verdict(&calibration.camera, &trust, task.board, sensor, Vec::new(), &task.settings.verdict);
-    let problem = Problem {
-        sensor,
-        circle_centers: (0..task.board.circle_count()).map(|index| task.board.circle_center(index).into()).collect(),
-        radius: task.board.radius,
-        mean_scale: 1.0,
-        point_sigma: calibration.spread,
-        associated_latencies: [0.0; CLASS_COUNT],
-        segments: Vec::new(),
-        free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
-        settings: task.settings.solve.clone(),
-    };
-    Ok(Calibrated {
-        sensor,
-        refined: Refined { state, problem, residuals, rounds: Vec::new() },
-        initial: InitialModel { frames: calibration.posed.clone(), ..calibration.initial.clone() },
-        frames: calibration.frames.clone(),
-        starts,
-        witness: Some(WitnessOutcome::Only(Box::new(calibration.summary()))),
-        joint: None,
-        reports,
-        trust,
-        verdict,
-    })
+    let calibration = picture_calibration(task, seen, sensor, model, progress)
+        .ok_or_else(|| no_pictures(task))?
+        .map_err(CalibrateError::Pictures)?;
+    let trust = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
+    let verdict = verdict(&calibration.camera, &trust, None, task.board, sensor, Vec::new(), &task.settings.verdict);
+    let recordings = (0..task.inputs.len()).map(|number| recording_report(&calibration, number)).collect();
+    let evidence = Evidence::Pictures(Box::new(calibration));
+    Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
 }
 
-/// How far a calibration from frames alone can be trusted.
-fn trust(task: &Task, calibration: &PictureCalibration, sensor: Sensor) -> Result<Trust, CalibrateError> {
-    let projection = projection_uncertainty(&calibration.camera, &calibration.covariance, sensor)
-        .map_err(|_| CalibrateError::Solve(SolveError::Singular))?;
-    let frames = || calibration.posed.iter().filter_map(|posed| calibration.frames.get(posed.frame));
-    let of_recording = |number: usize| frames().filter(move |frame| frame.recording == number).map(ReferenceFrame::t);
-    let duration = (0..task.inputs.len())
-        .map(|number| {
-            let (first, last) = (of_recording(number).next(), of_recording(number).next_back());
-            first.zip(last).map_or(0.0, |(first, last)| last - first)
-        })
-        .sum();
-    let pixels = calibration.posed.iter().flat_map(|posed| posed.circles.iter().map(|circle| circle.center.into()));
-    let poses = calibration.posed.iter().map(|posed| posed.pose);
-    Ok(Trust {
-        uncertainty: Uncertainty {
-            covariance: calibration.covariance.clone(),
-            bias_sigma: [Biases::default(); CLASS_COUNT],
-            inflation: calibration.inflation,
-            observations: calibration.report.dots_used,
-            blocks: calibration.report.used,
-        },
-        projection,
-        coverage: coverage_of(&calibration.camera, sensor, task.board, pixels, poses, duration),
-        split_half: None,
-        residuals: ResidualMap::default(),
-        radius: None,
-    })
+/// What recording `number` held: pictures with the board, up to the end of the last.
+fn recording_report(calibration: &PictureCalibration, number: usize) -> RecordingReport {
+    let of_recording = || calibration.frames.iter().filter(move |frame| frame.recording == number);
+    let duration = of_recording().map(|frame| frame.end).fold(0.0, f64::max);
+    let notes = if number == 0 { calibration.report.detection.notes.clone() } else { Vec::new() };
+    RecordingReport { count: of_recording().count() as u64, duration, notes }
 }

@@ -6,9 +6,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
+use crate::calibrate::calibrated::Calibrated;
 use crate::calibrate::error::CalibrateError;
 use crate::calibrate::input::Input;
-use crate::calibrate::{Calibrated, Task, calibrate};
+use crate::calibrate::{Task, calibrate};
 use crate::initial::model_choice::ModelRequest;
 use crate::lens::projection_difference::projection_difference;
 use crate::numerics::random::uniform_in;
@@ -121,7 +122,7 @@ pub fn repeat(
         let outcome: Result<Calibrated, CalibrateError> = calibrate(&Task { inputs: &inputs, model, ..*task }, |_| {});
         let outcome = match outcome {
             Ok(calibrated) => {
-                let camera = calibrated.refined.state.camera;
+                let camera = *calibrated.camera();
                 model = ModelRequest::Given(camera.kind());
                 let stated = calibrated.trust.projection.rms_95;
                 let sigma = calibrated.trust.uncertainty.sigma();
@@ -135,7 +136,7 @@ pub fn repeat(
     let summary = Summary::of(&cameras);
     for (index, calibrated) in &cameras {
         let (Some(mean), Some(run)) = (&summary.mean, runs.get_mut(*index)) else { continue };
-        let difference = projection_difference(mean, &calibrated.refined.state.camera, calibrated.sensor);
+        let difference = projection_difference(mean, calibrated.camera(), calibrated.sensor);
         if let (Ok(camera), Ok(difference)) = (&mut run.outcome, difference) {
             camera.difference = difference.rms;
         }
@@ -155,12 +156,12 @@ impl Summary {
         let Some((_, first)) = cameras.first().filter(|_| cameras.len() >= 2) else {
             return Self { mean: None, parameters: Vec::new() };
         };
-        let kind = first.refined.state.camera.kind();
+        let kind = first.camera().kind();
         let names = kind.parameter_names();
         let columns: Vec<DVector<f64>> = cameras
             .iter()
             .map(|(_, calibrated)| {
-                let parameters = calibrated.refined.state.camera.parameters();
+                let parameters = calibrated.camera().parameters();
                 DVector::from_column_slice(&parameters)
             })
             .collect();

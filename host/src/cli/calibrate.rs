@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use evcal::board::Board;
 use evcal::calibrate::input::Input;
-use evcal::calibrate::{PictureUse, Task, calibrate, calibrate_from_pictures};
+use evcal::calibrate::{PictureUse, Task, calibrate};
 use evcal::initial::model_choice::ModelRequest;
 use evcal::output::folder::write_folder;
 use evcal::recording::RecordingOptions;
@@ -119,20 +119,22 @@ pub fn calibrate_recordings(
         .iter()
         .map(|path| detector::open_input(path, &options, &method.board, &arguments.output, arguments.json))
         .collect::<Result<Vec<Input>, _>>()?;
-    let frames = if arguments.joint_frames { PictureUse::Joint } else { PictureUse::Witness };
+    let pictures = match (arguments.frames_only, arguments.joint_frames) {
+        (true, _) => PictureUse::Only,
+        (false, true) => PictureUse::Joint,
+        (false, false) => PictureUse::Witness,
+    };
     let task = Task {
         inputs: &inputs,
         board: &method.board,
         model: method.model,
         sensor,
-        frames,
+        pictures,
         settings: &settings,
         command_line: &super::command_line(),
     };
     let bar = spinner(arguments.json);
-    let progress = |message: &str| bar.set_message(message.to_owned());
-    let calibrated =
-        if arguments.frames_only { calibrate_from_pictures(&task, progress)? } else { calibrate(&task, progress)? };
+    let calibrated = calibrate(&task, |message| bar.set_message(message.to_owned()))?;
     bar.set_message("writing results");
     let written = write_folder(&arguments.output, &calibrated, &task)?;
     bar.finish_and_clear();

@@ -46,7 +46,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let recording = Recording::new(&arguments.recording, RecordingOptions { sensor, ..RecordingOptions::default() })?;
     let (board, model) = (&arguments.method.board, arguments.method.model);
     let task =
-        Task { inputs: &[], board, model, sensor, frames: PictureUse::Ignore, settings: &settings, command_line: "" };
+        Task { inputs: &[], board, model, sensor, pictures: PictureUse::Ignore, settings: &settings, command_line: "" };
     let parts = RepeatSettings { runs: arguments.runs, seconds: arguments.seconds, seed: arguments.seed };
     let bar = spinner(arguments.json);
     let repetition = repeat(&recording, &task, &parts, |run| {

@@ -141,15 +141,21 @@ impl InitialReport {
         steps
     }
 
-    /// The reasons for dropped frames in words, most frequent first.
-    pub fn reasons(&self) -> String {
+    /// How many frames fell away for each reason, most frequent first.
+    pub fn dropped_by_reason(&self) -> Vec<(DropReason, usize)> {
         let mut counts: BTreeMap<DropReason, usize> = BTreeMap::new();
         for dropped in &self.dropped {
             *counts.entry(dropped.reason).or_default() += 1;
         }
         let mut counts: Vec<_> = counts.into_iter().collect();
         counts.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
-        let words: Vec<String> = counts.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+        counts
+    }
+
+    /// The reasons for dropped frames in words, most frequent first.
+    pub fn reasons(&self) -> String {
+        let words: Vec<String> =
+            self.dropped_by_reason().iter().map(|(reason, count)| format!("{count} {reason}")).collect();
         if words.is_empty() { "none was dropped".to_owned() } else { words.join(", ") }
     }
 }

@@ -3,11 +3,6 @@
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
-use crate::calibrate::Calibrated;
-
-/// Points on the rim of a circle that stand for it.
-const RIM_POINTS: u32 = 16;
-
 /// How far outside the outline a point still counts as inside (px): rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -40,18 +35,6 @@ impl CoveredRegion {
         back.pop();
         corners.extend(back);
         Self { corners }
-    }
-
-    /// Where the board's circles were seen in the frames that a calibration began with.
-    pub fn of_calibration(calibrated: &Calibrated) -> Self {
-        let frames = calibrated.initial.frames.iter().filter_map(|posed| calibrated.frames.get(posed.frame));
-        let rim = frames.flat_map(|frame| &frame.circles).flat_map(|circle| {
-            (0..RIM_POINTS).map(|step| {
-                let angle = f64::from(step) * std::f64::consts::TAU / f64::from(RIM_POINTS);
-                circle.center + Vector2::new(libm::cos(angle), libm::sin(angle)) * circle.radius.unwrap_or(0.0)
-            })
-        });
-        Self::around(rim, calibrated.sensor)
     }
 
     /// Its corners in pixels, in the sense in which x turns to y.

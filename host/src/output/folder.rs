@@ -5,8 +5,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::board::Board;
+use crate::calibrate::Task;
+use crate::calibrate::calibrated::{Calibrated, Evidence};
 use crate::calibrate::input::Input;
-use crate::calibrate::{Calibrated, Task};
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::track;
 use crate::export::content::ExportFormat;
@@ -16,11 +17,11 @@ use crate::recording::pictures::image_at;
 use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_picture};
 use crate::report::report;
 use crate::result::calibrated_camera::CalibratedCamera;
-use crate::result::calibration_file::CalibrationFile;
+use crate::result::calibration_file::{CalibrationFile, FramesResult};
 use crate::result::stage_report::stage_report;
+use crate::trajectory::Trajectory;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::tum;
-use crate::trust::witness::WitnessOutcome;
 
 /// Rate at which trajectories are written (Hz).
 pub const TRAJECTORY_RATE: f64 = 200.0;
@@ -80,16 +81,16 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
         let poses =
             trajectory(calibrated, recording, *start).map_err(|error| OutputError { file: name.clone(), error })?;
         put(folder.join(name), &poses)?;
-        let frames = calibrated.frames.iter().filter(|frame| frame.recording == recording);
+        let frames = calibrated.frames().iter().filter(|frame| frame.recording == recording);
         let name = of_recording("circles", "csv");
         circles.clear();
         track::write(&mut circles, frames, &task.board.pattern, (start * 1e6).round() as i64)
             .map_err(|error| OutputError { file: name.clone(), error })?;
         put(folder.join(name), &circles)?;
     }
-    let pictures = match &calibrated.witness {
-        Some(WitnessOutcome::Only(_)) => frame_pictures(calibrated, task),
-        _ => pictures(calibrated, task.board),
+    let pictures = match &calibrated.evidence {
+        Evidence::Events(_) => window_examples(calibrated, task.board),
+        Evidence::Pictures(_) => picture_examples(calibrated, task),
     };
     for (name, picture) in pictures {
         let path = folder.join(name);
@@ -117,66 +118,63 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
 }
 
 /// The reference frames with the smallest and the largest error of the initial model.
-fn pictures(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Picture)> {
-    let initial = &calibrated.initial;
-    let with_pixels = initial
-        .frames
-        .iter()
-        .filter_map(|posed| calibrated.frames.get(posed.frame).map(|frame| (posed, frame)))
-        .filter(|(_, frame)| !frame.pixels.is_empty());
-    let mut ranked: Vec<_> = with_pixels.collect();
-    ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
-    let picture = |ranked: Option<&(&PosedFrame, &ReferenceFrame)>, name| {
-        let (posed, frame) = ranked?;
-        let camera = &calibrated.refined.state.camera;
-        Some((name, reference_frame_picture(frame, calibrated.sensor, board, camera, &posed.pose)))
-    };
-    let good = picture(ranked.first(), "good-frame.png");
-    let bad = picture(ranked.last(), "bad-frame.png");
-    good.into_iter().chain(bad).collect()
+fn window_examples(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Picture)> {
+    best_and_worst(calibrated.posed().filter(|(_, frame)| !frame.pixels.is_empty()), |posed, frame| {
+        Some(reference_frame_picture(frame, calibrated.sensor, board, calibrated.camera(), &posed.pose))
+    })
 }
 
 /// The camera's own pictures with the smallest and the largest error, as far as they can be read again.
-fn frame_pictures(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, Picture)> {
-    let mut ranked: Vec<&PosedFrame> = calibrated.initial.frames.iter().collect();
-    ranked.sort_by(|a, b| a.rms.total_cmp(&b.rms));
-    let picture = |posed: Option<&&PosedFrame>, name| {
-        let posed = posed?;
-        let frame = calibrated.frames.get(posed.frame)?;
+fn picture_examples(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, Picture)> {
+    best_and_worst(calibrated.posed(), |posed, frame| {
         let Some(Input::Events(recording)) = task.inputs.get(frame.recording) else { return None };
         let exposure = (calibrated.starts.get(frame.recording)? + frame.start) * 1e6;
         let picture = image_at(recording, exposure.round() as i64)?;
         let image = (picture.image.as_ref().ok()?, picture.position);
-        let camera = &calibrated.refined.state.camera;
-        Some((name, grey_frame_picture(image, frame, calibrated.sensor, task.board, camera, &posed.pose)))
-    };
-    let good = picture(ranked.first(), "good-frame.png");
-    let bad = picture(ranked.last(), "bad-frame.png");
-    good.into_iter().chain(bad).collect()
+        Some(grey_frame_picture(image, frame, calibrated.sensor, task.board, calibrated.camera(), &posed.pose))
+    })
+}
+
+/// Draws the frames with the smallest and the largest error.
+fn best_and_worst<'a>(
+    frames: impl Iterator<Item = (&'a PosedFrame, &'a ReferenceFrame)>,
+    draw: impl Fn(&PosedFrame, &ReferenceFrame) -> Option<Picture>,
+) -> Vec<(&'static str, Picture)> {
+    let mut ranked: Vec<_> = frames.collect();
+    ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
+    let named = [("good-frame.png", ranked.first()), ("bad-frame.png", ranked.last())];
+    named
+        .into_iter()
+        .filter_map(|(name, frame)| frame.and_then(|(posed, frame)| Some((name, draw(posed, frame)?))))
+        .collect()
 }
 
 /// The poses of one recording, which begins at `start` seconds of its own clock: along the trajectories, or those of
-/// the frames where there is none.
+/// the pictures.
 fn trajectory(calibrated: &Calibrated, recording: usize, start: f64) -> io::Result<Vec<u8>> {
-    let mut poses = Vec::new();
-    if calibrated.refined.state.trajectories.is_empty() {
-        let of_frame = |posed: &PosedFrame| {
-            let frame = calibrated.frames.get(posed.frame).filter(|frame| frame.recording == recording)?;
-            Some(TimedPose { t: frame.t() + start, pose: posed.pose })
-        };
-        poses.extend(calibrated.initial.frames.iter().filter_map(of_frame));
-    }
-    for trajectory in calibrated.refined.state.trajectories.iter().filter(|one| one.recording == recording) {
-        let first = (trajectory.start() * TRAJECTORY_RATE).ceil() as i64;
-        let last = (trajectory.end() * TRAJECTORY_RATE).floor() as i64;
-        poses.extend((first..=last).filter_map(|step| {
-            let t = step as f64 / TRAJECTORY_RATE;
-            trajectory.pose(t).map(|pose| TimedPose { t: t + start, pose })
-        }));
-    }
+    let poses: Vec<TimedPose> = match &calibrated.evidence {
+        Evidence::Events(events) => {
+            let of_recording = events.refined.state.trajectories.iter().filter(|one| one.recording == recording);
+            of_recording.flat_map(|trajectory| sampled(trajectory, start)).collect()
+        }
+        Evidence::Pictures(_) => calibrated
+            .posed()
+            .filter(|(_, frame)| frame.recording == recording)
+            .map(|(posed, frame)| TimedPose { t: frame.t() + start, pose: posed.pose })
+            .collect(),
+    };
     let mut text = Vec::new();
     tum::write(&mut text, &poses)?;
     Ok(text)
+}
+
+fn sampled(trajectory: &Trajectory, start: f64) -> impl Iterator<Item = TimedPose> {
+    let first = (trajectory.start() * TRAJECTORY_RATE).ceil() as i64;
+    let last = (trajectory.end() * TRAJECTORY_RATE).floor() as i64;
+    (first..=last).filter_map(move |step| {
+        let t = step as f64 / TRAJECTORY_RATE;
+        trajectory.pose(t).map(|pose| TimedPose { t: t + start, pose })
+    })
 }
 
 fn summary(calibration: &CalibrationFile) -> String {
@@ -206,13 +204,13 @@ fn summary(calibration: &CalibrationFile) -> String {
         let _ = write!(text, " in {} segments", calibration.segments.len());
     }
     match &calibration.frames {
-        Some(WitnessOutcome::Witness(witness)) => {
+        Some(FramesResult::Witness(witness)) => {
             let _ = write!(text, "\nframes: {}", witness.sentence);
         }
-        Some(WitnessOutcome::Silent(silent)) => {
-            let _ = write!(text, "\nframes: no calibration to compare with: {silent}");
+        Some(FramesResult::Failed(failure)) => {
+            let _ = write!(text, "\nframes: no calibration to compare with: {failure}");
         }
-        Some(WitnessOutcome::Only(frames)) => {
+        Some(FramesResult::Only(frames)) => {
             let _ = write!(text, "\nfrom {} of {} frames", frames.report.used, frames.report.detection.frames);
         }
         None => {}

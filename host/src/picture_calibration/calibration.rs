@@ -12,6 +12,7 @@ use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::pictures::search::PictureSearchReport;
 use crate::initial::{InitialError, InitialModel, PosedFrame, initial_model};
 use crate::settings::Settings;
+use crate::solve::residual_statistics::ResidualStatistics;
 
 /// What became of the frames of all recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -55,6 +56,11 @@ impl PictureCalibration {
     /// Standard deviation of each of the camera's parameters.
     pub fn sigma(&self) -> Vec<f64> {
         self.covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect()
+    }
+
+    /// How far the centres are from where the result puts them.
+    pub fn residuals(&self) -> ResidualStatistics {
+        ResidualStatistics { count: self.report.dots_used, rms: self.rms, median: self.median }
     }
 
     /// What a result from frames alone says of itself.

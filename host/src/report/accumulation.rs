@@ -7,8 +7,9 @@ use super::example_frames::{figure, scale};
 use super::number::count;
 use super::page::Section;
 use crate::board::Board;
+use crate::calibrate::Task;
+use crate::calibrate::calibrated::{Calibrated, EventCalibration};
 use crate::calibrate::input::read_events;
-use crate::calibrate::{Calibrated, Task};
 use crate::report::drawing::Picture;
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_ray::{BoardRay, is_in_front};
@@ -76,18 +77,19 @@ fn brightest(counts: &[u32]) -> f64 {
 
 /// Both pictures, where the input is events.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
-    if calibrated.refined.rounds.iter().all(|round| round.association.events == 0) {
+    let events = calibrated.events()?;
+    if events.refined.rounds.iter().all(|round| round.association.events == 0) {
         return None;
     }
-    let bearings = BearingTable::new(&calibrated.refined.state.camera, calibrated.sensor);
+    let bearings = BearingTable::new(calibrated.camera(), calibrated.sensor);
     let frame = BoardFrame::new(task.board);
     let mut sensor = Accumulation::new(calibrated.sensor);
     let mut board = Accumulation::new(frame.size);
-    let total: u64 = calibrated.refined.rounds.last().map_or(0, |round| round.association.events);
+    let total: u64 = events.refined.rounds.last().map_or(0, |round| round.association.events);
     let every = total.div_ceil(MOST_EVENTS).max(1);
     let (mut used, mut broken) = (0_u64, None);
     for recording in 0..task.inputs.len() {
-        let mut carrier = Carrier::new(calibrated, recording, &bearings);
+        let mut carrier = Carrier::new(events, recording, &bearings);
         let mut ordinal = 0_u64;
         let read = read_events(task.inputs, recording, &mut |events| {
             for event in events {
@@ -162,8 +164,8 @@ struct Carrier<'a> {
 }
 
 impl<'a> Carrier<'a> {
-    fn new(calibrated: &'a Calibrated, recording: usize, bearings: &'a BearingTable) -> Self {
-        let trajectories = calibrated.refined.state.trajectories.iter();
+    fn new(events: &'a EventCalibration, recording: usize, bearings: &'a BearingTable) -> Self {
+        let trajectories = events.refined.state.trajectories.iter();
         let trajectories = trajectories.filter(|trajectory| trajectory.recording == recording).collect();
         Self { trajectories, bearings, bin: i64::MIN, pose: None }
     }

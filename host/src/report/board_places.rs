@@ -7,7 +7,7 @@ use super::chart::{Chart, Color, Series, range_of};
 use super::number::percent;
 use super::page::Section;
 use crate::board::Board;
-use crate::calibrate::Calibrated;
+use crate::calibrate::calibrated::Calibrated;
 use crate::trust::coverage::Coverage;
 
 /// The board in one reference frame, seen from the camera.
@@ -46,7 +46,7 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
 
 /// `T_world_camera` of the reference frames in use.
 fn poses(calibrated: &Calibrated) -> impl Iterator<Item = Isometry3<f64>> {
-    calibrated.initial.frames.iter().map(|posed| super::example_frames::pose(calibrated, posed))
+    calibrated.posed().map(|(posed, frame)| calibrated.best_pose(posed, frame))
 }
 
 fn place(board: &Board, pose: &Isometry3<f64>) -> Place {

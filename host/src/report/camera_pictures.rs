@@ -8,33 +8,43 @@ use super::overview::capital;
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use super::picture_examples;
-use crate::calibrate::{Calibrated, Task};
+use crate::calibrate::Task;
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
+use crate::picture_calibration::calibration::PictureReport;
 use crate::trust::witness::{PictureWitness, WitnessOutcome};
 
 /// The witness and pictures, where the recordings have frames.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
-    let outcome = calibrated.witness.as_ref()?;
+    let report = calibrated.picture_report()?;
     let content = html! {
-        @match outcome {
-            WitnessOutcome::Witness(witness) => (witnessed(calibrated, witness)),
-            WitnessOutcome::Silent(silent) => p { "The recording has frames, but they say nothing: " (silent.reason) "." },
-            WitnessOutcome::Only(_) => p { "This calibration is from the camera's frames alone; events were not used." },
+        @match &calibrated.evidence {
+            Evidence::Events(events) => (beside_events(calibrated, events)),
+            Evidence::Pictures(_) => p { "This calibration is from the camera's frames alone; events were not used." },
         }
-        @if let Some(joint) = &calibrated.joint {
+        (counts(report))
+        (picture_examples::pictures(calibrated, task))
+    };
+    Some(Section { id: "camera-frames", title: "The camera's own frames", content })
+}
+
+fn beside_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
+    html! {
+        @match &events.witness {
+            Some(WitnessOutcome::Witness(witness)) => (witnessed(calibrated, witness)),
+            Some(WitnessOutcome::Failed(failure)) => p { "The recording has frames, but they say nothing: " (failure.reason) "." },
+            None => {}
+        }
+        @if let Some(joint) = &events.joint {
             p {
                 "Frames and events were then solved together: " (count(joint.dots as u64)) " dots of " (count(joint.frames as u64))
                 " frames, whose clock is " (signed(1e3 * joint.time_offset, 3)) " ± " (signed(1e3 * joint.time_offset_sigma, 3))
                 " ms from that of the events."
             }
         }
-        (counts(outcome))
-        (picture_examples::pictures(calibrated, task))
-    };
-    Some(Section { id: "camera-frames", title: "The camera's own frames", content })
+    }
 }
 
-fn counts(outcome: &WitnessOutcome) -> Markup {
-    let report = outcome.report();
+fn counts(report: &PictureReport) -> Markup {
     let detection = &report.detection;
     let refused: Vec<String> =
         detection.refused.iter().map(|(reason, number)| format!("{} {reason}", count(*number))).collect();

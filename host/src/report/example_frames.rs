@@ -4,12 +4,12 @@ use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 use evcal_core::undistortion::IdealCamera;
 use maud::{Markup, html};
-use nalgebra::{Isometry3, Vector2};
+use nalgebra::Vector2;
 
 use super::page::Section;
 use super::rectification::{distorted, ideal_camera, projected};
 use crate::board::Board;
-use crate::calibrate::Calibrated;
+use crate::calibrate::calibrated::Calibrated;
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::PosedFrame;
@@ -20,18 +20,15 @@ const WIDEST: u16 = 800;
 
 /// The frames with the smallest, the middle and the largest error.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
-    let frames = calibrated.initial.frames.iter();
-    let mut ranked: Vec<(&PosedFrame, &ReferenceFrame)> = frames
-        .filter_map(|posed| Some((posed, calibrated.frames.get(posed.frame)?)))
-        .filter(|(_, frame)| !frame.pixels.is_empty())
-        .collect();
+    let mut ranked: Vec<(&PosedFrame, &ReferenceFrame)> =
+        calibrated.posed().filter(|(_, frame)| !frame.pixels.is_empty()).collect();
     ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
     let mut examples = vec![("Best", ranked.first()?)];
     if let [_, middle @ .., last] = ranked.as_slice() {
         examples.extend(middle.get(middle.len() / 2).map(|frame| ("Middle", frame)));
         examples.push(("Worst", last));
     }
-    let ideal = ideal_camera(&calibrated.refined.state.camera, calibrated.sensor);
+    let ideal = ideal_camera(calibrated.camera(), calibrated.sensor);
     let content = html! {
         p {
             "Events of single time windows: ON red, OFF blue. Black rings are the circles found, yellow lines join those of a row. Green is "
@@ -46,18 +43,6 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     Some(Section { id: "frames", title: "Example frames", content })
 }
 
-/// The best estimate of `T_world_camera` of a reference frame: that of the trajectory, where there is one.
-pub fn pose(calibrated: &Calibrated, posed: &PosedFrame) -> Isometry3<f64> {
-    let trajectories = || calibrated.refined.state.trajectories.iter();
-    let frame = calibrated.frames.get(posed.frame);
-    let refined = frame.and_then(|frame| {
-        trajectories()
-            .filter(|trajectory| trajectory.recording == frame.recording)
-            .find_map(|trajectory| trajectory.pose(frame.t()))
-    });
-    refined.unwrap_or(posed.pose)
-}
-
 /// Picture pixels for each sensor pixel.
 pub fn scale(sensor: Sensor) -> usize {
     usize::from(WIDEST / sensor.width.max(1)).clamp(1, 4)
@@ -69,8 +54,8 @@ fn pictures(
     ideal: &IdealCamera<f64>,
     (posed, frame): (&PosedFrame, &ReferenceFrame),
 ) -> Markup {
-    let (camera, sensor) = (&calibrated.refined.state.camera, calibrated.sensor);
-    let pose = pose(calibrated, posed);
+    let (camera, sensor) = (calibrated.camera(), calibrated.sensor);
+    let pose = calibrated.best_pose(posed, frame);
     let raster = Raster::new(sensor, &frame.pixels);
     let mut seen = Picture::of_sensor(sensor, scale(sensor), |place| raster.color(place));
     seen.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);

@@ -6,16 +6,13 @@ use super::chart::{SensorMap, cells_of_grid, round_down, round_up};
 use super::number::signed;
 use super::page::{Section, scrolling};
 use super::palette::Palette;
-use crate::calibrate::Calibrated;
+use crate::calibrate::calibrated::Calibrated;
 use crate::trust::split_half::SplitHalf;
 
-/// How the halves differ. Nothing for a calibration from frames alone, each of which has a pose of its own: its
-/// uncertainty is found by leaving frames out.
+/// How the halves differ. Nothing for a calibration from pictures alone, each of which has a pose of its own: its
+/// uncertainty is found by leaving pictures out.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
-    if calibrated.refined.state.trajectories.is_empty() {
-        return None;
-    }
-    let content = match &calibrated.trust.split_half {
+    let content = match &calibrated.events()?.trust.split_half {
         Some(halves) => compared(calibrated, halves),
         None => {
             html! { p { "The recordings are too short to be halved: the stated uncertainty could not be put to the test." } }
@@ -90,7 +87,7 @@ fn map(calibrated: &Calibrated, halves: &SplitHalf) -> SensorMap {
 fn parameters(calibrated: &Calibrated, halves: &SplitHalf) -> Markup {
     let [first, second] = &halves.cameras;
     let sigma = calibrated.trust.uncertainty.sigma();
-    let names = calibrated.refined.state.camera.kind().parameter_names();
+    let names = calibrated.camera().kind().parameter_names();
     html! {
         table.short {
             thead { tr {

@@ -7,16 +7,16 @@ use nalgebra::Vector2;
 use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
-use crate::calibrate::Calibrated;
+use crate::calibrate::calibrated::Calibrated;
 use crate::initial::model_choice::ModelChoice;
 use evcal_core::sensor::Sensor;
 
 /// The parameters with their standard deviations.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
-    let camera = &calibrated.refined.state.camera;
+    let camera = calibrated.camera();
     let uncertainty = &calibrated.trust.uncertainty;
     let sigma = uncertainty.sigma();
-    let initial = calibrated.initial.camera.parameters();
+    let initial = calibrated.initial().camera.parameters();
     let values = camera.parameters();
     let rows = camera.kind().parameter_names().iter().zip(&values).enumerate();
     let table = html! {
@@ -52,7 +52,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         }
         (scrolling("Camera parameters", &table))
         (view(camera, calibrated.sensor))
-        @if let Some(choice) = &calibrated.reports.model_choice { (chosen(choice)) }
+        @if let Some(choice) = &calibrated.model_choice { (chosen(choice)) }
         h3 { "Correlation" }
         p {
             "Near ±1 the recording cannot tell two parameters apart; distortion coefficients always hang together. Only the projection as a whole counts then, "
@@ -97,7 +97,7 @@ fn chosen(choice: &ModelChoice) -> Markup {
 }
 
 fn correlation(calibrated: &Calibrated) -> Markup {
-    let names = calibrated.refined.state.camera.kind().parameter_names();
+    let names = calibrated.camera().kind().parameter_names();
     let correlation = calibrated.trust.uncertainty.correlation();
     let rows = names.iter().zip(correlation.row_iter()).enumerate();
     html! {

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use super::number::{count, percent, signed};
 use super::page::figure;
-use crate::calibrate::Calibrated;
+use crate::calibrate::calibrated::Calibrated;
 use crate::trust::verdict::{Finding, Grade, Severity};
 use evcal_core::sensor::Sensor;
 
@@ -19,7 +19,7 @@ pub fn head(calibrated: &Calibrated) -> Markup {
     };
     html! {
         h1 { "Calibration report" }
-        p.faint { "Camera model " (calibrated.refined.state.camera.kind().name()) " on a sensor of " (width) " × " (height) " pixels." }
+        p.faint { "Camera model " (calibrated.camera().kind().name()) " on a sensor of " (width) " × " (height) " pixels." }
         div.verdict.(class) {
             p.sentence { (verdict.sentence) }
             @if !verdict.findings.is_empty() { (findings(&verdict.findings)) }
@@ -63,13 +63,13 @@ pub fn capital(text: &str) -> String {
 fn figures(calibrated: &Calibrated) -> Markup {
     let trust = &calibrated.trust;
     let projection = &trust.projection;
-    let residuals = calibrated.refined.residuals;
+    let residuals = calibrated.residuals();
     html! {
         dl.figures {
             (figure("Projection known to", &format!("{} px", signed(projection.rms_95, 3)), "over the sensor, with 95 % confidence"))
             (figure("Worst place", &format!("{} px", signed(projection.max, 3)), &format!("σ at pixel ({:.0}, {:.0})", projection.max_at[0], projection.max_at[1])))
             (figure("Sensor covered", &percent(trust.coverage.covered), "of its cells saw enough"))
-            @if let Some(halves) = &trust.split_half {
+            @if let Some(halves) = calibrated.events().and_then(|events| events.trust.split_half.as_ref()) {
                 (figure(
                     "Two halves differ by",
                     &format!("{} px", signed(halves.difference.rms, 3)),

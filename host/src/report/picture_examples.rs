@@ -9,8 +9,10 @@ use super::example_frames::{figure, scale};
 use super::number::count;
 use super::rectification::{distorted, ideal_camera, projected};
 use crate::board::Board;
+use crate::calibrate::Task;
+use crate::calibrate::calibrated::{Calibrated, Evidence};
 use crate::calibrate::input::Input;
-use crate::calibrate::{Calibrated, Task};
+use crate::circles::reference_frame::ReferenceFrame;
 use crate::recording::pictures::{GreyImage, TimedImage, may_hold_frames, visit_frames};
 use crate::report::drawing::{BEYOND, Picture};
 
@@ -31,7 +33,7 @@ struct Shown {
 pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
     let (shown, used) = frames_with_pose(calibrated, task);
     let Some(example) = shown.get(shown.len() / 2) else { return html! {} };
-    let (camera, sensor) = (&calibrated.refined.state.camera, calibrated.sensor);
+    let (camera, sensor) = (calibrated.camera(), calibrated.sensor);
     let ideal = ideal_camera(camera, sensor);
     let grey = |pixel: Vector2<f64>| example.grey(pixel).map_or(BEYOND, |grey| [grey.round() as u8; 3]);
     let mut seen = Picture::of_sensor(sensor, scale(sensor), grey);
@@ -84,17 +86,16 @@ fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(T
 
 /// `T_world_camera` at `t` seconds from the start of a recording.
 fn pose_at(calibrated: &Calibrated, recording: usize, t: f64) -> Option<Isometry3<f64>> {
-    let trajectories = &calibrated.refined.state.trajectories;
-    if !trajectories.is_empty() {
-        let offset = calibrated.joint.as_ref().map_or(0.0, |joint| joint.time_offset);
-        let mut of_recording = trajectories.iter().filter(|trajectory| trajectory.recording == recording);
-        return of_recording.find_map(|trajectory| trajectory.pose(t + offset));
+    match &calibrated.evidence {
+        Evidence::Events(events) => {
+            let offset = events.joint.as_ref().map_or(0.0, |joint| joint.time_offset);
+            events.pose(recording, t + offset)
+        }
+        Evidence::Pictures(_) => {
+            let same = |frame: &ReferenceFrame| frame.recording == recording && (frame.t() - t).abs() < SAME_TIME;
+            calibrated.posed().find(|(_, frame)| same(frame)).map(|(posed, _)| posed.pose)
+        }
     }
-    let same = |posed: &&crate::initial::PosedFrame| {
-        let frame = calibrated.frames.get(posed.frame);
-        frame.is_some_and(|frame| frame.recording == recording && (frame.t() - t).abs() < SAME_TIME)
-    };
-    calibrated.initial.frames.iter().find(same).map(|posed| posed.pose)
 }
 
 impl Shown {
@@ -117,7 +118,7 @@ impl Shown {
 /// The mean of `shown` on the board.
 fn carried(calibrated: &Calibrated, board: &Board, shown: &[Shown]) -> Picture {
     let frame = BoardFrame::new(board);
-    let camera = &calibrated.refined.state.camera;
+    let camera = calibrated.camera();
     let (width, height) = (usize::from(frame.size.width), usize::from(frame.size.height));
     let mut means = vec![None; width * height];
     means.par_iter_mut().enumerate().for_each(|(index, mean)| {

@@ -5,7 +5,8 @@ use toml::{Table, Value};
 
 use super::number::count;
 use super::page::{Section, scrolling};
-use crate::calibrate::{Calibrated, Task};
+use crate::calibrate::Task;
+use crate::calibrate::calibrated::Calibrated;
 use crate::settings::Settings;
 
 /// Everything that is needed to get the same result again.
@@ -41,7 +42,7 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
                 th scope="col" { "notes" }
             } }
             tbody {
-                @for (input, report) in task.inputs.iter().zip(&calibrated.reports.recordings) {
+                @for (input, report) in task.inputs.iter().zip(&calibrated.recordings) {
                     tr {
                         th scope="row" { (input.name()) }
                         td.number { (count(report.count)) }

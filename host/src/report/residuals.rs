@@ -6,11 +6,12 @@ use super::chart::{Chart, Color, SensorMap, Series, round_down, round_up};
 use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
-use crate::calibrate::Calibrated;
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
+use crate::solve::residual_statistics::ResidualStatistics;
 use crate::solve::stretch::residuals;
 use crate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
 use crate::trust::residual_map::{ResidualMap, ResidualPattern};
@@ -18,18 +19,33 @@ use crate::trust::residual_map::{ResidualMap, ResidualPattern};
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
 
 /// Residuals by class and by place.
-pub fn section(calibrated: &Calibrated, map: &ResidualMap) -> Option<Section> {
-    let refined = &calibrated.refined;
-    let bearings = BearingTable::new(&refined.state.camera, calibrated.sensor);
-    let classes = class_residuals(&residuals(&refined.problem, &refined.state, &bearings));
-    let events = classes.iter().any(|class| class.count > 0);
-    let content = html! {
+pub fn section(calibrated: &Calibrated) -> Option<Section> {
+    let content = match &calibrated.evidence {
+        Evidence::Events(events) => of_events(calibrated, events),
+        Evidence::Pictures(_) => in_words(calibrated.residuals(), false),
+    };
+    Some(Section { id: "residuals", title: "What the model does not explain", content })
+}
+
+fn in_words(statistics: ResidualStatistics, events: bool) -> Markup {
+    html! {
         p {
             "A residual is the distance between where something was seen and where the result puts it: "
             @if events { "for an event, its distance across the edge of its dot." } @else { "for a circle, that of its centre." }
-            " Their median size is " (signed(refined.residuals.median, 3)) " px, their root mean square "
-            (signed(refined.residuals.rms, 3)) " px."
+            " Their median size is " (signed(statistics.median, 3)) " px, their root mean square "
+            (signed(statistics.rms, 3)) " px."
         }
+    }
+}
+
+fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup {
+    let refined = &calibration.refined;
+    let map = &calibration.trust.residuals;
+    let bearings = BearingTable::new(&refined.state.camera, calibrated.sensor);
+    let classes = class_residuals(&residuals(&refined.problem, &refined.state, &bearings));
+    let events = classes.iter().any(|class| class.count > 0);
+    html! {
+        (in_words(refined.residuals, events))
         @if map.cells.iter().any(|cell| cell.count > 0) { (by_place(calibrated, map)) }
         @if events {
             h3 { "By event class" }
@@ -41,11 +57,10 @@ pub fn section(calibrated: &Calibrated, map: &ResidualMap) -> Option<Section> {
                 figure { (histogram(&classes, "OFF", 0).render()) figcaption { "Residuals of OFF events, by rank in the burst." } }
                 figure { (histogram(&classes, "ON", RANK_COUNT).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
             }
-            (scrolling("Event classes", &class_table(calibrated, &classes)))
+            (scrolling("Event classes", &class_table(calibration, &classes)))
             p.faint { "Offsets are those of a straight, slow edge, positive outside the dot; latencies count from the first OFF event of a burst." }
         }
-    };
-    Some(Section { id: "residuals", title: "What the model does not explain", content })
+    }
 }
 
 fn by_place(calibrated: &Calibrated, map: &ResidualMap) -> Markup {
@@ -149,8 +164,8 @@ fn histogram(classes: &[ClassResiduals; CLASS_COUNT], polarity: &str, first: usi
     }
 }
 
-fn class_table(calibrated: &Calibrated, classes: &[ClassResiduals; CLASS_COUNT]) -> Markup {
-    let bias = &calibrated.refined.state.bias;
+fn class_table(calibration: &EventCalibration, classes: &[ClassResiduals; CLASS_COUNT]) -> Markup {
+    let bias = &calibration.refined.state.bias;
     html! {
         table.short {
             thead { tr {
@@ -165,7 +180,7 @@ fn class_table(calibrated: &Calibrated, classes: &[ClassResiduals; CLASS_COUNT])
             } }
             tbody {
                 @for (index, (class, bias)) in classes.iter().zip(bias).enumerate().filter(|(_, (class, _))| class.count > 0) {
-                    @let sigma = calibrated.trust.uncertainty.bias_sigma.get(index).copied().unwrap_or_default();
+                    @let sigma = calibration.trust.bias_sigma.get(index).copied().unwrap_or_default();
                     @let (offset, offset_sigma) = with_sigma(bias.biases[Bias::Offset], sigma[Bias::Offset]);
                     @let (latency, latency_sigma) = with_sigma(1e3 * bias.biases[Bias::Latency], 1e3 * sigma[Bias::Latency]);
                     tr {

@@ -5,7 +5,8 @@ use maud::{Markup, html};
 use super::chart::{Chart, Color, Series, range_of};
 use super::number::count;
 use super::page::{Section, scrolling};
-use crate::calibrate::Calibrated;
+use crate::calibrate::calibrated::Calibrated;
+use crate::solve::refinement::Refined;
 use crate::trajectory::Trajectory;
 
 /// Points of a curve over a whole recording.
@@ -17,12 +18,10 @@ const LISTED: usize = 60;
 
 /// Position and rotation over time, and the segments.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
-    let trajectories = &calibrated.refined.state.trajectories;
-    if trajectories.is_empty() {
-        return None;
-    }
+    let refined = &calibrated.events()?.refined;
+    let trajectories = &refined.state.trajectories;
     let recordings = calibrated.starts.len();
-    let plots = (0..recordings.min(PLOTTED)).filter_map(|recording| plots(calibrated, recording));
+    let plots = (0..recordings.min(PLOTTED)).filter_map(|recording| plots(trajectories, recording, recordings));
     let content = html! {
         p {
             "The camera's pose in the frame of the board: the origin is the first circle, x runs along a row, y from row to row, and the camera is at "
@@ -32,15 +31,15 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         @if recordings > PLOTTED { p.faint { "The other recordings are in the trajectory files." } }
         details {
             summary { (trajectories.len()) " segments" }
-            (scrolling("Segments", &segments(calibrated)))
+            (scrolling("Segments", &segments(refined)))
             @if trajectories.len() > LISTED { p.faint { "The first " (LISTED) " segments; all are in calibration.json." } }
         }
     };
     Some(Section { id: "trajectory", title: "How the camera moved", content })
 }
 
-fn plots(calibrated: &Calibrated, recording: usize) -> Option<Markup> {
-    let of_recording = || calibrated.refined.state.trajectories.iter().filter(|one| one.recording == recording);
+fn plots(trajectories: &[Trajectory], recording: usize, recordings: usize) -> Option<Markup> {
+    let of_recording = || trajectories.iter().filter(|one| one.recording == recording);
     let start = of_recording().map(Trajectory::start).min_by(f64::total_cmp)?;
     let end = of_recording().map(Trajectory::end).max_by(f64::total_cmp)?;
     let step = (end - start) / POINTS;
@@ -65,7 +64,7 @@ fn plots(calibrated: &Calibrated, recording: usize) -> Option<Markup> {
     let position = chart("Position of the camera over time.", "position (m)", position, (start, end), 0.1);
     let rotation = chart("Rotation vector of the camera over time.", "rotation (°)", rotation, (start, end), 10.0);
     Some(html! {
-        @if calibrated.starts.len() > 1 { h3 { "Recording " (recording + 1) } }
+        @if recordings > 1 { h3 { "Recording " (recording + 1) } }
         div.pair {
             figure { (position.render()) figcaption { "Position of the camera." } }
             figure { (rotation.render()) figcaption { "Rotation of the camera: axis times angle." } }
@@ -94,8 +93,7 @@ fn chart(
     }
 }
 
-fn segments(calibrated: &Calibrated) -> Markup {
-    let refined = &calibrated.refined;
+fn segments(refined: &Refined) -> Markup {
     let rows = refined.state.trajectories.iter().zip(&refined.problem.segments).take(LISTED);
     html! {
         table {

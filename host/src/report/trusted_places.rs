@@ -6,7 +6,7 @@ use super::chart::{SensorMap, cells_of_grid, round_up};
 use super::number::{percent, signed};
 use super::page::Section;
 use super::palette::Palette;
-use crate::calibrate::Calibrated;
+use crate::calibrate::calibrated::Calibrated;
 
 /// Coverage and uncertainty of the projection.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {

@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use evcal_core::camera::Camera;
+use nalgebra::Vector2;
 use serde::Deserialize;
 
 use crate::board::Board;
-use crate::calibrate::Calibrated;
+use crate::calibrate::calibrated::Calibrated;
 use crate::lens::camera_file::{self, CameraDescription, CameraFileError};
 use crate::lens::covered_region::CoveredRegion;
 use evcal_core::sensor::Sensor;
@@ -16,6 +17,20 @@ pub const UNNAMED: &str = "camera";
 
 /// Topic of the camera's images in ROS, where none is given.
 pub const ROS_TOPIC: &str = "/dvs/image_raw";
+
+/// Points on the rim of a circle that stand for it.
+const RIM_POINTS: u32 = 16;
+
+/// Where the board's circles were seen in the frames that the calibration used.
+pub fn covered_region(calibrated: &Calibrated) -> CoveredRegion {
+    let rim = calibrated.posed().flat_map(|(_, frame)| &frame.circles).flat_map(|circle| {
+        (0..RIM_POINTS).map(|step| {
+            let angle = f64::from(step) * std::f64::consts::TAU / f64::from(RIM_POINTS);
+            circle.center + Vector2::new(libm::cos(angle), libm::sin(angle)) * circle.radius.unwrap_or(0.0)
+        })
+    });
+    CoveredRegion::around(rim, calibrated.sensor)
+}
 
 /// A camera and what its calibration says of it.
 #[derive(Clone, Debug)]
@@ -68,14 +83,14 @@ impl CalibratedCamera {
         let uncertainty = &calibrated.trust.uncertainty;
         let covariance = uncertainty.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
         Self {
-            camera: calibrated.refined.state.camera,
+            camera: *calibrated.camera(),
             sensor: calibrated.sensor,
             name: UNNAMED.to_owned(),
             ros_topic: ROS_TOPIC.to_owned(),
-            covered: CoveredRegion::of_calibration(calibrated),
+            covered: covered_region(calibrated),
             sigma: Some(uncertainty.sigma()),
             covariance: Some(covariance),
-            residual_rms: Some(calibrated.refined.residuals.rms),
+            residual_rms: Some(calibrated.residuals().rms),
             board: Some(*board),
         }
     }

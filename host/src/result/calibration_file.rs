@@ -2,18 +2,28 @@
 
 use serde::{Serialize, Serializer};
 
-use crate::calibrate::{Calibrated, StageReports};
+use crate::board::Board;
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
+use crate::detection::DetectionReport;
+use crate::initial::InitialReport;
+use crate::initial::model_choice::ModelChoice;
 use crate::lens::camera_file::{CameraDescription, Parameters};
-use crate::lens::covered_region::CoveredRegion;
+use crate::picture_calibration::calibration::{NoPictureCalibration, PictureSummary};
 use crate::picture_calibration::joint::JointReport;
+use crate::recording::pass::RecordingReport;
+use crate::result::calibrated_camera::covered_region;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
+use crate::solve::event_bias::{EventBias, SPEED_RANGE_COUNT};
+use crate::solve::refinement::RoundReport;
+use crate::solve::residual_statistics::ResidualStatistics;
+use crate::trajectory::segment::SegmentReport;
 use crate::trust::coverage::Coverage;
 use crate::trust::residual_map::ResidualPattern;
 use crate::trust::split_half::{HeldOutResidual, SplitHalf};
+use crate::trust::uncertainty::BiasSigma;
 use crate::trust::verdict::Verdict;
-use crate::trust::witness::WitnessOutcome;
+use crate::trust::witness::{PictureWitness, WitnessOutcome};
 use crate::trust::{ObservedRadius, Trust};
 use evcal_core::sensor::Sensor;
 
@@ -40,10 +50,11 @@ pub struct CalibrationFile {
     pub uncertainty: UncertaintySummary,
     /// Where on the sensor and from where the board was seen.
     pub coverage: Coverage,
-    /// Two halves of the recordings calibrated apart, if they are long enough.
+    /// Two halves of the recordings calibrated apart; absent where they are too short, and for pictures alone.
     pub split_half: Option<SplitHalfSummary>,
-    /// Whether residuals stay in the same places of the image.
-    pub residual_pattern: ResidualPattern,
+    /// Whether residuals stay in the same places of the image; absent for pictures alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub residual_pattern: Option<ResidualPattern>,
     /// The circles' radius as the events see it.
     pub observed_radius: Option<ObservedRadius>,
     /// The lens before the joint solve.
@@ -60,12 +71,53 @@ pub struct CalibrationFile {
     pub segments: Vec<SegmentSummary>,
     /// What the camera's own frames say; absent where the recordings have none.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub frames: Option<WitnessOutcome>,
+    pub frames: Option<FramesResult>,
     /// How frames and events were solved together; absent where they were not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint_frames: Option<JointReport>,
     /// What every stage took in and gave out.
     pub stages: StageReports,
+}
+
+/// What the camera's own pictures say.
+#[derive(Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FramesResult {
+    /// They were calibrated and compared with the events.
+    Witness(Box<PictureWitness>),
+    /// They gave no camera.
+    Failed(NoPictureCalibration),
+    /// The calibration is from them alone.
+    Only(Box<PictureSummary>),
+}
+
+/// What every stage took in and gave out. Stages that a calibration from pictures alone does not have are
+/// absent.
+#[derive(Clone, Debug, Serialize)]
+pub struct StageReports {
+    /// What each recording held.
+    pub recordings: Vec<RecordingReport>,
+    /// Stages 2 to 5.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detection: Option<DetectionReport>,
+    /// Stages 6 and 7.
+    pub initial: InitialReport,
+    /// How the camera model was chosen, where that was left to the program.
+    pub model_choice: Option<ModelChoice>,
+    /// Stages 8 to 11.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub trajectory: Option<TrajectoryStages>,
+}
+
+/// What the stages along trajectories took in and gave out.
+#[derive(Clone, Debug, Serialize)]
+pub struct TrajectoryStages {
+    /// Stage 8.
+    pub segments: SegmentReport,
+    /// Segments whose spline could not be fitted.
+    pub segments_without_spline: usize,
+    /// Stages 10 and 11, one entry a round.
+    pub rounds: Vec<RoundReport>,
 }
 
 /// One event class: polarity and rank in the burst.
@@ -85,8 +137,16 @@ pub struct EventClass {
 }
 
 impl EventClass {
+    /// All classes with their biases and standard deviations; none where the input is circle centres.
+    fn of_calibration(events: &EventCalibration) -> Vec<Self> {
+        if !events.observed_events() {
+            return Vec::new();
+        }
+        Self::all(&events.refined.state.bias, &events.trust.bias_sigma)
+    }
+
     /// All classes with their biases and standard deviations.
-    pub fn all(bias: &[ClassBias; CLASS_COUNT], sigma: &[Biases<f64>; CLASS_COUNT]) -> Vec<Self> {
+    fn all(bias: &EventBias, sigma: &BiasSigma) -> Vec<Self> {
         bias.iter()
             .zip(sigma)
             .enumerate()
@@ -213,63 +273,96 @@ pub struct SegmentSummary {
 
 impl CalibrationFile {
     /// The result of `calibrated`, seen on `board`.
-    pub fn new(calibrated: &Calibrated, board: &crate::board::Board) -> Self {
-        let state = &calibrated.refined.state;
-        let camera = &state.camera;
+    pub fn new(calibrated: &Calibrated, board: &Board) -> Self {
+        let camera = calibrated.camera();
         let names = camera.kind().parameter_names();
         let trust = &calibrated.trust;
+        let events = calibrated.events();
         let sigma = Parameters::new(names.iter().copied().zip(trust.uncertainty.sigma()));
-        let from_events = calibrated.refined.problem.segments.iter().any(|segment| !segment.events.is_empty());
-        let statistics = calibrated.refined.residuals;
-        let segments = state.trajectories.iter().zip(&calibrated.refined.problem.segments);
         Self {
             format: "evcal-calibration",
             version: 1,
             program: crate::VERSION,
             pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)",
-            sensor: Sensor { width: calibrated.sensor.width, height: calibrated.sensor.height },
+            sensor: calibrated.sensor,
             camera: CameraDescription::new(camera),
             verdict: calibrated.verdict.clone(),
             uncertainty: UncertaintySummary::new(trust),
             coverage: trust.coverage.clone(),
-            split_half: trust.split_half.as_ref().map(SplitHalfSummary::from),
-            residual_pattern: trust.residuals.pattern,
-            observed_radius: trust.radius,
+            split_half: events.and_then(|events| events.trust.split_half.as_ref().map(SplitHalfSummary::from)),
+            residual_pattern: events.map(|events| events.trust.residuals.pattern),
+            observed_radius: events.and_then(|events| events.trust.radius),
             sigma: CameraDescription { model: camera.kind().name().to_owned(), parameters: sigma },
-            initial_camera: CameraDescription::new(&calibrated.initial.camera),
-            covered_region: CoveredRegion::of_calibration(calibrated).corners().iter().map(|&c| c.into()).collect(),
+            initial_camera: CameraDescription::new(&calibrated.initial().camera),
+            covered_region: covered_region(calibrated).corners().iter().map(|&corner| corner.into()).collect(),
             board: board.to_string(),
-            event_classes: if from_events {
-                EventClass::all(&state.bias, &trust.uncertainty.bias_sigma)
-            } else {
-                Vec::new()
-            },
-            residuals: Residuals {
-                measure: if from_events { "event edge distance" } else { "circle centre distance" },
-                count: statistics.count,
-                rms: statistics.rms,
-                median: statistics.median,
-            },
-            segments: segments
-                .map(|(trajectory, observations)| SegmentSummary {
-                    recording: trajectory.recording,
-                    start: trajectory.start(),
-                    end: trajectory.end(),
-                    control_points: trajectory.control_point_count(),
-                    observations: observations.events.len() + observations.points.len(),
-                })
-                .collect(),
-            frames: calibrated.witness.clone(),
-            joint_frames: calibrated.joint.clone(),
-            stages: calibrated.reports.clone(),
+            event_classes: events.map_or_else(Vec::new, EventClass::of_calibration),
+            residuals: Residuals::new(calibrated),
+            segments: events.map_or_else(Vec::new, SegmentSummary::of_calibration),
+            frames: FramesResult::new(calibrated),
+            joint_frames: events.and_then(|events| events.joint.clone()),
+            stages: StageReports::new(calibrated),
         }
+    }
+}
+
+impl FramesResult {
+    fn new(calibrated: &Calibrated) -> Option<Self> {
+        match &calibrated.evidence {
+            Evidence::Events(events) => events.witness.as_ref().map(|outcome| match outcome {
+                WitnessOutcome::Witness(witness) => Self::Witness(witness.clone()),
+                WitnessOutcome::Failed(failure) => Self::Failed(failure.clone()),
+            }),
+            Evidence::Pictures(pictures) => Some(Self::Only(Box::new(pictures.summary()))),
+        }
+    }
+}
+
+impl StageReports {
+    fn new(calibrated: &Calibrated) -> Self {
+        let events = calibrated.events();
+        Self {
+            recordings: calibrated.recordings.clone(),
+            detection: events.map(|events| events.detection.clone()),
+            initial: calibrated.initial().report.clone(),
+            model_choice: calibrated.model_choice.clone(),
+            trajectory: events.map(|events| TrajectoryStages {
+                segments: events.segments.clone(),
+                segments_without_spline: events.segments_without_spline,
+                rounds: events.refined.rounds.clone(),
+            }),
+        }
+    }
+}
+
+impl Residuals {
+    fn new(calibrated: &Calibrated) -> Self {
+        let ResidualStatistics { count, rms, median } = calibrated.residuals();
+        let from_events = calibrated.events().is_some_and(EventCalibration::observed_events);
+        let measure = if from_events { "event edge distance" } else { "circle centre distance" };
+        Self { measure, count, rms, median }
+    }
+}
+
+impl SegmentSummary {
+    fn of_calibration(events: &EventCalibration) -> Vec<Self> {
+        let segments = events.refined.state.trajectories.iter().zip(&events.refined.problem.segments);
+        segments
+            .map(|(trajectory, observations)| Self {
+                recording: trajectory.recording,
+                start: trajectory.start(),
+                end: trajectory.end(),
+                control_points: trajectory.control_point_count(),
+                observations: observations.events.len() + observations.points.len(),
+            })
+            .collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::event_bias::unknown;
+    use crate::solve::event_bias::{CLASS_COUNT, unknown};
 
     #[test]
     fn each_bias_of_a_class_is_written_under_its_name() {

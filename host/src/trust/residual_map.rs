@@ -52,7 +52,7 @@ struct Observation {
 }
 
 /// The residuals over the sensor.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ResidualMap {
     /// Columns of cells.
     pub columns: usize,

@@ -41,14 +41,12 @@ impl Default for UncertaintySettings {
     }
 }
 
-/// How sure a calibration is.
+/// How sure the intrinsics of a calibration are.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Uncertainty {
     /// Covariance of the intrinsics, in the order of the camera model's parameters; rows and columns of
     /// parameters that are held are zero.
     pub covariance: DMatrix<f64>,
-    /// Standard deviation of each bias of each event class; zero where it is held.
-    pub bias_sigma: [Biases<f64>; CLASS_COUNT],
     /// Variance of the estimate over what it would be if all observations were independent, at least 1.
     pub inflation: f64,
     /// Number of observations.
@@ -56,6 +54,18 @@ pub struct Uncertainty {
     /// Number of blocks of time that the inflation was found with.
     pub blocks: usize,
 }
+
+/// How sure a joint solve is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolveUncertainty {
+    /// That of the intrinsics.
+    pub intrinsics: Uncertainty,
+    /// Standard deviation of each bias of each event class; zero where it is held.
+    pub bias_sigma: BiasSigma,
+}
+
+/// A standard deviation for each bias of each event class.
+pub type BiasSigma = [Biases<f64>; CLASS_COUNT];
 
 impl Uncertainty {
     /// Standard deviation of each intrinsic parameter, in the order of the camera model.
@@ -115,7 +125,7 @@ pub fn uncertainty(
     problem: &Problem,
     state: &State,
     settings: &UncertaintySettings,
-) -> Result<Uncertainty, SolveError> {
+) -> Result<SolveUncertainty, SolveError> {
     let stretches = stretches(&problem.segments);
     let equations = linearised(problem, state, &stretches);
     let system = system_of(problem, state, &equations);
@@ -141,7 +151,8 @@ pub fn uncertainty(
     }
     let bias_sigma = std::array::from_fn(|class| Biases::from_fn(|bias| variances[bias_index(class, bias)].sqrt()));
     let covariance = intrinsics_of(&stated, &free, count);
-    Ok(Uncertainty { covariance, bias_sigma, inflation, observations: system.count, blocks })
+    let intrinsics = Uncertainty { covariance, inflation, observations: system.count, blocks };
+    Ok(SolveUncertainty { intrinsics, bias_sigma })
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use self::findings::findings_on;
 pub use self::settings::VerdictSettings;
 use crate::board::Board;
 use crate::lens::axial_focal::axial_focal_gradients;
-use crate::trust::Trust;
+use crate::trust::{EventTrust, Trust};
 
 /// How good a calibration is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -109,17 +109,19 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// The verdict on `camera`, with findings of other origin in `more`.
+/// The verdict on `camera`, with findings of other origin in `more`; `events` are there for a calibration
+/// along trajectories.
 pub fn verdict(
     camera: &Camera<f64>,
     trust: &Trust,
+    events: Option<&EventTrust>,
     board: &Board,
     sensor: Sensor,
     more: Vec<Finding>,
     settings: &VerdictSettings,
 ) -> Verdict {
     let mut findings = more;
-    findings.extend(findings_on(camera, trust, board, sensor, settings));
+    findings.extend(findings_on(camera, trust, events, board, sensor, settings));
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     let worst = findings.first().map(|finding| finding.severity);
     let grade = match worst {

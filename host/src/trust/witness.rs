@@ -11,9 +11,7 @@ use serde::Serialize;
 use crate::detection::pictures::settings::PictureSettings;
 use crate::lens::camera_file::{CameraDescription, Parameters};
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
-use crate::picture_calibration::calibration::{
-    NoPictureCalibration, PictureCalibration, PictureReport, PictureSummary,
-};
+use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, PictureReport};
 use crate::trust::uncertainty::projection::projection_uncertainty;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
@@ -87,30 +85,24 @@ pub struct PictureWitness {
     /// The difference at every point of the sensor.
     #[serde(skip)]
     pub difference: ProjectionDifference,
-    /// Covariance of the parameters from frames, in the order of the model.
-    #[serde(skip)]
-    pub covariance: DMatrix<f64>,
 }
 
-/// What the frames of a calibration's recordings were good for.
+/// What the pictures said of a calibration from events.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WitnessOutcome {
     /// They were calibrated and compared.
     Witness(Box<PictureWitness>),
     /// They gave no camera.
-    Silent(NoPictureCalibration),
-    /// The calibration is from them alone.
-    Only(Box<PictureSummary>),
+    Failed(NoPictureCalibration),
 }
 
 impl WitnessOutcome {
-    /// What became of the frames.
+    /// What became of the pictures.
     pub fn report(&self) -> &PictureReport {
         match self {
             Self::Witness(witness) => &witness.report,
-            Self::Silent(silent) => &silent.report,
-            Self::Only(summary) => &summary.report,
+            Self::Failed(failure) => &failure.report,
         }
     }
 
@@ -145,13 +137,13 @@ pub fn picture_witness(
     sensor: Sensor,
     settings: &PictureSettings,
 ) -> Result<PictureWitness, NoPictureCalibration> {
-    let silent = |reason: String| NoPictureCalibration { reason, report: Box::new(frames.report.clone()) };
+    let failed = |reason: String| NoPictureCalibration { reason, report: Box::new(frames.report.clone()) };
     let difference =
-        projection_difference(camera, &frames.camera, sensor).map_err(|error| silent(error.to_string()))?;
+        projection_difference(camera, &frames.camera, sensor).map_err(|error| failed(error.to_string()))?;
     let expected = |camera, covariance| {
         projection_uncertainty(camera, covariance, sensor)
             .map(|uncertainty| uncertainty.rms)
-            .map_err(|error| silent(error.to_string()))
+            .map_err(|error| failed(error.to_string()))
     };
     let from_events = expected(camera, covariance)?;
     let from_frames = expected(&frames.camera, &frames.covariance)?;
@@ -197,7 +189,6 @@ pub fn picture_witness(
         inflation: frames.inflation,
         report: frames.report.clone(),
         difference,
-        covariance: frames.covariance.clone(),
     })
 }
 

@@ -6,25 +6,28 @@ use nalgebra::Vector2;
 
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::board::Board;
-use crate::trust::Trust;
 use crate::trust::coverage::Coverage;
+use crate::trust::residual_map::ResidualPattern;
+use crate::trust::split_half::SplitHalf;
+use crate::trust::{EventTrust, ObservedRadius, Trust};
 
 /// All that is found.
 pub(super) fn findings_on(
     camera: &Camera<f64>,
     trust: &Trust,
+    events: Option<&EventTrust>,
     board: &Board,
     sensor: Sensor,
     settings: &VerdictSettings,
 ) -> Vec<Finding> {
     let mut findings = Vec::from_iter(uncertain(trust, settings));
     findings.extend(views(&trust.coverage, settings));
-    findings.extend(radius(trust, board, settings));
+    findings.extend(events.and_then(|events| radius(&events.radius?, board, settings)));
     findings.extend(pixels_not_square(camera, trust, settings));
     findings.extend(not_one_to_one(camera, sensor));
     findings.extend(undetermined(camera, trust));
-    findings.extend(too_poor(camera, trust, settings));
-    findings.extend(halves(trust));
+    findings.extend(events.and_then(|events| too_poor(camera, &events.residuals.pattern, settings)));
+    findings.extend(events.and_then(|events| halves(events.split_half.as_ref()?)));
     findings
 }
 
@@ -115,8 +118,7 @@ fn empty_places(coverage: &Coverage) -> String {
     }
 }
 
-fn radius(trust: &Trust, board: &Board, settings: &VerdictSettings) -> Option<Finding> {
-    let observed = trust.radius?;
+fn radius(observed: &ObservedRadius, board: &Board, settings: &VerdictSettings) -> Option<Finding> {
     let ratio = observed.radius / board.radius;
     ((ratio - 1.0).abs() > settings.radius).then(|| Finding {
         cause: Cause::RadiusDisagrees,
@@ -202,8 +204,7 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
     })
 }
 
-fn too_poor(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
-    let pattern = trust.residuals.pattern;
+fn too_poor(camera: &Camera<f64>, pattern: &ResidualPattern, settings: &VerdictSettings) -> Option<Finding> {
     (pattern.shift > settings.pattern && pattern.shift_ratio > settings.pattern_ratio).then(|| Finding {
         cause: Cause::ModelTooPoor,
         severity: Severity::Warning,
@@ -216,8 +217,7 @@ fn too_poor(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSettings) -> 
     })
 }
 
-fn halves(trust: &Trust) -> Option<Finding> {
-    let halves = trust.split_half.as_ref()?;
+fn halves(halves: &SplitHalf) -> Option<Finding> {
     (!halves.consistent()).then(|| Finding {
         cause: Cause::HalvesDisagree,
         severity: Severity::Warning,

@@ -1,0 +1,147 @@
+//! What a calibration gives.
+
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use nalgebra::Isometry3;
+
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::DetectionReport;
+use crate::initial::model_choice::ModelChoice;
+use crate::initial::{InitialModel, PosedFrame};
+use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
+use crate::picture_calibration::joint::JointReport;
+use crate::recording::pass::RecordingReport;
+use crate::solve::refinement::Refined;
+use crate::solve::residual_statistics::ResidualStatistics;
+use crate::trajectory::segment::SegmentReport;
+use crate::trust::verdict::Verdict;
+use crate::trust::witness::WitnessOutcome;
+use crate::trust::{EventTrust, Trust};
+
+/// A calibrated camera and how it came about.
+pub struct Calibrated {
+    /// Sensor size in pixels.
+    pub sensor: Sensor,
+    /// For each input the time of its first event, circle or picture in the file (s).
+    pub starts: Vec<f64>,
+    /// What each recording held.
+    pub recordings: Vec<RecordingReport>,
+    /// How the camera model was chosen, where that was left to the program.
+    pub model_choice: Option<ModelChoice>,
+    /// How sure the result is, and what was seen.
+    pub trust: Trust,
+    /// Whether it is good.
+    pub verdict: Verdict,
+    /// What the camera was calibrated from.
+    pub evidence: Evidence,
+}
+
+/// What a camera was calibrated from.
+pub enum Evidence {
+    /// Events, or circles that a detector found in them, along trajectories.
+    Events(Box<EventCalibration>),
+    /// The camera's own pictures alone, each with a pose of its own.
+    Pictures(Box<PictureCalibration>),
+}
+
+/// A calibration along trajectories.
+pub struct EventCalibration {
+    /// Stages 2 to 5.
+    pub detection: DetectionReport,
+    /// All reference frames found, also those that fell away later.
+    pub frames: Vec<ReferenceFrame>,
+    /// Stages 6 and 7: what the joint solve started from.
+    pub initial: InitialModel,
+    /// Stage 8.
+    pub segments: SegmentReport,
+    /// Segments whose spline could not be fitted.
+    pub segments_without_spline: usize,
+    /// Stages 10 and 11: camera, event biases and trajectories.
+    pub refined: Refined,
+    /// What speaks for and against it, beside [`Calibrated::trust`].
+    pub trust: EventTrust,
+    /// What the camera's own pictures say of it; `None` where the recordings have none.
+    pub witness: Option<WitnessOutcome>,
+    /// How pictures and events were solved together, if they were.
+    pub joint: Option<JointReport>,
+}
+
+impl Calibrated {
+    /// The lens.
+    pub fn camera(&self) -> &Camera<f64> {
+        match &self.evidence {
+            Evidence::Events(events) => &events.refined.state.camera,
+            Evidence::Pictures(pictures) => &pictures.camera,
+        }
+    }
+
+    /// How far the observations are from where the result puts them.
+    pub fn residuals(&self) -> ResidualStatistics {
+        match &self.evidence {
+            Evidence::Events(events) => events.refined.residuals,
+            Evidence::Pictures(pictures) => pictures.residuals(),
+        }
+    }
+
+    /// The first camera.
+    pub fn initial(&self) -> &InitialModel {
+        match &self.evidence {
+            Evidence::Events(events) => &events.initial,
+            Evidence::Pictures(pictures) => &pictures.initial,
+        }
+    }
+
+    /// All windows or pictures in which the board was found, also those that fell away later.
+    pub fn frames(&self) -> &[ReferenceFrame] {
+        match &self.evidence {
+            Evidence::Events(events) => &events.frames,
+            Evidence::Pictures(pictures) => &pictures.frames,
+        }
+    }
+
+    /// Those of [`Calibrated::frames`] that were used, with their poses.
+    pub fn posed(&self) -> impl Iterator<Item = (&PosedFrame, &ReferenceFrame)> {
+        let posed = match &self.evidence {
+            Evidence::Events(events) => &events.initial.frames,
+            Evidence::Pictures(pictures) => &pictures.posed,
+        };
+        posed.iter().filter_map(|posed| Some((posed, self.frames().get(posed.frame)?)))
+    }
+
+    /// The best estimate of `T_world_camera` at a frame: that of the trajectory, where there is one.
+    pub fn best_pose(&self, posed: &PosedFrame, frame: &ReferenceFrame) -> Isometry3<f64> {
+        match &self.evidence {
+            Evidence::Events(events) => events.pose(frame.recording, frame.t()).unwrap_or(posed.pose),
+            Evidence::Pictures(_) => posed.pose,
+        }
+    }
+
+    /// The calibration along trajectories, if it is one.
+    pub fn events(&self) -> Option<&EventCalibration> {
+        match &self.evidence {
+            Evidence::Events(events) => Some(events),
+            Evidence::Pictures(_) => None,
+        }
+    }
+
+    /// What became of the camera's own pictures; `None` where there are none.
+    pub fn picture_report(&self) -> Option<&PictureReport> {
+        match &self.evidence {
+            Evidence::Events(events) => events.witness.as_ref().map(WitnessOutcome::report),
+            Evidence::Pictures(pictures) => Some(&pictures.report),
+        }
+    }
+}
+
+impl EventCalibration {
+    /// Whether events were observed, and not only circles that a detector had found in them.
+    pub fn observed_events(&self) -> bool {
+        self.refined.problem.segments.iter().any(|segment| !segment.events.is_empty())
+    }
+
+    /// `T_world_camera` at time `t` of a recording (s from its start); `None` where there is no trajectory.
+    pub fn pose(&self, recording: usize, t: f64) -> Option<Isometry3<f64>> {
+        let of_recording = self.refined.state.trajectories.iter().filter(|one| one.recording == recording);
+        of_recording.filter_map(|trajectory| trajectory.pose(t)).next()
+    }
+}

@@ -1,0 +1,129 @@
+//! The calibration from events, or from circles that a detector found in them.
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+
+use super::calibrated::{Calibrated, EventCalibration, Evidence};
+use super::detected::{Detected, detect_all};
+use super::error::CalibrateError;
+use super::input::read_events;
+use super::{PictureUse, Task, pictures};
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
+use crate::initial::{InitialModel, initial_model};
+use crate::picture_calibration::joint::JointPoints;
+use crate::recording::RecordingError;
+use crate::solve::State;
+use crate::solve::event_bias::unknown;
+use crate::solve::refinement::{Refined, RefinementInput, StageSettings, refine};
+use crate::trajectory::first::{FirstTrajectories, first_trajectories};
+use crate::trust::examine;
+use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
+use crate::trust::verdict::verdict;
+use crate::trust::witness::WitnessOutcome;
+
+/// Calibrates as `task` says, with pictures as a witness or a partner.
+///
+/// # Errors
+/// [`CalibrateError`].
+pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
+    let settings = task.settings;
+    let Detected { sensor, frames, starts, recordings, detection, events } = detect_all(task, progress)?;
+    let (initial, model_choice) = first_model(task, &frames, sensor, progress)?;
+
+    let from_pictures = match task.pictures {
+        PictureUse::Ignore | PictureUse::Only => None,
+        PictureUse::Witness | PictureUse::Joint => {
+            let seen = pictures::see_pictures(task, Some(&starts), progress)?;
+            pictures::picture_calibration(task, seen, sensor, initial.camera.kind(), progress)
+        }
+    };
+    let to_join = match task.pictures {
+        PictureUse::Joint => Some(pictures::require(task, from_pictures.as_ref())?),
+        PictureUse::Ignore | PictureUse::Witness | PictureUse::Only => None,
+    };
+
+    progress("trajectory");
+    let FirstTrajectories { trajectories, points, segments, without_spline } =
+        first_trajectories(&initial, &frames, settings)?;
+
+    let read = |index: usize, visit: &mut dyn FnMut(&[Event])| read_events(task.inputs, index, visit).map(|_| ());
+    let input = RefinementInput {
+        board: task.board,
+        sensor,
+        recordings: task.inputs.len(),
+        events,
+        read: &read,
+        points,
+        point_sigma: initial.report.rms.max(0.02),
+    };
+    let state = State { camera: initial.camera, bias: unknown(settings.refinement.first_sigma), trajectories };
+    let (mut refined, mut certainty) = solve(task, &input, state, progress)?;
+    let witness = from_pictures
+        .as_ref()
+        .map(|found| pictures::witness(task, &refined.state.camera, &certainty.intrinsics, sensor, found));
+    let mut joint = None;
+    if let Some(calibration) = to_join {
+        let JointPoints { points, report } =
+            pictures::observations(task, &refined, &certainty.intrinsics, calibration)?;
+        let input = RefinementInput { points, point_sigma: report.sigma, ..input };
+        (refined, certainty) = solve(task, &input, refined.state, progress)?;
+        joint = Some(report);
+    }
+
+    progress("examination");
+    let (trust, event_trust) = examine(&refined, certainty, task.board, &settings.split_half, &settings.residual_map)
+        .map_err(CalibrateError::Solve)?;
+    let findings = witness.as_ref().and_then(WitnessOutcome::finding).into_iter().collect();
+    let camera = &refined.state.camera;
+    let verdict = verdict(camera, &trust, Some(&event_trust), task.board, sensor, findings, &settings.verdict);
+    let events = EventCalibration {
+        detection,
+        frames,
+        initial,
+        segments,
+        segments_without_spline: without_spline,
+        refined,
+        trust: event_trust,
+        witness,
+        joint,
+    };
+    let evidence = Evidence::Events(Box::new(events));
+    Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
+}
+
+/// The first camera, of the model that was asked for or that suits the recording best.
+fn first_model(
+    task: &Task,
+    frames: &[ReferenceFrame],
+    sensor: Sensor,
+    progress: &mut impl FnMut(&str),
+) -> Result<(InitialModel, Option<ModelChoice>), CalibrateError> {
+    let settings = task.settings;
+    progress(&format!("initial model from {} reference frames", frames.len()));
+    match task.model {
+        ModelRequest::Given(model) => Ok((initial_model(frames, task.board, sensor, model, &settings.initial)?, None)),
+        ModelRequest::Auto => {
+            let (stage, choice) = (&settings.initial, &settings.model_choice);
+            let tell = |model| progress(&format!("initial model {model} from {} reference frames", frames.len()));
+            let (initial, choice) = choose_model(frames, task.board, sensor, &CANDIDATES, stage, choice, tell)?;
+            Ok((initial, Some(choice)))
+        }
+    }
+}
+
+/// The joint solve from `state` on, and how sure its result is.
+fn solve(
+    task: &Task,
+    input: &RefinementInput<RecordingError>,
+    state: State,
+    progress: &mut impl FnMut(&str),
+) -> Result<(Refined, SolveUncertainty), CalibrateError> {
+    let settings = task.settings;
+    let stage =
+        StageSettings { refinement: &settings.refinement, association: &settings.association, solve: &settings.solve };
+    let refined = refine(input, state, stage, |round| progress(&format!("joint solve, round {}", round + 1)))?;
+    let certainty =
+        uncertainty(&refined.problem, &refined.state, &settings.uncertainty).map_err(CalibrateError::Solve)?;
+    Ok((refined, certainty))
+}
