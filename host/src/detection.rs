@@ -25,9 +25,7 @@ pub use self::ordering::order_frames;
 pub use self::report::DetectionReport;
 use self::second_pass::{Spacing, Uncertain, second_pass};
 use crate::circles::event_pixel::EventPixel;
-use crate::circles::reference_frame::UnorderedCircle;
-use crate::circles::reference_frame::UnorderedFrame;
-use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedCircle, UnorderedFrame};
 use crate::opencv::find_circles_grid;
 use crate::settings::{DetectionSettings, Grid};
 
@@ -372,7 +370,13 @@ impl<'a> DetectionStage<'a> {
                 velocity: None,
             })
             .collect();
-        ReferenceFrame { recording: self.recording, start, end, circles, pixels: unique_pixels(events) }
+        ReferenceFrame {
+            recording: self.recording,
+            start,
+            end,
+            circles,
+            seen_in: SeenIn::Events(unique_pixels(events)),
+        }
     }
 
     fn finish(mut self) -> (Vec<Found>, DetectionReport) {

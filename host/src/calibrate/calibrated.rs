@@ -1,8 +1,11 @@
 //! What a calibration gives.
 
+use std::fmt;
+
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
+use serde::Serialize;
 
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::DetectionReport;
@@ -44,6 +47,24 @@ pub enum Evidence {
     Pictures(Box<PictureCalibration>),
 }
 
+/// What residuals are distances of: two kinds whose figures cannot be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Measured {
+    /// Events, from the edge of their circle.
+    #[serde(rename = "event edge distance")]
+    EventEdges,
+    /// Centres of circles, from where the result puts them.
+    #[serde(rename = "circle centre distance")]
+    CircleCentres,
+}
+
+impl fmt::Display for Measured {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // As it is written to files.
+        self.serialize(f)
+    }
+}
+
 /// A calibration along trajectories.
 pub struct EventCalibration {
     /// Stages 2 to 5.
@@ -56,6 +77,8 @@ pub struct EventCalibration {
     pub segments: SegmentReport,
     /// Segments whose spline could not be fitted.
     pub segments_without_spline: usize,
+    /// What the joint solve observed.
+    pub measured: Measured,
     /// Stages 10 and 11: camera, event biases and trajectories.
     pub refined: Refined,
     /// What speaks for and against it, beside [`Calibrated::trust`].
@@ -81,6 +104,11 @@ impl Calibrated {
             Evidence::Events(events) => events.refined.residuals,
             Evidence::Pictures(pictures) => pictures.residuals(),
         }
+    }
+
+    /// What the residuals are distances of.
+    pub fn measured(&self) -> Measured {
+        self.events().map_or(Measured::CircleCentres, |events| events.measured)
     }
 
     /// The first camera.
@@ -134,11 +162,6 @@ impl Calibrated {
 }
 
 impl EventCalibration {
-    /// Whether events were observed, and not only circles that a detector had found in them.
-    pub fn observed_events(&self) -> bool {
-        self.refined.problem.segments.iter().any(|segment| !segment.events.is_empty())
-    }
-
     /// `T_world_camera` at time `t` of a recording (s from its start); `None` where there is no trajectory.
     pub fn pose(&self, recording: usize, t: f64) -> Option<Isometry3<f64>> {
         let of_recording = self.refined.state.trajectories.iter().filter(|one| one.recording == recording);

@@ -19,7 +19,8 @@ pub(super) struct Detected {
     pub(super) starts: Vec<f64>,
     pub(super) recordings: Vec<RecordingReport>,
     pub(super) detection: DetectionReport,
-    pub(super) events: u64,
+    /// Events in all recordings; `None` where the input is circles alone.
+    pub(super) events: Option<u64>,
 }
 
 /// Looks for the board in all recordings.
@@ -34,7 +35,7 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
         starts: Vec::new(),
         recordings: Vec::new(),
         detection: DetectionReport::default(),
-        events: 0,
+        events: None,
     };
     // What the first damaged recording broke off with.
     let mut damage = None;
@@ -50,7 +51,7 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
                 let (frames, report) = stage.into_frames();
                 all.frames.extend(frames);
                 all.detection.add(&report);
-                all.events += pass.count;
+                all.events = Some(all.events.unwrap_or(0) + pass.count);
                 all.starts.push(pass.first as f64 * 1e-6);
                 all.recordings.push(pass.to_report());
                 damage = damage.or(pass.damage);

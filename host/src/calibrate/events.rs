@@ -3,7 +3,7 @@
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
-use super::calibrated::{Calibrated, EventCalibration, Evidence};
+use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
 use super::input::read_events;
@@ -15,7 +15,7 @@ use crate::picture_calibration::joint::JointPoints;
 use crate::recording::RecordingError;
 use crate::solve::State;
 use crate::solve::event_bias::unknown;
-use crate::solve::refinement::{Refined, RefinementInput, StageSettings, refine};
+use crate::solve::refinement::{EventInput, Refined, RefinementInput, StageSettings, refine};
 use crate::trajectory::first::{FirstTrajectories, first_trajectories};
 use crate::trust::examine;
 use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
@@ -51,9 +51,7 @@ pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<
     let input = RefinementInput {
         board: task.board,
         sensor,
-        recordings: task.inputs.len(),
-        events,
-        read: &read,
+        events: events.map(|count| EventInput { recordings: task.inputs.len(), count, read: &read }),
         points,
         point_sigma: initial.report.rms.max(0.02),
     };
@@ -77,18 +75,19 @@ pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<
     let findings = witness.as_ref().and_then(WitnessOutcome::finding).into_iter().collect();
     let camera = &refined.state.camera;
     let verdict = verdict(camera, &trust, Some(&event_trust), task.board, sensor, findings, &settings.verdict);
-    let events = EventCalibration {
+    let calibration = EventCalibration {
         detection,
         frames,
         initial,
         segments,
         segments_without_spline: without_spline,
+        measured: if events.is_some() { Measured::EventEdges } else { Measured::CircleCentres },
         refined,
         trust: event_trust,
         witness,
         joint,
     };
-    let evidence = Evidence::Events(Box::new(events));
+    let evidence = Evidence::Events(Box::new(calibration));
     Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
 }
 

@@ -19,7 +19,7 @@ pub struct ObservedCircle {
     pub velocity: Option<Vector2<f64>>,
 }
 
-/// A time window in which the board was found: the paper's reference frame.
+/// A time window or picture in which the board was found: the paper's reference frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceFrame {
     /// Which recording of the camera it belongs to.
@@ -30,12 +30,30 @@ pub struct ReferenceFrame {
     pub end: f64,
     /// The circles found, ordered by board index, each index at most once.
     pub circles: Vec<ObservedCircle>,
-    /// The events of the window, one entry per pixel and polarity; empty when the frame comes from
-    /// a circle file.
-    pub pixels: Vec<EventPixel>,
+    /// In what the board was found.
+    pub seen_in: SeenIn,
+}
+
+/// In what a board was found.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SeenIn {
+    /// The events of a window, one entry per pixel and polarity.
+    Events(Vec<EventPixel>),
+    /// The circles of a circle track or a circle stream.
+    Circles,
+    /// One of the camera's own pictures.
+    Picture,
 }
 
 impl ReferenceFrame {
+    /// The events of the window, one entry per pixel and polarity; `None` where it was not found in events.
+    pub fn events(&self) -> Option<&[EventPixel]> {
+        match &self.seen_in {
+            SeenIn::Events(pixels) => Some(pixels),
+            SeenIn::Circles | SeenIn::Picture => None,
+        }
+    }
+
     /// The time stamp of the frame: the centre of its window (paper III-A), in seconds.
     pub fn t(&self) -> f64 {
         0.5 * (self.start + self.end)

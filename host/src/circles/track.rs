@@ -204,7 +204,7 @@ mod tests {
     use nalgebra::Vector2;
 
     use super::*;
-    use crate::circles::reference_frame::ObservedCircle;
+    use crate::circles::reference_frame::{ObservedCircle, SeenIn};
 
     const PATTERN: Pattern = Pattern { layout: Layout::Symmetric, rows: 3, columns: 6 };
 
@@ -376,7 +376,7 @@ t_us,x_px,y_px,column,row
                     circles.sort_by_key(|circle| circle.index);
                     circles.dedup_by_key(|circle| circle.index);
                     let start = number as f64 * 0.1 + 0.01;
-                    ReferenceFrame { recording: 2, start, end: start + 0.03, circles, pixels: Vec::new() }
+                    ReferenceFrame { recording: 2, start, end: start + 0.03, circles, seen_in: SeenIn::Circles }
                 })
                 .collect();
             let mut bytes = Vec::new();

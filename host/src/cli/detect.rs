@@ -101,7 +101,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             if let (Some(path), Some(frame)) = (&arguments.picture, fullest) {
                 let circles: Vec<(Vector2<f64>, f64)> =
                     frame.circles.iter().map(|circle| (circle.center, circle.radius.unwrap_or(1.0))).collect();
-                circle_picture(&frame.pixels, &circles, sensor).write_png(path)?;
+                circle_picture(frame.events().unwrap_or_default(), &circles, sensor).write_png(path)?;
             }
             report
         }

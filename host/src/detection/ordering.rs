@@ -6,8 +6,7 @@ use evcal_core::sensor::Sensor;
 use rayon::prelude::*;
 
 use super::{CANDIDATES, DetectionReport, grid_reason};
-use crate::circles::reference_frame::UnorderedFrame;
-use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedFrame};
 
 /// Puts the circles of frames from elsewhere in the board's order; frames without a board fall away, and
 /// the report says why. Without a sensor size the image is as large as the circles' extent.
@@ -68,5 +67,5 @@ fn order_frame(
         })
     });
     let circles = circles.collect();
-    Ok(ReferenceFrame { recording: 0, start: frame.start, end: frame.end, circles, pixels: Vec::new() })
+    Ok(ReferenceFrame { recording: 0, start: frame.start, end: frame.end, circles, seen_in: SeenIn::Circles })
 }

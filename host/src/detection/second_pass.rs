@@ -127,7 +127,7 @@ pub(super) fn second_pass(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::circles::reference_frame::ObservedCircle;
+    use crate::circles::reference_frame::{ObservedCircle, SeenIn};
 
     const SPACING: Spacing = Spacing { gap: 0.005, longest: 0.03 };
     const WINDOW: f64 = 0.002;
@@ -141,7 +141,7 @@ mod tests {
         let (end, t) = (start + WINDOW, start + 0.5 * WINDOW);
         let circles =
             circles.map(|index| ObservedCircle { index, t, center: truth(index, t), radius: None, velocity: None });
-        ReferenceFrame { recording: 0, start, end, circles: circles.collect(), pixels: Vec::new() }
+        ReferenceFrame { recording: 0, start, end, circles: circles.collect(), seen_in: SeenIn::Circles }
     }
 
     fn window(start: f64) -> Uncertain {

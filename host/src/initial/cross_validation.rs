@@ -40,11 +40,11 @@ pub fn cross_validate(
         .par_iter()
         .enumerate()
         .map(|(position, here)| {
-            let frame = frames.get(here.sighting.frame).filter(|frame| !frame.pixels.is_empty());
-            let validated = match frame {
-                Some(frame) => {
+            let frame = frames.get(here.sighting.frame);
+            let validated = match frame.and_then(|frame| Some((frame, frame.events()?))) {
+                Some((frame, events)) => {
                     let motion = motion(&posed, position, frame.end - frame.start, settings);
-                    let pixels = PixelRows::new(&frame.pixels);
+                    let pixels = PixelRows::new(events);
                     let view = Frame { camera, pose: here.pose, motion, sensor, pixels: &pixels };
                     confirm(&view, &here.sighting, board, settings)
                 }

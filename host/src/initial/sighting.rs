@@ -131,6 +131,7 @@ pub fn pair_points(sightings: &mut [Sighting], board: &Board) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::circles::reference_frame::SeenIn;
 
     fn frame(t: f64, circles: &[(usize, f64, f64)]) -> ReferenceFrame {
         let circles = circles
@@ -143,7 +144,7 @@ mod tests {
                 velocity: None,
             })
             .collect();
-        ReferenceFrame { recording: 0, start: t - 0.5e-3, end: t + 0.5e-3, circles, pixels: Vec::new() }
+        ReferenceFrame { recording: 0, start: t - 0.5e-3, end: t + 0.5e-3, circles, seen_in: SeenIn::Circles }
     }
 
     #[test]

@@ -10,6 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use super::refit::ProjectedCircle;
 use super::*;
 use crate::circles::event_pixel::EventPixel;
+use crate::circles::reference_frame::SeenIn;
 use crate::initial::model_choice::{CANDIDATES, ModelChoiceSettings, choose_model};
 
 const SENSOR: Sensor = Sensor::new(346, 260);
@@ -118,7 +119,7 @@ impl Scene {
                     }
                 }
                 circles.sort_by_key(|circle| circle.index);
-                ReferenceFrame { recording: 0, start: t - 1e-3, end: t + 1e-3, circles, pixels: Vec::new() }
+                ReferenceFrame { recording: 0, start: t - 1e-3, end: t + 1e-3, circles, seen_in: SeenIn::Circles }
             })
             .collect()
     }
@@ -289,7 +290,7 @@ fn hopeless_input_gets_an_error_that_says_what_to_do() {
                     Some(ObservedCircle { index, t, center, radius: None, velocity: None })
                 })
                 .collect();
-            ReferenceFrame { recording: 0, start: t, end: t, circles, pixels: Vec::new() }
+            ReferenceFrame { recording: 0, start: t, end: t, circles, seen_in: SeenIn::Circles }
         })
         .collect();
     let error = run(&head_on);
@@ -306,7 +307,7 @@ fn hopeless_input_gets_an_error_that_says_what_to_do() {
                     ObservedCircle { index, t, center, radius: None, velocity: None }
                 })
                 .collect();
-            ReferenceFrame { recording: 0, start: t, end: t, circles, pixels: Vec::new() }
+            ReferenceFrame { recording: 0, start: t, end: t, circles, seen_in: SeenIn::Circles }
         })
         .collect();
     let error = run(&garbage);
@@ -348,12 +349,14 @@ fn events_confirm_circles_add_missing_ones_and_correct_displaced_ones() {
         let at = |offset: f64| pose(&scene.camera, &scene.board, frame.t() + offset);
         let before = dark(&bearings, &at(-window / 2.0), &scene.board);
         let after = dark(&bearings, &at(window / 2.0), &scene.board);
+        let mut pixels = Vec::new();
         for (((x, y, _), before), after) in bearings.iter().zip(before).zip(after) {
             if before != after {
                 let polarity = if after { Polarity::Off } else { Polarity::On };
-                frame.pixels.push(EventPixel::new(&Event { t: 0, x: *x, y: *y, polarity }));
+                pixels.push(EventPixel::new(&Event { t: 0, x: *x, y: *y, polarity }));
             }
         }
+        frame.seen_in = SeenIn::Events(pixels);
         (frame.start, frame.end) = (frame.t() - window / 2.0, frame.t() + window / 2.0);
         // The grid stage misses circles and gets others wrong by a few pixels.
         frame.circles.retain(|circle| (circle.index + number) % 7 != 0);

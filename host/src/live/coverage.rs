@@ -193,7 +193,7 @@ mod tests {
     use nalgebra::{Isometry3, Point3, Vector3};
 
     use super::*;
-    use crate::circles::reference_frame::ObservedCircle;
+    use crate::circles::reference_frame::{ObservedCircle, SeenIn};
 
     const SENSOR: Sensor = Sensor::new(346, 260);
 
@@ -212,7 +212,7 @@ mod tests {
             let center = Vector2::new(focal * point.x / point.z + 172.5, focal * point.y / point.z + 129.5);
             ObservedCircle { index, t: 0.0, center, radius: None, velocity: None }
         });
-        ReferenceFrame { recording: 0, start: 0.0, end: 0.0, circles: circles.collect(), pixels: Vec::new() }
+        ReferenceFrame { recording: 0, start: 0.0, end: 0.0, circles: circles.collect(), seen_in: SeenIn::Circles }
     }
 
     fn ahead() -> Vector3<f64> {

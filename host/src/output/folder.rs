@@ -119,7 +119,7 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
 
 /// The reference frames with the smallest and the largest error of the initial model.
 fn window_examples(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Picture)> {
-    best_and_worst(calibrated.posed().filter(|(_, frame)| !frame.pixels.is_empty()), |posed, frame| {
+    best_and_worst(calibrated.posed().filter(|(_, frame)| frame.events().is_some()), |posed, frame| {
         Some(reference_frame_picture(frame, calibrated.sensor, board, calibrated.camera(), &posed.pose))
     })
 }

@@ -8,7 +8,7 @@ use super::number::count;
 use super::page::Section;
 use crate::board::Board;
 use crate::calibrate::Task;
-use crate::calibrate::calibrated::{Calibrated, EventCalibration};
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Measured};
 use crate::calibrate::input::read_events;
 use crate::report::drawing::Picture;
 use crate::solve::bearing_table::BearingTable;
@@ -78,7 +78,7 @@ fn brightest(counts: &[u32]) -> f64 {
 /// Both pictures, where the input is events.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let events = calibrated.events()?;
-    if events.refined.rounds.iter().all(|round| round.association.events == 0) {
+    if events.measured == Measured::CircleCentres {
         return None;
     }
     let bearings = BearingTable::new(calibrated.camera(), calibrated.sensor);

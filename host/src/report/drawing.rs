@@ -189,7 +189,7 @@ pub fn reference_frame_picture(
     pose: &Isometry3<f64>,
 ) -> Picture {
     let mut picture = Picture::new(sensor, SCALE);
-    picture.events(&frame.pixels);
+    picture.events(frame.events().unwrap_or_default());
     picture.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
     picture
 }

@@ -21,7 +21,7 @@ const WIDEST: u16 = 800;
 /// The frames with the smallest, the middle and the largest error.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let mut ranked: Vec<(&PosedFrame, &ReferenceFrame)> =
-        calibrated.posed().filter(|(_, frame)| !frame.pixels.is_empty()).collect();
+        calibrated.posed().filter(|(_, frame)| frame.events().is_some()).collect();
     ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
     let mut examples = vec![("Best", ranked.first()?)];
     if let [_, middle @ .., last] = ranked.as_slice() {
@@ -56,7 +56,7 @@ fn pictures(
 ) -> Markup {
     let (camera, sensor) = (calibrated.camera(), calibrated.sensor);
     let pose = calibrated.best_pose(posed, frame);
-    let raster = Raster::new(sensor, &frame.pixels);
+    let raster = Raster::new(sensor, frame.events().unwrap_or_default());
     let mut seen = Picture::of_sensor(sensor, scale(sensor), |place| raster.color(place));
     seen.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
     let mut rectified = Picture::of_sensor(sensor, scale(sensor), |place| {

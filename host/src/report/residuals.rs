@@ -6,12 +6,11 @@ use super::chart::{Chart, Color, SensorMap, Series, round_down, round_up};
 use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
-use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
-use crate::solve::residual_statistics::ResidualStatistics;
 use crate::solve::stretch::residuals;
 use crate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
 use crate::trust::residual_map::{ResidualMap, ResidualPattern};
@@ -22,16 +21,20 @@ const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = match &calibrated.evidence {
         Evidence::Events(events) => of_events(calibrated, events),
-        Evidence::Pictures(_) => in_words(calibrated.residuals(), false),
+        Evidence::Pictures(_) => in_words(calibrated),
     };
     Some(Section { id: "residuals", title: "What the model does not explain", content })
 }
 
-fn in_words(statistics: ResidualStatistics, events: bool) -> Markup {
+fn in_words(calibrated: &Calibrated) -> Markup {
+    let statistics = calibrated.residuals();
     html! {
         p {
             "A residual is the distance between where something was seen and where the result puts it: "
-            @if events { "for an event, its distance across the edge of its dot." } @else { "for a circle, that of its centre." }
+            @match calibrated.measured() {
+                Measured::EventEdges => "for an event, its distance across the edge of its dot.",
+                Measured::CircleCentres => "for a circle, that of its centre.",
+            }
             " Their median size is " (signed(statistics.median, 3)) " px, their root mean square "
             (signed(statistics.rms, 3)) " px."
         }
@@ -43,11 +46,10 @@ fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup 
     let map = &calibration.trust.residuals;
     let bearings = BearingTable::new(&refined.state.camera, calibrated.sensor);
     let classes = class_residuals(&residuals(&refined.problem, &refined.state, &bearings));
-    let events = classes.iter().any(|class| class.count > 0);
     html! {
-        (in_words(refined.residuals, events))
+        (in_words(calibrated))
         @if map.cells.iter().any(|cell| cell.count > 0) { (by_place(calibrated, map)) }
-        @if events {
+        @if calibration.measured == Measured::EventEdges {
             h3 { "By event class" }
             p {
                 "When an edge passes, a pixel sends a burst of events. Each rank of the burst, OFF (darker) and ON (brighter), has its "

@@ -3,7 +3,7 @@
 use serde::{Serialize, Serializer};
 
 use crate::board::Board;
-use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::initial::model_choice::ModelChoice;
@@ -139,7 +139,7 @@ pub struct EventClass {
 impl EventClass {
     /// All classes with their biases and standard deviations; none where the input is circle centres.
     fn of_calibration(events: &EventCalibration) -> Vec<Self> {
-        if !events.observed_events() {
+        if events.measured == Measured::CircleCentres {
             return Vec::new();
         }
         Self::all(&events.refined.state.bias, &events.trust.bias_sigma)
@@ -179,8 +179,8 @@ fn write_biases<S: Serializer>(biases: &Biases<f64>, serializer: S) -> Result<S:
 /// Residuals of the observations that the final solve used.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Residuals {
-    /// `event edge distance` or `circle centre distance`: two figures that cannot be compared.
-    pub measure: &'static str,
+    /// What is measured.
+    pub measure: Measured,
     /// Number of observations.
     pub count: usize,
     /// Root mean square in pixels.
@@ -338,9 +338,7 @@ impl StageReports {
 impl Residuals {
     fn new(calibrated: &Calibrated) -> Self {
         let ResidualStatistics { count, rms, median } = calibrated.residuals();
-        let from_events = calibrated.events().is_some_and(EventCalibration::observed_events);
-        let measure = if from_events { "event edge distance" } else { "circle centre distance" };
-        Self { measure, count, rms, median }
+        Self { measure: calibrated.measured(), count, rms, median }
     }
 }
 

@@ -1,6 +1,6 @@
 //! What every stage took in and gave out, and why the rest fell away: told once, for `stages.txt` and the report.
 
-use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
@@ -79,7 +79,7 @@ fn event_lines(events: &EventCalibration) -> Vec<StageLine> {
         (segments.too_short as u64, "groups too short".to_owned()),
         (events.segments_without_spline as u64, "segments without spline".to_owned()),
     ]));
-    let observed = events.observed_events();
+    let observed = events.measured == Measured::EventEdges;
     for (index, round) in events.refined.rounds.iter().enumerate() {
         lines.extend(observed.then(|| association_line(index + 1, round)));
         lines.push(solve_line(index + 1, round));
@@ -106,7 +106,7 @@ fn detection_lines(detection: &DetectionReport) -> [StageLine; 2] {
     let by_neighbours = detection.found_by_neighbours;
     let note = (by_neighbours > 0)
         .then(|| format!("{by_neighbours} of those with the board were placed by the frames around them"));
-    let pairs = detection.pairs_refused.iter().map(|(reason, count)| (*count, format!("pairs of clusters: {reason}")));
+    let pairs = detection.pairs_refused.iter().map(|(reason, count)| (*count, format!("{reason} (pairs of clusters)")));
     [
         StageLine::new(
             "Board in time windows",
@@ -171,7 +171,7 @@ fn search_lines(report: &PictureReport) -> [StageLine; 2] {
     let refused = search.refused.iter().map(|(reason, count)| (*count, reason.to_string()));
     let without =
         (search.without_exposure > 0).then(|| format!("{} frames without times of exposure", search.without_exposure));
-    let spots = search.dots_refused.iter().map(|(reason, count)| (*count, format!("dark spots: {reason}")));
+    let spots = search.dots_refused.iter().map(|(reason, count)| (*count, format!("{reason} (dark spots)")));
     [
         StageLine::new(
             "Board in the camera's frames",
@@ -187,13 +187,15 @@ fn search_lines(report: &PictureReport) -> [StageLine; 2] {
 }
 
 fn used_line(report: &PictureReport, spread: f64, inflation: f64) -> StageLine {
+    let with_board = report.detection.with_board;
+    let reasons = (with_board > report.used as u64).then(|| format!("the others: {}", report.dropped));
     StageLine::new(
         "Calibration from frames",
-        Amount::new(report.detection.with_board, "frames with the board"),
+        Amount::new(with_board, "frames with the board"),
         Amount::new(report.used as u64, format!("frames with {} dots", report.dots_used)),
     )
+    .noting(reasons)
     .noting([
-        format!("dropped: {}", report.dropped),
         format!("a centre scatters by {spread:.3} px"),
         format!("variance {inflation:.1} times that of independent centres"),
     ])

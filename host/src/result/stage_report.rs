@@ -49,7 +49,7 @@ fn put(text: &mut String, line: &StageLine) {
     let in_words = |amount: &Amount| format!("{} {}", amount.count, amount.what);
     put_row(text, &line.stage, &format!("{} -> {}", in_words(&line.taken), in_words(&line.given)));
     for amount in &line.dropped {
-        put_row(text, "", &format!("not: {}", in_words(amount)));
+        put_row(text, "", &format!("{} dropped: {}", amount.count, amount.what));
     }
     for note in &line.notes {
         put_row(text, "", note);

@@ -61,18 +61,24 @@ pub struct RoundReport {
 /// visitor.
 pub type ReadRecording<'a, E> = dyn Fn(usize, &mut dyn FnMut(&[Event])) -> Result<(), E> + Sync + 'a;
 
+/// The events of all recordings.
+pub struct EventInput<'a, E> {
+    /// Number of recordings.
+    pub recordings: usize,
+    /// Number of events in all recordings.
+    pub count: u64,
+    /// Reads a recording.
+    pub read: &'a ReadRecording<'a, E>,
+}
+
 /// What the refinement starts from.
 pub struct RefinementInput<'a, E> {
     /// The board.
     pub board: &'a Board,
     /// Sensor size (width, height) in pixels.
     pub sensor: Sensor,
-    /// Number of recordings.
-    pub recordings: usize,
-    /// Number of events in all recordings.
-    pub events: u64,
-    /// Reads a recording.
-    pub read: &'a ReadRecording<'a, E>,
+    /// The events; `None` where the input is circle centres alone.
+    pub events: Option<EventInput<'a, E>>,
     /// Circle centres of each trajectory, where the input is circle tracks.
     pub points: Vec<Vec<PointObservation>>,
     /// Spread of a circle centre (px).
@@ -127,7 +133,9 @@ pub fn refine<E: Send>(
     let mut rounds: Vec<RoundReport> = Vec::new();
     let mut kept_share = 1.0;
     state.bias = unknown(settings.refinement.first_sigma);
-    let total = settings.refinement.rounds.max(1);
+    // Circle centres stay as they are: without events to associate anew, one round is all.
+    let total = if input.events.is_some() { settings.refinement.rounds.max(1) } else { 1 };
+    let count = input.events.as_ref().map_or(1, |events| events.count.max(1)) as f64;
     let mut last_early = false;
     loop {
         progress(rounds.len());
@@ -136,7 +144,7 @@ pub fn refine<E: Send>(
         // it takes to get near.
         let final_round = last_early || rounds.len() + 1 == total;
         let wanted = if final_round { settings.association.most_events } else { settings.refinement.early_events };
-        let share = (wanted as f64 / (input.events.max(1) as f64 * kept_share)).min(1.0);
+        let share = (wanted as f64 / (count * kept_share)).min(1.0);
         let bearings = BearingTable::new(&state.camera, input.sensor);
         let (segments, association) = associate_all(input, &state, &bearings, settings, !first, share)?;
         kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
@@ -154,7 +162,7 @@ pub fn refine<E: Send>(
         let moved = difference(&before, &state.camera, input.sensor);
         let change = if moved.compared > 0 { moved.root_mean_square } else { f64::INFINITY };
         rounds.push(RoundReport { association, solve: solve_report, change });
-        if final_round || input.events == 0 {
+        if final_round {
             let bearings = BearingTable::new(&state.camera, input.sensor);
             let residuals = residual_statistics(&problem, &state, &bearings);
             return Ok(Refined { state, problem, residuals, rounds });
@@ -173,7 +181,9 @@ fn associate_all<E: Send>(
 ) -> Result<(Vec<SegmentObservations>, AssociationReport), RefinementError<E>> {
     let mut segments = vec![SegmentObservations::default(); state.trajectories.len()];
     let mut report = AssociationReport::default();
-    for recording in 0..input.recordings {
+    for (recording, events) in
+        input.events.iter().flat_map(|events| (0..events.recordings).map(move |one| (one, events)))
+    {
         let context = AssociationContext {
             state,
             bearings,
@@ -185,7 +195,7 @@ fn associate_all<E: Send>(
             settings: settings.association,
         };
         let mut associator = Associator::new(context, recording);
-        (input.read)(recording, &mut |events| associator.push(events)).map_err(RefinementError::Read)?;
+        (events.read)(recording, &mut |batch| associator.push(batch)).map_err(RefinementError::Read)?;
         let (found, part) = associator.finish();
         report.add(&part);
         for (index, observations) in found {

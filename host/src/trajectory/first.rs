@@ -109,7 +109,7 @@ fn fit_segment(
         .collect();
     let spans: Vec<(f64, f64)> =
         posed.iter().filter_map(|posed| in_frames(posed.frame)).map(|frame| (frame.start, frame.end)).collect();
-    let from_circles = posed.iter().filter_map(|posed| in_frames(posed.frame)).all(|frame| frame.pixels.is_empty());
+    let from_circles = posed.iter().filter_map(|posed| in_frames(posed.frame)).all(|frame| frame.events().is_none());
     let mut points: Vec<PointObservation> = Vec::new();
     if from_circles {
         points.extend(posed.iter().flat_map(|posed| &posed.circles).map(|circle| PointObservation {

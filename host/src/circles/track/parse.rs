@@ -6,9 +6,7 @@ use evcal_core::pattern::Pattern;
 use nalgebra::Vector2;
 
 use super::{CircleFrames, CircleTrack, CircleTrackErrorKind, describe};
-use crate::circles::reference_frame::UnorderedCircle;
-use crate::circles::reference_frame::UnorderedFrame;
-use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedCircle, UnorderedFrame};
 
 /// Circles further apart in time than this many seconds are not of one frame.
 const FRAME_GAP: f64 = 0.005;
@@ -305,7 +303,7 @@ fn arrange(frames: Vec<Vec<Row>>, pattern: &Pattern, recording: usize) -> Circle
         };
         let mut circles: Vec<ObservedCircle> = rows.iter().filter_map(observed).collect();
         circles.sort_by_key(|circle| circle.index);
-        ReferenceFrame { recording, start, end, circles, pixels: Vec::new() }
+        ReferenceFrame { recording, start, end, circles, seen_in: SeenIn::Circles }
     };
     let mut frames: Vec<ReferenceFrame> = frames.into_iter().map(ordered).collect();
     frames.sort_by(|a, b| a.t().total_cmp(&b.t()));

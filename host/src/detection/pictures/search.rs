@@ -11,7 +11,7 @@ use super::dark_spots::dark_spots;
 use super::dot::{Dot, measure};
 use super::settings::PictureSettings;
 use crate::board::Board;
-use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 use crate::detection::grid_reason;
 use crate::numerics::statistics::median;
 use crate::recording::pictures::{GreyImage, TimedImage, visit_frames};
@@ -118,7 +118,13 @@ impl<'a> PictureSearch<'a> {
                     self.report.board_dots += circles.len() as u64;
                     self.report.without_exposure += u64::from(!picture.exposure_known);
                     self.blurs.extend(searched.blur);
-                    self.frames.push(ReferenceFrame { recording: number, start, end, circles, pixels: Vec::new() });
+                    self.frames.push(ReferenceFrame {
+                        recording: number,
+                        start,
+                        end,
+                        circles,
+                        seen_in: SeenIn::Picture,
+                    });
                 }
                 Err(reason) => *self.report.refused.entry(reason).or_default() += 1,
             }
