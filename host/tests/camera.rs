@@ -14,8 +14,9 @@ use evcal::recording::{Recording, RecordingOptions};
 use serde_json::Value;
 use usb_davis::capture::Capture;
 use usb_davis::emulator::umockdev::{Access, EmulatedBus};
-use usb_davis::emulator::{Faults, Model, Pace, Piece};
+use usb_davis::emulator::{Failures, Faults, Model, Pace, Piece};
 use usb_davis::protocol::{Encoder, Layout, Polarity, PolarityEvent};
+use usb_davis::registers::mux;
 
 const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
 const NOBODY: u32 = 65_534;
@@ -205,6 +206,62 @@ fn unplugged_in_mid_stream_everything_before_it_is_kept() {
         assert!(errors.contains(reason) && errors.contains("what came before is in"), "{errors}");
         assert!(count(&file).abs_diff(COUNT / 2) < COUNT / 100);
     }
+}
+
+#[test]
+fn a_start_that_failed_can_be_tried_again_with_the_same_name() {
+    let failures = Some(Failures { at: 0, transfers: 1 });
+    let bus = EmulatedBus::start(camera(3000).with_faults(Faults { failures, ..Faults::default() })).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("again.dvraw");
+    let (code, _, errors) = run(&bus, &["record", text(&file), "--duration", "1s"]);
+    assert_eq!((code, file.exists()), (Some(1), false), "{errors}");
+    let (code, _, errors) = run(&bus, &["record", text(&file), "--duration", "1s"]);
+    assert_eq!(code, Some(0), "{errors}");
+    assert_eq!(count(&file), 3000);
+}
+
+#[test]
+fn a_full_disk_ends_the_recording_which_tells_what_is_in_the_file() {
+    let bus = EmulatedBus::start(camera(1_000_000)).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("full.dvraw");
+    // A limit of the file's length is met as the end of a disk is: by a write that is cut, then refused.
+    let output = Command::new("bash")
+        .args(["-c", r#"ulimit -f 1000; trap "" XFSZ; exec "$0" "$@""#, env!("CARGO_BIN_EXE_evcal")])
+        .args(["record", text(&file), "--json"])
+        .envs(bus.environment())
+        .output()
+        .unwrap();
+    let (code, told, errors) = ended(output);
+    assert_eq!(code, Some(1), "{told}");
+    assert!(errors.contains("could not be written any more") && errors.contains("make room on the disk"), "{errors}");
+    let (report, events) = (json(&told), count(&file));
+    assert!(events > 100_000, "{events}");
+    assert_eq!(report["events"].as_u64(), Some(events));
+    assert!(errors.contains(&format!("{events} events")), "{errors}");
+    assert_eq!(report["file_bytes"].as_u64(), Some(fs::metadata(&file).unwrap().len()));
+    let mut capture = Capture::open(&file).unwrap();
+    let mut bytes = 0;
+    while let Some(transfer) = capture.next_transfer().unwrap() {
+        bytes += transfer.payload.len() as u64;
+    }
+    assert_eq!((report["bytes"].as_u64(), capture.damage()), (Some(bytes), Default::default()));
+}
+
+#[test]
+fn what_an_earlier_recording_lost_is_not_told_again() {
+    let earlier = [(mux::DVS_DROPPED, 0), (mux::DVS_DROPPED.next(), 77)];
+    let bus = EmulatedBus::start(camera(3000).with_registers(earlier)).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("second.dvraw");
+    let (code, told, errors) = run(&bus, &["record", text(&file), "--duration", "1s", "--json"]);
+    assert_eq!((code, json(&told)["dropped"].as_u64()), (Some(0), Some(0)), "{errors}");
+    let recording = Recording::new(&file, SourceOptions::default()).unwrap();
+    let mut reader = recording.open().unwrap();
+    let mut batch = Vec::new();
+    while reader.next_batch(&mut batch).unwrap() {}
+    assert_eq!(reader.report().stream.dropped, 0);
 }
 
 /// A simulated recording of the board and what the camera sends of it.

@@ -8,9 +8,9 @@
 //!
 //! let mut camera = Camera::open(&Selector::default())?;
 //! camera.configure(&Configuration::calibration())?;
-//! let file = std::fs::File::create("recording.dvraw")?;
-//! let mut dump = DumpWriter::new(file, &camera.header(), Compression::None)?;
 //! let mut stream = camera.start(Streams::EVENTS, Queue::default())?;
+//! let file = std::fs::File::create("recording.dvraw")?;
+//! let mut dump = DumpWriter::new(file, stream.header(), Compression::None)?;
 //! let end = Instant::now() + Duration::from_secs(10);
 //! loop {
 //!     match stream.next(Duration::from_millis(100)) {
@@ -23,15 +23,16 @@
 //!         stream.stop()?; // what is under way still comes, then `Stopped`
 //!     }
 //! }
-//! drop(stream);
-//! dump.registers(camera.read_drop_counters()?)?;
+//! dump.registers(stream.drop_counters())?;
 //! dump.finish()?;
+//! println!("the camera dropped {} events", stream.dropped().events);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
 //! Guarantees: no call waits for ever; an error never costs what was received before it; the
 //! memory of a stream is bounded ([`Queue`]).
 
+mod backlog;
 mod camera;
 mod error;
 mod list;
@@ -39,8 +40,8 @@ mod stream;
 #[allow(unsafe_code, reason = "asynchronous transfers exist only in libusb's C interface")]
 mod transfers;
 
+pub use backlog::{Queue, StreamStatistics};
 pub use camera::Camera;
 pub use error::{DeviceError, StreamError, UDEV_RULE, UDEV_RULE_FILE, Unsupported};
 pub use list::{Availability, Listing, Selector, list};
 pub use stream::Stream;
-pub use transfers::{Queue, StreamStatistics};

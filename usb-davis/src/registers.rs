@@ -6,10 +6,14 @@
 //! a register of [`sysinfo`] too, see [`Clocks`].
 
 #[cfg(feature = "std")]
+mod dropped;
+#[cfg(feature = "std")]
 mod snapshot;
 
 use core::fmt;
 
+#[cfg(feature = "std")]
+pub use dropped::{DROP_COUNTERS, Dropped};
 #[cfg(feature = "std")]
 pub use snapshot::RegisterSnapshot;
 

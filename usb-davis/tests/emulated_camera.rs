@@ -17,9 +17,9 @@ use usb_davis::capture::Capture;
 use usb_davis::configuration::{Configuration, QUIESCE, Streams};
 use usb_davis::dump::Identity;
 use usb_davis::emulator::umockdev::EmulatedBus;
-use usb_davis::emulator::{Faults, Model, Pace};
-use usb_davis::protocol::{DecoderCounts, ImuModel, Message};
-use usb_davis::registers::{Clocks, Register, mux, sysinfo, usb};
+use usb_davis::emulator::{Failures, Faults, Model, Pace};
+use usb_davis::protocol::{AnomalyKind, DecoderCounts, ImuModel, Message};
+use usb_davis::registers::{Clocks, Dropped, Register, dvs, mux, sysinfo, usb};
 
 fn run(bus: &EmulatedBus, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_davis-record"))
@@ -225,12 +225,142 @@ fn a_halted_endpoint_ends_the_stream_and_the_next_start_clears_it() {
     assert_eq!(check_events(&file), COUNT);
 }
 
+/// Decodes a dump of events of which some are lost, but no wrap word: how many there are, and the gaps.
+/// At full pace the computer's clock tells nothing of the camera's.
+fn check_events_with_gaps(file: &Path, count: u64) -> (u64, u64) {
+    let mut capture = Capture::open(file).expect("it is a dump");
+    let mut decoder = capture.header().decoder();
+    let mut next = 0;
+    let mut check = |message: Message<'_>| {
+        let Message::Events(events) = message else { return };
+        for &received in events {
+            next = 1 + (next..count).find(|&index| event(index) == received).expect("an event that was sent, in order");
+        }
+    };
+    while let Some(transfer) = capture.next_transfer().expect("it can be read") {
+        if transfer.gap_before {
+            decoder.gap(&mut check);
+        }
+        decoder.decode(transfer.payload, &mut check);
+    }
+    let counts = decoder.counts();
+    let gaps = counts.anomalies.of(AnomalyKind::Gap);
+    assert_eq!(counts.anomalies.total(), gaps);
+    (counts.events, gaps)
+}
+
+#[test]
+fn failed_transfers_are_a_gap_and_the_recording_goes_on() {
+    const COUNT: u64 = 200_000;
+    let bytes = total(events(COUNT));
+    let faults =
+        Faults { cuts: vec![4096], failures: Some(Failures { at: 81_920, transfers: 3 }), ..Faults::default() };
+    let model = Model::new("1", || events(COUNT)).with_faults(faults);
+    let bus = EmulatedBus::start(model).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    let (report, success) = record(&bus, &file, &[&format!("bytes={}", bytes - 3 * 4096)]);
+    assert!(success, "{report}");
+    assert_eq!((report["bytes"].as_u64(), report["failed"].as_u64()), (Some(bytes - 3 * 4096), Some(3)));
+    let (events, gaps) = check_events_with_gaps(&file, COUNT);
+    assert_eq!(gaps, 1);
+    // The lost bytes are at most a third of what events take.
+    assert!((500..=3 * 4096 / 2 + 100).contains(&(COUNT - events)), "{events}");
+}
+
+#[test]
+fn a_bus_that_keeps_failing_ends_the_recording_and_costs_nothing_before() {
+    const COUNT: u64 = 400_000;
+    let faults =
+        Faults { cuts: vec![4096], failures: Some(Failures { at: 409_600, transfers: 200 }), ..Faults::default() };
+    let model = Model::new("1", || events(COUNT)).with_faults(faults);
+    let bus = EmulatedBus::start(model).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    let (report, success) = record(&bus, &file, &[]);
+    assert!(!success);
+    assert!(report["end"].as_str().is_some_and(|end| end.contains("one transfer after the other failed")), "{report}");
+    assert_eq!(report["bytes"], 409_600);
+    assert!(check_events(&file) > 50_000);
+}
+
+#[test]
+fn an_endpoint_that_halts_in_the_start_is_cleared_and_the_start_made_again() {
+    const COUNT: u64 = 20_000;
+    let bytes = total(events(COUNT));
+    let faults = Faults { stall_at: Some(0), ..Faults::default() };
+    let model = Model::new("1", || events(COUNT)).with_faults(faults);
+    let bus = EmulatedBus::start(model).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    let (report, success) = record(&bus, &file, &[&format!("bytes={bytes}")]);
+    assert!(success, "{report}");
+    assert_eq!(check_events(&file), COUNT);
+}
+
+#[test]
+fn a_start_that_fails_leaves_no_file() {
+    let failures = Some(Failures { at: 0, transfers: 1 });
+    let faults = Faults { failures, ..Faults::default() };
+    assert!(refused(Model::new("1", || events(10)).with_faults(faults)).contains("while emptying the camera"));
+}
+
+#[test]
+fn bytes_of_an_earlier_run_are_not_taken_for_the_beginning() {
+    const COUNT: u64 = 20_000;
+    let bytes = total(events(COUNT));
+    // Half a word, then an event at pixel (5, 6): the rest of it would be out of step.
+    let stale = [vec![0x77], [0x09, 0x80, 0x05, 0x10, 0x06, 0x20].repeat(5000)].concat();
+    let model = Model::new("1", || events(COUNT)).with_faults(Faults { stale, ..Faults::default() });
+    let bus = EmulatedBus::start(model).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    for _ in 0..2 {
+        let (report, success) = record(&bus, &file, &[&format!("bytes={bytes}")]);
+        assert!(success, "{report}");
+        assert_eq!(check_events(&file), COUNT);
+    }
+}
+
+#[test]
+fn what_is_switched_off_is_not_sent() {
+    // All but the frames: three of 3 · (2 · 260 + 4) events, a sample, a signal.
+    let bus = EmulatedBus::start(Model::new("1", session)).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    let (report, success) = record(&bus, &file, &["bytes=5000"]);
+    assert!(success, "{report}");
+    let counts = decode(&file, |message| assert!(!matches!(message, Message::Frame(_))));
+    assert_eq!((counts.events, counts.imu_samples, counts.signals), (3 * (2 * 260 + 4), 1, 1));
+    assert_eq!((counts.frames, counts.skipped, counts.anomalies.total()), (0, 0, 0));
+}
+
+#[test]
+fn what_an_earlier_recording_lost_is_not_told_again() {
+    const COUNT: u64 = 20_000;
+    let bytes = total(events(COUNT));
+    let earlier = [(mux::DVS_DROPPED, 1), (mux::DVS_DROPPED.next(), 5), (dvs::DROPPED.next(), 6)];
+    let model = Model::new("1", || events(COUNT)).with_registers(earlier);
+    let bus = EmulatedBus::start(model).expect("the bus starts");
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    let file = directory.path().join("events.dvraw");
+    let (report, success) = record(&bus, &file, &[&format!("bytes={bytes}")]);
+    assert!(success, "{report}");
+    assert_eq!(report["dropped"], 0);
+    let mut capture = Capture::open(&file).expect("it is a dump");
+    assert_eq!(capture.header().registers.counter(mux::DVS_DROPPED), Some((1 << 32) + 5));
+    while capture.next_transfer().expect("it can be read").is_some() {}
+    assert_eq!(Dropped::between(&capture.header().registers, capture.registers()), Dropped::default());
+}
+
 #[test]
 fn at_real_pace_the_queue_keeps_the_camera_from_dropping() {
     // 0.3 s at 3 million events/s, some 16 MB/s: without a queue the FIFO of 64 KiB lasts 4 ms.
     const COUNT: u64 = 1_000_000;
     let bytes = total(events(COUNT));
+    let earlier = 1000;
     let model = Model::new("1", || events(COUNT)).with_pace(Pace::Real);
+    let model = model.with_registers([(mux::DVS_DROPPED, 0), (mux::DVS_DROPPED.next(), earlier)]);
     let bus = EmulatedBus::start(model).expect("the bus starts");
     let directory = tempfile::tempdir().expect("a directory can be made");
     let file = directory.path().join("events.dvraw");
@@ -238,7 +368,8 @@ fn at_real_pace_the_queue_keeps_the_camera_from_dropping() {
     let output = run(&bus, &[path, "5", &format!("bytes={bytes}")]);
     let report: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let dropped = report["dropped"].as_u64().expect("a number");
-    assert_eq!(dropped, bus.model(|model| model.registers().counter(mux::DVS_DROPPED)).unwrap_or(0));
+    let counted = bus.model(|model| model.registers().counter(mux::DVS_DROPPED)).expect("it was set");
+    assert_eq!(dropped, counted - u64::from(earlier));
     let received = report["bytes"].as_u64().expect("a number");
     assert!(if dropped == 0 { received == bytes } else { received < bytes }, "{report}");
 }

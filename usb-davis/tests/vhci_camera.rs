@@ -23,7 +23,7 @@ use usb_davis::device::{Availability, Camera, Listing, Queue, Selector, StreamEr
 use usb_davis::emulator::vhci::VirtualCamera;
 use usb_davis::emulator::{Faults, Model};
 use usb_davis::protocol::{Decoder, DecoderCounts, ImuModel, Message};
-use usb_davis::registers::{Clocks, Register, mux, sysinfo, usb};
+use usb_davis::registers::{Clocks, Dropped, Register, mux, sysinfo, usb};
 
 /// A virtual machine without hardware support on a busy computer is slow.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -83,6 +83,8 @@ fn receive(
             stream.stop().expect("it stops");
         }
     };
+    // No emulated camera drops at full pace.
+    assert_eq!(stream.read_dropped().unwrap_or_default(), Dropped::default());
     (error, stream.statistics(), decoder.counts())
 }
 
@@ -135,8 +137,6 @@ fn ten_million_events_and_none_is_lost_and_the_camera_can_be_opened_again() {
     let mut camera = open();
     let (error, statistics, count) = receive_events(&mut camera, bytes);
     assert_eq!((error, statistics.bytes, count), (StreamError::Stopped, bytes, COUNT));
-    camera.read_drop_counters().expect("it answers");
-    assert_eq!(camera.dropped_events(), 0);
     drop(camera);
     println!("{count} events, {bytes} bytes in {:.1} s of the machine", start.elapsed().as_secs_f64());
     // Stopped in mid-stream, what comes is whole still; then it starts from the beginning.

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use evcal::live::recorder::{Moment, RecorderReport, RecordingStatus, record};
+use evcal::live::recorder::{Ending, Moment, RecorderReport, RecordingStatus, record};
 use serde_json::json;
 
 use super::camera_arguments::CameraArguments;
@@ -48,8 +48,16 @@ pub(super) fn good_end(report: &RecorderReport) -> super::Outcome {
     if report.ending.is_good() {
         return Ok(());
     }
-    let file = report.path.display();
-    Err(format!("{}; what came before is in {file}, {} bytes", report.ending, report.file_bytes).into())
+    let (file, status) = (report.path.display(), &report.status);
+    let advice = match report.ending {
+        Ending::File(_) => "; make room on the disk, or record to another one",
+        _ => "",
+    };
+    Err(format!(
+        "{}; what came before is in {file}: {} events in {:.1} s, {} bytes{advice}",
+        report.ending, status.events, status.seconds, report.file_bytes
+    )
+    .into())
 }
 
 /// One line.
@@ -77,6 +85,10 @@ pub(super) fn summary(report: &RecorderReport) -> String {
             status.dropped, report.starved
         );
     }
+    if report.failed > 0 {
+        text +=
+            &format!("\n{} transfers failed: what they would have brought is lost; check cable and hub", report.failed);
+    }
     if report.faults > 0 {
         text += &format!("\n{} faults in the stream: see evcal info; check cable and hub", report.faults);
     }
@@ -88,6 +100,6 @@ fn as_json(report: &RecorderReport) -> serde_json::Value {
     json!({
         "file": report.path, "seconds": status.seconds, "events": status.events, "bytes": status.bytes,
         "transfers": report.transfers, "file_bytes": report.file_bytes, "dropped": status.dropped,
-        "starved": report.starved, "faults": report.faults, "ending": report.ending.to_string(),
+        "starved": report.starved, "failed": report.failed, "faults": report.faults, "ending": report.ending.to_string(),
     })
 }

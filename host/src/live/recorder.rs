@@ -2,9 +2,9 @@
 //!
 //! The loop runs on the calling thread and does little: write, count, hand a transfer over. What
 //! takes longer belongs on another thread (see [`crate::live`]). Between camera and loop lies the
-//! queue of `usb_davis::device`, which holds more than a second of the camera's top rate.
+//! queue of `usb_davis::device`, which holds more than two seconds of the camera's top rate.
 
-use std::fs::File;
+use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -15,6 +15,7 @@ use usb_davis::configuration::Streams;
 use usb_davis::device::{Camera, DeviceError, Queue, Stream, StreamError};
 use usb_davis::dump::{Compression, DumpError, DumpWriter, Transfer};
 use usb_davis::protocol::Decoder;
+use usb_davis::registers::Register;
 
 /// Longest wait for a transfer: how often the watcher is asked at least.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -37,13 +38,13 @@ pub struct RecordingPlan {
 pub struct RecordingStatus {
     /// Time since it began in seconds.
     pub seconds: f64,
-    /// Bytes that the camera sent.
+    /// Bytes of the camera's stream that are in the file.
     pub bytes: u64,
     /// Pixel events in them.
     pub events: u64,
     /// Events per second since the status before.
     pub event_rate: f64,
-    /// Events that the camera dropped, by its own counters.
+    /// Events that the camera dropped since it was started, by its own counters.
     pub dropped: u64,
 }
 
@@ -70,8 +71,8 @@ pub enum Ending {
     /// The camera went away or failed.
     #[error("{0}")]
     Camera(StreamError),
-    /// The file could not be written any more.
-    #[error("the recording could not be written: {0}")]
+    /// The file could not be written any more, most often because the disk is full.
+    #[error("the recording could not be written any more: {0}")]
     File(DumpError),
 }
 
@@ -89,12 +90,14 @@ pub struct RecorderReport {
     pub path: PathBuf,
     /// How it went, as of the end.
     pub status: RecordingStatus,
-    /// Transfers.
+    /// Transfers in the file.
     pub transfers: u64,
     /// Bytes of the file.
     pub file_bytes: u64,
     /// Faults in the stream.
     pub faults: u64,
+    /// Transfers that failed on the bus: what they would have brought is lost.
+    pub failed: u64,
     /// Transfers that could not be queued at once because this computer was too slow.
     pub starved: u64,
     /// Why it ended.
@@ -132,38 +135,59 @@ pub fn record(
     mut watch: impl FnMut(Moment<'_>) -> ControlFlow<()>,
 ) -> Result<RecorderReport, RecordingError> {
     let failed = |error: DumpError| RecordingError::File { path: path.to_owned(), error };
+    if fs::symlink_metadata(path).is_ok() {
+        return Err(RecordingError::Exists(path.to_owned()));
+    }
+    // Only a camera that runs makes a file: a start that failed can be tried again with the same name.
+    let mut stream = camera.start(plan.streams, plan.queue)?;
     let file = File::create_new(path).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => RecordingError::Exists(path.to_owned()),
         _ => failed(error.into()),
     })?;
-    let mut dump = DumpWriter::new(file, &camera.header(), Compression::None).map_err(failed)?;
-    let mut counter = Decoder::new(camera.layout());
-    let mut stream = camera.start(plan.streams, plan.queue)?;
+    let mut dump = DumpWriter::new(file, stream.header(), Compression::None).map_err(|error| {
+        // Without a header it is of no use, and in the way of the next one.
+        let _ = fs::remove_file(path);
+        failed(error)
+    })?;
+    let mut counter = Decoder::new(stream.header().registers.layout());
     let mut progress = Progress::default();
     let ending = run(&mut stream, &mut dump, &mut counter, &mut progress, plan, &mut watch);
     // A camera that fails to stop has nothing to lose any more.
     let _ = stream.stop();
+    let (file_bytes, ending) = close(dump, path, stream.drop_counters(), ending);
     let statistics = stream.statistics();
-    drop(stream);
-    // An unplugged camera cannot be asked: what it said last holds.
-    let counters = camera.read_drop_counters().unwrap_or_default();
-    let file_bytes = dump.bytes();
-    let closed = dump.registers(counters).and_then(|()| dump.finish()).and_then(|file| Ok(file.sync_all()?));
-    let ending = match (ending, closed) {
-        (ending, Err(error)) if ending.is_good() => Ending::File(error),
-        (ending, _) => ending,
-    };
     let counts = counter.counts();
-    let status =
-        RecordingStatus { dropped: camera.dropped_events(), ..progress.status(counts.events, statistics.bytes) };
     Ok(RecorderReport {
         path: path.to_owned(),
-        status,
-        transfers: statistics.transfers,
+        status: RecordingStatus { dropped: stream.dropped().events, ..progress.status(counts.events) },
+        transfers: progress.transfers,
         file_bytes,
         faults: counts.anomalies.total(),
+        failed: statistics.failed,
         starved: statistics.starved,
         ending,
+    })
+}
+
+/// Finishes the file, or cuts it behind its last whole record if it cannot be written any more. Its
+/// length, and why the recording ended.
+fn close(mut dump: DumpWriter<File>, path: &Path, counters: Vec<(Register, u32)>, ending: Ending) -> (u64, Ending) {
+    let mut whole = dump.bytes();
+    let closed = match ending {
+        Ending::File(error) => Err(error),
+        ending => dump
+            .registers(counters)
+            .and_then(|()| {
+                whole = dump.bytes();
+                dump.finish()
+            })
+            .and_then(|file| Ok(file.sync_all().and_then(|()| file.metadata())?.len()))
+            .map(|length| (length, ending)),
+    };
+    closed.unwrap_or_else(|error| {
+        // Should it fail, a reader passes over what is left of the last record.
+        let _ = OpenOptions::new().write(true).open(path).and_then(|file| file.set_len(whole));
+        (whole, Ending::File(error))
     })
 }
 
@@ -183,6 +207,11 @@ fn run(
                 if let Err(error) = dump.transfer(&transfer) {
                     return Ending::File(error);
                 }
+                progress.transfers += 1;
+                progress.bytes += transfer.payload.len() as u64;
+                if transfer.gap_before {
+                    counter.gap(|_| {});
+                }
                 counter.decode(transfer.payload, |_| {});
                 watch(Moment::Transfer(&transfer))
             }
@@ -196,9 +225,8 @@ fn run(
         let mut end = go_on.is_break().then_some(Ending::Asked);
         if progress.is_due() {
             // Should the camera be gone, the next transfer tells.
-            let _ = stream.camera().read_drop_counters();
-            let dropped = stream.camera().dropped_events();
-            let status = progress.status(counter.counts().events, stream.statistics().bytes);
+            let dropped = stream.read_dropped().unwrap_or_else(|_| stream.dropped()).events;
+            let status = progress.status(counter.counts().events);
             if watch(Moment::Status(&RecordingStatus { dropped, ..status })).is_break() {
                 end = end.or(Some(Ending::Asked));
             }
@@ -214,8 +242,10 @@ fn run(
     }
 }
 
-/// The clock of a recording.
+/// What is in the file so far, and the clock of a recording.
 struct Progress {
+    transfers: u64,
+    bytes: u64,
     began: Instant,
     /// When the latest status was made, and how many events there were then.
     told: Instant,
@@ -225,7 +255,7 @@ struct Progress {
 impl Default for Progress {
     fn default() -> Self {
         let now = Instant::now();
-        Self { began: now, told: now, told_events: 0 }
+        Self { transfers: 0, bytes: 0, began: now, told: now, told_events: 0 }
     }
 }
 
@@ -234,10 +264,11 @@ impl Progress {
         self.told.elapsed() >= STATUS_INTERVAL
     }
 
-    fn status(&mut self, events: u64, bytes: u64) -> RecordingStatus {
+    fn status(&mut self, events: u64) -> RecordingStatus {
         let span = self.told.elapsed().as_secs_f64();
         let event_rate = if span > 0.0 { (events - self.told_events) as f64 / span } else { 0.0 };
         (self.told, self.told_events) = (Instant::now(), events);
-        RecordingStatus { seconds: self.began.elapsed().as_secs_f64(), bytes, events, event_rate, dropped: 0 }
+        let (seconds, bytes) = (self.began.elapsed().as_secs_f64(), self.bytes);
+        RecordingStatus { seconds, bytes, events, event_rate, dropped: 0 }
     }
 }

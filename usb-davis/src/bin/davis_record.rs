@@ -30,8 +30,9 @@ fn cameras() -> Result<Value, Box<dyn Error>> {
 fn record(path: &str, duration: Duration, limit: u64, streams: Streams) -> Result<(Value, bool), Box<dyn Error>> {
     let mut camera = Camera::open(&Selector::default())?;
     camera.configure(&Configuration::calibration())?;
-    let mut dump = DumpWriter::new(File::create(path)?, &camera.header(), Compression::None)?;
+    // Only a camera that runs makes a file.
     let mut stream = camera.start(streams, Queue::default())?;
+    let mut dump = DumpWriter::new(File::create(path)?, stream.header(), Compression::None)?;
     let end = Instant::now() + duration;
     let error = loop {
         match stream.next(Duration::from_millis(50)) {
@@ -43,16 +44,13 @@ fn record(path: &str, duration: Duration, limit: u64, streams: Streams) -> Resul
             stream.stop()?;
         }
     };
+    stream.stop()?;
     let statistics = stream.statistics();
-    drop(stream);
-    let counters = camera.read_drop_counters();
-    if let Ok(counters) = counters {
-        dump.registers(counters)?;
-    }
+    dump.registers(stream.drop_counters())?;
     dump.finish()?;
     let report = json!({
         "bytes": statistics.bytes, "transfers": statistics.transfers, "starved": statistics.starved,
-        "dropped": camera.dropped_events(), "end": error.to_string()
+        "failed": statistics.failed, "dropped": stream.dropped().events, "end": error.to_string()
     });
     Ok((report, error == StreamError::Stopped))
 }

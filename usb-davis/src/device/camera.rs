@@ -91,7 +91,7 @@ impl Camera {
         &self.registers
     }
 
-    /// The header of a dump that begins now.
+    /// The header of a dump that begins now. A recording has its own: [`super::Stream::header`].
     pub fn header(&self) -> DumpHeader {
         DumpHeader::new(Some(self.identity.clone()), self.registers.clone())
     }
@@ -129,22 +129,6 @@ impl Camera {
 
     pub(super) fn write_all(&mut self, writes: impl IntoIterator<Item = (Register, u32)>) -> Result<(), DeviceError> {
         writes.into_iter().try_for_each(|(register, value)| self.write(register, value))
-    }
-
-    /// Reads the camera's own counters of dropped events and signals: (register, value) of the
-    /// upper and lower halves, fit for [`crate::dump::DumpWriter::registers`]. Nothing in the stream
-    /// tells of these drops.
-    pub fn read_drop_counters(&mut self) -> Result<Vec<(Register, u32)>, DeviceError> {
-        let counters = [mux::EXTERNAL_INPUT_DROPPED, mux::DVS_DROPPED, dvs::DROPPED];
-        let halves = counters.into_iter().flat_map(|counter| [counter, counter.next()]);
-        halves.map(|register| Ok((register, self.read(register)?))).collect()
-    }
-
-    /// Events that the camera dropped because the host read too slowly, as of the latest
-    /// [`Camera::read_drop_counters`].
-    pub fn dropped_events(&self) -> u64 {
-        let counter = |register| self.registers.counter(register).unwrap_or(0);
-        counter(mux::DVS_DROPPED) + counter(dvs::DROPPED)
     }
 
     pub(super) fn quiesce(&mut self) -> Result<(), DeviceError> {

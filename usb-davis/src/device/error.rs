@@ -99,10 +99,13 @@ pub enum StreamError {
     /// The camera halted its data endpoint.
     #[error("the camera halted its data endpoint; start again")]
     Stalled,
-    /// The bus failed.
-    #[error("a transfer failed ({0:?}); check cable and hub, then start again")]
+    /// The bus failed many times in a row.
+    #[error("one transfer after the other failed ({0:?}); check cable and hub, then start again")]
     Failed(crate::dump::TransferStatus),
     /// libusb refuses a transfer.
     #[error("a transfer could not be queued: {0}; use fewer or smaller ones (usbfs_memory_mb limits their sum)")]
     Queue(rusb::Error),
+    /// libusb cannot tell any more what comes.
+    #[error("libusb fails to handle its events: {0}; start again")]
+    Events(rusb::Error),
 }

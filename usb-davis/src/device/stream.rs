@@ -1,15 +1,16 @@
 //! A running camera: how it is started and stopped.
 
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
+use super::backlog::{Queue, StreamStatistics};
 use super::camera::Camera;
 use super::error::{DeviceError, StreamError};
-use super::transfers::{Queue, StreamStatistics, Transfers};
+use super::transfers::Transfers;
 use crate::capture::DATA_ENDPOINT;
 use crate::configuration::Streams;
-use crate::dump::Transfer;
-use crate::registers::{mux, usb};
+use crate::dump::{DumpHeader, Transfer};
+use crate::registers::{DROP_COUNTERS, Dropped, Register, mux, usb};
 
 /// Pauses after switching, as libcaer makes them.
 const SETTLE_QUIET: Duration = Duration::from_millis(10);
@@ -22,19 +23,43 @@ const STALE_MOST: usize = 256;
 
 impl Camera {
     /// Starts `streams`: brings the camera to rest, empties it of what an earlier run left, queues
-    /// the transfers, then switches on chip, output, time, multiplexer and at last the streams.
+    /// the transfers, then switches on chip, output, time, multiplexer and at last the streams. If the
+    /// data endpoint halts meanwhile, all that is done once more.
     pub fn start(&mut self, streams: Streams, queue: Queue) -> Result<Stream<'_>, DeviceError> {
+        let transfers = match self.try_start(streams, queue) {
+            Err(DeviceError::Usb { source: rusb::Error::Pipe, .. }) => self.try_start(streams, queue)?,
+            transfers => transfers?,
+        };
+        let start_unix = SystemTime::now().checked_sub(transfers.started().elapsed());
+        let mut header = self.header();
+        if let Some(start) = start_unix.and_then(|start| start.duration_since(SystemTime::UNIX_EPOCH).ok()) {
+            header.start_unix_ns = u64::try_from(start.as_nanos()).unwrap_or(0);
+        }
+        Ok(Stream { camera: self, transfers, header, running: true })
+    }
+
+    fn try_start(&mut self, streams: Streams, queue: Queue) -> Result<Transfers, DeviceError> {
         self.quiesce()?;
         sleep(SETTLE_QUIET);
         self.handle.clear_halt(DATA_ENDPOINT).map_err(DeviceError::usb("clearing the data endpoint"))?;
         self.discard_stale()?;
         let transfers = Transfers::start(&self.context, &self.handle, DATA_ENDPOINT, queue)
             .map_err(DeviceError::usb("queueing transfers"))?;
-        match self.switch_on(streams) {
+        // The camera's counters run on from one recording to the next: what they say now is where
+        // this one begins.
+        match self.switch_on(streams).and_then(|()| self.read_counters().map(|_| ())) {
             // What it sent before it was unplugged can be read; the stream ends by itself then.
-            Ok(()) | Err(DeviceError::Unplugged) => Ok(Stream::new(self, transfers)),
-            Err(error) => Err(error),
+            Ok(()) | Err(DeviceError::Unplugged) => {}
+            Err(error) => return Err(error),
         }
+        if transfers.halted_at_once() {
+            return Err(DeviceError::Usb { doing: "starting the stream", source: rusb::Error::Pipe });
+        }
+        Ok(transfers)
+    }
+
+    fn read_counters(&mut self) -> Result<Vec<(Register, u32)>, DeviceError> {
+        DROP_COUNTERS.into_iter().map(|register| Ok((register, self.read(register)?))).collect()
     }
 
     fn switch_on(&mut self, streams: Streams) -> Result<(), DeviceError> {
@@ -63,12 +88,14 @@ impl Camera {
 pub struct Stream<'c> {
     camera: &'c mut Camera,
     transfers: Transfers,
+    header: DumpHeader,
     running: bool,
 }
 
-impl<'c> Stream<'c> {
-    pub(super) fn new(camera: &'c mut Camera, transfers: Transfers) -> Self {
-        Self { camera, transfers, running: true }
+impl Stream<'_> {
+    /// The header of a dump of this stream: registers as they were when it had been started.
+    pub fn header(&self) -> &DumpHeader {
+        &self.header
     }
 
     /// The next transfer, in the order of the wire, waiting for it up to `timeout`; `None` if none
@@ -84,11 +111,13 @@ impl<'c> Stream<'c> {
         if !std::mem::take(&mut self.running) {
             return Ok(());
         }
+        // At rest the counters may be cleared.
+        let counted = self.camera.read_counters().map(|_| ());
         let quiesced = self.camera.quiesce();
         self.transfers.stop();
-        match quiesced {
+        match counted.and(quiesced) {
             Err(DeviceError::Unplugged) => Ok(()),
-            quiesced => quiesced,
+            result => result,
         }
     }
 
@@ -97,7 +126,25 @@ impl<'c> Stream<'c> {
         self.transfers.statistics()
     }
 
-    /// The camera, to read its counters or change a setting while it runs.
+    /// Asks the camera what it has dropped since the start. Nothing in the stream tells of it.
+    pub fn read_dropped(&mut self) -> Result<Dropped, DeviceError> {
+        self.camera.read_counters()?;
+        Ok(self.dropped())
+    }
+
+    /// What the camera had dropped since the start when it was asked last; stopping asks, too.
+    pub fn dropped(&self) -> Dropped {
+        Dropped::between(&self.header.registers, self.camera.registers())
+    }
+
+    /// The camera's counters of what it dropped, as of when it was asked last: fit for
+    /// [`crate::dump::DumpWriter::registers`]. They go on from where those of [`Stream::header`] were.
+    pub fn drop_counters(&self) -> Vec<(Register, u32)> {
+        let value = |register| Some((register, self.camera.registers().get(register)?));
+        DROP_COUNTERS.into_iter().filter_map(value).collect()
+    }
+
+    /// The camera, to read or change a setting while it runs.
     pub fn camera(&mut self) -> &mut Camera {
         self.camera
     }

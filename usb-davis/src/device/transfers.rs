@@ -1,19 +1,24 @@
 //! A queue of bulk transfers that is always full. The only `unsafe` of this crate.
 //!
-//! libusb completes a transfer by a call back from its event loop, which here runs on a thread of
-//! its own. The call back puts the full buffer into a queue, an empty one into the transfer, and
-//! submits it again: the bus never waits for the reader as long as there are empty buffers.
+//! libusb completes a transfer by a call back from whichever thread handles its events. Here that is
+//! a thread of ours, and, for as long as it waits for an answer, a thread that makes a synchronous
+//! request (a register read) with the same context. The call back puts what came into the backlog, an
+//! empty buffer into the transfer, and submits it again: the bus never waits for the reader as long as
+//! there is room.
 //!
 //! Invariants:
-//! 1. A [`Slot`] is boxed, and neither it, its transfer nor its buffer is freed or moved while the
-//!    transfer is submitted. `State::submitted` counts those that are.
-//! 2. A slot is touched only by the call back of its transfer, or, while the transfer is not
-//!    submitted, by whoever holds the lock of `State`.
-//! 3. The event thread runs until no transfer is submitted. If one never comes back, its memory and
-//!    the handle are leaked, not freed.
+//! 1. A transfer, the buffer it was given and [`Shared`], to which it points, are neither freed nor
+//!    moved while it is submitted. `State::submitted` counts those that are. If one never comes back,
+//!    all three and the handle are leaked, not freed.
+//! 2. [`State`], and with it transfers and buffers, is touched only under its lock. While a transfer is
+//!    submitted only libusb touches it and the bytes of its buffer; cancelling it is libusb's own.
+//! 3. Nobody holds that lock while libusb handles events, so a call back never waits for its own
+//!    thread. Submitting and cancelling call nothing back.
 //! 4. The call back does not panic: it neither indexes nor unwraps.
+//! 5. Call backs run on the event thread or on the thread that has the stream, since a request needs
+//!    the camera, which the stream borrows. So none runs any more once nothing is submitted and the
+//!    event thread has ended.
 
-use std::collections::VecDeque;
 use std::os::raw::{c_int, c_uint, c_void};
 use std::ptr::null_mut;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -25,6 +30,7 @@ use rusb::ffi::{
 };
 use rusb::{Context, DeviceHandle, UsbContext};
 
+use super::backlog::{Backlog, Queue, StreamStatistics};
 use super::error::StreamError;
 use crate::dump::{Transfer, TransferStatus};
 
@@ -32,71 +38,38 @@ use crate::dump::{Transfer, TransferStatus};
 const TRANSFER_TIMEOUT_MS: c_uint = 1000;
 /// How often the event thread looks up.
 const EVENT_TIMEOUT: Duration = Duration::from_millis(100);
+/// After an error of libusb's event handling: when it is tried again, and how often in a row.
+const EVENT_PAUSE: Duration = Duration::from_millis(10);
+const EVENT_TRIALS: u32 = 100;
 /// Longest wait for transfers that were called back.
 const STOP_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Transfers and memory of a stream.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Queue {
-    /// Transfers queued at a time, 8 to 32 (cut to that).
-    pub transfers: usize,
-    /// Bytes of each, rounded up to packets of 1024, at least one.
-    pub transfer_bytes: usize,
-    /// Full buffers that may wait for the reader, beside those queued. All buffers together are the
-    /// memory of the stream.
-    pub waiting: usize,
-}
-
-impl Default for Queue {
-    /// 32 transfers of 128 KiB, 4 MiB of the 16 that Linux grants by default: at 50 MB/s the process
-    /// may sleep for 80 ms before the camera must drop. Up to 512 waiting (64 MiB, 1.3 s).
-    fn default() -> Self {
-        Self { transfers: 32, transfer_bytes: 128 * 1024, waiting: 512 }
-    }
-}
-
-/// What a stream has done.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct StreamStatistics {
-    /// Transfers that brought something.
-    pub transfers: u64,
-    /// Bytes they brought.
-    pub bytes: u64,
-    /// Transfers that could not be queued again at once, because all buffers were full: the reader
-    /// is too slow. The camera may have dropped events then; its own counters know
-    /// ([`super::Camera::read_drop_counters`]).
-    pub starved: u64,
-    /// Largest number of full buffers that waited to be read.
-    pub waiting_most: usize,
-}
-
-/// A full buffer.
-struct Filled {
+/// A transfer and its buffer, which is empty while there is no use for it.
+struct Slot {
+    transfer: *mut libusb_transfer,
     buffer: Vec<u8>,
-    length: usize,
-    status: TransferStatus,
-    host_ns: u64,
 }
 
-/// What the reader, the event thread and the call backs share.
+// SAFETY: libusb does not care which thread uses a transfer; ours do so one at a time (invariant 2).
+unsafe impl Send for Slot {}
+
 struct State {
-    filled: VecDeque<Filled>,
-    empty: Vec<Vec<u8>>,
-    /// Buffers that may still be made.
-    reserve: usize,
-    /// Slots whose transfer found no empty buffer.
-    idle: Vec<SlotPointer>,
+    backlog: Backlog,
+    slots: Vec<Slot>,
+    /// Numbers of the slots whose transfer found no room.
+    idle: Vec<usize>,
     submitted: usize,
     stopping: bool,
     end: Option<StreamError>,
-    statistics: StreamStatistics,
+    /// Nobody handles events any more: what is still submitted does not come back.
+    events_ended: bool,
 }
 
+/// What the reader, the event thread and the call backs share.
 struct Shared {
     state: Mutex<State>,
     changed: Condvar,
     started: Instant,
-    transfer_bytes: usize,
 }
 
 impl Shared {
@@ -105,26 +78,14 @@ impl Shared {
     }
 }
 
-struct Slot {
-    transfer: *mut libusb_transfer,
-    buffer: Vec<u8>,
-    shared: Arc<Shared>,
-}
-
-#[derive(Clone, Copy)]
-struct SlotPointer(*mut Slot);
-
-// SAFETY: a slot is used by one thread at a time (invariant 2).
-unsafe impl Send for SlotPointer {}
-
 /// The running queue.
 pub(super) struct Transfers {
     shared: Arc<Shared>,
-    slots: Vec<SlotPointer>,
     events: Option<JoinHandle<()>>,
+    context: Context,
     handle: Arc<DeviceHandle<Context>>,
     /// The buffer that the reader has.
-    current: Vec<u8>,
+    current: Option<Vec<u8>>,
 }
 
 impl Transfers {
@@ -135,106 +96,96 @@ impl Transfers {
         endpoint: u8,
         queue: Queue,
     ) -> Result<Self, rusb::Error> {
-        let count = queue.transfers.clamp(8, 32);
-        let transfer_bytes = queue.transfer_bytes.clamp(1024, 1 << 24).next_multiple_of(1024);
-        let shared = Arc::new(Shared {
-            state: Mutex::new(State {
-                filled: VecDeque::new(),
-                empty: Vec::new(),
-                reserve: queue.waiting.max(1),
-                idle: Vec::new(),
-                submitted: 0,
-                stopping: false,
-                end: None,
-                statistics: StreamStatistics::default(),
-            }),
-            changed: Condvar::new(),
-            started: Instant::now(),
-            transfer_bytes,
-        });
-        let mut transfers = Self {
-            shared: Arc::clone(&shared),
+        let state = State {
+            backlog: Backlog::new(queue),
             slots: Vec::new(),
-            events: None,
-            handle: Arc::clone(handle),
-            current: Vec::new(),
+            idle: Vec::new(),
+            submitted: 0,
+            stopping: false,
+            end: None,
+            events_ended: false,
         };
-        let mut state = shared.lock();
-        for _ in 0..count {
+        let shared = Arc::new(Shared { state: Mutex::new(state), changed: Condvar::new(), started: Instant::now() });
+        let (context, handle) = (context.clone(), Arc::clone(handle));
+        let mut transfers = Self { shared, events: None, context, handle, current: None };
+        transfers.allocate(endpoint)?;
+        let submitted = transfers.submit_all();
+        // Also if not all could be: those that were must be called back.
+        transfers.handle_events();
+        submitted.map(|()| transfers)
+    }
+
+    /// Makes the transfers. Nothing is submitted yet.
+    fn allocate(&self, endpoint: u8) -> Result<(), rusb::Error> {
+        let mut state = self.shared.lock();
+        for _ in 0..state.backlog.transfers() {
             // SAFETY: no preconditions. A null pointer is an error.
             let transfer = unsafe { libusb_alloc_transfer(0) };
             if transfer.is_null() {
                 return Err(rusb::Error::NoMem);
             }
-            let slot = Slot { transfer, buffer: vec![0; transfer_bytes], shared: Arc::clone(&shared) };
-            let pointer = SlotPointer(Box::into_raw(Box::new(slot)));
-            transfers.slots.push(pointer);
-            // SAFETY: the transfer is ours and not submitted; the handle outlives it (invariant 3);
-            // buffer and length are set by `submit`.
+            // SAFETY: the transfer is ours and not submitted; handle and `Shared` outlive it (invariant
+            // 1); buffer and length are set by `submit`.
             unsafe {
                 ffi::libusb_fill_bulk_transfer(
                     transfer,
-                    handle.as_raw(),
+                    self.handle.as_raw(),
                     endpoint,
                     null_mut(),
                     0,
                     completed,
-                    pointer.0.cast::<c_void>(),
+                    Arc::as_ptr(&self.shared).cast_mut().cast::<c_void>(),
                     TRANSFER_TIMEOUT_MS,
                 );
             }
-            if let Err(error) = submit(pointer, &mut state) {
-                drop(state);
-                transfers.run_events(context);
-                return Err(error);
-            }
+            state.slots.push(Slot { transfer, buffer: Vec::new() });
         }
-        drop(state);
-        transfers.run_events(context);
-        Ok(transfers)
+        Ok(())
     }
 
-    fn run_events(&mut self, context: &Context) {
-        let (context, shared) = (context.clone(), Arc::clone(&self.shared));
-        self.events = Some(std::thread::spawn(move || {
-            loop {
-                let failed = context.handle_events(Some(EVENT_TIMEOUT));
-                let mut state = shared.lock();
-                if let Err(error) = failed
-                    && error != rusb::Error::Interrupted
-                {
-                    state.end.get_or_insert(StreamError::Queue(error));
-                }
-                if state.submitted == 0 && (state.stopping || state.end.is_some()) {
-                    break;
-                }
-            }
-        }));
+    fn submit_all(&self) -> Result<(), rusb::Error> {
+        let mut state = self.shared.lock();
+        (0..state.slots.len()).try_for_each(|index| submit(index, &mut state))
     }
 
-    /// The next full buffer.
+    fn handle_events(&mut self) {
+        if self.shared.lock().submitted > 0 {
+            let (context, shared) = (self.context.clone(), Arc::clone(&self.shared));
+            self.events = Some(std::thread::spawn(move || {
+                handle_events(&shared, |timeout| context.handle_events(Some(timeout)), std::thread::sleep);
+            }));
+        }
+    }
+
+    /// When the stream began: host times count from here.
+    pub(super) fn started(&self) -> Instant {
+        self.shared.started
+    }
+
+    /// The next transfer.
     pub(super) fn next(&mut self, timeout: Duration) -> Result<Option<Transfer<'_>>, StreamError> {
         let deadline = Instant::now() + timeout;
         let mut state = self.shared.lock();
-        let used = std::mem::take(&mut self.current);
-        if !used.is_empty() {
-            state.empty.push(used);
-            if let Some(idle) = state.idle.pop() {
+        if let Some(used) = self.current.take() {
+            state.backlog.give_back(used);
+            while state.backlog.has_room()
+                && let Some(idle) = state.idle.pop()
+            {
                 requeue(idle, &mut state);
             }
         }
         loop {
-            if let Some(filled) = state.filled.pop_front() {
-                self.current = filled.buffer;
+            if let Some(received) = state.backlog.pop() {
+                let payload = self.current.insert(received.buffer);
                 return Ok(Some(Transfer {
-                    host_ns: Some(filled.host_ns),
-                    gap_before: false,
-                    status: filled.status,
-                    payload: self.current.get(..filled.length).unwrap_or(&[]),
+                    host_ns: Some(received.host_ns),
+                    gap_before: received.gap_before,
+                    status: received.status,
+                    payload: payload.get(..received.length).unwrap_or(&[]),
                 }));
             }
             if let Some(end) = state.end
-                && state.submitted == 0
+                && (state.submitted == 0 || state.events_ended)
             {
                 return Err(end);
             }
@@ -245,25 +196,28 @@ impl Transfers {
         }
     }
 
+    /// Whether the endpoint halted before anything came.
+    pub(super) fn halted_at_once(&self) -> bool {
+        let state = self.shared.lock();
+        state.end == Some(StreamError::Stalled) && state.backlog.statistics.bytes == 0
+    }
+
     pub(super) fn statistics(&self) -> StreamStatistics {
-        self.shared.lock().statistics
+        self.shared.lock().backlog.statistics
     }
 
     /// Calls all transfers back and waits for them. What they bring can still be read.
     pub(super) fn stop(&mut self) {
         let deadline = Instant::now() + STOP_TIMEOUT;
-        {
-            let mut state = self.shared.lock();
-            state.stopping = true;
-            state.end.get_or_insert(StreamError::Stopped);
-            for slot in &self.slots {
-                // SAFETY: the transfer lives as long as `self` (invariant 1). Cancelling one that
-                // is not submitted is an error without effect.
-                unsafe { libusb_cancel_transfer((*slot.0).transfer) };
-            }
-        }
         let mut state = self.shared.lock();
-        while state.submitted > 0 {
+        state.stopping = true;
+        state.end.get_or_insert(StreamError::Stopped);
+        for slot in &state.slots {
+            // SAFETY: the transfer is not freed (invariant 1). Cancelling one that is not submitted is
+            // an error without effect.
+            unsafe { libusb_cancel_transfer(slot.transfer) };
+        }
+        while state.submitted > 0 && !state.events_ended {
             let Some(left) = deadline.checked_duration_since(Instant::now()) else { break };
             state = self.shared.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
         }
@@ -274,30 +228,58 @@ impl Drop for Transfers {
     fn drop(&mut self) {
         self.stop();
         if self.shared.lock().submitted > 0 {
-            // Invariant 3: the slots stay as they are, and so does the handle.
-            std::mem::forget(Arc::clone(&self.handle));
+            // Invariant 1: the transfers stay as they are, and so do what they point to and the handle.
+            std::mem::forget((Arc::clone(&self.shared), Arc::clone(&self.handle)));
             return;
         }
         if let Some(events) = self.events.take() {
+            self.context.interrupt_handle_events();
             // It does not panic, and it ends because nothing is submitted any more.
             let _ = events.join();
         }
-        for slot in self.slots.drain(..) {
-            // SAFETY: made by `Box::into_raw` and `libusb_alloc_transfer`, not submitted, and the
-            // event thread, the only other user, has ended.
-            unsafe {
-                let slot = Box::from_raw(slot.0);
-                libusb_free_transfer(slot.transfer);
-            }
+        for slot in self.shared.lock().slots.drain(..) {
+            // SAFETY: made by `libusb_alloc_transfer`, not submitted, and no call back runs (invariant 5).
+            unsafe { libusb_free_transfer(slot.transfer) };
         }
     }
 }
 
-/// Submits the transfer of a slot that has a buffer.
-fn submit(slot: SlotPointer, state: &mut State) -> Result<(), rusb::Error> {
-    // SAFETY: the transfer is not submitted, and the caller holds the lock (invariant 2).
+/// Handles events by `handle` until nothing is submitted any more, or it keeps failing.
+fn handle_events(
+    shared: &Shared,
+    mut handle: impl FnMut(Duration) -> Result<(), rusb::Error>,
+    mut pause: impl FnMut(Duration),
+) {
+    let mut failures = 0;
+    loop {
+        match handle(EVENT_TIMEOUT) {
+            Ok(()) | Err(rusb::Error::Interrupted) => failures = 0,
+            Err(error) => {
+                failures += 1;
+                if failures >= EVENT_TRIALS {
+                    shared.lock().end.get_or_insert(StreamError::Events(error));
+                    break;
+                }
+                pause(EVENT_PAUSE);
+            }
+        }
+        let state = shared.lock();
+        if state.submitted == 0 && (state.stopping || state.end.is_some()) {
+            break;
+        }
+    }
+    shared.lock().events_ended = true;
+    shared.changed.notify_all();
+}
+
+/// Submits the transfer of a slot with an empty buffer. It is not submitted already.
+fn submit(index: usize, state: &mut State) -> Result<(), rusb::Error> {
+    let buffer = state.backlog.buffer();
+    let Some(slot) = state.slots.get_mut(index) else { return Ok(()) };
+    slot.buffer = buffer;
+    // SAFETY: the transfer is not submitted, and the state is locked (invariant 2). The buffer stays
+    // where it is until the transfer is over (invariant 1).
     let code = unsafe {
-        let slot = &mut *slot.0;
         (*slot.transfer).buffer = slot.buffer.as_mut_ptr();
         (*slot.transfer).length = c_int::try_from(slot.buffer.len()).unwrap_or(c_int::MAX);
         libusb_submit_transfer(slot.transfer)
@@ -317,24 +299,17 @@ fn submit(slot: SlotPointer, state: &mut State) -> Result<(), rusb::Error> {
     })
 }
 
-/// Gives a slot an empty buffer and submits it; puts it aside if there is none.
-fn requeue(slot: SlotPointer, state: &mut State) {
+/// Submits the transfer of a slot again; puts it aside if there is no room.
+fn requeue(index: usize, state: &mut State) {
     if state.stopping || state.end.is_some() {
         return;
     }
-    // SAFETY: its transfer is not submitted, and the caller holds the lock (invariant 2).
-    let place = unsafe { &mut *slot.0 };
-    let buffer = state.empty.pop().or_else(|| {
-        state.reserve = state.reserve.checked_sub(1)?;
-        Some(vec![0; place.shared.transfer_bytes])
-    });
-    let Some(buffer) = buffer else {
-        state.statistics.starved += 1;
-        state.idle.push(slot);
+    if !state.backlog.has_room() {
+        state.backlog.statistics.starved += 1;
+        state.idle.push(index);
         return;
-    };
-    place.buffer = buffer;
-    if let Err(error) = submit(slot, state) {
+    }
+    if let Err(error) = submit(index, state) {
         state.end.get_or_insert(match error {
             rusb::Error::NoDevice => StreamError::Unplugged,
             error => StreamError::Queue(error),
@@ -342,19 +317,18 @@ fn requeue(slot: SlotPointer, state: &mut State) {
     }
 }
 
-/// libusb calls this from the event thread when a transfer is over.
+/// libusb calls this when a transfer is over (invariant 5 says on which thread).
 extern "system" fn completed(transfer: *mut libusb_transfer) {
     use ffi::constants::{
         LIBUSB_TRANSFER_CANCELLED, LIBUSB_TRANSFER_COMPLETED, LIBUSB_TRANSFER_NO_DEVICE, LIBUSB_TRANSFER_OVERFLOW,
         LIBUSB_TRANSFER_STALL, LIBUSB_TRANSFER_TIMED_OUT,
     };
-    // SAFETY: `user_data` is the slot that this transfer belongs to, alive because the transfer was
-    // submitted until now (invariant 1), and ours to touch (invariant 2).
-    let (status, length, pointer, slot) = unsafe {
-        let pointer = SlotPointer((*transfer).user_data.cast::<Slot>());
-        ((*transfer).status, (*transfer).actual_length, pointer, &mut *pointer.0)
+    // SAFETY: `allocate` made the transfer and pointed it to `Shared`; both live, because it was
+    // submitted until now (invariant 1). libusb has done with it.
+    let (code, length, shared) = unsafe {
+        ((*transfer).status, (*transfer).actual_length, &*(*transfer).user_data.cast::<Shared>().cast_const())
     };
-    let status = match status {
+    let status = match code {
         LIBUSB_TRANSFER_COMPLETED => TransferStatus::Completed,
         LIBUSB_TRANSFER_TIMED_OUT => TransferStatus::TimedOut,
         LIBUSB_TRANSFER_CANCELLED => TransferStatus::Cancelled,
@@ -363,35 +337,75 @@ extern "system" fn completed(transfer: *mut libusb_transfer) {
         LIBUSB_TRANSFER_OVERFLOW => TransferStatus::Overflow,
         _ => TransferStatus::Error,
     };
-    let shared = Arc::clone(&slot.shared);
+    let host_ns = u64::try_from(shared.started.elapsed().as_nanos()).unwrap_or(u64::MAX);
     let mut state = shared.lock();
-    state.submitted -= 1;
-    let length = usize::try_from(length).unwrap_or(0).min(slot.buffer.len());
-    let buffer = std::mem::take(&mut slot.buffer);
-    // After a failure the bytes may be anything: they are not handed over.
-    if status.is_good() && length > 0 {
-        let host_ns = u64::try_from(shared.started.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        state.filled.push_back(Filled { buffer, length, status, host_ns });
-        let waiting = state.filled.len();
-        let statistics = &mut state.statistics;
-        statistics.transfers += 1;
-        statistics.bytes += length as u64;
-        statistics.waiting_most = statistics.waiting_most.max(waiting);
-    } else {
-        state.empty.push(buffer);
-    }
+    state.submitted = state.submitted.saturating_sub(1);
+    let Some(index) = state.slots.iter().position(|slot| slot.transfer == transfer) else { return };
+    let buffer = state.slots.get_mut(index).map_or_else(Vec::new, |slot| std::mem::take(&mut slot.buffer));
+    let length = usize::try_from(length).unwrap_or(0);
     match status {
-        TransferStatus::Completed | TransferStatus::TimedOut => requeue(pointer, &mut state),
-        TransferStatus::Cancelled => {}
         TransferStatus::NoDevice => {
             state.end.get_or_insert(StreamError::Unplugged);
         }
         TransferStatus::Stalled => {
             state.end.get_or_insert(StreamError::Stalled);
         }
-        TransferStatus::Error | TransferStatus::Overflow => {
-            state.end.get_or_insert(StreamError::Failed(status));
+        status => {
+            if let Err(end) = state.backlog.take_in(buffer, length, status, host_ns) {
+                state.end.get_or_insert(end);
+            }
+            if status != TransferStatus::Cancelled {
+                requeue(index, &mut state);
+            }
         }
     }
     shared.changed.notify_all();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shared(submitted: usize) -> Shared {
+        let state = State {
+            backlog: Backlog::new(Queue::default()),
+            slots: Vec::new(),
+            idle: Vec::new(),
+            submitted,
+            stopping: false,
+            end: None,
+            events_ended: false,
+        };
+        Shared { state: Mutex::new(state), changed: Condvar::new(), started: Instant::now() }
+    }
+
+    #[test]
+    fn event_handling_that_keeps_failing_ends_the_stream_after_a_while() {
+        let shared = shared(3);
+        let (mut calls, mut paused) = (0, Duration::ZERO);
+        let fail = |_| {
+            calls += 1;
+            Err(rusb::Error::Io)
+        };
+        handle_events(&shared, fail, |pause| paused += pause);
+        assert_eq!((calls, paused), (EVENT_TRIALS, EVENT_PAUSE * (EVENT_TRIALS - 1)));
+        let state = shared.lock();
+        assert_eq!((state.end, state.events_ended), (Some(StreamError::Events(rusb::Error::Io)), true));
+    }
+
+    #[test]
+    fn event_handling_that_fails_now_and_then_goes_on_until_all_transfers_are_back() {
+        let shared = shared(1);
+        let mut calls = 0;
+        let sometimes = |_| {
+            calls += 1;
+            if calls == 1000 {
+                let mut state = shared.lock();
+                (state.submitted, state.stopping) = (0, true);
+            }
+            if calls % 50 == 0 { Ok(()) } else { Err(rusb::Error::Io) }
+        };
+        handle_events(&shared, sometimes, |_| {});
+        assert_eq!((calls, shared.lock().end), (1000, None));
+    }
 }

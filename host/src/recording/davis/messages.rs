@@ -6,7 +6,7 @@ use evcal_core::event::{Event, Polarity};
 use usb_davis::capture::{Capture, CaptureError};
 use usb_davis::dump::DumpHeader;
 use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarity, PolarityEvent};
-use usb_davis::registers::{dvs, mux};
+use usb_davis::registers::Dropped;
 
 use crate::recording::reader::PAUSE_AFTER_RESET;
 use crate::recording::{ReadReport, RecordingError, RecordingErrorKind, StreamFaults, Truncation};
@@ -109,10 +109,7 @@ impl Messages {
             repaired_gaps: repairs.repaired,
             restored_us: repairs.restored_us,
             clock_resets: self.clock.resets,
-            dropped: [mux::DVS_DROPPED, dvs::DROPPED]
-                .into_iter()
-                .filter_map(|register| self.capture.registers().counter(register))
-                .fold(0, u64::saturating_add),
+            dropped: Dropped::between(&self.header().registers, self.capture.registers()).events,
             faults: faults.map(|(kind, count)| (kind.text(), count)).collect(),
         };
         for (name, count) in ["frames", "inertial samples", "signals"].into_iter().zip(self.other) {
