@@ -8,8 +8,6 @@ use assert_cmd::Command;
 use serde_json::Value;
 use tempfile::TempDir;
 
-const SUBCOMMANDS: [&str; 10] =
-    ["calibrate", "detect", "devices", "record", "live", "info", "convert", "evaluate", "export", "simulate"];
 /// A lens without distortion whose centre is that of the sensor.
 const PINHOLE: &str = "300,300,172.5,129.5,0,0,0,0";
 
@@ -58,13 +56,7 @@ fn simulate(directory: &TempDir, name: &str, options: &[&str]) -> PathBuf {
 }
 
 #[test]
-fn every_subcommand_explains_itself() {
-    let overview = succeed(&["--help"]);
-    for subcommand in SUBCOMMANDS {
-        assert!(overview.contains(subcommand), "{overview}");
-        let help = succeed(&[subcommand, "--help"]);
-        assert!(help.contains(&format!("Usage: evcal {subcommand}")), "{help}");
-    }
+fn the_version_is_told() {
     assert_eq!(succeed(&["--version"]).trim(), concat!("evcal ", env!("CARGO_PKG_VERSION")));
 }
 

@@ -68,6 +68,18 @@ impl Lens {
         self.simulation("interrupted", &["--motion", "interrupted", "--duration", "5s", "--seed", "2"])
     }
 
+    /// A recording of 4 s with 25 frames a second.
+    pub fn recording_with_frames(&self) -> PathBuf {
+        self.simulation("frames", &["--motion", "fast", "--duration", "4s", "--frames"])
+    }
+
+    /// Folder of the calibration of a simulation with these options.
+    pub fn calibration_with(&self, name: &str, recording: &Path, options: &[&str]) -> PathBuf {
+        let events = recording.join("events.aedat4");
+        let common = ["calibrate", text(&events), "--board", BOARD, "--model", self.model];
+        made(name, &[&common[..], options].concat())
+    }
+
     /// Folder of the calibration from these event files with this lens' model, on two threads.
     pub fn calibration(&self, name: &str, events: &[&Path]) -> PathBuf {
         let events: Vec<&str> = events.iter().map(|path| text(path)).collect();

@@ -110,6 +110,16 @@ pub fn text(path: &Path) -> &str {
     path.to_str().expect("paths of tests are UTF-8")
 }
 
+/// The simulated session in `fixtures`, with its truth.
+pub fn session() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("fixtures").join("board")
+}
+
+/// Folder of the calibration from the session's stream.
+pub fn session_calibration() -> PathBuf {
+    made("session", &["calibrate", text(&session().join("events.dvraw")), "--board", BOARD])
+}
+
 /// The folder that the program writes when it is run with `arguments` and `-o FOLDER`. Each is made
 /// once for this very program, whatever the number of tests, processes and runs.
 pub fn made(name: &str, arguments: &[&str]) -> PathBuf {

@@ -9,15 +9,21 @@ use evcal_tests::{BOARD, Finished, evcal, read_json, succeed, text};
 use tempfile::TempDir;
 
 /// One second of events.
-fn recording(format: &str) -> PathBuf {
-    let name = format!("second-{format}");
-    let folder = RADTAN4.simulation(&name, &["--motion", "fast", "--duration", "1s", "--format", format]);
-    folder.join(format!("events.{format}"))
+fn recording() -> PathBuf {
+    RADTAN4.simulation("second", &["--motion", "fast", "--duration", "1s"]).join("events.aedat4")
+}
+
+/// The same events as text.
+fn recording_as_text() -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("events.csv");
+    succeed(&["convert", text(&recording()), text(&file)]);
+    fs::read_to_string(file).unwrap()
 }
 
 /// The calibration from one second of events.
 fn reference() -> PathBuf {
-    RADTAN4.calibration("second-calibration", &[&recording("aedat4")])
+    RADTAN4.calibration("second-calibration", &[&recording()])
 }
 
 fn calibrate(events: &Path, board: &str, output: &Path) -> Finished {
@@ -59,7 +65,7 @@ fn events_read(calibration: &Path) -> u64 {
 #[test]
 fn a_recording_cut_short_is_calibrated_from_what_is_left() {
     let directory = tempfile::tempdir().unwrap();
-    let bytes = fs::read(recording("aedat4")).unwrap();
+    let bytes = fs::read(recording()).unwrap();
     let (cut, output) = (directory.path().join("cut.aedat4"), directory.path().join("cut"));
     fs::write(&cut, &bytes[..bytes.len() * 7 / 10]).unwrap();
     let finished = calibrate(&cut, BOARD, &output);
@@ -75,7 +81,7 @@ fn text_gives_the_camera_of_the_binary_recording_and_events_outside_the_sensor_c
     let directory = tempfile::tempdir().unwrap();
     let mut events = String::new();
     let mut strays = 0;
-    for (number, line) in fs::read_to_string(recording("csv")).unwrap().lines().enumerate() {
+    for (number, line) in recording_as_text().lines().enumerate() {
         events += line;
         events += "\n";
         if number > 100 && number % 1000 == 0 {
@@ -94,7 +100,7 @@ fn text_gives_the_camera_of_the_binary_recording_and_events_outside_the_sensor_c
 #[test]
 fn what_stands_before_a_line_that_is_no_event_is_used() {
     let directory = tempfile::tempdir().unwrap();
-    let whole = fs::read_to_string(recording("csv")).unwrap();
+    let whole = recording_as_text();
     let lines: Vec<&str> = whole.split_inclusive('\n').collect();
     let kept = lines.len() * 7 / 10;
     let before = lines[..kept].concat();
@@ -129,7 +135,7 @@ fn nothing_but_damage_is_refused() {
 #[test]
 fn events_in_no_order_are_refused() {
     let directory = tempfile::tempdir().unwrap();
-    let whole = fs::read_to_string(recording("csv")).unwrap();
+    let whole = recording_as_text();
     let (head, events): (Vec<&str>, Vec<&str>) =
         whole.split_inclusive('\n').partition(|line| !line.starts_with(|first: char| first.is_ascii_digit()));
     // A prime that does not divide the count visits every line once.
@@ -144,7 +150,7 @@ fn a_board_that_is_not_there_is_not_found() {
     let directory = tempfile::tempdir().unwrap();
     let output = directory.path().join("never");
     for board in ["circles:9x4:55mm:r17.5mm", "acircles:7x3:55mm:r17.5mm", "acircles:11x5:55mm:r17.5mm"] {
-        let finished = calibrate(&recording("aedat4"), board, &output);
+        let finished = calibrate(&recording(), board, &output);
         assert_refused(&finished, &output, &["no pattern found", "--board"]);
     }
 }
@@ -153,7 +159,7 @@ fn a_board_that_is_not_there_is_not_found() {
 fn a_circle_track_calibrates_like_its_recording() {
     let directory = tempfile::tempdir().unwrap();
     let circles = directory.path().join("circles.csv");
-    succeed(&["detect", text(&recording("aedat4")), "--board", BOARD, "-o", text(&circles)]);
+    succeed(&["detect", text(&recording()), "--board", BOARD, "-o", text(&circles)]);
     assert_eq!(fs::read(&circles).unwrap(), fs::read(reference().join("circles.csv")).unwrap());
     let options = ["--board", BOARD, "--model", RADTAN4.model, "--sensor", "346x260"];
     let output = directory.path().join("from-circles");

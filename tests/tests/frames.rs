@@ -1,26 +1,15 @@
 //! The camera's own frames: a calibration of their own, a witness, and a partner of the events.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use evcal_tests::accuracy::Accuracy;
 use evcal_tests::lens::{Lens, RADTAN4};
-use evcal_tests::{BOARD, evcal, made, read_json, text};
+use evcal_tests::{BOARD, evcal, read_json, text};
 use serde_json::Value;
 
 const LENS: Lens = RADTAN4;
 /// A lens 1 % longer, with its middle elsewhere.
 const WRONG_LENS: &str = "334.5,334.0,175.6,126.4,-0.33,0.12,0.0006,-0.0004";
-
-/// Four seconds with 25 frames a second.
-fn recording() -> PathBuf {
-    LENS.simulation("frames", &["--motion", "fast", "--duration", "4s", "--frames"])
-}
-
-fn calibration(name: &str, recording: &Path, options: &[&str]) -> PathBuf {
-    let events = recording.join("events.aedat4");
-    let common = ["calibrate", text(&events), "--board", BOARD, "--model", LENS.model];
-    made(name, &[&common[..], options].concat())
-}
 
 fn witness(calibration: &Path) -> Value {
     read_json(&calibration.join("calibration.json"))["frames"]["witness"].clone()
@@ -32,8 +21,8 @@ fn number(value: &Value) -> f64 {
 
 #[test]
 fn frames_and_events_of_one_recording_agree_within_their_uncertainty() {
-    let recording = recording();
-    let witness = witness(&calibration("frames-witness", &recording, &[]));
+    let recording = LENS.recording_with_frames();
+    let witness = witness(&LENS.calibration_with("frames-witness", &recording, &[]));
     assert_eq!(witness["agreement"], "agrees", "{witness}");
     assert!(number(&witness["ratio"]) <= 2.0, "{witness}");
     // An agreement means something only where a disagreement would have shown.
@@ -51,7 +40,7 @@ fn frames_and_events_of_one_recording_agree_within_their_uncertainty() {
 fn another_lens_on_the_frames_is_noticed() {
     let options = ["--motion", "fast", "--duration", "4s", "--frames", "--frame-lens", WRONG_LENS];
     let recording = LENS.simulation("frames-wrong-lens", &options);
-    let calibration = calibration("frames-wrong-lens-witness", &recording, &[]);
+    let calibration = LENS.calibration_with("frames-wrong-lens-witness", &recording, &[]);
     let witness = witness(&calibration);
     assert_eq!(witness["agreement"], "disagrees", "{witness}");
     assert!(number(&witness["ratio"]) > 5.0, "{witness}");
@@ -63,8 +52,8 @@ fn another_lens_on_the_frames_is_noticed() {
 
 #[test]
 fn frames_alone_calibrate_the_camera() {
-    let recording = recording();
-    let calibration = calibration("frames-only", &recording, &["--frames-only"]);
+    let recording = LENS.recording_with_frames();
+    let calibration = LENS.calibration_with("frames-only", &recording, &["--frames-only"]);
     let accuracy = Accuracy::of(&calibration, &recording);
     assert!(accuracy.focal <= 1e-3 && accuracy.center <= 0.5, "{accuracy:?}");
     assert!(accuracy.projection_rms <= 0.1 && accuracy.projection_max <= 0.3, "{accuracy:?}");
@@ -80,8 +69,8 @@ fn frames_alone_calibrate_the_camera() {
 
 #[test]
 fn frames_and_events_are_solved_together() {
-    let recording = recording();
-    let calibration = calibration("joint-frames", &recording, &["--joint-frames"]);
+    let recording = LENS.recording_with_frames();
+    let calibration = LENS.calibration_with("joint-frames", &recording, &["--joint-frames"]);
     let accuracy = Accuracy::of(&calibration, &recording);
     assert!(accuracy.focal <= 1e-3 && accuracy.center <= 0.5, "{accuracy:?}");
     assert!(accuracy.projection_rms <= 0.1 && accuracy.projection_max <= 0.3, "{accuracy:?}");

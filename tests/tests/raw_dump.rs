@@ -7,11 +7,10 @@ use std::process::{Command, Stdio};
 
 use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
-use evcal_tests::program;
+use evcal_tests::{BOARD, program, session, session_calibration};
 use serde_json::Value;
 use tempfile::TempDir;
 
-const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
 const CRADLE: &str = "newtons-cradle.dvraw";
 
 fn fixtures() -> PathBuf {
@@ -47,11 +46,10 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 /// Both folders hold the same files.
-fn assert_same(left: &Path, right: &Path) {
-    let (left, right) = (files(left), files(right));
+fn assert_same(left: &BTreeMap<String, Vec<u8>>, right: &BTreeMap<String, Vec<u8>>) {
     assert!(!left.is_empty());
     assert!(left.keys().eq(right.keys()), "{:?} and {:?}", left.keys(), right.keys());
-    for (name, content) in &left {
+    for (name, content) in left {
         let differs = content.iter().zip(&right[name]).position(|(a, b)| a != b);
         assert!(*content == right[name], "{name} differs, first at byte {differs:?}");
     }
@@ -74,7 +72,7 @@ fn the_simulated_session_is_made_again_byte_for_byte() {
     let directory = TempDir::new().unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("tools").join("fixtures/make.sh");
     succeed(Command::new("sh").arg(script).env("EVCAL", program()).env("FIXTURES", directory.path()));
-    assert_same(&directory.path().join("board"), &fixtures().join("board"));
+    assert_same(&files(&directory.path().join("board")), &files(&session()));
 }
 
 /// The exit code and what goes to standard error.
@@ -105,20 +103,20 @@ fn what_no_davis346_sends_is_refused() {
 fn a_dump_calibrates_as_its_events_in_aedat4_do() {
     let directory = TempDir::new().unwrap();
     let at = |name: &str| directory.path().join(name);
-    let dump = fixtures().join("board/events.dvraw");
     // With the frames, which both calibrations take for a witness.
-    evcal(&[&"convert", &dump, &at("events.aedat4")]);
-
-    evcal(&[&"calibrate", &dump, &"--board", &BOARD, &"-o", &at("from-dump")]);
+    evcal(&[&"convert", &session().join("events.dvraw"), &at("events.aedat4")]);
     evcal(&[&"calibrate", &at("events.aedat4"), &"--board", &BOARD, &"-o", &at("from-aedat4")]);
-    // The report names the file and the command line.
-    for folder in ["from-dump", "from-aedat4"] {
-        std::fs::remove_file(at(folder).join("report.html")).unwrap();
-    }
-    assert_same(&at("from-dump"), &at("from-aedat4"));
+    let from_dump = session_calibration();
+    let [dump_files, aedat4_files] = [&from_dump, &at("from-aedat4")].map(|folder| {
+        let mut files = files(folder);
+        // It names the recording and the command line.
+        files.remove("report.html").expect("calibrate writes a report");
+        files
+    });
+    assert_same(&dump_files, &aedat4_files);
 
     // Both could be wrong: they are not.
-    let evaluation = evcal(&[&"evaluate", &at("from-dump"), &"--truth", &fixtures().join("board"), &"--json"]);
+    let evaluation = evcal(&[&"evaluate", &from_dump, &"--truth", &session(), &"--json"]);
     let evaluation: Value = serde_json::from_str(&evaluation).unwrap();
     for (name, tolerance) in [("fx", 1e-3 * 332.16), ("fy", 1e-3 * 332.16), ("cx", 0.5), ("cy", 0.5)] {
         let difference = evaluation["intrinsics"]["parameters"][name]["difference"].as_f64().unwrap();

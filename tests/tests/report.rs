@@ -4,15 +4,9 @@
 use std::fs;
 use std::path::Path;
 
-use evcal_tests::{BOARD, made, read_json, succeed, text};
+use evcal_tests::{BOARD, read_json, session_calibration, succeed, text};
 
 const LARGEST: usize = 5_000_000;
-
-/// The folder of the recording that the demo uses, calibrated.
-fn calibrated() -> std::path::PathBuf {
-    let recording = Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("fixtures").join("board/events.dvraw");
-    made("report", &["calibrate", text(&recording), "--board", BOARD])
-}
 
 fn report(folder: &Path) -> String {
     fs::read_to_string(folder.join("report.html")).expect("calibrate writes report.html")
@@ -26,7 +20,7 @@ fn attributes<'a>(html: &'a str, name: &str) -> Vec<&'a str> {
 
 #[test]
 fn the_report_needs_nothing_beside_it() {
-    let html = report(&calibrated());
+    let html = report(&session_calibration());
     assert!(html.len() <= LARGEST, "{} bytes", html.len());
     for link in attributes(&html, "href") {
         assert!(link.starts_with('#') || link.starts_with("data:"), "{link}");
@@ -53,7 +47,7 @@ fn the_report_needs_nothing_beside_it() {
 
 #[test]
 fn the_report_tells_what_calibration_json_holds() {
-    let folder = calibrated();
+    let folder = session_calibration();
     let html = report(&folder);
     let calibration = read_json(&folder.join("calibration.json"));
     for name in ["fx", "fy", "cx", "cy"] {
@@ -73,7 +67,7 @@ fn the_report_tells_what_calibration_json_holds() {
 fn names_of_files_are_text_and_not_part_of_the_page() {
     let folder = tempfile::tempdir().unwrap();
     let circles = folder.path().join("<b onload=alert(1)>&amp; \"circles\".csv");
-    fs::copy(calibrated().join("circles.csv"), &circles).unwrap();
+    fs::copy(session_calibration().join("circles.csv"), &circles).unwrap();
     let output = folder.path().join("out");
     succeed(&["calibrate", text(&circles), "--board", BOARD, "--sensor", "346x260", "-o", text(&output)]);
     let html = report(&output);
