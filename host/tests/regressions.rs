@@ -11,8 +11,9 @@ use evcal::recording::aedat4::header::Compression;
 use evcal::recording::aedat4::other_streams::{Frame, InertialSample};
 use evcal::recording::aedat4::write::{Encoder, OtherStreams};
 use evcal::recording::write::Encode;
-use evcal::recording::{Recording, SourceOptions};
+use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
 use serde_json::Value;
 
 const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
@@ -70,7 +71,8 @@ fn sample(t: i64) -> InertialSample {
 fn write_aedat4(path: &Path, frames: &[Frame], samples: &[InertialSample]) {
     let output = BufWriter::new(File::create(path).unwrap());
     let others = OtherStreams { frames: !frames.is_empty(), imu: !samples.is_empty() };
-    let mut encoder = Encoder::with_streams(output, Compression::Lz4, (346, 260), "DAVIS346_00000042", others).unwrap();
+    let mut encoder =
+        Encoder::with_streams(output, Compression::Lz4, Sensor::new(346, 260), "DAVIS346_00000042", others).unwrap();
     for part in events().chunks(1000) {
         encoder.write(part).unwrap();
     }
@@ -82,7 +84,7 @@ fn write_aedat4(path: &Path, frames: &[Frame], samples: &[InertialSample]) {
 }
 
 fn read(path: &Path) -> Vec<Event> {
-    let mut reader = Recording::new(path, SourceOptions::default()).unwrap().open().unwrap();
+    let mut reader = Recording::new(path, RecordingOptions::default()).unwrap().open().unwrap();
     let (mut all, mut batch) = (Vec::new(), Vec::new());
     while reader.next_batch(&mut batch).unwrap() {
         all.extend_from_slice(&batch);
@@ -161,7 +163,8 @@ fn calibrations_of_opencv_bring_a_stack_of_their_own() {
         View { object: object.clone(), image: object.iter().map(|&point| place(point)).collect() }
     };
     let views: Vec<View> = (0..9).map(view).collect();
-    let calibrate = move || calibrate_pinhole(&views, (346, 260), PinholeDistortion::RadialTangential4, None);
+    let calibrate =
+        move || calibrate_pinhole(&views, Sensor::new(346, 260), PinholeDistortion::RadialTangential4, None);
     let thread = std::thread::Builder::new().stack_size(64 << 10).spawn(calibrate).unwrap();
     let focal = thread.join().unwrap().unwrap().intrinsics.focal;
     assert!((focal[0] - 345.0).abs() < 0.1 && (focal[1] - 345.0).abs() < 0.1, "{focal:?}");
