@@ -257,7 +257,7 @@ fn what_an_earlier_recording_lost_is_not_told_again() {
     let file = directory.path().join("second.dvraw");
     let (code, told, errors) = run(&bus, &["record", text(&file), "--duration", "1s", "--json"]);
     assert_eq!((code, json(&told)["dropped"].as_u64()), (Some(0), Some(0)), "{errors}");
-    let recording = Recording::new(&file, SourceOptions::default()).unwrap();
+    let recording = Recording::new(&file, RecordingOptions::default()).unwrap();
     let mut reader = recording.open().unwrap();
     let mut batch = Vec::new();
     while reader.next_batch(&mut batch).unwrap() {}
