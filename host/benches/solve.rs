@@ -41,6 +41,7 @@ fn main() {
             point_sigma: 0.1,
             associated_latencies: [0.0; CLASS_COUNT],
             segments: vec![observations],
+            stiffness: Vec::new(),
             free: FreeParameters {
                 intrinsics: std::array::from_fn(|index| index < 9),
                 biases: [Biases::from_fn(|_| true); CLASS_COUNT],

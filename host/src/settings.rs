@@ -23,7 +23,9 @@ use crate::solve::SolveSettings;
 use crate::solve::association::AssociationSettings;
 use crate::solve::refinement::RefinementSettings;
 use crate::trajectory::RotationSpline;
+use crate::trajectory::knot_grid::KnotSettings;
 use crate::trajectory::segment::SegmentSettings;
+use crate::trust::poses::PoseSettings;
 use crate::trust::residual_map::ResidualMapSettings;
 use crate::trust::split_half::SplitHalfSettings;
 use crate::trust::uncertainty::UncertaintySettings;
@@ -65,12 +67,16 @@ pub struct Settings {
     pub segment: SegmentSettings,
     /// Stage 9: splines.
     pub spline: SplineSettings,
+    /// Stages 9 and 11: how dense knots may be.
+    pub knots: KnotSettings,
     /// Stage 10: which event belongs to which circle.
     pub association: AssociationSettings,
     /// Stage 11: the joint solve.
     pub solve: SolveSettings,
     /// Rounds of association and solve, and the biases of events.
     pub refinement: RefinementSettings,
+    /// Which poses are written.
+    pub poses: PoseSettings,
     /// How sure the intrinsics are.
     pub uncertainty: UncertaintySettings,
     /// Comparison of two halves of the observations.

@@ -13,14 +13,18 @@ pub mod burst;
 pub mod edge_batch;
 pub mod event_bias;
 pub mod event_row;
+pub mod knot_choice;
+pub mod knot_fit;
 pub mod levenberg;
 pub mod normal;
 pub mod observation;
 pub mod point_row;
 pub mod pose_bin;
+pub mod pose_covariance;
 pub mod refinement;
 pub mod residual_statistics;
 pub mod smoothness;
+pub mod stiffness;
 pub mod stretch;
 pub mod system;
 
@@ -33,6 +37,7 @@ use crate::solve::event_bias::{CLASS_COUNT, EventBias};
 use crate::trajectory::Trajectory;
 use evcal_core::camera::MAX_PARAMETERS;
 use observation::SegmentObservations;
+use stiffness::Stiffness;
 
 /// Number of global parameters: intrinsics, then the biases of each event class.
 pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + Bias::COUNT * CLASS_COUNT;
@@ -128,6 +133,8 @@ pub struct Problem {
     pub associated_latencies: [f64; CLASS_COUNT],
     /// Observations of each segment.
     pub segments: Vec<SegmentObservations>,
+    /// What the jerks of each segment's trajectory weigh; empty: nothing.
+    pub stiffness: Vec<Stiffness>,
     /// Which parameters may change.
     pub free: FreeParameters,
     /// Thresholds.

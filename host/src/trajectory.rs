@@ -8,6 +8,8 @@
 
 pub mod first;
 pub mod fit;
+pub mod jerk;
+pub mod knot_grid;
 pub mod knots;
 pub mod segment;
 pub mod timed_pose;

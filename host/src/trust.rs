@@ -1,6 +1,7 @@
 //! How far a calibration can be trusted: uncertainty, coverage, comparison of halves, verdict.
 
 pub mod coverage;
+pub mod poses;
 pub mod residual_map;
 pub mod split_half;
 pub mod uncertainty;
@@ -15,6 +16,7 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::picture_calibration::calibration::PictureCalibration;
 use crate::solve::SolveError;
 use crate::solve::event_bias::bias::Bias;
+use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::Refined;
 use crate::trust::coverage::{Coverage, coverage, coverage_of};
 use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
@@ -44,6 +46,8 @@ pub struct EventTrust {
     pub residuals: ResidualMap,
     /// What the events say of the circles' radius; `None` where the input is circle centres.
     pub radius: Option<ObservedRadius>,
+    /// How sure each pose is.
+    pub poses: PoseCovariance,
 }
 
 /// The circles' radius as the events see it.
@@ -81,6 +85,7 @@ pub fn examine(
         split_half: split_half(problem, state, uncertainty.inflation, halves),
         residuals: residual_map(problem, state, map),
         radius: observed_radius(refined, board),
+        poses: PoseCovariance::new(problem, state, uncertainty.inflation)?,
     };
     Ok((Trust { uncertainty, projection, coverage: coverage(problem, state, board) }, events))
 }

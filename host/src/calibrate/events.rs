@@ -119,8 +119,12 @@ fn solve(
     progress: &mut impl FnMut(&str),
 ) -> Result<(Refined, SolveUncertainty), CalibrateError> {
     let settings = task.settings;
-    let stage =
-        StageSettings { refinement: &settings.refinement, association: &settings.association, solve: &settings.solve };
+    let stage = StageSettings {
+        refinement: &settings.refinement,
+        knots: &settings.knots,
+        association: &settings.association,
+        solve: &settings.solve,
+    };
     let refined = refine(input, state, stage, |round| progress(&format!("joint solve, round {}", round + 1)))?;
     let certainty =
         uncertainty(&refined.problem, &refined.state, &settings.uncertainty).map_err(CalibrateError::Solve)?;

@@ -91,6 +91,8 @@ enum Motion {
     Fast,
     /// 700 px/s
     Blur,
+    /// 850 px/s, with jerks
+    Violent,
     /// 350 px/s, with pauses, and looks away from the board
     Interrupted,
     /// 350 px/s, the board far away
@@ -137,6 +139,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             Motion::Slow => MotionSettings::slow(),
             Motion::Fast => MotionSettings::fast(),
             Motion::Blur => MotionSettings::blur(),
+            Motion::Violent => MotionSettings::violent(),
             Motion::Far => MotionSettings::far(),
             Motion::HeadOn => MotionSettings::head_on(),
             Motion::Corner => MotionSettings::corner(),

@@ -135,6 +135,46 @@ impl BandedCholesky {
     }
 }
 
+/// Entries of a symmetric matrix near its diagonal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SymmetricBand {
+    bandwidth: usize,
+    rows: Vec<f64>,
+}
+
+impl SymmetricBand {
+    /// The entry at (`row`, `column`); 0 outside the matrix or further from the diagonal than the bandwidth.
+    pub fn at(&self, row: usize, column: usize) -> f64 {
+        let (row, column) = (row.max(column), row.min(column));
+        if row - column > self.bandwidth {
+            return 0.0;
+        }
+        self.rows.get(row * self.bandwidth + self.bandwidth + column).copied().unwrap_or(0.0)
+    }
+}
+
+impl BandedCholesky {
+    /// The entries of A⁻¹ inside the band, without the rest of it (Takahashi, Fagan and Chin 1973);
+    /// [`BandedCholesky::factor`] must have succeeded.
+    pub fn inverse_band(&self) -> SymmetricBand {
+        let (bandwidth, width) = (self.bandwidth, self.bandwidth + 1);
+        let place = |row: usize, column: usize| row * bandwidth + bandwidth + column;
+        let mut rows = vec![0.0; self.dimension * width];
+        for column in (0..self.dimension).rev() {
+            let end = (column + width).min(self.dimension);
+            let reciprocal = self.rows[place(column, column)];
+            for row in (column..end).rev() {
+                let sum: f64 = (column + 1..end)
+                    .map(|other| self.rows[place(other, column)] * rows[place(row.max(other), row.min(other))])
+                    .sum();
+                let own = if row == column { reciprocal } else { 0.0 };
+                rows[place(row, column)] = (own - sum) * reciprocal;
+            }
+        }
+        SymmetricBand { bandwidth, rows }
+    }
+}
+
 /// Dot product in four partial sums, which a compiler keeps in one register.
 #[inline]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -196,6 +236,23 @@ mod tests {
             matrix.solve_in_place(solution.as_mut_slice());
             let expected = dense.cholesky().unwrap().solve(&right);
             prop_assert!((&solution - &expected).norm() <= 1e-10 * expected.norm());
+        }
+
+        #[test]
+        fn the_inverse_near_the_diagonal_is_that_of_a_dense_matrix(
+            dimension in 1..40_usize,
+            bandwidth in 0..12_usize,
+            seed in any::<u64>(),
+        ) {
+            let dense = random(dimension, bandwidth, seed);
+            let mut matrix = banded(&dense, bandwidth);
+            prop_assert_eq!(matrix.factor(), Ok(()));
+            let (band, inverse) = (matrix.inverse_band(), dense.try_inverse().unwrap());
+            for row in 0..dimension {
+                for column in row.saturating_sub(bandwidth)..=row {
+                    prop_assert!((band.at(column, row) - inverse[(row, column)]).abs() <= 1e-9 * inverse.norm());
+                }
+            }
         }
 
         #[test]

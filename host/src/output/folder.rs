@@ -19,12 +19,9 @@ use crate::report::report;
 use crate::result::calibrated_camera::CalibratedCamera;
 use crate::result::calibration_file::{CalibrationFile, FramesResult};
 use crate::result::stage_report::stage_report;
-use crate::trajectory::Trajectory;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::tum;
-
-/// Rate at which trajectories are written (Hz).
-pub const TRAJECTORY_RATE: f64 = 200.0;
+use crate::trust::poses::{PoseSettings, UncertainPose, csv, determined, sampled_poses};
 
 /// Folder of files for other programs.
 const EXPORTS: &str = "exports";
@@ -50,7 +47,7 @@ pub struct OutputError {
     error: io::Error,
 }
 
-/// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `settings.toml`,
+/// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `trajectory.csv`, `settings.toml`,
 /// `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, which is created. Of
 /// several recordings, each has its own clock: those after the first have their own `trajectory-2.txt`,
 /// `circles-2.csv` and so on.
@@ -78,9 +75,20 @@ pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Resu
             _ => format!("{name}-{}.{extension}", recording + 1),
         };
         let name = of_recording("trajectory", "txt");
-        let poses =
-            trajectory(calibrated, recording, *start).map_err(|error| OutputError { file: name.clone(), error })?;
-        put(folder.join(name), &poses)?;
+        let poses = poses(calibrated, recording, *start, &task.settings.poses);
+        let mut text = Vec::new();
+        let determined: Vec<TimedPose> = match &calibrated.evidence {
+            Evidence::Events(_) => determined(&poses, &task.settings.poses).collect(),
+            Evidence::Pictures(_) => poses.iter().map(|pose| pose.pose).collect(),
+        };
+        tum::write(&mut text, &determined).map_err(|error| OutputError { file: name.clone(), error })?;
+        put(folder.join(name), &text)?;
+        if calibrated.events().is_some() {
+            let name = of_recording("trajectory", "csv");
+            text.clear();
+            csv::write(&mut text, &poses).map_err(|error| OutputError { file: name.clone(), error })?;
+            put(folder.join(name), &text)?;
+        }
         let frames = calibrated.frames().iter().filter(|frame| frame.recording == recording);
         let name = of_recording("circles", "csv");
         circles.clear();
@@ -151,30 +159,17 @@ fn best_and_worst<'a>(
 
 /// The poses of one recording, which begins at `start` seconds of its own clock: along the trajectories, or those of
 /// the pictures.
-fn trajectory(calibrated: &Calibrated, recording: usize, start: f64) -> io::Result<Vec<u8>> {
-    let poses: Vec<TimedPose> = match &calibrated.evidence {
-        Evidence::Events(events) => {
-            let of_recording = events.refined.state.trajectories.iter().filter(|one| one.recording == recording);
-            of_recording.flat_map(|trajectory| sampled(trajectory, start)).collect()
-        }
+fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
+    let mut poses = match &calibrated.evidence {
+        Evidence::Events(events) => sampled_poses(&events.refined.state, &events.trust.poses, recording, settings),
         Evidence::Pictures(_) => calibrated
             .posed()
             .filter(|(_, frame)| frame.recording == recording)
-            .map(|(posed, frame)| TimedPose { t: frame.t() + start, pose: posed.pose })
+            .map(|(posed, frame)| UncertainPose { pose: TimedPose { t: frame.t(), pose: posed.pose }, sigma: None })
             .collect(),
     };
-    let mut text = Vec::new();
-    tum::write(&mut text, &poses)?;
-    Ok(text)
-}
-
-fn sampled(trajectory: &Trajectory, start: f64) -> impl Iterator<Item = TimedPose> {
-    let first = (trajectory.start() * TRAJECTORY_RATE).ceil() as i64;
-    let last = (trajectory.end() * TRAJECTORY_RATE).floor() as i64;
-    (first..=last).filter_map(move |step| {
-        let t = step as f64 / TRAJECTORY_RATE;
-        trajectory.pose(t).map(|pose| TimedPose { t: t + start, pose })
-    })
+    poses.iter_mut().for_each(|pose| pose.pose.t += start);
+    poses
 }
 
 fn summary(calibration: &CalibrationFile) -> String {

@@ -163,6 +163,14 @@ fn solve_line(round: usize, report: &RoundReport) -> StageLine {
         format!("cost {:.1} to {:.1}", solve.initial_cost, solve.final_cost),
         format!("projection moved {:.4} px", report.change),
     ])
+    .noting(report.knots.as_ref().map(|knots| {
+        let times = |(level, seconds): (usize, &f64)| {
+            format!("{seconds:.2} s at {:.1} ms", 1e3 * knots.finest * (1 << level) as f64)
+        };
+        let spans: Vec<String> =
+            knots.seconds.iter().enumerate().filter(|(_, seconds)| **seconds > 0.0).map(times).collect();
+        format!("{} control points; distances of knots: {}", knots.control_points, spans.join(", "))
+    }))
 }
 
 /// From the camera's own pictures to boards.

@@ -26,6 +26,7 @@ use crate::numerics::random::{uniform, uniform_in};
 /// | [`MotionSettings::fast`] | 350 px/s |
 /// | [`MotionSettings::interrupted`] | 350 px/s while the camera moves |
 /// | [`MotionSettings::blur`] | 700 px/s |
+/// | [`MotionSettings::violent`] | 850 px/s, with jerks |
 /// | [`MotionSettings::far`], [`MotionSettings::head_on`], [`MotionSettings::corner`] | 350 px/s |
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -115,6 +116,11 @@ impl MotionSettings {
     /// Sweeps that blur every picture: 700 px/s.
     pub fn blur() -> Self {
         Self { mean_speed: 700.0, tremor: 0.15, ..Self::slow() }
+    }
+
+    /// Shaking: 850 px/s on average, several times as fast at times, and a strong tremor.
+    pub fn violent() -> Self {
+        Self { mean_speed: 850.0, speed_variation: 0.55, tremor: 1.5, ..Self::slow() }
     }
 }
 

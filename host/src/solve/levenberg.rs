@@ -11,6 +11,7 @@ use super::system::System;
 use super::{GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
+use crate::trajectory::jerk::jerks;
 
 const FIRST_DAMPING: f64 = 1e-6;
 const SMALLEST_DAMPING: f64 = 1e-10;
@@ -110,6 +111,9 @@ pub fn system_of(problem: &Problem, state: &State, equations: &[(Stretch, Stretc
     let smoothness: Vec<Vec<Acceleration>> =
         state.trajectories.iter().map(|trajectory| accelerations(trajectory, &problem.settings)).collect();
     system.add_smoothness(&smoothness);
+    for (segment, (trajectory, weights)) in state.trajectories.iter().zip(&problem.stiffness).enumerate() {
+        system.add_jerks(segment, &jerks(trajectory), weights);
+    }
     system
 }
 

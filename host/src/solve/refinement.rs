@@ -14,11 +14,13 @@ use crate::solve::bearing_table::BearingTable;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
 use crate::solve::event_bias::{CLASS_COUNT, EventBias, unknown};
+use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::levenberg::solve;
 use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::{EventResidual, residuals};
 use crate::solve::{FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State};
+use crate::trajectory::knot_grid::KnotSettings;
 
 /// How often to associate and solve, and which biases to fit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,6 +53,8 @@ impl Default for RefinementSettings {
 pub struct RoundReport {
     /// Association of this round.
     pub association: AssociationReport,
+    /// Knots of this round; `None` in the first one, whose knots are even.
+    pub knots: Option<KnotReport>,
     /// Solve of this round.
     pub solve: SolveReport,
     /// Root mean square change of the projection over the sensor (px).
@@ -90,6 +94,8 @@ pub struct RefinementInput<'a, E> {
 pub struct StageSettings<'a> {
     /// Rounds.
     pub refinement: &'a RefinementSettings,
+    /// Knots.
+    pub knots: &'a KnotSettings,
     /// Association.
     pub association: &'a AssociationSettings,
     /// Solve.
@@ -156,12 +162,18 @@ pub fn refine<E: Send>(
         }
         state.bias = updated_bias(&state, residuals, settings);
         problem.free = free_parameters(&state.camera, &problem, settings.refinement);
+        let knots = (!first).then(|| {
+            let choice = choose_knots(&problem, &state, settings.knots);
+            state.trajectories = choice.trajectories;
+            problem.stiffness = choice.stiffness;
+            choice.report
+        });
         let before = state.camera;
         let (solved, solve_report) = solve(&problem, state)?;
         state = solved;
         let moved = difference(&before, &state.camera, input.sensor);
         let change = if moved.compared > 0 { moved.root_mean_square } else { f64::INFINITY };
-        rounds.push(RoundReport { association, solve: solve_report, change });
+        rounds.push(RoundReport { association, knots, solve: solve_report, change });
         if final_round {
             let bearings = BearingTable::new(&state.camera, input.sensor);
             let residuals = residual_statistics(&problem, &state, &bearings);
@@ -225,6 +237,7 @@ fn problem<E>(
         point_sigma: input.point_sigma,
         associated_latencies: state.bias.map(|bias| bias.biases[Bias::Latency]),
         segments,
+        stiffness: Vec::new(),
         free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
         settings: settings.solve.clone(),
     }

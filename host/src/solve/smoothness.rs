@@ -8,12 +8,10 @@
 //!
 //! and the cost is a² / (2 σ²) with σ far above what events leave open.
 
-use evcal_core::spline::rotation::log;
-use nalgebra::{UnitQuaternion, Vector3};
-
 use super::SolveSettings;
+use crate::trajectory::Trajectory;
+use crate::trajectory::jerk::turns;
 use crate::trajectory::knots::greville;
-use crate::trajectory::{RotationControl, Trajectory};
 
 /// One acceleration in units of its σ, and its derivatives.
 pub struct Acceleration {
@@ -50,22 +48,12 @@ pub fn accelerations(trajectory: &Trajectory, settings: &SolveSettings) -> Vec<A
         .collect()
 }
 
-/// Rotation vectors from each control point to the next (rad, camera frame).
-fn turns(control: &RotationControl) -> Vec<Vector3<f64>> {
-    let turn = |a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>| log(&(a.inverse() * b));
-    let of_units = |units: &[UnitQuaternion<f64>]| units.windows(2).map(|pair| turn(&pair[0], &pair[1])).collect();
-    match control {
-        RotationControl::Quaternion(control) => {
-            let units: Vec<_> = control.iter().map(|point| UnitQuaternion::new_normalize(*point)).collect();
-            of_units(&units)
-        }
-        RotationControl::So3(control) => of_units(control),
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use nalgebra::{UnitQuaternion, Vector3};
+
     use super::*;
+    use crate::trajectory::RotationControl;
 
     fn trajectory(place: impl Fn(f64) -> f64) -> Trajectory {
         let mut trajectory = Trajectory {

@@ -1,25 +1,31 @@
 //! The whole bordered block-banded system: merging of stretches, damping, Schur complement.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
 use super::GLOBAL_COUNT;
 use super::normal::{Block, BorderBlock, StretchEquations};
+use super::pose_covariance::ControlCovariance;
 use super::smoothness::Acceleration;
 use super::stretch::Stretch;
 use crate::numerics::banded::BandedCholesky;
+use crate::trajectory::jerk::Jerk;
 
 /// Normal equations of one segment: A (block-banded), B (border) and gradient.
-struct SegmentSystem {
-    order: usize,
-    blocks: Vec<Block>,
+pub struct SegmentSystem {
+    /// Number of control points that act at one time, 1 without observations.
+    pub order: usize,
+    /// For each control point its blocks of A with itself (lower triangle) and the `order − 1` before it.
+    pub blocks: Vec<Block>,
     border: Vec<BorderBlock>,
-    gradient: Vec<[f64; 6]>,
+    /// For each control point its gradient.
+    pub gradient: Vec<[f64; 6]>,
 }
 
 /// Normal equations of the whole problem.
 pub struct System {
-    segments: Vec<SegmentSystem>,
+    /// One for each segment.
+    pub segments: Vec<SegmentSystem>,
     corner: DMatrix<f64>,
     corner_gradient: DVector<f64>,
     /// Sum of ρ over all observations.
@@ -112,6 +118,16 @@ impl System {
         }
     }
 
+    /// Adds the weighted jerks of the trajectory of `segment`.
+    pub fn add_jerks(&mut self, segment: usize, jerks: &[Jerk], weights: &[[f64; 2]]) {
+        let Some(segment) = self.segments.get_mut(segment).filter(|segment| segment.order > 3) else { return };
+        for (jerk, weights) in jerks.iter().zip(weights) {
+            let square = |from: usize| jerk.value.iter().skip(from).take(3).map(|value| value * value).sum::<f64>();
+            self.cost += 0.5 * (weights[0] * square(0) + weights[1] * square(3));
+            segment.add_jerk(jerk, *weights);
+        }
+    }
+
     /// Solves the system damped by `damping` (relative to the diagonal) for the free parameters.
     pub fn solve(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Step, NotPositiveDefinite> {
         let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
@@ -149,6 +165,16 @@ impl System {
             schur -= segment.eliminate(0.0, &free)?.schur;
         }
         Ok(schur.cholesky().ok_or(NotPositiveDefinite)?.inverse())
+    }
+
+    /// Covariance of the control points of each segment; `None` where the observations do not determine them.
+    pub fn control_covariances(&self, free: &[bool; GLOBAL_COUNT]) -> Vec<Option<ControlCovariance>> {
+        let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
+        let of_segment = |segment: &SegmentSystem| {
+            let own = segment.factored(0.0).ok()?.inverse_band();
+            Some(ControlCovariance { own, follows: segment.eliminate(0.0, &free).ok()?.columns })
+        };
+        self.segments.par_iter().map(of_segment).collect()
     }
 
     /// What each of `stretches` says of the free global parameters once the trajectories give way.
@@ -226,6 +252,29 @@ impl Eliminated {
 }
 
 impl SegmentSystem {
+    /// The matrix of the control points times `columns`, one vector of six a control point.
+    pub fn times(&self, columns: &[[f64; 6]]) -> Vec<[f64; 6]> {
+        let mut product = vec![[0.0; 6]; columns.len()];
+        for index in 0..columns.len().min(self.border.len()) {
+            for back in 0..self.order.min(index + 1) {
+                let block = &self.blocks[index * self.order + back];
+                for row in 0..6 {
+                    for column in 0..6 {
+                        if back == 0 {
+                            let entry = block[(row.max(column), row.min(column))];
+                            product[index][row] += entry * columns[index][column];
+                        } else {
+                            let entry = block[(row, column)];
+                            product[index][row] += entry * columns[index - back][column];
+                            product[index - back][column] += entry * columns[index][row];
+                        }
+                    }
+                }
+            }
+        }
+        product
+    }
+
     fn add(&mut self, acceleration: &Acceleration) {
         let weight = |point: usize, axis: usize| {
             if axis < 3 { acceleration.rotation[point] } else { acceleration.translation[point] }
@@ -249,7 +298,31 @@ impl SegmentSystem {
         }
     }
 
-    fn eliminate(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
+    fn add_jerk(&mut self, jerk: &Jerk, [rotation, translation]: [f64; 2]) {
+        for row in 0..4 {
+            let index = jerk.first + row;
+            let Some(gradient) = self.gradient.get_mut(index) else { return };
+            let [x, y, z, moving @ ..] = jerk.value;
+            let turning = jerk.by_rotation[row].transpose() * Vector3::new(x, y, z) * rotation;
+            for axis in 0..3 {
+                gradient[axis] += turning[axis];
+                gradient[3 + axis] += translation * jerk.by_translation[row] * moving[axis];
+            }
+            for column in 0..=row {
+                let Some(block) = self.blocks.get_mut(index * self.order + row - column) else { return };
+                let turns = jerk.by_rotation[row].transpose() * jerk.by_rotation[column] * rotation;
+                let mut view = block.fixed_view_mut::<3, 3>(0, 0);
+                view += turns;
+                let moved = translation * jerk.by_translation[row] * jerk.by_translation[column];
+                for axis in 3..6 {
+                    block[(axis, axis)] += moved;
+                }
+            }
+        }
+    }
+
+    /// The factored matrix of the control points.
+    fn factored(&self, damping: f64) -> Result<BandedCholesky, NotPositiveDefinite> {
         let dimension = 6 * self.border.len();
         let mut band = BandedCholesky::zeros(dimension, (6 * self.order - 1).min(dimension.saturating_sub(1)));
         let trace: f64 = self.blocks.iter().step_by(self.order).map(|block| block.trace()).sum();
@@ -270,6 +343,11 @@ impl SegmentSystem {
             }
         }
         band.factor().map_err(|_| NotPositiveDefinite)?;
+        Ok(band)
+    }
+
+    fn eliminate(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
+        let band = self.factored(damping)?;
         let mut gradient: Vec<f64> = self.gradient.iter().flatten().copied().collect();
         let original = gradient.clone();
         band.solve_in_place(&mut gradient);

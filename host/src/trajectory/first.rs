@@ -5,7 +5,8 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
 use crate::numerics::statistics::median;
 use crate::settings::Settings;
-use crate::trajectory::fit::{TrajectoryShape, fit, resampled};
+use crate::trajectory::fit::{TrajectoryShape, fit, on_knots};
+use crate::trajectory::knot_grid::KnotSettings;
 use crate::trajectory::segment::{SegmentReport, SegmentSettings, segment};
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::{Trajectory, TrajectoryError};
@@ -72,7 +73,7 @@ pub fn first_trajectories(
     let mut points: Vec<Vec<PointObservation>> = Vec::new();
     let mut failure = None;
     for range in &ranges {
-        match fit_segment(initial, frames, range.clone(), &shape) {
+        match fit_segment(initial, frames, range.clone(), &shape, &settings.knots) {
             Ok((trajectory, observations)) => {
                 trajectories.push(trajectory);
                 points.push(observations);
@@ -100,6 +101,7 @@ fn fit_segment(
     frames: &[ReferenceFrame],
     range: std::ops::Range<usize>,
     shape: &TrajectoryShape,
+    spacings: &KnotSettings,
 ) -> Result<(Trajectory, Vec<PointObservation>), TrajectoryError> {
     let posed = initial.frames.get(range).unwrap_or_default();
     let in_frames = |index: usize| frames.get(index);
@@ -125,5 +127,11 @@ fn fit_segment(
     let end = spans.iter().fold(last, |end, span| end.max(span.1));
     let recording = posed.first().and_then(|posed| in_frames(posed.frame)).map_or(0, |frame| frame.recording);
     let trajectory = fit(recording, &poses, start, end, shape)?;
-    Ok((if from_circles { trajectory } else { resampled(&trajectory, shape)? }, points))
+    if from_circles {
+        return Ok((trajectory, points));
+    }
+    // Where events follow, the curve may move freely also between sparse frames.
+    let grid = spacings.grid(&trajectory);
+    let knots = grid.even(grid.level_of(spacings.first), shape.degree);
+    Ok((on_knots(&trajectory, knots, shape.rotation)?, points))
 }

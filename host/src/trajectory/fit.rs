@@ -51,26 +51,25 @@ pub fn fit(
     fit_control_points(recording, poses, start, end, count, shape.degree, shape.rotation)
 }
 
-/// The same curve on knots of the wanted spacing all along: events determine the curve also where
-/// reference frames, and so the knots of [`fit`], are sparse. A curve whose knots are nowhere further
-/// apart comes back as it is.
+/// Nearly the same curve on other clamped knots over the same time: a fit to samples of it.
 ///
 /// # Errors
 /// As [`fit`].
-pub fn resampled(trajectory: &Trajectory, shape: &TrajectoryShape) -> Result<Trajectory, TrajectoryError> {
+pub fn on_knots(
+    trajectory: &Trajectory,
+    knots: Vec<f64>,
+    rotation: RotationSpline,
+) -> Result<Trajectory, TrajectoryError> {
     /// Samples for each span: enough to determine it, and to follow the old curve.
-    const SAMPLES: f64 = 4.0;
-    let widest = trajectory.knots.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
-    if widest <= shape.knot_spacing {
-        return Ok(trajectory.clone());
-    }
-    let (start, end) = (trajectory.start(), trajectory.end());
-    let count = ((end - start) / shape.knot_spacing * SAMPLES).ceil().max(4.0 * (shape.degree + 1) as f64) as usize;
-    let poses: Vec<TimedPose> = (0..=count)
-        .map(|index| if index == count { end } else { start + (end - start) * index as f64 / count as f64 })
+    const SAMPLES: usize = 4;
+    let spans = knots.windows(2).filter(|pair| pair[1] > pair[0]);
+    let within = spans
+        .flat_map(|pair| (0..SAMPLES).map(move |index| pair[0] + (pair[1] - pair[0]) * index as f64 / SAMPLES as f64));
+    let poses: Vec<TimedPose> = within
+        .chain(std::iter::once(trajectory.end()))
         .filter_map(|t| trajectory.pose(t).map(|pose| TimedPose { t, pose }))
         .collect();
-    fit(trajectory.recording, &poses, start, end, shape)
+    fit_on_knots(trajectory.recording, &poses, knots, trajectory.degree, rotation)
 }
 
 /// As [`fit`], with the number of control points given.
@@ -92,6 +91,21 @@ pub fn fit_control_points(
     }
     let times: Vec<f64> = poses.iter().map(|timed| timed.t).collect();
     let knots = knots::from_times(&times, start, end, count, degree)?;
+    fit_on_knots(recording, poses, knots, degree, rotation)
+}
+
+/// As [`fit`], on given clamped knots.
+///
+/// # Errors
+/// As [`fit`]; and knots that the poses do not determine.
+pub fn fit_on_knots(
+    recording: usize,
+    poses: &[TimedPose],
+    knots: Vec<f64>,
+    degree: usize,
+    rotation: RotationSpline,
+) -> Result<Trajectory, TrajectoryError> {
+    let times: Vec<f64> = poses.iter().map(|timed| timed.t).collect();
     let design = Design::new(&knots, degree, times)?;
 
     let centers: Vec<[f64; 3]> = poses.iter().map(|timed| timed.pose.translation.vector.into()).collect();

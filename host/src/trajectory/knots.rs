@@ -1,5 +1,7 @@
 //! Knots from data: where poses are dense, knots are dense.
 
+use evcal_core::spline::MAX_ORDER;
+
 use super::TrajectoryError;
 
 /// Number of control points of a spline of `degree` over `duration` seconds whose knots are `spacing`
@@ -61,6 +63,45 @@ pub fn greville(knots: &[f64], degree: usize) -> Vec<f64> {
     let degree = degree.max(1);
     let inner = knots.get(1..knots.len().saturating_sub(1)).unwrap_or_default();
     inner.windows(degree).map(|window| window.iter().sum::<f64>() / degree as f64).collect()
+}
+
+/// How one control point on finer knots follows from those on coarser ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Blend {
+    /// First of the coarse control points concerned.
+    pub first: usize,
+    /// Weights of `degree + 1` coarse control points from `first` on; they add up to 1.
+    pub weights: [f64; MAX_ORDER],
+}
+
+/// The control points on the knots `fine` of a curve on the knots `coarse`, all of which are among
+/// `fine` (knot insertion by the Oslo algorithm: Cohen, Lyche and Riesenfeld 1980). Both are clamped.
+pub fn insertion(coarse: &[f64], fine: &[f64], degree: usize) -> Vec<Blend> {
+    let count = coarse.len().saturating_sub(degree + 1);
+    let at = |knots: &[f64], index: usize| knots.get(index).copied().unwrap_or(0.0);
+    let mut span = degree;
+    (0..fine.len().saturating_sub(degree + 1))
+        .map(|index| {
+            while span + 1 < count && at(coarse, span + 1) <= at(fine, index) {
+                span += 1;
+            }
+            let mut weights = [0.0; MAX_ORDER];
+            weights[0] = 1.0;
+            for order in 1..=degree.min(MAX_ORDER - 1) {
+                let knot = at(fine, index + order);
+                let mut carried = 0.0;
+                for place in 0..order {
+                    let right = at(coarse, span + place + 1) - knot;
+                    let left = knot - at(coarse, span + 1 + place - order);
+                    let part = weights[place] / (right + left);
+                    weights[place] = carried + right * part;
+                    carried = left * part;
+                }
+                weights[order] = carried;
+            }
+            Blend { first: span - degree, weights }
+        })
+        .collect()
 }
 
 #[cfg(test)]

@@ -112,6 +112,7 @@ fn with_camera_held(half: &Problem, own: &State, camera: &Camera<f64>) -> Option
     let held = Problem {
         free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], ..half.free },
         segments: half.segments.clone(),
+        stiffness: half.stiffness.clone(),
         circle_centers: half.circle_centers.clone(),
         settings: half.settings.clone(),
         ..*half
@@ -135,6 +136,7 @@ fn half(problem: &Problem, settings: &SplitHalfSettings, parity: i64) -> Problem
     };
     Problem {
         segments: problem.segments.iter().map(of_segment).collect(),
+        stiffness: problem.stiffness.clone(),
         circle_centers: problem.circle_centers.clone(),
         settings: SolveSettings { iterations: settings.iterations, ..problem.settings.clone() },
         ..*problem

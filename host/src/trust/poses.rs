@@ -1,0 +1,72 @@
+//! The poses of a calibration, each with how sure it is.
+
+pub mod csv;
+
+use serde::{Deserialize, Serialize};
+
+use crate::solve::State;
+use crate::solve::pose_covariance::{PoseCovariance, PoseSigma};
+use crate::trajectory::timed_pose::TimedPose;
+
+/// Which poses are sure enough for `trajectory.txt`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PoseSettings {
+    /// Poses are written so many times a second (Hz).
+    pub rate: f64,
+    /// Largest σ of the camera centre along any axis (m).
+    pub largest_position_sigma: f64,
+    /// Largest σ of the rotation about any axis (rad).
+    pub largest_rotation_sigma: f64,
+}
+
+impl Default for PoseSettings {
+    fn default() -> Self {
+        Self { rate: 200.0, largest_position_sigma: 0.005, largest_rotation_sigma: 0.01 }
+    }
+}
+
+/// A pose with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UncertainPose {
+    /// Time in seconds since the start of the recording, and the pose.
+    pub pose: TimedPose,
+    /// Its standard deviation; `None` where it could not be told.
+    pub sigma: Option<PoseSigma>,
+}
+
+impl UncertainPose {
+    /// Whether it is sure enough; a pose whose σ is not known is not.
+    pub fn is_determined(&self, settings: &PoseSettings) -> bool {
+        self.sigma.is_some_and(|sigma| {
+            sigma.position.iter().all(|sigma| *sigma <= settings.largest_position_sigma)
+                && sigma.rotation.iter().all(|sigma| *sigma <= settings.largest_rotation_sigma)
+        })
+    }
+}
+
+/// Those of `poses` that are sure enough.
+pub fn determined<'a>(poses: &'a [UncertainPose], settings: &'a PoseSettings) -> impl Iterator<Item = TimedPose> + 'a {
+    poses.iter().filter(|pose| pose.is_determined(settings)).map(|pose| pose.pose)
+}
+
+/// The poses along the trajectories of `recording`, at whole multiples of one over the rate, in order of time.
+pub fn sampled_poses(
+    state: &State,
+    covariance: &PoseCovariance,
+    recording: usize,
+    settings: &PoseSettings,
+) -> Vec<UncertainPose> {
+    let mut poses = Vec::new();
+    for (segment, trajectory) in state.trajectories.iter().enumerate().filter(|(_, one)| one.recording == recording) {
+        let first = (trajectory.start() * settings.rate).ceil() as i64;
+        let last = (trajectory.end() * settings.rate).floor() as i64;
+        poses.extend((first..=last).filter_map(|step| {
+            let t = step as f64 / settings.rate;
+            let pose = TimedPose { t, pose: trajectory.pose(t)? };
+            Some(UncertainPose { pose, sigma: covariance.sigma(segment, trajectory, t) })
+        }));
+    }
+    poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));
+    poses
+}
