@@ -22,6 +22,7 @@ use crate::live::LiveSettings;
 use crate::solve::SolveSettings;
 use crate::solve::association::AssociationSettings;
 use crate::solve::refinement::RefinementSettings;
+use crate::solve::unexplained::UnexplainedSettings;
 use crate::trajectory::RotationSpline;
 use crate::trajectory::knot_grid::KnotSettings;
 use crate::trajectory::segment::SegmentSettings;
@@ -69,6 +70,8 @@ pub struct Settings {
     pub spline: SplineSettings,
     /// Stages 9 and 11: how dense knots may be.
     pub knots: KnotSettings,
+    /// Stage 11: which stretches no curve explains.
+    pub unexplained: UnexplainedSettings,
     /// Stage 10: which event belongs to which circle.
     pub association: AssociationSettings,
     /// Stage 11: the joint solve.

@@ -27,6 +27,7 @@ pub mod smoothness;
 pub mod stiffness;
 pub mod stretch;
 pub mod system;
+pub mod unexplained;
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;

@@ -18,6 +18,7 @@ use crate::solve::SolveError;
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::Refined;
+use crate::solve::unexplained::UnexplainedStretch;
 use crate::trust::coverage::{Coverage, coverage, coverage_of};
 use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
 use crate::trust::split_half::{SplitHalf, SplitHalfSettings, split_half};
@@ -48,6 +49,8 @@ pub struct EventTrust {
     pub radius: Option<ObservedRadius>,
     /// How sure each pose is.
     pub poses: PoseCovariance,
+    /// Stretches that no curve explains.
+    pub unexplained: Vec<UnexplainedStretch>,
 }
 
 /// The circles' radius as the events see it.
@@ -85,6 +88,7 @@ pub fn examine(
         split_half: split_half(problem, state, uncertainty.inflation, halves),
         residuals: residual_map(problem, state, map),
         radius: observed_radius(refined, board),
+        unexplained: refined.unexplained.clone(),
         poses: PoseCovariance::new(problem, state, uncertainty.inflation)?,
     };
     Ok((Trust { uncertainty, projection, coverage: coverage(problem, state, board) }, events))

@@ -122,6 +122,7 @@ fn solve(
     let stage = StageSettings {
         refinement: &settings.refinement,
         knots: &settings.knots,
+        unexplained: &settings.unexplained,
         association: &settings.association,
         solve: &settings.solve,
     };

@@ -161,7 +161,9 @@ fn best_and_worst<'a>(
 /// the pictures.
 fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
     let mut poses = match &calibrated.evidence {
-        Evidence::Events(events) => sampled_poses(&events.refined.state, &events.trust.poses, recording, settings),
+        Evidence::Events(events) => {
+            sampled_poses(&events.refined.state, (&events.trust.poses, &events.trust.unexplained), recording, settings)
+        }
         Evidence::Pictures(_) => calibrated
             .posed()
             .filter(|(_, frame)| frame.recording == recording)

@@ -121,6 +121,8 @@ pub struct Associator<'a> {
     bursts: BurstTracker,
     ranks: Vec<Option<u8>>,
     found: Vec<Vec<(u32, EventObservation)>>,
+    /// Times of events that are too far from an edge, by segment.
+    far: Vec<Vec<f32>>,
     ordinal: u64,
     report: AssociationReport,
 }
@@ -144,6 +146,7 @@ impl<'a> Associator<'a> {
         Self {
             bursts: BurstTracker::new(context.sensor, pause),
             found: vec![Vec::new(); segments.len()],
+            far: vec![Vec::new(); segments.len()],
             circle_centers,
             ranks: Vec::new(),
             ordinal: 0,
@@ -164,28 +167,33 @@ impl<'a> Associator<'a> {
         let span = (first.t as f64 * 1e-6 - margin, last.t as f64 * 1e-6 + margin);
         let bins: Vec<SegmentBins> =
             self.segments.iter().map(|(_, trajectory)| SegmentBins::new(trajectory, self.context.bin, span)).collect();
-        let parts: Vec<(Vec<Associated>, AssociationReport)> = events
+        let parts: Vec<(Vec<Associated>, Vec<(usize, f32)>, AssociationReport)> = events
             .par_chunks(CHUNK)
             .zip(self.ranks.par_chunks(CHUNK))
             .enumerate()
             .map(|(chunk, (events, ranks))| {
-                let mut found = Vec::new();
+                let (mut found, mut far) = (Vec::new(), Vec::new());
                 let mut report = AssociationReport::default();
                 for (position, (event, rank)) in events.iter().zip(ranks).enumerate() {
                     report.events += 1;
                     let ordinal = self.ordinal + (chunk * CHUNK + position) as u64;
                     let Some(rank) = rank else { continue };
-                    if let Some(observation) = self.associate(event, *rank, ordinal, &bins, &mut report) {
+                    if let Some(observation) = self.associate(event, *rank, ordinal, &bins, (&mut far, &mut report)) {
                         report.kept += 1;
                         found.push(observation);
                     }
                 }
-                (found, report)
+                (found, far, report)
             })
             .collect();
         self.ordinal += events.len() as u64;
-        for (found, report) in parts {
+        for (found, far, report) in parts {
             self.report.add(&report);
+            for (segment, time) in far {
+                if let Some(list) = self.far.get_mut(segment) {
+                    list.push(time);
+                }
+            }
             for (segment, bin, observation) in found {
                 if let Some(list) = self.found.get_mut(segment) {
                     list.push((bin, observation));
@@ -200,7 +208,7 @@ impl<'a> Associator<'a> {
         rank: u8,
         ordinal: u64,
         bins: &[SegmentBins],
-        report: &mut AssociationReport,
+        (far, report): (&mut Vec<(usize, f32)>, &mut AssociationReport),
     ) -> Option<Associated> {
         let settings = self.context.settings;
         let class = class(event.polarity, rank);
@@ -245,6 +253,7 @@ impl<'a> Associator<'a> {
         let distance = edge.from_expected(bias).abs();
         if distance.is_nan() || distance >= band {
             report.far_from_edge += 1;
+            far.push((segment, time as f32));
             return None;
         }
         let normal_speed = edge.normal_speed;
@@ -276,10 +285,11 @@ impl<'a> Associator<'a> {
         let observations = self
             .found
             .into_par_iter()
+            .zip(self.far)
             .zip(self.segments.par_iter())
-            .map(|(mut found, (segment, trajectory))| {
+            .map(|((mut found, far), (segment, trajectory))| {
                 found.sort_by_key(|(bin, observation)| (*bin, observation.class));
-                let mut observations = SegmentObservations::default();
+                let mut observations = SegmentObservations { far, ..SegmentObservations::default() };
                 for group in found.chunk_by(|a, b| a.0 == b.0) {
                     let Some(&(bin, _)) = group.first() else { continue };
                     let first = observations.events.len();

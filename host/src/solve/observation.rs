@@ -40,4 +40,6 @@ pub struct SegmentObservations {
     pub events: Vec<EventObservation>,
     /// Circle centres in order of time.
     pub points: Vec<PointObservation>,
+    /// Times of the events near the board that are too far from every edge to be observations (s).
+    pub far: Vec<f32>,
 }

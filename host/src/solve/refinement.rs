@@ -19,6 +19,7 @@ use crate::solve::levenberg::solve;
 use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::{EventResidual, residuals};
+use crate::solve::unexplained::{UnexplainedSettings, UnexplainedStretch, leave_out, unexplained};
 use crate::solve::{FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State};
 use crate::trajectory::knot_grid::KnotSettings;
 
@@ -96,6 +97,8 @@ pub struct StageSettings<'a> {
     pub refinement: &'a RefinementSettings,
     /// Knots.
     pub knots: &'a KnotSettings,
+    /// What no curve explains.
+    pub unexplained: &'a UnexplainedSettings,
     /// Association.
     pub association: &'a AssociationSettings,
     /// Solve.
@@ -110,6 +113,8 @@ pub struct Refined {
     pub problem: Problem,
     /// Robust residual statistics of the last round.
     pub residuals: ResidualStatistics,
+    /// Stretches that no curve explains: not in the solve.
+    pub unexplained: Vec<UnexplainedStretch>,
     /// One report a round.
     pub rounds: Vec<RoundReport>,
 }
@@ -175,12 +180,22 @@ pub fn refine<E: Send>(
         let change = if moved.compared > 0 { moved.root_mean_square } else { f64::INFINITY };
         rounds.push(RoundReport { association, knots, solve: solve_report, change });
         if final_round {
+            let unexplained = unexplained_at(&problem, &state, settings.unexplained);
+            if !unexplained.is_empty() {
+                leave_out(&mut problem, &state, &unexplained);
+                state = solve(&problem, state)?.0;
+            }
             let bearings = BearingTable::new(&state.camera, input.sensor);
             let residuals = residual_statistics(&problem, &state, &bearings);
-            return Ok(Refined { state, problem, residuals, rounds });
+            return Ok(Refined { state, problem, residuals, unexplained, rounds });
         }
         last_early = change < 20.0 * settings.refinement.settled;
     }
+}
+
+fn unexplained_at(problem: &Problem, state: &State, settings: &UnexplainedSettings) -> Vec<UnexplainedStretch> {
+    let bearings = BearingTable::new(&state.camera, problem.sensor);
+    unexplained(problem, state, &residuals(problem, state, &bearings), settings)
 }
 
 fn associate_all<E: Send>(

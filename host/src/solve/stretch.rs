@@ -161,6 +161,8 @@ fn visit_edges<'a>(
 /// The residual of one event.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EventResidual {
+    /// Index of the segment.
+    pub segment: usize,
     /// Time since the start of its recording, less the latency of its class (s).
     pub t: f64,
     /// Column and row.
@@ -193,6 +195,7 @@ pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> V
                 visit_edges(problem, state, bearings, (&pose, part), &mut batch, |event, edge, bias| {
                     let EdgeDistance { by_pixel, scale, .. } = edge.distance;
                     found.push(EventResidual {
+                        segment: stretch.segment,
                         t: bin.t + f64::from(event.dt),
                         pixel: [event.x, event.y],
                         normal: by_pixel.map(|slope| (slope / scale) as f32),

@@ -179,4 +179,30 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn inserted_knots_leave_the_curve_as_it_is() {
+        for degree in 1..=4 {
+            let clamped = |inner: &[f64]| {
+                let ends = |t: f64| std::iter::repeat_n(t, degree + 1);
+                ends(0.0).chain(inner.iter().copied()).chain(ends(1.0)).collect::<Vec<f64>>()
+            };
+            let (coarse, fine) = (clamped(&[0.2, 0.5]), clamped(&[0.1, 0.2, 0.25, 0.5, 0.8]));
+            let control: Vec<f64> = (0..degree + 3).map(|index| ((index * index) % 7) as f64).collect();
+            let blends = insertion(&coarse, &fine, degree);
+            assert_eq!(blends.len(), degree + 6);
+            let inserted: Vec<f64> = blends
+                .iter()
+                .map(|blend| (0..=degree).map(|place| blend.weights[place] * control[blend.first + place]).sum())
+                .collect();
+            let value = |knots: &[f64], control: &[f64], t: f64| -> f64 {
+                let basis = evcal_core::spline::Knots::new(knots, degree).unwrap().basis(t).unwrap();
+                (0..basis.order).map(|place| basis.value[place] * control[basis.first + place]).sum()
+            };
+            for step in 0..=50 {
+                let t = f64::from(step) / 50.0;
+                assert!((value(&coarse, &control, t) - value(&fine, &inserted, t)).abs() < 1e-12, "{degree} {t}");
+            }
+        }
+    }
 }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::solve::State;
 use crate::solve::pose_covariance::{PoseCovariance, PoseSigma};
+use crate::solve::unexplained::{UnexplainedStretch, covers};
 use crate::trajectory::timed_pose::TimedPose;
 
 /// Which poses are sure enough for `trajectory.txt`.
@@ -50,10 +51,11 @@ pub fn determined<'a>(poses: &'a [UncertainPose], settings: &'a PoseSettings) ->
     poses.iter().filter(|pose| pose.is_determined(settings)).map(|pose| pose.pose)
 }
 
-/// The poses along the trajectories of `recording`, at whole multiples of one over the rate, in order of time.
+/// The poses along the trajectories of `recording`, at whole multiples of one over the rate, in order of time, but for the
+/// stretches that are left out.
 pub fn sampled_poses(
     state: &State,
-    covariance: &PoseCovariance,
+    (covariance, left_out): (&PoseCovariance, &[UnexplainedStretch]),
     recording: usize,
     settings: &PoseSettings,
 ) -> Vec<UncertainPose> {
@@ -63,6 +65,9 @@ pub fn sampled_poses(
         let last = (trajectory.end() * settings.rate).floor() as i64;
         poses.extend((first..=last).filter_map(|step| {
             let t = step as f64 / settings.rate;
+            if covers(left_out, recording, t) {
+                return None;
+            }
             let pose = TimedPose { t, pose: trajectory.pose(t)? };
             Some(UncertainPose { pose, sigma: covariance.sigma(segment, trajectory, t) })
         }));

@@ -66,6 +66,8 @@ pub enum Cause {
     ModelTooPoor,
     /// Two halves of the recording differ by more than they should.
     HalvesDisagree,
+    /// Parts of the motion could not be followed.
+    Unexplained,
     /// The camera's own frames give another camera.
     FramesDisagree,
 }

@@ -6,6 +6,7 @@ use nalgebra::Vector2;
 
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::board::Board;
+use crate::solve::unexplained::UnexplainedStretch;
 use crate::trust::coverage::Coverage;
 use crate::trust::residual_map::ResidualPattern;
 use crate::trust::split_half::SplitHalf;
@@ -28,7 +29,31 @@ pub(super) fn findings_on(
     findings.extend(undetermined(camera, trust));
     findings.extend(events.and_then(|events| too_poor(camera, &events.residuals.pattern, settings)));
     findings.extend(events.and_then(|events| halves(events.split_half.as_ref()?)));
+    findings.extend(events.and_then(|events| unexplained(&events.unexplained)));
     findings
+}
+
+fn unexplained(stretches: &[UnexplainedStretch]) -> Option<Finding> {
+    /// Stretches that are told one by one.
+    const TOLD: usize = 4;
+    if stretches.is_empty() {
+        return None;
+    }
+    let seconds: f64 = stretches.iter().map(|stretch| stretch.end - stretch.start).sum();
+    let mut places: Vec<String> =
+        stretches.iter().take(TOLD).map(|stretch| format!("{:.2} to {:.2} s", stretch.start, stretch.end)).collect();
+    if stretches.len() > TOLD {
+        places.push(format!("{} more", stretches.len() - TOLD));
+    }
+    Some(Finding {
+        cause: Cause::Unexplained,
+        severity: Severity::Warning,
+        reason: format!(
+            "the motion could not be followed for {seconds:.2} s, which are left out of camera and trajectory ({})",
+            places.join(", ")
+        ),
+        advice: "did something else move, or hide the board? Otherwise move the camera less abruptly".to_owned(),
+    })
 }
 
 fn uncertain(trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
