@@ -18,7 +18,7 @@ use packets::{PacketReader, is_packet_file};
 use survey::survey;
 use usb::{BULK, UsbPacket};
 
-pub use repair::{GapRepair, RepairCounts};
+pub use repair::{GapRepair, Repair, RepairCounts};
 pub use usb::DeviceAddress;
 
 use crate::dump::{Advanced, Damage, DumpError, DumpHeader, DumpReader, MAGIC, Transfer, TransferStatus};
@@ -240,7 +240,12 @@ impl<R: Read + Seek> Capture<R> {
     }
 
     /// What [`Capture::decode_next`] did about gaps so far.
-    pub fn repairs(&self) -> RepairCounts {
+    pub fn repair_counts(&self) -> RepairCounts {
         self.repair.counts()
+    }
+
+    /// The gaps after which [`Capture::decode_next`] put the time right so far, in order.
+    pub fn repairs(&self) -> &[Repair] {
+        self.repair.repairs()
     }
 }
