@@ -15,7 +15,6 @@ use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::picture_calibration::calibration::{FrameCalibration, NoFrameCalibration, calibrate_frames};
 use crate::picture_calibration::joint::{JointPoints, joint_points};
 use crate::recording::pass::RecordingReport;
-use crate::recording::pictures::may_hold_frames;
 use crate::solve::event_bias::bias::Biases;
 use crate::solve::event_bias::{CLASS_COUNT, unknown};
 use crate::solve::refinement::Refined;
@@ -51,7 +50,7 @@ pub(super) fn see_frames(
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
-            Input::Events(recording) if may_hold_frames(recording.format()) => {
+            Input::Events(recording) if recording.may_hold_frames() => {
                 progress(&format!("looking for the board in the frames of {}", input.name()));
                 detection.search(recording, number, start)?
             }

@@ -8,6 +8,7 @@ use usb_davis::dump::DumpHeader;
 use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarity, PolarityEvent};
 use usb_davis::registers::{dvs, mux};
 
+use super::{FRAMES, INERTIAL, SIGNALS};
 use crate::recording::reader::PAUSE_AFTER_RESET;
 use crate::recording::{ReadReport, RecordingError, RecordingErrorKind, StreamFaults, Truncation};
 
@@ -115,7 +116,7 @@ impl Messages {
                 .fold(0, u64::saturating_add),
             faults: faults.map(|(kind, count)| (kind.text(), count)).collect(),
         };
-        for (name, count) in ["frames", "inertial samples", "signals"].into_iter().zip(self.other) {
+        for (name, count) in [FRAMES, INERTIAL, SIGNALS].into_iter().zip(self.other) {
             if count > 0 {
                 report.other_packets.insert(name.to_owned(), count);
             }
@@ -131,6 +132,6 @@ impl Messages {
 fn error(path: &Path, error: CaptureError) -> RecordingError {
     match error {
         CaptureError::Io(error) => RecordingError::io(path, error),
-        error => RecordingError::new(path, RecordingErrorKind::Layout(error.to_string())),
+        error => RecordingError::new(path, RecordingErrorKind::Capture(error)),
     }
 }
