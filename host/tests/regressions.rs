@@ -8,9 +8,9 @@ use std::process::{Command, Output};
 
 use evcal::opencv::{PinholeDistortion, View, calibrate_pinhole};
 use evcal::recording::aedat4::header::Compression;
-use evcal::recording::aedat4::other_streams::{Frame, InertialSample};
-use evcal::recording::aedat4::write::{Encoder, OtherStreams};
-use evcal::recording::write::Encode;
+use evcal::recording::aedat4::write::Encoder;
+use evcal::recording::encode::Encode;
+use evcal::recording::extras::{Frame, InertialSample, OtherStreams};
 use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;

@@ -2,8 +2,7 @@
 
 use super::Task;
 use super::error::CalibrateError;
-use crate::calibrate::input::Input;
-use crate::calibrate::input::read_events;
+use crate::calibrate::input::{Input, read_events};
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::other_board::OtherBoard;
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};

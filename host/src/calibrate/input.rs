@@ -1,7 +1,9 @@
 //! What a calibration is made from: recordings of events, or circles that were found before.
 
-use evcal_core::sensor::Sensor;
 use std::path::{Path, PathBuf};
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
 
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
@@ -9,10 +11,8 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
-use crate::recording::ReadReport;
 use crate::recording::pass::{Pass, read_recording};
-use crate::recording::{Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
-use evcal_core::event::Event;
+use crate::recording::{ReadReport, Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
 
 /// One input: events or circles.
 pub enum Input {

@@ -14,7 +14,6 @@ use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, calibrate_pictures};
 use crate::picture_calibration::joint::{JointPoints, joint_points};
 use crate::recording::pass::RecordingReport;
-use crate::recording::pictures::may_hold_frames;
 use crate::solve::refinement::Refined;
 use crate::trust::examine_pictures;
 use crate::trust::uncertainty::Uncertainty;
@@ -42,7 +41,7 @@ pub(super) fn see_pictures(
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
-            Input::Events(recording) if may_hold_frames(recording.format()) => {
+            Input::Events(recording) if recording.may_hold_frames() => {
                 progress(&format!("looking for the board in the frames of {}", input.name()));
                 detection.search(recording, number, start)?
             }

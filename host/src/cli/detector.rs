@@ -51,7 +51,7 @@ pub fn open_stream(path: &Path, silent: bool) -> Result<Option<CircleStream>, Bo
     }
     match sniff(path)? {
         RecordingKind::CircleStream => Ok(Some(stream::read(path)?)),
-        RecordingKind::CircleTrack | RecordingKind::Events { .. } => Ok(None),
+        _ => Ok(None),
     }
 }
 

@@ -7,8 +7,7 @@ use std::{fmt, fs};
 use clap::ValueEnum;
 use evcal::board::Board;
 use evcal::lens::camera_file::{self, CameraDescription};
-use evcal::recording::aedat4::header::Compression;
-use evcal::recording::write::OutputFormat;
+use evcal::recording::{aedat4, event_calib, text};
 use evcal::simulate::davis::{DavisDescription, DavisSettings, DavisTruth};
 use evcal::simulate::frame::ExposureModel;
 use evcal::simulate::inertia::InertialSettings;
@@ -156,12 +155,12 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     fs::create_dir_all(directory).map_err(|error| at(directory, error))?;
     let (name, format) = match arguments.format {
         RecordingFile::Aedat4 if davis == DavisSettings::default() => {
-            ("events.aedat4", RecordingFormat::Events(OutputFormat::Aedat4(Compression::Zstd)))
+            ("events.aedat4", RecordingFormat::Events(aedat4::OUTPUT))
         }
         RecordingFile::Aedat4 => ("events.aedat4", RecordingFormat::Aedat4),
         RecordingFile::Dvraw => ("events.dvraw", RecordingFormat::Davis346),
-        RecordingFile::Csv => ("events.csv", RecordingFormat::Events(OutputFormat::Text)),
-        RecordingFile::Bin => ("events.bin", RecordingFormat::Events(OutputFormat::EventCalib)),
+        RecordingFile::Csv => ("events.csv", RecordingFormat::Events(text::OUTPUT)),
+        RecordingFile::Bin => ("events.bin", RecordingFormat::Events(event_calib::OUTPUT)),
     };
     let recording = directory.join(name);
     let (counts, davis_truth) = simulate(&simulation, &davis, &recording, format, arguments.json)?;

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use evcal::lens::camera_file::{self, CameraDescription, CameraFile};
 use evcal::recording::Recording;
-use evcal::recording::convert::Target;
+use evcal::recording::convert::output_of;
+use evcal::recording::encode::OutputFormat;
 use evcal::undistort::PixelMap;
 use evcal::undistort::picture::undistort_picture;
 use evcal::undistort::recording::{
@@ -46,7 +47,7 @@ pub struct Arguments {
     subpixel: bool,
     /// Format of the recording to write: dvraw, aedat4, csv or bin [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT", conflicts_with = "subpixel")]
-    to: Option<Target>,
+    to: Option<OutputFormat>,
     /// Write the frames of the recording as PNG into this folder
     #[arg(long, value_name = "DIR")]
     frames: Option<PathBuf>,
@@ -102,7 +103,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
         let done = if arguments.subpixel {
             undistort_sub_pixel(&recording, output, SubPixelFormat::from_extension(output)?, maps, tell)?
         } else {
-            let target = arguments.to.map_or_else(|| Target::from_extension(output), Ok)?;
+            let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
             undistort_recording(&recording, output, target, maps, tell)?
         };
         write_camera(&beside(output), new, sensor)?;

@@ -6,38 +6,59 @@
 //! latest one.
 
 pub mod dump;
+mod dump_sink;
+mod extras;
 mod messages;
+mod transfers;
 
 use std::path::Path;
 
 use evcal_core::event::Event;
 pub use messages::Messages;
 pub use messages::{CameraClock, event};
-use usb_davis::capture::{CaptureFormat, sniff};
+use usb_davis::capture::{Capture, CaptureFormat, sniff};
 use usb_davis::protocol::Message;
 
-use super::{Decode, FileFormat, Head, ReadReport, RecordingError, RecordingInformation, StreamSummary};
+use super::extras::ReadExtras;
+use super::{
+    Decode, FileFormat, Head, ReadReport, RecordingError, RecordingInformation, RecordingOptions, StreamSummary,
+};
+pub use dump_sink::OUTPUT;
 
 /// Dumps and captures, which begin with a mark.
 pub const FORMAT: FileFormat = FileFormat {
     name: "DAVIS USB recording",
     recognise: |head| is(head, &[CaptureFormat::Dvraw, CaptureFormat::Packets]),
-    open: |path, _| open(path, FORMAT.name),
-    streams: summarise,
+    events: |path, _| open(path, FORMAT.name),
+    streams: |path, _| summarise(path),
+    frames: Some(|path, _, visit| extras::visit_frames(path, visit)),
+    extras: Some(open_extras),
+    transfers: Some(|path| Capture::open(path)),
+    output: Some(&dump_sink::OUTPUT),
 };
 
 /// The stream alone, which can be told from other files only by its words.
 pub const BARE_FORMAT: FileFormat = FileFormat {
     name: "bare DAVIS stream",
     recognise: |head| is(head, &[CaptureFormat::BarePayload]),
-    open: |path, _| open(path, BARE_FORMAT.name),
-    streams: summarise,
+    events: |path, _| open(path, BARE_FORMAT.name),
+    output: None,
+    ..FORMAT
 };
 
 const BATCH: usize = 32_768;
 
+/// Names of what there is beside events.
+const FRAMES: &str = "frames";
+const INERTIAL: &str = "inertial samples";
+const SIGNALS: &str = "signals";
+
 fn is(head: &Head, formats: &[CaptureFormat]) -> bool {
     sniff(&head.bytes).is_some_and(|format| formats.contains(&format))
+}
+
+fn open_extras(path: &Path, _: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
+    Ok(Box::new(extras::CameraExtras::open(path)?))
 }
 
 struct Transfers {
@@ -83,7 +104,7 @@ impl Decode for Transfers {
 /// Counts what the stream holds.
 fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut messages = Messages::open(path)?;
-    let names = ["events", "frames", "inertial samples", "signals"];
+    let names = ["events", FRAMES, INERTIAL, SIGNALS];
     let mut summaries =
         names.map(|name| StreamSummary { name: name.to_owned(), packets: 0, elements: 0, times_us: None });
     let mut more = true;
@@ -146,7 +167,7 @@ mod tests {
             let path = directory.path().join("recording");
             std::fs::write(&path, content).expect("it can be written");
             let recording = Recording::new(&path, RecordingOptions::default()).expect("it is known");
-            assert_eq!(recording.format(), format);
+            assert_eq!(recording.format().name, format);
             let mut reader = recording.open().expect("it can be read");
             assert_eq!(reader.information().sensor, Some(Sensor::new(346, 260)));
             let (mut events, mut batch) = (Vec::new(), Vec::new());

@@ -118,19 +118,19 @@ pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
             Err(error) => break Some(error.kind.to_string()),
         }
     };
-    let source = reader.information();
+    let known = reader.information();
     let times_us = statistics.first.map(|first| (first, statistics.latest));
     let duration_s = times_us.map_or(0.0, |(first, last)| seconds(last - first));
     let (hot_pixel_count, hottest_pixels) = statistics.hot_pixels();
-    let likely_sensor = match source.sensor {
+    let likely_sensor = match known.sensor {
         None if statistics.events > 0 => likely_sensor(statistics.largest),
         _ => None,
     };
     Ok(Information {
         path: recording.path().display().to_string(),
-        format: source.format,
-        camera_name: source.camera_name.clone(),
-        sensor: source.sensor,
+        format: known.format,
+        camera_name: known.camera_name.clone(),
+        sensor: known.sensor,
         likely_sensor,
         times_us,
         duration_s,
@@ -145,7 +145,7 @@ pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
         hottest_pixels,
         streams: recording.streams()?,
         report: reader.report().clone(),
-        notes: source.notes.clone(),
+        notes: known.notes.clone(),
         error,
     })
 }
@@ -334,7 +334,8 @@ mod tests {
 
     use super::*;
     use crate::recording::RecordingOptions;
-    use crate::recording::write::{EventWriter, OutputFormat};
+    use crate::recording::encode::OutputFormat;
+    use crate::recording::write::EventWriter;
 
     fn of(path: &Path) -> Information {
         gather(&Recording::new(path, RecordingOptions::default()).unwrap()).unwrap()

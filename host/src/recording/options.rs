@@ -21,6 +21,7 @@ pub struct RecordingOptions {
 
 /// What to do about a part of a recording that cannot be decoded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Damage {
     /// Stop there with an error.
     #[default]
@@ -39,6 +40,7 @@ pub struct OptionError {
 
 /// Unit of a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TimeUnit {
     /// 1 s
     Seconds,
@@ -89,6 +91,7 @@ impl FromStr for TimeUnit {
 
 /// What a column of a text file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Column {
     /// Time.
     T,

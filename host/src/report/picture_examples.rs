@@ -13,7 +13,7 @@ use crate::calibrate::Task;
 use crate::calibrate::calibrated::{Calibrated, Evidence};
 use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::recording::pictures::{GreyImage, TimedImage, may_hold_frames, visit_frames};
+use crate::recording::pictures::{GreyImage, TimedImage, visit_frames};
 use crate::report::drawing::{BEYOND, Picture};
 
 /// Most frames that are carried to the board.
@@ -72,7 +72,7 @@ fn frames_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usize)
 fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(TimedImage, Isometry3<f64>)) {
     for (number, (input, &start)) in task.inputs.iter().zip(&calibrated.starts).enumerate() {
         let Input::Events(recording) = input else { continue };
-        if !may_hold_frames(recording.format()) {
+        if !recording.may_hold_frames() {
             continue;
         }
         let _ = visit_frames(recording, |picture| {

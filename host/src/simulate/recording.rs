@@ -12,10 +12,11 @@ use super::davis::{DavisSettings, DavisSlice, DavisTruth};
 use super::frame::{FrameTimes, SimulatedFrame};
 use super::{EventCounts, Simulation};
 use crate::recording::aedat4::header::Compression;
-use crate::recording::aedat4::other_streams::{Frame, InertialSample};
-use crate::recording::aedat4::write::{Encoder, OtherStreams};
+use crate::recording::aedat4::write::Encoder;
 use crate::recording::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
-use crate::recording::write::{Encode, EventWriter, OutputFormat, WriteError};
+use crate::recording::encode::{Encode, OutputFormat, WriteError};
+use crate::recording::extras::{Frame, InertialSample, OtherStreams};
+use crate::recording::write::EventWriter;
 
 /// Size of the sensor of a DAVIS346.
 pub const DAVIS346_SENSOR: Sensor = Sensor::new(346, 260);

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::PixelMap;
 use super::image_file::{self, ImageFile, ImageFileError, Samples};
-use crate::recording::aedat4::other_streams::Frame;
+use crate::recording::extras::Frame;
 
 /// A picture could not be undistorted.
 #[derive(Debug, thiserror::Error)]

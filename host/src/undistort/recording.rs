@@ -10,9 +10,9 @@ use serde::Serialize;
 use super::PixelMap;
 use super::picture::{PictureError, undistort_frame, write_frame};
 use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
-use crate::recording::convert::extras::{Extra, Extras};
-use crate::recording::convert::{Change, ConversionReport, ConvertError, Target, TimeOrigin, convert_changed};
-use crate::recording::write::WriteError;
+use crate::recording::convert::{Change, ConversionReport, ConvertError, TimeOrigin, convert_changed, open_extras};
+use crate::recording::encode::{OutputFormat, WriteError};
+use crate::recording::extras::{Extra, NoExtras, left_out};
 use crate::recording::{EventReader, Recording, RecordingError};
 
 /// The maps between a camera and the one without distortion.
@@ -35,13 +35,14 @@ pub struct UndistortionReport {
 
 /// Nothing, or not all, was undistorted.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum UndistortError {
     /// The recording cannot be read, or the output not be written.
     #[error(transparent)]
     Convert(#[from] ConvertError),
     /// The recording cannot be read.
     #[error(transparent)]
-    Source(#[from] RecordingError),
+    Recording(#[from] RecordingError),
     /// A frame cannot be written.
     #[error(transparent)]
     Picture(#[from] PictureError),
@@ -84,7 +85,7 @@ fn check_sensor(recording: &Recording, reader: &EventReader, maps: &Maps) -> Res
 pub fn undistort_recording(
     recording: &Recording,
     path: &Path,
-    target: Target,
+    target: OutputFormat,
     maps: &Maps,
     progress: impl FnMut(u64),
 ) -> Result<UndistortionReport, UndistortError> {
@@ -154,7 +155,7 @@ pub fn undistort_sub_pixel(
     writer.finish().map_err(failed)?;
     report.conversion.report = reader.report().clone();
     report.conversion.notes = reader.information().notes.clone();
-    report.conversion.lost = Extras::none().left_out(reader.report());
+    report.conversion.lost = left_out(&NoExtras, reader.report());
     Ok(report)
 }
 
@@ -167,7 +168,7 @@ pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Re
     check_sensor(recording, &recording.open()?, maps)?;
     fs::create_dir_all(folder)
         .map_err(|error| UndistortError::Folder { folder: folder.display().to_string(), error })?;
-    let mut extras = Extras::open(recording.path(), recording.format())?;
+    let mut extras = open_extras(recording)?;
     let (mut lost, mut written) = (Vec::new(), 0_u64);
     while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
         let Extra::Frame(mut frame) = extra else { continue };

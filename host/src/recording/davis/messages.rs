@@ -8,6 +8,7 @@ use usb_davis::dump::DumpHeader;
 use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarity, PolarityEvent};
 use usb_davis::registers::Dropped;
 
+use super::{FRAMES, INERTIAL, SIGNALS};
 use crate::recording::reader::PAUSE_AFTER_RESET;
 use crate::recording::{ReadReport, RecordingError, RecordingErrorKind, StreamFaults, Truncation};
 
@@ -101,7 +102,7 @@ impl Messages {
 
     /// Says in `report` what was met so far.
     pub fn report(&self, report: &mut ReadReport) {
-        let repairs = self.capture.repairs();
+        let repairs = self.capture.repair_counts();
         let faults = self.decoder.counts().anomalies;
         let faults = faults.iter().filter(|(kind, _)| *kind != AnomalyKind::Gap);
         report.stream = StreamFaults {
@@ -112,7 +113,7 @@ impl Messages {
             dropped: Dropped::between(&self.header().registers, self.capture.registers()).events,
             faults: faults.map(|(kind, count)| (kind.text(), count)).collect(),
         };
-        for (name, count) in ["frames", "inertial samples", "signals"].into_iter().zip(self.other) {
+        for (name, count) in [FRAMES, INERTIAL, SIGNALS].into_iter().zip(self.other) {
             if count > 0 {
                 report.other_packets.insert(name.to_owned(), count);
             }
@@ -128,6 +129,6 @@ impl Messages {
 fn error(path: &Path, error: CaptureError) -> RecordingError {
     match error {
         CaptureError::Io(error) => RecordingError::io(path, error),
-        error => RecordingError::new(path, RecordingErrorKind::Layout(error.to_string())),
+        error => RecordingError::new(path, RecordingErrorKind::Capture(error)),
     }
 }
