@@ -1,6 +1,6 @@
 //! Why a calibration fails.
 
-use crate::detection::LARGEST_SENSOR;
+use crate::detection::{LARGEST_SENSOR, NoPattern};
 use crate::initial::InitialError;
 use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
@@ -50,8 +50,8 @@ pub enum CalibrateError {
         file: String,
     },
     /// The board was not found.
-    #[error("{0}")]
-    NoPattern(String),
+    #[error(transparent)]
+    NoPattern(NoPattern),
     /// No initial model.
     #[error(transparent)]
     Initial(#[from] InitialError),

@@ -166,8 +166,8 @@ fn start(
 ) -> Result<InitialModel, String> {
     let needed = settings.initial.min_frames;
     if frames.len() < needed {
-        let mut reasons: Vec<(&str, u64)> = detection.refused.iter().map(|(reason, count)| (*reason, *count)).collect();
-        reasons.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
+        let mut reasons: Vec<_> = detection.refused.iter().collect();
+        reasons.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
         let reasons: Vec<String> = reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
         return Err(format!(
             "the board was found in {} of {} frames, {needed} are needed ({}): more light, slower motion, the whole board in view",

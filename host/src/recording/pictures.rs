@@ -44,7 +44,18 @@ pub struct TimedImage {
     /// Column and row of the sensor at which the picture begins.
     pub position: (u16, u16),
     /// The picture, or why it cannot be used.
-    pub image: Result<GreyImage, &'static str>,
+    pub image: Result<GreyImage, NoImage>,
+}
+
+/// Why a picture cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoImage {
+    /// Its rows were exposed one after the other.
+    RollingShutter,
+    /// Columns were lost on the way.
+    LostColumns,
+    /// It is neither grey nor coloured.
+    NotGrey,
 }
 
 impl From<Frame> for TimedImage {
@@ -70,7 +81,7 @@ impl From<Frame> for TimedImage {
             exposure: frame.exposure.unwrap_or((frame.t, frame.t)),
             exposure_known: frame.exposure.is_some(),
             position: frame.position,
-            image: GreyImage::new(width, height, grey).ok_or("no grey or colour picture"),
+            image: GreyImage::new(width, height, grey).ok_or(NoImage::NotGrey),
         }
     }
 }
@@ -142,7 +153,7 @@ mod tests {
         let image = global.image.as_ref().unwrap();
         assert_eq!((image.width(), image.height()), (346, 260));
         assert!(image.pixels.iter().zip(&pixels).all(|(eight, ten)| u16::from(*eight) == ten / 4));
-        assert_eq!(rolling.image, Err("rolling shutter"));
+        assert_eq!(rolling.image, Err(NoImage::RollingShutter));
         assert_eq!(image_at(&recording, 9201).as_ref(), Some(global));
         assert_eq!(image_at(&recording, 9300), None);
     }
@@ -160,7 +171,7 @@ mod tests {
         };
         let grey = TimedImage::from(frame(3, vec![10, 20, 30, 255, 255, 255]));
         // 0.114 · 10 + 0.587 · 20 + 0.299 · 30 = 21.85.
-        assert_eq!(grey.image, GreyImage::new(2, 1, vec![22, 255]).ok_or(""));
+        assert_eq!(grey.image, GreyImage::new(2, 1, vec![22, 255]).ok_or(NoImage::NotGrey));
         assert_eq!((grey.exposure, grey.exposure_known, grey.position), ((7, 7), false, (3, 4)));
         assert!(TimedImage::from(frame(2, vec![0; 4])).image.is_err());
     }

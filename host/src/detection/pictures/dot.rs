@@ -5,7 +5,10 @@
 //! the dot's motion while the shutter is open: the centre is that of the middle of the exposure, as far
 //! as the motion is straight. An edge that is fitted where it is steepest has none of that.
 
+use std::fmt;
+
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::dark_spots::DarkSpot;
 use super::settings::PictureSettings;
@@ -23,25 +26,24 @@ pub struct Dot {
     pub blur: f64,
 }
 
-/// Why a spot is no dot that can be measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Why a spot is no dot that can be measured. Declared in the order of the words, in which reports list them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum NoDot {
     /// The border of the image cuts the dot or its surroundings.
+    #[serde(rename = "cut by the border of the image")]
     CutByBorder,
-    /// The paper around it is not evenly lit, or something lies beside it.
-    UnevenSurroundings,
     /// It is hardly darker than the paper.
+    #[serde(rename = "low contrast")]
     LowContrast,
+    /// The paper around it is not evenly lit, or something lies beside it.
+    #[serde(rename = "surroundings not even")]
+    UnevenSurroundings,
 }
 
-impl NoDot {
-    /// In words.
-    pub fn reason(self) -> &'static str {
-        match self {
-            Self::CutByBorder => "cut by the border of the image",
-            Self::UnevenSurroundings => "surroundings not even",
-            Self::LowContrast => "low contrast",
-        }
+impl fmt::Display for NoDot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // As reports have it.
+        self.serialize(f)
     }
 }
 

@@ -8,7 +8,7 @@ use usb_davis::protocol::{ImuSample, Message, Shutter};
 use super::Messages;
 use crate::recording::RecordingError;
 use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras};
-use crate::recording::pictures::{GreyImage, TimedImage};
+use crate::recording::pictures::{GreyImage, NoImage, TimedImage};
 
 /// What a camera sent beside events.
 pub struct CameraExtras {
@@ -124,13 +124,13 @@ fn camera_frame(frame: &usb_davis::protocol::Frame<'_>, shift: i64) -> TimedImag
     let exposure = frame.exposure_start.zip(frame.exposure_end).map(|(start, end)| (time(start), time(end)));
     let image = match frame.shutter {
         // Every column has a time of its own; a calibration that gives a frame one pose would be wrong.
-        Shutter::Rolling => Err("rolling shutter"),
-        Shutter::Global if frame.damaged_columns > 0 => Err("lost columns"),
+        Shutter::Rolling => Err(NoImage::RollingShutter),
+        Shutter::Global if frame.damaged_columns > 0 => Err(NoImage::LostColumns),
         Shutter::Global => {
             // 8 of the 10 bits, as AEDAT4 keeps them: what is lost is below the noise.
             let pixels = frame.pixels.iter().map(|pixel| (pixel >> 2).min(255) as u8).collect();
             let (width, height) = (usize::from(frame.region.width), usize::from(frame.region.height));
-            GreyImage::new(width, height, pixels).ok_or("no grey or colour picture")
+            GreyImage::new(width, height, pixels).ok_or(NoImage::NotGrey)
         }
     };
     TimedImage {
