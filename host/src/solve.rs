@@ -146,7 +146,7 @@ pub struct State {
 }
 
 /// How a solve went.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SolveReport {
     /// Observations used.
     pub observations: usize,

@@ -9,6 +9,7 @@ use crate::solve::SolveError;
 use crate::solve::refinement::RefinementError;
 use crate::trajectory::first::FirstTrajectoryError;
 use evcal_core::sensor::Sensor;
+use serde::{Serialize, Serializer};
 
 /// Why a calibration failed.
 #[derive(Debug, thiserror::Error)]
@@ -81,5 +82,11 @@ impl From<RefinementError<RecordingError>> for CalibrateError {
             RefinementError::Read(error) => Self::Source(error),
             RefinementError::Solve(error) => Self::Solve(error),
         }
+    }
+}
+
+impl Serialize for CalibrateError {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
     }
 }

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use evcal::evaluate::intrinsics::{IntrinsicsComparison, compare_intrinsics};
 use evcal::evaluate::trajectory_error::{AbsoluteTrajectoryError, Association, best_time_shift, trajectory_error};
-use evcal::lens::camera_file;
 use evcal::lens::projection_difference::{ProjectionDifference, projection_difference};
+use evcal::result::calibrated_camera::CalibratedCamera;
 use evcal::trajectory::timed_pose::TimedPose;
 use evcal::trajectory::tum;
 use nalgebra::Vector3;
@@ -60,8 +60,8 @@ struct TrajectoryFigures {
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let calibration_file = camera_path(&arguments.calibration);
     let truth_file = camera_path(&arguments.truth);
-    let (calibration, sensor) = camera_file::read(&calibration_file)?;
-    let (truth, true_sensor) = camera_file::read(&truth_file)?;
+    let CalibratedCamera { camera: calibration, sensor, .. } = CalibratedCamera::read(&calibration_file)?;
+    let CalibratedCamera { camera: truth, sensor: true_sensor, .. } = CalibratedCamera::read(&truth_file)?;
     if sensor != true_sensor {
         return Err(format!(
             "{} is for a sensor of {}x{} pixels, {} for one of {}x{}: they cannot be compared",

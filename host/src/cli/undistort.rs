@@ -3,10 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use evcal::lens::camera_file::{self, CameraDescription, CameraFile};
+use evcal::lens::camera_file::{CameraDescription, CameraFile};
 use evcal::recording::Recording;
 use evcal::recording::convert::output_of;
 use evcal::recording::encode::OutputFormat;
+use evcal::result::calibrated_camera::CalibratedCamera;
 use evcal::undistort::PixelMap;
 use evcal::undistort::picture::undistort_picture;
 use evcal::undistort::recording::{
@@ -73,7 +74,7 @@ fn is_picture(path: &Path) -> bool {
 
 /// Runs `evcal undistort`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    let (camera, sensor) = camera_file::read(&arguments.calibration)?;
+    let CalibratedCamera { camera, sensor, .. } = CalibratedCamera::read(&arguments.calibration)?;
     let new = match arguments.alpha {
         Some(alpha) if !(0.0..=1.0).contains(&alpha) => {
             return Err(UsageError("--alpha must be from 0 to 1".to_owned()).into());

@@ -6,7 +6,7 @@ use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::bundle::{Bundle, BundleView, bundle};
 use super::pose::homography_pose;
@@ -16,7 +16,7 @@ use crate::numerics::statistics::median;
 use crate::opencv::{self, OpencvCalibration, PinholeDistortion, View};
 
 /// How OpenCV's calibration went.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OpencvStart {
     /// Views it got and views it was left with after the worst had been taken away.
     pub views: (usize, usize),

@@ -135,10 +135,10 @@ pub fn choose(candidates: &[Candidate], standard_errors: f64) -> Option<(usize, 
 }
 
 /// What became of one candidate.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CandidateReport {
     /// Name of the model.
-    pub model: &'static str,
+    pub model: String,
     /// Number of its parameters.
     pub parameters: usize,
     /// Circles held out; 0 for a candidate that failed.
@@ -156,12 +156,12 @@ pub struct CandidateReport {
 }
 
 /// How a model was chosen.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelChoice {
     /// Name of the chosen model.
-    pub chosen: &'static str,
+    pub chosen: String,
     /// Name of the model whose circles all were compared on.
-    pub circles_of: &'static str,
+    pub circles_of: String,
     /// All candidates.
     pub candidates: Vec<CandidateReport>,
 }
@@ -238,7 +238,7 @@ pub fn choose_model(
     let chosen = chosen.or_else(|| found.iter().position(|(kind, _)| *kind == circles_of)).unwrap_or(0);
     let report = |kind: ModelKind| {
         let blank = CandidateReport {
-            model: kind.name(),
+            model: kind.name().to_owned(),
             parameters: kind.parameter_names().len(),
             count: 0,
             root_mean_cost: None,
@@ -265,7 +265,7 @@ pub fn choose_model(
     };
     let candidates = models.iter().map(|&kind| report(kind)).collect();
     let (kind, model) = found.swap_remove(chosen);
-    Ok((model, ModelChoice { chosen: kind.name(), circles_of: circles_of.name(), candidates }))
+    Ok((model, ModelChoice { chosen: kind.name().to_owned(), circles_of: circles_of.name().to_owned(), candidates }))
 }
 
 #[cfg(test)]

@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::intrinsics::OpencvStart;
 
 /// Why a reference frame is not part of the initial model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DropReason {
     /// Fewer circles than [`super::InitialSettings::min_circles`].
@@ -77,7 +77,7 @@ pub enum Step {
 }
 
 /// A frame that is not part of the initial model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DroppedFrame {
     /// Index of the frame in the input.
     pub frame: usize,
@@ -86,7 +86,7 @@ pub struct DroppedFrame {
 }
 
 /// What happened to single circles in the frames that stay.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ValidationCounts {
     /// Circles of the frames that came to the cross-validation, or stay without events to check them.
     pub seen: usize,
@@ -105,7 +105,7 @@ pub struct ValidationCounts {
 }
 
 /// How the initial model came about.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct InitialReport {
     /// Frames that came in.
     pub frames_in: usize,

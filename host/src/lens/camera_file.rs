@@ -52,13 +52,44 @@ pub enum CameraFileError {
         error: serde_json::Error,
     },
     /// The model is unknown or its parameters are incomplete.
-    #[error("{file}: {reason}")]
+    #[error("{file}: {error}")]
     Model {
         /// The file.
         file: String,
         /// What is wrong.
-        reason: String,
+        error: NoCamera,
     },
+    /// The file is of a later program.
+    #[error(
+        "{file}: the layout of this calibration is version {version}, known are up to {known}: it was written by a later evcal, update this one"
+    )]
+    Version {
+        /// The file.
+        file: String,
+        /// Its version.
+        version: u32,
+        /// The latest version that can be read.
+        known: u32,
+    },
+}
+
+/// Why a description is that of no camera.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoCamera {
+    /// There is no such model.
+    #[error("unknown camera model {0:?}; known are {known}", known = known_models())]
+    UnknownModel(String),
+    /// A parameter of the model is not there.
+    #[error("camera parameter {0} is missing")]
+    MissingParameter(&'static str),
+    /// The model does not take the parameters.
+    #[error("model {0} refuses its parameters")]
+    Refused(String),
+}
+
+fn known_models() -> String {
+    let names: Vec<&str> = ModelKind::ALL.iter().map(|kind| kind.name()).collect();
+    names.join(", ")
 }
 
 impl CameraDescription {
@@ -72,17 +103,14 @@ impl CameraDescription {
     /// The camera described.
     ///
     /// # Errors
-    /// A sentence that says which model or parameter is missing.
-    pub fn camera(&self) -> Result<Camera<f64>, String> {
-        let kind = ModelKind::from_name(&self.model).ok_or_else(|| {
-            let known: Vec<&str> = ModelKind::ALL.iter().map(|kind| kind.name()).collect();
-            format!("unknown camera model {:?}; known are {}", self.model, known.join(", "))
-        })?;
+    /// [`NoCamera`] says which model or parameter is missing.
+    pub fn camera(&self) -> Result<Camera<f64>, NoCamera> {
+        let kind = ModelKind::from_name(&self.model).ok_or_else(|| NoCamera::UnknownModel(self.model.clone()))?;
         let mut values = Vec::new();
         for name in kind.parameter_names() {
-            values.push(self.parameters.get(name).ok_or_else(|| format!("camera parameter {name} is missing"))?);
+            values.push(self.parameters.get(name).ok_or(NoCamera::MissingParameter(name))?);
         }
-        Camera::from_parameters(kind, &values).ok_or_else(|| format!("model {} refuses its parameters", self.model))
+        Camera::from_parameters(kind, &values).ok_or_else(|| NoCamera::Refused(self.model.clone()))
     }
 }
 
@@ -92,7 +120,7 @@ impl CameraDescription {
 /// [`CameraFileError`].
 pub fn read(path: &Path) -> Result<(Camera<f64>, Sensor), CameraFileError> {
     let parsed: CameraFile = parse(path)?;
-    let camera = parsed.camera.camera().map_err(|reason| wrong(path, reason))?;
+    let camera = parsed.camera.camera().map_err(|error| wrong(path, error))?;
     Ok((camera, parsed.sensor))
 }
 
@@ -107,6 +135,6 @@ pub fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
 }
 
 /// The error for a camera that is none.
-pub fn wrong(path: &Path, reason: String) -> CameraFileError {
-    CameraFileError::Model { file: path.display().to_string(), reason }
+pub fn wrong(path: &Path, error: NoCamera) -> CameraFileError {
+    CameraFileError::Model { file: path.display().to_string(), error }
 }

@@ -5,7 +5,7 @@
 //! with its standard deviation: e = π(T(t + τ)) − m, ∂e/∂τ = the dot's velocity.
 
 use nalgebra::{Isometry3, Vector2};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::calibration::PictureCalibration;
 use super::circle_image::{center_bias, circle_image_center};
@@ -19,7 +19,7 @@ use crate::solve::State;
 use crate::trajectory::Trajectory;
 
 /// Frames in a joint solve.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointReport {
     /// Frames with the board while there was a trajectory.
     pub frames: usize,

@@ -3,12 +3,12 @@
 use std::sync::mpsc::{SyncSender, sync_channel};
 
 use evcal_core::event::Event;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::recording::{ReadReport, Recording, RecordingError};
 
 /// What was read of a recording.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RecordingReport {
     /// Events or circles read.
     pub count: u64,

@@ -58,7 +58,7 @@ impl Default for AssociationSettings {
 }
 
 /// What became of the events.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AssociationReport {
     /// Events that came in.
     pub events: u64,

@@ -47,14 +47,14 @@ impl Default for RefinementSettings {
 }
 
 /// How one round went.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoundReport {
     /// Association of this round.
     pub association: AssociationReport,
     /// Solve of this round.
     pub solve: SolveReport,
-    /// Root mean square change of the projection over the sensor (px).
-    pub change: f64,
+    /// Root mean square change of the projection over the sensor (px); `None` where the two lenses share no pixel.
+    pub change: Option<f64>,
 }
 
 /// Hands all events of one recording, in batches in time order and with times from its start, to a
@@ -160,14 +160,14 @@ pub fn refine<E: Send>(
         let (solved, solve_report) = solve(&problem, state)?;
         state = solved;
         let moved = difference(&before, &state.camera, input.sensor);
-        let change = if moved.compared > 0 { moved.root_mean_square } else { f64::INFINITY };
+        let change = (moved.compared > 0).then_some(moved.root_mean_square);
         rounds.push(RoundReport { association, solve: solve_report, change });
         if final_round {
             let bearings = BearingTable::new(&state.camera, input.sensor);
             let residuals = residual_statistics(&problem, &state, &bearings);
             return Ok(Refined { state, problem, residuals, rounds });
         }
-        last_early = change < 20.0 * settings.refinement.settled;
+        last_early = change.is_some_and(|change| change < 20.0 * settings.refinement.settled);
     }
 }
 

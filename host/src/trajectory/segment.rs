@@ -27,7 +27,7 @@ impl Default for SegmentSettings {
 }
 
 /// What became of the reference frames.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SegmentReport {
     /// Frames that came in.
     pub frames_in: usize,

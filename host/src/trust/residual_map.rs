@@ -103,7 +103,7 @@ pub struct Displacement {
 }
 
 /// The figures of a residual map that stand for all of it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ResidualPattern {
     /// Cells with a displacement.
     pub cells: usize,

@@ -36,7 +36,7 @@ impl Default for SplitHalfSettings {
 }
 
 /// How well a camera explains events that it was not calibrated from.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeldOutResidual {
     /// Observations in both halves.
     pub count: usize,

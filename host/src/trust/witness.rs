@@ -6,17 +6,19 @@
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::detection::pictures::settings::PictureSettings;
 use crate::lens::camera_file::{CameraDescription, Parameters};
-use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
-use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, PictureReport};
-use crate::trust::uncertainty::projection::projection_uncertainty;
+use crate::lens::projection_difference::{NoCommonView, ProjectionDifference, projection_difference};
+use crate::picture_calibration::calibration::{
+    NoPictureCalibration, PictureCalibration, PictureFailure, PictureReport,
+};
+use crate::trust::uncertainty::projection::{NoView, projection_uncertainty};
 use crate::trust::verdict::{Cause, Finding, Severity};
 
 /// What the frames say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Agreement {
     /// They differ by no more than both uncertainties explain.
@@ -28,10 +30,10 @@ pub enum Agreement {
 }
 
 /// One parameter as events and frames have it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ComparedParameter {
     /// Its name.
-    pub name: &'static str,
+    pub name: String,
     /// From events.
     pub events: f64,
     /// From frames.
@@ -44,7 +46,7 @@ pub struct ComparedParameter {
 
 /// How far the projections of two uncertain calibrations are expected to be apart (px, rms over the
 /// sensor).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExpectedDifference {
     /// From the uncertainty of both.
     pub rms: f64,
@@ -54,9 +56,18 @@ pub struct ExpectedDifference {
     pub frames: f64,
 }
 
-/// The calibration from frames as a witness of that from events.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// The calibration from pictures as a witness of that from events.
+#[derive(Clone, Debug, PartialEq)]
 pub struct PictureWitness {
+    /// What it says.
+    pub comparison: Comparison,
+    /// The difference at every point of the sensor.
+    pub difference: ProjectionDifference,
+}
+
+/// What the comparison of two calibrations says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
     /// What follows, in words.
     pub sentence: String,
     /// Whether both agree.
@@ -82,26 +93,52 @@ pub struct PictureWitness {
     pub inflation: f64,
     /// What became of the frames.
     pub report: PictureReport,
-    /// The difference at every point of the sensor.
-    #[serde(skip)]
-    pub difference: ProjectionDifference,
 }
 
 /// What the pictures said of a calibration from events.
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Debug)]
 pub enum WitnessOutcome {
     /// They were calibrated and compared.
     Witness(Box<PictureWitness>),
-    /// They gave no camera.
-    Failed(NoPictureCalibration),
+    /// They gave no camera, or none that can be compared.
+    Failed(FailedWitness),
+}
+
+/// Why the pictures say nothing of a calibration from events, and what became of them.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{reason}")]
+pub struct FailedWitness {
+    /// Why.
+    pub reason: NoWitness,
+    /// What became of the pictures.
+    pub report: Box<PictureReport>,
+}
+
+/// Why the pictures say nothing of a calibration from events.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NoWitness {
+    /// They give no camera.
+    #[error(transparent)]
+    NoCalibration(PictureFailure),
+    /// Their camera sees another part of the sensor than that of the events.
+    #[error(transparent)]
+    NoCommonView(#[from] NoCommonView),
+    /// A camera sees next to nothing of the sensor.
+    #[error(transparent)]
+    NoView(#[from] NoView),
+}
+
+impl From<NoPictureCalibration> for FailedWitness {
+    fn from(failure: NoPictureCalibration) -> Self {
+        Self { reason: NoWitness::NoCalibration(failure.reason), report: failure.report }
+    }
 }
 
 impl WitnessOutcome {
     /// What became of the pictures.
     pub fn report(&self) -> &PictureReport {
         match self {
-            Self::Witness(witness) => &witness.report,
+            Self::Witness(witness) => &witness.comparison.report,
             Self::Failed(failure) => &failure.report,
         }
     }
@@ -109,6 +146,7 @@ impl WitnessOutcome {
     /// What the verdict must know: that frames and events disagree.
     pub fn finding(&self) -> Option<Finding> {
         let Self::Witness(witness) = self else { return None };
+        let witness = &witness.comparison;
         (witness.agreement == Agreement::Disagrees).then(|| Finding {
             cause: Cause::FramesDisagree,
             severity: Severity::Warning,
@@ -136,15 +174,10 @@ pub fn picture_witness(
     frames: &PictureCalibration,
     sensor: Sensor,
     settings: &PictureSettings,
-) -> Result<PictureWitness, NoPictureCalibration> {
-    let failed = |reason: String| NoPictureCalibration { reason, report: Box::new(frames.report.clone()) };
-    let difference =
-        projection_difference(camera, &frames.camera, sensor).map_err(|error| failed(error.to_string()))?;
-    let expected = |camera, covariance| {
-        projection_uncertainty(camera, covariance, sensor)
-            .map(|uncertainty| uncertainty.rms)
-            .map_err(|error| failed(error.to_string()))
-    };
+) -> Result<PictureWitness, NoWitness> {
+    let difference = projection_difference(camera, &frames.camera, sensor)?;
+    let expected =
+        |camera, covariance| projection_uncertainty(camera, covariance, sensor).map(|uncertainty| uncertainty.rms);
     let from_events = expected(camera, covariance)?;
     let from_frames = expected(&frames.camera, &frames.covariance)?;
     let expected = ExpectedDifference { rms: from_events.hypot(from_frames), events: from_events, frames: from_frames };
@@ -165,14 +198,14 @@ pub fn picture_witness(
         .zip(event_parameters.iter().zip(frame_parameters.iter()).zip(&sigma))
         .enumerate()
         .map(|(index, (name, ((events, frames), sigma)))| ComparedParameter {
-            name,
+            name: (*name).to_owned(),
             events: *events,
             frames: *frames,
             frames_sigma: *sigma,
             difference_sigma: covariance.get((index, index)).map_or(0.0, |value| value.max(0.0).sqrt()).hypot(*sigma),
         })
         .collect();
-    Ok(PictureWitness {
+    let comparison = Comparison {
         sentence: sentence(agreement, &difference, &expected, ratio, frames.report.used),
         agreement,
         difference_rms: difference.rms,
@@ -188,8 +221,8 @@ pub fn picture_witness(
         spread: frames.spread,
         inflation: frames.inflation,
         report: frames.report.clone(),
-        difference,
-    })
+    };
+    Ok(PictureWitness { comparison, difference })
 }
 
 fn sentence(
