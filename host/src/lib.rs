@@ -14,6 +14,7 @@ pub mod circles;
 pub mod detection;
 pub mod evaluate;
 pub mod export;
+pub mod files;
 pub mod initial;
 pub mod lens;
 pub mod live;

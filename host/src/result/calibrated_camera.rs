@@ -95,13 +95,15 @@ impl CalibratedCamera {
         }
     }
 
-    /// Reads `calibration.json`, or `truth.json` of a simulation: there the whole sensor counts as seen.
+    /// Reads `calibration.json`, or `truth.json` of a simulation: there the whole sensor counts as seen. `path` is the
+    /// file or its folder.
     ///
     /// # Errors
     /// [`CameraFileError`].
     pub fn read(path: &Path) -> Result<Self, CameraFileError> {
-        let file: CalibrationFile = camera_file::parse(path)?;
-        let camera = file.camera.camera().map_err(|reason| camera_file::wrong(path, reason))?;
+        let path = camera_file::camera_path(path);
+        let file: CalibrationFile = camera_file::parse(&path)?;
+        let camera = file.camera.camera().map_err(|error| camera_file::wrong(&path, error))?;
         let sensor = file.sensor;
         let covered = match file.covered_region {
             Some(corners) => CoveredRegion::around(corners.into_iter().map(Into::into), sensor),
