@@ -4,7 +4,7 @@
 //! what the camera sends. The recording never waits for them: transfers that they have no time for
 //! are left out of the display, and counted.
 
-pub mod coverage;
+mod coverage;
 pub mod recorder;
 mod watcher;
 
@@ -16,8 +16,8 @@ use usb_davis::device::Camera;
 
 use self::recorder::{Moment, RecorderReport, RecordingError, RecordingPlan, RecordingStatus, record};
 
-pub use coverage::{LiveCoverage, Tilt};
-pub use watcher::{Seen, Watcher};
+pub use self::coverage::{LiveCoverage, Tilt};
+pub use self::watcher::{Seen, Watcher};
 
 /// When enough has been seen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

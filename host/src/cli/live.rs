@@ -9,7 +9,7 @@ use evcal::recording::RecordingOptions;
 use super::calibrate::{CalibrationArguments, calibrate_recordings};
 use super::camera_arguments::CameraArguments;
 use super::interrupt::Interrupt;
-use super::{print, progress, record as recording};
+use super::{NotGoodEnough, print, progress, record as recording};
 
 /// Name of the recording in the folder of the results.
 const RECORDING: &str = "recording.dvraw";
@@ -66,7 +66,10 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     drop(camera);
     let calibrated = calibrate_recordings(&[path], &RecordingOptions::default(), &arguments.calibration, &folder);
     // That the camera was unplugged does not keep what it sent from being used.
-    calibrated.and(recording::good_end(&report))
+    match calibrated {
+        Err(error) if !error.is::<NotGoodEnough>() => Err(error),
+        calibrated => recording::good_end(&report).and(calibrated),
+    }
 }
 
 /// One line: how the recording goes, and what was seen of the board.

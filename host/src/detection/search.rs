@@ -41,6 +41,7 @@ pub struct FoundCircles {
 
 /// Where the board or circles were found.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum FoundContent {
     /// The board.
     Boards(Pattern, Vec<ReferenceFrame>),

@@ -45,6 +45,7 @@ pub fn camera_path(path: &Path) -> PathBuf {
 
 /// Why a camera could not be read from JSON.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CameraFileError {
     /// The file could not be read.
     #[error("{file}: {error}")]

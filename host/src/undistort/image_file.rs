@@ -24,6 +24,7 @@ pub struct ImageFile {
 
 /// Samples of a picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Samples {
     /// Of 8 bits.
     Eight(Vec<u8>),
@@ -33,6 +34,7 @@ pub enum Samples {
 
 /// A picture cannot be read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ImageFileError {
     /// The system says so.
     #[error(transparent)]

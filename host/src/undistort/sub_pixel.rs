@@ -10,6 +10,7 @@ use crate::files::{FileError, NewFile};
 
 /// A format whose events may lie between pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum SubPixelFormat {
     /// Lines of time (µs), x, y (four decimals), polarity.
     Text,

@@ -9,6 +9,7 @@ const GRID: u16 = 9;
 
 /// How the new camera projects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TargetProjection {
     /// As a pinhole: straight lines stay straight.
     #[default]
@@ -19,6 +20,7 @@ pub enum TargetProjection {
 
 /// Why there is no such camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum TargetError {
     /// The rim of the sensor is outside of what the projection holds.
     #[error(
