@@ -12,7 +12,7 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::track;
 use crate::export::content::ExportFormat;
 use crate::export::{kalibr, opencv, ros};
-use crate::files::folder::OutputFolder;
+use crate::files::folder::{FolderError, OutputFolder};
 use crate::files::{self, FileError};
 use crate::initial::PosedFrame;
 use crate::recording::pictures::image_at;
@@ -65,6 +65,29 @@ pub fn is_result(file: &Path) -> bool {
         || FOR_OTHERS.iter().any(|(format, place)| Path::new(place).join(format.file) == file)
         || numbered(TRAJECTORY.0, TRAJECTORY.1)
         || numbered(CIRCLES.0, CIRCLES.1)
+}
+
+/// Why a result was not written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WriteError {
+    /// The folder cannot be used.
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    /// A file cannot be written.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+impl Calibrated {
+    /// Writes the result of `task` into a folder that holds none yet: all that [`write_folder`] does.
+    ///
+    /// # Errors
+    /// [`WriteError`] when there is a result, or the folder or a file cannot be written.
+    pub fn write(&self, folder: impl AsRef<Path>, task: &Task) -> Result<Written, WriteError> {
+        let folder = OutputFolder::open_new(folder.as_ref(), is_result)?;
+        Ok(write_folder(&folder, self, task)?)
+    }
 }
 
 /// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `settings.toml`,
