@@ -82,6 +82,17 @@ impl NewFile {
         }
     }
 
+    /// The file as writers take it that want one of their own.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn handle(&self) -> io::Result<File> {
+        match &self.content {
+            Content::Beside(file) => file.get_ref().as_file().try_clone(),
+            Content::InPlace(file) => file.get_ref().try_clone(),
+        }
+    }
+
     /// Gives the file its name; one that was there is replaced.
     ///
     /// # Errors
