@@ -10,6 +10,7 @@ mod ordering;
 pub mod other_board;
 pub mod pictures;
 mod report;
+pub mod search;
 mod second_pass;
 
 use evcal_core::cluster::{row_bytes, row_count};

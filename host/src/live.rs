@@ -4,14 +4,20 @@
 //! what the camera sends. The recording never waits for them: transfers that they have no time for
 //! are left out of the display, and counted.
 
-pub mod coverage;
+mod coverage;
 pub mod recorder;
 mod watcher;
 
-use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use std::path::Path;
 
-pub use coverage::{LiveCoverage, Tilt};
-pub use watcher::{Seen, Watcher};
+use serde::{Deserialize, Serialize};
+use usb_davis::device::Camera;
+
+use self::recorder::{Moment, RecorderReport, RecordingError, RecordingPlan, RecordingStatus, record};
+
+pub use self::coverage::{LiveCoverage, Tilt};
+pub use self::watcher::{Seen, Watcher};
 
 /// When enough has been seen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,4 +54,32 @@ impl Default for LiveSettings {
             longest_wait: 1.0,
         }
     }
+}
+
+/// Records `camera` to `path` until `watcher` has seen enough, the plan ends it or `stop` says so. `status` is told once
+/// a second how it goes and what was seen so far.
+///
+/// # Errors
+/// [`RecordingError`] when nothing can be recorded.
+pub fn record_board(
+    camera: &mut Camera,
+    path: &Path,
+    plan: &RecordingPlan,
+    watcher: &mut Watcher,
+    stop: impl Fn() -> bool,
+    mut status: impl FnMut(&RecordingStatus, &Seen),
+) -> Result<RecorderReport, RecordingError> {
+    let mut enough = false;
+    record(camera, path, plan, |moment| {
+        match moment {
+            Moment::Transfer(transfer) => watcher.take(transfer),
+            Moment::Status(now) => {
+                let seen = watcher.seen();
+                enough = seen.coverage.missing().is_empty();
+                status(now, &seen);
+            }
+            Moment::Silence => {}
+        }
+        if enough || stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })
 }

@@ -98,6 +98,11 @@ impl Calibrated {
         }
     }
 
+    /// Standard deviation of each parameter of the camera, in the order of [`Camera::parameters`].
+    pub fn sigma(&self) -> Vec<f64> {
+        self.trust.uncertainty.sigma()
+    }
+
     /// How far the observations are from where the result puts them.
     pub fn residuals(&self) -> ResidualStatistics {
         match &self.evidence {

@@ -35,6 +35,12 @@ pub enum Input {
     },
 }
 
+impl From<Recording> for Input {
+    fn from(recording: Recording) -> Self {
+        Self::Events(recording)
+    }
+}
+
 impl Input {
     /// The file or port.
     pub fn name(&self) -> String {

@@ -8,9 +8,9 @@ use super::value;
 /// Options of every subcommand that reads a recording.
 #[derive(clap::Args)]
 pub struct SourceArguments {
-    /// Size of the sensor in pixels, instead of what the file says
+    /// Size of the sensor in pixels, instead of what the file says, for example 346x260
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = value::sensor)]
-    sensor: Option<Sensor>,
+    pub sensor: Option<Sensor>,
     /// Columns of a text file, such as x,y,p,t; - for one to leave out
     #[arg(long, value_name = "NAMES", allow_hyphen_values = true)]
     columns: Option<Columns>,

@@ -5,7 +5,6 @@
 //! report names what is not.
 
 use std::fmt;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
@@ -17,6 +16,7 @@ use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError
 use super::extras::{Extra, NoExtras, ReadExtras, left_out};
 use super::write::output_extensions;
 use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError};
+use crate::files::{FileError, NewFile};
 
 /// The format that the extension of `path` stands for.
 ///
@@ -161,7 +161,12 @@ pub fn convert_changed(
     };
     let camera_name = information.camera_name.as_deref().unwrap_or_default();
     let description = Description { sensor, camera_name, others: extras.held(), zero };
-    let mut output = (target.create)(&mut || File::create_new(path), &description).map_err(failed)?;
+    let mut file = None;
+    let mut create = || {
+        let new = NewFile::create(path).map_err(|error| error.error)?;
+        file.insert(new).handle()
+    };
+    let mut output = (target.create)(&mut create, &description).map_err(failed)?;
     let mut latest = zero;
     while more {
         let last = events.last().map_or(latest, |event| event.t);
@@ -186,6 +191,10 @@ pub fn convert_changed(
     }
     output.finish().map_err(failed)?;
     report.lost.extend(output.lost());
+    drop(output);
+    if let Some(file) = file {
+        file.finish().map_err(|error| failed(error.error.into()))?;
+    }
     report.report = reader.report().clone();
     report.notes = reader.information().notes.clone();
     report.lost.extend(left_out(&*extras, &report.report));
@@ -231,8 +240,11 @@ fn copy_transfers(
     let unreadable = |error| ConvertError::Capture { path: recording.path().to_owned(), error };
     let mut capture = open(recording.path()).map_err(unreadable)?;
     let failed = |error| ConvertError::Write { path: path.to_owned(), error };
-    let file = File::create_new(path).map_err(|error| failed(error.into()))?;
-    let copied = copy(&mut capture, file).map_err(failed)?;
+    let unwritten = |error: FileError| failed(error.error.into());
+    let file = NewFile::create(path).map_err(unwritten)?;
+    let handle = file.handle().map_err(|error| failed(error.into()))?;
+    let copied = copy(&mut capture, handle).map_err(failed)?;
+    file.finish().map_err(unwritten)?;
     Ok(ConversionReport {
         transfers: copied.transfers,
         lost: copied.lost.into_iter().collect(),

@@ -9,7 +9,7 @@ use crate::board::Board;
 use crate::calibrate::calibrated::Calibrated;
 use crate::lens::camera_file::{self, CameraDescription, CameraFileError};
 use crate::lens::covered_region::CoveredRegion;
-use crate::result::calibration_file::{CalibrationFile, VERSION, covered_region};
+use crate::result::calibration_file::{CalibrationFile, covered_region};
 use evcal_core::sensor::Sensor;
 
 /// Name of a camera that has none.
@@ -50,12 +50,6 @@ struct OtherFile {
     board: Option<String>,
 }
 
-/// What tells calibration files from others.
-#[derive(Deserialize)]
-struct Layout {
-    version: Option<u32>,
-}
-
 impl CalibratedCamera {
     /// The camera of a calibration that was just made.
     pub fn new(calibrated: &Calibrated, board: &Board) -> Self {
@@ -75,16 +69,13 @@ impl CalibratedCamera {
     }
 
     /// Reads `calibration.json`, or another camera file such as `truth.json` of a simulation: there the whole
-    /// sensor counts as seen.
+    /// sensor counts as seen. `path` is the file or its folder.
     ///
     /// # Errors
     /// [`CameraFileError`].
     pub fn read(path: &Path) -> Result<Self, CameraFileError> {
-        match camera_file::parse::<Layout>(path)?.version {
-            Some(version) if version > VERSION => {
-                let file = path.display().to_string();
-                Err(CameraFileError::Version { file, version, known: VERSION })
-            }
+        let path = &camera_file::camera_path(path);
+        match camera_file::version(path)? {
             Some(_) => Self::of_calibration(camera_file::parse(path)?, path),
             None => Self::of_other(camera_file::parse(path)?, path),
         }
@@ -128,6 +119,7 @@ impl CalibratedCamera {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lens::camera_file::LATEST_VERSION;
 
     fn read(text: &str) -> Result<CalibratedCamera, CameraFileError> {
         let directory = tempfile::tempdir().unwrap();
@@ -153,6 +145,6 @@ mod tests {
     #[test]
     fn a_calibration_of_a_later_version_is_refused() {
         let error = read(&format!(r#"{{ {CAMERA}, "version": 99 }}"#)).unwrap_err();
-        assert!(matches!(error, CameraFileError::Version { version: 99, known: VERSION, .. }), "{error}");
+        assert!(matches!(error, CameraFileError::Version { version: 99, known: LATEST_VERSION, .. }), "{error}");
     }
 }

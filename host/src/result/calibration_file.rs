@@ -11,7 +11,7 @@ use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measu
 use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::initial::model_choice::ModelChoice;
-use crate::lens::camera_file::{CameraDescription, Parameters};
+use crate::lens::camera_file::{CameraDescription, LATEST_VERSION, Parameters};
 use crate::lens::covered_region::CoveredRegion;
 use crate::picture_calibration::calibration::{PictureReport, PictureSummary};
 use crate::picture_calibration::joint::JointReport;
@@ -34,15 +34,12 @@ use evcal_core::sensor::Sensor;
 /// What `format` says in every calibration file.
 const FORMAT: &str = "evcal-calibration";
 
-/// Version of the layout that is written, and the latest that can be read.
-pub const VERSION: u32 = 1;
-
 /// Everything that a calibration found out. Field order is the order in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationFile {
     /// Always [`FORMAT`].
     pub format: String,
-    /// Version of this layout, [`VERSION`].
+    /// Version of this layout, [`LATEST_VERSION`].
     pub version: u32,
     /// Version of the program.
     pub program: String,
@@ -333,7 +330,7 @@ impl CalibrationFile {
         let sigma = Parameters::new(names.iter().copied().zip(trust.uncertainty.sigma()));
         Self {
             format: FORMAT.to_owned(),
-            version: VERSION,
+            version: LATEST_VERSION,
             program: crate::VERSION.to_owned(),
             pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)".to_owned(),
             sensor: calibrated.sensor,
