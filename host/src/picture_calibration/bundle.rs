@@ -1,13 +1,13 @@
-//! Camera and the pose of every frame together, by least squares on the centres of dots, and how sure
+//! Camera and the pose of every picture together, by least squares on the centres of dots, and how sure
 //! the camera is.
 //!
 //! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) less the measured one.
-//! The normal equations have a block for each frame's pose and a border of camera parameters; poses are
-//! eliminated frame by frame.
+//! The normal equations have a block for each picture's pose and a border of camera parameters; poses are
+//! eliminated picture by picture.
 //!
-//! The errors within a frame are not independent: blur, the shutter and the paper move all its dots
-//! together. Frames are. So the covariance is the jackknife's over frames (Efron 1982): with the border
-//! S = Σ S_f after elimination and the frame's gradient g_f, leaving out frame f moves the parameters by
+//! The errors within a picture are not independent: blur, the shutter and the paper move all its dots
+//! together. Pictures are. So the covariance is the jackknife's over pictures (Efron 1982): with the border
+//! S = Σ S_f after elimination and the picture's gradient g_f, leaving out picture f moves the parameters by
 //! δ_f = (S − S_f)⁻¹ g_f, and the covariance is (n − 1) / n Σ δ_f δ_fᵀ.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
@@ -37,7 +37,7 @@ pub struct SeenDot {
     pub image: Vector2<f64>,
 }
 
-/// The dots of one frame and its pose.
+/// The dots of one picture and its pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureView {
     /// The dots.
@@ -46,7 +46,7 @@ pub struct PictureView {
     pub pose: Isometry3<f64>,
 }
 
-/// A camera from frames.
+/// A camera from pictures.
 #[derive(Clone, Debug)]
 pub struct PictureBundle {
     /// The camera.
@@ -272,8 +272,8 @@ mod tests {
         Camera::from_parameters(ModelKind::Radtan4, &parameters).unwrap()
     }
 
-    /// Dots with noise that is the same within no two frames: a fifth of the frames is four times as noisy,
-    /// and each frame is a little larger or smaller than it should be, as by blur.
+    /// Dots with noise that is the same within no two pictures: a fifth of the pictures is four times as noisy,
+    /// and each picture is a little larger or smaller than it should be, as by blur.
     fn views(camera: &Camera<f64>, seed: u64) -> Vec<PictureView> {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);

@@ -1,4 +1,4 @@
-//! The ordinary calibration from pictures: every frame has a pose of its own.
+//! The ordinary calibration from pictures: every picture has a pose of its own.
 
 use std::collections::BTreeMap;
 
@@ -17,12 +17,12 @@ use crate::detection::pictures::settings::PictureSettings;
 use crate::initial::{InitialError, InitialModel, InitialSettings, PosedFrame, initial_model};
 use crate::solve::residual_statistics::ResidualStatistics;
 
-/// What became of the frames of all recordings.
+/// What became of the pictures of all recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PictureReport {
     /// From pictures to boards.
     pub detection: PictureSearchReport,
-    /// Frames that the calibration used.
+    /// Pictures that the calibration used.
     pub used: usize,
     /// Why the others with a board fell away, in words.
     pub dropped: String,
@@ -30,12 +30,12 @@ pub struct PictureReport {
     pub dots_used: usize,
 }
 
-/// A camera calibrated from frames.
+/// A camera calibrated from pictures.
 #[derive(Clone, Debug)]
 pub struct PictureCalibration {
     /// The camera.
     pub camera: Camera<f64>,
-    /// Covariance of its parameters, in the order of the model, from the scatter between frames.
+    /// Covariance of its parameters, in the order of the model, from the scatter between pictures.
     pub covariance: DMatrix<f64>,
     /// Variance of the parameters over that of independent residuals, on average.
     pub inflation: f64,
@@ -47,11 +47,11 @@ pub struct PictureCalibration {
     pub median: f64,
     /// Reference frames of the pictures with the board; centres are centres of area.
     pub frames: Vec<ReferenceFrame>,
-    /// The frames used with their poses; `center` of a circle is the image of its centre.
+    /// The pictures used with their poses; `center` of a circle is the image of its centre.
     pub posed: Vec<PosedFrame>,
     /// How it started.
     pub initial: InitialModel,
-    /// What became of the frames.
+    /// What became of the pictures.
     pub report: PictureReport,
 }
 
@@ -66,7 +66,7 @@ impl PictureCalibration {
         ResidualStatistics { count: self.report.dots_used, rms: self.rms, median: self.median }
     }
 
-    /// What a result from frames alone says of itself.
+    /// What a result from pictures alone says of itself.
     pub fn summary(&self) -> PictureSummary {
         PictureSummary {
             sigma: self.sigma(),
@@ -77,7 +77,7 @@ impl PictureCalibration {
     }
 }
 
-/// What a result from frames alone says of itself.
+/// What a result from pictures alone says of itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PictureSummary {
     /// Standard deviation of each of the camera's parameters, in the order of the model.
@@ -86,7 +86,7 @@ pub struct PictureSummary {
     pub spread: f64,
     /// Variance of the parameters over that of independent residuals, on average.
     pub inflation: f64,
-    /// What became of the frames.
+    /// What became of the pictures.
     pub report: PictureReport,
 }
 
@@ -138,7 +138,7 @@ fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
 /// `board` was found.
 ///
 /// # Errors
-/// When too few frames are left, or they do not determine the camera.
+/// When too few pictures are left, or they do not determine the camera.
 pub fn calibrate_pictures(
     frames: Vec<ReferenceFrame>,
     detection: PictureSearchReport,

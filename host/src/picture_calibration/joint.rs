@@ -1,4 +1,4 @@
-//! Frames and events in one solve: the centres of dots tied to the trajectories of the events.
+//! Pictures and events in one solve: the centres of dots tied to the trajectories of the events.
 //!
 //! A centre belongs to the middle of its exposure. The trajectory runs on the clock of the events, which
 //! is late by what pixels take to answer, so that a constant offset between both is estimated first, along
@@ -18,16 +18,16 @@ use crate::numerics::statistics::median;
 use crate::solve::State;
 use crate::trajectory::Trajectory;
 
-/// Frames in a joint solve.
+/// Pictures in a joint solve.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointReport {
-    /// Frames with the board while there was a trajectory.
+    /// Pictures with the board while there was a trajectory.
     pub frames: usize,
     /// Centres of dots that became observations.
     pub dots: usize,
     /// Dots that lay elsewhere than the trajectory puts them.
     pub dots_elsewhere: usize,
-    /// What is added to a frame's time to get that of the events of the same moment (s).
+    /// What is added to a picture's time to get that of the events of the same moment (s).
     pub time_offset: f64,
     /// Its standard deviation (s).
     pub time_offset_sigma: f64,
@@ -45,10 +45,10 @@ pub struct JointPoints {
     pub report: JointReport,
 }
 
-/// Why frames and events cannot be solved together.
+/// Why pictures and events cannot be solved together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoJointPoints {
-    /// No frame lies on a trajectory.
+    /// No picture lies on a trajectory.
     #[error("no frame with the board was taken while the events show how the camera moved")]
     NoCommonTime,
     /// The clocks are too far apart.
@@ -79,11 +79,11 @@ struct Tied<'a> {
     velocity: Vector2<f64>,
 }
 
-/// Ties the dots of `calibration`'s frames to the trajectories of `state`.
+/// Ties the dots of `calibration`'s pictures to the trajectories of `state`.
 ///
 /// The solve takes events as independent, which they are not: they tell `event_inflation` times less of the
-/// camera than it believes. So that events do not outvote frames, a centre's weight is raised by the same
-/// factor, less by what the frames' own information is overstated by.
+/// camera than it believes. So that events do not outvote pictures, a centre's weight is raised by the same
+/// factor, less by what the pictures' own information is overstated by.
 ///
 /// # Errors
 /// [`NoJointPoints`].
@@ -110,7 +110,7 @@ pub fn joint_points(
             }
         }
         let step = -gradients.iter().sum::<f64>() / information;
-        // The dots of a frame err together, frames do not.
+        // The dots of a picture err together, pictures do not.
         sigma = gradients.iter().map(|gradient| gradient * gradient).sum::<f64>().sqrt() / information;
         if !step.is_finite() {
             return Err(NoJointPoints::OffsetUnknown);

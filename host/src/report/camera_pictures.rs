@@ -1,4 +1,4 @@
-//! What the camera's own frames say.
+//! What the camera's own pictures say.
 
 use maud::{Markup, html};
 
@@ -13,7 +13,7 @@ use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::picture_calibration::calibration::PictureReport;
 use crate::trust::witness::{Comparison, PictureWitness, WitnessOutcome};
 
-/// The witness and pictures, where the recordings have frames.
+/// The witness and examples, where the recordings have pictures.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let report = calibrated.picture_report()?;
     let content = html! {

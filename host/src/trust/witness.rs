@@ -1,4 +1,4 @@
-//! Do the camera's frames agree with its events?
+//! Do the camera's pictures agree with its events?
 //!
 //! Both calibrations see through the same lens, so that the difference of their projections over the
 //! sensor, with the implied rotation removed, must be what the uncertainty of both makes likely.
@@ -17,7 +17,7 @@ use crate::picture_calibration::calibration::{
 use crate::trust::uncertainty::projection::{NoView, projection_uncertainty};
 use crate::trust::verdict::{Cause, Finding, Severity};
 
-/// What the frames say.
+/// What the pictures say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Agreement {
@@ -25,20 +25,20 @@ pub enum Agreement {
     Agrees,
     /// They differ by more.
     Disagrees,
-    /// The frames' own uncertainty is too large to tell.
+    /// The pictures' own uncertainty is too large to tell.
     TooUncertain,
 }
 
-/// One parameter as events and frames have it.
+/// One parameter as events and pictures have it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ComparedParameter {
     /// Its name.
     pub name: String,
     /// From events.
     pub events: f64,
-    /// From frames.
+    /// From pictures.
     pub frames: f64,
-    /// Standard deviation of the one from frames.
+    /// Standard deviation of the one from pictures.
     pub frames_sigma: f64,
     /// Standard deviation of the difference.
     pub difference_sigma: f64,
@@ -52,7 +52,7 @@ pub struct ExpectedDifference {
     pub rms: f64,
     /// The events' part.
     pub events: f64,
-    /// The frames' part.
+    /// The pictures' part.
     pub frames: f64,
 }
 
@@ -72,7 +72,7 @@ pub struct Comparison {
     pub sentence: String,
     /// Whether both agree.
     pub agreement: Agreement,
-    /// Root mean square of the projection difference over the sensor (px), frames less events, the
+    /// Root mean square of the projection difference over the sensor (px), pictures less events, the
     /// implied rotation removed.
     pub difference_rms: f64,
     /// Its greatest value (px).
@@ -83,7 +83,7 @@ pub struct Comparison {
     pub expected: ExpectedDifference,
     /// Difference over expected difference.
     pub ratio: f64,
-    /// The camera from frames.
+    /// The camera from pictures.
     pub camera: CameraDescription,
     /// Parameter by parameter.
     pub parameters: Vec<ComparedParameter>,
@@ -91,7 +91,7 @@ pub struct Comparison {
     pub spread: f64,
     /// Variance of the camera's parameters over that of independent residuals.
     pub inflation: f64,
-    /// What became of the frames.
+    /// What became of the pictures.
     pub report: PictureReport,
 }
 
@@ -143,7 +143,7 @@ impl WitnessOutcome {
         }
     }
 
-    /// What the verdict must know: that frames and events disagree.
+    /// What the verdict must know: that pictures and events disagree.
     pub fn finding(&self) -> Option<Finding> {
         let Self::Witness(witness) = self else { return None };
         let witness = &witness.comparison;
@@ -163,7 +163,7 @@ impl WitnessOutcome {
     }
 }
 
-/// Compares the calibration from frames with the `camera` from events, whose parameters have
+/// Compares the calibration from pictures with the `camera` from events, whose parameters have
 /// `covariance`.
 ///
 /// # Errors
@@ -171,15 +171,15 @@ impl WitnessOutcome {
 pub fn picture_witness(
     camera: &Camera<f64>,
     covariance: &DMatrix<f64>,
-    frames: &PictureCalibration,
+    pictures: &PictureCalibration,
     sensor: Sensor,
     settings: &PictureSettings,
 ) -> Result<PictureWitness, NoWitness> {
-    let difference = projection_difference(camera, &frames.camera, sensor)?;
+    let difference = projection_difference(camera, &pictures.camera, sensor)?;
     let expected =
         |camera, covariance| projection_uncertainty(camera, covariance, sensor).map(|uncertainty| uncertainty.rms);
     let from_events = expected(camera, covariance)?;
-    let from_frames = expected(&frames.camera, &frames.covariance)?;
+    let from_frames = expected(&pictures.camera, &pictures.covariance)?;
     let expected = ExpectedDifference { rms: from_events.hypot(from_frames), events: from_events, frames: from_frames };
     let ratio = difference.rms / expected.rms.max(f64::MIN_POSITIVE);
     let agreement = if from_frames > settings.too_uncertain {
@@ -190,9 +190,9 @@ pub fn picture_witness(
         Agreement::Disagrees
     };
     let names = camera.kind().parameter_names();
-    let sigma = frames.sigma();
+    let sigma = pictures.sigma();
     let event_parameters = camera.parameters();
-    let frame_parameters = frames.camera.parameters();
+    let frame_parameters = pictures.camera.parameters();
     let parameters = names
         .iter()
         .zip(event_parameters.iter().zip(frame_parameters.iter()).zip(&sigma))
@@ -206,7 +206,7 @@ pub fn picture_witness(
         })
         .collect();
     let comparison = Comparison {
-        sentence: sentence(agreement, &difference, &expected, ratio, frames.report.used),
+        sentence: sentence(agreement, &difference, &expected, ratio, pictures.report.used),
         agreement,
         difference_rms: difference.rms,
         difference_max: difference.max,
@@ -218,9 +218,9 @@ pub fn picture_witness(
             parameters: Parameters::new(names.iter().copied().zip(frame_parameters.iter().copied())),
         },
         parameters,
-        spread: frames.spread,
-        inflation: frames.inflation,
-        report: frames.report.clone(),
+        spread: pictures.spread,
+        inflation: pictures.inflation,
+        report: pictures.report.clone(),
     };
     Ok(PictureWitness { comparison, difference })
 }

@@ -24,22 +24,22 @@ const PICTURES_TOGETHER: usize = 64;
 /// What the pictures of all recordings held.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PictureSearchReport {
-    /// Frames read.
+    /// Pictures read.
     pub frames: u64,
-    /// Frames in which the board was found.
+    /// Pictures in which the board was found.
     pub with_board: u64,
-    /// Frames without a board or not usable, by reason.
+    /// Pictures without a board or not usable, by reason.
     pub refused: BTreeMap<NoBoard, u64>,
-    /// Dots measured in all frames.
+    /// Dots measured in all pictures.
     pub dots: u64,
     /// Dark spots that could not be measured, by reason.
     pub dots_refused: BTreeMap<NoDot, u64>,
     /// Dots of the boards found.
     pub board_dots: u64,
-    /// Median blur of the dots' edges in the frames with the board, as the standard deviation of a
+    /// Median blur of the dots' edges in the pictures with the board, as the standard deviation of a
     /// Gaussian (px).
     pub blur: f64,
-    /// Frames whose recording does not tell when they were exposed.
+    /// Pictures whose recording does not tell when they were exposed.
     pub without_exposure: u64,
     /// What could not be read, in sentences.
     pub notes: Vec<String>,
@@ -166,7 +166,7 @@ impl<'a> PictureSearch<'a> {
         Ok(SeenBoard { dots, blur })
     }
 
-    /// The frames with the board in their order, and the report.
+    /// The pictures with the board in their order, and the report.
     pub fn finish(mut self) -> (Vec<ReferenceFrame>, PictureSearchReport) {
         self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
         (self.frames, self.report)
