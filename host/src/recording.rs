@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 use evcal_core::sensor::Sensor;
 
 pub mod aedat4;
+mod bytes;
 pub mod convert;
 pub mod davis;
 pub mod encode;
@@ -32,7 +33,10 @@ mod options;
 pub mod pass;
 pub mod pictures;
 pub mod playback;
+pub mod prophesee;
 mod reader;
+#[cfg(test)]
+mod testing;
 pub mod text;
 pub mod write;
 
@@ -44,8 +48,15 @@ pub use reader::{Decode, EventReader, ReadReport, StreamFaults, Truncation};
 use crate::circles::{stream, track};
 
 /// The formats, in the order in which they are tried.
-pub const FORMATS: &[&FileFormat] =
-    &[&aedat4::FORMAT, &davis::FORMAT, &text::FORMAT, &event_calib::FORMAT, &davis::BARE_FORMAT];
+pub const FORMATS: &[&FileFormat] = &[
+    &aedat4::FORMAT,
+    &davis::FORMAT,
+    &prophesee::RAW_FORMAT,
+    &prophesee::DAT_FORMAT,
+    &text::FORMAT,
+    &event_calib::FORMAT,
+    &davis::BARE_FORMAT,
+];
 
 /// The largest sensor width or height that can be read.
 pub const MAX_SENSOR_SIZE: u16 = 32_767;
@@ -269,7 +280,7 @@ mod tests {
             (b"#ROSBAG V2.0\n", "ROS bag"),
             (b"\x89HDF\r\n\x1a\n", "HDF5"),
             (b"#!AER-DAT2.0\r\n", "AEDAT 2"),
-            (b"% evt 3.0\n% end\n", "Prophesee"),
+            (b"% evt 5.0\n% end\n", "Prophesee"),
             (b"\x00\x01\x02\x03 and so on", "no format known"),
             (&[0; 1000], "no format known"),
             (b"Dear reader,\n", "no format known"),

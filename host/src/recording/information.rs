@@ -299,12 +299,20 @@ impl fmt::Display for Information {
             line(f, "stream", format!("{}: {} in {} packets", stream.name, stream.elements, stream.packets))?;
         }
         let report = &self.report;
+        if self.streams.is_empty() {
+            for (name, count) in &report.other_packets {
+                line(f, "stream", format!("{name}: {count}"))?;
+            }
+        }
         if report.steps_back > 0 {
             let (count, largest) = (report.steps_back, report.largest_step_back);
             line(f, "warning", format!("time steps back {count} times, by up to {largest} us"))?;
         }
         if report.clock_resets > 0 {
             line(f, "warning", format!("the clock was reset {} times; later times are shifted", report.clock_resets))?;
+        }
+        if report.strays > 0 {
+            line(f, "warning", format!("{} stray events with times more than 0.1 s early are left out", report.strays))?;
         }
         if report.out_of_range > 0 {
             line(f, "warning", format!("{} events lie outside the sensor and are left out", report.out_of_range))?;

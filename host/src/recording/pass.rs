@@ -49,6 +49,7 @@ impl Pass {
         };
         note(report.out_of_range, "events outside the sensor dropped");
         note(report.steps_back, "steps back in time put in order");
+        note(report.strays, "stray events with times more than 0.1 s early dropped");
         note(report.clock_resets, "clock resets bridged");
         note(report.damaged_packets, "damaged packets left out");
         notes.extend(report.stream.notes());
