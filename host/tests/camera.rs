@@ -159,6 +159,8 @@ fn an_absent_camera_is_a_failure_with_advice() {
         let (code, _, errors) = run(&bus, arguments);
         assert_eq!(code, Some(1), "{arguments:?}");
         assert!(errors.contains("no camera found") && errors.contains("is it plugged in?"), "{errors}");
+        let is_full = ["lsusb", "/etc/udev/rules.d/", "DAVIS346"].iter().all(|part| errors.contains(part));
+        assert_eq!(is_full, arguments == ["devices"], "{errors}");
     }
     assert!(!recording.exists() && !output.exists());
 }
@@ -319,7 +321,7 @@ fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
         let bus = EmulatedBus::start(model.with_faults(faults)).unwrap();
         let (live, again) = (directory.path().join(name), directory.path().join(format!("{name}-again")));
         let settings = easy_settings(directory.path());
-        let mut arguments = vec!["live", "--board", BOARD, "-o", text(&live), "--duration", "100s"];
+        let mut arguments = vec!["live", "--board", BOARD, "-o", text(&live), "--duration", "100s", "--accept-any"];
         if !is_unplugged {
             arguments.extend(["--settings", text(&settings)]);
         }
@@ -329,7 +331,7 @@ fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
         assert!(is_unplugged || (told.contains("Mev/s") && told.contains("% of the sensor")), "{told}");
         assert_eq!(errors.contains("the camera was unplugged"), is_unplugged, "{errors}");
         assert_eq!(told.contains("(stopped)"), !is_unplugged, "{told}");
-        let mut arguments = vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&again)];
+        let mut arguments = vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&again), "--accept-any"];
         if !is_unplugged {
             arguments.extend(["--settings", text(&settings)]);
         }
