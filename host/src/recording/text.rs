@@ -226,10 +226,10 @@ fn event(fields: &[&[u8]], count: usize, layout: &Layout) -> Result<Event, LineE
                     .ok_or_else(|| LineError::Time { field: shown(), unit: layout.time_unit })?;
             }
             Column::X => {
-                event.x = number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis: "x" })?
+                event.x = number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis: "x" })?;
             }
             Column::Y => {
-                event.y = number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis: "y" })?
+                event.y = number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis: "y" })?;
             }
             Column::P => event.polarity = number::polarity(field).ok_or_else(|| LineError::Polarity(shown()))?,
             Column::Ignored => {}

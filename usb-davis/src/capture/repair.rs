@@ -234,8 +234,11 @@ mod tests {
     use super::*;
     use crate::protocol::{Encoder, Layout, Polarity, PolarityEvent};
 
-    /// Transfers of one event each ms, or at `times`: (time in µs, bytes).
-    fn transfers(times: impl IntoIterator<Item = u64>) -> Vec<(u64, Vec<u8>)> {
+    /// A transfer: its time in µs, and its bytes.
+    type Timed = (u64, Vec<u8>);
+
+    /// Transfers of one event each ms, or at `times`.
+    fn transfers(times: impl IntoIterator<Item = u64>) -> Vec<Timed> {
         let mut encoder = Encoder::new(Layout::DAVIS346);
         let transfer = |time| {
             let mut bytes = Vec::new();
@@ -249,7 +252,7 @@ mod tests {
     /// Plays transfers: those whose number `lost` names are lost, `delay` is by how much the computer
     /// is late. The times that come out, and the repairs.
     fn play(
-        all: &[(u64, Vec<u8>)],
+        all: &[Timed],
         lost: impl Fn(usize) -> bool,
         delay: impl Fn(usize) -> u64,
         clock: bool,
@@ -333,7 +336,7 @@ mod tests {
 
     /// What `play` gives for transfers 1 ms apart of which those in `gaps` are lost, and whose arrival
     /// the computer delays from number `late` on for 30 ms.
-    fn play_late(gaps: &[std::ops::Range<usize>], late: usize) -> (Vec<(u64, Vec<u8>)>, Vec<u64>, RepairCounts) {
+    fn play_late(gaps: &[std::ops::Range<usize>], late: usize) -> (Vec<Timed>, Vec<u64>, RepairCounts) {
         let all = transfers((1..3000).map(|index| index * 1003));
         let lost = |index: usize| gaps.iter().any(|gap| gap.contains(&index));
         let delay = |index: usize| match index.checked_sub(late) {
