@@ -64,8 +64,7 @@ fn window(count: usize, noise: usize, duration_us: i64) -> Vec<Event> {
 fn detect<T: nalgebra::RealField + Copy>(bencher: Bencher<'_, '_>, noise: usize, extraction: Extraction) {
     let events = window(4000 - noise, noise, 3000);
     let mut detector = Box::new(Detector346::<T>::new());
-    let mut settings = DetectorSettings::default();
-    settings.extraction = extraction;
+    let settings = DetectorSettings { extraction, ..DetectorSettings::default() };
     let detection = detector.detect(SENSOR, events.iter().copied(), &settings).expect("the sensor fits");
     assert!(detection.circles.circles >= 30, "{detection:?}");
     bencher

@@ -74,8 +74,7 @@ fn noise(count: usize, mut state: u64) -> Vec<Event> {
 }
 
 fn detect(events: &[Event], extraction: Extraction) -> (Box<Detector346>, Detection) {
-    let mut settings = DetectorSettings::default();
-    settings.extraction = extraction;
+    let settings = DetectorSettings { extraction, ..DetectorSettings::default() };
     let mut detector = Box::new(Detector346::new());
     let detection = detector.detect(SENSOR, events.iter().copied(), &settings).unwrap();
     assert!(!detection.overflowed());
@@ -218,8 +217,7 @@ fn every_pair_is_accounted_for() {
 fn each_test_rejects_what_it_is_for() {
     let dot = Dot::round(150.0, 120.0, 10.0, 0.0);
     let reject = |change: &dyn Fn(&mut CircleSettings), extraction: Extraction| {
-        let mut settings = DetectorSettings::default();
-        settings.extraction = extraction;
+        let mut settings = DetectorSettings { extraction, ..DetectorSettings::default() };
         change(&mut settings.circle);
         let mut detector = Box::new(Detector346::new());
         detector.detect(SENSOR, dot.events(), &settings).unwrap().circles
