@@ -12,6 +12,7 @@ pub mod pictures;
 mod report;
 pub mod search;
 mod second_pass;
+pub mod settings;
 
 use evcal_core::cluster::{row_bytes, row_count};
 
@@ -29,9 +30,9 @@ use self::no_board::NoBoard;
 pub use self::ordering::order_frames;
 pub use self::report::{DetectionReport, NoPattern};
 use self::second_pass::{Spacing, Uncertain, second_pass};
+use self::settings::{DetectionSettings, Grid};
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedCircle, UnorderedFrame};
-use crate::settings::{DetectionSettings, Grid};
 
 /// Largest sensor that the detector has room for.
 pub const LARGEST_SENSOR: Sensor = Sensor::new(1280, 800);
@@ -222,9 +223,9 @@ impl<'a> DetectionStage<'a> {
         uncertain: Vec<Uncertain>,
         pattern: Pattern,
     ) {
-        let policy = self.settings.window.policy();
+        let window = &self.settings.window;
         let spacing = Spacing {
-            gap: f64::from(policy.gap) * f64::from(policy.step_us) * 1e-6,
+            gap: f64::from(window.gap) * f64::from(window.step) * 1e-6,
             longest: self.settings.longest_prediction,
         };
         let mut finder = BoardFinder::new(pattern);
@@ -261,7 +262,7 @@ impl<'a> DetectionStage<'a> {
         let mut uncertain = Vec::new();
         let mut report = DetectionReport::default();
         let start = events.first().map_or(span.0, |event| event.t);
-        let mut planner = WindowPlanner::new(self.settings.window.policy(), start, span.1);
+        let mut planner = WindowPlanner::new(self.settings.window, start, span.1);
         let detector_settings = self.settings.detector();
         while let Some(window) = planner.next(events) {
             let inside = events.get(window.first..window.last).unwrap_or_default();

@@ -10,6 +10,7 @@ pub mod first;
 pub mod fit;
 pub mod knots;
 pub mod segment;
+pub mod settings;
 pub mod timed_pose;
 pub mod tum;
 

@@ -7,13 +7,15 @@ use evcal::board::Board;
 use evcal::calibrate::input::Input;
 use evcal::calibrate::{PictureUse, Task, calibrate};
 use evcal::circles::serial::{SerialAddress, SerialError};
+use evcal::detection::settings::Grid;
 use evcal::files::folder::{FolderError, OutputFolder};
 use evcal::initial::model_choice::ModelRequest;
 use evcal::output::folder::{is_result, write_folder};
 use evcal::recording::RecordingOptions;
-use evcal::settings::{Extraction, Grid, Settings, SettingsError};
+use evcal::settings::{Settings, SettingsError};
 use evcal::trajectory::RotationSpline;
 use evcal::trust::verdict::Grade;
+use evcal_core::circle::Extraction;
 
 use super::progress::spinner;
 use super::source_arguments::SourceArguments;

@@ -8,7 +8,8 @@ use evcal::circles::stream::{self, CircleStream};
 use evcal::detection::search::{FoundCircles, SearchFor, search_events, search_stream, sensor_of};
 use evcal::recording::{Recording, RecordingKind, sniff};
 use evcal::report::drawing::circle_picture;
-use evcal::settings::{Extraction, Settings};
+use evcal::settings::Settings;
+use evcal_core::circle::Extraction;
 
 use super::progress::spinner;
 use super::source_arguments::SourceArguments;

@@ -10,10 +10,10 @@ use evcal_core::event::Event;
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 
+use super::settings::DetectionSettings;
 use crate::board::Board;
 use crate::circles::reference_frame::UnorderedFrame;
 use crate::detection::{CircleWindow, DetectionStage, order_frames};
-use crate::settings::DetectionSettings;
 
 /// So much of a recording is looked at (µs).
 const LONGEST: i64 = 4_000_000;

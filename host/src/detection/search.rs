@@ -7,6 +7,7 @@ use evcal_core::pattern::Pattern;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
+use super::settings::DetectionSettings;
 use super::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR, order_frames};
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
@@ -15,7 +16,6 @@ use crate::circles::track::{self, CircleFrames};
 use crate::files::{self, FileError};
 use crate::recording::pass::read_recording;
 use crate::recording::{Recording, RecordingError};
-use crate::settings::DetectionSettings;
 
 /// What is looked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

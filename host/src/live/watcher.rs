@@ -12,8 +12,8 @@ use usb_davis::protocol::{Decoder, Message};
 use super::{LiveCoverage, LiveSettings};
 use crate::board::Board;
 use crate::detection::DetectionStage;
+use crate::detection::settings::DetectionSettings;
 use crate::recording::davis::{CameraClock, event};
-use crate::settings::DetectionSettings;
 
 /// Chunks that are searched in one go: a fifth of a second, unless the settings say otherwise.
 const CHUNKS_TOGETHER: usize = 2;

@@ -108,7 +108,7 @@ pub fn write_folder(folder: &OutputFolder, calibrated: &Calibrated, task: &Task)
     folder.remove_results(is_result)?;
     let folder = folder.path();
     put(folder.join("calibration.json"), json.as_bytes())?;
-    put(folder.join("settings.toml"), task.settings.to_toml().as_bytes())?;
+    put(folder.join("settings.toml"), task.settings.to_commented_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
     put(folder.join("report.html"), report(calibrated, task).as_bytes())?;
     let mut circles = Vec::new();

@@ -21,7 +21,7 @@ use crate::numerics::arrow::{PoseEquations, unit_diagonal};
 use crate::numerics::huber::{huber_cost, huber_weight};
 use crate::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
 use crate::numerics::rigid::step_pose;
-use crate::numerics::statistics::median;
+use crate::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 
 type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
 type BorderVector = SVector<f64, MAX_PARAMETERS>;
@@ -177,7 +177,7 @@ fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 /// Standard deviation along one axis of residuals of which most are good.
 fn robust_spread(residuals: &[Vector2<f64>]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
-    median(&mut sizes, f64::total_cmp).map_or(SMALLEST_SPREAD, |median| (1.4826 * median).max(SMALLEST_SPREAD))
+    median(&mut sizes, f64::total_cmp).map_or(SMALLEST_SPREAD, |median| (SIGMA_BY_MEDIAN * median).max(SMALLEST_SPREAD))
 }
 
 /// Refines `camera` and the poses of `views` on circles of `radius` (m). `sensor` is (width, height) in

@@ -14,7 +14,7 @@ use crate::circles::reference_frame::PointObservation;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::pictures::settings::PictureSettings;
 use crate::numerics::huber::huber_weight;
-use crate::numerics::statistics::median;
+use crate::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 use crate::solve::State;
 use crate::trajectory::Trajectory;
 
@@ -62,6 +62,10 @@ pub enum NoJointPoints {
 const VELOCITY_STEP: f64 = 1e-4;
 /// Rounds of the time offset.
 const ROUNDS: usize = 8;
+/// The offset is found when a step is below this share of its standard deviation.
+const CONVERGED: f64 = 0.01;
+/// Largest standard deviation of the offset, as a share of the largest offset.
+const OFFSET_KNOWN: f64 = 0.1;
 /// Part of the distance of neighbouring dots within which a dot is that of the trajectory.
 const NEAR: f64 = 0.25;
 
@@ -116,11 +120,11 @@ pub fn joint_points(
             return Err(NoJointPoints::OffsetUnknown);
         }
         offset += step;
-        if step.abs() < 0.01 * sigma {
+        if step.abs() < CONVERGED * sigma {
             break;
         }
     }
-    if offset.abs() > settings.max_time_offset || sigma > 0.1 * settings.max_time_offset {
+    if offset.abs() > settings.max_time_offset || sigma > OFFSET_KNOWN * settings.max_time_offset {
         return Err(NoJointPoints::OffsetUnknown);
     }
     let (tied, elsewhere) = tie(&used, state, board, offset);
@@ -210,5 +214,5 @@ fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: 
 /// Standard deviation along one axis of the residuals, of which most are good; `None` without any.
 fn spread(tied: &[Tied<'_>]) -> Option<f64> {
     let mut sizes: Vec<f64> = tied.iter().flat_map(|dot| [dot.residual.x.abs(), dot.residual.y.abs()]).collect();
-    median(&mut sizes, f64::total_cmp).map(|median| 1.4826 * median)
+    median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median)
 }

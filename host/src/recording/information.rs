@@ -312,7 +312,11 @@ impl fmt::Display for Information {
             line(f, "warning", format!("the clock was reset {} times; later times are shifted", report.clock_resets))?;
         }
         if report.strays > 0 {
-            line(f, "warning", format!("{} stray events with times more than 0.1 s early are left out", report.strays))?;
+            line(
+                f,
+                "warning",
+                format!("{} stray events with times more than 0.1 s early are left out", report.strays),
+            )?;
         }
         if report.out_of_range > 0 {
             line(f, "warning", format!("{} events lie outside the sensor and are left out", report.out_of_range))?;

@@ -23,7 +23,8 @@ pub(super) fn tell(counts: &EvtCounts, report: &mut ReadReport) {
         ("words lost for more than a second", counts.leaps),
         ("a word that the format does not have", counts.unknown),
     ];
-    report.stream.faults = faults.into_iter().filter(|(_, count)| *count > 0).map(|(what, n)| (what, n.into())).collect();
+    report.stream.faults =
+        faults.into_iter().filter(|(_, count)| *count > 0).map(|(what, n)| (what, n.into())).collect();
 }
 
 /// The name under which triggers are counted.

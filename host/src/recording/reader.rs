@@ -403,7 +403,8 @@ mod tests {
 
     #[test]
     fn a_few_events_that_are_too_early_are_left_out() {
-        let (times, report, error) = times([2_000_000, 1_000_010, 2_000_020, 1_000_030, 1_000_031, 2_000_030].map(at).to_vec());
+        let (times, report, error) =
+            times([2_000_000, 1_000_010, 2_000_020, 1_000_030, 1_000_031, 2_000_030].map(at).to_vec());
         assert_eq!(times, [2_000_000, 2_000_020, 2_000_030]);
         assert_eq!((report.events, report.strays, report.clock_resets), (3, 3, 0));
         assert!(error.is_none());

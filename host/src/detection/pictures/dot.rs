@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::dark_spots::DarkSpot;
 use super::settings::PictureSettings;
-use crate::numerics::statistics::median;
+use crate::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 use crate::recording::pictures::GreyImage;
 
 /// A dot of a picture.
@@ -74,6 +74,8 @@ pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64, settings: &Pictur
 const OUTLIER: f64 = 3.0;
 /// Largest share of the surroundings that may be something else than evenly lit paper.
 const FOREIGN_SHARE: f64 = 0.1;
+/// Grey levels are whole numbers: half of one is the least that their scatter can be told to, and this its median size.
+const SMALLEST_SCATTER: f64 = 0.3;
 
 /// Light of the paper as a plane over the image.
 struct Paper {
@@ -121,10 +123,9 @@ impl Window {
     fn paper(&self, image: &GreyImage) -> Option<Paper> {
         let ring = || self.pixels(image).filter(|(_, distance, _)| *distance > self.inner);
         let residual = |place: &Vector2<f64>, value: f64, plane: &Vector3<f64>| value - plane.dot(&place.push(1.0));
-        // Grey levels are whole numbers: half of one is the least that their scatter can be told to.
         let scatter_about = |plane: &Vector3<f64>| {
             let mut sizes: Vec<f64> = ring().map(|(place, _, value)| residual(&place, value, plane).abs()).collect();
-            median(&mut sizes, f64::total_cmp).map(|median| 1.4826 * median.max(0.3))
+            median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median.max(SMALLEST_SCATTER))
         };
         // What lies beside the paper would tilt the plane: it begins level, at the height of most pixels.
         let mut values: Vec<f64> = ring().map(|(_, _, value)| value).collect();

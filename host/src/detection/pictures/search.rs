@@ -20,6 +20,8 @@ use crate::recording::{Recording, RecordingError};
 
 /// Pictures that are searched in one go.
 const PICTURES_TOGETHER: usize = 64;
+/// Smallest and largest distance to which the paper around a dot is looked at, in radii of the dot.
+const REACH: [f64; 2] = [1.2, 3.0];
 
 /// What the pictures of all recordings held.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -131,7 +133,7 @@ impl<'a> PictureSearch<'a> {
             Err(reason) => return Searched { board: Err((*reason).into()), dots: 0, dots_refused: Vec::new() },
         };
         // Halfway to the rim of the next dot, in radii.
-        let reach = (0.5 * self.board.neighbour_distance() / self.board.radius).clamp(1.2, 3.0);
+        let reach = (0.5 * self.board.neighbour_distance() / self.board.radius).clamp(REACH[0], REACH[1]);
         let mut dots: Vec<Dot> = Vec::new();
         let mut dots_refused = Vec::new();
         for spot in dark_spots(image, self.settings) {

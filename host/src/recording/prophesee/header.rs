@@ -79,7 +79,12 @@ mod tests {
     fn sizes_and_names_are_found_wherever_they_stand() {
         for (text, sensor, name, data) in [
             ("% evt 3.0\n% geometry 1280x720\n% serial_number 7\nX", Some((1280, 720)), Some("7"), 'X'),
-            ("% camera_integrator_name A\n% format EVT21;height=320;width=300\n% end\n% ", Some((300, 320)), Some("A"), '%'),
+            (
+                "% camera_integrator_name A\n% format EVT21;height=320;width=300\n% end\n% ",
+                Some((300, 320)),
+                Some("A"),
+                '%',
+            ),
             ("% Version 2\n% Height 240\n% Width 304\n\0", Some((304, 240)), None, '\0'),
             ("% system_ID 49\n% evt 2.0\n.", Some((1280, 720)), None, '.'),
             ("% system_ID 999\n.", None, None, '.'),

@@ -141,7 +141,8 @@ mod tests {
         (0..count)
             .flat_map(|index| {
                 let polarity = if index % 3 == 0 { Polarity::On } else { Polarity::Off };
-                let first = Event { t: 70_000 + index * 20, x: 7 + index as u16 % 300, y: index as u16 % 200, polarity };
+                let first =
+                    Event { t: 70_000 + index * 20, x: 7 + index as u16 % 300, y: index as u16 % 200, polarity };
                 [first, Event { x: first.x + 1, ..first }]
             })
             .collect()
@@ -191,10 +192,7 @@ mod tests {
         }
         vec![
             file("% evt 2.0\n% geometry 346x260\n", words.iter().map(|word| word.to_le_bytes())),
-            file(
-                "% format EVT21;height=260;width=346\n% end\n",
-                wide.iter().map(|word| word.to_le_bytes()),
-            ),
+            file("% format EVT21;height=260;width=346\n% end\n", wide.iter().map(|word| word.to_le_bytes())),
             file(
                 "% format EVT21;endianness=legacy;height=260;width=346\n% end\n",
                 wide.iter().map(|word| word.rotate_left(32).to_le_bytes()),
