@@ -7,6 +7,7 @@
 mod range;
 
 use std::path::Path;
+use std::str::FromStr;
 
 use evcal_core::circle::{ExtractionSettings, Method};
 use evcal_core::cluster::ClusterSettings;
@@ -42,13 +43,48 @@ pub enum Extraction {
 
 /// How circles are ordered into the board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "lowercase", try_from = "String")]
 pub enum Grid {
     /// Lattice growth; partial boards and clutter are tolerated.
     #[default]
     Lattice,
     /// OpenCV's `findCirclesGrid`, complete boards only.
+    #[cfg(feature = "opencv")]
     Opencv,
+}
+
+/// Why a text names no grid finder of this build.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GridNameError {
+    /// No grid finder has this name.
+    #[error("no grid finder of this name: write lattice or opencv")]
+    Unknown,
+    /// It is OpenCV's, which is not built in.
+    #[error("this evcal was built without OpenCV: write lattice, or build it with the cargo feature `opencv`")]
+    WithoutOpencv,
+}
+
+impl FromStr for Grid {
+    type Err = GridNameError;
+
+    fn from_str(name: &str) -> Result<Self, GridNameError> {
+        match name {
+            "lattice" => Ok(Self::Lattice),
+            #[cfg(feature = "opencv")]
+            "opencv" => Ok(Self::Opencv),
+            #[cfg(not(feature = "opencv"))]
+            "opencv" => Err(GridNameError::WithoutOpencv),
+            _ => Err(GridNameError::Unknown),
+        }
+    }
+}
+
+impl TryFrom<String> for Grid {
+    type Error = GridNameError;
+
+    fn try_from(name: String) -> Result<Self, GridNameError> {
+        name.parse()
+    }
 }
 
 /// All settings.
@@ -354,6 +390,19 @@ mod tests {
         let path = directory.path().join("settings.toml");
         std::fs::write(&path, Settings::default().to_toml()).unwrap();
         assert_eq!(Settings::read(&path).unwrap(), Settings::default());
+    }
+
+    #[test]
+    fn the_grid_finder_of_opencv_needs_a_build_with_it() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("settings.toml");
+        std::fs::write(&path, "[detection]\ngrid = \"opencv\"\n").unwrap();
+        let read = Settings::read(&path);
+        #[cfg(feature = "opencv")]
+        assert_eq!(read.unwrap().detection.grid, Grid::Opencv);
+        #[cfg(not(feature = "opencv"))]
+        assert!(read.unwrap_err().to_string().contains("built without OpenCV: write lattice"));
+        assert_eq!("hexagon".parse::<Grid>(), Err(GridNameError::Unknown));
     }
 
     #[test]

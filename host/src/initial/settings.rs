@@ -2,10 +2,36 @@
 
 use serde::{Deserialize, Serialize};
 
+/// What the first camera and the poses of frames start from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "opencv", derive(Default))]
+pub enum Start {
+    /// OpenCV's calibration and its PnP; the native start where its calibration fails.
+    #[cfg(feature = "opencv")]
+    #[default]
+    Opencv,
+    /// A scan over focal lengths, and IPPE in RANSAC.
+    Native {
+        /// Seed of RANSAC's samples.
+        seed: u64,
+    },
+}
+
+#[cfg(not(feature = "opencv"))]
+impl Default for Start {
+    fn default() -> Self {
+        Self::Native { seed: 0 }
+    }
+}
+
 /// Every threshold of the initial model, with its unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InitialSettings {
+    /// What the first camera and the poses of frames start from: OpenCV where the program is built with
+    /// it. Not in settings files: both reach the same camera.
+    #[serde(skip)]
+    pub start: Start,
     /// Fewest circles of a frame that may be used, and fewest that must agree with its pose; never
     /// less than 4, never more than the board has.
     pub min_circles: usize,
@@ -70,6 +96,7 @@ pub struct InitialSettings {
 impl Default for InitialSettings {
     fn default() -> Self {
         Self {
+            start: Start::default(),
             min_circles: 8,
             min_frames: 10,
             max_interpolation_gap: 0.1,
