@@ -25,7 +25,9 @@ use evcal_core::window::{Outcome, Window, WindowPlanner};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-use self::board_finder::{BoardFinder, PlacedCircle, find_with_opencv, within_capacity};
+#[cfg(feature = "opencv")]
+use self::board_finder::find_with_opencv;
+use self::board_finder::{BoardFinder, PlacedCircle, within_capacity};
 use self::no_board::NoBoard;
 pub use self::ordering::order_frames;
 pub use self::report::{DetectionReport, NoPattern};
@@ -323,6 +325,7 @@ impl<'a> DetectionStage<'a> {
             Seeker::Board(pattern, finder) => {
                 let placed = match self.settings.grid {
                     Grid::Lattice => finder.find(within_capacity(circles), &self.grid_options(pattern))?,
+                    #[cfg(feature = "opencv")]
                     Grid::Opencv => find_with_opencv(circles, pattern)?,
                 };
                 Ok(Found::Frame(self.frame(window, events, board_circles(&placed, circles))))

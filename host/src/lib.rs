@@ -36,6 +36,7 @@ pub mod initial;
 pub mod lens;
 pub mod live;
 pub mod numerics;
+#[cfg(feature = "opencv")]
 pub mod opencv;
 pub mod output;
 pub mod picture_calibration;

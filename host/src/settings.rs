@@ -130,6 +130,7 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::detection::settings::{Grid, GridNameError};
     use crate::trajectory::RotationSpline;
 
     #[test]
@@ -140,6 +141,19 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             assert_eq!(Settings::read(&path).unwrap(), Settings::default());
         }
+    }
+
+    #[test]
+    fn the_grid_finder_of_opencv_needs_a_build_with_it() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("settings.toml");
+        std::fs::write(&path, "[detection]\ngrid = \"opencv\"\n").unwrap();
+        let read = Settings::read(&path);
+        #[cfg(feature = "opencv")]
+        assert_eq!(read.unwrap().detection.grid, Grid::Opencv);
+        #[cfg(not(feature = "opencv"))]
+        assert!(read.unwrap_err().to_string().contains("built without OpenCV: write lattice"));
+        assert_eq!("hexagon".parse::<Grid>(), Err(GridNameError::Unknown));
     }
 
     #[test]

@@ -78,7 +78,7 @@ pub struct MethodArguments {
     #[arg(long)]
     rotation: Option<RotationSpline>,
     /// Grid finder: lattice or opencv [default: lattice]
-    #[arg(long, value_parser = grid)]
+    #[arg(long)]
     grid: Option<Grid>,
     /// Settings file (TOML); names and defaults are in docs/settings.md
     #[arg(long, value_name = "FILE")]
@@ -101,14 +101,6 @@ pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
         "hard" => Ok(Extraction::Hard),
         "soft" => Ok(Extraction::Soft),
         _ => Err("write hard or soft"),
-    }
-}
-
-fn grid(text: &str) -> Result<Grid, &'static str> {
-    match text {
-        "lattice" => Ok(Grid::Lattice),
-        "opencv" => Ok(Grid::Opencv),
-        _ => Err("write lattice or opencv"),
     }
 }
 

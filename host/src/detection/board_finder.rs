@@ -5,6 +5,7 @@ use evcal_core::pattern::Pattern;
 use nalgebra::{RealField, Vector2};
 
 use super::no_board::NoBoard;
+#[cfg(feature = "opencv")]
 use crate::opencv::find_circles_grid;
 
 /// Circles that the grid finder has room for.
@@ -73,6 +74,7 @@ pub fn within_capacity<T>(circles: &[T]) -> &[T] {
 ///
 /// # Errors
 /// [`NoBoard`] when OpenCV finds none.
+#[cfg(feature = "opencv")]
 pub fn find_with_opencv(candidates: &[GridCandidate<f32>], pattern: &Pattern) -> Result<Vec<PlacedCircle>, NoBoard> {
     if candidates.len() < pattern.circle_count() {
         return Err(NoBoard::TooFewCircles);

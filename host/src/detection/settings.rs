@@ -1,5 +1,7 @@
 //! Thresholds from events to reference frames.
 
+use std::str::FromStr;
+
 use evcal_core::circle::{CircleSettings, Extraction};
 use evcal_core::cluster::ClusterSettings;
 use evcal_core::detector::DetectorSettings;
@@ -11,13 +13,48 @@ use serde::{Deserialize, Serialize};
 
 /// How circles are ordered into the board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "lowercase", try_from = "String")]
 pub enum Grid {
     /// Lattice growth; partial boards and clutter are tolerated.
     #[default]
     Lattice,
     /// OpenCV's `findCirclesGrid`, complete boards only.
+    #[cfg(feature = "opencv")]
     Opencv,
+}
+
+/// Why a text names no grid finder of this build.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GridNameError {
+    /// No grid finder has this name.
+    #[error("no grid finder of this name: write lattice or opencv")]
+    Unknown,
+    /// It is OpenCV's, which is not built in.
+    #[error("this evcal was built without OpenCV: write lattice, or build it with the cargo feature `opencv`")]
+    WithoutOpencv,
+}
+
+impl FromStr for Grid {
+    type Err = GridNameError;
+
+    fn from_str(name: &str) -> Result<Self, GridNameError> {
+        match name {
+            "lattice" => Ok(Self::Lattice),
+            #[cfg(feature = "opencv")]
+            "opencv" => Ok(Self::Opencv),
+            #[cfg(not(feature = "opencv"))]
+            "opencv" => Err(GridNameError::WithoutOpencv),
+            _ => Err(GridNameError::Unknown),
+        }
+    }
+}
+
+impl TryFrom<String> for Grid {
+    type Error = GridNameError;
+
+    fn try_from(name: String) -> Result<Self, GridNameError> {
+        name.parse()
+    }
 }
 
 settings! {
@@ -29,7 +66,8 @@ settings! {
         /// takes the line between their centres as diameter.
         pub extraction: Extraction = Extraction::Hard;
         /// How circles are ordered into the board: `"lattice"` grows a lattice from neighbour to neighbour and
-        /// tolerates partial boards and clutter; `"opencv"` is `findCirclesGrid`, complete boards only.
+        /// tolerates partial boards and clutter; `"opencv"` is `findCirclesGrid`, complete boards only, in builds
+        /// with OpenCV.
         pub grid: Grid = Grid::Lattice;
         /// Length of the parts of a recording that are searched independently of each other.
         pub chunk: f64 = 0.1, "s", from_to(1e-3, 10.0);

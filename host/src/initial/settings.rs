@@ -4,11 +4,37 @@ use evcal_core::settings;
 use evcal_core::settings::{above, at_least, from_to};
 use serde::{Deserialize, Serialize};
 
+/// What the first camera and the poses of frames start from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "opencv", derive(Default))]
+pub enum Start {
+    /// OpenCV's calibration and its PnP; the native start where its calibration fails.
+    #[cfg(feature = "opencv")]
+    #[default]
+    Opencv,
+    /// A scan over focal lengths, and IPPE in RANSAC.
+    Native {
+        /// Seed of RANSAC's samples.
+        seed: u64,
+    },
+}
+
+#[cfg(not(feature = "opencv"))]
+impl Default for Start {
+    fn default() -> Self {
+        Self::Native { seed: 0 }
+    }
+}
+
 settings! {
     /// The first camera and the pose of every reference frame (stages 6 and 7).
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct InitialSettings {
+        /// What the first camera and the poses of frames start from: OpenCV where the program is built with it. Not in
+        /// settings files: both reach the same camera.
+        #[serde(skip)]
+        pub start: Start = Start::default();
         /// Fewest circles of a usable frame, and fewest that must agree with its pose. Never less than 4, never
         /// more than the board has.
         pub min_circles: usize = 8, "circles", at_least(4.0);

@@ -110,7 +110,8 @@ fn sections(text: &mut String, path: &str, group: &Group, values: &Table) {
                 Kind::Choice => ("–", String::from("–")),
                 Kind::Group(_) => continue,
             };
-            let default = values.get(setting.name).map(ToString::to_string).unwrap_or_default();
+            // What no file holds is no concern of its readers.
+            let Some(default) = values.get(setting.name) else { continue };
             let (name, meaning) = (setting.name, setting.meaning.trim());
             let _ = writeln!(text, "| `{name}` | {unit} | `{default}` | {allowed} | {meaning} |");
         }
