@@ -43,7 +43,7 @@ pub mod write;
 pub use error::{RecordingError, RecordingErrorKind};
 pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary};
 pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
-pub use reader::{Decode, EventReader, ReadReport, StreamFaults, Truncation};
+pub use reader::{Decode, EventReader, ReadReport, RepairedTimes, StreamFaults, Truncation};
 
 use crate::circles::{stream, track};
 

@@ -211,6 +211,16 @@ fn unplugged_in_mid_stream_everything_before_it_is_kept() {
 }
 
 #[test]
+fn a_recording_is_not_given_the_ending_of_another_format() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("session.csv");
+    let output = Command::new(env!("CARGO_BIN_EXE_evcal")).args(["record", text(&file)]).output().unwrap();
+    let (code, _, errors) = ended(output);
+    assert_eq!((code, file.exists()), (Some(2), false));
+    assert!(errors.contains("session.dvraw") && errors.contains("evcal convert"), "{errors}");
+}
+
+#[test]
 fn a_start_that_failed_can_be_tried_again_with_the_same_name() {
     let failures = Some(Failures { at: 0, transfers: 1 });
     let bus = EmulatedBus::start(camera(3000).with_faults(Faults { failures, ..Faults::default() })).unwrap();

@@ -3,6 +3,8 @@
 use evcal::recording::{Columns, Damage, RecordingOptions, TimeUnit};
 use evcal_core::sensor::Sensor;
 
+use usb_davis::capture::DeviceAddress;
+
 use super::value;
 
 /// Options of every subcommand that reads a recording.
@@ -20,6 +22,10 @@ pub struct SourceArguments {
     /// Name or number of the event stream to read [default: the first]
     #[arg(long, value_name = "STREAM")]
     stream: Option<String>,
+    /// Which device of a USB capture is the camera, by the numbers of bus and device [default: the only one
+    /// that may be]
+    #[arg(long, value_name = "BUS.DEVICE")]
+    device: Option<DeviceAddress>,
     /// Leave out damaged packets instead of stopping there
     #[arg(long)]
     skip_damaged: bool,
@@ -33,6 +39,7 @@ impl SourceArguments {
             sensor: self.sensor,
             columns: self.columns.clone(),
             time_unit: self.time_unit,
+            device: self.device,
             damage: if self.skip_damaged { Damage::Skip } else { Damage::Refuse },
         }
     }

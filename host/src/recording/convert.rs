@@ -238,7 +238,7 @@ fn copy_transfers(
     copy: CopyTransfers,
 ) -> Result<ConversionReport, ConvertError> {
     let unreadable = |error| ConvertError::Capture { path: recording.path().to_owned(), error };
-    let mut capture = open(recording.path()).map_err(unreadable)?;
+    let mut capture = open(recording.path(), recording.options()).map_err(unreadable)?;
     let failed = |error| ConvertError::Write { path: path.to_owned(), error };
     let unwritten = |error: FileError| failed(error.error.into());
     let file = NewFile::create(path).map_err(unwritten)?;
@@ -257,7 +257,7 @@ fn copy_transfers(
 fn start(recording: &Recording) -> Result<Option<i64>, ConvertError> {
     let Some(open) = recording.format().transfers else { return Ok(None) };
     let unreadable = |error| ConvertError::Capture { path: recording.path().to_owned(), error };
-    let start = open(recording.path()).map_err(unreadable)?.header().start_unix_ns;
+    let start = open(recording.path(), recording.options()).map_err(unreadable)?.header().start_unix_ns;
     Ok(i64::try_from(start / 1000).ok().filter(|start| *start > 0))
 }
 

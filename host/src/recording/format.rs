@@ -25,7 +25,7 @@ pub type VisitFrames =
 pub type OpenExtras = fn(&Path, &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError>;
 
 /// Opens a file for its USB transfers.
-pub type OpenTransfers = fn(&Path) -> Result<Capture, CaptureError>;
+pub type OpenTransfers = fn(&Path, &RecordingOptions) -> Result<Capture, CaptureError>;
 
 /// A file format that holds events.
 ///

@@ -4,6 +4,8 @@ use evcal_core::sensor::Sensor;
 use std::fmt;
 use std::str::FromStr;
 
+use usb_davis::capture::DeviceAddress;
+
 /// What to take for granted when a recording is read. The default takes everything from the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordingOptions {
@@ -15,6 +17,8 @@ pub struct RecordingOptions {
     pub columns: Option<Columns>,
     /// Unit of the times in a text file.
     pub time_unit: Option<TimeUnit>,
+    /// Which device of a USB capture is the camera, if several may be.
+    pub device: Option<DeviceAddress>,
     /// What to do about a damaged packet.
     pub damage: Damage,
 }

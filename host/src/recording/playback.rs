@@ -57,7 +57,7 @@ pub struct Playback {
 
 #[derive(Clone)]
 enum Content {
-    Transfers(OpenTransfers),
+    Transfers(OpenTransfers, RecordingOptions),
     Events(Recording),
 }
 
@@ -72,9 +72,10 @@ impl Playback {
     pub fn open(path: &Path, options: RecordingOptions) -> Result<Self, PlaybackError> {
         let recording = Recording::new(path, options)?;
         if let Some(open) = recording.format().transfers {
-            let capture = open(path).map_err(|error| PlaybackError::Capture(path.to_owned(), error))?;
+            let options = recording.options();
+            let capture = open(path, options).map_err(|error| PlaybackError::Capture(path.to_owned(), error))?;
             let header = capture.header().clone();
-            return Ok(Self { path: path.to_owned(), content: Content::Transfers(open), header });
+            return Ok(Self { path: path.to_owned(), content: Content::Transfers(open, options.clone()), header });
         }
         let reader = recording.open()?;
         let information = reader.information();
@@ -122,9 +123,9 @@ impl Playback {
     /// Reads the recording to its end, or until nobody takes the pieces.
     fn play(&self, pieces: &SyncSender<Piece>) -> Result<(), PlaybackError> {
         match &self.content {
-            Content::Transfers(open) => {
+            Content::Transfers(open, options) => {
                 let unreadable = |error| PlaybackError::Capture(self.path.clone(), error);
-                for piece in CapturePieces::new(open(&self.path).map_err(unreadable)?) {
+                for piece in CapturePieces::new(open(&self.path, options).map_err(unreadable)?) {
                     let piece = piece.map_err(unreadable)?;
                     if pieces.send(piece).is_err() {
                         break;

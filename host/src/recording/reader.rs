@@ -88,6 +88,10 @@ pub struct StreamFaults {
     pub repaired_gaps: u64,
     /// By how much that was in all, in microseconds.
     pub restored_us: u64,
+    /// Which times those are, in order.
+    pub repaired_times: Vec<RepairedTimes>,
+    /// Time that had been added without need and was taken back at a later gap, in microseconds.
+    pub taken_back_us: u64,
     /// How often the camera's clock was reset after it had told a time. Times go on 1 s after the latest.
     pub clock_resets: u64,
     /// Events that the camera dropped because the computer read too slowly, if it was asked.
@@ -95,6 +99,20 @@ pub struct StreamFaults {
     /// Words that no healthy camera sends, by what is wrong with them.
     pub faults: BTreeMap<&'static str, u64>,
 }
+
+/// Times of a camera's stream that were put right because words that count time had been lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct RepairedTimes {
+    /// The first of them in microseconds.
+    pub from_us: i64,
+    /// By how much it and all later ones were put later, in microseconds.
+    pub restored_us: u64,
+    /// How much of that was too much, in microseconds: times are late by it up to a later gap.
+    pub excess_us: u64,
+}
+
+/// How many repairs are named.
+const REPAIRS_NAMED: usize = 10;
 
 impl StreamFaults {
     /// What there is to tell, in sentences.
@@ -109,6 +127,23 @@ impl StreamFaults {
                 self.repaired_gaps,
                 self.restored_us as f64 / 1e6
             ));
+            let named = self.repaired_times.iter().take(REPAIRS_NAMED).map(|times| {
+                let restored = times.restored_us as f64 / 1e3;
+                let excess = match times.excess_us {
+                    0 => String::new(),
+                    excess => format!(" ({:.3} ms of them too many, up to a later gap)", excess as f64 / 1e3),
+                };
+                format!("from {:.6} s on {restored:.3} ms{excess}", times.from_us as f64 / 1e6)
+            });
+            let more = match self.repaired_times.len().saturating_sub(REPAIRS_NAMED) {
+                0 => String::new(),
+                more => format!(", and {more} more"),
+            };
+            notes.push(format!("times put later: {}{more}", named.collect::<Vec<_>>().join(", ")));
+        }
+        if self.taken_back_us > 0 {
+            let taken_back = self.taken_back_us as f64 / 1e3;
+            notes.push(format!("{taken_back:.3} ms of that were too much and are taken back at a later gap"));
         }
         if self.dropped > 0 {
             let dropped = self.dropped;

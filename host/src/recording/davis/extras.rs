@@ -6,9 +6,9 @@ use std::path::Path;
 use usb_davis::protocol::{ImuSample, Message, Shutter};
 
 use super::Messages;
-use crate::recording::RecordingError;
 use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras};
 use crate::recording::pictures::{GreyImage, NoImage, TimedImage};
+use crate::recording::{RecordingError, RecordingOptions};
 
 /// What a camera sent beside events.
 pub struct CameraExtras {
@@ -22,9 +22,9 @@ pub struct CameraExtras {
 
 impl CameraExtras {
     /// Those of the recording at `path`.
-    pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        let held = held(path)?;
-        Ok(Self { messages: Messages::open(path)?, waiting: VecDeque::new(), more: true, held })
+    pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+        let held = held(path, options)?;
+        Ok(Self { messages: Messages::open(path, options.device)?, waiting: VecDeque::new(), more: true, held })
     }
 }
 
@@ -55,8 +55,8 @@ impl ReadExtras for CameraExtras {
     }
 }
 
-fn held(path: &Path) -> Result<OtherStreams, RecordingError> {
-    let mut messages = Messages::open(path)?;
+fn held(path: &Path, options: &RecordingOptions) -> Result<OtherStreams, RecordingError> {
+    let mut messages = Messages::open(path, options.device)?;
     let mut held = OtherStreams::default();
     while !(held.frames && held.imu)
         && messages.next(|message, _| match message {
@@ -101,9 +101,10 @@ fn inertial_sample(sample: &ImuSample, t: i64) -> InertialSample {
 /// Hands the frames of the recording at `path` to `visit`. The inner error ended them early.
 pub fn visit_frames(
     path: &Path,
+    options: &RecordingOptions,
     visit: &mut dyn FnMut(TimedImage),
 ) -> Result<Result<(), RecordingError>, RecordingError> {
-    let mut messages = Messages::open(path)?;
+    let mut messages = Messages::open(path, options.device)?;
     Ok(loop {
         let more = messages.next(|message, shift| {
             if let Message::Frame(frame) = message {
