@@ -35,6 +35,7 @@ pub mod pictures;
 pub mod playback;
 pub mod prophesee;
 mod reader;
+pub mod ros;
 #[cfg(test)]
 mod testing;
 pub mod text;
@@ -53,6 +54,8 @@ pub const FORMATS: &[&FileFormat] = &[
     &davis::FORMAT,
     &prophesee::RAW_FORMAT,
     &prophesee::DAT_FORMAT,
+    &ros::BAG_FORMAT,
+    &ros::MCAP_FORMAT,
     &text::FORMAT,
     &event_calib::FORMAT,
     &davis::BARE_FORMAT,
@@ -277,7 +280,7 @@ mod tests {
         for (content, part) in [
             (b"".as_slice(), "empty"),
             (circles, "circles"),
-            (b"#ROSBAG V2.0\n", "ROS bag"),
+            (b"#ROSBAG V1.2\n", "ROS bag"),
             (b"\x89HDF\r\n\x1a\n", "HDF5"),
             (b"#!AER-DAT2.0\r\n", "AEDAT 2"),
             (b"% evt 5.0\n% end\n", "Prophesee"),

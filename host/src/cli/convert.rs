@@ -12,7 +12,7 @@ use super::{print, progress};
 /// Arguments of `evcal convert`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recording: .dvraw, pcap, AEDAT4, text or EventCalib binary, told apart by its content
+    /// Recording of any format, told apart by its content
     #[arg(value_name = "IN")]
     input: PathBuf,
     /// File to write; one that is there already is left alone

@@ -296,7 +296,11 @@ impl fmt::Display for Information {
             )?;
         }
         for stream in self.streams.iter().filter(|stream| stream.packets > 0) {
-            line(f, "stream", format!("{}: {} in {} packets", stream.name, stream.elements, stream.packets))?;
+            let seconds = stream.times_us.map_or(0.0, |(first, last)| seconds(last.saturating_sub(first)));
+            let rate =
+                if seconds > 0.0 { format!(", {:.1}/s", stream.elements as f64 / seconds) } else { String::new() };
+            let text = format!("{}: {} in {} packets{rate}", stream.name, stream.elements, stream.packets);
+            line(f, "stream", text)?;
         }
         let report = &self.report;
         if self.streams.is_empty() {
