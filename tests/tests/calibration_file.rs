@@ -4,15 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use evcal::result::calibration_file::{CalibrationFile, FramesResult};
-use evcal_tests::{BOARD, made, succeed, text};
+use evcal_tests::{BOARD, made, session_calibration, succeed, text};
 
 fn recording() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("fixtures").join("board/events.dvraw")
-}
-
-/// The folder of the recording that the demo uses, calibrated.
-fn calibrated() -> PathBuf {
-    made("report", &["calibrate", text(&recording()), "--board", BOARD])
 }
 
 /// The file as it is read; written again it has the same bytes.
@@ -25,7 +20,7 @@ fn round_trip(folder: &Path) -> CalibrationFile {
 
 #[test]
 fn events_with_pictures_as_a_witness() {
-    let file = round_trip(&calibrated());
+    let file = round_trip(&session_calibration());
     assert!(matches!(file.frames, Some(FramesResult::Witness(_))));
     assert!(file.residual_pattern.is_some() && file.stages.detection.is_some() && !file.event_classes.is_empty());
     assert!(file.stages.trajectory.is_some_and(|stages| !stages.rounds.is_empty()));
@@ -41,7 +36,7 @@ fn pictures_alone_have_no_stages_of_events() {
 
 #[test]
 fn circles_and_a_model_that_was_chosen() {
-    let circles = calibrated().join("circles.csv");
+    let circles = session_calibration().join("circles.csv");
     let arguments = ["calibrate", text(&circles), "--board", BOARD, "--sensor", "346x260", "--model", "auto"];
     let file = round_trip(&made("circles-auto", &arguments));
     assert!(file.stages.model_choice.is_some() && file.event_classes.is_empty() && file.frames.is_none());
@@ -49,7 +44,7 @@ fn circles_and_a_model_that_was_chosen() {
 
 #[test]
 fn an_export_of_the_file_is_that_of_the_calibration() {
-    let folder = calibrated();
+    let folder = session_calibration();
     let calibration = folder.join("calibration.json");
     for (format, file) in
         [("opencv-yaml", "camera.yaml"), ("ros", "exports/camera_info.yaml"), ("kalibr", "exports/camchain.yaml")]
