@@ -28,7 +28,7 @@ pub const BOARD_FORM: &str = "LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS with LAYOUT ac
 
 /// Why a board description was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("board {text:?}: {problem}; write {BOARD_FORM}")]
+#[error("board {text:?}: {problem}{}", .problem.form())]
 pub struct BoardError {
     text: String,
     /// What is wrong.
@@ -60,6 +60,16 @@ pub enum BoardProblem {
     /// Circles of this radius do not fit into this spacing.
     #[error("the circles overlap: is the radius a diameter?")]
     Overlap,
+}
+
+impl BoardProblem {
+    /// The right form, where that is what is missing.
+    fn form(&self) -> String {
+        match self {
+            Self::NoCircles(_) => String::new(),
+            _ => format!("; write {BOARD_FORM}"),
+        }
+    }
 }
 
 /// Boards of other kinds, by what their names hold.

@@ -15,6 +15,12 @@ fn example(name: &str, arguments: &[&Path]) -> String {
     let test = std::env::current_exe().unwrap();
     let folder = test.ancestors().nth(2).unwrap().join("examples");
     let program = folder.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
+    // `cargo test --test examples` alone does not build them.
+    assert!(
+        program.exists(),
+        "{}: test the whole package, or build its examples in this profile first",
+        program.display()
+    );
     let output = Command::new(&program).args(arguments).output().unwrap();
     assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()

@@ -75,8 +75,11 @@ fn recordings_are_described_in_the_same_words_everywhere() {
     let repeated = with(&["repeat", text(&file), "--board", BOARD]);
     assert!(stderr(&repeated).contains("0.5 s long"), "{}", stderr(&repeated));
     // And a stream that is not there is looked for.
+    let simulation = directory.path().join("simulation");
+    succeed(&["simulate", "-o", text(&simulation), "--duration", "20ms"]);
+    let events = simulation.join("events.aedat4");
     for subcommand in [vec!["detect"], vec!["calibrate", "--board", BOARD, "-o", text(&output)]] {
-        let errors = fail(1, &[&subcommand, &["--stream", "7", text(&file)][..]].concat());
+        let errors = fail(1, &[&subcommand, &["--stream", "7", text(&events)][..]].concat());
         assert!(errors.contains("stream"), "{errors}");
     }
     assert!(!output.exists(), "nothing is written");

@@ -14,10 +14,10 @@ Examples:
   A recording and the board in it (half the distance in a row, and the radius):
     evcal calibrate recording.aedat4 --board acircles:9x4:55mm:r17.5mm -o calibration
   Text in columns of its own, times in milliseconds:
-    evcal calibrate events.txt --columns x,y,p,t --time-unit ms --sensor 346x260 --board circles:6x3:40mm:r10mm -o calibration
+    evcal calibrate events.txt --columns x,y,p,t --time-unit ms --board circles:6x3:40mm:r9mm -o out
   A fisheye, or whichever model fits best:
-    evcal calibrate recording.dvraw --board acircles:9x4:55mm:r17.5mm --model kannala-brandt -o calibration
-    evcal calibrate recording.dvraw --board acircles:9x4:55mm:r17.5mm --model auto -o calibration
+    evcal calibrate recording.dvraw --board acircles:9x4:55mm:r17.5mm --model kannala-brandt -o out
+    evcal calibrate recording.dvraw --board acircles:9x4:55mm:r17.5mm --model auto -o out
 
 The exit code is 3 where the verdict is \"not good enough\", unless --accept-any is given.";
 

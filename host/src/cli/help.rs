@@ -68,6 +68,8 @@ mod tests {
         let lines = help.iter().flat_map(|text| text.lines()).map(str::trim).filter(|line| line.starts_with("evcal "));
         let mut count = 0;
         for line in lines {
+            // Longer ones would be cut in two where the terminal does not tell its width.
+            assert!(line.len() <= 96, "{line}");
             let words = line.split(" > ").next().unwrap_or(line).split_whitespace();
             let parsed = crate::cli::Arguments::command().try_get_matches_from(words);
             assert!(parsed.is_ok(), "{line}: {}", parsed.unwrap_err());
