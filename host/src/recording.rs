@@ -18,6 +18,8 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::sensor::Sensor;
 
+mod aedat2;
+mod aedat3;
 pub mod aedat4;
 mod bytes;
 pub mod convert;
@@ -51,6 +53,8 @@ use crate::circles::{stream, track};
 /// The formats, in the order in which they are tried.
 pub const FORMATS: &[&FileFormat] = &[
     &aedat4::FORMAT,
+    &aedat2::FORMAT,
+    &aedat3::FORMAT,
     &davis::FORMAT,
     &prophesee::RAW_FORMAT,
     &prophesee::DAT_FORMAT,
@@ -282,7 +286,7 @@ mod tests {
             (circles, "circles"),
             (b"#ROSBAG V1.2\n", "ROS bag"),
             (b"\x89HDF\r\n\x1a\n", "HDF5"),
-            (b"#!AER-DAT2.0\r\n", "AEDAT 2"),
+            (b"#!AER-DAT1.0\r\n", "AEDAT 1"),
             (b"% evt 5.0\n% end\n", "Prophesee"),
             (b"\x00\x01\x02\x03 and so on", "no format known"),
             (&[0; 1000], "no format known"),

@@ -79,6 +79,9 @@ pub enum RecordingErrorKind {
         /// Height in pixels.
         height: i64,
     },
+    /// An address of a pixel means something only with the size of its sensor.
+    #[error("does not name a camera that is known here: add --sensor WIDTHxHEIGHT")]
+    ChipUnknown,
     /// No stream of events.
     #[error("holds no stream of events; its streams: {0}")]
     NoEventStream(String),

@@ -4,8 +4,7 @@ const CONVERT: &str = "convert it to AEDAT4 or to text with a line `t x y p` per
 
 /// How a file begins, the name of its format, and advice.
 const FOREIGN: &[(&[u8], &str, &str)] = &[
-    (b"#!AER-DAT2", "AEDAT 2 (jAER)", "open it in jAER or DV and export it as AEDAT4"),
-    (b"#!AER-DAT3", "AEDAT 3", "open it in DV and export it as AEDAT4"),
+    (b"#!AER-DAT1", "AEDAT 1", "open it in jAER and save it as AEDAT 2"),
     (b"#ROSBAG V1", "ROS bag of version 1", "bring it to version 2 with rosbag fix"),
     (b"\x89HDF", "HDF5", CONVERT),
     (b"SQLite format 3", "ROS 2 bag (SQLite)", CONVERT),

@@ -212,11 +212,9 @@ impl Container for Bag {
             let (length, data) = (record.length, record.data.len());
             self.chunk.position += length;
             match operation {
-                Some(CONNECTION) => {
-                    if self.connect(position).is_none() {
-                        return Err(self.file.damaged(self.chunk.byte, "a connection names no topic or no type"));
-                    }
-                }
+                Some(CONNECTION) => self
+                    .connect(position)
+                    .ok_or_else(|| self.file.damaged(self.chunk.byte, "a connection names no topic or no type"))?,
                 Some(MESSAGE) => {
                     let known = self.connections.iter().find(|(known, _)| Some(*known) == connection);
                     let Some(&(_, topic)) = known else {

@@ -74,7 +74,8 @@ pub fn events(
 ) -> Result<(), MessageError> {
     let mut fields = Fields::new(wire, message)?;
     fields.header()?;
-    (fields.u32("its size")?, fields.u32("its size")?);
+    fields.u32("its size")?;
+    fields.u32("its size")?;
     match kind {
         Kind::EventArray => {
             let count = fields.u32("the number of events")?;

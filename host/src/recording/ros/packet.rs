@@ -35,7 +35,8 @@ impl PacketDecoder {
             b"libcaer_cmp" => events.extend(libcaer_compressed(time_base, payload)),
             b"libcaer" => libcaer(time_base, payload, events),
             b"mono" => {
-                events.extend(payload.as_chunks().0.iter().map(|word| mono(time_base, u64::from_le_bytes(*word))))
+                let words = payload.as_chunks().0.iter().map(|word| u64::from_le_bytes(*word));
+                events.extend(words.map(|word| mono(time_base, word)));
             }
             _ => return Err(MessageError::Encoding),
         }
