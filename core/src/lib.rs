@@ -19,7 +19,7 @@
 //! | [`grid`] | circle candidates | the ordered board |
 //! | [`spline`] | control points | poses at any time |
 //! | [`camera`] | points | pixels, and back |
-//! | [`settings`] | one declaration | a structure of settings that says what they are |
+//! | [`settings`](mod@settings) | one declaration | a structure of settings that says what they are |
 //! | [`undistortion`] | pixels | pixels without distortion |
 //!
 //! Conventions: pixel (0, 0) is the centre of the top-left pixel; x to the right, y down. Times of

@@ -185,7 +185,7 @@ fn every_format_holds_the_simulated_events() {
         let [first, last] = [0, 1].map(|index| information["times_us"][index].as_i64().unwrap());
         assert!((0..5_000).contains(&first) && (95_000..101_000).contains(&last), "{format}: {first} to {last}");
         if format == "aedat4" {
-            assert_eq!(information["sensor"], serde_json::json!([346, 260]));
+            assert_eq!(information["sensor"], serde_json::json!({ "width": 346, "height": 260 }));
         }
     }
 }

@@ -37,7 +37,7 @@ const FORMAT: &str = "evcal-calibration";
 /// Everything that a calibration found out. Field order is the order in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationFile {
-    /// Always [`FORMAT`].
+    /// Always `evcal-calibration`.
     pub format: String,
     /// Version of this layout, [`LATEST_VERSION`].
     pub version: u32,
