@@ -41,13 +41,27 @@ pub struct CalibratedCamera {
     pub board: Option<Board>,
 }
 
-/// A camera file that is no calibration: `truth.json` of a simulation, or the camera of an undistorted recording.
-/// Calibrations from before their layout had a version are read as such too.
+/// A camera file without a version: `truth.json` of a simulation, the camera of an undistorted recording, or a
+/// calibration from before its layout had one.
 #[derive(Deserialize)]
 struct OtherFile {
     sensor: Sensor,
     camera: CameraDescription,
+    covered_region: Option<Vec<[f64; 2]>>,
+    sigma: Option<CameraDescription>,
+    uncertainty: Option<OtherUncertainty>,
+    residuals: Option<OtherResiduals>,
     board: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct OtherUncertainty {
+    covariance: Option<Vec<Vec<f64>>>,
+}
+
+#[derive(Deserialize)]
+struct OtherResiduals {
+    rms: f64,
 }
 
 impl CalibratedCamera {
@@ -96,8 +110,19 @@ impl CalibratedCamera {
 
     fn of_other(file: OtherFile, path: &Path) -> Result<Self, CameraFileError> {
         let camera = file.camera.camera().map_err(|error| camera_file::wrong(path, error))?;
-        let board = file.board.and_then(|board| board.parse().ok());
-        Ok(Self { board, ..Self::seen_everywhere(camera, file.sensor) })
+        let names = camera.kind().parameter_names();
+        let everywhere = Self::seen_everywhere(camera, file.sensor);
+        Ok(Self {
+            covered: match file.covered_region {
+                Some(corners) => CoveredRegion::around(corners.into_iter().map(Into::into), file.sensor),
+                None => everywhere.covered,
+            },
+            sigma: file.sigma.and_then(|sigma| names.iter().map(|name| sigma.parameters.get(name)).collect()),
+            covariance: file.uncertainty.and_then(|uncertainty| uncertainty.covariance),
+            residual_rms: file.residuals.map(|residuals| residuals.rms),
+            board: file.board.and_then(|board| board.parse().ok()),
+            ..everywhere
+        })
     }
 
     /// A camera of which nothing else is known.
