@@ -23,6 +23,7 @@ test-times: setup
 # All tests that cargo runs.
 test-workspace: setup
 	cargo test --workspace --release --locked
+	cargo test -p evcal --release --locked --no-default-features --features cli
 
 # report.html in a headless browser, as a phone and as a desktop; installs the browser.
 test-report: programs
@@ -56,6 +57,7 @@ check-format: setup
 
 check-lints: setup
 	cargo clippy --workspace --all-targets --release --locked -- -D warnings
+	cargo clippy -p evcal --all-targets --release --locked --no-default-features --features cli -- -D warnings
 
 check-documentation: setup
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked

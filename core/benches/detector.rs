@@ -5,12 +5,12 @@
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use evcal_core::circle::Method;
+use evcal_core::circle::Extraction;
 use evcal_core::cluster::{row_bytes, row_count};
 use evcal_core::detector::{Detector, DetectorSettings};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
-use evcal_core::window::{Outcome, WindowPlanner, WindowPolicy};
+use evcal_core::window::{Outcome, WindowPlanner, WindowSettings};
 
 fn main() {
     divan::main();
@@ -61,11 +61,10 @@ fn window(count: usize, noise: usize, duration_us: i64) -> Vec<Event> {
     events
 }
 
-fn detect<T: nalgebra::RealField + Copy>(bencher: Bencher<'_, '_>, noise: usize, method: Method) {
+fn detect<T: nalgebra::RealField + Copy>(bencher: Bencher<'_, '_>, noise: usize, extraction: Extraction) {
     let events = window(4000 - noise, noise, 3000);
     let mut detector = Box::new(Detector346::<T>::new());
-    let mut settings = DetectorSettings::default();
-    settings.extraction.method = method;
+    let settings = DetectorSettings { extraction, ..DetectorSettings::default() };
     let detection = detector.detect(SENSOR, events.iter().copied(), &settings).expect("the sensor fits");
     assert!(detection.circles.circles >= 30, "{detection:?}");
     bencher
@@ -75,17 +74,17 @@ fn detect<T: nalgebra::RealField + Copy>(bencher: Bencher<'_, '_>, noise: usize,
 
 #[divan::bench(args = [0, 400, 1200])]
 fn hard_f64(bencher: Bencher<'_, '_>, noise: usize) {
-    detect::<f64>(bencher, noise, Method::Hard);
+    detect::<f64>(bencher, noise, Extraction::Hard);
 }
 
 #[divan::bench(args = [0, 400, 1200])]
 fn hard_f32(bencher: Bencher<'_, '_>, noise: usize) {
-    detect::<f32>(bencher, noise, Method::Hard);
+    detect::<f32>(bencher, noise, Extraction::Hard);
 }
 
 #[divan::bench(args = [0, 400, 1200])]
 fn soft_f64(bencher: Bencher<'_, '_>, noise: usize) {
-    detect::<f64>(bencher, noise, Method::Soft);
+    detect::<f64>(bencher, noise, Extraction::Soft);
 }
 
 /// The window policy alone, over 60 ms in which every second window holds the pattern.
@@ -93,7 +92,7 @@ fn soft_f64(bencher: Bencher<'_, '_>, noise: usize) {
 fn window_planner(bencher: Bencher<'_, '_>) {
     let events = window(80_000, 0, 60_000);
     bencher.counter(ItemsCount::new(events.len())).bench_local(|| {
-        let mut planner = WindowPlanner::new(WindowPolicy::default(), 0, 60_000);
+        let mut planner = WindowPlanner::new(WindowSettings::default(), 0, 60_000);
         let mut windows = 0_u32;
         while let Some(window) = planner.next(divan::black_box(&events)) {
             windows += 1;

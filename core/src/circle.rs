@@ -3,8 +3,8 @@
 //!
 //! A dark dot that moves leaves OFF events where it arrives and ON events where it leaves.
 //!
-//! - [`Method::Hard`] fits a circle (Kåsa) to all pixels of a pair and tests the fit against the pair.
-//! - [`Method::Soft`] takes the line between the centres of a pair as the diameter: for noisy input
+//! - [`Extraction::Hard`] fits a circle (Kåsa) to all pixels of a pair and tests the fit against the pair.
+//! - [`Extraction::Soft`] takes the line between the centres of a pair as the diameter: for noisy input
 //!   and for inclined views, in which a dot is an ellipse.
 //!
 //! Beyond the paper, both methods want the arcs to be curved around each other: the ON arc of a dot
@@ -23,12 +23,16 @@ mod fit;
 pub use extraction::{CircleCounts, extract};
 pub use fit::{Circle, fit_circle};
 
-use nalgebra::{RealField, Vector2};
+use nalgebra::Vector2;
+
+use crate::settings::{above, at_least, from_to};
 
 /// How a circle follows from a pair of clusters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+pub enum Extraction {
     /// A circle fitted to the pixels of both clusters.
+    #[default]
     Hard,
     /// The line between the centres of the clusters as diameter.
     Soft,
@@ -37,69 +41,36 @@ pub enum Method {
 /// Largest number of neighbours that can be tried for a cluster.
 pub const MAX_NEIGHBOURS: usize = 8;
 
-/// Settings of the extraction.
-///
-/// The defaults are for dots of 3 to 25 px radius, seen at up to 60° from the front, and windows in
-/// which a dot moves by less than its radius.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ExtractionSettings<T> {
-    /// How a circle follows from a pair.
-    /// Default: [`Method::Hard`].
-    pub method: Method,
-    /// Number of nearest facing clusters of the other polarity tried for each ON cluster, at most
-    /// [`MAX_NEIGHBOURS`].
-    /// Default: 4.
-    pub neighbours: u8,
-    /// Smallest cosine of the angle between the direction in which an arc is curved and that to its
-    /// partner.
-    /// Default: 0.5.
-    pub min_facing: T,
-    /// Smallest radius in pixels.
-    /// Default: 2 px.
-    pub min_radius: T,
-    /// Largest radius in pixels. Clusters wider or higher than twice this are no arcs of a dot.
-    /// Default: 32 px.
-    pub max_radius: T,
-    /// Fewest pixels of each cluster, in radii: an arc of one radian has about one pixel per radius.
-    /// Default: 0.75.
-    pub min_arc: T,
-    /// Largest ratio of the fitted radius to half the distance of the cluster centres (hard).
-    /// Default: 2.
-    pub max_radius_ratio: T,
-    /// Smallest such ratio (hard).
-    /// Default: 0.75.
-    pub min_radius_ratio: T,
-    /// Largest distance of the fitted centre from the midpoint of the cluster centres, in radii (hard).
-    /// Default: 0.5.
-    pub max_center_offset: T,
-    /// Largest mean distance of the pixels from a fitted circle, in pixels, for a circle of radius 0 (hard).
-    /// Default: 1 px.
-    pub max_error: T,
-    /// What a fitted circle may deviate beyond [`max_error`](Self::max_error), in radii (hard): dots
-    /// are ellipses in inclined views.
-    /// Default: 0.2.
-    pub max_relative_error: T,
-    /// Largest mean distance of the pixels from the circle, in radii (soft).
-    /// Default: 0.35.
-    pub max_soft_error: T,
-}
-
-impl<T: RealField + Copy> Default for ExtractionSettings<T> {
-    fn default() -> Self {
-        Self {
-            method: Method::Hard,
-            neighbours: 4,
-            min_facing: nalgebra::convert(0.5),
-            min_radius: nalgebra::convert(2.0),
-            max_radius: nalgebra::convert(32.0),
-            min_arc: nalgebra::convert(0.75),
-            max_radius_ratio: nalgebra::convert(2.0),
-            min_radius_ratio: nalgebra::convert(0.75),
-            max_center_offset: nalgebra::convert(0.5),
-            max_error: nalgebra::convert(1.0),
-            max_relative_error: nalgebra::convert(0.2),
-            max_soft_error: nalgebra::convert(0.35),
-        }
+// The defaults are for dots of 3 to 25 px radius, seen at up to 60° from the front, and windows in which a dot moves by
+// less than its radius.
+crate::settings! {
+    /// Circles from pairs of an ON and an OFF cluster. "Hard" and "soft" tell which extraction uses a value.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields, default))]
+    pub struct CircleSettings {
+        /// Nearest facing clusters of the other polarity tried for each ON cluster (hard).
+        pub neighbours: u8 = 4, "clusters", from_to(1.0, MAX_NEIGHBOURS as f32);
+        /// Smallest cosine of the angle between the direction in which an arc is curved and the direction to its
+        /// partner.
+        pub min_facing: f32 = 0.5, "", from_to(-1.0, 1.0);
+        /// Smallest radius.
+        pub min_radius: f32 = 2.0, "px", at_least(0.0).up_to("max_radius");
+        /// Largest radius; clusters wider or higher than twice this are not arcs of a dot.
+        pub max_radius: f32 = 32.0, "px", above(0.0);
+        /// Fewest pixels of each cluster: an arc of one radian has about one pixel per radius.
+        pub min_arc: f32 = 0.75, "radii", at_least(0.0);
+        /// Largest ratio of the fitted radius to half the distance of the cluster centres (hard).
+        pub max_radius_ratio: f32 = 2.0, "", above(0.0);
+        /// Smallest such ratio (hard).
+        pub min_radius_ratio: f32 = 0.75, "", at_least(0.0).up_to("max_radius_ratio");
+        /// Largest distance of the fitted centre from the midpoint of the cluster centres (hard).
+        pub max_center_offset: f32 = 0.5, "radii", above(0.0);
+        /// Largest mean distance of the pixels from the circle, for a circle of radius 0 (hard).
+        pub max_error: f32 = 1.0, "px", at_least(0.0);
+        /// What the mean distance may be beyond `max_error`: dots are ellipses in inclined views (hard).
+        pub max_relative_error: f32 = 0.2, "radii", at_least(0.0);
+        /// Largest mean distance of the pixels from the circle (soft).
+        pub max_soft_error: f32 = 0.35, "radii", above(0.0);
     }
 }
 

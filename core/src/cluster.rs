@@ -32,30 +32,25 @@ pub use runs::PixelRuns;
 
 use nalgebra::{RealField, Vector2};
 
-/// Settings of the clustering.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ClusterSettings {
-    /// Neighbourhood radius ε in pixels, from 1 to [`Self::LARGEST_EPSILON`] (4.99). Must stay below the gap between the arcs
-    /// of neighbouring dots.
-    /// Default: 2.5.
-    pub epsilon: f32,
-    /// Pixels within ε, the pixel itself included, that make it a core pixel (`MinPts`).
-    /// Default: 3.
-    pub min_points: u16,
-    /// Clusters of fewer pixels are dropped as noise.
-    /// Default: 5.
-    pub min_pixels: u16,
+use crate::settings::{at_least, from_to};
+
+crate::settings! {
+    /// DBSCAN over the pixels of one polarity.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields, default))]
+    pub struct ClusterSettings {
+        /// Neighbourhood radius ε. It must stay below the gap between the arcs of neighbouring dots.
+        pub epsilon: f32 = 2.5, "px", from_to(1.0, Self::LARGEST_EPSILON);
+        /// Pixels within ε, the pixel itself included, that make a core pixel (MinPts).
+        pub min_points: u16 = 3, "pixels", at_least(1.0);
+        /// Clusters of fewer pixels are noise.
+        pub min_pixels: u16 = 5, "pixels", at_least(1.0);
+    }
 }
 
 impl ClusterSettings {
     /// Largest [`epsilon`](Self::epsilon) that there is room for, in pixels.
     pub const LARGEST_EPSILON: f32 = bitmap::MARGIN as f32 + 0.99;
-}
-
-impl Default for ClusterSettings {
-    fn default() -> Self {
-        Self { epsilon: 2.5, min_points: 3, min_pixels: 5 }
-    }
 }
 
 /// A run of neighbouring pixels in a row.

@@ -26,7 +26,7 @@
 //! # Ok::<(), evcal_core::cluster::SensorTooLarge>(())
 //! ```
 
-use crate::circle::{CircleCandidate, CircleCounts, ExtractionSettings, extract};
+use crate::circle::{CircleCandidate, CircleCounts, CircleSettings, Extraction, extract};
 use crate::cluster::{Cluster, ClusterCounts, ClusterSettings, Clusterer, PixelRuns, SensorTooLarge};
 use crate::event::{Event, Polarity};
 use crate::sensor::Sensor;
@@ -34,18 +34,14 @@ use heapless::Vec;
 use nalgebra::RealField;
 
 /// Settings of the stages from events to circles.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DetectorSettings<T> {
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DetectorSettings {
+    /// How a circle follows from a pair of clusters.
+    pub extraction: Extraction,
     /// Events to clusters.
     pub cluster: ClusterSettings,
     /// Clusters to circles.
-    pub extraction: ExtractionSettings<T>,
-}
-
-impl<T: RealField + Copy> Default for DetectorSettings<T> {
-    fn default() -> Self {
-        Self { cluster: ClusterSettings::default(), extraction: ExtractionSettings::default() }
-    }
+    pub circle: CircleSettings,
 }
 
 /// How many went into each stage, how many came out, and why the rest fell away.
@@ -90,7 +86,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         &mut self,
         sensor: Sensor,
         events: impl IntoIterator<Item = Event>,
-        settings: &DetectorSettings<T>,
+        settings: &DetectorSettings,
     ) -> Result<Detection, SensorTooLarge> {
         self.circles.clear();
         let clusters = self.clusterer.cluster(sensor, events, &settings.cluster)?;
@@ -98,7 +94,8 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
             self.clusterer.clusters(Polarity::On),
             self.clusterer.clusters(Polarity::Off),
             |cluster| self.clusterer.runs(cluster),
-            &settings.extraction,
+            settings.extraction,
+            &settings.circle,
             &mut self.circles,
         );
         Ok(Detection { clusters, circles })

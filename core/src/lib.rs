@@ -19,6 +19,7 @@
 //! | [`grid`] | circle candidates | the ordered board |
 //! | [`spline`] | control points | poses at any time |
 //! | [`camera`] | points | pixels, and back |
+//! | [`settings`](mod@settings) | one declaration | a structure of settings that says what they are |
 //! | [`undistortion`] | pixels | pixels without distortion |
 //!
 //! Conventions: pixel (0, 0) is the centre of the top-left pixel; x to the right, y down. Times of
@@ -43,6 +44,7 @@ pub mod filter;
 pub mod grid;
 pub mod pattern;
 pub mod sensor;
+pub mod settings;
 pub mod spline;
 pub mod undistortion;
 pub mod window;

@@ -1,8 +1,9 @@
 //! Which stretch of time to look at: the window policy of Huang, Wang, Kneip, IROS 2021, III-A.
 //!
-//! A window starts `minimum` steps long and grows by one step while no pattern is found in it, until
-//! it is `maximum` steps long or holds too many events. After a success the next window starts `gap`
-//! steps after the end of the last one; after a failure the start moves on by [`Advance`].
+//! A window starts `min_interval` steps long and grows by one step while no pattern is found in it, until
+//! it is `max_interval` steps long or holds too many events. After a success the next window starts `gap`
+//! steps after the end of the last one. After a failure the start moves on by half the length of the window that failed:
+//! every event is looked at from at most two starts, so that a recording without a pattern costs little.
 //!
 //! The rule is one state machine, [`WindowState`], with two front ends that yield the same windows
 //! for the same events:
@@ -19,53 +20,25 @@ mod planner;
 pub use buffer::{BufferCounts, EventStorage, Progress, WindowBuffer};
 pub use planner::WindowPlanner;
 
-/// How far the start of the window moves after a failure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Advance {
-    /// By half the length of the window that failed: every event is looked at from at most two
-    /// starts, so that a recording without a pattern costs little.
-    HalfWindow,
-    /// By a number of steps τ (at least one).
-    Steps(u16),
-}
+use crate::settings::{at_least, from_to};
 
-/// Settings of the window policy. All lengths are in steps of `step_us`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct WindowPolicy {
-    /// The step τ in microseconds, at least 1.
-    /// Default: 500.
-    pub step_us: u32,
-    /// Length of the first window tried at a start, in steps (the paper's `min`), at least 1.
-    /// Default: 3.
-    pub minimum: u16,
-    /// Length of the longest window tried at a start, in steps (the paper's `max`).
-    /// Default: 16.
-    pub maximum: u16,
-    /// Steps between the end of a successful window and the next start (the paper's `g`).
-    /// Default: 5.
-    pub gap: u16,
-    /// A window with at least this many events at distinct pixels does not grow any more.
-    /// Default: 8000.
-    pub event_cap: u32,
-    /// A window with fewer events than this cannot hold the pattern: it grows without being tried.
-    /// Default: 200.
-    pub event_floor: u32,
-    /// How far the start moves after a failure.
-    /// Default: [`Advance::HalfWindow`].
-    pub advance: Advance,
-}
-
-impl Default for WindowPolicy {
-    fn default() -> Self {
-        Self {
-            step_us: 500,
-            minimum: 3,
-            maximum: 16,
-            gap: 5,
-            event_cap: 8000,
-            event_floor: 200,
-            advance: Advance::HalfWindow,
-        }
+crate::settings! {
+    /// Which stretch of time is searched for the board.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields, default))]
+    pub struct WindowSettings {
+        /// The step τ in which windows grow.
+        pub step: u32 = 500, "µs", from_to(1.0, 1e6);
+        /// Length of the first window tried at a start.
+        pub min_interval: u16 = 3, "steps", at_least(1.0).up_to("max_interval");
+        /// Length of the longest window tried at a start. Raise it for slow motion.
+        pub max_interval: u16 = 16, "steps", at_least(1.0);
+        /// Time between the end of a window that held the board and the next start.
+        pub gap: u16 = 10, "steps", at_least(0.0);
+        /// A window with events at this many distinct pixels or more does not grow any further.
+        pub most_events: u32 = 8000, "events", at_least(1.0);
+        /// A window with fewer events grows without being searched.
+        pub fewest_events: u32 = 200, "events", at_least(0.0);
     }
 }
 
@@ -114,15 +87,15 @@ impl Window {
 /// The current window and the rule by which the next one follows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WindowState {
-    policy: WindowPolicy,
+    settings: WindowSettings,
     start_us: i64,
     length: u16,
 }
 
 impl WindowState {
     /// The shortest window at `start_us`.
-    pub const fn new(policy: WindowPolicy, start_us: i64) -> Self {
-        let mut state = Self { policy, start_us, length: 0 };
+    pub const fn new(settings: WindowSettings, start_us: i64) -> Self {
+        let mut state = Self { settings, start_us, length: 0 };
         state.length = state.shortest();
         state
     }
@@ -142,28 +115,25 @@ impl WindowState {
         self.length
     }
 
-    /// The policy in force.
-    pub const fn policy(&self) -> &WindowPolicy {
-        &self.policy
+    /// The settings in force.
+    pub const fn settings(&self) -> &WindowSettings {
+        &self.settings
     }
 
     /// Moves to the window that follows this one after `outcome`.
     pub const fn report(&mut self, outcome: Outcome) {
         match outcome {
             Outcome::Found => {
-                self.start_us = self.end_us().saturating_add(self.steps_us(self.policy.gap as i64));
+                self.start_us = self.end_us().saturating_add(self.steps_us(self.settings.gap as i64));
                 self.length = self.shortest();
             }
             Outcome::NotFound { unique_pixels }
-                if unique_pixels < self.policy.event_cap && self.length < self.policy.maximum =>
+                if unique_pixels < self.settings.most_events && self.length < self.settings.max_interval =>
             {
                 self.length += 1;
             }
             Outcome::NotFound { .. } => {
-                let advance_us = match self.policy.advance {
-                    Advance::HalfWindow => self.steps_us(self.length as i64) / 2,
-                    Advance::Steps(steps) => self.steps_us(steps as i64),
-                };
+                let advance_us = self.steps_us(self.length as i64) / 2;
                 let advance_us = if advance_us < 1 { 1 } else { advance_us };
                 self.start_us = self.start_us.saturating_add(advance_us);
                 self.length = self.shortest();
@@ -181,15 +151,15 @@ impl WindowState {
 
     /// Judges a window by its number of events alone: `None` if it is worth a try, else the outcome.
     const fn outcome_without_trying(&self, events: usize) -> Option<Outcome> {
-        if events < self.policy.event_floor as usize { Some(Outcome::NotFound { unique_pixels: 0 }) } else { None }
+        if events < self.settings.fewest_events as usize { Some(Outcome::NotFound { unique_pixels: 0 }) } else { None }
     }
 
     const fn shortest(&self) -> u16 {
-        if self.policy.minimum < 1 { 1 } else { self.policy.minimum }
+        if self.settings.min_interval < 1 { 1 } else { self.settings.min_interval }
     }
 
     const fn steps_us(&self, steps: i64) -> i64 {
-        let step_us = if self.policy.step_us < 1 { 1 } else { self.policy.step_us as i64 };
+        let step_us = if self.settings.step < 1 { 1 } else { self.settings.step as i64 };
         steps * step_us
     }
 }

@@ -1,6 +1,6 @@
 //! The printed circle grid: what the user types for it, and where its circles are.
 
-pub mod homography;
+pub(crate) mod homography;
 pub mod sheet;
 
 use std::fmt;
@@ -27,12 +27,60 @@ pub const BOARD_FORM: &str = "LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS with LAYOUT ac
      for example acircles:9x4:55mm:r17.5mm";
 
 /// Why a board description was refused.
-#[derive(Debug, thiserror::Error, PartialEq)]
-#[error("board {text:?}: {reason}; write {BOARD_FORM}")]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("board {text:?}: {problem}{}", .problem.form())]
 pub struct BoardError {
     text: String,
-    reason: String,
+    /// What is wrong.
+    pub problem: BoardProblem,
 }
+
+/// What is wrong with a board description.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum BoardProblem {
+    /// A board that is not made of circles.
+    #[error("{0} cannot be used, only boards of circles can; print one with evcal board --pdf board.pdf")]
+    NoCircles(&'static str),
+    /// A part is missing or too much.
+    #[error("has {0} part(s) between colons, not 4")]
+    Parts(usize),
+    /// The layout is unknown.
+    #[error("unknown layout {0:?}")]
+    Layout(String),
+    /// Rows and columns cannot be read.
+    #[error("{0:?} is not ROWSxCOLUMNS with numbers from 2 to 64")]
+    Size(String),
+    /// The spacing cannot be read.
+    #[error("spacing {0:?} is not a length with a unit")]
+    Spacing(String),
+    /// The radius cannot be read.
+    #[error("radius {0:?} is not r and a length with a unit")]
+    Radius(String),
+    /// Circles of this radius do not fit into this spacing.
+    #[error("the circles overlap: is the radius a diameter?")]
+    Overlap,
+}
+
+impl BoardProblem {
+    /// The right form, where that is what is missing.
+    fn form(&self) -> String {
+        match self {
+            Self::NoCircles(_) => String::new(),
+            _ => format!("; write {BOARD_FORM}"),
+        }
+    }
+}
+
+/// Boards of other kinds, by what their names hold.
+const OTHER_BOARDS: [(&str, &str); 6] = [
+    ("check", "a checkerboard"),
+    ("chess", "a checkerboard"),
+    ("charuco", "a ChArUco board"),
+    ("aruco", "a board of ArUco tags"),
+    ("april", "a board of AprilTags"),
+    ("tag", "a board of tags"),
+];
 
 impl Board {
     /// Number of circles on the board.
@@ -93,30 +141,31 @@ impl FromStr for Board {
     type Err = BoardError;
 
     fn from_str(text: &str) -> Result<Self, BoardError> {
-        let error = |reason: String| BoardError { text: text.to_owned(), reason };
+        let error = |problem| BoardError { text: text.to_owned(), problem };
         let parts: Vec<&str> = text.split(':').collect();
+        let name = parts.first().map(|name| name.to_lowercase()).unwrap_or_default();
+        if let Some((_, kind)) = OTHER_BOARDS.iter().find(|(part, _)| name.contains(part)) {
+            return Err(error(BoardProblem::NoCircles(kind)));
+        }
         let &[layout, size, spacing, radius] = parts.as_slice() else {
-            return Err(error(format!("has {} part(s) between colons, not 4", parts.len())));
+            return Err(error(BoardProblem::Parts(parts.len())));
         };
         let layout = match layout {
             "acircles" => Layout::Asymmetric,
             "circles" => Layout::Symmetric,
-            other => return Err(error(format!("unknown layout {other:?}"))),
+            other => return Err(error(BoardProblem::Layout(other.to_owned()))),
         };
         let count = |part: &str| part.parse::<u8>().ok().filter(|count| (2..=64).contains(count));
         let (rows, columns) = size
             .split_once('x')
             .and_then(|(rows, columns)| Some((count(rows)?, count(columns)?)))
-            .ok_or_else(|| error(format!("{size:?} is not ROWSxCOLUMNS with numbers from 2 to 64")))?;
-        let spacing =
-            length(spacing).ok_or_else(|| error(format!("spacing {spacing:?} is not a length with a unit")))?;
-        let radius = radius
-            .strip_prefix('r')
-            .and_then(length)
-            .ok_or_else(|| error(format!("radius {radius:?} is not r and a length with a unit")))?;
+            .ok_or_else(|| error(BoardProblem::Size(size.to_owned())))?;
+        let spacing = length(spacing).ok_or_else(|| error(BoardProblem::Spacing(spacing.to_owned())))?;
+        let radius =
+            radius.strip_prefix('r').and_then(length).ok_or_else(|| error(BoardProblem::Radius(radius.to_owned())))?;
         let board = Self { pattern: Pattern { layout, rows, columns }, spacing, radius };
         if 2.0 * radius >= board.neighbour_distance() {
-            return Err(error("the circles overlap: is the radius a diameter?".to_owned()));
+            return Err(error(BoardProblem::Overlap));
         }
         Ok(board)
     }
@@ -169,6 +218,14 @@ mod tests {
         ] {
             let message = text.parse::<Board>().unwrap_err().to_string();
             assert!(message.contains("acircles:9x4:55mm:r17.5mm"), "{message}");
+        }
+    }
+
+    #[test]
+    fn boards_without_circles_lead_to_one_with() {
+        for text in ["checkerboard:9x6:25mm", "chessboard:9x6", "aprilgrid:6x6:24mm:0.3", "ChArUco:5x7:30mm:r22mm"] {
+            let message = text.parse::<Board>().unwrap_err().to_string();
+            assert!(message.contains("only boards of circles") && message.contains("evcal board"), "{message}");
         }
     }
 

@@ -8,6 +8,9 @@ pub mod input;
 mod pictures;
 pub mod repeat;
 
+use std::sync::LazyLock;
+
+use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 
 use self::calibrated::Calibrated;
@@ -32,6 +35,7 @@ pub enum PictureUse {
 }
 
 /// What is calibrated, from what.
+#[derive(Clone, Copy)]
 pub struct Task<'a> {
     /// Recordings of one camera.
     pub inputs: &'a [Input],
@@ -47,6 +51,25 @@ pub struct Task<'a> {
     pub settings: &'a Settings,
     /// The command line, for the report; may be empty.
     pub command_line: &'a str,
+}
+
+/// The settings of a [`Task`] that says nothing of them.
+static DEFAULTS: LazyLock<Settings> = LazyLock::new(Settings::default);
+
+impl<'a> Task<'a> {
+    /// A radtan camera from these inputs with the default settings; the fields are for all else:
+    /// `Task { model: ModelRequest::Auto, ..Task::new(&inputs, &board) }`.
+    pub fn new(inputs: &'a [Input], board: &'a Board) -> Self {
+        Self {
+            inputs,
+            board,
+            model: ModelRequest::Given(ModelKind::Radtan),
+            sensor: None,
+            pictures: PictureUse::default(),
+            settings: &DEFAULTS,
+            command_line: "",
+        }
+    }
 }
 
 /// Calibrates a camera. `progress` is told what is going on, in words.

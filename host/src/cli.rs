@@ -1,21 +1,24 @@
-//! The command line: parsing, exit codes, and one module a subcommand.
+//! The command line: parsing, exit codes, and one module a subcommand. No algorithm is here.
 //!
-//! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage.
+//! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage, 3 calibrated, but not well enough.
 
 mod board;
 mod calibrate;
 mod camera_arguments;
+mod completions;
 mod convert;
 mod detect;
-mod detector;
 mod devices;
 #[cfg(target_os = "linux")]
 mod emulate;
 mod evaluate;
+mod examples;
 mod export;
+mod help;
 mod info;
 mod interrupt;
 mod live;
+mod man;
 mod print;
 mod progress;
 mod record;
@@ -28,51 +31,70 @@ mod value;
 use std::error::Error;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
-use value::sensor;
+use clap::{FromArgMatches as _, Parser, Subcommand};
 
 /// Calibrates an event camera from the events of a moving circle grid.
 #[derive(Parser)]
-#[command(name = "evcal", version, propagate_version = true)]
+#[command(name = "evcal", version, propagate_version = true, after_help = examples::EVCAL)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
-    /// Threads to use; the result does not depend on it [default: one a core]
-    #[arg(long, global = true, value_name = "COUNT")]
-    threads: Option<usize>,
+    /// Threads to use, 1 to 1024; the result does not depend on it [default: one a core]
+    #[arg(long, global = true, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
 }
 
 #[derive(Subcommand)]
 enum Command {
     /// Calibrate a camera from one or more recordings of a moving board
+    #[command(after_help = examples::CALIBRATE)]
     Calibrate(calibrate::Arguments),
     /// Find the board's circles in a recording and write them to a file
+    #[command(after_help = examples::DETECT)]
     Detect(detect::Arguments),
     /// List the cameras that are plugged in
+    #[command(after_help = examples::DEVICES)]
     Devices(devices::Arguments),
     /// Record a camera
+    #[command(after_help = examples::RECORD)]
     Record(record::Arguments),
     /// Record a camera until it has seen enough of the board, then calibrate it
+    #[command(after_help = examples::LIVE)]
     Live(live::Arguments),
     /// Tell what is in a recording
+    #[command(after_help = examples::INFO)]
     Info(info::Arguments),
     /// Turn a recording into another format
+    #[command(after_help = examples::CONVERT)]
     Convert(convert::Arguments),
     /// Compare a calibration with the truth, another calibration or a trajectory
+    #[command(after_help = examples::EVALUATE)]
     Evaluate(evaluate::Arguments),
     /// Calibrate random parts of a recording, to see how repeatable the result is
+    #[command(after_help = examples::REPEAT)]
     Repeat(repeat::Arguments),
     /// Write a calibration in a form that other programs and devices read
+    #[command(after_help = examples::EXPORT)]
     Export(export::Arguments),
     /// Take the distortion of the lens out of recordings and pictures
+    #[command(after_help = examples::UNDISTORT)]
     Undistort(undistort::Arguments),
     /// Print a board at exact scale
+    #[command(after_help = examples::BOARD)]
     Board(board::Arguments),
     /// Simulate an event camera in front of a board
+    #[command(after_help = examples::SIMULATE)]
     Simulate(simulate::Arguments),
     /// Plug in a DAVIS346 in software that sends a recording (Linux, root, module vhci-hcd)
     #[cfg(target_os = "linux")]
+    #[command(after_help = examples::EMULATE)]
     Emulate(emulate::Arguments),
+    /// Print what a shell needs to complete commands and options
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(completions::Arguments),
+    /// Write the manual pages
+    #[command(after_help = examples::MAN)]
+    Man(man::Arguments),
 }
 
 /// The command line as a shell would take it.
@@ -97,12 +119,18 @@ type Outcome = Result<(), Box<dyn Error>>;
 #[error("{0}; see --help")]
 struct UsageError(String);
 
+/// Everything went well, but the calibration is not good enough; the exit code is 3.
+#[derive(Debug, thiserror::Error)]
+#[error("the calibration is not good enough to be used: the verdict says why; --accept-any makes the exit code 0")]
+struct NotGoodEnough;
+
 /// Runs the program.
 pub fn run() -> ExitCode {
     // clap exits with 2 on wrong usage.
-    let arguments = Arguments::parse();
+    let matches = help::command().get_matches();
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     if let Some(threads) = arguments.threads
-        && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()
+        && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()
     {
         eprintln!("evcal: cannot use {threads} threads: {error}");
         return ExitCode::FAILURE;
@@ -115,7 +143,7 @@ pub fn run() -> ExitCode {
         Command::Live(arguments) => live::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
-        Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::Repeat(arguments) => repeat::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Undistort(arguments) => undistort::run(&arguments),
@@ -123,6 +151,8 @@ pub fn run() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(&arguments),
         #[cfg(target_os = "linux")]
         Command::Emulate(arguments) => emulate::run(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments),
+        Command::Man(arguments) => man::run(&arguments),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -139,7 +169,11 @@ pub fn run() -> ExitCode {
                 }
                 source = cause.source();
             }
-            if error.is::<UsageError>() { ExitCode::from(2) } else { ExitCode::FAILURE }
+            match error {
+                error if error.is::<UsageError>() => ExitCode::from(2),
+                error if error.is::<NotGoodEnough>() => ExitCode::from(3),
+                _ => ExitCode::FAILURE,
+            }
         }
     }
 }

@@ -4,30 +4,37 @@
 //! clusters → circles → grid), so that chunks run in parallel and the result does not depend on the
 //! number of threads.
 
+mod board_finder;
+pub mod no_board;
 mod ordering;
 pub mod other_board;
 pub mod pictures;
 mod report;
+pub mod search;
 mod second_pass;
+pub mod settings;
 
 use evcal_core::cluster::{row_bytes, row_count};
 
 use evcal_core::detector::Detector;
 use evcal_core::event::Event;
-use evcal_core::grid::{GridCandidate, GridCircle, GridError, GridOptions, GridWorkspace, find_grid, find_grid_near};
+use evcal_core::grid::{GridCandidate, GridOptions};
 use evcal_core::pattern::Pattern;
 use evcal_core::sensor::Sensor;
 use evcal_core::window::{Outcome, Window, WindowPlanner};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
+#[cfg(feature = "opencv")]
+use self::board_finder::find_with_opencv;
+use self::board_finder::{BoardFinder, PlacedCircle, within_capacity};
+use self::no_board::NoBoard;
 pub use self::ordering::order_frames;
-pub use self::report::DetectionReport;
+pub use self::report::{DetectionReport, NoPattern};
 use self::second_pass::{Spacing, Uncertain, second_pass};
+use self::settings::{DetectionSettings, Grid};
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedCircle, UnorderedFrame};
-use crate::opencv::find_circles_grid;
-use crate::settings::{DetectionSettings, Grid};
 
 /// Largest sensor that the detector has room for.
 pub const LARGEST_SENSOR: Sensor = Sensor::new(1280, 800);
@@ -35,8 +42,6 @@ pub const LARGEST_SENSOR: Sensor = Sensor::new(1280, 800);
 const RUNS: usize = 16_384;
 /// Clusters of one polarity in a window.
 const CLUSTERS: usize = 512;
-/// Circle candidates that the grid finder has room for.
-const CANDIDATES: usize = 256;
 
 /// The detector with room for the largest sensor; single precision, as on a microcontroller.
 type HostDetector = Detector<
@@ -105,11 +110,10 @@ impl Found {
 /// Board index, centre and radius in pixels.
 type BoardCircle = (usize, Vector2<f64>, f64);
 
-/// Why there is no board in a window.
-enum NoBoard {
-    Reason(&'static str),
-    /// These circles form a lattice whose place on the board is not certain.
-    PlaceUncertain(Vec<GridCandidate<f32>>),
+/// What looks for [`Wanted`] in the circles of a window.
+enum Seeker {
+    Board(Pattern, BoardFinder<f32>),
+    Circles(usize),
 }
 
 /// What a chunk gave.
@@ -145,7 +149,7 @@ impl<'a> DetectionStage<'a> {
     fn new(settings: &'a DetectionSettings, sensor: Sensor, wanted: Wanted, recording: usize) -> Self {
         Self {
             settings,
-            sensor: Sensor { width: sensor.width, height: sensor.height },
+            sensor,
             wanted,
             recording,
             chunk: Vec::new(),
@@ -194,10 +198,10 @@ impl<'a> DetectionStage<'a> {
             .par_iter()
             .enumerate()
             .map_init(
-                || (Box::new(HostDetector::new()), Box::new(GridWorkspace::<f32, CANDIDATES>::new())),
-                |(detector, workspace), (chunk, (index, events))| {
+                || (Box::new(HostDetector::new()), self.seeker()),
+                |(detector, seeker), (chunk, (index, events))| {
                     let span = (index * length, (index + 1) * length);
-                    self.search_chunk(detector, workspace, chunk, events, span)
+                    self.search_chunk(detector, seeker, chunk, events, span)
                 },
             )
             .collect();
@@ -221,18 +225,18 @@ impl<'a> DetectionStage<'a> {
         uncertain: Vec<Uncertain>,
         pattern: Pattern,
     ) {
-        let policy = self.settings.window.policy();
+        let window = &self.settings.window;
         let spacing = Spacing {
-            gap: f64::from(policy.gap) * f64::from(policy.step_us) * 1e-6,
+            gap: f64::from(window.gap) * f64::from(window.step) * 1e-6,
             longest: self.settings.longest_prediction,
         };
-        let mut workspace = Box::new(GridWorkspace::<f32, CANDIDATES>::new());
+        let mut finder = BoardFinder::new(pattern);
         let options = self.grid_options(&pattern);
         let place = |window: &Uncertain, expected: &[Option<Vector2<f32>>]| {
-            let grid = find_grid_near(&window.candidates, &pattern, &options, expected, &mut workspace).ok()?;
+            let placed = finder.find_near(&window.candidates, &options, expected).ok()?;
             let events = &waiting.get(window.chunk)?.1;
             let events = events.get(window.window.first..window.window.last)?;
-            Some(self.frame(&window.window, events, board_circles(&grid.circles, &window.candidates)))
+            Some(self.frame(&window.window, events, board_circles(&placed, &window.candidates)))
         };
         let mut latest = self.findings.iter().rev().filter_map(Found::frame);
         let before = [latest.next(), latest.next()];
@@ -243,7 +247,7 @@ impl<'a> DetectionStage<'a> {
         self.report.board_circles += circles;
         self.report.found += added;
         self.report.found_by_neighbours += added;
-        if let Some(refused) = self.report.grids_refused.get_mut(PLACE_UNCERTAIN) {
+        if let Some(refused) = self.report.grids_refused.get_mut(&NoBoard::PlaceUncertain) {
             *refused -= added.min(*refused);
         }
     }
@@ -251,7 +255,7 @@ impl<'a> DetectionStage<'a> {
     fn search_chunk(
         &self,
         detector: &mut HostDetector,
-        workspace: &mut GridWorkspace<f32, CANDIDATES>,
+        seeker: &mut Seeker,
         chunk: usize,
         events: &[Event],
         span: (i64, i64),
@@ -260,7 +264,7 @@ impl<'a> DetectionStage<'a> {
         let mut uncertain = Vec::new();
         let mut report = DetectionReport::default();
         let start = events.first().map_or(span.0, |event| event.t);
-        let mut planner = WindowPlanner::new(self.settings.window.policy(), start, span.1);
+        let mut planner = WindowPlanner::new(self.settings.window, start, span.1);
         let detector_settings = self.settings.detector();
         while let Some(window) = planner.next(events) {
             let inside = events.get(window.first..window.last).unwrap_or_default();
@@ -269,37 +273,22 @@ impl<'a> DetectionStage<'a> {
             let Ok(detection) = detector.detect(self.sensor, inside.iter().copied(), &detector_settings) else { break };
             report.overflowed += u64::from(detection.overflowed());
             report.count_pairs(&detection.circles);
-            let finding = match self.wanted {
-                Wanted::Board(pattern) => self
-                    .find_board(detector, workspace, pattern)
-                    .map(|circles| Found::Frame(self.frame(&window, inside, circles))),
-                Wanted::Circles(fewest) => Some(detector.circles())
-                    .filter(|circles| circles.len() >= fewest)
-                    .map(|circles| {
-                        let circles = circles.iter().map(|circle| (circle.center.cast(), f64::from(circle.radius)));
-                        Found::Circles(CircleWindow {
-                            start: window.start_us as f64 * 1e-6,
-                            end: window.end_us as f64 * 1e-6,
-                            circles: circles.collect(),
-                            pixels: unique_pixels(inside),
-                        })
-                    })
-                    .ok_or(NoBoard::Reason("too few circles")),
-            };
-            match finding {
+            let circles: Vec<GridCandidate<f32>> = detector
+                .circles()
+                .iter()
+                .map(|circle| GridCandidate { center: circle.center, radius: circle.radius })
+                .collect();
+            match self.find(seeker, &circles, &window, inside) {
                 Ok(finding) => {
                     report.found += 1;
                     findings.push(finding);
                     planner.report(Outcome::Found);
                 }
-                Err(refusal) => {
-                    let reason = match refusal {
-                        NoBoard::Reason(reason) => reason,
-                        NoBoard::PlaceUncertain(candidates) => {
-                            uncertain.push(Uncertain { chunk, window, candidates });
-                            PLACE_UNCERTAIN
-                        }
-                    };
+                Err(reason) => {
+                    if reason == NoBoard::PlaceUncertain {
+                        let candidates = within_capacity(&circles).to_vec();
+                        uncertain.push(Uncertain { chunk, window, candidates });
+                    }
                     *report.grids_refused.entry(reason).or_default() += 1;
                     let unique_pixels = detection.clusters.events.saturating_sub(detection.clusters.both_polarities);
                     planner.report(Outcome::NotFound { unique_pixels });
@@ -310,6 +299,13 @@ impl<'a> DetectionStage<'a> {
         (findings, uncertain, report)
     }
 
+    fn seeker(&self) -> Seeker {
+        match self.wanted {
+            Wanted::Board(pattern) => Seeker::Board(pattern, BoardFinder::new(pattern)),
+            Wanted::Circles(fewest) => Seeker::Circles(fewest),
+        }
+    }
+
     fn grid_options(&self, pattern: &Pattern) -> GridOptions {
         GridOptions {
             minimum_circles: self.settings.fewest_circles(pattern),
@@ -317,44 +313,30 @@ impl<'a> DetectionStage<'a> {
         }
     }
 
-    /// Board index, centre and radius of each circle, or why there is no board.
-    fn find_board(
+    /// What is wanted of a window with these circles and events.
+    fn find(
         &self,
-        detector: &HostDetector,
-        workspace: &mut GridWorkspace<f32, CANDIDATES>,
-        pattern: Pattern,
-    ) -> Result<Vec<BoardCircle>, NoBoard> {
-        let circles = detector.circles();
-        match self.settings.grid {
-            Grid::Lattice => {
-                let candidates: Vec<GridCandidate<f32>> = circles
-                    .iter()
-                    .take(CANDIDATES)
-                    .map(|circle| GridCandidate { center: circle.center, radius: circle.radius })
-                    .collect();
-                match find_grid(&candidates, &pattern, &self.grid_options(&pattern), workspace) {
-                    Ok(found) => Ok(board_circles(&found.circles, &candidates)),
-                    Err(GridError::AmbiguousPlacement { .. }) => Err(NoBoard::PlaceUncertain(candidates)),
-                    Err(error) => Err(NoBoard::Reason(grid_reason(error))),
-                }
+        seeker: &mut Seeker,
+        circles: &[GridCandidate<f32>],
+        window: &Window,
+        events: &[Event],
+    ) -> Result<Found, NoBoard> {
+        match seeker {
+            Seeker::Board(pattern, finder) => {
+                let placed = match self.settings.grid {
+                    Grid::Lattice => finder.find(within_capacity(circles), &self.grid_options(pattern))?,
+                    #[cfg(feature = "opencv")]
+                    Grid::Opencv => find_with_opencv(circles, pattern)?,
+                };
+                Ok(Found::Frame(self.frame(window, events, board_circles(&placed, circles))))
             }
-            Grid::Opencv => {
-                if circles.len() < pattern.circle_count() {
-                    return Err(NoBoard::Reason("too few circles"));
-                }
-                let centers: Vec<Vector2<f64>> = circles.iter().map(|circle| circle.center.cast()).collect();
-                let order = find_circles_grid(&centers, pattern)
-                    .map_err(|_| NoBoard::Reason("OpenCV failed"))?
-                    .ok_or(NoBoard::Reason("OpenCV found no grid"))?;
-                Ok(order
-                    .iter()
-                    .enumerate()
-                    .filter_map(|(index, &candidate)| {
-                        let circle = circles.get(candidate)?;
-                        Some((index, circle.center.cast(), f64::from(circle.radius)))
-                    })
-                    .collect())
-            }
+            Seeker::Circles(fewest) if circles.len() >= *fewest => Ok(Found::Circles(CircleWindow {
+                start: window.start_us as f64 * 1e-6,
+                end: window.end_us as f64 * 1e-6,
+                circles: circles.iter().map(|circle| (circle.center.cast(), f64::from(circle.radius))).collect(),
+                pixels: unique_pixels(events),
+            })),
+            Seeker::Circles(_) => Err(NoBoard::TooFewCircles),
         }
     }
 
@@ -415,12 +397,12 @@ impl<'a> DetectionStage<'a> {
 }
 
 /// The circles of a board that was found among `candidates`.
-fn board_circles(found: &[GridCircle], candidates: &[GridCandidate<f32>]) -> Vec<BoardCircle> {
-    let circle = |pair: &GridCircle| {
-        let candidate = candidates.get(usize::from(pair.candidate))?;
-        Some((usize::from(pair.board), candidate.center.cast(), f64::from(candidate.radius)))
+fn board_circles(placed: &[PlacedCircle], candidates: &[GridCandidate<f32>]) -> Vec<BoardCircle> {
+    let circle = |placed: &PlacedCircle| {
+        let candidate = candidates.get(placed.candidate)?;
+        Some((placed.index, candidate.center.cast(), f64::from(candidate.radius)))
     };
-    found.iter().filter_map(circle).collect()
+    placed.iter().filter_map(circle).collect()
 }
 
 fn unique_pixels(events: &[Event]) -> Vec<EventPixel> {
@@ -428,21 +410,4 @@ fn unique_pixels(events: &[Event]) -> Vec<EventPixel> {
     pixels.sort_unstable();
     pixels.dedup();
     pixels
-}
-
-const PLACE_UNCERTAIN: &str = "place on the board not certain";
-
-/// Why the grid finder found no board, as reports count it.
-pub(crate) fn grid_reason(error: GridError) -> &'static str {
-    match error {
-        GridError::TooManyCandidates { .. } => "too many circles",
-        GridError::TooFewCandidates { .. } => "too few circles",
-        GridError::NoLattice => "circles form no lattice",
-        GridError::TooFewCircles { .. } => "too few circles of a board",
-        GridError::NotSmooth => "circles scatter too much",
-        GridError::WrongBoard { .. } => "circles beside the board",
-        GridError::AmbiguousPlacement { .. } => PLACE_UNCERTAIN,
-        GridError::NotAsExpected => "board not where it is expected",
-        _ => "no board",
-    }
 }

@@ -6,17 +6,17 @@
 //!
 //! Everywhere pixel (0, 0) is the centre of the top-left pixel, as in OpenCV, ROS, Kalibr and mrcal.
 
-pub mod basalt;
+mod basalt;
 pub mod content;
-pub mod csv;
-pub mod dv_processing;
-pub mod dv_xml;
+mod csv;
+mod dv_processing;
+mod dv_xml;
 mod file_storage;
-pub mod kalibr;
-pub mod mrcal;
+pub(crate) mod kalibr;
+mod mrcal;
 mod number;
-pub mod opencv;
-pub mod ros;
+pub(crate) mod opencv;
+pub(crate) mod ros;
 pub mod undistortion_table;
 
 use self::content::ExportFormat;

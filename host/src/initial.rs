@@ -1,7 +1,7 @@
 //! Initial model (stages 6 and 7): from reference frames to a camera and a pose for every good frame.
 //!
-//! Frames pass the rotation gate, a camera is calibrated from a diverse subset (OpenCV, refined by a
-//! robust bundle adjustment; a native start where OpenCV fails), every frame gets a pose by PnP in
+//! Frames pass the rotation gate, a camera is calibrated from a diverse subset (OpenCV, or a native start
+//! where OpenCV fails or is not built in; refined by a robust bundle adjustment), every frame gets a pose by PnP in
 //! RANSAC, the velocity gate and the cross-validation of the circles against the events drop what
 //! does not fit, and camera and poses are refined once more on what is left.
 //!
@@ -10,10 +10,14 @@
 
 mod bundle;
 mod cross_validation;
+mod first_camera;
 pub mod held_out;
-mod intrinsics;
 pub mod model_choice;
+mod native_start;
 mod neighbour_vote;
+#[cfg(feature = "opencv")]
+mod opencv_start;
+mod planar_pose;
 mod pose;
 mod refit;
 mod report;
@@ -31,11 +35,11 @@ use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 use crate::board::Board;
+use crate::board::homography::MINIMUM_POINTS;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use crate::opencv::MINIMUM_POINTS;
 use bundle::{Bundle, BundleView, bundle};
 use cross_validation::cross_validate;
-use intrinsics::{native_start, opencv_start};
+use first_camera::{first_camera, views_differ};
 use pose::{FramePose, PoseError, robust_pose, settle_pose};
 use rotation_gate::rotation_gate;
 use sighting::{BoardPoint, Sighting};
@@ -43,9 +47,8 @@ use velocity_gate::{Waypoint, velocity_gate};
 use view_selection::select_views;
 
 use crate::numerics::statistics::median;
-pub use intrinsics::OpencvStart;
-pub use report::{DropReason, DroppedFrame, InitialError, InitialReport, Step, ValidationCounts};
-pub use settings::{CrossValidationSettings, InitialSettings};
+pub use report::{DropReason, DroppedFrame, InitialError, InitialReport, OpencvStart, Step, ValidationCounts};
+pub use settings::{CrossValidationSettings, InitialSettings, Start};
 
 /// A reference frame with its pose.
 #[derive(Clone, Debug, PartialEq)]
@@ -187,87 +190,6 @@ fn accepted_sightings(
     sighting::estimate_velocities(&mut sightings, settings.max_interpolation_gap);
     report.without_velocity = sighting::pair_points(&mut sightings, board);
     Ok(sightings)
-}
-
-/// Bundle refinement of a camera on the views that get a pose with it.
-fn refine_start(
-    camera: &Camera<f64>,
-    views: &[&[BoardPoint]],
-    sensor: Sensor,
-    settings: &InitialSettings,
-) -> Option<(usize, Bundle)> {
-    let posed: Vec<(Vec<BoardPoint>, Isometry3<f64>)> = views
-        .par_iter()
-        .map(|points| {
-            let found = robust_pose(camera, points, settings).ok()?;
-            let agreeing = points.iter().zip(&found.inliers).filter(|(_, inlier)| **inlier).map(|(point, _)| *point);
-            Some((agreeing.collect(), found.pose))
-        })
-        .collect::<Vec<_>>()
-        .into_iter()
-        .flatten()
-        .collect();
-    if posed.len() < settings.min_frames {
-        return None;
-    }
-    let views: Vec<BundleView<'_>> = posed.iter().map(|(points, pose)| BundleView { points, pose: *pose }).collect();
-    let free = vec![true; camera.kind().parameter_names().len()];
-    Some((posed.len(), bundle(camera, &views, &free, sensor, settings.huber)?))
-}
-
-/// The camera from a diverse subset of the sightings: OpenCV's, refined, unless the native start
-/// explains more views.
-fn first_camera(
-    sightings: &[Sighting],
-    board: &Board,
-    sensor: Sensor,
-    kind: ModelKind,
-    settings: &InitialSettings,
-    report: &mut InitialReport,
-) -> Result<Bundle, InitialError> {
-    let all: Vec<&[BoardPoint]> = sightings.iter().map(|sighting| sighting.points.as_slice()).collect();
-    let views: Vec<&[BoardPoint]> = select_views(&all, board, sensor, settings.first_bundle_views)
-        .into_iter()
-        .filter_map(|position| all.get(position).copied())
-        .collect();
-    let start_views = views.get(..settings.start_views).unwrap_or(&views);
-    let (camera, start) = opencv_start(kind, start_views, sensor, settings);
-    let mut best = camera.and_then(|camera| refine_start(&camera, &views, sensor, settings));
-    let good = |candidate: &Option<(usize, Bundle)>| {
-        candidate
-            .as_ref()
-            .is_some_and(|(posed, bundle)| 2 * posed > views.len() && bundle.rms <= settings.max_start_rms)
-    };
-    let reason = start.failure.clone().unwrap_or_else(|| match start.rms {
-        Some(rms) => format!("OpenCV: rms {rms:.1} px on {} views", start.views.1),
-        None => "no result from OpenCV".to_owned(),
-    });
-    report.opencv = Some(start);
-    if !good(&best) {
-        let native = native_start(kind, start_views, sensor, settings)
-            .and_then(|start| refine_start(&start.camera, &views, sensor, settings));
-        let merit = |candidate: &Option<(usize, Bundle)>| {
-            candidate.as_ref().map_or((0, f64::NEG_INFINITY), |(posed, bundle)| (*posed, -bundle.rms))
-        };
-        if merit(&native) > merit(&best) {
-            best = native;
-            report.native_start = true;
-        }
-    }
-    let (_, bundle) = best.ok_or(InitialError::NoCamera { views: views.len(), reason })?;
-    views_differ(&bundle, settings)?;
-    Ok(bundle)
-}
-
-/// Whether the views fix the focal lengths.
-fn views_differ(bundle: &Bundle, settings: &InitialSettings) -> Result<(), InitialError> {
-    let focal = bundle.camera.axial_focal_lengths().unwrap_or([f64::NAN; 2]);
-    let relative = focal.iter().zip(&bundle.axial_focal_sigma).map(|(focal, sigma)| sigma / focal).fold(0.0, f64::max);
-    if relative <= settings.max_focal_deviation {
-        Ok(())
-    } else {
-        Err(InitialError::ViewsAlike { percent: 100.0 * relative })
-    }
 }
 
 /// Pose of every sighting; circles that disagree with it are left out.

@@ -18,7 +18,7 @@ use opencv::prelude::*;
 
 pub use calibrate::{Intrinsics, OpencvCalibration, PinholeDistortion, calibrate_fisheye, calibrate_pinhole};
 pub use circles_grid::find_circles_grid;
-pub use planar_pose::{PlanarPose, solve_ippe, solve_pnp_ransac_ippe};
+pub use planar_pose::{RansacPose, solve_ippe, solve_pnp_ransac_ippe};
 
 /// The fewest points of a view that fix its homography.
 pub const MINIMUM_POINTS: usize = 4;

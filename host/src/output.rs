@@ -1,3 +1,4 @@
 //! Where results go: the folder of a calibration, and what the terminal says of it.
 
 pub mod folder;
+mod summary;

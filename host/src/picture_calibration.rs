@@ -1,4 +1,4 @@
-//! The camera's own frames: a second, independent calibration of the same pixels.
+//! The camera's own pictures: a second, independent calibration of the same pixels.
 //!
 //! A DAVIS takes ordinary pictures with the pixels that send events. Where a recording has them, the
 //! camera is calibrated from them too, in the ordinary way, and both results are compared: sensor, lens

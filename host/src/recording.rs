@@ -14,103 +14,63 @@
 //!
 //! A new format is one file with a [`FileFormat`] in it and one line in [`FORMATS`].
 
-use evcal_core::sensor::Sensor;
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use evcal_core::sensor::Sensor;
+
+mod aedat2;
+mod aedat3;
 pub mod aedat4;
+mod bytes;
 pub mod convert;
 pub mod davis;
+pub mod encode;
 mod error;
 pub mod event_calib;
+pub mod extras;
 mod foreign;
+mod format;
 pub mod information;
 mod options;
 pub mod pass;
 pub mod pictures;
 pub mod playback;
+pub mod prophesee;
 mod reader;
+pub mod ros;
+#[cfg(test)]
+mod testing;
 pub mod text;
 pub mod write;
 
 pub use error::{RecordingError, RecordingErrorKind};
+pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary};
 pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
-pub use reader::{Decode, EventReader, ReadReport, StreamFaults, Truncation};
+pub use reader::{Decode, EventReader, ReadReport, RepairedTimes, StreamFaults, Truncation};
 
 use crate::circles::{stream, track};
 
 /// The formats, in the order in which they are tried.
-pub const FORMATS: &[&FileFormat] =
-    &[&aedat4::FORMAT, &davis::FORMAT, &text::FORMAT, &event_calib::FORMAT, &davis::BARE_FORMAT];
+pub const FORMATS: &[&FileFormat] = &[
+    &aedat4::FORMAT,
+    &aedat2::FORMAT,
+    &aedat3::FORMAT,
+    &davis::FORMAT,
+    &prophesee::RAW_FORMAT,
+    &prophesee::DAT_FORMAT,
+    &ros::BAG_FORMAT,
+    &ros::MCAP_FORMAT,
+    &text::FORMAT,
+    &event_calib::FORMAT,
+    &davis::BARE_FORMAT,
+];
 
 /// The largest sensor width or height that can be read.
 pub const MAX_SENSOR_SIZE: u16 = 32_767;
 
-/// How many bytes of a file are looked at to find its format.
-const HEAD_LENGTH: u64 = 65_536;
-
-/// A decoder at the beginning of its file.
-pub type Opened = Result<Box<dyn Decode>, RecordingError>;
-
-/// A file format that holds events.
-pub struct FileFormat {
-    /// Name for the user.
-    pub name: &'static str,
-    /// Whether a file that begins like this is of this format.
-    pub recognise: fn(&Head) -> bool,
-    /// Starts reading a file of this format from its beginning.
-    pub open: fn(&Path, &RecordingOptions) -> Opened,
-    /// Counts what the streams of such a file hold; empty where there is but one stream of events.
-    pub streams: fn(&Path) -> Result<Vec<StreamSummary>, RecordingError>,
-}
-
-/// How much one stream of a recording holds.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct StreamSummary {
-    /// Number, name and kind of the stream.
-    pub name: String,
-    /// Number of packets.
-    pub packets: u64,
-    /// Number of events, frames, samples or triggers.
-    pub elements: u64,
-    /// Times of the first and the last element in µs.
-    pub times_us: Option<(i64, i64)>,
-}
-
-/// The beginning of a file.
-pub struct Head {
-    /// The first 64 KiB of the file, or all of it.
-    pub bytes: Vec<u8>,
-    /// Length of the whole file in bytes.
-    pub length: u64,
-}
-
-impl Head {
-    /// Reads the beginning of the file at `path`, which must be an ordinary file.
-    pub fn read(path: &Path) -> Result<Self, RecordingError> {
-        let io = |error| RecordingError::io(path, error);
-        let metadata = std::fs::metadata(path).map_err(io)?;
-        if !metadata.is_file() {
-            return Err(RecordingError::new(path, RecordingErrorKind::NotAFile));
-        }
-        let mut bytes = Vec::new();
-        File::open(path).map_err(io)?.take(HEAD_LENGTH).read_to_end(&mut bytes).map_err(io)?;
-        Ok(Self { bytes, length: metadata.len() })
-    }
-
-    /// The text that the file begins with, up to the last whole line read, if it is a text file.
-    pub fn text(&self) -> Option<&str> {
-        let whole = self.length <= self.bytes.len() as u64;
-        let end = if whole { self.bytes.len() } else { self.bytes.iter().rposition(|&byte| byte == b'\n')? + 1 };
-        let text = std::str::from_utf8(self.bytes.get(..end)?).ok()?;
-        let is_text = |character: char| !character.is_control() || matches!(character, '\t' | '\r' | '\n');
-        text.chars().all(is_text).then(|| text.trim_start_matches('\u{feff}'))
-    }
-}
-
 /// What a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum RecordingKind {
     /// Events, in the format of this name.
     Events {
@@ -200,9 +160,19 @@ impl Recording {
         &self.path
     }
 
-    /// Name of its format.
-    pub fn format(&self) -> &'static str {
-        self.format.name
+    /// Its format.
+    pub fn format(&self) -> &'static FileFormat {
+        self.format
+    }
+
+    /// Whether it may hold frames: its format does.
+    pub fn may_hold_frames(&self) -> bool {
+        self.format.frames.is_some()
+    }
+
+    /// What a user said about it.
+    pub fn options(&self) -> &RecordingOptions {
+        &self.options
     }
 
     /// Starts a pass through the recording, from its first event.
@@ -210,7 +180,7 @@ impl Recording {
     /// # Errors
     /// When the file cannot be opened or its header cannot be understood.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
-        let decoder = (self.format.open)(&self.path, &self.options)?;
+        let decoder = (self.format.events)(&self.path, &self.options)?;
         Ok(EventReader::new(&self.path, decoder, &self.options)?.within(self.span))
     }
 
@@ -219,7 +189,7 @@ impl Recording {
     /// # Errors
     /// When the file cannot be read.
     pub fn streams(&self) -> Result<Vec<StreamSummary>, RecordingError> {
-        (self.format.streams)(&self.path)
+        (self.format.streams)(&self.path, &self.options)
     }
 }
 
@@ -229,18 +199,13 @@ mod tests {
     use proptest::prelude::*;
     use tempfile::TempDir;
 
-    use super::aedat4::header::Compression;
-    use super::write::{EventWriter, OutputFormat};
+    use super::encode::OutputFormat;
+    use super::write::EventWriter;
     use super::*;
 
     const SENSOR: Sensor = Sensor::new(346, 260);
-    const OUTPUTS: [OutputFormat; 5] = [
-        OutputFormat::Aedat4(Compression::None),
-        OutputFormat::Aedat4(Compression::Lz4),
-        OutputFormat::Aedat4(Compression::Zstd),
-        OutputFormat::Text,
-        OutputFormat::EventCalib,
-    ];
+    const OUTPUTS: [OutputFormat; 5] =
+        [aedat4::OUTPUT_UNCOMPRESSED, aedat4::OUTPUT_LZ4, aedat4::OUTPUT, text::OUTPUT, event_calib::OUTPUT];
 
     /// Events 5 ms apart, so that AEDAT4 puts two into a packet.
     fn events(count: i64) -> Vec<Event> {
@@ -304,7 +269,7 @@ mod tests {
     #[test]
     fn a_recording_can_be_read_again() {
         let (_directory, path) = file(b"");
-        write(&path, OutputFormat::Text, &events(50));
+        write(&path, text::OUTPUT, &events(50));
         let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
         for _ in 0..2 {
             let mut batch = Vec::new();
@@ -319,10 +284,10 @@ mod tests {
         for (content, part) in [
             (b"".as_slice(), "empty"),
             (circles, "circles"),
-            (b"#ROSBAG V2.0\n", "ROS bag"),
+            (b"#ROSBAG V1.2\n", "ROS bag"),
             (b"\x89HDF\r\n\x1a\n", "HDF5"),
-            (b"#!AER-DAT2.0\r\n", "AEDAT 2"),
-            (b"% evt 3.0\n% end\n", "Prophesee"),
+            (b"#!AER-DAT1.0\r\n", "AEDAT 1"),
+            (b"% evt 5.0\n% end\n", "Prophesee"),
             (b"\x00\x01\x02\x03 and so on", "no format known"),
             (&[0; 1000], "no format known"),
             (b"Dear reader,\n", "no format known"),
@@ -355,17 +320,17 @@ mod tests {
                 more = read.len();
                 if !read.is_empty() {
                     assert!(error.is_none(), "{output:?} cut at {cut}: {error:?}");
-                    let limit = match output {
-                        OutputFormat::Text => 27,
-                        OutputFormat::EventCalib => 25,
+                    let limit = match output.name {
+                        "csv" => 27,
+                        "bin" => 25,
                         // A packet of two events, or at the very end the table.
-                        OutputFormat::Aedat4(_) => 8 + 64 + 30,
+                        _ => 8 + 64 + 30,
                     };
                     match &report.truncated {
                         Some(truncation) => assert!(truncation.byte <= cut && cut - truncation.byte <= limit),
                         // A cut between two events of a format without structure cannot be noticed.
-                        None if output == OutputFormat::EventCalib => assert_eq!(cut % 25, 0),
-                        None if output == OutputFormat::Text => assert!(report.events <= 12),
+                        None if output == event_calib::OUTPUT => assert_eq!(cut % 25, 0),
+                        None if output == text::OUTPUT => assert!(report.events <= 12),
                         None => assert_eq!(read.len(), events.len()),
                     }
                 }

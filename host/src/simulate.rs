@@ -2,8 +2,8 @@
 //!
 //! Radiance comes from exact rendering of the board ([`scene`]) along a smooth motion known at any
 //! time ([`motion`]), through any lens given by its bearings ([`rays`]); every pixel turns it into
-//! events by a low-pass, log thresholds with mismatch, reset, leak and noise ([`pixel`],
-//! [`sensor`]); a bus puts the events in a row ([`arbiter`]). The same settings and seed give the
+//! events by a low-pass, log thresholds with mismatch, reset, leak and noise (`pixel`,
+//! [`sensor`]); a bus puts the events in a row (`arbiter`). The same settings and seed give the
 //! same events on any number of threads: rows of pixels are independent and each has its own
 //! stream of random numbers.
 //!
@@ -31,13 +31,16 @@ use crate::board::Board;
 use crate::numerics::random::uniform;
 use crate::trajectory::timed_pose::TimedPose;
 
-pub mod arbiter;
-pub mod clock;
+mod arbiter;
+mod clock;
 pub mod davis;
+pub mod folder;
 pub mod frame;
 pub mod inertia;
+pub mod lens;
 pub mod motion;
-pub mod pixel;
+mod pixel;
+pub mod presets;
 pub mod rays;
 pub mod recording;
 mod row;

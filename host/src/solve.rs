@@ -31,6 +31,8 @@ pub mod unexplained;
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
+use evcal_core::settings;
+use evcal_core::settings::{above, at_least, from_to};
 use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::bias::{Bias, Biases};
@@ -84,37 +86,26 @@ impl FreeParameters {
     }
 }
 
-/// Thresholds of the joint solve.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SolveSettings {
-    /// What a residual measures: `pixel` or `plane`.
-    pub residual: ResidualMeasure,
-    /// Huber bound in units of a class's spread σ.
-    pub huber: f64,
-    /// Most Levenberg-Marquardt iterations in one solve.
-    pub iterations: usize,
-    /// Iterations end when the cost falls by less than this fraction.
-    pub tolerance: f64,
-    /// Length of a time bin whose events share their basis weights (s).
-    pub bin: f64,
-    /// Acceleration of the camera that is nothing unusual (m/s²): what holds it where no event does.
-    pub acceleration: f64,
-    /// Angular acceleration of the camera that is nothing unusual (rad/s²).
-    pub angular_acceleration: f64,
-}
-
-impl Default for SolveSettings {
-    fn default() -> Self {
-        Self {
-            residual: ResidualMeasure::Pixel,
-            huber: 1.5,
-            iterations: 12,
-            tolerance: 1e-5,
-            bin: 0.5e-3,
-            acceleration: 100.0,
-            angular_acceleration: 300.0,
-        }
+settings! {
+    /// The joint solve (stage 11).
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct SolveSettings {
+        /// What a residual measures: `"pixel"`, the distance to the projected edge, or `"plane"`, the paper's
+        /// distance on the board plane. With `"plane"` no biases of event classes are fitted in the solve.
+        pub residual: ResidualMeasure = ResidualMeasure::Pixel;
+        /// Residual from which an event counts linearly instead of squared, in units of its class's spread.
+        pub huber: f64 = 1.5, "σ", above(0.0);
+        /// Most Levenberg-Marquardt iterations in one solve.
+        pub iterations: usize = 12, "", at_least(1.0);
+        /// Iterations end when the cost falls by less than this share.
+        pub tolerance: f64 = 1e-5, "", from_to(0.0, 1.0);
+        /// Length of a time bin whose events share their basis weights.
+        pub bin: f64 = 0.5e-3, "s", at_least(1e-6);
+        /// Acceleration of the camera that is nothing unusual: what holds the trajectory where no event does.
+        pub acceleration: f64 = 100.0, "m/s²", above(0.0);
+        /// Angular acceleration that is nothing unusual.
+        pub angular_acceleration: f64 = 300.0, "rad/s²", above(0.0);
     }
 }
 
@@ -154,7 +145,7 @@ pub struct State {
 }
 
 /// How a solve went.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SolveReport {
     /// Observations used.
     pub observations: usize,

@@ -12,6 +12,7 @@ pub mod jerk;
 pub mod knot_grid;
 pub mod knots;
 pub mod segment;
+pub mod settings;
 pub mod timed_pose;
 pub mod tum;
 

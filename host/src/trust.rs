@@ -9,7 +9,7 @@ pub mod verdict;
 pub mod witness;
 
 use evcal_core::sensor::Sensor;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
@@ -54,7 +54,7 @@ pub struct EventTrust {
 }
 
 /// The circles' radius as the events see it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObservedRadius {
     /// Mean distance of the events from the stated edge in pixels, positive outside the dot.
     pub mean_offset: f64,

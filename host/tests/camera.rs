@@ -159,6 +159,8 @@ fn an_absent_camera_is_a_failure_with_advice() {
         let (code, _, errors) = run(&bus, arguments);
         assert_eq!(code, Some(1), "{arguments:?}");
         assert!(errors.contains("no camera found") && errors.contains("is it plugged in?"), "{errors}");
+        let is_full = ["lsusb", "/etc/udev/rules.d/", "DAVIS346"].iter().all(|part| errors.contains(part));
+        assert_eq!(is_full, arguments == ["devices"], "{errors}");
     }
     assert!(!recording.exists() && !output.exists());
 }
@@ -206,6 +208,16 @@ fn unplugged_in_mid_stream_everything_before_it_is_kept() {
         assert!(errors.contains(reason) && errors.contains("what came before is in"), "{errors}");
         assert!(count(&file).abs_diff(COUNT / 2) < COUNT / 100);
     }
+}
+
+#[test]
+fn a_recording_is_not_given_the_ending_of_another_format() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("session.csv");
+    let output = Command::new(env!("CARGO_BIN_EXE_evcal")).args(["record", text(&file)]).output().unwrap();
+    let (code, _, errors) = ended(output);
+    assert_eq!((code, file.exists()), (Some(2), false));
+    assert!(errors.contains("session.dvraw") && errors.contains("evcal convert"), "{errors}");
 }
 
 #[test]
@@ -319,7 +331,7 @@ fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
         let bus = EmulatedBus::start(model.with_faults(faults)).unwrap();
         let (live, again) = (directory.path().join(name), directory.path().join(format!("{name}-again")));
         let settings = easy_settings(directory.path());
-        let mut arguments = vec!["live", "--board", BOARD, "-o", text(&live), "--duration", "100s"];
+        let mut arguments = vec!["live", "--board", BOARD, "-o", text(&live), "--duration", "100s", "--accept-any"];
         if !is_unplugged {
             arguments.extend(["--settings", text(&settings)]);
         }
@@ -329,7 +341,7 @@ fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
         assert!(is_unplugged || (told.contains("Mev/s") && told.contains("% of the sensor")), "{told}");
         assert_eq!(errors.contains("the camera was unplugged"), is_unplugged, "{errors}");
         assert_eq!(told.contains("(stopped)"), !is_unplugged, "{told}");
-        let mut arguments = vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&again)];
+        let mut arguments = vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&again), "--accept-any"];
         if !is_unplugged {
             arguments.extend(["--settings", text(&settings)]);
         }

@@ -108,7 +108,7 @@ fn json(output: &Output) -> Value {
 }
 
 fn calibrate(input: &str, output: &Path) -> Child {
-    evcal(&["calibrate", input, "--board", BOARD, "-o", text(output), "--json"])
+    evcal(&["calibrate", input, "--board", BOARD, "-o", text(output), "--json", "--accept-any"])
 }
 
 fn assert_near_truth(calibration: &Value) {
@@ -190,7 +190,7 @@ fn a_damaged_stream_is_calibrated_with_what_is_left() {
     fs::write(&file, &bytes).unwrap();
     let arguments = [text(&file), "--board", BOARD, "--sensor", "346x260", "--json"];
     let output = directory.path().join("calibration");
-    let calibration = evcal(&[["calibrate"].as_slice(), &arguments, &["-o", text(&output)]].concat());
+    let calibration = evcal(&[["calibrate"].as_slice(), &arguments, &["--accept-any", "-o", text(&output)]].concat());
     let calibration = json(&calibration.wait_with_output().unwrap());
     assert_near_truth(&calibration);
     let notes = notes(&calibration);

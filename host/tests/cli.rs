@@ -185,7 +185,7 @@ fn every_format_holds_the_simulated_events() {
         let [first, last] = [0, 1].map(|index| information["times_us"][index].as_i64().unwrap());
         assert!((0..5_000).contains(&first) && (95_000..101_000).contains(&last), "{format}: {first} to {last}");
         if format == "aedat4" {
-            assert_eq!(information["sensor"], serde_json::json!([346, 260]));
+            assert_eq!(information["sensor"], serde_json::json!({ "width": 346, "height": 260 }));
         }
     }
 }
@@ -346,4 +346,16 @@ fn a_reader_that_leaves_early_is_no_error() {
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     assert_eq!(code(&output), 0, "{}", stderr(&output));
+}
+
+/// In a build with OpenCV the name is known, and what is missing is the recording.
+#[test]
+fn the_grid_finder_of_opencv_is_refused_by_a_build_without_it() {
+    let directory = TempDir::new().unwrap();
+    let (missing, folder) = (directory.path().join("missing.aedat4"), directory.path().join("calibration"));
+    let board = "acircles:9x4:55mm:r17.5mm";
+    let output = evcal(&["calibrate", text(&missing), "--board", board, "-o", text(&folder), "--grid", "opencv"]);
+    assert_ne!(code(&output), 0);
+    let refused = stderr(&output).contains("built without OpenCV: write lattice");
+    assert_eq!(refused, !cfg!(feature = "opencv"), "{}", stderr(&output));
 }

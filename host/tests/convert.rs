@@ -8,9 +8,10 @@ use std::process::Output;
 
 use assert_cmd::Command;
 use evcal::recording::aedat4::header::Compression;
-use evcal::recording::aedat4::other_streams::{Frame, FrameReader, InertialSample, inertial_samples};
-use evcal::recording::aedat4::write::{Encoder, OtherStreams};
-use evcal::recording::write::Encode;
+use evcal::recording::aedat4::other_streams::{FrameReader, inertial_samples};
+use evcal::recording::aedat4::write::Encoder;
+use evcal::recording::encode::Encode;
+use evcal::recording::extras::{Frame, InertialSample, OtherStreams};
 use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
 use serde_json::Value;

@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use evcal::recording::write::{EventWriter, OutputFormat};
+use evcal::recording::text;
+use evcal::recording::write::EventWriter;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use tempfile::TempDir;
@@ -53,8 +54,7 @@ fn events(count: i64) -> Vec<Event> {
 fn event_file(events: &[Event]) -> (TempDir, PathBuf) {
     let directory = tempfile::tempdir().expect("a directory can be made");
     let path = directory.path().join("events.csv");
-    let mut writer =
-        EventWriter::create(&path, OutputFormat::Text, Sensor::new(346, 260), "").expect("it can be written");
+    let mut writer = EventWriter::create(&path, text::OUTPUT, Sensor::new(346, 260), "").expect("it can be written");
     writer.write(events).expect("it can be written");
     writer.finish().expect("it can be written");
     (directory, path)

@@ -6,11 +6,10 @@ use std::io::BufWriter;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use evcal::opencv::{PinholeDistortion, View, calibrate_pinhole};
 use evcal::recording::aedat4::header::Compression;
-use evcal::recording::aedat4::other_streams::{Frame, InertialSample};
-use evcal::recording::aedat4::write::{Encoder, OtherStreams};
-use evcal::recording::write::Encode;
+use evcal::recording::aedat4::write::Encoder;
+use evcal::recording::encode::Encode;
+use evcal::recording::extras::{Frame, InertialSample, OtherStreams};
 use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
@@ -149,8 +148,10 @@ fn times_that_cannot_be_are_left_out_of_a_raw_dump() {
 }
 
 /// OpenBLAS, which many machines have below OpenCV, puts more on the stack than a thread has that does not ask for it.
+#[cfg(feature = "opencv")]
 #[test]
 fn calibrations_of_opencv_bring_a_stack_of_their_own() {
+    use evcal::opencv::{PinholeDistortion, View, calibrate_pinhole};
     let object: Vec<[f64; 2]> =
         (0..35).map(|index| [f64::from(index % 7) * 0.04, f64::from(index / 7) * 0.04]).collect();
     // A pinhole camera of 345 px, the board turned about its y axis by another angle in each view.

@@ -142,10 +142,10 @@ fn a_smaller_error_takes_more_nodes_and_wrong_use_is_told() {
     };
     for (options, code, part) in [
         (&[] as &[&str], 2, "--c-header"),
-        (&["--c-header", header, "--max-error=-1"], 2, "above 0"),
+        (&["--c-header", header, "--max-error=-1"], 2, "from 0.000001 to 100"),
         (&["--c-header", header, "--nodes", "1x9"], 2, "44x33"),
         (&["--c-header", header, "--ideal", "1,2,3"], 2, "fx,fy,cx,cy"),
-        (&["--c-header", header, "--max-error", "1e-9"], 1, "32-bit"),
+        (&["--c-header", header, "--max-error", "1e-6"], 1, "32-bit"),
         (&["--c-header", "/nonexistent/t.h"], 1, "/nonexistent/t.h"),
     ] {
         let (found, message) = failure(options);

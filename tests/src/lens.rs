@@ -76,14 +76,14 @@ impl Lens {
     /// Folder of the calibration of a simulation with these options.
     pub fn calibration_with(&self, name: &str, recording: &Path, options: &[&str]) -> PathBuf {
         let events = recording.join("events.aedat4");
-        let common = ["calibrate", text(&events), "--board", BOARD, "--model", self.model];
+        let common = ["calibrate", text(&events), "--board", BOARD, "--model", self.model, "--accept-any"];
         made(name, &[&common[..], options].concat())
     }
 
     /// Folder of the calibration from these event files with this lens' model, on two threads.
     pub fn calibration(&self, name: &str, events: &[&Path]) -> PathBuf {
         let events: Vec<&str> = events.iter().map(|path| text(path)).collect();
-        let options = ["--board", BOARD, "--model", self.model, "--threads", "2"];
+        let options = ["--board", BOARD, "--model", self.model, "--threads", "2", "--accept-any"];
         made(&format!("{name}-{}", self.model), &[&["calibrate"][..], &events, &options].concat())
     }
 

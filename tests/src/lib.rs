@@ -62,7 +62,7 @@ fn newer_source(folder: &Path, built: SystemTime) -> Option<PathBuf> {
     let entries = fs::read_dir(folder).expect("sources can be read");
     entries.map(|entry| entry.expect("sources can be read").path()).find_map(|path| {
         if path.is_dir() {
-            return newer_source(&path, built);
+            return (!path.ends_with("tests")).then(|| newer_source(&path, built)).flatten();
         }
         let of_program = path.extension().is_some_and(|extension| extension == "rs") && !path.ends_with("tests.rs");
         (of_program && modified(&path).is_ok_and(|time| time > built)).then_some(path)

@@ -105,7 +105,7 @@ fn a_dump_calibrates_as_its_events_in_aedat4_do() {
     let at = |name: &str| directory.path().join(name);
     // With the frames, which both calibrations take for a witness.
     evcal(&[&"convert", &session().join("events.dvraw"), &at("events.aedat4")]);
-    evcal(&[&"calibrate", &at("events.aedat4"), &"--board", &BOARD, &"-o", &at("from-aedat4")]);
+    evcal(&[&"calibrate", &at("events.aedat4"), &"--board", &BOARD, &"--accept-any", &"-o", &at("from-aedat4")]);
     let from_dump = session_calibration();
     let [dump_files, aedat4_files] = [&from_dump, &at("from-aedat4")].map(|folder| {
         let mut files = files(folder);

@@ -79,7 +79,7 @@ fn several_recordings_of_one_camera_are_solved_together() {
 fn the_result_does_not_depend_on_the_number_of_threads() {
     let recording = RADTAN4.interrupted_recording().join("events.aedat4");
     let two = RADTAN4.calibration("interrupted-calibration", &[&recording]);
-    let options = ["--board", evcal_tests::BOARD, "--model", RADTAN4.model, "--threads", "1"];
+    let options = ["--board", evcal_tests::BOARD, "--model", RADTAN4.model, "--threads", "1", "--accept-any"];
     let one = made("interrupted-one-thread", &[&["calibrate", text(&recording)][..], &options].concat());
     let names = |folder: &Path| -> Vec<String> {
         let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());

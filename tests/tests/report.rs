@@ -69,7 +69,17 @@ fn names_of_files_are_text_and_not_part_of_the_page() {
     let circles = folder.path().join("<b onload=alert(1)>&amp; \"circles\".csv");
     fs::copy(session_calibration().join("circles.csv"), &circles).unwrap();
     let output = folder.path().join("out");
-    succeed(&["calibrate", text(&circles), "--board", BOARD, "--sensor", "346x260", "-o", text(&output)]);
+    succeed(&[
+        "calibrate",
+        text(&circles),
+        "--board",
+        BOARD,
+        "--sensor",
+        "346x260",
+        "--accept-any",
+        "-o",
+        text(&output),
+    ]);
     let html = report(&output);
     assert!(!html.contains("<b onload"), "a file name became an element");
     assert!(html.contains("&lt;b onload=alert(1)&gt;&amp;amp; &quot;circles&quot;.csv"));

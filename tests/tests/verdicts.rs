@@ -9,7 +9,8 @@ use serde_json::Value;
 
 /// The verdict on a calibration from `events`.
 fn verdict(name: &str, events: &Path, board: &str) -> Value {
-    let calibration = made(name, &["calibrate", text(events), "--board", board, "--model", RADTAN.model]);
+    let options = ["--board", board, "--model", RADTAN.model, "--accept-any"];
+    let calibration = made(name, &[&["calibrate", text(events)][..], &options].concat());
     read_json(&calibration.join("calibration.json"))["verdict"].clone()
 }
 
@@ -77,6 +78,19 @@ fn circles_of_another_size() {
     }
 }
 
+/// A script notices by the exit code; the results are there all the same.
+#[test]
+fn not_good_enough_has_an_exit_code_of_its_own() {
+    let events = RADTAN.recording().join("events.aedat4");
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("output");
+    let board = "acircles:9x4:55mm:r19.5mm";
+    let finished = evcal(&["calibrate", text(&events), "--board", board, "-o", text(&output)]);
+    assert_eq!(finished.code, Some(3), "{finished:?}");
+    assert!(finished.stderr.contains("--accept-any") && finished.stdout.contains("fx"), "{finished:?}");
+    assert_eq!(read_json(&output.join("calibration.json"))["verdict"]["grade"], "not-good");
+}
+
 /// The circles of a mirrored print are where those of a good one are: the camera is the same. Here it is the
 /// image that is mirrored, and with it the camera's principal point.
 #[test]
@@ -101,7 +115,7 @@ fn a_mirrored_print_gives_the_same_camera() {
     fs::write(&file, mirrored.collect::<String>()).unwrap();
     let parameters = |events: &Path, name: &str| {
         let output = folder.path().join(name);
-        let finished = evcal(&["calibrate", text(events), "--board", board, "-o", text(&output)]);
+        let finished = evcal(&["calibrate", text(events), "--board", board, "--accept-any", "-o", text(&output)]);
         assert_eq!(finished.code, Some(0), "{finished:?}");
         camera(&output.join("calibration.json")).parameters()
     };

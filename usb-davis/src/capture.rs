@@ -18,8 +18,8 @@ use packets::{PacketReader, is_packet_file};
 use survey::survey;
 use usb::{BULK, UsbPacket};
 
-pub use repair::{GapRepair, RepairCounts};
-pub use usb::DeviceAddress;
+pub use repair::{GapRepair, Repair, RepairCounts};
+pub use usb::{DeviceAddress, DeviceAddressError};
 
 use crate::dump::{Advanced, Damage, DumpError, DumpHeader, DumpReader, MAGIC, Transfer, TransferStatus};
 use crate::protocol::{Decoder, Layout, Message};
@@ -34,6 +34,7 @@ const SNIFF: usize = 1 << 16;
 
 /// What kind of file it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum CaptureFormat {
     /// A dump of this crate.
     Dvraw,
@@ -45,6 +46,7 @@ pub enum CaptureFormat {
 
 /// Why a capture cannot be read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CaptureError {
     /// The operating system says no.
     #[error("{0}")]
@@ -64,15 +66,15 @@ pub enum CaptureError {
     )]
     NoCamera,
     /// More than one may be the camera.
-    #[error("several devices in this capture may be the camera ({}); choose one", list(.0))]
+    #[error("several devices in this capture may be the camera ({}); choose one with --device BUS.DEVICE", list(.0))]
     SeveralDevices(Vec<DeviceAddress>),
     /// The chosen device is not in the capture.
-    #[error("no device {}.{} in this capture", .0.bus, .0.device)]
+    #[error("no device {0} in this capture")]
     NoSuchDevice(DeviceAddress),
 }
 
 fn list(addresses: &[DeviceAddress]) -> String {
-    let numbers: Vec<String> = addresses.iter().map(|address| format!("{}.{}", address.bus, address.device)).collect();
+    let numbers: Vec<String> = addresses.iter().map(DeviceAddress::to_string).collect();
     numbers.join(", ")
 }
 
@@ -93,7 +95,12 @@ pub struct Capture<R: Read = BufReader<File>> {
 impl Capture {
     /// Opens a file.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CaptureError> {
-        Self::new(BufReader::with_capacity(1 << 18, File::open(path)?), None)
+        Self::open_device(path, None)
+    }
+
+    /// Opens a file; `device` chooses among the devices of a pcap or pcapng capture.
+    pub fn open_device(path: impl AsRef<Path>, device: Option<DeviceAddress>) -> Result<Self, CaptureError> {
+        Self::new(BufReader::with_capacity(1 << 18, File::open(path)?), device)
     }
 }
 
@@ -240,7 +247,12 @@ impl<R: Read + Seek> Capture<R> {
     }
 
     /// What [`Capture::decode_next`] did about gaps so far.
-    pub fn repairs(&self) -> RepairCounts {
+    pub fn repair_counts(&self) -> RepairCounts {
         self.repair.counts()
+    }
+
+    /// The gaps after which [`Capture::decode_next`] put the time right so far, in order.
+    pub fn repairs(&self) -> &[Repair] {
+        self.repair.repairs()
     }
 }

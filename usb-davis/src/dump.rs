@@ -43,6 +43,7 @@ const LENGTH_MOST: u32 = 1 << 26;
 
 /// Why a dump cannot be read or written.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum DumpError {
     /// The operating system says no.
     #[error("{0}")]

@@ -17,14 +17,16 @@
 //! a stall; zero low bits are never sent but follow from the wrap. Times are summed in 64 bits, so
 //! nothing happens at 2^31 µs (35.8 minutes).
 //!
-//! **Geometry.** See [`layout`].
+//! **Geometry.** The chip of a DAVIS346 is mounted turned: its 260 columns are the user's rows, its 346
+//! rows the user's columns. Events arrive mirrored right, so only the axes are swapped. Frames arrive as
+//! the chip is wired: their wire columns and rows are mirrored first, then swapped. See [`Layout`].
 
 mod anomaly;
 mod decoder;
 mod encoder;
 mod frame;
 mod imu;
-pub mod layout;
+mod layout;
 mod message;
 pub mod word;
 
@@ -32,5 +34,5 @@ pub use anomaly::{Anomaly, AnomalyCounts, AnomalyKind};
 pub use decoder::{Decoder, DecoderCounts};
 pub use encoder::{EncodeError, Encoder, FrameStep, frame_steps};
 pub use imu::{ImuSample, ImuScale};
-pub use layout::{ImuLayout, ImuModel, Layout, PixelArray};
+pub use layout::{ImuLayout, ImuModel, Layout, MAXIMUM_SIZE, PixelArray};
 pub use message::{Frame, Message, Polarity, PolarityEvent, Region, Shutter, Signal, SignalEvent};

@@ -46,6 +46,7 @@ fn seen(message: Message<'_>) -> Vec<Seen> {
             pixels: frame.pixels.to_vec(),
         },
         Message::Anomaly(anomaly) => Seen::Anomaly(anomaly.kind, anomaly.offset),
+        other => panic!("{other:?}"),
     }]
 }
 

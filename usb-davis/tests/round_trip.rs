@@ -34,7 +34,7 @@ fn items(message: Message<'_>) -> Vec<Item> {
             region: frame.region,
             pixels: frame.pixels.to_vec(),
         },
-        Message::Anomaly(anomaly) => panic!("{anomaly}"),
+        other => panic!("{other:?}"),
     }]
 }
 

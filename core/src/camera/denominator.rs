@@ -26,6 +26,11 @@ use super::{PointJacobian, Projection, Unprojection};
 /// Largest distance of an image point from the axis.
 const IMAGE_RADIUS_CAP: f64 = 100.0;
 
+/// The distance whose square this is; `None` at zero, at infinity and for what is no number.
+pub(super) fn distance_of<T: RealField + Copy>(square: T) -> Option<T> {
+    (square > T::zero() && square.is_finite()).then(|| square.sqrt())
+}
+
 /// q at one point, with its derivatives by s, Z and `N` coefficients.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Denominator<T, const N: usize> {

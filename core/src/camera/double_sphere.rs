@@ -30,8 +30,7 @@
 use nalgebra::{RealField, Vector2, Vector3};
 
 use super::camera_matrix::{CameraMatrix, parameter_names};
-use super::denominator::Denominator;
-use super::denominator::through_denominator;
+use super::denominator::{Denominator, distance_of, through_denominator};
 use super::ucm::{Lifted, lift};
 use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
 
@@ -49,10 +48,7 @@ impl<T: RealField + Copy> DoubleSphere<T> {
         let rest = T::one() - alpha;
         let across = point.xy().norm_squared();
         let first_square = across + point.z * point.z;
-        if !(first_square > T::zero() && first_square.is_finite()) {
-            return None;
-        }
-        let first = first_square.sqrt();
+        let first = distance_of(first_square)?;
         let depth = point.z + xi * first;
         let depth_by_depth = T::one() + xi * point.z / first;
         let second = (across + depth * depth).sqrt();

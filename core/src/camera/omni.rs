@@ -27,7 +27,7 @@
 use nalgebra::{Matrix3x2, RealField, Vector2, Vector3};
 
 use super::camera_matrix::{CameraMatrix, parameter_names};
-use super::denominator::Denominator;
+use super::denominator::{Denominator, distance_of};
 use super::radtan::Radtan4;
 use super::{CameraModel, MAX_COEFFICIENTS, MAX_PARAMETERS, Projection, Unprojection};
 
@@ -50,10 +50,7 @@ impl<T: RealField + Copy> Omni<T> {
     fn denominator(&self, point: &Vector3<T>) -> Option<Denominator<T, 1>> {
         let across = point.xy().norm_squared();
         let square = across + point.z * point.z;
-        if !(square > T::zero() && square.is_finite()) {
-            return None;
-        }
-        let distance = square.sqrt();
+        let distance = distance_of(square)?;
         let denominator = Denominator {
             value: point.z + self.xi * distance,
             by_square: self.xi / (distance + distance),

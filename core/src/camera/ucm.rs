@@ -31,8 +31,7 @@
 use nalgebra::{RealField, Vector2, Vector3};
 
 use super::camera_matrix::{CameraMatrix, parameter_names};
-use super::denominator::Denominator;
-use super::denominator::through_denominator;
+use super::denominator::{Denominator, distance_of, through_denominator};
 use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
 
 /// Unified camera with alpha.
@@ -71,10 +70,7 @@ impl<T: RealField + Copy> Ucm<T> {
         let rest = T::one() - alpha;
         let across = point.xy().norm_squared();
         let square = across + point.z * point.z;
-        if !(square > T::zero() && square.is_finite()) {
-            return None;
-        }
-        let distance = square.sqrt();
+        let distance = distance_of(square)?;
         let denominator = Denominator {
             value: alpha * distance + rest * point.z,
             by_square: alpha / (distance + distance),

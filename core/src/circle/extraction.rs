@@ -1,7 +1,7 @@
 //! Pairs of clusters to circle candidates.
 
 use super::fit::{Circle, fit_circle, total_deviation, toward_center};
-use super::{CircleCandidate, ExtractionSettings, MAX_NEIGHBOURS, Method};
+use super::{CircleCandidate, CircleSettings, Extraction, MAX_NEIGHBOURS};
 use crate::cluster::{CentralMoments, Cluster, PixelRun};
 use heapless::Vec;
 use nalgebra::RealField;
@@ -50,7 +50,8 @@ pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS
     on: &[Cluster<T>],
     off: &[Cluster<T>],
     runs: impl Fn(&Cluster<T>) -> R,
-    settings: &ExtractionSettings<T>,
+    extraction: Extraction,
+    settings: &CircleSettings,
     circles: &mut Vec<CircleCandidate<T>, CLUSTERS>,
 ) -> CircleCounts {
     circles.clear();
@@ -63,9 +64,9 @@ pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS
         for &(_, off_index) in &nearest_facing(on_cluster, off, settings, &mut counts.back_to_back) {
             let Some(off_cluster) = off.get(usize::from(off_index)) else { continue };
             counts.pairs += 1;
-            let found = match settings.method {
-                Method::Hard => hard(on_cluster, off_cluster, &runs, settings),
-                Method::Soft => soft(on_cluster, off_cluster, &runs, settings),
+            let found = match extraction {
+                Extraction::Hard => hard(on_cluster, off_cluster, &runs, settings),
+                Extraction::Soft => soft(on_cluster, off_cluster, &runs, settings),
             };
             match found {
                 Ok((circle, error)) => {
@@ -91,16 +92,16 @@ pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS
         }
     }
     let passed = circles.len();
-    keep_mutual(settings.method, circles);
+    keep_mutual(extraction, circles);
     counts.circles = circles.len() as u32;
     counts.not_mutual = (passed - circles.len()) as u32;
     counts
 }
 
 /// The arc of a dot is no wider or higher than the dot.
-fn may_be_arc<T: RealField + Copy>(cluster: &Cluster<T>, settings: &ExtractionSettings<T>) -> bool {
+fn may_be_arc<T: RealField + Copy>(cluster: &Cluster<T>, settings: &CircleSettings) -> bool {
     let [width, height] = cluster.extent();
-    let diameter = settings.max_radius + settings.max_radius;
+    let diameter: T = from_f32(2.0 * settings.max_radius);
     T::from_u16(width.max(height)).is_some_and(|extent| extent <= diameter)
 }
 
@@ -110,11 +111,11 @@ fn may_be_arc<T: RealField + Copy>(cluster: &Cluster<T>, settings: &ExtractionSe
 fn nearest_facing<T: RealField + Copy>(
     cluster: &Cluster<T>,
     others: &[Cluster<T>],
-    settings: &ExtractionSettings<T>,
+    settings: &CircleSettings,
     back_to_back: &mut u32,
 ) -> Vec<(T, u16), MAX_NEIGHBOURS> {
     let limit = usize::from(settings.neighbours).clamp(1, MAX_NEIGHBOURS);
-    let diameter = settings.max_radius + settings.max_radius;
+    let diameter: T = from_f32(2.0 * settings.max_radius);
     let mut bound = diameter * diameter;
     let mut found: Vec<(T, u16), MAX_NEIGHBOURS> = Vec::new();
     for (index, other) in (0_u16..).zip(others) {
@@ -146,12 +147,12 @@ fn nearest_facing<T: RealField + Copy>(
 }
 
 /// True if the arc `cluster` is curved around `other`: their dot lies between them.
-fn faces<T: RealField + Copy>(cluster: &Cluster<T>, other: &Cluster<T>, settings: &ExtractionSettings<T>) -> bool {
+fn faces<T: RealField + Copy>(cluster: &Cluster<T>, other: &Cluster<T>, settings: &CircleSettings) -> bool {
     let inward = toward_center(&cluster.moments);
     let across = other.center - cluster.center;
     let along = inward.dot(&across);
-    along > T::zero()
-        && along * along >= settings.min_facing * settings.min_facing * inward.norm_squared() * across.norm_squared()
+    let min_facing: T = from_f32(settings.min_facing);
+    along > T::zero() && along * along >= min_facing * min_facing * inward.norm_squared() * across.norm_squared()
 }
 
 /// The circle fitted to a pair and its mean deviation, if it passes the tests.
@@ -159,23 +160,23 @@ fn hard<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     on: &Cluster<T>,
     off: &Cluster<T>,
     runs: &impl Fn(&Cluster<T>) -> R,
-    settings: &ExtractionSettings<T>,
+    settings: &CircleSettings,
 ) -> Result<(Circle<T>, T), Rejection> {
     let moments = on.moments.joined(&off.moments);
     let circle = fit_circle(&moments).ok_or(Rejection::Radius)?;
     test_size(&circle, on, off, settings)?;
     let expected = circle_between(on, off);
-    if circle.radius < settings.min_radius_ratio * expected.radius
-        || circle.radius > settings.max_radius_ratio * expected.radius
+    if circle.radius < from_f32::<T>(settings.min_radius_ratio) * expected.radius
+        || circle.radius > from_f32::<T>(settings.max_radius_ratio) * expected.radius
     {
         return Err(Rejection::Distance);
     }
-    let largest_offset = settings.max_center_offset * circle.radius;
+    let largest_offset = from_f32::<T>(settings.max_center_offset) * circle.radius;
     if (circle.center - expected.center).norm_squared() > largest_offset * largest_offset {
         return Err(Rejection::Midpoint);
     }
     let error = total_deviation(&circle, runs(on).chain(runs(off))) / moments.n;
-    if error > settings.max_error + settings.max_relative_error * circle.radius {
+    if error > from_f32::<T>(settings.max_error) + from_f32::<T>(settings.max_relative_error) * circle.radius {
         return Err(Rejection::Error);
     }
     Ok((circle, error))
@@ -186,12 +187,12 @@ fn soft<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     on: &Cluster<T>,
     off: &Cluster<T>,
     runs: &impl Fn(&Cluster<T>) -> R,
-    settings: &ExtractionSettings<T>,
+    settings: &CircleSettings,
 ) -> Result<(Circle<T>, T), Rejection> {
     let circle = circle_between(on, off);
     test_size(&circle, on, off, settings)?;
     let error = total_deviation(&circle, runs(on).chain(runs(off))) / (on.moments.n + off.moments.n);
-    if error > settings.max_soft_error * circle.radius {
+    if error > from_f32::<T>(settings.max_soft_error) * circle.radius {
         return Err(Rejection::Error);
     }
     Ok((circle, error))
@@ -224,12 +225,12 @@ fn test_size<T: RealField + Copy>(
     circle: &Circle<T>,
     on: &Cluster<T>,
     off: &Cluster<T>,
-    settings: &ExtractionSettings<T>,
+    settings: &CircleSettings,
 ) -> Result<(), Rejection> {
-    if circle.radius < settings.min_radius || circle.radius > settings.max_radius {
+    if circle.radius < from_f32(settings.min_radius) || circle.radius > from_f32(settings.max_radius) {
         return Err(Rejection::Radius);
     }
-    let fewest = settings.min_arc * circle.radius;
+    let fewest = from_f32::<T>(settings.min_arc) * circle.radius;
     if on.moments.n < fewest || off.moments.n < fewest {
         return Err(Rejection::Arc);
     }
@@ -242,12 +243,12 @@ fn test_size<T: RealField + Copy>(
 /// The error relative to the radius, as in the paper, lets a large circle through the arcs of two
 /// dots win. Soft: the least distance.
 fn keep_mutual<T: RealField + Copy, const CLUSTERS: usize>(
-    method: Method,
+    extraction: Extraction,
     circles: &mut Vec<CircleCandidate<T>, CLUSTERS>,
 ) {
-    let badness = |circle: &CircleCandidate<T>| match method {
-        Method::Hard => circle.error * circle.radius / from_u16(circle.on_pixels.min(circle.off_pixels)),
-        Method::Soft => circle.radius,
+    let badness = |circle: &CircleCandidate<T>| match extraction {
+        Extraction::Hard => circle.error * circle.radius / from_u16(circle.on_pixels.min(circle.off_pixels)),
+        Extraction::Soft => circle.radius,
     };
     let mut best_of_on: [Option<(u16, T)>; CLUSTERS] = [None; CLUSTERS];
     let mut best_of_off = best_of_on;
@@ -270,6 +271,10 @@ fn keep_mutual<T: RealField + Copy, const CLUSTERS: usize>(
         index += 1;
         keep
     });
+}
+
+fn from_f32<T: RealField>(value: f32) -> T {
+    nalgebra::convert(value)
 }
 
 fn from_u16<T: RealField>(value: u16) -> T {

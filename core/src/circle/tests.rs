@@ -73,9 +73,8 @@ fn noise(count: usize, mut state: u64) -> Vec<Event> {
         .collect()
 }
 
-fn detect(events: &[Event], method: Method) -> (Box<Detector346>, Detection) {
-    let mut settings = DetectorSettings::default();
-    settings.extraction.method = method;
+fn detect(events: &[Event], extraction: Extraction) -> (Box<Detector346>, Detection) {
+    let settings = DetectorSettings { extraction, ..DetectorSettings::default() };
     let mut detector = Box::new(Detector346::new());
     let detection = detector.detect(SENSOR, events.iter().copied(), &settings).unwrap();
     assert!(!detection.overflowed());
@@ -114,20 +113,20 @@ fn board(radius: f64, aspect: f64, heading: f64) -> Vec<Dot> {
 #[test]
 fn a_dot_gives_its_circle() {
     // Soft: the mean of an arc of pixels slides along the arc by a part of its length.
-    for (method, tolerance) in [(Method::Hard, 0.01), (Method::Soft, 0.03)] {
+    for (extraction, tolerance) in [(Extraction::Hard, 0.01), (Extraction::Soft, 0.03)] {
         for degrees in (0..360).step_by(15) {
             for radius in [4.0, 7.5, 12.0, 25.0] {
                 let dot = Dot::round(150.3, 120.8, radius, f64::from(degrees).to_radians());
-                let (detector, detection) = detect(&dot.events(), method);
+                let (detector, detection) = detect(&dot.events(), extraction);
                 let [circle] = detector.circles() else {
-                    panic!("{method:?}, radius {radius}, heading {degrees}: {detection:?}")
+                    panic!("{extraction:?}, radius {radius}, heading {degrees}: {detection:?}")
                 };
                 assert_eq!(
                     found(&[dot], &[*circle], 0.2 + tolerance * radius),
                     1,
-                    "{method:?}, heading {degrees}: {circle:?}"
+                    "{extraction:?}, heading {degrees}: {circle:?}"
                 );
-                assert!((circle.radius - radius).abs() < 0.05 * radius + 0.15, "{method:?} {radius}: {circle:?}");
+                assert!((circle.radius - radius).abs() < 0.05 * radius + 0.15, "{extraction:?} {radius}: {circle:?}");
                 assert!(circle.error < 0.8);
                 let on = &detector.clusters(Polarity::On)[usize::from(circle.on_cluster)];
                 assert_eq!(u32::from(circle.on_pixels), on.pixels);
@@ -138,28 +137,31 @@ fn a_dot_gives_its_circle() {
 
 #[test]
 fn a_board_gives_its_dots_in_noise() {
-    for (method, fewest) in [(Method::Hard, 36), (Method::Soft, 35)] {
+    for (extraction, fewest) in [(Extraction::Hard, 36), (Extraction::Soft, 35)] {
         for degrees in (0..180).step_by(20) {
             let dots = board(8.0, 1.0, f64::from(degrees).to_radians());
             let mut events: Vec<Event> = dots.iter().flat_map(Dot::events).collect();
             events.extend(noise(500, 77 + degrees as u64));
-            let (detector, detection) = detect(&events, method);
-            assert!(found(&dots, detector.circles(), 1.0) >= fewest, "{method:?}, heading {degrees}: {detection:?}");
-            assert!(detector.circles().len() <= 38, "{method:?}, heading {degrees}: {detection:?}");
+            let (detector, detection) = detect(&events, extraction);
+            assert!(
+                found(&dots, detector.circles(), 1.0) >= fewest,
+                "{extraction:?}, heading {degrees}: {detection:?}"
+            );
+            assert!(detector.circles().len() <= 38, "{extraction:?}, heading {degrees}: {detection:?}");
         }
     }
 }
 
 #[test]
 fn dots_seen_as_ellipses_are_found() {
-    for method in [Method::Hard, Method::Soft] {
+    for extraction in [Extraction::Hard, Extraction::Soft] {
         for aspect in [0.85, 0.7, 0.5] {
             for degrees in (0..180).step_by(30) {
                 let dots = board(9.0, aspect, f64::from(degrees).to_radians());
                 let events: Vec<Event> = dots.iter().flat_map(Dot::events).collect();
-                let (detector, detection) = detect(&events, method);
+                let (detector, detection) = detect(&events, extraction);
                 let count = found(&dots, detector.circles(), 2.0);
-                assert!(count >= 33, "{method:?}, aspect {aspect}, heading {degrees}: {count}, {detection:?}");
+                assert!(count >= 33, "{extraction:?}, aspect {aspect}, heading {degrees}: {count}, {detection:?}");
             }
         }
     }
@@ -173,8 +175,8 @@ fn arcs_back_to_back_are_no_circle() {
     let mut events = left.events();
     events.retain(|event| event.polarity == Polarity::Off);
     events.extend(right.events().into_iter().filter(|event| event.polarity == Polarity::On));
-    for method in [Method::Hard, Method::Soft] {
-        let (detector, detection) = detect(&events, method);
+    for extraction in [Extraction::Hard, Extraction::Soft] {
+        let (detector, detection) = detect(&events, extraction);
         assert_eq!(detection.clusters.clusters, [1, 1]);
         assert_eq!((detector.circles().len(), detection.circles.back_to_back), (0, 1));
     }
@@ -185,8 +187,8 @@ fn every_pair_is_accounted_for() {
     let dots = board(8.0, 1.0, 0.3);
     let mut events: Vec<Event> = dots.iter().flat_map(Dot::events).collect();
     events.extend(noise(3000, 5));
-    for method in [Method::Hard, Method::Soft] {
-        let (_, detection) = detect(&events, method);
+    for extraction in [Extraction::Hard, Extraction::Soft] {
+        let (_, detection) = detect(&events, extraction);
         let CircleCounts {
             clusters_too_large: _,
             back_to_back: _,
@@ -214,29 +216,32 @@ fn every_pair_is_accounted_for() {
 #[test]
 fn each_test_rejects_what_it_is_for() {
     let dot = Dot::round(150.0, 120.0, 10.0, 0.0);
-    let reject = |change: &dyn Fn(&mut ExtractionSettings<f64>), method: Method| {
-        let mut settings = DetectorSettings::<f64>::default();
-        settings.extraction.method = method;
-        change(&mut settings.extraction);
+    let reject = |change: &dyn Fn(&mut CircleSettings), extraction: Extraction| {
+        let mut settings = DetectorSettings { extraction, ..DetectorSettings::default() };
+        change(&mut settings.circle);
         let mut detector = Box::new(Detector346::new());
         detector.detect(SENSOR, dot.events(), &settings).unwrap().circles
     };
-    for method in [Method::Hard, Method::Soft] {
-        assert_eq!(reject(&|settings| settings.min_radius = 15.0, method).radius_out_of_bounds, 1);
-        assert_eq!(reject(&|settings| settings.min_arc = 20.0, method).arc_too_short, 1);
-        assert_eq!(reject(&|settings| settings.max_radius = 5.0, method).clusters_too_large, 2);
-        assert_eq!(reject(&|settings| settings.min_facing = 1.01, method).back_to_back, 1);
+    for extraction in [Extraction::Hard, Extraction::Soft] {
+        assert_eq!(reject(&|settings| settings.min_radius = 15.0, extraction).radius_out_of_bounds, 1);
+        assert_eq!(reject(&|settings| settings.min_arc = 20.0, extraction).arc_too_short, 1);
+        assert_eq!(reject(&|settings| settings.max_radius = 5.0, extraction).clusters_too_large, 2);
+        assert_eq!(reject(&|settings| settings.min_facing = 1.01, extraction).back_to_back, 1);
     }
-    assert_eq!(reject(&|settings| settings.max_soft_error = 0.001, Method::Soft).error_too_large, 1);
-    assert_eq!(reject(&|settings| settings.min_radius_ratio = 1.5, Method::Hard).radius_against_distance, 1);
-    assert_eq!(reject(&|settings| settings.max_radius_ratio = 0.5, Method::Hard).radius_against_distance, 1);
-    assert_eq!(reject(&|settings| settings.max_center_offset = -1.0, Method::Hard).circles, 1, "an offset is squared");
-    assert_eq!(reject(&|settings| settings.max_center_offset = 1e-6, Method::Hard).center_against_midpoint, 1);
-    let no_error = |settings: &mut ExtractionSettings<f64>| {
+    assert_eq!(reject(&|settings| settings.max_soft_error = 0.001, Extraction::Soft).error_too_large, 1);
+    assert_eq!(reject(&|settings| settings.min_radius_ratio = 1.5, Extraction::Hard).radius_against_distance, 1);
+    assert_eq!(reject(&|settings| settings.max_radius_ratio = 0.5, Extraction::Hard).radius_against_distance, 1);
+    assert_eq!(
+        reject(&|settings| settings.max_center_offset = -1.0, Extraction::Hard).circles,
+        1,
+        "an offset is squared"
+    );
+    assert_eq!(reject(&|settings| settings.max_center_offset = 1e-6, Extraction::Hard).center_against_midpoint, 1);
+    let no_error = |settings: &mut CircleSettings| {
         settings.max_error = 0.01;
         settings.max_relative_error = 0.0;
     };
-    assert_eq!(reject(&no_error, Method::Hard).error_too_large, 1);
+    assert_eq!(reject(&no_error, Extraction::Hard).error_too_large, 1);
 }
 
 #[test]
@@ -258,7 +263,7 @@ fn single_and_double_precision_agree() {
     let dots = board(8.0, 0.8, 1.0);
     let mut events: Vec<Event> = dots.iter().flat_map(Dot::events).collect();
     events.extend(noise(500, 3));
-    let (double, _) = detect(&events, Method::Hard);
+    let (double, _) = detect(&events, Extraction::Hard);
     let mut single = Box::new(Single::new());
     single.detect(SENSOR, events, &DetectorSettings::default()).unwrap();
     assert_eq!(single.circles().len(), double.circles().len());
@@ -283,20 +288,20 @@ proptest! {
         min_points in 0_u16..8,
         min_pixels in 0_u16..8,
         neighbours in 0_u8..20,
-        max_radius in -1.0..200.0_f64,
+        max_radius in -1.0..200.0_f32,
     ) {
-        let mut settings = DetectorSettings::<f64> {
+        let mut settings = DetectorSettings {
             cluster: ClusterSettings { epsilon, min_points, min_pixels },
             ..DetectorSettings::default()
         };
-        settings.extraction.method = if soft { Method::Soft } else { Method::Hard };
-        settings.extraction.neighbours = neighbours;
-        settings.extraction.max_radius = max_radius;
+        settings.extraction = if soft { Extraction::Soft } else { Extraction::Hard };
+        settings.circle.neighbours = neighbours;
+        settings.circle.max_radius = max_radius;
         let mut detector = Box::new(Detector346::new());
         let detection = detector.detect(SENSOR, noise(count, seed), &settings).unwrap();
         prop_assert_eq!(detection.circles.circles as usize, detector.circles().len());
         for circle in detector.circles() {
-            prop_assert!(circle.radius >= settings.extraction.min_radius && circle.radius <= max_radius);
+            prop_assert!(circle.radius >= f64::from(settings.circle.min_radius) && circle.radius <= f64::from(max_radius));
             prop_assert!(circle.center.x.is_finite() && circle.center.y.is_finite() && circle.error.is_finite());
         }
     }

@@ -11,14 +11,14 @@ fn event(t: i64, x: u16, y: u16, polarity: Polarity) -> Event {
     Event { t, x, y, polarity }
 }
 
-fn decode_evt2(decoder: &mut Evt2Decoder, words: &[u32]) -> Vec<Evt2Record> {
+fn decode_evt2(decoder: &mut Evt2Decoder, words: &[u32]) -> Vec<EvtRecord> {
     words.iter().filter_map(|&word| decoder.push(word)).collect()
 }
 
-fn times(records: &[Evt2Record]) -> Vec<i64> {
-    let time = |record: &Evt2Record| match record {
-        Evt2Record::Event(event) => event.t,
-        Evt2Record::Trigger(trigger) => trigger.t,
+fn times(records: &[EvtRecord]) -> Vec<i64> {
+    let time = |record: &EvtRecord| match record {
+        EvtRecord::Event(event) => event.t,
+        EvtRecord::Trigger(trigger) => trigger.t,
     };
     records.iter().map(time).collect()
 }
@@ -49,14 +49,14 @@ fn evt2_words_made_by_hand() {
         0x0028_00f0, // OFF, 0 µs, (1280, 240)
     ];
     let expected = [
-        Evt2Record::Event(event(1029, 3, 7, Polarity::On)),
-        Evt2Record::Event(event(1087, 2047, 2047, Polarity::Off)),
-        Evt2Record::Trigger(Trigger { t: 1026, channel: 3, rising: true }),
-        Evt2Record::Trigger(Trigger { t: 1087, channel: 0, rising: false }),
-        Evt2Record::Event(event(1088, 1280, 240, Polarity::Off)),
+        EvtRecord::Event(event(1029, 3, 7, Polarity::On)),
+        EvtRecord::Event(event(1087, 2047, 2047, Polarity::Off)),
+        EvtRecord::Trigger(Trigger { t: 1026, channel: 3, rising: true }),
+        EvtRecord::Trigger(Trigger { t: 1087, channel: 0, rising: false }),
+        EvtRecord::Event(event(1088, 1280, 240, Polarity::Off)),
     ];
     assert_eq!(decode_evt2(&mut decoder, &words), expected);
-    let counts = Evt2Counts { without_time: 1, vendor: 2, unknown: 1, ..Evt2Counts::default() };
+    let counts = EvtCounts { without_time: 1, vendor: 2, unknown: 1, ..EvtCounts::default() };
     assert_eq!(*decoder.counts(), counts);
 }
 
@@ -67,7 +67,7 @@ fn evt2_time_goes_on_when_it_wraps() {
         [time_high(0xfff_ffff), word(0, 63, 1, 1), time_high(0), word(0, 0, 1, 1), time_high(1), word(0, 0, 1, 1)];
     let wrap = 1_i64 << 34;
     assert_eq!(times(&decode_evt2(&mut decoder, &words)), [wrap - 1, wrap, wrap + 64]);
-    assert_eq!(*decoder.counts(), Evt2Counts::default());
+    assert_eq!(*decoder.counts(), EvtCounts::default());
 }
 
 #[test]
@@ -83,7 +83,7 @@ fn one_damaged_time_high_of_evt2_is_not_believed() {
             word(1, 0, 3, 3),
         ];
         assert_eq!(times(&decode_evt2(&mut decoder, &words)), [64_000, 64_064], "{damaged}");
-        let counts = Evt2Counts { without_time: 1, false_leaps: 1, ..Evt2Counts::default() };
+        let counts = EvtCounts { without_time: 1, false_leaps: 1, ..EvtCounts::default() };
         assert_eq!(*decoder.counts(), counts);
     }
 }
@@ -106,7 +106,92 @@ fn evt2_time_that_leaps_and_stays_is_followed() {
     ];
     let end = 32_251 * 64;
     assert_eq!(times(&decode_evt2(&mut decoder, &words)), [64_000, end + 3, end + 64 + 9, end + 128]);
-    let counts = Evt2Counts { leaps: 1, clock_resets: 1, ..Evt2Counts::default() };
+    let counts = EvtCounts { leaps: 1, clock_resets: 1, ..EvtCounts::default() };
+    assert_eq!(*decoder.counts(), counts);
+}
+
+#[test]
+fn evt21_words_made_by_hand() {
+    let mut decoder = Evt21Decoder::new();
+    let words = [
+        0x1000_0000_0000_0001, // an event without time
+        0x8000_0010_0000_0000, // 16 × 64 µs
+        0x1140_1807_8000_0005, // ON, 5 µs, (3, 7): columns 3, 5 and 34
+        0x0fff_ffff_0000_0000, // no pixel at all
+        0x0028_00f0_0000_0001, // OFF, 0 µs, (1280, 240)
+        0xa080_0301_0000_0000, // rising edge of input 3, 2 µs
+        0xe123_4567_0000_0000, // vendor
+    ];
+    let expected = [
+        EvtRecord::Event(event(1029, 3, 7, Polarity::On)),
+        EvtRecord::Event(event(1029, 5, 7, Polarity::On)),
+        EvtRecord::Event(event(1029, 34, 7, Polarity::On)),
+        EvtRecord::Event(event(1024, 1280, 240, Polarity::Off)),
+        EvtRecord::Trigger(Trigger { t: 1026, channel: 3, rising: true }),
+    ];
+    let records: Vec<EvtRecord> = words.iter().flat_map(|&word| decoder.push(word)).collect();
+    assert_eq!(records, expected);
+    assert_eq!(*decoder.counts(), EvtCounts { without_time: 1, vendor: 1, ..EvtCounts::default() });
+}
+
+fn decode_evt3(decoder: &mut Evt3Decoder, words: &[u16]) -> Vec<EvtRecord> {
+    words.iter().flat_map(|&word| decoder.push(word)).collect()
+}
+
+#[test]
+fn evt3_words_made_by_hand() {
+    let mut decoder = Evt3Decoder::new();
+    let words = [
+        0x2003, // no row, no time
+        0x0007, 0x2003, // no time
+        0x8002, 0x2003, // no time low
+        0x6005, 0x2803, // 8197 µs, ON at (3, 7)
+        0x0907, 0x2004, // row 263 of the other camera, OFF
+        0x3809, 0x4801, 0x5082, 0x4001, // ON: 9, 20; 22, 28; 29
+        0x5001, // the group goes on: 41
+        0xa301, // rising edge of input 3
+        0x8003, 0x2001, // time low is zero again
+        0x1005, 0x2001, 0x4fff, // no events
+        0xe123, 0x7123, 0xf123, 0xd123, // vendor
+        0x9000, 0xb000, 0xc000, // no types of EVT 3.0
+    ];
+    let on = |x| EvtRecord::Event(event(8197, x, 263, Polarity::On));
+    let expected = [
+        EvtRecord::Event(event(8197, 3, 7, Polarity::On)),
+        EvtRecord::Event(event(8197, 4, 263, Polarity::Off)),
+        on(9),
+        on(20),
+        on(22),
+        on(28),
+        on(29),
+        on(41),
+        EvtRecord::Trigger(Trigger { t: 8197, channel: 3, rising: true }),
+        EvtRecord::Event(event(12_288, 1, 263, Polarity::Off)),
+    ];
+    assert_eq!(decode_evt3(&mut decoder, &words), expected);
+    let counts = EvtCounts { without_time: 2, without_row: 3, vendor: 4, unknown: 3, ..EvtCounts::default() };
+    assert_eq!(*decoder.counts(), counts);
+}
+
+#[test]
+fn evt3_time_goes_on_when_it_wraps_and_a_repeated_time_high_changes_nothing() {
+    let mut decoder = Evt3Decoder::new();
+    let words = [0x0001, 0x8fff, 0x6fff, 0x2000, 0x8fff, 0x2000, 0x8000, 0x6001, 0x2000, 0x8001, 0x2000];
+    let wrap = 1_i64 << 24;
+    assert_eq!(times(&decode_evt3(&mut decoder, &words)), [wrap - 1, wrap - 1, wrap + 1, wrap + 4096]);
+    assert_eq!(*decoder.counts(), EvtCounts::default());
+}
+
+#[test]
+fn one_damaged_time_high_of_evt3_is_not_believed_and_a_reset_is_followed() {
+    let mut decoder = Evt3Decoder::new();
+    let words = [
+        0x0001, 0x8100, 0x6001, 0x2000, 0x8900, 0x2000, 0x8101, 0x6002, 0x2000, // one word damaged
+        0x8002, 0x6000, 0x2000, 0x8003, 0x6004, 0x2000, // the sensor starts again
+    ];
+    let base = 0x100 * 4096;
+    assert_eq!(times(&decode_evt3(&mut decoder, &words)), [base + 1, base + 4098, base + 8196]);
+    let counts = EvtCounts { without_time: 2, false_leaps: 1, clock_resets: 1, ..EvtCounts::default() };
     assert_eq!(*decoder.counts(), counts);
 }
 
@@ -177,9 +262,49 @@ proptest! {
     fn evt2_events_come_back(events in events(2048, 1_000_000)) {
         let (mut encoder, mut decoder) = (Evt2Encoder::new(), Evt2Decoder::new());
         let words: Vec<u32> = events.iter().flat_map(|&event| encoder.encode(event).unwrap()).collect();
-        let expected: Vec<Evt2Record> = events.into_iter().map(Evt2Record::Event).collect();
+        let expected: Vec<EvtRecord> = events.into_iter().map(EvtRecord::Event).collect();
         prop_assert_eq!(decode_evt2(&mut decoder, &words), expected);
-        prop_assert_eq!(*decoder.counts(), Evt2Counts::default());
+        prop_assert_eq!(*decoder.counts(), EvtCounts::default());
+    }
+
+    /// Words of EVT 3.0 made another way: each event alone, or with its neighbours of the same time as groups of 12, 12
+    /// and 8.
+    #[test]
+    fn evt3_events_come_back(start in 0_u32..4096, rows in prop::collection::vec((0_u32..3000, 0_u16..2048, 0_u16..2000, any::<bool>(), any::<u32>()), 0..60)) {
+        let (mut words, mut expected) = (std::vec![0x8000 | start as u16, 0x6000], Vec::new());
+        let mut t = start * 4096;
+        for (step, y, x, on, mask) in rows {
+            let before = t;
+            t += step;
+            words.extend((before / 4096 + 1..=t / 4096).map(|high| 0x8000 | (high & 0xfff) as u16));
+            words.push(0x6000 | (t & 0xfff) as u16);
+            words.push(y);
+            let polarity = u16::from(on) << 11;
+            let columns = (0..32).filter(|bit| mask >> bit & 1 == 1).map(|bit| x + bit);
+            let events = columns.clone().map(|x| event(i64::from(t), x, y, if on { Polarity::On } else { Polarity::Off }));
+            expected.extend(events.map(EvtRecord::Event));
+            if mask % 3 == 0 {
+                words.extend(columns.filter(|&x| x < 2048).map(|x| 0x2000 | polarity | x));
+                expected.retain(|record| !matches!(record, EvtRecord::Event(event) if event.x > 2047));
+            } else {
+                words.push(0x3000 | polarity | x);
+                words.extend([0x4000 | (mask & 0xfff) as u16, 0x4000 | (mask >> 12 & 0xfff) as u16, 0x5000 | (mask >> 24) as u16]);
+            }
+        }
+        let mut decoder = Evt3Decoder::new();
+        let decoded = decode_evt3(&mut decoder, &words);
+        prop_assert_eq!(decoded, expected);
+        prop_assert_eq!(*decoder.counts(), EvtCounts::default());
+    }
+
+    /// Whatever comes in, times of EVT 3.0 go back by less than a time high.
+    #[test]
+    fn no_words_make_evt3_time_run_back(words in prop::collection::vec(any::<u16>(), 0..400)) {
+        let mut latest = i64::MIN;
+        for t in times(&decode_evt3(&mut Evt3Decoder::new(), &words)) {
+            prop_assert!(t > latest.saturating_sub(4096));
+            latest = latest.max(t);
+        }
     }
 
     /// Whatever comes in, times go back by less than the microseconds of one time high, and every word is accounted for.

@@ -1,6 +1,6 @@
 //! The window policy fed event by event, with storage of fixed capacity.
 
-use super::{Outcome, Window, WindowPolicy, WindowState};
+use super::{Outcome, Window, WindowSettings, WindowState};
 use crate::event::{Event, Polarity};
 use heapless::Deque;
 
@@ -44,7 +44,7 @@ pub struct BufferCounts {
     pub before_start: u32,
     /// Events older than the one before them; they count as simultaneous with it.
     pub out_of_order: u32,
-    /// Windows that were not worth a try: fewer events than the policy's floor.
+    /// Windows that were not worth a try: fewer events than `fewest_events`.
     pub too_few_events: u32,
     /// Windows that ended early because the storage was full.
     pub full: u32,
@@ -54,15 +54,15 @@ pub struct BufferCounts {
 
 /// Collects the events of the current window.
 ///
-/// A window that fills the storage ends there: it is complete, and shorter than the policy says, so that
+/// A window that fills the storage ends there: it is complete, and shorter than the settings say, so that
 /// its bounds are those of its events. If nothing is found in it, the start moves on.
 ///
 /// ```
 /// use evcal_core::event::{Event, Polarity};
-/// use evcal_core::window::{EventStorage, Outcome, Progress, WindowBuffer, WindowPolicy};
+/// use evcal_core::window::{EventStorage, Outcome, Progress, WindowBuffer, WindowSettings};
 ///
 /// let mut storage = EventStorage::<4096>::new();
-/// let mut windows = WindowBuffer::new(WindowPolicy::default(), 0, &mut storage);
+/// let mut windows = WindowBuffer::new(WindowSettings::default(), 0, &mut storage);
 /// for t in (0..10_000).step_by(2) {
 ///     let mut progress = windows.push(Event { t, x: 1, y: 2, polarity: Polarity::On });
 ///     while progress == Progress::Complete {
@@ -90,9 +90,9 @@ pub struct WindowBuffer<'a, const N: usize> {
 
 impl<'a, const N: usize> WindowBuffer<'a, N> {
     /// An empty window that starts at `start_us`. What `storage` held is forgotten.
-    pub fn new(policy: WindowPolicy, start_us: i64, storage: &'a mut EventStorage<N>) -> Self {
+    pub fn new(settings: WindowSettings, start_us: i64, storage: &'a mut EventStorage<N>) -> Self {
         storage.events.clear();
-        let state = WindowState::new(policy, start_us);
+        let state = WindowState::new(settings, start_us);
         Self {
             state,
             start_us: state.start_us(),

@@ -1,6 +1,6 @@
 //! The window policy over a slice of time-sorted events.
 
-use super::{Outcome, Window, WindowPolicy, WindowState};
+use super::{Outcome, Window, WindowSettings, WindowState};
 use crate::event::Event;
 
 /// Yields the windows of `[start, end)` one by one, over a slice of events sorted by time.
@@ -10,10 +10,10 @@ use crate::event::Event;
 ///
 /// ```
 /// use evcal_core::event::Event;
-/// use evcal_core::window::{Outcome, WindowPlanner, WindowPolicy};
+/// use evcal_core::window::{Outcome, WindowPlanner, WindowSettings};
 ///
 /// let events: &[Event] = &[];
-/// let mut planner = WindowPlanner::new(WindowPolicy::default(), 0, 1_000_000);
+/// let mut planner = WindowPlanner::new(WindowSettings::default(), 0, 1_000_000);
 /// while let Some(window) = planner.next(events) {
 ///     let _events = &events[window.first..window.last];
 ///     planner.report(Outcome::NotFound { unique_pixels: 0 });
@@ -30,8 +30,8 @@ pub struct WindowPlanner {
 
 impl WindowPlanner {
     /// Plans windows that lie within `[start_us, end_us)`.
-    pub const fn new(policy: WindowPolicy, start_us: i64, end_us: i64) -> Self {
-        Self { state: WindowState::new(policy, start_us), end_us, first: 0, last: 0, too_few_events: 0 }
+    pub const fn new(settings: WindowSettings, start_us: i64, end_us: i64) -> Self {
+        Self { state: WindowState::new(settings, start_us), end_us, first: 0, last: 0, too_few_events: 0 }
     }
 
     /// The next window worth a try, or `None` when the next one would end after the planned time.
@@ -73,7 +73,7 @@ impl WindowPlanner {
         &self.state
     }
 
-    /// Number of windows so far that were not worth a try: fewer events than the policy's floor.
+    /// Number of windows so far that were not worth a try: fewer events than `fewest_events`.
     pub const fn too_few_events(&self) -> u32 {
         self.too_few_events
     }

@@ -5,26 +5,18 @@ use std::vec::Vec;
 
 const NOTHING: Outcome = Outcome::NotFound { unique_pixels: 0 };
 
-fn policy() -> WindowPolicy {
-    WindowPolicy {
-        step_us: 500,
-        minimum: 3,
-        maximum: 9,
-        gap: 5,
-        event_cap: 1000,
-        event_floor: 0,
-        advance: Advance::Steps(1),
-    }
+fn settings() -> WindowSettings {
+    WindowSettings { step: 500, min_interval: 3, max_interval: 9, gap: 5, most_events: 1000, fewest_events: 0 }
 }
 
 /// Windows tried over `events` by the planner, judged by `judge`.
 fn planned(
-    policy: WindowPolicy,
+    settings: WindowSettings,
     events: &[Event],
     end_us: i64,
     judge: impl Fn(i64, &[Event]) -> Outcome,
 ) -> Vec<(i64, i64, Vec<Event>)> {
-    let mut planner = WindowPlanner::new(policy, 0, end_us);
+    let mut planner = WindowPlanner::new(settings, 0, end_us);
     let mut tried = Vec::new();
     while let Some(window) = planner.next(events) {
         let inside = &events[window.first..window.last];
@@ -36,12 +28,12 @@ fn planned(
 
 /// The same by the buffer, one event after the other.
 fn buffered(
-    policy: WindowPolicy,
+    settings: WindowSettings,
     events: &[Event],
     judge: impl Fn(i64, &[Event]) -> Outcome,
 ) -> Vec<(i64, i64, Vec<Event>)> {
     let mut storage = EventStorage::<512>::new();
-    let mut windows = WindowBuffer::new(policy, 0, &mut storage);
+    let mut windows = WindowBuffer::new(settings, 0, &mut storage);
     let mut tried = Vec::new();
     for &event in events {
         let mut progress = windows.push(event);
@@ -69,15 +61,15 @@ fn event(t: i64) -> Event {
 #[test]
 fn lengths_grow_from_minimum_to_maximum_then_the_start_advances() {
     let events: Vec<Event> = (0..200).map(|i| event(i * 50)).collect();
-    let tried = planned(policy(), &events, 6000, |_, _| NOTHING);
+    let tried = planned(settings(), &events, 6000, |_, _| NOTHING);
     let lengths: Vec<(i64, i64)> = tried.iter().take(9).map(|w| (w.0, (w.1 - w.0) / 500)).collect();
-    let expected: Vec<(i64, i64)> = (3..=9).map(|n| (0, n)).chain([(500, 3), (500, 4)]).collect();
+    let expected: Vec<(i64, i64)> = (3..=9).map(|n| (0, n)).chain([(2250, 3), (2250, 4)]).collect();
     assert_eq!(lengths, expected);
 }
 
 #[test]
-fn half_the_failed_window_is_the_default_advance() {
-    let mut state = WindowState::new(WindowPolicy { advance: Advance::HalfWindow, ..policy() }, 100);
+fn a_failed_window_is_left_by_half_its_length() {
+    let mut state = WindowState::new(settings(), 100);
     for _ in 3..=9 {
         assert_eq!(state.start_us(), 100);
         state.report(NOTHING);
@@ -87,7 +79,7 @@ fn half_the_failed_window_is_the_default_advance() {
 
 #[test]
 fn success_leaves_a_gap() {
-    let mut state = WindowState::new(policy(), 0);
+    let mut state = WindowState::new(settings(), 0);
     state.report(NOTHING);
     assert_eq!(state.end_us(), 2000);
     state.report(Outcome::Found);
@@ -96,48 +88,39 @@ fn success_leaves_a_gap() {
 
 #[test]
 fn a_window_at_the_cap_does_not_grow() {
-    let mut state = WindowState::new(policy(), 0);
+    let mut state = WindowState::new(settings(), 0);
     state.report(Outcome::NotFound { unique_pixels: 999 });
     assert_eq!((state.start_us(), state.length()), (0, 4));
     state.report(Outcome::NotFound { unique_pixels: 1000 });
-    assert_eq!((state.start_us(), state.length()), (500, 3));
+    assert_eq!((state.start_us(), state.length()), (1000, 3));
 }
 
 #[test]
-fn degenerate_policies_still_move_on() {
-    let zero = WindowPolicy {
-        step_us: 0,
-        minimum: 0,
-        maximum: 0,
-        gap: 0,
-        event_cap: 0,
-        event_floor: 0,
-        advance: Advance::Steps(0),
-    };
+fn degenerate_settings_still_move_on() {
+    let zero = WindowSettings { step: 0, min_interval: 0, max_interval: 0, gap: 0, most_events: 0, fewest_events: 0 };
     let events: Vec<Event> = (0..40).map(event).collect();
     let tried = planned(zero, &events, 39, |_, _| NOTHING);
     assert_eq!(tried.len(), 39);
     assert_eq!(tried, buffered(zero, &events, |_, _| NOTHING));
 
     let last = [Event { t: i64::MAX, ..event(0) }];
-    assert!(planned(policy(), &last, i64::MAX, |_, _| NOTHING).len() <= 1);
+    assert!(planned(settings(), &last, i64::MAX, |_, _| NOTHING).len() <= 1);
 }
 
 #[test]
 fn silence_is_skipped() {
     let events: Vec<Event> =
         (0..100).map(|i| event(i * 10)).chain((0..400).map(|i| event(60_000_000 + i * 10))).collect();
-    let tried = planned(policy(), &events, i64::MAX, |_, _| NOTHING);
-    // Starts at 0 and 500 µs for the burst of 1 ms and at eight times for the one of 4 ms, each with
-    // seven lengths.
-    assert_eq!(tried.len(), (2 + 8) * 7);
+    let tried = planned(settings(), &events, i64::MAX, |_, _| NOTHING);
+    // A start for the burst of 1 ms, two of 2.25 ms for the one of 4 ms, each with seven lengths.
+    assert_eq!(tried.len(), (1 + 2) * 7);
     assert!(tried.iter().any(|window| window.0 == 60_000_000));
 }
 
 #[test]
 fn the_floor_passes_over_windows_and_counts_them() {
     let events: Vec<Event> = (0..100).map(|i| event(i * 100)).collect();
-    let mut planner = WindowPlanner::new(WindowPolicy { event_floor: 30, ..policy() }, 0, 10_000);
+    let mut planner = WindowPlanner::new(WindowSettings { fewest_events: 30, ..settings() }, 0, 10_000);
     let window = planner.next(&events).unwrap();
     assert_eq!((window.start_us, window.end_us, window.len()), (0, 3000, 30));
     assert_eq!(planner.too_few_events(), 3);
@@ -146,7 +129,7 @@ fn the_floor_passes_over_windows_and_counts_them() {
 #[test]
 fn a_window_that_fills_the_storage_ends_there() {
     let mut storage = EventStorage::<8>::new();
-    let mut windows = WindowBuffer::new(policy(), 0, &mut storage);
+    let mut windows = WindowBuffer::new(settings(), 0, &mut storage);
     for t in 0..8 {
         assert_eq!(windows.push(event(t * 10)), Progress::Collecting);
     }
@@ -155,16 +138,16 @@ fn a_window_that_fills_the_storage_ends_there() {
     assert_eq!(windows.events().collect::<Vec<_>>(), (0..8).map(|t| event(t * 10)).collect::<Vec<_>>());
     windows.push(event(91));
     assert_eq!(windows.counts().overflow, 1, "an unreported window takes no event");
-    // The next start is a step later, so that all events at hand lie before it.
+    // The next start is half a window later, so that all events at hand lie before it.
     assert_eq!(windows.report(NOTHING), Progress::Collecting);
-    assert_eq!((windows.window().start_us, windows.window().len()), (500, 0));
+    assert_eq!((windows.window().start_us, windows.window().len()), (750, 0));
     assert_eq!((windows.counts().full, windows.counts().before_start), (1, 1));
 }
 
 #[test]
 fn no_event_is_lost_to_a_full_storage_when_every_window_is_reported() {
     let mut storage = EventStorage::<8>::new();
-    let mut windows = WindowBuffer::new(WindowPolicy { gap: 0, ..policy() }, 0, &mut storage);
+    let mut windows = WindowBuffer::new(WindowSettings { gap: 0, ..settings() }, 0, &mut storage);
     let mut seen = 0;
     for t in 0..4000 {
         let mut progress = windows.push(event(t * 7));
@@ -183,7 +166,7 @@ fn no_event_is_lost_to_a_full_storage_when_every_window_is_reported() {
 #[test]
 fn a_restart_leaves_no_event_before_it() {
     let mut storage = EventStorage::<8>::new();
-    let mut windows = WindowBuffer::new(policy(), 0, &mut storage);
+    let mut windows = WindowBuffer::new(settings(), 0, &mut storage);
     for t in [10, 20, 30] {
         windows.push(event(t));
     }
@@ -197,7 +180,7 @@ fn a_restart_leaves_no_event_before_it() {
 #[test]
 fn events_that_step_back_in_time_are_counted() {
     let mut storage = EventStorage::<8>::new();
-    let mut windows = WindowBuffer::new(policy(), 0, &mut storage);
+    let mut windows = WindowBuffer::new(settings(), 0, &mut storage);
     for t in [10, 30, 20] {
         windows.push(event(t));
     }
@@ -211,23 +194,20 @@ proptest! {
     fn planner_and_buffer_try_the_same_windows(
         gaps in prop::collection::vec(prop_oneof![20 => 0_i64..40, 1 => 0_i64..20_000], 1..400),
         offset in prop_oneof![Just(0_i64), Just(u32::MAX as i64 - 3000)],
-        minimum in 1_u16..4,
+        min_interval in 1_u16..4,
         growth in 0_u16..6,
         gap in 0_u16..7,
-        event_floor in 0_u32..40,
-        event_cap in 20_u32..200,
-        half in any::<bool>(),
+        fewest_events in 0_u32..40,
+        most_events in 20_u32..200,
         luck in 1_i64..9,
     ) {
         let mut t = offset;
         let events: Vec<Event> = gaps.iter().map(|gap| { t += gap; event(t) }).collect();
-        let policy = WindowPolicy {
-            step_us: 100, minimum, maximum: minimum + growth, gap, event_cap, event_floor,
-            advance: if half { Advance::HalfWindow } else { Advance::Steps(1) },
-        };
+        let max_interval = min_interval + growth;
+        let settings = WindowSettings { step: 100, min_interval, max_interval, gap, most_events, fewest_events };
         let judge = |end_us: i64, inside: &[Event]| {
             if (end_us / 100) % 9 < luck / 2 { Outcome::Found } else { Outcome::NotFound { unique_pixels: inside.len() as u32 } }
         };
-        prop_assert_eq!(planned(policy, &events, t, judge), buffered(policy, &events, judge));
+        prop_assert_eq!(planned(settings, &events, t, judge), buffered(settings, &events, judge));
     }
 }

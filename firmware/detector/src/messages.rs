@@ -27,7 +27,7 @@ pub(crate) fn hello(settings: &Settings, capacities: Capacities, first: bool, ti
             break;
         }
     }
-    let (policy, cluster, extraction) = (&settings.policy, &settings.detector.cluster, &settings.detector.extraction);
+    let (window, cluster, circle) = (&settings.window, &settings.detector.cluster, &settings.detector.circle);
     Hello {
         protocol: PROTOCOL_VERSION,
         first,
@@ -35,18 +35,18 @@ pub(crate) fn hello(settings: &Settings, capacities: Capacities, first: bool, ti
         device,
         sensor_width: settings.sensor.width,
         sensor_height: settings.sensor.height,
-        step_us: policy.step_us,
-        min_interval: policy.minimum,
-        max_interval: policy.maximum,
-        gap: policy.gap,
-        most_events: policy.event_cap,
-        fewest_events: policy.event_floor,
+        step_us: window.step,
+        min_interval: window.min_interval,
+        max_interval: window.max_interval,
+        gap: window.gap,
+        most_events: window.most_events,
+        fewest_events: window.fewest_events,
         fewest_circles: settings.fewest_circles,
         epsilon: cluster.epsilon,
         min_points: cluster.min_points,
         min_pixels: cluster.min_pixels,
-        min_radius: extraction.min_radius,
-        max_radius: extraction.max_radius,
+        min_radius: circle.min_radius,
+        max_radius: circle.max_radius,
         refractory_us: settings.filter.refractory_us,
         background_us: settings.filter.background_us,
         hot_events: settings.filter.hot_events,

@@ -150,12 +150,12 @@ impl<
         storage: &'a mut Storage<ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS, CELLS, SLOTS>,
     ) -> Result<Self, SetupError> {
         storage.detector.detect(settings.sensor, [], &settings.detector)?;
-        settings.policy.event_cap = settings.policy.event_cap.min(EVENTS as u32);
+        settings.window.most_events = settings.window.most_events.min(EVENTS as u32);
         Ok(Self {
             settings,
             filter: EventFilter::new(settings.sensor, settings.filter, &mut storage.filter)?,
             shedder: LoadShedder::new(settings.budget),
-            windows: WindowBuffer::new(settings.policy, 0, &mut storage.events),
+            windows: WindowBuffer::new(settings.window, 0, &mut storage.events),
             detector: &mut storage.detector,
             detection: None,
             encoder: Encoder::new(),

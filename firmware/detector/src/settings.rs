@@ -4,7 +4,7 @@ use evcal_core::budget::EventBudget;
 use evcal_core::sensor::Sensor;
 use evcal_core::detector::DetectorSettings;
 use evcal_core::filter::FilterSettings;
-use evcal_core::window::WindowPolicy;
+use evcal_core::window::WindowSettings;
 
 /// Settings of a device.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,9 +18,9 @@ pub struct Settings {
     /// How many events can be worked on; what comes beyond is shed.
     pub budget: EventBudget,
     /// Which stretches of time are looked at.
-    pub policy: WindowPolicy,
+    pub window: WindowSettings,
     /// Events to circles.
-    pub detector: DetectorSettings<f32>,
+    pub detector: DetectorSettings,
     /// A window with at least this many circles counts as one with the board, and is sent.
     pub fewest_circles: u16,
 }
@@ -36,7 +36,7 @@ impl Settings {
             sensor,
             filter: FilterSettings::default(),
             budget: EventBudget::default(),
-            policy: WindowPolicy { event_floor: u32::from(circles) * 40, ..WindowPolicy::default() },
+            window: WindowSettings { gap: 5, fewest_events: u32::from(circles) * 40, ..WindowSettings::default() },
             detector: DetectorSettings::default(),
             fewest_circles: circles.saturating_sub(circles / 6),
         }

@@ -1,6 +1,6 @@
 //! Bytes of a sensor to events.
 
-use evcal_core::decode::{Evt2Decoder, Evt2Record, PackedDecoder, Words};
+use evcal_core::decode::{Evt2Decoder, EvtRecord, PackedDecoder, Words};
 use evcal_core::event::Event;
 
 /// Decodes the stream of a sensor, byte by byte.
@@ -41,7 +41,7 @@ impl Source {
     pub fn push_word(&mut self, word: u32) -> Option<Event> {
         match &mut self.decoder {
             Decoder::Evt2(decoder) => match decoder.push(word)? {
-                Evt2Record::Event(event) => Some(event),
+                EvtRecord::Event(event) => Some(event),
                 _ => None,
             },
             Decoder::Packed(decoder) => decoder.push(word),

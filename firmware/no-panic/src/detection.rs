@@ -2,13 +2,13 @@
 
 use core::hint::black_box;
 
-use evcal_core::circle::{ExtractionSettings, Method, fit_circle};
+use evcal_core::circle::{CircleSettings, Extraction, fit_circle};
 use evcal_core::cluster::{CentralMoments, ClusterSettings, PixelSums, row_bytes, row_count};
 use evcal_core::sensor::Sensor;
 use evcal_core::detector::{Detector, DetectorSettings};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::window::{
-    Advance, EventStorage, Outcome, Progress, WindowBuffer, WindowPlanner, WindowPolicy, WindowState,
+    EventStorage, Outcome, Progress, WindowBuffer, WindowPlanner, WindowSettings, WindowState,
 };
 use nalgebra::RealField;
 
@@ -20,15 +20,14 @@ pub fn event() -> Event {
     black_box(Event { t: black_box(0), x: black_box(1), y: black_box(2), polarity: polarity.opposite() })
 }
 
-fn policy() -> WindowPolicy {
-    WindowPolicy {
-        step_us: black_box(1),
-        minimum: black_box(1),
-        maximum: black_box(1),
+fn window_settings() -> WindowSettings {
+    WindowSettings {
+        step: black_box(1),
+        min_interval: black_box(1),
+        max_interval: black_box(1),
         gap: black_box(1),
-        event_cap: black_box(1),
-        event_floor: black_box(1),
-        advance: if black_box(true) { Advance::HalfWindow } else { Advance::Steps(black_box(1)) },
+        most_events: black_box(1),
+        fewest_events: black_box(1),
     }
 }
 
@@ -40,7 +39,7 @@ fn outcome() -> Outcome {
 #[inline(never)]
 pub fn windows() {
     let mut storage = EventStorage::<64>::new();
-    let mut buffer = WindowBuffer::new(policy(), black_box(0), black_box(&mut storage));
+    let mut buffer = WindowBuffer::new(window_settings(), black_box(0), black_box(&mut storage));
     let buffer = black_box(&mut buffer);
     while black_box(buffer.push(event())) == Progress::Complete {
         buffer.events().for_each(|event| {
@@ -51,14 +50,14 @@ pub fn windows() {
     }
     let events = [event(); 8];
     let events: &[Event] = black_box(&events);
-    let mut planner = WindowPlanner::new(policy(), black_box(0), black_box(0));
+    let mut planner = WindowPlanner::new(window_settings(), black_box(0), black_box(0));
     let planner = black_box(&mut planner);
     while let Some(window) = planner.next(events) {
         black_box(window);
         planner.report(outcome());
     }
     black_box((planner.state(), planner.too_few_events()));
-    let mut state = WindowState::new(policy(), black_box(0));
+    let mut state = WindowState::new(window_settings(), black_box(0));
     let state = black_box(&mut state);
     state.report(outcome());
     state.skip_to(black_box(0));
@@ -73,8 +72,8 @@ pub fn detector<T: RealField + Copy>() {
     let detector = black_box(&mut detector);
     let settings = DetectorSettings {
         cluster: ClusterSettings { epsilon: black_box(1.0), min_points: black_box(1), min_pixels: black_box(1) },
-        extraction: ExtractionSettings {
-            method: if black_box(true) { Method::Hard } else { Method::Soft },
+        extraction: if black_box(true) { Extraction::Hard } else { Extraction::Soft },
+        circle: CircleSettings {
             neighbours: black_box(1),
             min_facing: any(),
             min_radius: any(),

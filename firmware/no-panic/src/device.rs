@@ -5,7 +5,7 @@ use core::hint::black_box;
 use evcal_core::budget::{EventBudget, LoadShedder};
 use evcal_core::cluster::{row_bytes, row_count};
 use evcal_core::sensor::Sensor;
-use evcal_core::decode::{Evt2Decoder, Evt2Encoder, PackedDecoder, PackedEncoder, Words};
+use evcal_core::decode::{Evt2Decoder, Evt2Encoder, Evt3Decoder, Evt21Decoder, PackedDecoder, PackedEncoder, Words};
 use evcal_core::filter::{EventFilter, FilterSettings, FilterStorage};
 use evcal_core::window::Progress;
 use evcal_detector::{Pipeline, Settings, Source, Storage};
@@ -21,6 +21,12 @@ pub fn formats() {
     if let Some(word) = words.push(black_box(0)) {
         black_box((evt2.push(word), packed.push(word), *evt2.counts(), *packed.counts(), words.pending()));
     }
+    let (mut evt21, mut evt3) = (Evt21Decoder::new(), Evt3Decoder::new());
+    let (evt21, evt3) = (black_box(&mut evt21), black_box(&mut evt3));
+    evt21.push(black_box(0)).chain(evt3.push(black_box(0))).for_each(|record| {
+        black_box(record);
+    });
+    black_box((*evt21.counts(), *evt3.counts()));
     let (mut evt2, mut packed) = (Evt2Encoder::new(), PackedEncoder::new());
     let (evt2, packed) = (black_box(&mut evt2), black_box(&mut packed));
     black_box((evt2.encode(event()).is_ok(), evt2.time(black_box(0)), packed.encode(event()).is_ok()));

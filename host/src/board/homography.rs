@@ -2,6 +2,9 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3};
 
+/// The fewest points that determine a homography.
+pub const MINIMUM_POINTS: usize = 4;
+
 /// Similarity that moves points to mean 0 and root mean square distance √2 (Hartley 1997).
 fn normalisation(points: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     let count = points.len() as f64;
@@ -13,10 +16,10 @@ fn normalisation(points: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
 }
 
 /// The homography from `plane` to `image` by the normalised direct linear transform; its sign is such
-/// that the points lie in front (third coordinate positive). `None` for fewer than four points or
-/// points in one line.
+/// that the points lie in front (third coordinate positive). `None` for fewer than
+/// [`MINIMUM_POINTS`] or points in one line.
 pub fn homography(plane: &[Vector2<f64>], image: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
-    if plane.len() < 4 || plane.len() != image.len() {
+    if plane.len() < MINIMUM_POINTS || plane.len() != image.len() {
         return None;
     }
     let (from, to) = (normalisation(plane)?, normalisation(image)?);

@@ -5,7 +5,7 @@ use std::fmt;
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::DetectionReport;
@@ -48,7 +48,7 @@ pub enum Evidence {
 }
 
 /// What residuals are distances of: two kinds whose figures cannot be compared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Measured {
     /// Events, from the edge of their circle.
     #[serde(rename = "event edge distance")]
@@ -96,6 +96,11 @@ impl Calibrated {
             Evidence::Events(events) => &events.refined.state.camera,
             Evidence::Pictures(pictures) => &pictures.camera,
         }
+    }
+
+    /// Standard deviation of each parameter of the camera, in the order of [`Camera::parameters`].
+    pub fn sigma(&self) -> Vec<f64> {
+        self.trust.uncertainty.sigma()
     }
 
     /// How far the observations are from where the result puts them.

@@ -2,14 +2,12 @@
 
 use super::Task;
 use super::error::CalibrateError;
-use crate::calibrate::input::Input;
-use crate::calibrate::input::read_events;
+use crate::calibrate::input::{Input, read_events};
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::detection::other_board::OtherBoard;
+use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::RecordingError;
 use crate::recording::pass::RecordingReport;
-use crate::settings::Settings;
 use evcal_core::sensor::Sensor;
 
 /// Where the board was seen.
@@ -70,9 +68,9 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
         _ if !all.frames.is_empty() => Ok(all),
         Some(damage) => Err(CalibrateError::Source(damage)),
         None => {
-            let other = other_board(task, all.sensor)?.map(|other| format!("; {other}"));
-            let reason = no_pattern(&all.detection, task.settings);
-            Err(CalibrateError::NoPattern(reason + &other.unwrap_or_default()))
+            let other = other_board(task, all.sensor)?;
+            let max_interval = task.settings.detection.window.max_interval;
+            Err(CalibrateError::NoPattern(all.detection.no_pattern(max_interval, other)))
         }
     }
 }
@@ -104,7 +102,7 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
 }
 
 /// What the board in the recordings looks like, if not like the stated one.
-fn other_board(task: &Task, sensor: Sensor) -> Result<Option<String>, RecordingError> {
+fn other_board(task: &Task, sensor: Sensor) -> Result<Option<OtherReading>, RecordingError> {
     for (index, input) in task.inputs.iter().enumerate() {
         if let Input::Events(_) = input {
             let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);
@@ -115,31 +113,4 @@ fn other_board(task: &Task, sensor: Sensor) -> Result<Option<String>, RecordingE
         }
     }
     Ok(None)
-}
-
-/// Why no window held the board, and what to do about it.
-fn no_pattern(report: &DetectionReport, settings: &Settings) -> String {
-    let total = report.windows + report.too_few_events;
-    let mut text = format!("no pattern found in {total} windows");
-    let mut reasons: Vec<(&str, u64)> = report.grids_refused.iter().map(|(reason, count)| (*reason, *count)).collect();
-    reasons.push(("too few events", report.too_few_events));
-    reasons.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
-    let Some(&(reason, count)) = reasons.first().filter(|reason| reason.1 > 0) else { return text };
-    let advice = match reason {
-        "too few events" => {
-            format!(
-                "move faster or raise detection.window.max_interval (now {})",
-                settings.detection.window.max_interval
-            )
-        }
-        "too few circles" => {
-            "is the board in view, moving and in focus? Try --extraction soft, or move faster".to_owned()
-        }
-        "circles beside the board" | "too few circles of a board" | "place on the board not certain" => {
-            "is --board right: rows and columns, acircles or circles?".to_owned()
-        }
-        _ => "is the board in view and flat, and is --board right?".to_owned(),
-    };
-    text += &format!(": {count} had {reason}: {advice}");
-    text
 }

@@ -1,6 +1,6 @@
 //! Why a calibration fails.
 
-use crate::detection::LARGEST_SENSOR;
+use crate::detection::{LARGEST_SENSOR, NoPattern};
 use crate::initial::InitialError;
 use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
@@ -9,6 +9,7 @@ use crate::solve::SolveError;
 use crate::solve::refinement::RefinementError;
 use crate::trajectory::first::FirstTrajectoryError;
 use evcal_core::sensor::Sensor;
+use serde::{Serialize, Serializer};
 
 /// Why a calibration failed.
 #[derive(Debug, thiserror::Error)]
@@ -50,8 +51,8 @@ pub enum CalibrateError {
         file: String,
     },
     /// The board was not found.
-    #[error("{0}")]
-    NoPattern(String),
+    #[error(transparent)]
+    NoPattern(NoPattern),
     /// No initial model.
     #[error(transparent)]
     Initial(#[from] InitialError),
@@ -81,5 +82,11 @@ impl From<RefinementError<RecordingError>> for CalibrateError {
             RefinementError::Read(error) => Self::Source(error),
             RefinementError::Solve(error) => Self::Solve(error),
         }
+    }
+}
+
+impl Serialize for CalibrateError {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
     }
 }

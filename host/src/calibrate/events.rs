@@ -15,7 +15,7 @@ use crate::picture_calibration::joint::JointPoints;
 use crate::recording::RecordingError;
 use crate::solve::State;
 use crate::solve::event_bias::unknown;
-use crate::solve::refinement::{EventInput, Refined, RefinementInput, StageSettings, refine};
+use crate::solve::refinement::{EventInput, Refined, RefinementInput, SMALLEST_POINT_SIGMA, StageSettings, refine};
 use crate::trajectory::first::{FirstTrajectories, first_trajectories};
 use crate::trust::examine;
 use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
@@ -45,7 +45,7 @@ pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<
 
     progress("trajectory");
     let FirstTrajectories { trajectories, points, segments, without_spline } =
-        first_trajectories(&initial, &frames, settings)?;
+        first_trajectories(&initial, &frames, &settings.segment, (&settings.spline, &settings.knots))?;
 
     let read = |index: usize, visit: &mut dyn FnMut(&[Event])| read_events(task.inputs, index, visit).map(|_| ());
     let input = RefinementInput {
@@ -53,7 +53,7 @@ pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<
         sensor,
         events: events.map(|count| EventInput { recordings: task.inputs.len(), count, read: &read }),
         points,
-        point_sigma: initial.report.rms.max(0.02),
+        point_sigma: initial.report.rms.max(SMALLEST_POINT_SIGMA),
     };
     let state = State { camera: initial.camera, bias: unknown(settings.refinement.first_sigma), trajectories };
     let (mut refined, mut certainty) = solve(task, &input, state, progress)?;

@@ -1,7 +1,9 @@
 //! What a calibration is made from: recordings of events, or circles that were found before.
 
-use evcal_core::sensor::Sensor;
 use std::path::{Path, PathBuf};
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
 
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
@@ -9,10 +11,8 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
-use crate::recording::ReadReport;
 use crate::recording::pass::{Pass, read_recording};
-use crate::recording::{Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
-use evcal_core::event::Event;
+use crate::recording::{ReadReport, Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
 
 /// One input: events or circles.
 pub enum Input {
@@ -33,6 +33,12 @@ pub enum Input {
         /// What the grid finder made of circles without a place on the board.
         detection: DetectionReport,
     },
+}
+
+impl From<Recording> for Input {
+    fn from(recording: Recording) -> Self {
+        Self::Events(recording)
+    }
 }
 
 impl Input {

@@ -14,12 +14,11 @@ use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, calibrate_pictures};
 use crate::picture_calibration::joint::{JointPoints, joint_points};
 use crate::recording::pass::RecordingReport;
-use crate::recording::pictures::may_hold_frames;
 use crate::solve::refinement::Refined;
 use crate::trust::examine_pictures;
 use crate::trust::uncertainty::Uncertainty;
 use crate::trust::verdict::verdict;
-use crate::trust::witness::{WitnessOutcome, picture_witness};
+use crate::trust::witness::{FailedWitness, WitnessOutcome, picture_witness};
 
 /// The reference frames of all recordings' pictures.
 pub(super) struct SeenPictures {
@@ -42,7 +41,7 @@ pub(super) fn see_pictures(
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
-            Input::Events(recording) if may_hold_frames(recording.format()) => {
+            Input::Events(recording) if recording.may_hold_frames() => {
                 progress(&format!("looking for the board in the frames of {}", input.name()));
                 detection.search(recording, number, start)?
             }
@@ -66,7 +65,8 @@ pub(super) fn picture_calibration(
         return None;
     }
     progress(&format!("calibration from {} frames", seen.frames.len()));
-    Some(calibrate_pictures(seen.frames, seen.report, task.board, sensor, model, task.settings))
+    let (initial, settings) = (&task.settings.initial, &task.settings.frames);
+    Some(calibrate_pictures(seen.frames, seen.report, task.board, sensor, model, initial, settings))
 }
 
 /// Compares the result from events with that from pictures.
@@ -79,10 +79,12 @@ pub(super) fn witness(
 ) -> WitnessOutcome {
     let calibration = match pictures {
         Ok(calibration) => calibration,
-        Err(failure) => return WitnessOutcome::Failed(failure.clone()),
+        Err(failure) => return WitnessOutcome::Failed(failure.clone().into()),
     };
-    let witness = picture_witness(camera, &uncertainty.covariance, calibration, sensor, &task.settings.frames);
-    witness.map_or_else(WitnessOutcome::Failed, |witness| WitnessOutcome::Witness(Box::new(witness)))
+    match picture_witness(camera, &uncertainty.covariance, calibration, sensor, &task.settings.frames) {
+        Ok(witness) => WitnessOutcome::Witness(Box::new(witness)),
+        Err(reason) => WitnessOutcome::Failed(FailedWitness { reason, report: Box::new(calibration.report.clone()) }),
+    }
 }
 
 /// The calibration from pictures, which there must be.

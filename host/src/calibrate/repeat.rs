@@ -27,14 +27,14 @@ pub struct RepeatSettings {
 }
 
 /// One part of the recording and its camera.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Debug, Serialize)]
 pub struct Run {
     /// Start of the part in seconds since the first event.
     pub start: f64,
     /// End of the part.
     pub end: f64,
     /// Parameters in the order of the camera model, or why there are none.
-    pub outcome: Result<RunCamera, String>,
+    pub outcome: Result<RunCamera, CalibrateError>,
 }
 
 /// The camera of one part.
@@ -64,7 +64,7 @@ pub struct ParameterScatter {
 }
 
 /// What repetition showed.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Debug, Serialize)]
 pub struct Repetition {
     /// The camera model.
     pub model: &'static str,
@@ -129,7 +129,7 @@ pub fn repeat(
                 cameras.push((index, calibrated));
                 Ok(RunCamera { parameters: camera.parameters().to_vec(), sigma, difference: 0.0, stated })
             }
-            Err(error) => Err(error.to_string()),
+            Err(error) => Err(error),
         };
         runs.push(Run { start, end, outcome });
     }

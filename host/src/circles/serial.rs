@@ -75,6 +75,12 @@ impl SerialAddress {
         path.to_str().is_some_and(|text| text.starts_with(PREFIX))
     }
 
+    /// Saves what comes to `folder`, as `PORT.circles`, unless the address says where.
+    pub fn save_into(&mut self, folder: &Path) {
+        let port = self.port.rsplit(['/', '\\']).next().unwrap_or_default();
+        self.save.get_or_insert_with(|| folder.join(format!("{port}.circles")));
+    }
+
     /// Listens until the time is over or the device is gone; `progress` is told what came so far.
     ///
     /// # Errors

@@ -69,8 +69,61 @@ pub struct CircleTrackError {
     pub kind: CircleTrackErrorKind,
 }
 
+/// What is wrong with a line of a circle track.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CircleLineError {
+    /// Two columns of the same meaning.
+    #[error("column {0} gives what another column gives already")]
+    ColumnTwice(String),
+    /// More or fewer fields than names.
+    #[error("has {count} fields, not {expected} as the line of names")]
+    FieldCount {
+        /// Fields of the line.
+        count: usize,
+        /// Names.
+        expected: usize,
+    },
+    /// A field that is no number.
+    #[error("{field:?} is no {name}")]
+    Number {
+        /// What stands there.
+        field: String,
+        /// What it should be.
+        name: &'static str,
+    },
+    /// A field that is no whole number.
+    #[error("{field:?} is no {name}: a whole number from 0 is needed")]
+    WholeNumber {
+        /// What stands there.
+        field: String,
+        /// What it should be.
+        name: &'static str,
+    },
+    /// An empty field that is needed.
+    #[error("has no {0}")]
+    Missing(&'static str),
+    /// A circle without its place, where others have one.
+    #[error("has no {0} on the board; leave a circle out if its place is not known")]
+    MissingPlace(&'static str),
+    /// The same place twice in a frame.
+    #[error("column {column}, row {row} occurs twice in frame {frame}")]
+    PlaceTwice {
+        /// Column on the board, from 0.
+        column: u32,
+        /// Row on the board, from 0.
+        row: u32,
+        /// Number of the frame.
+        frame: u64,
+    },
+    /// Frame numbers in some lines only.
+    #[error("has no frame number, while other lines have one")]
+    FrameNumber,
+}
+
 /// What is wrong with a circle track.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CircleTrackErrorKind {
     /// The operating system refused.
     #[error("cannot be read: {0}")]
@@ -92,7 +145,7 @@ pub enum CircleTrackErrorKind {
         /// Number of the line, from 1.
         line: u64,
         /// What is wrong with it.
-        what: String,
+        what: CircleLineError,
     },
     /// A circle that the board does not have.
     #[error(

@@ -1,16 +1,16 @@
 //! `evcal board`.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use evcal::board::Board;
 use evcal::board::sheet::paper::Paper;
 use evcal::board::sheet::pdf::pdf;
 use evcal::board::sheet::svg::svg;
 use evcal::board::sheet::{board_sheet, board_that_fits};
+use evcal::files;
 use evcal_core::pattern::{Layout, Pattern};
 
-use super::{UsageError, print};
+use super::{print, value};
 
 /// The pattern of a board of which nothing is said.
 const PATTERN: Pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
@@ -32,7 +32,7 @@ pub struct Arguments {
     #[arg(long, default_value = "a4")]
     paper: Paper,
     /// White along the edges that a printer may cut (mm)
-    #[arg(long, value_name = "MM", default_value_t = 10.0)]
+    #[arg(long, value_name = "MM", default_value = "10", value_parser = value::number(0.0..=100.0, " mm"))]
     margin: f64,
     /// Print what was written as JSON
     #[arg(long)]
@@ -42,22 +42,17 @@ pub struct Arguments {
 /// Runs `evcal board`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let Arguments { paper, margin, .. } = arguments;
-    if !(0.0..=100.0).contains(margin) {
-        return Err(UsageError("--margin must be from 0 to 100 mm".to_owned()).into());
-    }
     let board = match arguments.board {
         Some(board) => board,
         None => board_that_fits(PATTERN, paper, *margin)
             .ok_or_else(|| format!("{paper} is too small for a board of 9x4 dots: choose a larger --paper"))?,
     };
     let sheet = board_sheet(&board, paper, *margin)?;
-    let put =
-        |path: &Path, content: &[u8]| fs::write(path, content).map_err(|error| format!("{}: {error}", path.display()));
     if let Some(path) = &arguments.pdf {
-        put(path, &pdf(&sheet))?;
+        files::write(path, &pdf(&sheet))?;
     }
     if let Some(path) = &arguments.svg {
-        put(path, svg(&sheet).as_bytes())?;
+        files::write(path, svg(&sheet).as_bytes())?;
     }
     let written: Vec<&PathBuf> = arguments.pdf.iter().chain(&arguments.svg).collect();
     let [width, height] = sheet.size;

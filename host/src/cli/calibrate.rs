@@ -1,19 +1,25 @@
 //! `evcal calibrate`.
 
-use evcal_core::sensor::Sensor;
-use std::path::PathBuf;
+use std::error::Error;
+use std::path::{Path, PathBuf};
 
 use evcal::board::Board;
 use evcal::calibrate::input::Input;
 use evcal::calibrate::{PictureUse, Task, calibrate};
+use evcal::circles::serial::{SerialAddress, SerialError};
+use evcal::detection::settings::Grid;
+use evcal::files::folder::{FolderError, OutputFolder};
 use evcal::initial::model_choice::ModelRequest;
-use evcal::output::folder::write_folder;
+use evcal::output::folder::{is_result, write_folder};
 use evcal::recording::RecordingOptions;
-use evcal::settings::{Extraction, Grid, Settings, SettingsError};
+use evcal::settings::{Settings, SettingsError};
 use evcal::trajectory::RotationSpline;
+use evcal::trust::verdict::Grade;
+use evcal_core::circle::Extraction;
 
 use super::progress::spinner;
-use super::{detector, print};
+use super::source_arguments::SourceArguments;
+use super::{NotGoodEnough, UsageError, print};
 
 /// Arguments of `evcal calibrate`.
 #[derive(clap::Args)]
@@ -22,9 +28,8 @@ pub struct Arguments {
     /// streams, or the serial port of a detector, serial:PORT?baud=921600&seconds=10
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
-    /// Sensor size, where a recording does not tell it, for example 346x260
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
-    sensor: Option<Sensor>,
+    #[command(flatten)]
+    source: SourceArguments,
     #[command(flatten)]
     calibration: CalibrationArguments,
 }
@@ -43,6 +48,12 @@ pub struct CalibrationArguments {
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
+    /// Replace the results that are in the folder
+    #[arg(long)]
+    force: bool,
+    /// End with exit code 0 even if the calibration is not good enough
+    #[arg(long)]
+    accept_any: bool,
     /// Print the calibration as JSON
     #[arg(long)]
     pub json: bool,
@@ -67,7 +78,7 @@ pub struct MethodArguments {
     #[arg(long)]
     rotation: Option<RotationSpline>,
     /// Grid finder: lattice or opencv [default: lattice]
-    #[arg(long, value_parser = grid)]
+    #[arg(long)]
     grid: Option<Grid>,
     /// Settings file (TOML); names and defaults are in docs/settings.md
     #[arg(long, value_name = "FILE")]
@@ -93,31 +104,37 @@ pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
     }
 }
 
-fn grid(text: &str) -> Result<Grid, &'static str> {
-    match text {
-        "lattice" => Ok(Grid::Lattice),
-        "opencv" => Ok(Grid::Opencv),
-        _ => Err("write lattice or opencv"),
+impl CalibrationArguments {
+    /// The folder for the results, which holds none yet unless they may be replaced.
+    pub fn open_folder(&self) -> Result<OutputFolder, FolderError> {
+        match self.force {
+            true => OutputFolder::open(&self.output),
+            false => OutputFolder::open_new(&self.output, is_result),
+        }
     }
 }
 
 /// Runs `evcal calibrate`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    calibrate_recordings(&arguments.recordings, arguments.sensor, &arguments.calibration)
+    // Before the work, not after it.
+    let folder = arguments.calibration.open_folder()?;
+    calibrate_recordings(&arguments.recordings, &arguments.source.options(), &arguments.calibration, &folder)
 }
 
 /// Calibrates from `recordings` and writes the results.
 pub fn calibrate_recordings(
     recordings: &[PathBuf],
-    sensor: Option<Sensor>,
+    options: &RecordingOptions,
     arguments: &CalibrationArguments,
+    folder: &OutputFolder,
 ) -> super::Outcome {
     let method = &arguments.method;
     let settings = method.settings()?;
-    let options = RecordingOptions { sensor, ..RecordingOptions::default() };
+    let bar = spinner(arguments.json);
+    let progress = |message: &str| bar.set_message(message.to_owned());
     let inputs = recordings
         .iter()
-        .map(|path| detector::open_input(path, &options, &method.board, &arguments.output, arguments.json))
+        .map(|path| open_input(path, options, &method.board, folder.path(), progress))
         .collect::<Result<Vec<Input>, _>>()?;
     let pictures = match (arguments.frames_only, arguments.joint_frames) {
         (true, _) => PictureUse::Only,
@@ -128,22 +145,48 @@ pub fn calibrate_recordings(
         inputs: &inputs,
         board: &method.board,
         model: method.model,
-        sensor,
+        sensor: options.sensor,
         pictures,
         settings: &settings,
         command_line: &super::command_line(),
     };
-    let bar = spinner(arguments.json);
-    let calibrated = calibrate(&task, |message| bar.set_message(message.to_owned()))?;
+    let calibrated = calibrate(&task, progress)?;
     bar.set_message("writing results");
-    let written = write_folder(&arguments.output, &calibrated, &task)?;
+    let written = write_folder(folder, &calibrated, &task)?;
     bar.finish_and_clear();
     if arguments.json {
-        return print::line(written.json);
+        print::line(written.json)?;
+    } else {
+        print::line(written.summary)?;
+        if arguments.verbose {
+            print::line(format!("\n{}", written.stage_report))?;
+        }
+        print::line(format!("\nwritten to {}", folder.path().display()))?;
     }
-    print::line(written.summary)?;
-    if arguments.verbose {
-        print::line(format!("\n{}", written.stage_report))?;
+    match calibrated.verdict.grade {
+        Grade::NotGood if !arguments.accept_any => Err(NotGoodEnough.into()),
+        _ => Ok(()),
     }
-    print::line(format!("\nwritten to {}", arguments.output.display()))
+}
+
+/// Opens a recording, or listens to a serial port. What comes from a port is saved to `folder` unless its
+/// address says where, so that a calibration that fails can be tried again.
+fn open_input(
+    path: &Path,
+    options: &RecordingOptions,
+    board: &Board,
+    folder: &Path,
+    progress: impl FnMut(&str),
+) -> Result<Input, Box<dyn Error>> {
+    if !SerialAddress::is_address(path) {
+        return Ok(Input::open(path, options, board)?);
+    }
+    let mut address = serial_address(path)?;
+    address.save_into(folder);
+    Ok(Input::listen(&address, board, progress)?)
+}
+
+/// The port that `path` is the address of.
+pub(super) fn serial_address(path: &Path) -> Result<SerialAddress, UsageError> {
+    path.to_string_lossy().parse().map_err(|error: SerialError| UsageError(error.to_string()))
 }

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use evcal::recording::Recording;
-use evcal::recording::convert::{Target, TimeOrigin, convert};
+use evcal::recording::convert::{TimeOrigin, convert, output_of};
+use evcal::recording::encode::OutputFormat;
 
 use super::source_arguments::SourceArguments;
 use super::{print, progress};
@@ -11,7 +12,7 @@ use super::{print, progress};
 /// Arguments of `evcal convert`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recording: .dvraw, pcap, AEDAT4, text or EventCalib binary, told apart by its content
+    /// Recording of any format, told apart by its content
     #[arg(value_name = "IN")]
     input: PathBuf,
     /// File to write; one that is there already is left alone
@@ -19,7 +20,7 @@ pub struct Arguments {
     output: PathBuf,
     /// Format to write: dvraw, aedat4, csv or bin (EventCalib) [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT")]
-    to: Option<Target>,
+    to: Option<OutputFormat>,
     /// Count times from 1970, by the time at which the recording of a camera began
     #[arg(long)]
     unix_time: bool,
@@ -33,7 +34,7 @@ pub struct Arguments {
 /// Runs `evcal convert`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let (input, output) = (&arguments.input, &arguments.output);
-    let target = arguments.to.map_or_else(|| Target::from_extension(output), Ok)?;
+    let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
     let origin = if arguments.unix_time { TimeOrigin::Unix } else { TimeOrigin::Kept };
     let recording = Recording::new(input, arguments.source.options())?;
     let bar = progress::spinner(arguments.json);

@@ -1,22 +1,19 @@
 //! `evcal detect`.
 
-use evcal_core::sensor::Sensor;
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::PathBuf;
 
 use evcal::board::Board;
-use evcal::circles::reference_frame::UnorderedFrame;
-use evcal::circles::track::{self};
-use evcal::detection::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR};
-use evcal::recording::pass::read_recording;
-use evcal::recording::{Recording, RecordingOptions};
+use evcal::circles::serial::SerialAddress;
+use evcal::circles::stream::{self, CircleStream};
+use evcal::detection::search::{FoundCircles, SearchFor, search_events, search_stream, sensor_of};
+use evcal::recording::{Recording, RecordingKind, sniff};
 use evcal::report::drawing::circle_picture;
-use evcal::settings::{Extraction, Settings};
-use nalgebra::Vector2;
+use evcal::settings::Settings;
+use evcal_core::circle::Extraction;
 
 use super::progress::spinner;
-use super::{detector, print};
+use super::source_arguments::SourceArguments;
+use super::{UsageError, print};
 
 /// Arguments of `evcal detect`.
 #[derive(clap::Args)]
@@ -36,9 +33,8 @@ pub struct Arguments {
     /// Settings file (TOML)
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
-    /// Sensor size, where the recording does not tell it, for example 346x260
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
-    sensor: Option<Sensor>,
+    #[command(flatten)]
+    source: SourceArguments,
     /// Circle-track file to write (CSV)
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -52,87 +48,65 @@ pub struct Arguments {
 
 /// Runs `evcal detect`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    if let Some(stream) = detector::open_stream(&arguments.recording, arguments.json)? {
+    let wanted = match &arguments.board {
+        Some(board) => SearchFor::Board(board.pattern),
+        None => SearchFor::Circles(arguments.fewest),
+    };
+    if let Some(stream) = open_stream(arguments)? {
         if arguments.picture.is_some() {
-            return Err("a circle stream holds no events to paint: leave out --picture".into());
+            return Err(UsageError("a circle stream holds no events to paint: leave out --picture".to_owned()).into());
         }
-        let wanted = detector::Wanted {
-            board: arguments.board.as_ref(),
-            fewest: arguments.fewest,
-            sensor: arguments.sensor,
-            output: arguments.output.as_deref(),
-            json: arguments.json,
-        };
-        return detector::detect(stream, &wanted);
+        let found = search_stream(stream, arguments.source.sensor, wanted);
+        write(arguments, &found)?;
+        return tell(arguments, &found, format!("{} windows with circles came", found.report.windows), None);
     }
     let mut settings = arguments.settings.as_deref().map(Settings::read).transpose()?.unwrap_or_default();
     settings.detection.extraction = arguments.extraction.unwrap_or(settings.detection.extraction);
-    let options = RecordingOptions { sensor: arguments.sensor, ..RecordingOptions::default() };
-    let recording = Recording::new(&arguments.recording, options)?;
-    let file = arguments.recording.display();
-    let sensor = recording
-        .open()?
-        .information()
-        .sensor
-        .ok_or_else(|| format!("{file} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT"))?;
-    if sensor.width > LARGEST_SENSOR.width || sensor.height > LARGEST_SENSOR.height {
-        return Err(
-            format!("{file}: the sensor is larger than {} x {}", LARGEST_SENSOR.width, LARGEST_SENSOR.height).into()
-        );
-    }
+    let recording = Recording::new(&arguments.recording, arguments.source.options())?;
+    let sensor = sensor_of(&recording)?;
     let bar = spinner(arguments.json);
-    bar.set_message(format!("searching {file}"));
-    let mut stage = match &arguments.board {
-        Some(board) => DetectionStage::for_board(&settings.detection, sensor, board.pattern, 0),
-        None => DetectionStage::for_circles(&settings.detection, sensor, arguments.fewest),
-    };
-    let pass = read_recording(&recording, &mut |events| stage.push(events))?;
+    bar.set_message(format!("searching {}", arguments.recording.display()));
+    let found = search_events(&recording, sensor, wanted, &settings.detection)?;
     bar.finish_and_clear();
-    let origin = pass.first;
-    let notes = pass.to_report().notes;
-    let report = match &arguments.board {
-        Some(board) => {
-            let (frames, report) = stage.into_frames();
-            if let Some(path) = &arguments.output {
-                let mut output = BufWriter::new(create(path)?);
-                track::write(&mut output, &frames, &board.pattern, origin)?;
-            }
-            let fullest = frames.iter().rev().max_by_key(|frame| frame.circles.len());
-            if let (Some(path), Some(frame)) = (&arguments.picture, fullest) {
-                let circles: Vec<(Vector2<f64>, f64)> =
-                    frame.circles.iter().map(|circle| (circle.center, circle.radius.unwrap_or(1.0))).collect();
-                circle_picture(frame.events().unwrap_or_default(), &circles, sensor).write_png(path)?;
-            }
-            report
-        }
-        None => {
-            let (windows, report) = stage.into_circles();
-            if let Some(path) = &arguments.output {
-                let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
-                track::write_unordered(&mut BufWriter::new(create(path)?), &frames, origin)?;
-            }
-            let fullest = windows.iter().rev().max_by_key(|window| window.circles.len());
-            if let (Some(path), Some(window)) = (&arguments.picture, fullest) {
-                circle_picture(&window.pixels, &window.circles, sensor).write_png(path)?;
-            }
-            report
-        }
-    };
-    tell(arguments, &report, &notes)
+    write(arguments, &found)?;
+    if let (Some(path), Some(best)) = (&arguments.picture, found.best_window()) {
+        circle_picture(best.pixels, &best.circles, sensor).write_png(path)?;
+    }
+    let report = &found.report;
+    let tried = format!("{} events, {} windows tried", report.events, report.windows);
+    let idle = format!("{} windows had too few events to be tried", report.too_few_events);
+    tell(arguments, &found, tried, Some(idle))
 }
 
-fn create(path: &PathBuf) -> Result<File, String> {
-    File::create(path).map_err(|error| format!("{}: {error}", path.display()))
+/// The circle stream that the recording is, or that comes from its serial port.
+fn open_stream(arguments: &Arguments) -> Result<Option<CircleStream>, Box<dyn std::error::Error>> {
+    let path = &arguments.recording;
+    if SerialAddress::is_address(path) {
+        let address = super::calibrate::serial_address(path)?;
+        let bar = spinner(arguments.json);
+        let stream = address.receive(|message| bar.set_message(message.to_owned()));
+        bar.finish_and_clear();
+        return Ok(Some(stream?));
+    }
+    match sniff(path)? {
+        RecordingKind::CircleStream => Ok(Some(stream::read(path)?)),
+        _ => Ok(None),
+    }
 }
 
-fn tell(arguments: &Arguments, report: &DetectionReport, notes: &[String]) -> super::Outcome {
+fn write(arguments: &Arguments, found: &FoundCircles) -> super::Outcome {
+    Ok(arguments.output.as_deref().map_or(Ok(()), |path| found.write_track(path))?)
+}
+
+fn tell(arguments: &Arguments, found: &FoundCircles, tried: String, idle: Option<String>) -> super::Outcome {
+    let report = &found.report;
     if arguments.json {
         return print::line(serde_json::to_string_pretty(report)?);
     }
-    let found = if arguments.board.is_some() { "held the board" } else { "held enough circles" };
-    let mut text: String = notes.iter().map(|note| format!("note: {note}\n")).collect();
-    text += &format!("{} events, {} windows tried, {} {found}\n", report.events, report.windows, report.found);
-    text += &format!("{} windows had too few events to be tried\n", report.too_few_events);
+    let kind = if arguments.board.is_some() { "held the board" } else { "held enough circles" };
+    let mut text: String = found.notes.iter().map(|note| format!("note: {note}\n")).collect();
+    text += &format!("{tried}, {} {kind}\n", report.found);
+    text.extend(idle.map(|idle| idle + "\n"));
     for (reason, count) in &report.grids_refused {
         text += &format!("{count} windows refused: {reason}\n");
     }

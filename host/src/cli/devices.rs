@@ -1,9 +1,19 @@
 //! `evcal devices`.
 
 use serde_json::json;
-use usb_davis::device::{Availability, DeviceError, Listing, list};
+use usb_davis::device::{Availability, DeviceError, Listing, UDEV_RULE, UDEV_RULE_FILE, list};
 
 use super::print;
+
+/// What to look at when there is no camera.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{}\n  evcal works with the DAVIS346; lsusb should show a line with 152a:841a\n  \
+     if it does and evcal sees none: put this line into {UDEV_RULE_FILE}, then plug the camera in again:\n  {UDEV_RULE}\n  \
+     recordings of other cameras are calibrated from their files: evcal calibrate --help",
+    DeviceError::NotFound { wanted: String::new() }
+)]
+struct NoCamera;
 
 /// Arguments of `evcal devices`.
 #[derive(clap::Args)]
@@ -29,7 +39,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         Availability::Unavailable(error) => Some(error),
         Availability::Ready { .. } => None,
     });
-    Err(unavailable.unwrap_or(DeviceError::NotFound { wanted: String::new() }).into())
+    Err(unavailable.map_or_else(|| NoCamera.into(), Into::into))
 }
 
 fn as_text(camera: &Listing) -> String {

@@ -1,32 +1,25 @@
 //! `evcal evaluate`.
 
-use std::error::Error;
-use std::fs::File;
-use std::io::BufReader;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use evcal::evaluate::intrinsics::{IntrinsicsComparison, compare_intrinsics};
-use evcal::evaluate::trajectory_error::{AbsoluteTrajectoryError, Association, best_time_shift, trajectory_error};
-use evcal::lens::camera_file;
-use evcal::lens::projection_difference::{ProjectionDifference, projection_difference};
-use evcal::trajectory::timed_pose::TimedPose;
-use evcal::trajectory::tum;
+use evcal::evaluate::comparison::{
+    CompareError, ComparedFiles, Comparison, TRAJECTORY_FILE, TrajectoryComparison, compare,
+};
+use evcal::evaluate::intrinsics::IntrinsicsComparison;
+use evcal::evaluate::trajectory_error::AbsoluteTrajectoryError;
+use evcal::lens::projection_difference::ProjectionDifference;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
 use super::{UsageError, print, value};
 
-/// The camera of a directory: the first of these files that it holds.
-const CAMERA_FILES: [&str; 2] = ["calibration.json", "truth.json"];
-const TRAJECTORY_FILE: &str = "trajectory.txt";
-
 /// Arguments of `evcal evaluate`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The calibration: calibration.json, truth.json or a directory that holds one of them
+    /// The calibration: calibration.json, truth.json or the folder that holds one of them
     #[arg(value_name = "CALIBRATION")]
     calibration: PathBuf,
-    /// What to compare it with: the truth or another calibration, file or directory
+    /// What to compare it with: the truth or another calibration, file or folder
     #[arg(long, value_name = "FILE|DIR")]
     truth: PathBuf,
     /// Estimated trajectory (TUM) [default: trajectory.txt beside the calibration, if it is there]
@@ -46,102 +39,40 @@ pub struct Arguments {
     verbose: bool,
 }
 
-/// The figures of a trajectory.
-struct TrajectoryFigures {
-    estimate: PathBuf,
-    truth: PathBuf,
-    /// With the times as they are.
-    direct: AbsoluteTrajectoryError,
-    /// With the times of the estimate shifted to fit best; `None` where too little is left.
-    shifted: Option<AbsoluteTrajectoryError>,
-}
-
 /// Runs `evcal evaluate`.
-pub fn run(arguments: &Arguments) -> super::Outcome {
-    let calibration_file = camera_path(&arguments.calibration);
-    let truth_file = camera_path(&arguments.truth);
-    let (calibration, sensor) = camera_file::read(&calibration_file)?;
-    let (truth, true_sensor) = camera_file::read(&truth_file)?;
-    if sensor != true_sensor {
-        return Err(format!(
-            "{} is for a sensor of {}x{} pixels, {} for one of {}x{}: they cannot be compared",
-            calibration_file.display(),
-            sensor.width,
-            sensor.height,
-            truth_file.display(),
-            true_sensor.width,
-            true_sensor.height
-        )
-        .into());
-    }
-    let intrinsics = compare_intrinsics(&truth, &calibration);
-    let projection = projection_difference(&truth, &calibration, sensor)?;
-    let trajectory = match trajectories(arguments, &calibration_file, &truth_file)? {
-        Some((estimate, truth)) => Some(compare_trajectories(estimate, truth, arguments.time_shift)?),
-        None => None,
+pub fn run(arguments: Arguments) -> super::Outcome {
+    let Arguments { json, verbose, .. } = arguments;
+    let files = ComparedFiles {
+        calibration: arguments.calibration,
+        truth: arguments.truth,
+        trajectory: arguments.trajectory,
+        true_trajectory: arguments.true_trajectory,
+        time_shift: arguments.time_shift,
     };
-    if arguments.json {
+    let comparison = match compare(&files) {
+        Err(error @ CompareError::NoTrajectory { .. }) => return Err(UsageError(error.to_string()).into()),
+        comparison => comparison?,
+    };
+    let Comparison { calibration, truth, intrinsics, projection, trajectory } = &comparison;
+    if json {
         return print::json(&json!({
-            "calibration": calibration_file,
-            "truth": truth_file,
-            "intrinsics": intrinsics_json(&intrinsics),
-            "projection_difference": projection_json(&projection, arguments.verbose),
+            "calibration": calibration,
+            "truth": truth,
+            "intrinsics": intrinsics_json(intrinsics),
+            "projection_difference": projection_json(projection, verbose),
             "trajectory": trajectory.as_ref().map(trajectory_json),
         }));
     }
-    print::line(format!("first {}\nsecond {}\n{intrinsics}\n", truth_file.display(), calibration_file.display()))?;
-    print::line(&projection)?;
+    print::line(format!("first {}\nsecond {}\n{intrinsics}\n", truth.display(), calibration.display()))?;
+    print::line(projection)?;
     match trajectory {
-        Some(figures) => print_trajectory(&figures, arguments.verbose),
-        None => print::line("\nno trajectories to compare: trajectory.txt is not beside both files"),
+        Some(figures) => print_trajectory(figures, verbose),
+        None => print::line(format!("\nno trajectories to compare: {TRAJECTORY_FILE} is not beside both files")),
     }
 }
 
-/// The file itself, or the camera file of a directory.
-fn camera_path(path: &Path) -> PathBuf {
-    if !path.is_dir() {
-        return path.to_owned();
-    }
-    let candidates = CAMERA_FILES.map(|name| path.join(name));
-    let found = candidates.iter().find(|candidate| candidate.exists()).or(candidates.first());
-    found.cloned().unwrap_or_else(|| path.to_owned())
-}
-
-/// The estimated and the true trajectory file; `None` when none was asked for and not both are there.
-fn trajectories(
-    arguments: &Arguments,
-    calibration: &Path,
-    truth: &Path,
-) -> Result<Option<(PathBuf, PathBuf)>, UsageError> {
-    let beside = |file: &Path| Some(file.with_file_name(TRAJECTORY_FILE)).filter(|path| path.exists());
-    let estimate = arguments.trajectory.clone().or_else(|| beside(calibration));
-    let real = arguments.true_trajectory.clone().or_else(|| beside(truth));
-    let missing = |option: &str, file: &Path| {
-        UsageError(format!("there is no {TRAJECTORY_FILE} beside {}: give {option} too", file.display()))
-    };
-    match (estimate, real) {
-        (Some(estimate), Some(real)) => Ok(Some((estimate, real))),
-        (Some(_), None) if arguments.trajectory.is_some() => Err(missing("--true-trajectory", truth)),
-        (None, Some(_)) if arguments.true_trajectory.is_some() => Err(missing("--trajectory", calibration)),
-        _ => Ok(None),
-    }
-}
-
-fn read_trajectory(path: &Path) -> Result<Vec<TimedPose>, Box<dyn Error>> {
-    let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
-    Ok(tum::read(BufReader::new(file)).map_err(|error| format!("{}: {error}", path.display()))?)
-}
-
-fn compare_trajectories(estimate: PathBuf, truth: PathBuf, range: f64) -> Result<TrajectoryFigures, Box<dyn Error>> {
-    let (estimated, real) = (read_trajectory(&estimate)?, read_trajectory(&truth)?);
-    let error = |shift| trajectory_error(&real, &estimated, Association::Interpolated, shift);
-    let direct = error(0.0).map_err(|few| format!("{} and {}: {few}", estimate.display(), truth.display()))?;
-    let shifted = best_time_shift(&real, &estimated, range).and_then(|shift| error(shift).ok());
-    Ok(TrajectoryFigures { estimate, truth, direct, shifted })
-}
-
-fn print_trajectory(figures: &TrajectoryFigures, verbose: bool) -> super::Outcome {
-    let TrajectoryFigures { estimate, truth, direct, shifted } = figures;
+fn print_trajectory(figures: &TrajectoryComparison, verbose: bool) -> super::Outcome {
+    let TrajectoryComparison { estimate, truth, direct, shifted } = figures;
     print::line(format!("\ntrajectory {} against {}", estimate.display(), truth.display()))?;
     if verbose {
         print::line(direct)?;
@@ -187,7 +118,7 @@ fn projection_json(projection: &ProjectionDifference, verbose: bool) -> Value {
     })
 }
 
-fn trajectory_json(figures: &TrajectoryFigures) -> Value {
+fn trajectory_json(figures: &TrajectoryComparison) -> Value {
     let error = |error: &AbsoluteTrajectoryError| {
         json!({
             "time_shift_s": error.time_shift,

@@ -1,20 +1,20 @@
 //! `evcal export`.
 
 use std::error::Error;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::builder::PossibleValuesParser;
 use evcal::export;
 use evcal::export::FORMATS;
 use evcal::export::content::Exported;
-use evcal::export::undistortion_table::{ExportedTable, fit_table, table};
+use evcal::export::undistortion_table::{ExportedTable, fit_table, ideal_of, table};
+use evcal::files;
+use evcal::files::folder::OutputFolder;
 use evcal::lens::nearest::Replacement;
 use evcal::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, UNNAMED};
-use evcal_core::camera::Camera;
 use evcal_core::undistortion::IdealCamera;
 
-use super::{UsageError, print};
+use super::{UsageError, print, value};
 
 /// Name that stands for every format.
 const ALL: &str = "all";
@@ -26,7 +26,8 @@ type Writer = fn(&ExportedTable) -> String;
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("outputs").required(true).multiple(true))]
 pub struct Arguments {
-    /// The calibration: calibration.json, or truth.json of a simulation
+    /// The calibration: its folder or calibration.json, or truth.json of a simulation
+    #[arg(value_name = "FILE|DIR")]
     calibration: PathBuf,
     /// Write the camera as another program reads it
     #[arg(long, value_name = "NAME", group = "outputs", value_parser = format_names())]
@@ -57,15 +58,15 @@ struct TableArguments {
     #[arg(long, value_name = "FILE", group = "outputs")]
     c_header: Option<PathBuf>,
     /// Largest error of the look-up in pixels; the coarsest table that keeps it is written
-    #[arg(long, value_name = "PIXELS", default_value_t = 0.05)]
+    #[arg(long, value_name = "PIXELS", default_value = "0.05", value_parser = value::number(1e-6..=100.0, " pixels"))]
     max_error: f64,
     /// Number of nodes of the look-up, instead of an error to keep
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = nodes, conflicts_with = "max_error")]
     nodes: Option<[u16; 2]>,
     /// Camera that undistorted pixels belong to: fx,fy,cx,cy in pixels; 1,1,0,0 gives X/Z and Y/Z
     /// [default: that of the calibration]
-    #[arg(long, value_name = "NUMBERS", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
-    ideal: Option<Vec<f64>>,
+    #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, value_parser = ideal_camera)]
+    ideal: Option<IdealCamera<f64>>,
 }
 
 /// The formats, and `all` of them.
@@ -133,11 +134,11 @@ fn write_formats(
     let Some(format) = export::from_name(name) else {
         let folder = arguments.output.as_deref();
         let folder = folder.ok_or_else(|| UsageError("--format all takes a folder: add -o DIR".to_owned()))?;
-        fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+        let folder = OutputFolder::open(folder)?;
         for format in FORMATS {
             match format.export(calibrated) {
                 Ok(exported) => {
-                    let path = folder.join(format.file);
+                    let path = folder.path().join(format.file);
                     write_file(arguments, &path, &exported, written)?;
                     refit_report(format.name, exported.refit);
                 }
@@ -165,7 +166,7 @@ fn write_formats(
 }
 
 fn write_file(arguments: &Arguments, path: &Path, exported: &Exported, written: &mut Vec<PathBuf>) -> super::Outcome {
-    fs::write(path, &exported.text).map_err(|error| format!("{}: {error}", path.display()))?;
+    files::write(path, exported.text.as_bytes())?;
     written.push(path.to_owned());
     if arguments.json {
         return Ok(());
@@ -183,10 +184,7 @@ fn write_tables(
 ) -> super::Outcome {
     let options = &arguments.table;
     let CalibratedCamera { camera, sensor, .. } = calibrated;
-    if !(options.max_error.is_finite() && options.max_error > 0.0) {
-        return Err(UsageError("--max-error must be a number of pixels above 0".to_owned()).into());
-    }
-    let ideal = ideal_camera(options, camera)?;
+    let ideal = options.ideal.unwrap_or_else(|| ideal_of(camera));
     let exported = match options.nodes {
         Some(size) => table(camera, &ideal, *sensor, size)?,
         None => fit_table(camera, &ideal, *sensor, options.max_error)?,
@@ -197,7 +195,7 @@ fn write_tables(
     ];
     for (path, text) in outputs {
         if let Some(path) = path {
-            fs::write(path, text(&exported)).map_err(|error| format!("{}: {error}", path.display()))?;
+            files::write(path, text(&exported).as_bytes())?;
             written.push(path.clone());
             if !arguments.json {
                 print::line(format!("written to {}", path.display()))?;
@@ -229,11 +227,12 @@ fn write_tables(
     Ok(())
 }
 
-fn ideal_camera(options: &TableArguments, camera: &Camera<f64>) -> Result<IdealCamera<f64>, UsageError> {
-    let wrong = || UsageError("--ideal takes fx,fy,cx,cy, finite, with positive focal lengths".to_owned());
-    let parameters = camera.parameters();
-    let given = options.ideal.as_deref().unwrap_or(parameters.get(..4).unwrap_or_default());
-    let &[fx, fy, cx, cy] = given else { return Err(wrong()) };
-    let good = [fx, fy, cx, cy].iter().all(|value| value.is_finite()) && fx > 0.0 && fy > 0.0;
-    good.then_some(IdealCamera { fx, fy, cx, cy }).ok_or_else(wrong)
+/// Reads fx,fy,cx,cy.
+fn ideal_camera(text: &str) -> Result<IdealCamera<f64>, &'static str> {
+    let wrong = "write fx,fy,cx,cy, finite, with positive focal lengths";
+    let numbers: Vec<f64> =
+        text.split(',').map(|number| number.trim().parse().map_err(|_| wrong)).collect::<Result<_, _>>()?;
+    let &[fx, fy, cx, cy] = numbers.as_slice() else { return Err(wrong) };
+    let good = numbers.iter().all(|value| value.is_finite()) && fx > 0.0 && fy > 0.0;
+    good.then_some(IdealCamera { fx, fy, cx, cy }).ok_or(wrong)
 }

@@ -11,7 +11,7 @@ use super::source_arguments::SourceArguments;
 /// Arguments of `evcal info`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recordings: .dvraw, pcap, AEDAT4, text or EventCalib binary, told apart by their content
+    /// Recordings of any format, told apart by their content
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]

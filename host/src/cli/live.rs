@@ -1,16 +1,15 @@
 //! `evcal live`.
 
-use std::fs;
 use std::io::IsTerminal;
-use std::ops::ControlFlow;
 
-use evcal::live::recorder::{Moment, RecordingStatus, record};
-use evcal::live::{Seen, Tilt, Watcher};
+use evcal::live::recorder::RecordingStatus;
+use evcal::live::{Seen, Tilt, Watcher, record_board};
+use evcal::recording::RecordingOptions;
 
 use super::calibrate::{CalibrationArguments, calibrate_recordings};
 use super::camera_arguments::CameraArguments;
 use super::interrupt::Interrupt;
-use super::{print, progress, record as recording};
+use super::{NotGoodEnough, print, progress, record as recording};
 
 /// Name of the recording in the folder of the results.
 const RECORDING: &str = "recording.dvraw";
@@ -27,34 +26,32 @@ pub struct Arguments {
 /// Runs `evcal live`: records while it looks for the board, then calibrates from the recording as
 /// `evcal calibrate` does.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    let CalibrationArguments { method, output, json, .. } = &arguments.calibration;
+    let CalibrationArguments { method, json, .. } = &arguments.calibration;
     let board = &method.board;
     let settings = method.settings()?;
     let interrupt = Interrupt::catch()?;
+    let folder = arguments.calibration.open_folder()?;
     let mut camera = arguments.camera.open()?;
-    fs::create_dir_all(output).map_err(|error| format!("{}: {error}", output.display()))?;
-    let path = output.join(RECORDING);
-    let mut watcher = Watcher::start(&settings, board, &camera.header());
+    let path = folder.path().join(RECORDING);
+    let mut watcher = Watcher::start(&settings.detection, &settings.live, board, &camera.header());
     let bar = progress::spinner(*json);
     let lines = !*json && !std::io::stderr().is_terminal();
     let mut printed = Ok(());
-    let mut enough = false;
-    let report = record(&mut camera, &path, &arguments.camera.plan(), |moment| {
-        match moment {
-            Moment::Transfer(transfer) => watcher.take(transfer),
-            Moment::Status(status) => {
-                let seen = watcher.seen();
-                enough = seen.coverage.missing().is_empty();
-                let text = as_text(status, &seen);
-                if lines && printed.is_ok() {
-                    printed = print::line(&text);
-                }
-                bar.set_message(text);
+    let plan = arguments.camera.plan();
+    let report = record_board(
+        &mut camera,
+        &path,
+        &plan,
+        &mut watcher,
+        || interrupt.is_asked(),
+        |status, seen| {
+            let text = as_text(status, seen);
+            if lines && printed.is_ok() {
+                printed = print::line(&text);
             }
-            Moment::Silence => {}
-        }
-        if enough || interrupt.is_asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    })?;
+            bar.set_message(text);
+        },
+    )?;
     interrupt.release();
     bar.finish_and_clear();
     printed?;
@@ -67,9 +64,12 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         }
     }
     drop(camera);
-    let calibrated = calibrate_recordings(&[path], None, &arguments.calibration);
+    let calibrated = calibrate_recordings(&[path], &RecordingOptions::default(), &arguments.calibration, &folder);
     // That the camera was unplugged does not keep what it sent from being used.
-    calibrated.and(recording::good_end(&report))
+    match calibrated {
+        Err(error) if !error.is::<NotGoodEnough>() => Err(error),
+        calibrated => recording::good_end(&report).and(calibrated),
+    }
 }
 
 /// One line: how the recording goes, and what was seen of the board.

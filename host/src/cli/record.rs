@@ -14,13 +14,25 @@ use super::{print, progress};
 #[derive(clap::Args)]
 pub struct Arguments {
     /// File to write, .dvraw; one that is there already is left alone
-    #[arg(value_name = "OUT.dvraw")]
+    #[arg(value_name = "OUT.dvraw", value_parser = dvraw)]
     output: PathBuf,
     #[command(flatten)]
     camera: CameraArguments,
     /// Print the statistics as JSON
     #[arg(long)]
     json: bool,
+}
+
+/// Only what the ending promises is written.
+fn dvraw(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("dvraw")) {
+        true => Ok(path),
+        false => Err(format!(
+            "a camera is recorded as .dvraw: write {}, then make other formats of it with evcal convert",
+            path.with_extension("dvraw").display()
+        )),
+    }
 }
 
 /// Runs `evcal record`.

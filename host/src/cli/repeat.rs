@@ -1,30 +1,29 @@
 //! `evcal repeat`.
 
-use evcal_core::sensor::Sensor;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use evcal::calibrate::repeat::{RepeatSettings, Repetition, repeat};
 use evcal::calibrate::{PictureUse, Task};
-use evcal::recording::{Recording, RecordingOptions};
+use evcal::recording::Recording;
 
 use super::calibrate::MethodArguments;
 use super::progress::spinner;
-use super::{UsageError, print, value};
+use super::source_arguments::SourceArguments;
+use super::{print, value};
 
 /// Arguments of `evcal repeat`.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// A recording of events
     recording: PathBuf,
-    /// Sensor size, where the recording does not tell it, for example 346x260
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = super::sensor)]
-    sensor: Option<Sensor>,
+    #[command(flatten)]
+    source: SourceArguments,
     #[command(flatten)]
     method: MethodArguments,
     /// Number of parts
-    #[arg(long, value_name = "COUNT", default_value_t = 10)]
-    runs: usize,
+    #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u16).range(2..))]
+    runs: u16,
     /// Length of each part in seconds
     #[arg(long, value_name = "TIME", default_value = "4s", value_parser = value::seconds)]
     seconds: f64,
@@ -38,16 +37,14 @@ pub struct Arguments {
 
 /// Runs `evcal repeat`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    if arguments.runs < 2 || arguments.seconds <= 0.0 {
-        return Err(UsageError("--runs must be at least 2, and --seconds above 0".to_owned()).into());
-    }
     let settings = arguments.method.settings()?;
-    let sensor = arguments.sensor;
-    let recording = Recording::new(&arguments.recording, RecordingOptions { sensor, ..RecordingOptions::default() })?;
+    let options = arguments.source.options();
+    let sensor = options.sensor;
+    let recording = Recording::new(&arguments.recording, options)?;
     let (board, model) = (&arguments.method.board, arguments.method.model);
     let task =
         Task { inputs: &[], board, model, sensor, pictures: PictureUse::Ignore, settings: &settings, command_line: "" };
-    let parts = RepeatSettings { runs: arguments.runs, seconds: arguments.seconds, seed: arguments.seed };
+    let parts = RepeatSettings { runs: arguments.runs.into(), seconds: arguments.seconds, seed: arguments.seed };
     let bar = spinner(arguments.json);
     let repetition = repeat(&recording, &task, &parts, |run| {
         bar.set_message(format!("part {} of {}", run + 1, arguments.runs));

@@ -3,14 +3,16 @@
 use evcal::recording::{Columns, Damage, RecordingOptions, TimeUnit};
 use evcal_core::sensor::Sensor;
 
+use usb_davis::capture::DeviceAddress;
+
 use super::value;
 
 /// Options of every subcommand that reads a recording.
 #[derive(clap::Args)]
 pub struct SourceArguments {
-    /// Size of the sensor in pixels, instead of what the file says
+    /// Size of the sensor in pixels, instead of what the file says, for example 346x260
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = value::sensor)]
-    sensor: Option<Sensor>,
+    pub sensor: Option<Sensor>,
     /// Columns of a text file, such as x,y,p,t; - for one to leave out
     #[arg(long, value_name = "NAMES", allow_hyphen_values = true)]
     columns: Option<Columns>,
@@ -20,6 +22,10 @@ pub struct SourceArguments {
     /// Name or number of the event stream to read [default: the first]
     #[arg(long, value_name = "STREAM")]
     stream: Option<String>,
+    /// Which device of a USB capture is the camera, by the numbers of bus and device [default: the only one
+    /// that may be]
+    #[arg(long, value_name = "BUS.DEVICE")]
+    device: Option<DeviceAddress>,
     /// Leave out damaged packets instead of stopping there
     #[arg(long)]
     skip_damaged: bool,
@@ -33,6 +39,7 @@ impl SourceArguments {
             sensor: self.sensor,
             columns: self.columns.clone(),
             time_unit: self.time_unit,
+            device: self.device,
             damage: if self.skip_damaged { Damage::Skip } else { Damage::Refuse },
         }
     }

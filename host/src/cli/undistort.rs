@@ -1,26 +1,22 @@
 //! `evcal undistort`.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use evcal::lens::camera_file::{self, CameraDescription, CameraFile};
-use evcal::recording::Recording;
-use evcal::recording::convert::Target;
-use evcal::undistort::PixelMap;
-use evcal::undistort::picture::undistort_picture;
+use evcal::lens::camera_file::{self, CameraDescription};
+use evcal::recording::convert::output_of;
+use evcal::recording::encode::OutputFormat;
+use evcal::undistort::picture::{is_picture, is_single, undistort_pictures};
 use evcal::undistort::recording::{
-    Maps, UndistortionReport, undistort_frames, undistort_recording, undistort_sub_pixel,
+    Maps, UndistortionReport, camera_path_beside, open_recording, undistort_frames, undistort_recording,
+    undistort_sub_pixel, write_camera,
 };
 use evcal::undistort::sub_pixel::SubPixelFormat;
-use evcal::undistort::target::{TargetProjection, optimal_matrix, same_matrix};
+use evcal::undistort::target::{TargetProjection, target_camera};
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 
 use super::source_arguments::SourceArguments;
-use super::{UsageError, print, progress};
-
-/// Extensions of pictures.
-const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];
+use super::{UsageError, print, progress, value};
 
 /// Arguments of `evcal undistort`.
 #[derive(clap::Args)]
@@ -28,25 +24,29 @@ pub struct Arguments {
     /// A recording, or pictures of the calibrated sensor (PNG or JPEG)
     #[arg(required = true, value_name = "IN")]
     inputs: Vec<PathBuf>,
-    /// The calibration: calibration.json, or truth.json of a simulation
-    #[arg(short, long, value_name = "FILE")]
+    /// The calibration: its folder or calibration.json, or truth.json of a simulation
+    #[arg(short, long, value_name = "FILE|DIR")]
     calibration: PathBuf,
     /// Recording or PNG to write; for several pictures, a folder
     #[arg(short, long, value_name = "OUT", required_unless_present = "frames")]
     output: Option<PathBuf>,
     /// How the camera without distortion projects: pinhole, or equidistant for lenses that see too much for that
-    #[arg(long, default_value = "pinhole", value_parser = projection)]
+    #[arg(
+        long,
+        default_value = TargetProjection::Pinhole.name(),
+        value_parser = value::named(TargetProjection::ALL, TargetProjection::name, TargetProjection::description)
+    )]
     model: TargetProjection,
     /// Part of the image kept, from 0 (no black corners) to 1 (all of it), as in OpenCV's
     /// getOptimalNewCameraMatrix [default: the camera matrix stays]
-    #[arg(long, value_name = "0..1")]
+    #[arg(long, value_name = "0..1", value_parser = value::number(0.0..=1.0, ""))]
     alpha: Option<f64>,
     /// Keep the fractions of pixels: OUT is .csv, .txt or .bin (EventCalib)
     #[arg(long)]
     subpixel: bool,
     /// Format of the recording to write: dvraw, aedat4, csv or bin [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT", conflicts_with = "subpixel")]
-    to: Option<Target>,
+    to: Option<OutputFormat>,
     /// Write the frames of the recording as PNG into this folder
     #[arg(long, value_name = "DIR")]
     frames: Option<PathBuf>,
@@ -57,44 +57,21 @@ pub struct Arguments {
     json: bool,
 }
 
-fn projection(text: &str) -> Result<TargetProjection, &'static str> {
-    match text {
-        "pinhole" => Ok(TargetProjection::Pinhole),
-        "equidistant" => Ok(TargetProjection::Equidistant),
-        _ => Err("write pinhole or equidistant"),
-    }
-}
-
-fn is_picture(path: &Path) -> bool {
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-    extension.is_some_and(|extension| PICTURES.contains(&extension.as_str()))
-}
-
 /// Runs `evcal undistort`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let (camera, sensor) = camera_file::read(&arguments.calibration)?;
-    let new = match arguments.alpha {
-        Some(alpha) if !(0.0..=1.0).contains(&alpha) => {
-            return Err(UsageError("--alpha must be from 0 to 1".to_owned()).into());
-        }
-        Some(alpha) => optimal_matrix(&camera, arguments.model, sensor, alpha)?,
-        None => same_matrix(&camera, arguments.model)?,
-    };
-    let maps = Maps { forth: PixelMap::new(&camera, &new, sensor), back: PixelMap::new(&new, &camera, sensor) };
+    let new = target_camera(&camera, arguments.model, sensor, arguments.alpha)?;
+    let maps = Maps::new(&camera, &new, sensor);
     let pictures = arguments.inputs.iter().filter(|path| is_picture(path)).count();
     match (arguments.inputs.as_slice(), pictures) {
         ([recording], 0) => undistort_one(arguments, recording, &maps, &new, sensor),
-        (inputs, count) if inputs.len() == count => undistort_pictures(arguments, &maps, &new, sensor),
+        (inputs, count) if inputs.len() == count => undistort_several(arguments, &maps, &new, sensor),
         _ => Err(UsageError("give one recording, or pictures only".to_owned()).into()),
     }
 }
 
 fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
-    let mut options = arguments.source.options();
-    // A recording that does not know its sensor is one of the calibrated sensor.
-    options.sensor = options.sensor.or(Recording::new(path, options.clone())?.open()?.information().sensor);
-    options.sensor = options.sensor.or(Some(sensor));
-    let recording = Recording::new(path, options)?;
+    let recording = open_recording(path, arguments.source.options(), sensor)?;
     let bar = progress::spinner(arguments.json);
     let tell = |events| bar.set_message(format!("{events} events"));
     let mut report = None;
@@ -102,10 +79,10 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
         let done = if arguments.subpixel {
             undistort_sub_pixel(&recording, output, SubPixelFormat::from_extension(output)?, maps, tell)?
         } else {
-            let target = arguments.to.map_or_else(|| Target::from_extension(output), Ok)?;
+            let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
             undistort_recording(&recording, output, target, maps, tell)?
         };
-        write_camera(&beside(output), new, sensor)?;
+        write_camera(&camera_path_beside(output), new, sensor)?;
         report = Some((output, done));
     }
     let mut frames = None;
@@ -125,7 +102,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
         if let Some((output, UndistortionReport { events_outside, conversion })) = &report {
             print::line(format!("{}: {conversion}", output.display()))?;
             print::line(format!("{events_outside} events were beyond the new image and are left out"))?;
-            print::line(format!("the camera is in {}", beside(output).display()))?;
+            print::line(format!("the camera is in {}", camera_path_beside(output).display()))?;
         }
         if let Some((folder, count)) = frames {
             print::line(format!("{}: {count} pictures, and the camera in camera.json", folder.display()))?;
@@ -140,30 +117,14 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
     }
 }
 
-fn undistort_pictures(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
+fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     let for_recordings = arguments.subpixel || arguments.to.is_some() || arguments.frames.is_some();
     let Some(output) = arguments.output.as_ref().filter(|_| !for_recordings) else {
         return Err(UsageError("--subpixel, --to and --frames are for recordings; pictures take -o".to_owned()).into());
     };
-    let is_png = output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
-    let single = arguments.inputs.len() == 1 && is_png;
-    if !single {
-        fs::create_dir_all(output).map_err(|error| format!("{}: {error}", output.display()))?;
-    }
-    let mut written = Vec::new();
-    for input in &arguments.inputs {
-        let name = Path::new(input.file_name().unwrap_or_default()).with_extension("png");
-        let path = if single { output.clone() } else { output.join(name) };
-        if path.exists() {
-            return Err(
-                format!("{} is there already and is not overwritten: choose another name", path.display()).into()
-            );
-        }
-        let picture = undistort_picture(input, &maps.back)?;
-        picture.write_png(&path).map_err(|error| format!("{}: {error}", path.display()))?;
-        written.push(path);
-    }
-    let camera = if single { beside(output) } else { output.join("camera.json") };
+    let written = undistort_pictures(&arguments.inputs, output, &maps.back)?;
+    let single = is_single(&arguments.inputs, output);
+    let camera = if single { camera_path_beside(output) } else { output.join("camera.json") };
     write_camera(&camera, new, sensor)?;
     if arguments.json {
         return print::json(&serde_json::json!({ "camera": CameraDescription::new(new), "written": written }));
@@ -173,17 +134,6 @@ fn undistort_pictures(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sen
         print::line(format!("written to {}", path.display()))?;
     }
     print::line(format!("the camera is in {}", camera.display()))
-}
-
-/// Where the camera of an output is written: `events.csv` has `events.camera.json`.
-fn beside(output: &Path) -> PathBuf {
-    output.with_extension("camera.json")
-}
-
-fn write_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> super::Outcome {
-    let text = serde_json::to_string_pretty(&CameraFile { sensor, camera: CameraDescription::new(camera) })?;
-    fs::write(path, text).map_err(|error| format!("{}: {error}", path.display()))?;
-    Ok(())
 }
 
 fn describe(camera: &Camera<f64>) -> String {

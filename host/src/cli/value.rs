@@ -1,20 +1,101 @@
 //! Values that several subcommands take.
 
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use std::ffi::OsStr;
+use std::ops::RangeInclusive;
+
+use clap::builder::{PossibleValue, PossibleValuesParser, StringValueParser, TypedValueParser};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use evcal::initial::model_choice::ModelRequest;
 use evcal::recording::MAX_SENSOR_SIZE;
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 
+/// What other programs call a camera model, and which one it is here.
+const OTHER_NAMES: &[(&str, &str)] = &[
+    ("pinhole", "a pinhole with distortion is radtan (k1 k2 p1 p2 k3, as OpenCV), radtan4 (Kalibr's pinhole-radtan)"),
+    ("fisheye", "OpenCV's fisheye is kannala-brandt"),
+    ("equidistant", "equidistant (ROS, Kalibr) is kannala-brandt"),
+    ("equi", "equidistant (ROS, Kalibr) is kannala-brandt"),
+    ("pinhole-equi", "Kalibr's pinhole-equi is kannala-brandt"),
+    ("kb4", "basalt's kb4 is kannala-brandt"),
+    ("kb", "that is kannala-brandt"),
+    ("pinhole-radtan", "Kalibr's pinhole-radtan is radtan4"),
+    ("plumb_bob", "ROS's plumb_bob is radtan"),
+    ("brown", "Brown-Conrady is radtan"),
+    ("brown-conrady", "Brown-Conrady is radtan"),
+    ("opencv", "OpenCV's model of five coefficients is radtan, that of eight radtan8, its fisheye kannala-brandt"),
+    ("rational", "the rational model of eight coefficients is radtan8"),
+    ("rational_polynomial", "ROS's rational_polynomial is radtan8"),
+    ("omnidir", "OpenCV's omnidir is omni"),
+    ("mei", "Mei's model is omni"),
+    ("omni-radtan", "Kalibr's omni-radtan is omni"),
+    ("ds", "ds is double-sphere"),
+    ("ds-none", "Kalibr's ds-none is double-sphere"),
+    ("eucm-none", "Kalibr's eucm-none is eucm"),
+    ("atan", "the field-of-view model is fov"),
+];
+
 /// Reads the name of a camera model; the help lists them all.
 pub fn model() -> impl TypedValueParser<Value = ModelKind> {
-    PossibleValuesParser::new(ModelKind::ALL.iter().map(|kind| kind.name())).try_map(|name| name.parse::<ModelKind>())
+    NameParser { names: ModelKind::ALL.iter().map(|kind| kind.name()).collect() }
+        .try_map(|name| name.parse::<ModelKind>())
 }
 
 /// Reads the name of a camera model, or `auto`; the help lists them all.
 pub fn model_request() -> impl TypedValueParser<Value = ModelRequest> {
-    let names = ModelKind::ALL.iter().map(|kind| kind.name()).chain([ModelRequest::AUTO]);
-    PossibleValuesParser::new(names).try_map(|name| name.parse::<ModelRequest>())
+    let names = ModelKind::ALL.iter().map(|kind| kind.name()).chain([ModelRequest::AUTO]).collect();
+    NameParser { names }.try_map(|name| name.parse::<ModelRequest>())
+}
+
+/// Takes one of the names, and says which model is meant by a name that other programs use.
+#[derive(Clone)]
+struct NameParser {
+    names: Vec<&'static str>,
+}
+
+impl TypedValueParser for NameParser {
+    type Value = String;
+
+    fn parse_ref(
+        &self,
+        command: &clap::Command,
+        argument: Option<&clap::Arg>,
+        value: &OsStr,
+    ) -> Result<String, clap::Error> {
+        let given = value.to_string_lossy().to_lowercase();
+        let Some((_, meaning)) = OTHER_NAMES.iter().find(|(name, _)| *name == given) else {
+            return PossibleValuesParser::new(&self.names).parse_ref(command, argument, value);
+        };
+        let mut error = clap::Error::new(ErrorKind::ValueValidation).with_cmd(command);
+        let argument = argument.map(ToString::to_string).unwrap_or_default();
+        error.insert(ContextKind::InvalidArg, ContextValue::String(argument));
+        error.insert(ContextKind::InvalidValue, ContextValue::String(given));
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![(*meaning).into()]));
+        Err(error)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(self.names.iter().map(PossibleValue::new)))
+    }
+}
+
+/// Reads one of `all` by its name; the help lists them with their descriptions.
+pub fn named<T: Copy + Send + Sync + 'static>(
+    all: &'static [T],
+    name: fn(T) -> &'static str,
+    description: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T> {
+    let values = all.iter().map(move |&one| PossibleValue::new(name(one)).help(description(one)));
+    PossibleValuesParser::new(values)
+        .try_map(move |text| all.iter().copied().find(|&one| name(one) == text).ok_or("no value of this name"))
+}
+
+/// Reads a number in `range`.
+pub fn number(range: RangeInclusive<f64>, unit: &'static str) -> impl TypedValueParser<Value = f64> {
+    StringValueParser::new().try_map(move |text| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        number.ok_or_else(|| format!("write a number from {} to {}{unit}", range.start(), range.end()))
+    })
 }
 
 /// Reads `WIDTHxHEIGHT` in pixels.
@@ -55,6 +136,15 @@ mod tests {
         }
         for text in ["", "6", "s", "-1s", "0s", "nans", "infs", "6h"] {
             assert!(seconds(text).unwrap_err().contains("6s"), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_models_of_other_programs_lead_to_models() {
+        for (name, meaning) in OTHER_NAMES {
+            assert_eq!(ModelKind::from_name(name), None, "{name}");
+            let known = ModelKind::ALL.iter().any(|kind| meaning.contains(kind.name()));
+            assert!(known, "{name}: {meaning}");
         }
     }
 }

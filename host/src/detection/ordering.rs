@@ -1,11 +1,13 @@
 //! Circles that were found elsewhere, put in the board's order.
 
-use evcal_core::grid::{GridCandidate, GridError, GridOptions, GridWorkspace, find_grid};
+use evcal_core::grid::{GridCandidate, GridOptions};
 use evcal_core::pattern::Pattern;
 use evcal_core::sensor::Sensor;
 use rayon::prelude::*;
 
-use super::{CANDIDATES, DetectionReport, grid_reason};
+use super::DetectionReport;
+use super::board_finder::BoardFinder;
+use super::no_board::NoBoard;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedFrame};
 
 /// Puts the circles of frames from elsewhere in the board's order; frames without a board fall away, and
@@ -21,12 +23,9 @@ pub fn order_frames(
     };
     let size = sensor.map_or_else(extent, |sensor| (sensor.width.into(), sensor.height.into()));
     let options = GridOptions::new(pattern, size);
-    let ordered: Vec<Result<ReferenceFrame, GridError>> = frames
+    let ordered: Vec<Result<ReferenceFrame, NoBoard>> = frames
         .par_iter()
-        .map_init(
-            || Box::new(GridWorkspace::<f64, CANDIDATES>::new()),
-            |workspace, frame| order_frame(frame, pattern, &options, workspace),
-        )
+        .map_init(|| BoardFinder::new(*pattern), |finder, frame| order_frame(frame, finder, &options))
         .collect();
     let mut report = DetectionReport { windows: frames.len() as u64, ..DetectionReport::default() };
     report.circles = circles().count() as u64;
@@ -38,7 +37,7 @@ pub fn order_frames(
                 report.board_circles += frame.circles.len() as u64;
                 found.push(frame);
             }
-            Err(error) => *report.grids_refused.entry(grid_reason(error)).or_default() += 1,
+            Err(reason) => *report.grids_refused.entry(reason).or_default() += 1,
         }
     }
     (found, report)
@@ -46,20 +45,19 @@ pub fn order_frames(
 
 fn order_frame(
     frame: &UnorderedFrame,
-    pattern: &Pattern,
+    finder: &mut BoardFinder<f64>,
     options: &GridOptions,
-    workspace: &mut GridWorkspace<f64, CANDIDATES>,
-) -> Result<ReferenceFrame, GridError> {
+) -> Result<ReferenceFrame, NoBoard> {
     let candidates: Vec<GridCandidate<f64>> = frame
         .circles
         .iter()
         .map(|circle| GridCandidate { center: circle.center, radius: circle.radius.unwrap_or(0.0) })
         .collect();
-    let found = find_grid(&candidates, pattern, options, workspace)?;
-    let circles = found.circles.iter().filter_map(|pair| {
-        let circle = frame.circles.get(usize::from(pair.candidate))?;
+    let placed = finder.find(&candidates, options)?;
+    let circles = placed.iter().filter_map(|placed| {
+        let circle = frame.circles.get(placed.candidate)?;
         Some(ObservedCircle {
-            index: usize::from(pair.board),
+            index: placed.index,
             t: circle.t,
             center: circle.center,
             radius: circle.radius,

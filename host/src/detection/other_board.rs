@@ -4,20 +4,40 @@
 //! layout. A reading that fits many windows is told. (A mirrored print is no such thing: the circles of one
 //! are where those of a good one are, and give the same camera.)
 
+use std::fmt;
+
 use evcal_core::event::Event;
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 
+use super::settings::DetectionSettings;
 use crate::board::Board;
 use crate::circles::reference_frame::UnorderedFrame;
 use crate::detection::{CircleWindow, DetectionStage, order_frames};
-use crate::settings::DetectionSettings;
 
 /// So much of a recording is looked at (µs).
 const LONGEST: i64 = 4_000_000;
 
 /// A reading must fit at least this share of the windows that hold as many circles as half the board.
 const FEWEST_FITS: f64 = 0.2;
+
+/// A board that fits better than the stated one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OtherReading {
+    /// Windows that it fits.
+    pub fitting: usize,
+    /// Windows with enough circles.
+    pub windows: usize,
+    /// The board.
+    pub board: Board,
+}
+
+impl fmt::Display for OtherReading {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { fitting, windows, board } = self;
+        write!(f, "{fitting} of {windows} windows fit --board {board} instead")
+    }
+}
 
 /// Collects the circles of the first seconds of a recording.
 pub struct OtherBoard<'a> {
@@ -39,8 +59,8 @@ impl<'a> OtherBoard<'a> {
         self.stage.push(events.get(..end).unwrap_or_default());
     }
 
-    /// What the circles look like instead, as a sentence; `None` when no reading fits.
-    pub fn finish(self) -> Option<String> {
+    /// What the circles look like instead; `None` when no reading fits.
+    pub fn finish(self) -> Option<OtherReading> {
         let (windows, _) = self.stage.into_circles();
         let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
         let pattern = self.board.pattern;
@@ -57,7 +77,6 @@ impl<'a> OtherBoard<'a> {
         if count == 0 || (count as f64) < FEWEST_FITS * frames.len() as f64 {
             return None;
         }
-        let other = Board { pattern, ..self.board };
-        Some(format!("{count} of {} windows fit --board {other} instead", frames.len()))
+        Some(OtherReading { fitting: count, windows: frames.len(), board: Board { pattern, ..self.board } })
     }
 }

@@ -2,11 +2,49 @@
 
 use std::collections::BTreeMap;
 
+use std::fmt;
+
 use evcal_core::circle::CircleCounts;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+
+use super::no_board::NoBoard;
+use super::other_board::OtherReading;
+
+/// Why a pair of clusters is no circle. Declared in the order of the words, in which reports list them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum NoCircle {
+    /// Too little of the circle is seen.
+    #[serde(rename = "arc too short")]
+    ArcTooShort,
+    /// The clusters do not face each other.
+    #[serde(rename = "back to back")]
+    BackToBack,
+    /// The fitted centre is far from the middle between the clusters.
+    #[serde(rename = "centre against midpoint")]
+    CenterAgainstMidpoint,
+    /// The pixels are too far from the fitted circle.
+    #[serde(rename = "fit error")]
+    FitError,
+    /// A cluster has a better partner.
+    #[serde(rename = "not mutual")]
+    NotMutual,
+    /// The fitted radius does not go with the distance of the clusters.
+    #[serde(rename = "radius against distance")]
+    RadiusAgainstDistance,
+    /// The radius is too small or too large.
+    #[serde(rename = "radius out of bounds")]
+    RadiusOutOfBounds,
+}
+
+impl fmt::Display for NoCircle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // As reports have it.
+        self.serialize(f)
+    }
+}
 
 /// What the detection took in and gave out.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DetectionReport {
     /// Events that came in.
     pub events: u64,
@@ -21,9 +59,9 @@ pub struct DetectionReport {
     /// Circles found in all windows.
     pub circles: u64,
     /// Pairs of clusters that were refused, by reason.
-    pub pairs_refused: BTreeMap<&'static str, u64>,
+    pub pairs_refused: BTreeMap<NoCircle, u64>,
     /// Windows without a board, by reason.
-    pub grids_refused: BTreeMap<&'static str, u64>,
+    pub grids_refused: BTreeMap<NoBoard, u64>,
     /// Windows in which something did not fit the detector's capacity.
     pub overflowed: u64,
     /// Circles of the frames found.
@@ -42,27 +80,76 @@ impl DetectionReport {
         self.overflowed += other.overflowed;
         self.board_circles += other.board_circles;
         for (reason, count) in &other.pairs_refused {
-            *self.pairs_refused.entry(reason).or_default() += count;
+            *self.pairs_refused.entry(*reason).or_default() += count;
         }
         for (reason, count) in &other.grids_refused {
-            *self.grids_refused.entry(reason).or_default() += count;
+            *self.grids_refused.entry(*reason).or_default() += count;
         }
+    }
+
+    /// Why no window held the board: what most of them lacked. `max_interval` is that of the window policy,
+    /// `other` the board that the circles fit instead.
+    pub fn no_pattern(&self, max_interval: u16, other: Option<OtherReading>) -> NoPattern {
+        let reasons = self.grids_refused.iter().map(|(reason, count)| (*reason, *count));
+        let reasons = reasons.chain([(NoBoard::TooFewEvents, self.too_few_events)]).filter(|(_, count)| *count > 0);
+        let main = reasons.min_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
+        NoPattern { windows: self.windows + self.too_few_events, main, max_interval, other }
     }
 
     pub(super) fn count_pairs(&mut self, counts: &CircleCounts) {
         self.circles += u64::from(counts.circles);
         for (reason, count) in [
-            ("back to back", counts.back_to_back),
-            ("radius out of bounds", counts.radius_out_of_bounds),
-            ("arc too short", counts.arc_too_short),
-            ("radius against distance", counts.radius_against_distance),
-            ("centre against midpoint", counts.center_against_midpoint),
-            ("fit error", counts.error_too_large),
-            ("not mutual", counts.not_mutual),
+            (NoCircle::BackToBack, counts.back_to_back),
+            (NoCircle::RadiusOutOfBounds, counts.radius_out_of_bounds),
+            (NoCircle::ArcTooShort, counts.arc_too_short),
+            (NoCircle::RadiusAgainstDistance, counts.radius_against_distance),
+            (NoCircle::CenterAgainstMidpoint, counts.center_against_midpoint),
+            (NoCircle::FitError, counts.error_too_large),
+            (NoCircle::NotMutual, counts.not_mutual),
         ] {
             if count > 0 {
                 *self.pairs_refused.entry(reason).or_default() += u64::from(count);
             }
         }
+    }
+}
+
+/// Why no window held the board, and what to do about it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub struct NoPattern {
+    windows: u64,
+    /// What most windows lacked, and how many.
+    main: Option<(NoBoard, u64)>,
+    max_interval: u16,
+    other: Option<OtherReading>,
+}
+
+impl fmt::Display for NoPattern {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "no pattern found in {} windows", self.windows)?;
+        if let Some((reason, count)) = self.main {
+            write!(f, ": {count} had {reason}: {}", reason.advice(self.max_interval))?;
+        }
+        self.other.iter().try_for_each(|other| write!(f, "; {other}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_most_windows_lacked_is_named_with_what_to_do() {
+        let mut report = DetectionReport { windows: 9, too_few_events: 4, ..DetectionReport::default() };
+        assert_eq!(
+            report.no_pattern(100, None).to_string(),
+            "no pattern found in 13 windows: 4 had too few events: move faster or raise detection.window.max_interval (now 100)"
+        );
+        report.grids_refused = BTreeMap::from([(NoBoard::BesideBoard, 5), (NoBoard::NoLattice, 4)]);
+        let board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
+        let text = report.no_pattern(100, Some(OtherReading { fitting: 7, windows: 8, board })).to_string();
+        assert!(text.contains("5 had circles beside the board: is --board right"), "{text}");
+        assert!(text.ends_with("; 7 of 8 windows fit --board acircles:9x4:55mm:r17.5mm instead"), "{text}");
+        assert_eq!(DetectionReport::default().no_pattern(1, None).to_string(), "no pattern found in 0 windows");
     }
 }

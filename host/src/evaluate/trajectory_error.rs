@@ -17,6 +17,7 @@ use crate::trajectory::timed_pose::TimedPose;
 
 /// Which true pose belongs to an estimated one.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Association {
     /// The truth interpolated at the time of the estimate: straight lines and great arcs.
     Interpolated,

@@ -30,6 +30,7 @@ pub struct ExportedTable {
 
 /// Why there is no table.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ExportTableError {
     /// Sensor or table are too small.
     #[error("no undistortion table: {0}")]
@@ -44,6 +45,13 @@ pub enum ExportTableError {
         /// What can be had, in pixels.
         reached: f64,
     },
+}
+
+/// The camera without distortion that has the matrix of `camera`.
+pub fn ideal_of(camera: &Camera<f64>) -> IdealCamera<f64> {
+    // Every model begins with fx, fy, cx and cy.
+    let [fx, fy, cx, cy] = camera.parameters().first_chunk().copied().unwrap_or([1.0, 1.0, 0.0, 0.0]);
+    IdealCamera { fx, fy, cx, cy }
 }
 
 /// The coarsest table whose error is at most `max_error` pixels of `camera`.

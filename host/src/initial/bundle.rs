@@ -57,7 +57,9 @@ pub struct Bundle {
     ///
     /// Those of fx and fy can be much larger in models in which a coefficient scales the image, too.
     pub axial_focal_sigma: [f64; 2],
-    /// Root mean square of the distances, each weighted as by Huber's loss, in pixels.
+    /// Root mean square of the distances, each weighted as by Huber's loss, in pixels; tells which of two
+    /// starts is the better one.
+    #[cfg(feature = "opencv")]
     pub rms: f64,
     /// Steps taken.
     pub steps: usize,
@@ -201,6 +203,7 @@ pub fn bundle(
         poses: poses.clone(),
         sigma: (0..camera.parameters().len()).map(|index| deviation(&unit(index))).collect(),
         axial_focal_sigma: axial_focal_gradients(camera)?.map(|gradient| deviation(&gradient)),
+        #[cfg(feature = "opencv")]
         rms: (squares / point_count as f64).sqrt(),
         steps,
     })

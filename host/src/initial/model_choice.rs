@@ -14,6 +14,8 @@ use std::fmt;
 use std::str::FromStr;
 
 use evcal_core::camera::{ModelKind, UnknownModel};
+use evcal_core::settings;
+use evcal_core::settings::{at_least, from_to};
 use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
@@ -64,23 +66,20 @@ impl FromStr for ModelRequest {
     }
 }
 
-/// Settings of the choice of a model.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ModelChoiceSettings {
-    /// Blocks of neighbouring frames that count as independent.
-    pub blocks: usize,
-    /// Parts of the blocks, each of which is held out once.
-    pub folds: usize,
-    /// Views that refine the camera without a part.
-    pub views: usize,
-    /// Excess over the best candidate's cost that is not significant, in standard errors.
-    pub standard_errors: f64,
-}
-
-impl Default for ModelChoiceSettings {
-    fn default() -> Self {
-        Self { blocks: 20, folds: 5, views: 100, standard_errors: 1.0 }
+settings! {
+    /// Which camera model, with `--model auto`.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct ModelChoiceSettings {
+        /// Blocks of neighbouring frames, which count as independent of each other.
+        pub blocks: usize = 20, "blocks", from_to(2.0, 1e4);
+        /// Parts to which the blocks are dealt out; each is held out once.
+        pub folds: usize = 5, "parts", from_to(2.0, 1e4);
+        /// Views from which the camera is refined without a part.
+        pub views: usize = 100, "views", at_least(3.0);
+        /// Standard errors by which a model's held-out cost may exceed the best one's for it to count as being as
+        /// good.
+        pub standard_errors: f64 = 1.0, "", at_least(0.0);
     }
 }
 
@@ -135,10 +134,10 @@ pub fn choose(candidates: &[Candidate], standard_errors: f64) -> Option<(usize, 
 }
 
 /// What became of one candidate.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CandidateReport {
     /// Name of the model.
-    pub model: &'static str,
+    pub model: String,
     /// Number of its parameters.
     pub parameters: usize,
     /// Circles held out; 0 for a candidate that failed.
@@ -156,12 +155,12 @@ pub struct CandidateReport {
 }
 
 /// How a model was chosen.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelChoice {
     /// Name of the chosen model.
-    pub chosen: &'static str,
+    pub chosen: String,
     /// Name of the model whose circles all were compared on.
-    pub circles_of: &'static str,
+    pub circles_of: String,
     /// All candidates.
     pub candidates: Vec<CandidateReport>,
 }
@@ -238,7 +237,7 @@ pub fn choose_model(
     let chosen = chosen.or_else(|| found.iter().position(|(kind, _)| *kind == circles_of)).unwrap_or(0);
     let report = |kind: ModelKind| {
         let blank = CandidateReport {
-            model: kind.name(),
+            model: kind.name().to_owned(),
             parameters: kind.parameter_names().len(),
             count: 0,
             root_mean_cost: None,
@@ -265,7 +264,7 @@ pub fn choose_model(
     };
     let candidates = models.iter().map(|&kind| report(kind)).collect();
     let (kind, model) = found.swap_remove(chosen);
-    Ok((model, ModelChoice { chosen: kind.name(), circles_of: circles_of.name(), candidates }))
+    Ok((model, ModelChoice { chosen: kind.name().to_owned(), circles_of: circles_of.name().to_owned(), candidates }))
 }
 
 #[cfg(test)]

@@ -2,12 +2,14 @@
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, SMatrix, Vector2, Vector3, Vector6};
 
-use super::settings::InitialSettings;
+use super::planar_pose::{PlanarPose, PlanePoint, planar_pose};
+use super::settings::{InitialSettings, Start};
 use super::sighting::BoardPoint;
 use crate::board::homography::{homography, pose_from_homography};
 use crate::numerics::huber::{huber_cost, huber_weight};
 use crate::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
 use crate::numerics::rigid::step_pose;
+#[cfg(feature = "opencv")]
 use crate::opencv::solve_pnp_ransac_ippe;
 use evcal_core::camera::{Camera, ProjectionParameterJacobian};
 
@@ -96,25 +98,23 @@ pub fn refine_pose(camera: &Camera<f64>, points: &[BoardPoint], start: &Isometry
     determined.then_some(Fit { pose: best.estimate, cost: best.cost })
 }
 
-/// Points in normalised coordinates (plane, image), with their positions in `points`; those whose
-/// pixel has no bearing before the camera are left out.
-fn normalised(camera: &Camera<f64>, points: &[BoardPoint]) -> Vec<(usize, Vector2<f64>, Vector2<f64>)> {
+/// Those of `points` whose pixel has a bearing before the camera, and their images free of distortion.
+fn normalised(camera: &Camera<f64>, points: &[BoardPoint]) -> Vec<(BoardPoint, PlanePoint)> {
     points
         .iter()
-        .enumerate()
-        .filter_map(|(index, point)| {
+        .filter_map(|point| {
             let bearing = camera.unproject(&point.image).filter(|bearing| bearing.z > MIN_BEARING_Z)?;
-            Some((index, point.object, bearing.xy() / bearing.z))
+            Some((*point, PlanePoint { plane: point.object, image: bearing.xy() / bearing.z }))
         })
         .collect()
 }
 
-/// Pose from all points by their homography, refined; without OpenCV and without a defence against
-/// wrong points other than Huber's loss.
+/// Pose from all points by their homography, refined; without a defence against wrong points other than
+/// Huber's loss.
 pub fn homography_pose(camera: &Camera<f64>, points: &[BoardPoint], huber: f64) -> Option<Fit> {
     let normalised = normalised(camera, points);
-    let plane: Vec<Vector2<f64>> = normalised.iter().map(|(_, plane, _)| *plane).collect();
-    let image: Vec<Vector2<f64>> = normalised.iter().map(|(_, _, image)| *image).collect();
+    let plane: Vec<Vector2<f64>> = normalised.iter().map(|(_, point)| point.plane).collect();
+    let image: Vec<Vector2<f64>> = normalised.iter().map(|(_, point)| point.image).collect();
     refine_pose(camera, points, &pose_from_homography(&homography(&plane, &image)?)?, huber)
 }
 
@@ -149,18 +149,10 @@ pub fn robust_pose(
     points: &[BoardPoint],
     settings: &InitialSettings,
 ) -> Result<FramePose, PoseError> {
-    let normalised = normalised(camera, points);
+    let (before, plane): (Vec<BoardPoint>, Vec<PlanePoint>) = normalised(camera, points).into_iter().unzip();
     let focal = camera.parameters().iter().take(2).sum::<f64>() / 2.0;
-    let plane: Vec<[f64; 2]> = normalised.iter().map(|(_, plane, _)| [plane.x, plane.y]).collect();
-    let image: Vec<[f64; 2]> = normalised.iter().map(|(_, _, image)| [image.x, image.y]).collect();
-    let threshold = settings.max_circle_error / focal;
-    // An exception of OpenCV means that this frame has no pose, which is what the caller counts.
-    let planar = solve_pnp_ransac_ippe(&plane, &image, threshold, settings.ransac_iterations)
-        .ok()
-        .flatten()
-        .ok_or(PoseError::NotFound)?;
-    let agreeing: Vec<BoardPoint> =
-        planar.inliers.iter().filter_map(|&inlier| points.get(normalised.get(inlier)?.0).copied()).collect();
+    let planar = sampled_pose(&plane, settings.max_circle_error / focal, settings).ok_or(PoseError::NotFound)?;
+    let agreeing: Vec<BoardPoint> = planar.inliers.iter().filter_map(|&inlier| before.get(inlier).copied()).collect();
     // The second solution of IPPE counts only where it explains the images almost as well.
     let costs: Vec<f64> = planar.solutions.iter().map(|start| cost(camera, start, &agreeing, settings.huber)).collect();
     let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
@@ -173,6 +165,21 @@ pub fn robust_pose(
         .min_by(|a, b| a.cost.total_cmp(&b.cost))
         .ok_or(PoseError::NotFound)?;
     settle_pose(camera, points, &refined.pose, settings)
+}
+
+/// PnP in RANSAC, by what the settings start with.
+fn sampled_pose(points: &[PlanePoint], threshold: f64, settings: &InitialSettings) -> Option<PlanarPose> {
+    match settings.start {
+        #[cfg(feature = "opencv")]
+        Start::Opencv => {
+            let plane: Vec<[f64; 2]> = points.iter().map(|point| point.plane.into()).collect();
+            let image: Vec<[f64; 2]> = points.iter().map(|point| point.image.into()).collect();
+            // An exception of OpenCV means that this frame has no pose, which is what the caller counts.
+            let found = solve_pnp_ransac_ippe(&plane, &image, threshold, settings.ransac_iterations).ok()??;
+            Some(PlanarPose { solutions: found.solutions, inliers: found.inliers })
+        }
+        Start::Native { seed } => planar_pose(points, threshold, settings.ransac_iterations, seed),
+    }
 }
 
 /// Refines `start` on the points that agree with it until they stay the same, and judges the result.

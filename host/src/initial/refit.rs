@@ -21,6 +21,10 @@ const RIM_POINTS: usize = 24;
 /// Rounds of reweighting of a refit.
 const ROUNDS: usize = 6;
 
+/// Events that the pull of the projection on centre and radius counts for: arcs that are too short to fix them stay in
+/// place.
+const PULL: f64 = 0.1;
+
 /// A projected circle: `rim(θ) = middle + axes · (cos θ, sin θ)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProjectedCircle {
@@ -204,8 +208,7 @@ pub fn refit_circle(
     let mut normal = Matrix3::identity();
     let mut fit_error = 0.0;
     for _ in 0..ROUNDS {
-        // A weak pull to the projection keeps arcs that are too short to fix the centre in place.
-        normal = Matrix3::identity() * 0.1;
+        normal = Matrix3::identity() * PULL;
         let mut right = Vector3::zeros();
         fit_error = 0.0;
         for (distance, outward, _) in &events {

@@ -3,12 +3,10 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use serde::Serialize;
-
-use super::intrinsics::OpencvStart;
+use serde::{Deserialize, Serialize};
 
 /// Why a reference frame is not part of the initial model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DropReason {
     /// Fewer circles than [`super::InitialSettings::min_circles`].
@@ -77,7 +75,7 @@ pub enum Step {
 }
 
 /// A frame that is not part of the initial model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DroppedFrame {
     /// Index of the frame in the input.
     pub frame: usize,
@@ -86,7 +84,7 @@ pub struct DroppedFrame {
 }
 
 /// What happened to single circles in the frames that stay.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ValidationCounts {
     /// Circles of the frames that came to the cross-validation, or stay without events to check them.
     pub seen: usize,
@@ -104,8 +102,19 @@ pub struct ValidationCounts {
     pub used: usize,
 }
 
+/// How OpenCV's calibration went.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OpencvStart {
+    /// Views it got and views it was left with after the worst had been taken away.
+    pub views: (usize, usize),
+    /// Its root mean square error in pixels; `None` if it failed.
+    pub rms: Option<f64>,
+    /// Why it failed, or why its result was not used.
+    pub failure: Option<String>,
+}
+
 /// How the initial model came about.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct InitialReport {
     /// Frames that came in.
     pub frames_in: usize,
@@ -119,7 +128,7 @@ pub struct InitialReport {
     pub turned: usize,
     /// Circles that belong to another time than their frame but whose velocity is unknown.
     pub without_velocity: usize,
-    /// OpenCV's calibration.
+    /// OpenCV's calibration; `None` where the camera did not start from it.
     pub opencv: Option<OpencvStart>,
     /// Whether the camera started from the native estimate instead of OpenCV's.
     pub native_start: bool,
@@ -189,7 +198,7 @@ pub enum InitialError {
         /// Frames that came in.
         found: usize,
     },
-    /// Neither OpenCV nor the native start gave a camera, or its refinement diverged.
+    /// No start gave a camera, or its refinement diverged.
     #[error(
         "no camera fits the {views} selected views ({reason}): check rows, columns and spacing of --board, and \
          the camera model"

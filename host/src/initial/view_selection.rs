@@ -15,6 +15,14 @@ use crate::board::homography::homography;
 /// Image position (2), scale, foreshortening (2), perspective (2), roll (2).
 type Features = SVector<f64, 9>;
 
+/// How much perspective counts beside places in the image (in parts of the sensor): it is small, and tells the focal
+/// length.
+const PERSPECTIVE_WEIGHT: f64 = 2.0;
+/// How much roll counts: it tells little.
+const ROLL_WEIGHT: f64 = 0.3;
+/// Largest feature that counts.
+const LARGEST_FEATURE: f64 = 5.0;
+
 fn features(points: &[BoardPoint], board: &Board, sensor: Sensor) -> Option<Features> {
     let extent = 0.5 * board.circle_center(board.circle_count().checked_sub(1)?).norm();
     let plane: Vec<Vector2<f64>> = points.iter().map(|point| (point.object - board.middle()) / extent).collect();
@@ -35,13 +43,16 @@ fn features(points: &[BoardPoint], board: &Board, sensor: Sensor) -> Option<Feat
         0.5 * determinant.abs().ln() * 0.5,
         0.5 * (stretch[(0, 0)] - stretch[(1, 1)]),
         stretch[(0, 1)],
-        2.0 * perspective.x,
-        2.0 * perspective.y,
-        0.3 * roll.x,
-        0.3 * roll.y,
+        PERSPECTIVE_WEIGHT * perspective.x,
+        PERSPECTIVE_WEIGHT * perspective.y,
+        ROLL_WEIGHT * roll.x,
+        ROLL_WEIGHT * roll.y,
     ]);
     // One view with a wild homography must not stretch the space.
-    features.iter().all(|value| value.is_finite()).then(|| features.map(|value| value.clamp(-5.0, 5.0)))
+    features
+        .iter()
+        .all(|value| value.is_finite())
+        .then(|| features.map(|value| value.clamp(-LARGEST_FEATURE, LARGEST_FEATURE)))
 }
 
 /// Positions in `views` of at most `count` views, the most useful first.

@@ -2,7 +2,7 @@
 
 mod parameters;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use evcal_core::camera::{Camera, ModelKind};
 use serde::de::DeserializeOwned;
@@ -30,8 +30,25 @@ pub struct CameraFile {
     pub camera: CameraDescription,
 }
 
+/// Version of the layout that is written, and the latest that can be read.
+pub const LATEST_VERSION: u32 = 1;
+
+/// Files of a folder that describe its camera, the best first.
+const CAMERA_FILES: [&str; 2] = ["calibration.json", "truth.json"];
+
+/// The camera file that `path` stands for: the file itself, or that of the folder of a calibration or simulation.
+pub fn camera_path(path: &Path) -> PathBuf {
+    if !path.is_dir() {
+        return path.to_owned();
+    }
+    let candidates = CAMERA_FILES.map(|name| path.join(name));
+    let found = candidates.iter().find(|candidate| candidate.exists()).or(candidates.first());
+    found.cloned().unwrap_or_else(|| path.to_owned())
+}
+
 /// Why a camera could not be read from JSON.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CameraFileError {
     /// The file could not be read.
     #[error("{file}: {error}")]
@@ -52,13 +69,44 @@ pub enum CameraFileError {
         error: serde_json::Error,
     },
     /// The model is unknown or its parameters are incomplete.
-    #[error("{file}: {reason}")]
+    #[error("{file}: {error}")]
     Model {
         /// The file.
         file: String,
         /// What is wrong.
-        reason: String,
+        error: DescriptionError,
     },
+    /// The file is of a later program.
+    #[error(
+        "{file}: the layout of this calibration is version {version}, known are up to {known}: it was written by a later evcal, update this one"
+    )]
+    Version {
+        /// The file.
+        file: String,
+        /// Its version.
+        version: u32,
+        /// The latest version that can be read.
+        known: u32,
+    },
+}
+
+/// A description is not that of a camera.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum DescriptionError {
+    /// No model has this name.
+    #[error("unknown camera model {0:?}; known are {known}", known = model_names())]
+    UnknownModel(String),
+    /// A parameter is missing.
+    #[error("camera parameter {0} is missing")]
+    MissingParameter(&'static str),
+    /// A parameter is out of its range.
+    #[error("model {0} refuses its parameters: all must be finite, the focal lengths positive")]
+    Refused(ModelKind),
+}
+
+fn model_names() -> String {
+    ModelKind::ALL.iter().map(|kind| kind.name()).collect::<Vec<_>>().join(", ")
 }
 
 impl CameraDescription {
@@ -72,28 +120,40 @@ impl CameraDescription {
     /// The camera described.
     ///
     /// # Errors
-    /// A sentence that says which model or parameter is missing.
-    pub fn camera(&self) -> Result<Camera<f64>, String> {
-        let kind = ModelKind::from_name(&self.model).ok_or_else(|| {
-            let known: Vec<&str> = ModelKind::ALL.iter().map(|kind| kind.name()).collect();
-            format!("unknown camera model {:?}; known are {}", self.model, known.join(", "))
-        })?;
-        let mut values = Vec::new();
-        for name in kind.parameter_names() {
-            values.push(self.parameters.get(name).ok_or_else(|| format!("camera parameter {name} is missing"))?);
-        }
-        Camera::from_parameters(kind, &values).ok_or_else(|| format!("model {} refuses its parameters", self.model))
+    /// [`DescriptionError`] when the model or a parameter is missing.
+    pub fn camera(&self) -> Result<Camera<f64>, DescriptionError> {
+        let kind =
+            ModelKind::from_name(&self.model).ok_or_else(|| DescriptionError::UnknownModel(self.model.clone()))?;
+        let names = kind.parameter_names().iter().copied();
+        let value = |name| self.parameters.get(name).ok_or(DescriptionError::MissingParameter(name));
+        let values = names.map(value).collect::<Result<Vec<f64>, _>>()?;
+        Camera::from_parameters(kind, &values).ok_or(DescriptionError::Refused(kind))
     }
 }
 
-/// Reads sensor size and camera from a JSON file.
+/// Reads sensor size and camera from a JSON file, or from that of a folder ([`camera_path`]).
 ///
 /// # Errors
 /// [`CameraFileError`].
 pub fn read(path: &Path) -> Result<(Camera<f64>, Sensor), CameraFileError> {
-    let parsed: CameraFile = parse(path)?;
-    let camera = parsed.camera.camera().map_err(|reason| wrong(path, reason))?;
+    let path = camera_path(path);
+    let parsed: CameraFile = parse(&path)?;
+    let camera = parsed.camera.camera().map_err(|error| wrong(&path, error))?;
     Ok((camera, parsed.sensor))
+}
+
+/// The layout of a file, and nothing else of it.
+#[derive(Deserialize)]
+struct Layout {
+    version: Option<u32>,
+}
+
+/// Version of the layout of a camera file; `None` for one that does not tell, such as `truth.json`.
+///
+/// # Errors
+/// [`CameraFileError`] when it is no camera file.
+pub fn version(path: &Path) -> Result<Option<u32>, CameraFileError> {
+    Ok(parse_any::<Layout>(path)?.version)
 }
 
 /// Reads a JSON file that holds a [`CameraFile`] and more.
@@ -101,12 +161,21 @@ pub fn read(path: &Path) -> Result<(Camera<f64>, Sensor), CameraFileError> {
 /// # Errors
 /// [`CameraFileError`].
 pub fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
+    match version(path)? {
+        Some(version) if version > LATEST_VERSION => {
+            Err(CameraFileError::Version { file: path.display().to_string(), version, known: LATEST_VERSION })
+        }
+        _ => parse_any(path),
+    }
+}
+
+fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
     serde_json::from_str(&text).map_err(|error| CameraFileError::Parse { file, error })
 }
 
 /// The error for a camera that is none.
-pub fn wrong(path: &Path, reason: String) -> CameraFileError {
-    CameraFileError::Model { file: path.display().to_string(), reason }
+pub fn wrong(path: &Path, error: DescriptionError) -> CameraFileError {
+    CameraFileError::Model { file: path.display().to_string(), error }
 }

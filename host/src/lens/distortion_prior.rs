@@ -33,7 +33,7 @@ enum Coefficient {
 /// The prior of a camera's model.
 ///
 /// Radial terms are expected to change the radius at the corner furthest from the principal point by
-/// [`PRIOR_CHANGE`] of itself, more or less.
+/// `PRIOR_CHANGE` of itself, more or less.
 pub fn distortion_prior(camera: &Camera<f64>, sensor: Sensor) -> DistortionPrior {
     use Coefficient::{Free, Radial, Shape};
     let mut prior = DistortionPrior { weights: [0.0; MAX_PARAMETERS], expected: [0.0; MAX_PARAMETERS] };

@@ -13,6 +13,7 @@ const MOST_CELLS: u16 = 64;
 
 /// The side of the board that is nearest to the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Tilt {
     /// The left side, as the camera sees it.
     Left,

@@ -9,11 +9,11 @@ use usb_davis::capture::GapRepair;
 use usb_davis::dump::{DumpHeader, Transfer, TransferStatus};
 use usb_davis::protocol::{Decoder, Message};
 
-use super::LiveCoverage;
+use super::{LiveCoverage, LiveSettings};
 use crate::board::Board;
 use crate::detection::DetectionStage;
+use crate::detection::settings::DetectionSettings;
 use crate::recording::davis::{CameraClock, event};
-use crate::settings::Settings;
 
 /// Chunks that are searched in one go: a fifth of a second, unless the settings say otherwise.
 const CHUNKS_TOGETHER: usize = 2;
@@ -61,19 +61,19 @@ pub struct Watcher {
 }
 
 impl Watcher {
-    /// Starts a detector for the camera that `header` describes.
-    pub fn start(settings: &Settings, board: &Board, header: &DumpHeader) -> Self {
+    /// Starts a detector with these settings for the camera that `header` describes.
+    pub fn start(detection: &DetectionSettings, live: &LiveSettings, board: &Board, header: &DumpHeader) -> Self {
         let sensor = header.registers.layout().dvs.size().into();
         let shared = Arc::new(Shared {
             queue: Mutex::default(),
             filled: Condvar::new(),
-            coverage: Mutex::new(LiveCoverage::new(&settings.live, board, sensor)),
+            coverage: Mutex::new(LiveCoverage::new(live, board, sensor)),
         });
-        let (of_thread, settings, pattern) = (Arc::clone(&shared), settings.clone(), board.pattern);
-        let longest_wait_ns = (settings.live.longest_wait.max(0.0) * 1e9) as u64;
+        let (of_thread, detection, pattern) = (Arc::clone(&shared), detection.clone(), board.pattern);
+        let longest_wait_ns = (live.longest_wait.max(0.0) * 1e9) as u64;
         let decoder = Decoder::new(header.registers.layout());
         let thread = thread::spawn(move || {
-            let stage = DetectionStage::for_board(&settings.detection, sensor, pattern, 0);
+            let stage = DetectionStage::for_board(&detection, sensor, pattern, 0);
             look(&of_thread, decoder, stage);
         });
         Self { shared, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }

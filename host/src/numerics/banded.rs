@@ -11,7 +11,7 @@
 /// [`BandedCholesky::factor`], then [`BandedCholesky::solve_in_place`] as often as needed.
 ///
 /// ```
-/// let mut matrix = evcal::banded::BandedCholesky::zeros(3, 1);
+/// let mut matrix = evcal::numerics::banded::BandedCholesky::zeros(3, 1);
 /// for row in 0..3 {
 ///     matrix.add(row, row, 2.0);
 /// }

@@ -3,6 +3,9 @@
 use std::cmp::Ordering;
 use std::fmt;
 
+/// Standard deviation of a normal distribution over the median of its absolute values.
+pub const SIGMA_BY_MEDIAN: f64 = 1.4826;
+
 /// Figures of a set of non-negative errors, all in the unit of the errors.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Statistics {

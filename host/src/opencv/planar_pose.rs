@@ -9,7 +9,7 @@ use super::{MINIMUM_POINTS, OpencvError, SINGLE_THREAD, doubles, exception, poin
 
 /// Result of [`solve_pnp_ransac_ippe`].
 #[derive(Clone, Debug, PartialEq)]
-pub struct PlanarPose {
+pub struct RansacPose {
     /// `T_camera_world`, the better solution first; a plane seen at a small angle has two that fit
     /// almost equally well.
     pub solutions: Vec<Isometry3<f64>>,
@@ -28,7 +28,7 @@ pub fn solve_pnp_ransac_ippe(
     normalised: &[[f64; 2]],
     threshold: f64,
     iterations: u16,
-) -> Result<Option<PlanarPose>, OpencvError> {
+) -> Result<Option<RansacPose>, OpencvError> {
     const CALL: &str = "solvePnPRansac";
     SINGLE_THREAD.clone()?;
     if object.len() != normalised.len()
@@ -70,7 +70,7 @@ pub fn solve_pnp_ransac_ippe(
         inliers.iter().filter_map(|&index| points.get(index).copied()).collect()
     };
     let solutions = solve_ippe(&chosen(object), &chosen(normalised))?;
-    Ok((!solutions.is_empty()).then_some(PlanarPose { solutions, inliers }))
+    Ok((!solutions.is_empty()).then_some(RansacPose { solutions, inliers }))
 }
 
 /// Both poses `T_camera_world` of a plane by IPPE, the one that fits better first; points as in

@@ -1,9 +1,9 @@
 //! The folder that a calibration writes.
 
 use std::fmt::Write as _;
-use std::io;
 use std::path::{Path, PathBuf};
 
+use super::summary::summary;
 use crate::board::Board;
 use crate::calibrate::Task;
 use crate::calibrate::calibrated::{Calibrated, Evidence};
@@ -12,12 +12,14 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::track;
 use crate::export::content::ExportFormat;
 use crate::export::{kalibr, opencv, ros};
+use crate::files::folder::{FolderError, OutputFolder};
+use crate::files::{self, FileError};
 use crate::initial::PosedFrame;
 use crate::recording::pictures::image_at;
 use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_picture};
 use crate::report::report;
 use crate::result::calibrated_camera::CalibratedCamera;
-use crate::result::calibration_file::{CalibrationFile, FramesResult};
+use crate::result::calibration_file::CalibrationFile;
 use crate::result::stage_report::stage_report;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::tum;
@@ -29,6 +31,16 @@ const EXPORTS: &str = "exports";
 /// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
 const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
 
+/// Files of one name each.
+const FILES: [&str; 6] =
+    ["calibration.json", "settings.toml", "stages.txt", "report.html", "good-frame.png", "bad-frame.png"];
+/// Name and extension of the poses of a recording; those after the first have a number between.
+const TRAJECTORY: (&str, &str) = ("trajectory", "txt");
+/// Name and extension of the same poses with their standard deviations.
+const POSES: (&str, &str) = ("trajectory", "csv");
+/// Name and extension of its circles.
+const CIRCLES: (&str, &str) = ("circles", "csv");
+
 /// What was written, for the terminal.
 pub struct Written {
     /// The content of `calibration.json`.
@@ -39,75 +51,104 @@ pub struct Written {
     pub stage_report: String,
 }
 
-/// A result file could not be written.
-#[derive(Debug, thiserror::Error)]
-#[error("{file}: {error}")]
-pub struct OutputError {
-    file: String,
-    error: io::Error,
+/// Whether a file of a folder, by its path in it, is one that [`write_folder`] writes.
+pub fn is_result(file: &Path) -> bool {
+    let numbered = |name: &str, extension: &str| {
+        let rest = file.to_str().and_then(|file| file.strip_prefix(name)?.strip_suffix(extension)?.strip_suffix('.'));
+        rest.is_some_and(|rest| {
+            let number = rest.strip_prefix('-').unwrap_or(rest);
+            number.len() + 1 >= rest.len() && number.chars().all(|digit| digit.is_ascii_digit())
+        })
+    };
+    FILES.iter().any(|name| Path::new(name) == file)
+        || FOR_OTHERS.iter().any(|(format, place)| Path::new(place).join(format.file) == file)
+        || numbered(TRAJECTORY.0, TRAJECTORY.1)
+        || numbered(POSES.0, POSES.1)
+        || numbered(CIRCLES.0, CIRCLES.1)
 }
 
-/// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `trajectory.csv`, `settings.toml`,
-/// `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, which is created. Of
-/// several recordings, each has its own clock: those after the first have their own `trajectory-2.txt`,
-/// `circles-2.csv` and so on.
+/// Why a result was not written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WriteError {
+    /// The folder cannot be used.
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    /// A file cannot be written.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+impl Calibrated {
+    /// Writes the result of `task` into a folder that holds none yet: all that [`write_folder`] does.
+    ///
+    /// # Errors
+    /// [`WriteError`] when there is a result, or the folder or a file cannot be written.
+    pub fn write(&self, folder: impl AsRef<Path>, task: &Task) -> Result<Written, WriteError> {
+        let folder = OutputFolder::open_new(folder.as_ref(), is_result)?;
+        Ok(write_folder(&folder, self, task)?)
+    }
+}
+
+/// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `trajectory.csv`,
+/// `settings.toml`, `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, from
+/// which earlier results are removed. Of several recordings, each has its own clock: those after the first have their own
+/// `trajectory-2.txt`, `circles-2.csv` and so on.
 ///
 /// # Errors
-/// [`OutputError`] names the file that could not be written.
-pub fn write_folder(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<Written, OutputError> {
-    let put = |path: PathBuf, content: &[u8]| {
-        std::fs::write(&path, content).map_err(|error| OutputError { file: path.display().to_string(), error })
-    };
-    std::fs::create_dir_all(folder).map_err(|error| OutputError { file: folder.display().to_string(), error })?;
+/// [`FileError`] names the file that could not be written.
+pub fn write_folder(folder: &OutputFolder, calibrated: &Calibrated, task: &Task) -> Result<Written, FileError> {
+    let put = |path: PathBuf, content: &[u8]| files::write(&path, content);
     let calibration = CalibrationFile::new(calibrated, task.board);
     let json = serde_json::to_string_pretty(&calibration)
-        .map_err(|error| OutputError { file: "calibration.json".to_owned(), error: error.into() })?;
+        .map_err(|error| FileError::new(&folder.path().join("calibration.json"), error.into()))?;
     let stage_report = stage_report(calibrated);
     let mut summary = summary(&calibration);
+    folder.remove_results(is_result)?;
+    let folder = folder.path();
     put(folder.join("calibration.json"), json.as_bytes())?;
-    put(folder.join("settings.toml"), task.settings.to_toml().as_bytes())?;
+    put(folder.join("settings.toml"), task.settings.to_commented_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
     put(folder.join("report.html"), report(calibrated, task).as_bytes())?;
-    let mut circles = Vec::new();
+    let mut text = Vec::new();
     for (recording, start) in calibrated.starts.iter().enumerate() {
-        let of_recording = |name: &str, extension: &str| match recording {
+        let of_recording = |(name, extension): (&str, &str)| match recording {
             0 => format!("{name}.{extension}"),
             _ => format!("{name}-{}.{extension}", recording + 1),
         };
-        let name = of_recording("trajectory", "txt");
         let poses = poses(calibrated, recording, *start, &task.settings.poses);
-        let mut text = Vec::new();
         let determined: Vec<TimedPose> = match &calibrated.evidence {
             Evidence::Events(_) => determined(&poses, &task.settings.poses).collect(),
             Evidence::Pictures(_) => poses.iter().map(|pose| pose.pose).collect(),
         };
-        tum::write(&mut text, &determined).map_err(|error| OutputError { file: name.clone(), error })?;
-        put(folder.join(name), &text)?;
+        text.clear();
+        let path = folder.join(of_recording(TRAJECTORY));
+        tum::write(&mut text, &determined).map_err(|error| FileError::new(&path, error))?;
+        put(path, &text)?;
         if calibrated.events().is_some() {
-            let name = of_recording("trajectory", "csv");
             text.clear();
-            csv::write(&mut text, &poses).map_err(|error| OutputError { file: name.clone(), error })?;
-            put(folder.join(name), &text)?;
+            let path = folder.join(of_recording(POSES));
+            csv::write(&mut text, &poses).map_err(|error| FileError::new(&path, error))?;
+            put(path, &text)?;
         }
         let frames = calibrated.frames().iter().filter(|frame| frame.recording == recording);
-        let name = of_recording("circles", "csv");
-        circles.clear();
-        track::write(&mut circles, frames, &task.board.pattern, (start * 1e6).round() as i64)
-            .map_err(|error| OutputError { file: name.clone(), error })?;
-        put(folder.join(name), &circles)?;
+        let path = folder.join(of_recording(CIRCLES));
+        text.clear();
+        track::write(&mut text, frames, &task.board.pattern, (start * 1e6).round() as i64)
+            .map_err(|error| FileError::new(&path, error))?;
+        put(path, &text)?;
     }
     let pictures = match &calibrated.evidence {
         Evidence::Events(_) => window_examples(calibrated, task.board),
         Evidence::Pictures(_) => picture_examples(calibrated, task),
     };
     for (name, picture) in pictures {
-        let path = folder.join(name);
-        picture.write_png(&path).map_err(|error| OutputError { file: path.display().to_string(), error })?;
+        picture.write_png(&folder.join(name))?;
     }
     let camera = CalibratedCamera::new(calibrated, task.board);
     let exports = Path::new(EXPORTS);
-    std::fs::create_dir_all(folder.join(exports))
-        .map_err(|error| OutputError { file: folder.join(exports).display().to_string(), error })?;
+    let place = folder.join(exports);
+    std::fs::create_dir_all(&place).map_err(|error| FileError::new(&place, error))?;
     for (format, place) in FOR_OTHERS {
         let name = if *place == EXPORTS { exports.join(format.file) } else { format.file.into() };
         match format.export(&camera) {
@@ -174,62 +215,19 @@ fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseS
     poses
 }
 
-fn summary(calibration: &CalibrationFile) -> String {
-    let mut text = String::new();
-    let sensor = calibration.sensor;
-    let _ = writeln!(text, "camera {} on {} x {} pixels", calibration.camera.model, sensor.width, sensor.height);
-    for name in ordered_names(&calibration.camera.model) {
-        let value = calibration.camera.parameters.get(name).unwrap_or(f64::NAN);
-        let sigma = calibration.sigma.parameters.get(name).unwrap_or(f64::NAN);
-        let _ = writeln!(text, "  {name:<3} {value:>12.5} ± {sigma:.5}");
-    }
-    let _ = writeln!(text, "{}", calibration.verdict);
-    if let Some(halves) = &calibration.split_half {
-        let _ = writeln!(
-            text,
-            "halves differ by {:.4} px (expected {:.4}); held-out residual {:.4} px, own {:.4} px",
-            halves.difference_rms, halves.expected_rms, halves.held_out.rms, halves.held_out.own_rms
-        );
-    }
-    let residuals = calibration.residuals;
-    let _ = write!(
-        text,
-        "residual ({}): median {:.3} px, rms {:.3} px, {} observations",
-        residuals.measure, residuals.median, residuals.rms, residuals.count
-    );
-    if !calibration.segments.is_empty() {
-        let _ = write!(text, " in {} segments", calibration.segments.len());
-    }
-    match &calibration.frames {
-        Some(FramesResult::Witness(witness)) => {
-            let _ = write!(text, "\nframes: {}", witness.sentence);
-        }
-        Some(FramesResult::Failed(failure)) => {
-            let _ = write!(text, "\nframes: no calibration to compare with: {failure}");
-        }
-        Some(FramesResult::Only(frames)) => {
-            let _ = write!(text, "\nfrom {} of {} frames", frames.report.used, frames.report.detection.frames);
-        }
-        None => {}
-    }
-    if let Some(joint) = &calibration.joint_frames {
-        let _ = write!(
-            text,
-            "\nsolved together with {} dots of {} frames, which come {:.3} ± {:.3} ms before the events of their moment",
-            joint.dots,
-            joint.frames,
-            1e3 * joint.time_offset,
-            1e3 * joint.time_offset_sigma
-        );
-    }
-    for (index, recording) in calibration.stages.recordings.iter().enumerate() {
-        for note in &recording.notes {
-            let _ = write!(text, "\nnote on recording {}: {note}", index + 1);
-        }
-    }
-    text
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-fn ordered_names(model: &str) -> Vec<&'static str> {
-    evcal_core::camera::ModelKind::from_name(model).map_or_else(Vec::new, |kind| kind.parameter_names().to_vec())
+    #[test]
+    fn results_are_known_by_their_names() {
+        for name in ["calibration.json", "camera.yaml", "exports/camchain.yaml", "trajectory.txt", "circles-12.csv"] {
+            assert!(is_result(Path::new(name)), "{name}");
+        }
+        for name in
+            ["recording.dvraw", "trajectory-mine.txt", "circles-2.csv.bak", "mine/calibration.json", "ttyACM0.circles"]
+        {
+            assert!(!is_result(Path::new(name)), "{name}");
+        }
+    }
 }

@@ -1,13 +1,13 @@
-//! Camera and the pose of every frame together, by least squares on the centres of dots, and how sure
+//! Camera and the pose of every picture together, by least squares on the centres of dots, and how sure
 //! the camera is.
 //!
 //! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) less the measured one.
-//! The normal equations have a block for each frame's pose and a border of camera parameters; poses are
-//! eliminated frame by frame.
+//! The normal equations have a block for each picture's pose and a border of camera parameters; poses are
+//! eliminated picture by picture.
 //!
-//! The errors within a frame are not independent: blur, the shutter and the paper move all its dots
-//! together. Frames are. So the covariance is the jackknife's over frames (Efron 1982): with the border
-//! S = Σ S_f after elimination and the frame's gradient g_f, leaving out frame f moves the parameters by
+//! The errors within a picture are not independent: blur, the shutter and the paper move all its dots
+//! together. Pictures are. So the covariance is the jackknife's over pictures (Efron 1982): with the border
+//! S = Σ S_f after elimination and the picture's gradient g_f, leaving out picture f moves the parameters by
 //! δ_f = (S − S_f)⁻¹ g_f, and the covariance is (n − 1) / n Σ δ_f δ_fᵀ.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
@@ -21,7 +21,7 @@ use crate::numerics::arrow::{PoseEquations, unit_diagonal};
 use crate::numerics::huber::{huber_cost, huber_weight};
 use crate::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
 use crate::numerics::rigid::step_pose;
-use crate::numerics::statistics::median;
+use crate::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 
 type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
 type BorderVector = SVector<f64, MAX_PARAMETERS>;
@@ -37,7 +37,7 @@ pub struct SeenDot {
     pub image: Vector2<f64>,
 }
 
-/// The dots of one frame and its pose.
+/// The dots of one picture and its pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureView {
     /// The dots.
@@ -46,7 +46,7 @@ pub struct PictureView {
     pub pose: Isometry3<f64>,
 }
 
-/// A camera from frames.
+/// A camera from pictures.
 #[derive(Clone, Debug)]
 pub struct PictureBundle {
     /// The camera.
@@ -177,7 +177,7 @@ fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 /// Standard deviation along one axis of residuals of which most are good.
 fn robust_spread(residuals: &[Vector2<f64>]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
-    median(&mut sizes, f64::total_cmp).map_or(SMALLEST_SPREAD, |median| (1.4826 * median).max(SMALLEST_SPREAD))
+    median(&mut sizes, f64::total_cmp).map_or(SMALLEST_SPREAD, |median| (SIGMA_BY_MEDIAN * median).max(SMALLEST_SPREAD))
 }
 
 /// Refines `camera` and the poses of `views` on circles of `radius` (m). `sensor` is (width, height) in
@@ -272,8 +272,8 @@ mod tests {
         Camera::from_parameters(ModelKind::Radtan4, &parameters).unwrap()
     }
 
-    /// Dots with noise that is the same within no two frames: a fifth of the frames is four times as noisy,
-    /// and each frame is a little larger or smaller than it should be, as by blur.
+    /// Dots with noise that is the same within no two pictures: a fifth of the pictures is four times as noisy,
+    /// and each picture is a little larger or smaller than it should be, as by blur.
     fn views(camera: &Camera<f64>, seed: u64) -> Vec<PictureView> {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);

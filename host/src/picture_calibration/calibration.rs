@@ -1,25 +1,28 @@
-//! The ordinary calibration from pictures: every frame has a pose of its own.
+//! The ordinary calibration from pictures: every picture has a pose of its own.
+
+use std::collections::BTreeMap;
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::bundle::{PictureBundle, PictureView, SeenDot, picture_bundle};
 use super::circle_image::center_bias;
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::detection::no_board::NoBoard;
 use crate::detection::pictures::search::PictureSearchReport;
-use crate::initial::{InitialError, InitialModel, PosedFrame, initial_model};
-use crate::settings::Settings;
+use crate::detection::pictures::settings::PictureSettings;
+use crate::initial::{InitialError, InitialModel, InitialSettings, PosedFrame, initial_model};
 use crate::solve::residual_statistics::ResidualStatistics;
 
-/// What became of the frames of all recordings.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+/// What became of the pictures of all recordings.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PictureReport {
     /// From pictures to boards.
     pub detection: PictureSearchReport,
-    /// Frames that the calibration used.
+    /// Pictures that the calibration used.
     pub used: usize,
     /// Why the others with a board fell away, in words.
     pub dropped: String,
@@ -27,12 +30,12 @@ pub struct PictureReport {
     pub dots_used: usize,
 }
 
-/// A camera calibrated from frames.
+/// A camera calibrated from pictures.
 #[derive(Clone, Debug)]
 pub struct PictureCalibration {
     /// The camera.
     pub camera: Camera<f64>,
-    /// Covariance of its parameters, in the order of the model, from the scatter between frames.
+    /// Covariance of its parameters, in the order of the model, from the scatter between pictures.
     pub covariance: DMatrix<f64>,
     /// Variance of the parameters over that of independent residuals, on average.
     pub inflation: f64,
@@ -44,11 +47,11 @@ pub struct PictureCalibration {
     pub median: f64,
     /// Reference frames of the pictures with the board; centres are centres of area.
     pub frames: Vec<ReferenceFrame>,
-    /// The frames used with their poses; `center` of a circle is the image of its centre.
+    /// The pictures used with their poses; `center` of a circle is the image of its centre.
     pub posed: Vec<PosedFrame>,
     /// How it started.
     pub initial: InitialModel,
-    /// What became of the frames.
+    /// What became of the pictures.
     pub report: PictureReport,
 }
 
@@ -63,7 +66,7 @@ impl PictureCalibration {
         ResidualStatistics { count: self.report.dots_used, rms: self.rms, median: self.median }
     }
 
-    /// What a result from frames alone says of itself.
+    /// What a result from pictures alone says of itself.
     pub fn summary(&self) -> PictureSummary {
         PictureSummary {
             sigma: self.sigma(),
@@ -74,8 +77,8 @@ impl PictureCalibration {
     }
 }
 
-/// What a result from frames alone says of itself.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// What a result from pictures alone says of itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PictureSummary {
     /// Standard deviation of each of the camera's parameters, in the order of the model.
     pub sigma: Vec<f64>,
@@ -83,35 +86,70 @@ pub struct PictureSummary {
     pub spread: f64,
     /// Variance of the parameters over that of independent residuals, on average.
     pub inflation: f64,
-    /// What became of the frames.
+    /// What became of the pictures.
     pub report: PictureReport,
 }
 
-/// Why the frames gave no camera, and what became of them.
-#[derive(Clone, Debug, PartialEq, Serialize, thiserror::Error)]
+/// Why the pictures gave no camera, and what became of them.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{reason}")]
 pub struct NoPictureCalibration {
-    /// In words, with what to do.
-    pub reason: String,
-    /// What became of the frames.
+    /// Why, and what to do.
+    pub reason: PictureFailure,
+    /// What became of the pictures.
     pub report: Box<PictureReport>,
+}
+
+/// Why the pictures gave no camera.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PictureFailure {
+    /// Too few of them show the board.
+    #[error("the board was found in {found} of {read} frames, {required} are needed ({}): more light, slower motion, the whole board in view", in_words(.refused))]
+    TooFewPictures {
+        /// Pictures with the board.
+        found: usize,
+        /// Pictures read.
+        read: u64,
+        /// Pictures that are needed.
+        required: usize,
+        /// Pictures without a board, by reason.
+        refused: BTreeMap<NoBoard, u64>,
+    },
+    /// There is no first camera.
+    #[error(transparent)]
+    Initial(#[from] InitialError),
+    /// The views are too much alike.
+    #[error("the {views} frames with the board do not determine the camera: tilt it more")]
+    Undetermined {
+        /// Pictures used.
+        views: usize,
+    },
+}
+
+/// Reasons and how often they were, most frequent first.
+fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
+    let mut reasons: Vec<_> = refused.iter().collect();
+    reasons.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
+    let reasons: Vec<String> = reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+    reasons.join(", ")
 }
 
 /// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which
 /// `board` was found.
 ///
 /// # Errors
-/// When too few frames are left, or they do not determine the camera.
+/// When too few pictures are left, or they do not determine the camera.
 pub fn calibrate_pictures(
     frames: Vec<ReferenceFrame>,
     detection: PictureSearchReport,
     board: &Board,
     sensor: Sensor,
     kind: ModelKind,
-    settings: &Settings,
+    initial_settings: &InitialSettings,
+    settings: &PictureSettings,
 ) -> Result<PictureCalibration, NoPictureCalibration> {
     let mut report = PictureReport { detection, ..PictureReport::default() };
-    let initial = match start(&frames, &report.detection, board, sensor, kind, settings) {
+    let initial = match start(&frames, &report.detection, board, sensor, kind, initial_settings) {
         Ok(initial) => initial,
         Err(reason) => return Err(NoPictureCalibration { reason, report: Box::new(report) }),
     };
@@ -127,9 +165,9 @@ pub fn calibrate_pictures(
             PictureView { dots: dots.collect(), pose: posed.pose.inverse() }
         })
         .collect();
-    let bundle = picture_bundle(&initial.camera, &views, board.radius, sensor, settings.frames.huber);
+    let bundle = picture_bundle(&initial.camera, &views, board.radius, sensor, settings.huber);
     let Some(PictureBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
-        let reason = format!("the {} frames with the board do not determine the camera: tilt it more", views.len());
+        let reason = PictureFailure::Undetermined { views: views.len() };
         return Err(NoPictureCalibration { reason, report: Box::new(report) });
     };
     let mut posed = initial.frames.clone();
@@ -162,19 +200,12 @@ fn start(
     board: &Board,
     sensor: Sensor,
     kind: ModelKind,
-    settings: &Settings,
-) -> Result<InitialModel, String> {
-    let needed = settings.initial.min_frames;
-    if frames.len() < needed {
-        let mut reasons: Vec<(&str, u64)> = detection.refused.iter().map(|(reason, count)| (*reason, *count)).collect();
-        reasons.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
-        let reasons: Vec<String> = reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
-        return Err(format!(
-            "the board was found in {} of {} frames, {needed} are needed ({}): more light, slower motion, the whole board in view",
-            frames.len(),
-            detection.frames,
-            reasons.join(", ")
-        ));
+    settings: &InitialSettings,
+) -> Result<InitialModel, PictureFailure> {
+    let required = settings.min_frames;
+    if frames.len() < required {
+        let (found, read, refused) = (frames.len(), detection.frames, detection.refused.clone());
+        return Err(PictureFailure::TooFewPictures { found, read, required, refused });
     }
-    initial_model(frames, board, sensor, kind, &settings.initial).map_err(|error: InitialError| error.to_string())
+    Ok(initial_model(frames, board, sensor, kind, settings)?)
 }

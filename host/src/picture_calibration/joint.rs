@@ -1,11 +1,11 @@
-//! Frames and events in one solve: the centres of dots tied to the trajectories of the events.
+//! Pictures and events in one solve: the centres of dots tied to the trajectories of the events.
 //!
 //! A centre belongs to the middle of its exposure. The trajectory runs on the clock of the events, which
 //! is late by what pixels take to answer, so that a constant offset between both is estimated first, along
 //! with its standard deviation: e = π(T(t + τ)) − m, ∂e/∂τ = the dot's velocity.
 
 use nalgebra::{Isometry3, Vector2};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::calibration::PictureCalibration;
 use super::circle_image::{center_bias, circle_image_center};
@@ -14,20 +14,20 @@ use crate::circles::reference_frame::PointObservation;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::pictures::settings::PictureSettings;
 use crate::numerics::huber::huber_weight;
-use crate::numerics::statistics::median;
+use crate::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 use crate::solve::State;
 use crate::trajectory::Trajectory;
 
-/// Frames in a joint solve.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// Pictures in a joint solve.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointReport {
-    /// Frames with the board while there was a trajectory.
+    /// Pictures with the board while there was a trajectory.
     pub frames: usize,
     /// Centres of dots that became observations.
     pub dots: usize,
     /// Dots that lay elsewhere than the trajectory puts them.
     pub dots_elsewhere: usize,
-    /// What is added to a frame's time to get that of the events of the same moment (s).
+    /// What is added to a picture's time to get that of the events of the same moment (s).
     pub time_offset: f64,
     /// Its standard deviation (s).
     pub time_offset_sigma: f64,
@@ -45,10 +45,10 @@ pub struct JointPoints {
     pub report: JointReport,
 }
 
-/// Why frames and events cannot be solved together.
+/// Why pictures and events cannot be solved together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoJointPoints {
-    /// No frame lies on a trajectory.
+    /// No picture lies on a trajectory.
     #[error("no frame with the board was taken while the events show how the camera moved")]
     NoCommonTime,
     /// The clocks are too far apart.
@@ -62,6 +62,10 @@ pub enum NoJointPoints {
 const VELOCITY_STEP: f64 = 1e-4;
 /// Rounds of the time offset.
 const ROUNDS: usize = 8;
+/// The offset is found when a step is below this share of its standard deviation.
+const CONVERGED: f64 = 0.01;
+/// Largest standard deviation of the offset, as a share of the largest offset.
+const OFFSET_KNOWN: f64 = 0.1;
 /// Part of the distance of neighbouring dots within which a dot is that of the trajectory.
 const NEAR: f64 = 0.25;
 
@@ -79,11 +83,11 @@ struct Tied<'a> {
     velocity: Vector2<f64>,
 }
 
-/// Ties the dots of `calibration`'s frames to the trajectories of `state`.
+/// Ties the dots of `calibration`'s pictures to the trajectories of `state`.
 ///
 /// The solve takes events as independent, which they are not: they tell `event_inflation` times less of the
-/// camera than it believes. So that events do not outvote frames, a centre's weight is raised by the same
-/// factor, less by what the frames' own information is overstated by.
+/// camera than it believes. So that events do not outvote pictures, a centre's weight is raised by the same
+/// factor, less by what the pictures' own information is overstated by.
 ///
 /// # Errors
 /// [`NoJointPoints`].
@@ -110,17 +114,17 @@ pub fn joint_points(
             }
         }
         let step = -gradients.iter().sum::<f64>() / information;
-        // The dots of a frame err together, frames do not.
+        // The dots of a picture err together, pictures do not.
         sigma = gradients.iter().map(|gradient| gradient * gradient).sum::<f64>().sqrt() / information;
         if !step.is_finite() {
             return Err(NoJointPoints::OffsetUnknown);
         }
         offset += step;
-        if step.abs() < 0.01 * sigma {
+        if step.abs() < CONVERGED * sigma {
             break;
         }
     }
-    if offset.abs() > settings.max_time_offset || sigma > 0.1 * settings.max_time_offset {
+    if offset.abs() > settings.max_time_offset || sigma > OFFSET_KNOWN * settings.max_time_offset {
         return Err(NoJointPoints::OffsetUnknown);
     }
     let (tied, elsewhere) = tie(&used, state, board, offset);
@@ -210,5 +214,5 @@ fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: 
 /// Standard deviation along one axis of the residuals, of which most are good; `None` without any.
 fn spread(tied: &[Tied<'_>]) -> Option<f64> {
     let mut sizes: Vec<f64> = tied.iter().flat_map(|dot| [dot.residual.x.abs(), dot.residual.y.abs()]).collect();
-    median(&mut sizes, f64::total_cmp).map(|median| 1.4826 * median)
+    median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median)
 }

@@ -4,6 +4,7 @@
 //! is the FlatBuffer `EVTS { elements: [Event] }`, where an event has 16 bytes: i64 time in µs since
 //! 1970, i16 x, i16 y, u8 ON, 3 bytes unused, all little-endian.
 
+mod extras;
 pub mod header;
 pub mod other_streams;
 pub mod packets;
@@ -18,7 +19,9 @@ use evcal_core::event::{Event, Polarity};
 use flatbuffer::Malformed;
 use header::{Header, MAGIC, Stream};
 use packets::{PacketHead, PacketReader};
+pub use write::{OUTPUT, OUTPUT_LZ4, OUTPUT_UNCOMPRESSED};
 
+use super::extras::ReadExtras;
 use super::{
     Damage, Decode, FileFormat, MAX_SENSOR_SIZE, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
     RecordingOptions,
@@ -28,9 +31,17 @@ use super::{
 pub const FORMAT: FileFormat = FileFormat {
     name: "AEDAT4",
     recognise: |head| head.bytes.starts_with(MAGIC),
-    open: |path, options| Ok(Box::new(EventDecoder::open(path, options)?)),
-    streams: other_streams::summarise,
+    events: |path, options| Ok(Box::new(EventDecoder::open(path, options)?)),
+    streams: |path, _| other_streams::summarise(path),
+    frames: Some(|path, _, visit| other_streams::visit_frames(path, visit)),
+    extras: Some(open_extras),
+    transfers: None,
+    output: Some(&OUTPUT),
 };
+
+fn open_extras(path: &Path, _: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
+    Ok(Box::new(extras::Aedat4Extras::open(path)?))
+}
 
 /// Type identifier of a stream of events.
 const EVENTS: &str = "EVTS";

@@ -4,47 +4,26 @@
 //! as the original does. Frames and inertial samples are kept where both formats hold them; the
 //! report names what is not.
 
-pub(crate) mod extras;
-mod sink;
-mod transfers;
-
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
 use serde::Serialize;
 use usb_davis::capture::CaptureError;
 
-use crate::recording::aedat4::header::Compression;
-use crate::recording::write::{OutputFormat, WriteError};
-use crate::recording::{EventReader, ReadReport, Recording, RecordingError};
-use evcal_core::sensor::Sensor;
-use extras::{Extra, Extras};
-use sink::Sink;
+use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
+use super::extras::{Extra, NoExtras, ReadExtras, left_out};
+use super::write::output_extensions;
+use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError};
+use crate::files::{FileError, NewFile};
 
-/// A format to convert to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Target {
-    /// What a DAVIS346 sends over USB.
-    Dvraw,
-    /// Events, with frames and inertial samples if it is AEDAT4.
-    Events(OutputFormat),
-}
-
-impl Target {
-    /// The format that the extension of `path` stands for: `.dvraw`, or one of
-    /// [`OutputFormat::from_extension`].
-    pub fn from_extension(path: &Path) -> Result<Self, ConvertError> {
-        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("dvraw")) {
-            return Ok(Self::Dvraw);
-        }
-        OutputFormat::from_extension(path).map(Self::Events).map_err(|_| ConvertError::Extension(path.to_owned()))
-    }
-
-    /// Whether frames and inertial samples can be kept.
-    const fn holds_more_than_events(self) -> bool {
-        matches!(self, Self::Dvraw | Self::Events(OutputFormat::Aedat4(_)))
-    }
+/// The format that the extension of `path` stands for.
+///
+/// # Errors
+/// [`ConvertError::Extension`] when there is none.
+pub fn output_of(path: &Path) -> Result<OutputFormat, ConvertError> {
+    OutputFormat::from_extension(path).ok_or_else(|| ConvertError::Extension(path.to_owned()))
 }
 
 /// From when times count.
@@ -80,10 +59,11 @@ pub struct ConversionReport {
 
 /// Why nothing was converted.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ConvertError {
     /// The recording cannot be opened.
     #[error(transparent)]
-    Source(#[from] RecordingError),
+    Recording(#[from] RecordingError),
     /// The camera's stream cannot be read.
     #[error("{}: {error}", path.display())]
     Capture {
@@ -101,7 +81,7 @@ pub enum ConvertError {
         error: WriteError,
     },
     /// No format has this extension.
-    #[error("{}: unknown extension; use .dvraw, .aedat4, .csv, .txt or .bin, or name the format with --to", .0.display())]
+    #[error("{}: unknown extension; use {}, or name the format with --to", .0.display(), output_extensions())]
     Extension(PathBuf),
     /// The output is there already.
     #[error("{} is there already and is not overwritten: choose another name", .0.display())]
@@ -116,9 +96,6 @@ pub enum ConvertError {
 
 /// What comes later than this after the last event has a damaged time (µs).
 const AFTERWARDS: i64 = 60_000_000;
-
-/// Names of the formats that hold what a camera sends.
-const CAMERA_STREAMS: [&str; 2] = [crate::recording::davis::FORMAT.name, crate::recording::davis::BARE_FORMAT.name];
 
 /// What is done to a recording on its way.
 pub struct Change<'a> {
@@ -137,13 +114,14 @@ pub struct Change<'a> {
 pub fn convert(
     recording: &Recording,
     path: &Path,
-    target: Target,
+    target: OutputFormat,
     origin: TimeOrigin,
     progress: impl FnMut(u64),
 ) -> Result<ConversionReport, ConvertError> {
-    let from_camera = CAMERA_STREAMS.contains(&recording.format());
-    if from_camera && target == Target::Dvraw && !path.exists() {
-        return transfers::copy(recording.path(), path);
+    if let (Some(open), Some(copy)) = (recording.format().transfers, target.copy_transfers)
+        && !path.exists()
+    {
+        return copy_transfers(recording, path, open, copy);
     }
     let unchanged = Change { events: &mut |_| {}, extra: &mut |_| {} };
     convert_changed(recording, path, target, origin, unchanged, progress)
@@ -156,9 +134,9 @@ pub fn convert(
 pub fn convert_changed(
     recording: &Recording,
     path: &Path,
-    target: Target,
+    target: OutputFormat,
     origin: TimeOrigin,
-    change: Change,
+    mut change: Change,
     mut progress: impl FnMut(u64),
 ) -> Result<ConversionReport, ConvertError> {
     if path.exists() {
@@ -168,57 +146,119 @@ pub fn convert_changed(
     let mut events = Vec::new();
     let mut report = ConversionReport::default();
     let mut more = next(&mut reader, &mut events, &mut report);
-    let mut extras = match target.holds_more_than_events() {
-        true => Extras::open(recording.path(), recording.format())?,
-        false => Extras::none(),
-    };
+    let mut extras = if target.holds_extras { open_extras(recording)? } else { Box::new(NoExtras) };
     let shift = match origin {
         TimeOrigin::Kept => 0,
-        TimeOrigin::Unix => extras::start(recording.path(), recording.format())?
-            .ok_or_else(|| ConvertError::StartUnknown(recording.path().to_owned()))?,
+        TimeOrigin::Unix => start(recording)?.ok_or_else(|| ConvertError::StartUnknown(recording.path().to_owned()))?,
     };
     let zero = zero(events.first().map(|event| event.t), extras.first_time());
     let failed = |error| ConvertError::Write { path: path.to_owned(), error };
     let information = reader.information();
-    let sensor = match (information.sensor, target) {
-        (Some(sensor), _) => sensor,
-        // It holds no sensor size.
-        (None, Target::Events(OutputFormat::EventCalib)) => Sensor::new(0, 0),
-        (None, _) => return Err(ConvertError::SensorUnknown(recording.path().to_owned())),
+    let sensor = match information.sensor {
+        Some(sensor) => sensor,
+        None if target.holds_sensor => return Err(ConvertError::SensorUnknown(recording.path().to_owned())),
+        None => Sensor::new(0, 0),
     };
     let camera_name = information.camera_name.as_deref().unwrap_or_default();
-    let mut sink = Sink::create(path, target, sensor, camera_name, extras.held(), zero).map_err(failed)?;
+    let description = Description { sensor, camera_name, others: extras.held(), zero };
+    let mut file = None;
+    let mut create = || {
+        let new = NewFile::create(path).map_err(|error| error.error)?;
+        file.insert(new).handle()
+    };
+    let mut output = (target.create)(&mut create, &description).map_err(failed)?;
     let mut latest = zero;
     while more {
         let last = events.last().map_or(latest, |event| event.t);
         latest = last;
         events.iter_mut().for_each(|event| event.t = event.t.saturating_add(shift));
         (change.events)(&mut events);
-        sink.events(&events).map_err(failed)?;
+        output.write(&events).map_err(failed)?;
         report.events += events.len() as u64;
-        while let Some(mut extra) = extras.next_until(last, &mut report.lost) {
-            (change.extra)(&mut extra);
-            sink.extra(extra.later(shift)).map_err(failed)?;
+        while let Some(extra) = extras.next_until(last, &mut report.lost) {
+            write_extra(&mut *output, extra, &mut change, shift, &mut report).map_err(failed)?;
         }
-        sink.advance(last.saturating_add(shift)).map_err(failed)?;
+        output.advance(last.saturating_add(shift)).map_err(failed)?;
         progress(reader.report().events);
         more = next(&mut reader, &mut events, &mut report);
     }
     let end = latest.saturating_add(AFTERWARDS);
-    while let Some(mut extra) = extras.next_until(end, &mut report.lost) {
-        (change.extra)(&mut extra);
-        sink.extra(extra.later(shift)).map_err(failed)?;
+    while let Some(extra) = extras.next_until(end, &mut report.lost) {
+        write_extra(&mut *output, extra, &mut change, shift, &mut report).map_err(failed)?;
     }
     if extras.next_until(i64::MAX, &mut report.lost).is_some() {
         report.lost.push("frames or inertial samples more than a minute after the last event".to_owned());
     }
-    let written = sink.finish(&mut report.lost).map_err(failed)?;
+    output.finish().map_err(failed)?;
+    report.lost.extend(output.lost());
+    drop(output);
+    if let Some(file) = file {
+        file.finish().map_err(|error| failed(error.error.into()))?;
+    }
     report.report = reader.report().clone();
     report.notes = reader.information().notes.clone();
-    (report.frames, report.inertial_samples) = (written.frames, written.inertial_samples);
-    let left_out = extras.left_out(&report.report);
-    report.lost.extend(left_out);
+    report.lost.extend(left_out(&*extras, &report.report));
     Ok(report)
+}
+
+/// Frames and inertial samples of `recording`, in order of time.
+///
+/// # Errors
+/// When the file cannot be read.
+pub fn open_extras(recording: &Recording) -> Result<Box<dyn ReadExtras>, RecordingError> {
+    match recording.format().extras {
+        Some(open) => open(recording.path(), recording.options()),
+        None => Ok(Box::new(NoExtras)),
+    }
+}
+
+/// Changes, moves and writes a frame or an inertial sample, and counts it if it is kept.
+fn write_extra(
+    output: &mut dyn Encode,
+    mut extra: Extra,
+    change: &mut Change,
+    shift: i64,
+    report: &mut ConversionReport,
+) -> Result<(), WriteError> {
+    (change.extra)(&mut extra);
+    let extra = extra.later(shift);
+    let counted = match extra {
+        Extra::Frame(_) => &mut report.frames,
+        Extra::Inertial(_) => &mut report.inertial_samples,
+    };
+    *counted += u64::from(output.extra(extra)?);
+    Ok(())
+}
+
+/// Copies the USB transfers of `recording` into a new file at `path`.
+fn copy_transfers(
+    recording: &Recording,
+    path: &Path,
+    open: OpenTransfers,
+    copy: CopyTransfers,
+) -> Result<ConversionReport, ConvertError> {
+    let unreadable = |error| ConvertError::Capture { path: recording.path().to_owned(), error };
+    let mut capture = open(recording.path(), recording.options()).map_err(unreadable)?;
+    let failed = |error| ConvertError::Write { path: path.to_owned(), error };
+    let unwritten = |error: FileError| failed(error.error.into());
+    let file = NewFile::create(path).map_err(unwritten)?;
+    let handle = file.handle().map_err(|error| failed(error.into()))?;
+    let copied = copy(&mut capture, handle).map_err(failed)?;
+    file.finish().map_err(unwritten)?;
+    Ok(ConversionReport {
+        transfers: copied.transfers,
+        lost: copied.lost.into_iter().collect(),
+        error: copied.error.map(|error| unreadable(error).to_string()),
+        ..ConversionReport::default()
+    })
+}
+
+/// When the recording of a camera began, in µs since 1970, if it says so.
+fn start(recording: &Recording) -> Result<Option<i64>, ConvertError> {
+    let Some(open) = recording.format().transfers else { return Ok(None) };
+    let unreadable = |error| ConvertError::Capture { path: recording.path().to_owned(), error };
+    let start = open(recording.path(), recording.options()).map_err(unreadable)?.header().start_unix_ns;
+    Ok(i64::try_from(start / 1000).ok().filter(|start| *start > 0))
 }
 
 /// Time that becomes the zero of a camera's clock: 0 as long as the events begin in the hour after it,
@@ -235,21 +275,6 @@ fn next(reader: &mut EventReader, events: &mut Vec<Event>, report: &mut Conversi
         report.error = Some(error.to_string());
         false
     })
-}
-
-/// Formats by their names on the command line.
-impl std::str::FromStr for Target {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "dvraw" => Ok(Self::Dvraw),
-            "aedat4" => Ok(Self::Events(OutputFormat::Aedat4(Compression::Zstd))),
-            "csv" => Ok(Self::Events(OutputFormat::Text)),
-            "bin" => Ok(Self::Events(OutputFormat::EventCalib)),
-            _ => Err("write dvraw, aedat4, csv or bin (EventCalib)".to_owned()),
-        }
-    }
 }
 
 impl fmt::Display for ConversionReport {

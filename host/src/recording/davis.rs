@@ -6,38 +6,59 @@
 //! latest one.
 
 pub mod dump;
+mod dump_sink;
+mod extras;
 mod messages;
+mod transfers;
 
 use std::path::Path;
 
 use evcal_core::event::Event;
 pub use messages::Messages;
 pub use messages::{CameraClock, event};
-use usb_davis::capture::{CaptureFormat, sniff};
+use usb_davis::capture::{Capture, CaptureFormat, sniff};
 use usb_davis::protocol::Message;
 
-use super::{Decode, FileFormat, Head, ReadReport, RecordingError, RecordingInformation, StreamSummary};
+use super::extras::ReadExtras;
+use super::{
+    Decode, FileFormat, Head, ReadReport, RecordingError, RecordingInformation, RecordingOptions, StreamSummary,
+};
+pub use dump_sink::OUTPUT;
 
 /// Dumps and captures, which begin with a mark.
 pub const FORMAT: FileFormat = FileFormat {
     name: "DAVIS USB recording",
     recognise: |head| is(head, &[CaptureFormat::Dvraw, CaptureFormat::Packets]),
-    open: |path, _| open(path, FORMAT.name),
+    events: |path, options| open(path, options, FORMAT.name),
     streams: summarise,
+    frames: Some(extras::visit_frames),
+    extras: Some(open_extras),
+    transfers: Some(|path, options| Capture::open_device(path, options.device)),
+    output: Some(&dump_sink::OUTPUT),
 };
 
 /// The stream alone, which can be told from other files only by its words.
 pub const BARE_FORMAT: FileFormat = FileFormat {
     name: "bare DAVIS stream",
     recognise: |head| is(head, &[CaptureFormat::BarePayload]),
-    open: |path, _| open(path, BARE_FORMAT.name),
-    streams: summarise,
+    events: |path, options| open(path, options, BARE_FORMAT.name),
+    output: None,
+    ..FORMAT
 };
 
 const BATCH: usize = 32_768;
 
+/// Names of what there is beside events.
+const FRAMES: &str = "frames";
+const INERTIAL: &str = "inertial samples";
+const SIGNALS: &str = "signals";
+
 fn is(head: &Head, formats: &[CaptureFormat]) -> bool {
     sniff(&head.bytes).is_some_and(|format| formats.contains(&format))
+}
+
+fn open_extras(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
+    Ok(Box::new(extras::CameraExtras::open(path, options)?))
 }
 
 struct Transfers {
@@ -45,8 +66,8 @@ struct Transfers {
     information: RecordingInformation,
 }
 
-fn open(path: &Path, format: &'static str) -> Result<Box<dyn Decode>, RecordingError> {
-    let messages = Messages::open(path)?;
+fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> Result<Box<dyn Decode>, RecordingError> {
+    let messages = Messages::open(path, options.device)?;
     let header = messages.header();
     let mut notes = Vec::new();
     if header.registers.is_empty() {
@@ -81,9 +102,9 @@ impl Decode for Transfers {
 }
 
 /// Counts what the stream holds.
-fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
-    let mut messages = Messages::open(path)?;
-    let names = ["events", "frames", "inertial samples", "signals"];
+fn summarise(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError> {
+    let mut messages = Messages::open(path, options.device)?;
+    let names = ["events", FRAMES, INERTIAL, SIGNALS];
     let mut summaries =
         names.map(|name| StreamSummary { name: name.to_owned(), packets: 0, elements: 0, times_us: None });
     let mut more = true;
@@ -99,7 +120,7 @@ fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
                 Message::Frame(frame) => (1, 1, frame.start, frame.start),
                 Message::Imu(sample) => (2, 1, sample.time, sample.time),
                 Message::Signal(signal) => (3, 1, signal.time, signal.time),
-                Message::Anomaly(_) | Message::TimestampReset { .. } => return,
+                _ => return,
             };
             if let (Some(summary), Some(met)) = (summaries.get_mut(index), met.get_mut(index)) {
                 summary.packets += u64::from(!std::mem::replace(met, true));
@@ -114,13 +135,14 @@ fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
 #[cfg(test)]
 mod tests {
     use evcal_core::event::Polarity;
+    use usb_davis::capture::DeviceAddress;
     use usb_davis::dump::{Compression, DumpHeader, DumpWriter, Transfer, TransferStatus};
     use usb_davis::protocol::{Encoder, Layout, Polarity as WirePolarity, PolarityEvent};
 
     use evcal_core::sensor::Sensor;
 
     use super::*;
-    use crate::recording::{Recording, RecordingOptions};
+    use crate::recording::{Recording, RepairedTimes};
 
     #[test]
     fn dumps_and_bare_streams_give_the_events_they_were_made_of() {
@@ -146,7 +168,7 @@ mod tests {
             let path = directory.path().join("recording");
             std::fs::write(&path, content).expect("it can be written");
             let recording = Recording::new(&path, RecordingOptions::default()).expect("it is known");
-            assert_eq!(recording.format(), format);
+            assert_eq!(recording.format().name, format);
             let mut reader = recording.open().expect("it can be read");
             assert_eq!(reader.information().sensor, Some(Sensor::new(346, 260)));
             let (mut events, mut batch) = (Vec::new(), Vec::new());
@@ -155,6 +177,91 @@ mod tests {
             }
             assert_eq!(events, expected);
             assert_eq!(reader.report().damaged_packets, 0);
+        }
+    }
+
+    #[test]
+    fn the_times_that_were_put_right_are_named() {
+        let mut encoder = Encoder::new(Layout::DAVIS346);
+        let mut dump = DumpWriter::new(Vec::new(), &DumpHeader::default(), Compression::None).expect("a vector");
+        // Transfers of 1 ms after a restart of the clock, of which those of 0.1 s are lost.
+        let mut reset = Vec::new();
+        encoder
+            .event(&PolarityEvent { time: 5, x: 1, y: 2, polarity: WirePolarity::On }, &mut reset)
+            .expect("in order");
+        encoder.timestamp_reset(&mut reset);
+        let mut transfer = |milliseconds: u64, gap_before, payload: &[u8]| {
+            let (host_ns, status) = (Some(milliseconds * 1_000_000), TransferStatus::Completed);
+            dump.transfer(&Transfer { host_ns, gap_before, status, payload }).expect("a vector");
+        };
+        transfer(0, false, &reset);
+        for milliseconds in 1..1000 {
+            let mut payload = Vec::new();
+            let time = milliseconds * 1000;
+            let event = PolarityEvent { time, x: 1, y: 2, polarity: WirePolarity::On };
+            encoder.event(&event, &mut payload).expect("in order");
+            if !(500..600).contains(&milliseconds) {
+                transfer(milliseconds, milliseconds == 600, &payload);
+            }
+        }
+        let directory = tempfile::tempdir().expect("a directory can be made");
+        let path = directory.path().join("gap.dvraw");
+        std::fs::write(&path, dump.finish().expect("a vector")).expect("it can be written");
+        let mut reader = Recording::new(&path, RecordingOptions::default()).expect("known").open().expect("readable");
+        let (mut batch, mut last) = (Vec::new(), 0);
+        while reader.next_batch(&mut batch).expect("it is whole") {
+            last = batch.last().map_or(last, |event| event.t);
+        }
+        // Times go on 1 s after the 5 us before the restart.
+        assert_eq!(last, 1_000_005 + 999_000);
+        let stream = &reader.report().stream;
+        let wraps = 600_000 / 32_768 - 499_000 / 32_768;
+        let repaired = RepairedTimes { from_us: 1_000_005 + 600_000, restored_us: wraps * 32_768, excess_us: 0 };
+        assert_eq!((stream.gaps, &stream.repaired_times[..]), (1, &[repaired][..]));
+        let notes = stream.notes().join("\n");
+        assert!(notes.contains("times put later: from 1.600005 s on 98.304 ms"), "{notes}");
+    }
+
+    /// A pcap file of usbmon with one completed transfer from endpoint 0x82 of each device on bus 2.
+    fn pcap(transfers: &[(u8, &[u8])]) -> Vec<u8> {
+        let mut file = [0xA1B2_C3D4u32, 0x0004_0002, 0, 0, 1 << 18, 220].map(u32::to_le_bytes).concat();
+        for (device, payload) in transfers {
+            let length = payload.len() as u32;
+            file.extend([1000, 0, 64 + length, 64 + length].map(u32::to_le_bytes).concat());
+            let mut header = [0; 64];
+            header[8..16].copy_from_slice(&[b'C', 3, 0x82, *device, 2, 0, b'-', 0]);
+            header[32..36].copy_from_slice(&length.to_le_bytes());
+            header[36..40].copy_from_slice(&length.to_le_bytes());
+            file.extend(header);
+            file.extend(*payload);
+        }
+        file
+    }
+
+    #[test]
+    fn one_of_several_cameras_in_a_capture_can_be_chosen() {
+        let payload = |x| {
+            let mut bytes = Vec::new();
+            let event = PolarityEvent { time: 5, x, y: 2, polarity: WirePolarity::On };
+            Encoder::new(Layout::DAVIS346).event(&event, &mut bytes).expect("in order");
+            bytes
+        };
+        let directory = tempfile::tempdir().expect("a directory can be made");
+        let path = directory.path().join("two.pcap");
+        std::fs::write(&path, pcap(&[(4, &payload(44)), (5, &payload(55))])).expect("it can be written");
+        let open = |device| {
+            let options = RecordingOptions { device, ..RecordingOptions::default() };
+            Recording::new(&path, options).expect("it is known")
+        };
+        let error = open(None).open().map(|_| ()).expect_err("which one is not said").to_string();
+        assert!(error.contains("2.4, 2.5") && error.contains("--device BUS.DEVICE"), "{error}");
+        for (device, x) in [(4, 44), (5, 55)] {
+            let recording = open(Some(DeviceAddress { bus: 2, device }));
+            let mut batch = Vec::new();
+            recording.open().expect("it can be read").next_batch(&mut batch).expect("it is whole");
+            assert_eq!(batch.iter().map(|event| event.x).collect::<Vec<_>>(), [x]);
+            let streams = recording.streams().expect("it can be read");
+            assert_eq!(streams.iter().map(|stream| stream.elements).sum::<u64>(), 1);
         }
     }
 }

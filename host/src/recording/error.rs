@@ -3,6 +3,11 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use usb_davis::capture::CaptureError;
+
+use super::FORMATS;
+use super::text::{LayoutError, LineError};
+
 /// Why a recording could not be read.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {kind}", path.display())]
@@ -15,6 +20,7 @@ pub struct RecordingError {
 
 /// What happened to a recording.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RecordingErrorKind {
     /// The operating system refused.
     #[error("cannot be read: {0}")]
@@ -37,10 +43,7 @@ pub enum RecordingErrorKind {
         advice: &'static str,
     },
     /// Nothing that we know.
-    #[error(
-        "is in no format known here (known: AEDAT4, .dvraw, pcap and pcapng of a DAVIS346, text with a line `t x y p` per event, EventCalib binary); \
-         was it cut off at its beginning?"
-    )]
+    #[error("is in no format known here (known: {}); was it cut off at its beginning?", known_formats())]
     UnknownFormat,
     /// A header, packet or record that breaks its format.
     #[error("byte {byte}: {what}; {advice}")]
@@ -58,7 +61,7 @@ pub enum RecordingErrorKind {
         /// Number of the line, from 1.
         line: u64,
         /// What is wrong with it, and what to do.
-        what: String,
+        what: LineError,
     },
     /// An event that no camera sends.
     #[error("event {event}: {what}")]
@@ -76,6 +79,9 @@ pub enum RecordingErrorKind {
         /// Height in pixels.
         height: i64,
     },
+    /// An address of a pixel means something only with the size of its sensor.
+    #[error("does not name a camera that is known here: add --sensor WIDTHxHEIGHT")]
+    ChipUnknown,
     /// No stream of events.
     #[error("holds no stream of events; its streams: {0}")]
     NoEventStream(String),
@@ -87,9 +93,12 @@ pub enum RecordingErrorKind {
         /// Those that exist.
         available: String,
     },
-    /// The options contradict the content, or it cannot be understood without them.
-    #[error("{0}")]
-    Layout(String),
+    /// The columns of a text file are not clear.
+    #[error(transparent)]
+    Layout(LayoutError),
+    /// A recording of USB transfers cannot be read.
+    #[error(transparent)]
+    Capture(CaptureError),
 }
 
 impl RecordingError {
@@ -100,4 +109,9 @@ impl RecordingError {
     pub(crate) fn io(path: &Path, error: io::Error) -> Self {
         Self::new(path, RecordingErrorKind::Io(error))
     }
+}
+
+/// The names of all formats, for a sentence.
+fn known_formats() -> String {
+    FORMATS.iter().map(|format| format.name).collect::<Vec<_>>().join(", ")
 }

@@ -4,33 +4,30 @@
 //! (pixels), u8 polarity (0 or 1). Recognised by its first records making sense.
 
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Read, Write};
-use std::path::PathBuf;
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
 
 use evcal_core::event::{Event, Polarity};
 
-use super::write::{Encode, WriteError};
+use super::encode::{Encode, OutputFormat, WriteError};
 use super::{
-    Decode, FileFormat, Head, MAX_SENSOR_SIZE, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    Truncation,
+    Decode, FileFormat, Head, MAX_SENSOR_SIZE, Opened, ReadReport, RecordingError, RecordingErrorKind,
+    RecordingInformation, RecordingOptions, Truncation,
 };
 
 /// EventCalib binary.
-pub const FORMAT: FileFormat = FileFormat {
-    name: "EventCalib binary",
-    recognise,
-    open: |path, _| {
-        let file = File::open(path).map_err(|error| RecordingError::io(path, error))?;
-        let information = RecordingInformation {
-            format: FORMAT.name,
-            sensor: None,
-            camera_name: None,
-            notes: vec!["the file has no header: taken for EventCalib records (seconds, x, y, polarity)".to_owned()],
-        };
-        let file = BufReader::with_capacity(1 << 18, file);
-        Ok(Box::new(Decoder { path: path.to_owned(), file, information, records: 0 }))
-    },
-    streams: |_| Ok(Vec::new()),
+pub const FORMAT: FileFormat =
+    FileFormat { output: Some(&OUTPUT), ..FileFormat::of_events("EventCalib binary", recognise, open) };
+
+/// EventCalib binary, written.
+pub const OUTPUT: OutputFormat = OutputFormat {
+    name: "bin",
+    title: Some("EventCalib"),
+    extensions: &["bin"],
+    holds_sensor: false,
+    holds_extras: false,
+    create: |file, _| Ok(Box::new(Encoder(BufWriter::with_capacity(1 << 18, file()?)))),
+    copy_transfers: None,
 };
 
 const RECORD: usize = 25;
@@ -55,6 +52,18 @@ fn record(bytes: &[u8; RECORD]) -> Record {
         f64::from_le_bytes(field)
     };
     Record { t: field(0), x: field(1), y: field(2), polarity: bytes[24] }
+}
+
+fn open(path: &Path, _: &RecordingOptions) -> Opened {
+    let file = File::open(path).map_err(|error| RecordingError::io(path, error))?;
+    let information = RecordingInformation {
+        format: FORMAT.name,
+        sensor: None,
+        camera_name: None,
+        notes: vec!["the file has no header: taken for EventCalib records (seconds, x, y, polarity)".to_owned()],
+    };
+    let file = BufReader::with_capacity(1 << 18, file);
+    Ok(Box::new(Decoder { path: path.to_owned(), file, information, records: 0 }))
 }
 
 fn recognise(head: &Head) -> bool {
@@ -168,7 +177,7 @@ impl Decode for Decoder {
 }
 
 /// Writes EventCalib records.
-pub(super) struct Encoder<W>(pub(super) W);
+struct Encoder<W>(W);
 
 impl<W: Write> Encode for Encoder<W> {
     fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
@@ -191,7 +200,7 @@ impl<W: Write> Encode for Encoder<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::{Recording, RecordingOptions};
+    use crate::recording::Recording;
 
     fn bytes(t: f64, x: f64, y: f64, polarity: u8) -> Vec<u8> {
         [t.to_le_bytes(), x.to_le_bytes(), y.to_le_bytes()].concat().into_iter().chain([polarity]).collect()

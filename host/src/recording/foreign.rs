@@ -4,16 +4,11 @@ const CONVERT: &str = "convert it to AEDAT4 or to text with a line `t x y p` per
 
 /// How a file begins, the name of its format, and advice.
 const FOREIGN: &[(&[u8], &str, &str)] = &[
-    (b"#!AER-DAT2", "AEDAT 2 (jAER)", "open it in jAER or DV and export it as AEDAT4"),
-    (b"#!AER-DAT3", "AEDAT 3", "open it in DV and export it as AEDAT4"),
-    (b"#ROSBAG", "ROS bag", CONVERT),
-    (b"\x89MCAP0", "MCAP", CONVERT),
+    (b"#!AER-DAT1", "AEDAT 1", "open it in jAER and save it as AEDAT 2"),
+    (b"#ROSBAG V1", "ROS bag of version 1", "bring it to version 2 with rosbag fix"),
     (b"\x89HDF", "HDF5", CONVERT),
     (b"SQLite format 3", "ROS 2 bag (SQLite)", CONVERT),
     (b"Event Stream", "Event Stream (.es)", CONVERT),
-    (b"% evt", "Prophesee RAW", "convert it with metavision_file_to_csv"),
-    (b"% date", "Prophesee RAW or DAT", "convert it with metavision_file_to_csv"),
-    (b"% Data file containing", "Prophesee DAT", "convert it with metavision_file_to_csv"),
     (b"\x93NUMPY", "NumPy array", "save it as text with numpy.savetxt"),
     (b"PK\x03\x04", "ZIP", "unpack it first"),
     (b"\x1f\x8b", "gzip", "unpack it with gunzip first"),

@@ -118,19 +118,19 @@ pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
             Err(error) => break Some(error.kind.to_string()),
         }
     };
-    let source = reader.information();
+    let known = reader.information();
     let times_us = statistics.first.map(|first| (first, statistics.latest));
     let duration_s = times_us.map_or(0.0, |(first, last)| seconds(last - first));
     let (hot_pixel_count, hottest_pixels) = statistics.hot_pixels();
-    let likely_sensor = match source.sensor {
+    let likely_sensor = match known.sensor {
         None if statistics.events > 0 => likely_sensor(statistics.largest),
         _ => None,
     };
     Ok(Information {
         path: recording.path().display().to_string(),
-        format: source.format,
-        camera_name: source.camera_name.clone(),
-        sensor: source.sensor,
+        format: known.format,
+        camera_name: known.camera_name.clone(),
+        sensor: known.sensor,
         likely_sensor,
         times_us,
         duration_s,
@@ -145,7 +145,7 @@ pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
         hottest_pixels,
         streams: recording.streams()?,
         report: reader.report().clone(),
-        notes: source.notes.clone(),
+        notes: known.notes.clone(),
         error,
     })
 }
@@ -296,15 +296,31 @@ impl fmt::Display for Information {
             )?;
         }
         for stream in self.streams.iter().filter(|stream| stream.packets > 0) {
-            line(f, "stream", format!("{}: {} in {} packets", stream.name, stream.elements, stream.packets))?;
+            let seconds = stream.times_us.map_or(0.0, |(first, last)| seconds(last.saturating_sub(first)));
+            let rate =
+                if seconds > 0.0 { format!(", {:.1}/s", stream.elements as f64 / seconds) } else { String::new() };
+            let text = format!("{}: {} in {} packets{rate}", stream.name, stream.elements, stream.packets);
+            line(f, "stream", text)?;
         }
         let report = &self.report;
+        if self.streams.is_empty() {
+            for (name, count) in &report.other_packets {
+                line(f, "stream", format!("{name}: {count}"))?;
+            }
+        }
         if report.steps_back > 0 {
             let (count, largest) = (report.steps_back, report.largest_step_back);
             line(f, "warning", format!("time steps back {count} times, by up to {largest} us"))?;
         }
         if report.clock_resets > 0 {
             line(f, "warning", format!("the clock was reset {} times; later times are shifted", report.clock_resets))?;
+        }
+        if report.strays > 0 {
+            line(
+                f,
+                "warning",
+                format!("{} stray events with times more than 0.1 s early are left out", report.strays),
+            )?;
         }
         if report.out_of_range > 0 {
             line(f, "warning", format!("{} events lie outside the sensor and are left out", report.out_of_range))?;
@@ -334,7 +350,8 @@ mod tests {
 
     use super::*;
     use crate::recording::RecordingOptions;
-    use crate::recording::write::{EventWriter, OutputFormat};
+    use crate::recording::encode::OutputFormat;
+    use crate::recording::write::EventWriter;
 
     fn of(path: &Path) -> Information {
         gather(&Recording::new(path, RecordingOptions::default()).unwrap()).unwrap()

@@ -4,6 +4,8 @@ use evcal_core::sensor::Sensor;
 use std::fmt;
 use std::str::FromStr;
 
+use usb_davis::capture::DeviceAddress;
+
 /// What to take for granted when a recording is read. The default takes everything from the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordingOptions {
@@ -15,12 +17,15 @@ pub struct RecordingOptions {
     pub columns: Option<Columns>,
     /// Unit of the times in a text file.
     pub time_unit: Option<TimeUnit>,
+    /// Which device of a USB capture is the camera, if several may be.
+    pub device: Option<DeviceAddress>,
     /// What to do about a damaged packet.
     pub damage: Damage,
 }
 
 /// What to do about a part of a recording that cannot be decoded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Damage {
     /// Stop there with an error.
     #[default]
@@ -39,6 +44,7 @@ pub struct OptionError {
 
 /// Unit of a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TimeUnit {
     /// 1 s
     Seconds,
@@ -89,6 +95,7 @@ impl FromStr for TimeUnit {
 
 /// What a column of a text file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Column {
     /// Time.
     T,

@@ -3,12 +3,12 @@
 use std::sync::mpsc::{SyncSender, sync_channel};
 
 use evcal_core::event::Event;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::recording::{ReadReport, Recording, RecordingError};
 
 /// What was read of a recording.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RecordingReport {
     /// Events or circles read.
     pub count: u64,
@@ -49,6 +49,7 @@ impl Pass {
         };
         note(report.out_of_range, "events outside the sensor dropped");
         note(report.steps_back, "steps back in time put in order");
+        note(report.strays, "stray events with times more than 0.1 s early dropped");
         note(report.clock_resets, "clock resets bridged");
         note(report.damaged_packets, "damaged packets left out");
         notes.extend(report.stream.notes());

@@ -1,10 +1,7 @@
 //! Grey pictures of a recording, with the times of their exposure.
 
-use usb_davis::protocol::{Message, Shutter};
-
-use crate::recording::aedat4::other_streams::{Frame, FrameReader};
-use crate::recording::davis::Messages;
-use crate::recording::{Recording, RecordingError, aedat4, davis};
+use crate::recording::extras::Frame;
+use crate::recording::{Recording, RecordingError};
 
 /// A grey picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,7 +44,18 @@ pub struct TimedImage {
     /// Column and row of the sensor at which the picture begins.
     pub position: (u16, u16),
     /// The picture, or why it cannot be used.
-    pub image: Result<GreyImage, &'static str>,
+    pub image: Result<GreyImage, NoImage>,
+}
+
+/// Why a picture cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoImage {
+    /// Its rows were exposed one after the other.
+    RollingShutter,
+    /// Columns were lost on the way.
+    LostColumns,
+    /// It is neither grey nor coloured.
+    NotGrey,
 }
 
 impl From<Frame> for TimedImage {
@@ -73,14 +81,9 @@ impl From<Frame> for TimedImage {
             exposure: frame.exposure.unwrap_or((frame.t, frame.t)),
             exposure_known: frame.exposure.is_some(),
             position: frame.position,
-            image: GreyImage::new(width, height, grey).ok_or("no grey or colour picture"),
+            image: GreyImage::new(width, height, grey).ok_or(NoImage::NotGrey),
         }
     }
-}
-
-/// Whether recordings of this format can hold frames.
-pub fn may_hold_frames(format: &str) -> bool {
-    [aedat4::FORMAT.name, davis::FORMAT.name, davis::BARE_FORMAT.name].contains(&format)
 }
 
 /// Hands the frames of `recording` to `visit`, in their order. What could not be read is returned in a
@@ -92,33 +95,9 @@ pub fn visit_frames(
     recording: &Recording,
     mut visit: impl FnMut(TimedImage),
 ) -> Result<Option<String>, RecordingError> {
-    let format = recording.format();
-    if !may_hold_frames(format) {
-        return Ok(None);
-    }
-    if format == aedat4::FORMAT.name {
-        let mut reader = FrameReader::open(recording.path())?;
-        return Ok(loop {
-            match reader.next_frame() {
-                Ok(Some(frame)) => visit(frame.into()),
-                Ok(None) => break None,
-                Err(error) => break Some(format!("frames were read up to their damage only: {error}")),
-            }
-        });
-    }
-    let mut messages = Messages::open(recording.path())?;
-    Ok(loop {
-        let more = messages.next(|message, shift| {
-            if let Message::Frame(frame) = message {
-                visit(camera_frame(&frame, shift));
-            }
-        });
-        match more {
-            Ok(true) => {}
-            Ok(false) => break None,
-            Err(error) => break Some(format!("frames were read up to their damage only: {error}")),
-        }
-    })
+    let Some(frames) = recording.format().frames else { return Ok(None) };
+    let end = frames(recording.path(), recording.options(), &mut visit)?;
+    Ok(end.err().map(|error| format!("frames were read up to their damage only: {error}")))
 }
 
 /// The picture of `recording` whose exposure began at `start` (µs on its clock, to 1 µs); `None` where there
@@ -133,35 +112,12 @@ pub fn image_at(recording: &Recording, start: i64) -> Option<TimedImage> {
     seen.ok().and(found)
 }
 
-/// A frame as a camera sends it, times `shift` µs later.
-fn camera_frame(frame: &usb_davis::protocol::Frame<'_>, shift: i64) -> TimedImage {
-    let time = |time: u64| i64::try_from(time).unwrap_or(i64::MAX).saturating_add(shift);
-    let exposure = frame.exposure_start.zip(frame.exposure_end).map(|(start, end)| (time(start), time(end)));
-    let image = match frame.shutter {
-        // Every column has a time of its own; a calibration that gives a frame one pose would be wrong.
-        Shutter::Rolling => Err("rolling shutter"),
-        Shutter::Global if frame.damaged_columns > 0 => Err("lost columns"),
-        Shutter::Global => {
-            // 8 of the 10 bits, as AEDAT4 keeps them: what is lost is below the noise.
-            let pixels = frame.pixels.iter().map(|pixel| (pixel >> 2).min(255) as u8).collect();
-            let (width, height) = (usize::from(frame.region.width), usize::from(frame.region.height));
-            GreyImage::new(width, height, pixels).ok_or("no grey or colour picture")
-        }
-    };
-    TimedImage {
-        exposure: exposure.unwrap_or((time(frame.start), time(frame.start))),
-        exposure_known: exposure.is_some(),
-        position: (frame.region.x, frame.region.y),
-        image,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::fs::File;
 
     use usb_davis::configuration::Configuration;
-    use usb_davis::protocol::{Frame as WireFrame, Region};
+    use usb_davis::protocol::{Frame as WireFrame, Region, Shutter};
 
     use super::*;
     use crate::recording::RecordingOptions;
@@ -197,7 +153,7 @@ mod tests {
         let image = global.image.as_ref().unwrap();
         assert_eq!((image.width(), image.height()), (346, 260));
         assert!(image.pixels.iter().zip(&pixels).all(|(eight, ten)| u16::from(*eight) == ten / 4));
-        assert_eq!(rolling.image, Err("rolling shutter"));
+        assert_eq!(rolling.image, Err(NoImage::RollingShutter));
         assert_eq!(image_at(&recording, 9201).as_ref(), Some(global));
         assert_eq!(image_at(&recording, 9300), None);
     }
@@ -215,7 +171,7 @@ mod tests {
         };
         let grey = TimedImage::from(frame(3, vec![10, 20, 30, 255, 255, 255]));
         // 0.114 · 10 + 0.587 · 20 + 0.299 · 30 = 21.85.
-        assert_eq!(grey.image, GreyImage::new(2, 1, vec![22, 255]).ok_or(""));
+        assert_eq!(grey.image, GreyImage::new(2, 1, vec![22, 255]).ok_or(NoImage::NotGrey));
         assert_eq!((grey.exposure, grey.exposure_known, grey.position), ((7, 7), false, (3, 4)));
         assert!(TimedImage::from(frame(2, vec![0; 4])).image.is_err());
     }

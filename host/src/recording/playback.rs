@@ -5,19 +5,18 @@
 //!
 //! A thread of its own reads ahead, so that a slow disk does not delay the camera.
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, SyncSender};
 use std::thread;
 
 use evcal_core::event::{Event, Polarity};
-use usb_davis::capture::{Capture, CaptureError};
+use usb_davis::capture::CaptureError;
 use usb_davis::dump::{DumpHeader, Identity};
 use usb_davis::emulator::{CapturePieces, Piece, default_registers};
 use usb_davis::protocol::{EncodeError, Encoder, Layout, Polarity as WirePolarity, PolarityEvent};
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
-use crate::recording::{Recording, RecordingError, RecordingKind, RecordingOptions, davis, sniff};
+use crate::recording::{OpenTransfers, Recording, RecordingError, RecordingOptions};
 use evcal_core::sensor::Sensor;
 
 /// Pieces that are read ahead.
@@ -31,41 +30,21 @@ const SERIAL: &str = "00000000";
 const FIRMWARE: u16 = 6;
 
 /// Why a recording cannot be played.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PlaybackError {
     /// It cannot be read.
-    Source(RecordingError),
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
     /// Its transfers cannot be read.
+    #[error("{}: {}", .0.display(), .1)]
     Capture(PathBuf, CaptureError),
     /// It comes from a larger sensor: width and height in pixels.
+    #[error("{}: its sensor has {}x{} pixels; the emulated DAVIS346 has 346x260", .0.display(), .1.width, .1.height)]
     Sensor(PathBuf, Sensor),
     /// One of its events cannot be sent: its number, from 0.
+    #[error("{}: event {} cannot be sent by a DAVIS346: {}", .0.display(), .1, .2)]
     Event(PathBuf, u64, EncodeError),
-}
-
-impl fmt::Display for PlaybackError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Source(error) => error.fmt(f),
-            Self::Capture(path, error) => write!(f, "{}: {error}", path.display()),
-            Self::Sensor(path, Sensor { width, height }) => write!(
-                f,
-                "{}: its sensor has {width}x{height} pixels; the emulated DAVIS346 has 346x260",
-                path.display()
-            ),
-            Self::Event(path, number, error) => {
-                write!(f, "{}: event {number} cannot be sent by a DAVIS346: {error}", path.display())
-            }
-        }
-    }
-}
-
-impl std::error::Error for PlaybackError {}
-
-impl From<RecordingError> for PlaybackError {
-    fn from(error: RecordingError) -> Self {
-        Self::Source(error)
-    }
 }
 
 /// A recording to be played, any number of times.
@@ -78,7 +57,7 @@ pub struct Playback {
 
 #[derive(Clone)]
 enum Content {
-    Transfers,
+    Transfers(OpenTransfers, RecordingOptions),
     Events(Recording),
 }
 
@@ -91,12 +70,13 @@ impl Playback {
     /// # Errors
     /// When it cannot be read, or comes from a sensor larger than that of a DAVIS346.
     pub fn open(path: &Path, options: RecordingOptions) -> Result<Self, PlaybackError> {
-        let transfers = [davis::FORMAT.name, davis::BARE_FORMAT.name];
-        if matches!(sniff(path)?, RecordingKind::Events { format } if transfers.contains(&format)) {
-            let capture = open(path)?;
-            return Ok(Self { path: path.to_owned(), content: Content::Transfers, header: capture.header().clone() });
-        }
         let recording = Recording::new(path, options)?;
+        if let Some(open) = recording.format().transfers {
+            let options = recording.options();
+            let capture = open(path, options).map_err(|error| PlaybackError::Capture(path.to_owned(), error))?;
+            let header = capture.header().clone();
+            return Ok(Self { path: path.to_owned(), content: Content::Transfers(open, options.clone()), header });
+        }
         let reader = recording.open()?;
         let information = reader.information();
         let (width, height) = Layout::DAVIS346.dvs.size();
@@ -143,9 +123,10 @@ impl Playback {
     /// Reads the recording to its end, or until nobody takes the pieces.
     fn play(&self, pieces: &SyncSender<Piece>) -> Result<(), PlaybackError> {
         match &self.content {
-            Content::Transfers => {
-                for piece in CapturePieces::new(open(&self.path)?) {
-                    let piece = piece.map_err(|error| PlaybackError::Capture(self.path.clone(), error))?;
+            Content::Transfers(open, options) => {
+                let unreadable = |error| PlaybackError::Capture(self.path.clone(), error);
+                for piece in CapturePieces::new(open(&self.path, options).map_err(unreadable)?) {
+                    let piece = piece.map_err(unreadable)?;
                     if pieces.send(piece).is_err() {
                         break;
                     }
@@ -155,10 +136,6 @@ impl Playback {
             Content::Events(recording) => play_events(recording, pieces),
         }
     }
-}
-
-fn open(path: &Path) -> Result<Capture, PlaybackError> {
-    Capture::open(path).map_err(|error| PlaybackError::Capture(path.to_owned(), error))
 }
 
 fn play_events(recording: &Recording, pieces: &SyncSender<Piece>) -> Result<(), PlaybackError> {
@@ -201,7 +178,8 @@ mod tests {
     use usb_davis::protocol::{Decoder, Message};
 
     use super::*;
-    use crate::recording::write::{EventWriter, OutputFormat};
+    use crate::recording::text;
+    use crate::recording::write::EventWriter;
 
     fn events(count: i64) -> Vec<Event> {
         let event = |index: i64| Event {
@@ -226,7 +204,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
         let events = events(20_000);
-        let mut writer = EventWriter::create(&path, OutputFormat::Text, Sensor::new(346, 260), "").unwrap();
+        let mut writer = EventWriter::create(&path, text::OUTPUT, Sensor::new(346, 260), "").unwrap();
         writer.write(&events).unwrap();
         writer.finish().unwrap();
         let pieces = pieces(&path);
@@ -278,7 +256,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("large.csv");
         let large = [Event { t: 0, x: 639, y: 479, polarity: Polarity::On }];
-        let mut writer = EventWriter::create(&path, OutputFormat::Text, Sensor::new(640, 480), "").unwrap();
+        let mut writer = EventWriter::create(&path, text::OUTPUT, Sensor::new(640, 480), "").unwrap();
         writer.write(&large).unwrap();
         writer.finish().unwrap();
         let error = Playback::open(&path, RecordingOptions::default()).err().unwrap().to_string();

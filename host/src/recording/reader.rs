@@ -15,6 +15,10 @@ const LARGEST_JITTER: i64 = 100_000;
 pub(super) const PAUSE_AFTER_RESET: i64 = 1_000_000;
 /// More resets than this mean that the events are not in the order of time.
 const MAX_RESETS: u64 = 16;
+/// So many events in a row that are more than 0.1 s early can still be strays; one more is a clock that was reset.
+const MOST_STRAYS: usize = 8;
+/// Of so many events one may be a stray, beyond the first [`MAX_RESETS`]: more mean that the events are not in order.
+const EVENTS_PER_STRAY: u64 = 100;
 /// Times beyond ±2⁵⁵ µs (1100 years) are no times; with at most [`MAX_RESETS`] shifts of twice that,
 /// no time handed out exceeds 2⁶¹ µs.
 const MAX_TIME: i64 = 1 << 55;
@@ -61,6 +65,9 @@ pub struct ReadReport {
     pub largest_step_back: i64,
     /// Steps back by more than 0.1 s: the clock was reset. Times go on 1 s after the latest event.
     pub clock_resets: u64,
+    /// Events left out because they are more than 0.1 s earlier than those before and behind them, as a
+    /// DAVIS346 sends them now and then.
+    pub strays: u64,
     /// Packets left out because they could not be decoded.
     pub damaged_packets: u64,
     /// What was wrong with a camera's stream; nothing in formats that hold no such stream.
@@ -81,6 +88,10 @@ pub struct StreamFaults {
     pub repaired_gaps: u64,
     /// By how much that was in all, in microseconds.
     pub restored_us: u64,
+    /// Which times those are, in order.
+    pub repaired_times: Vec<RepairedTimes>,
+    /// Time that had been added without need and was taken back at a later gap, in microseconds.
+    pub taken_back_us: u64,
     /// How often the camera's clock was reset after it had told a time. Times go on 1 s after the latest.
     pub clock_resets: u64,
     /// Events that the camera dropped because the computer read too slowly, if it was asked.
@@ -88,6 +99,20 @@ pub struct StreamFaults {
     /// Words that no healthy camera sends, by what is wrong with them.
     pub faults: BTreeMap<&'static str, u64>,
 }
+
+/// Times of a camera's stream that were put right because words that count time had been lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct RepairedTimes {
+    /// The first of them in microseconds.
+    pub from_us: i64,
+    /// By how much it and all later ones were put later, in microseconds.
+    pub restored_us: u64,
+    /// How much of that was too much, in microseconds: times are late by it up to a later gap.
+    pub excess_us: u64,
+}
+
+/// How many repairs are named.
+const REPAIRS_NAMED: usize = 10;
 
 impl StreamFaults {
     /// What there is to tell, in sentences.
@@ -102,6 +127,23 @@ impl StreamFaults {
                 self.repaired_gaps,
                 self.restored_us as f64 / 1e6
             ));
+            let named = self.repaired_times.iter().take(REPAIRS_NAMED).map(|times| {
+                let restored = times.restored_us as f64 / 1e3;
+                let excess = match times.excess_us {
+                    0 => String::new(),
+                    excess => format!(" ({:.3} ms of them too many, up to a later gap)", excess as f64 / 1e3),
+                };
+                format!("from {:.6} s on {restored:.3} ms{excess}", times.from_us as f64 / 1e6)
+            });
+            let more = match self.repaired_times.len().saturating_sub(REPAIRS_NAMED) {
+                0 => String::new(),
+                more => format!(", and {more} more"),
+            };
+            notes.push(format!("times put later: {}{more}", named.collect::<Vec<_>>().join(", ")));
+        }
+        if self.taken_back_us > 0 {
+            let taken_back = self.taken_back_us as f64 / 1e3;
+            notes.push(format!("{taken_back:.3} ms of that were too much and are taken back at a later gap"));
         }
         if self.dropped > 0 {
             let dropped = self.dropped;
@@ -122,6 +164,10 @@ pub struct EventReader {
     information: RecordingInformation,
     report: ReadReport,
     clock: Option<Clock>,
+    /// As the decoder gave them.
+    batch: Vec<Event>,
+    /// Events that are too early, of which it is not yet known whether the clock was reset.
+    early: Vec<Event>,
     decoded: u64,
     ended: bool,
     pending: Option<RecordingError>,
@@ -163,6 +209,8 @@ impl EventReader {
             information,
             report: ReadReport::default(),
             clock: None,
+            batch: Vec::new(),
+            early: Vec::new(),
             decoded: 0,
             ended: false,
             pending: None,
@@ -191,8 +239,8 @@ impl EventReader {
     /// Times are in microseconds as in the file, and never decrease within a pass: an event that is
     /// up to 0.1 s earlier than one before it gets the time of that one. A larger step back is taken
     /// for a clock that was reset: from there on all times are shifted so that they go on 1 s after
-    /// the latest event. Events outside the sensor are dropped. All of this is counted in
-    /// [`Self::report`].
+    /// the latest event; but where events go on behind it as if nothing had happened, the few early ones
+    /// are dropped. Events outside the sensor are dropped. All of this is counted in [`Self::report`].
     ///
     /// # Errors
     /// After an error, the events before it have been handed out, and no more follow.
@@ -205,14 +253,18 @@ impl EventReader {
             if self.ended {
                 return Ok(false);
             }
-            match self.decoder.decode(events, &mut self.report) {
+            let mut batch = std::mem::take(&mut self.batch);
+            batch.clear();
+            match self.decoder.decode(&mut batch, &mut self.report) {
                 Ok(more) => self.ended = !more,
                 Err(error) => {
                     self.ended = true;
                     self.pending = Some(error);
                 }
             }
-            if let Err(kind) = self.check(events) {
+            let checked = self.check(&batch, events);
+            self.batch = batch;
+            if let Err(kind) = checked {
                 self.ended = true;
                 self.pending = Some(RecordingError::new(&self.path, kind));
             }
@@ -233,67 +285,92 @@ impl EventReader {
         self.report.events -= (before - events.len()) as u64;
     }
 
-    /// Puts times in order and drops what is out of range; on an error, `events` are those before it.
-    fn check(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
+    /// Appends to `events` those of `batch`, their times put in order, without what is out of range; on an error, those
+    /// before it.
+    fn check(&mut self, batch: &[Event], events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let Sensor { width, height } = self.information.sensor.unwrap_or(Sensor::new(MAX_SENSOR_SIZE, MAX_SENSOR_SIZE));
-        let mut result = Ok(());
-        let mut kept = 0;
-        for index in 0..events.len() {
-            let mut event = events[index];
+        let admitted = batch.iter().try_for_each(|&event| {
             self.decoded += 1;
             if event.x >= width || event.y >= height {
                 self.report.out_of_range += 1;
-                continue;
+                return Ok(());
             }
-            match self.order(event.t) {
-                Ok(t) => event.t = t,
-                Err(kind) => {
-                    result = Err(kind);
-                    break;
-                }
-            }
-            events[kept] = event;
-            kept += 1;
-        }
-        events.truncate(kept);
-        self.report.events += kept as u64;
-        result
+            self.admit(event, events)
+        });
+        let rest = if self.ended { self.reset(events) } else { Ok(()) };
+        self.report.events += events.len() as u64;
+        admitted.and(rest)
     }
 
-    /// The time to hand out for an event whose time in the file is `t`.
-    fn order(&mut self, t: i64) -> Result<i64, RecordingErrorKind> {
-        if !(-MAX_TIME..=MAX_TIME).contains(&t) {
-            let what =
-                format!("its time, {t} us, is out of range; is the recording damaged, or its time unit another one?");
-            return Err(RecordingErrorKind::Event { event: self.decoded, what });
-        }
-        let Some(clock) = &mut self.clock else {
-            self.clock = Some(Clock { latest: t, shift: 0 });
-            return Ok(t);
-        };
-        let shifted = t + clock.shift;
-        if shifted >= clock.latest {
-            clock.latest = shifted;
-            return Ok(shifted);
-        }
-        let step = clock.latest - shifted;
-        if step <= LARGEST_JITTER {
-            self.report.steps_back += 1;
-            self.report.largest_step_back = self.report.largest_step_back.max(step);
-            return Ok(clock.latest);
-        }
-        self.report.clock_resets += 1;
-        if self.report.clock_resets > MAX_RESETS {
+    /// Hands out `event`, or keeps it until it is clear what its time means.
+    fn admit(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
+        if !(-MAX_TIME..=MAX_TIME).contains(&event.t) {
             let what = format!(
-                "time goes back by more than 0.1 s for the {}th time; the events are not in the order of time: \
-                 sort them, or check the column and the unit of the time",
-                self.report.clock_resets
+                "its time, {} us, is out of range; is the recording damaged, or its time unit another one?",
+                event.t
             );
             return Err(RecordingErrorKind::Event { event: self.decoded, what });
         }
+        let clock = self.clock.get_or_insert(Clock { latest: event.t, shift: 0 });
+        let step = clock.latest - (event.t + clock.shift);
+        if step <= LARGEST_JITTER {
+            if !self.early.is_empty() {
+                self.drop_early(events.len())?;
+            }
+            self.hand_out(event, events);
+            return Ok(());
+        }
+        if self.early.last().is_some_and(|last| event.t < last.t - LARGEST_JITTER) {
+            // Not even those that were too early go on: there was a reset before them, and this is another event.
+            self.reset(events)?;
+            return self.admit(event, events);
+        }
+        self.early.push(event);
+        if self.early.len() > MOST_STRAYS { self.reset(events) } else { Ok(()) }
+    }
+
+    fn hand_out(&mut self, event: Event, events: &mut Vec<Event>) {
+        let Some(clock) = &mut self.clock else { return };
+        let step = clock.latest - (event.t + clock.shift);
+        if step > 0 {
+            self.report.steps_back += 1;
+            self.report.largest_step_back = self.report.largest_step_back.max(step);
+        } else {
+            clock.latest = event.t + clock.shift;
+        }
+        events.push(Event { t: clock.latest, ..event });
+    }
+
+    /// The events that were too early are strays, `waiting` events before them being in no report yet.
+    fn drop_early(&mut self, waiting: usize) -> Result<(), RecordingErrorKind> {
+        self.report.strays += self.early.len() as u64;
+        self.early.clear();
+        if self.report.strays > MAX_RESETS + (self.report.events + waiting as u64) / EVENTS_PER_STRAY {
+            return Err(self.out_of_order(self.report.strays));
+        }
+        Ok(())
+    }
+
+    /// The clock was reset before the events that were too early, if there are any: times go on from there.
+    fn reset(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
+        let early = std::mem::take(&mut self.early);
+        let (Some(first), Some(clock)) = (early.first(), &mut self.clock) else { return Ok(()) };
+        self.report.clock_resets += 1;
+        if self.report.clock_resets > MAX_RESETS {
+            return Err(self.out_of_order(self.report.clock_resets));
+        }
         clock.latest += PAUSE_AFTER_RESET;
-        clock.shift = clock.latest - t;
-        Ok(clock.latest)
+        clock.shift = clock.latest - first.t;
+        early.into_iter().for_each(|event| self.hand_out(event, events));
+        Ok(())
+    }
+
+    fn out_of_order(&self, times: u64) -> RecordingErrorKind {
+        let what = format!(
+            "time goes back by more than 0.1 s for the {times}th time; the events are not in the order of time: \
+             sort them, or check the column and the unit of the time"
+        );
+        RecordingErrorKind::Event { event: self.decoded, what }
     }
 }
 
@@ -357,6 +434,20 @@ mod tests {
         assert_eq!(times, [7_000_000, 7_000_100, 8_000_100, 8_000_150, 8_000_160, 8_000_160]);
         assert_eq!((report.steps_back, report.clock_resets), (1, 1));
         assert!(error.is_none());
+    }
+
+    #[test]
+    fn a_few_events_that_are_too_early_are_left_out() {
+        let (times, report, error) =
+            times([2_000_000, 1_000_010, 2_000_020, 1_000_030, 1_000_031, 2_000_030].map(at).to_vec());
+        assert_eq!(times, [2_000_000, 2_000_020, 2_000_030]);
+        assert_eq!((report.events, report.strays, report.clock_resets), (3, 3, 0));
+        assert!(error.is_none());
+        // Too many for that.
+        let many = (0..60).map(|index| at(if index % 2 == 0 { 2_000_000 + index } else { index }));
+        let (times, report, error) = self::times(many.collect());
+        assert!(error.unwrap().to_string().contains("sort"));
+        assert_eq!((times.len() as u64, report.strays), (report.events, 17));
     }
 
     #[test]

@@ -10,31 +10,47 @@
 //! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`. Before the first event a line with
 //! two whole numbers may give the width and height of the sensor.
 
+mod error;
 mod layout;
 mod number;
 mod plain;
 
 use evcal_core::sensor::Sensor;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
+pub use error::{LayoutError, LineError};
 use evcal_core::event::{Event, Polarity};
 use layout::Layout;
 
-use super::write::{Encode, WriteError};
+use super::encode::{Encode, OutputFormat, WriteError};
 use super::{
-    Column, Decode, FileFormat, Head, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
+    Column, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
     RecordingOptions, Truncation,
 };
 
 /// Text or CSV.
-pub const FORMAT: FileFormat = FileFormat {
-    name: "text",
-    recognise: |head| head.text().is_some_and(|text| text.bytes().any(|byte| byte.is_ascii_digit())),
-    open: |path, options| Ok(Box::new(Decoder::open(path, options)?)),
-    streams: |_| Ok(Vec::new()),
+pub const FORMAT: FileFormat =
+    FileFormat { output: Some(&OUTPUT), ..FileFormat::of_events("text", recognise, Decoder::open) };
+
+/// Text with a line of names, `t_us,x,y,p`.
+pub const OUTPUT: OutputFormat = OutputFormat {
+    name: "csv",
+    title: None,
+    extensions: &["csv", "txt"],
+    holds_sensor: true,
+    holds_extras: false,
+    create: |file, description| {
+        let file = BufWriter::with_capacity(1 << 18, file()?);
+        Ok(Box::new(Encoder::new(file, description.sensor)?))
+    },
+    copy_transfers: None,
 };
+
+fn recognise(head: &Head) -> bool {
+    head.text().is_some_and(|text| text.bytes().any(|byte| byte.is_ascii_digit()))
+}
 
 const BATCH: usize = 32_768;
 /// No line with an event is longer.
@@ -64,9 +80,9 @@ enum Line {
 }
 
 impl Decoder {
-    fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+    fn open(path: &Path, options: &RecordingOptions) -> Opened {
         let head = Head::read(path)?;
-        let layout = head.text().ok_or_else(|| "is no text".to_owned()).and_then(|text| layout::find(text, options));
+        let layout = head.text().ok_or(LayoutError::NoText).and_then(|text| layout::find(text, options));
         let layout = layout.map_err(|what| RecordingError::new(path, RecordingErrorKind::Layout(what)))?;
         let file = File::open(path).map_err(|error| RecordingError::io(path, error))?;
         let file = BufReader::with_capacity(1 << 18, file);
@@ -77,7 +93,8 @@ impl Decoder {
             notes: layout.notes.clone(),
         };
         let path = path.to_owned();
-        Ok(Self { path, file, layout, information, line: Vec::new(), number: 0, byte: 0, last_field: 0 })
+        let line = Vec::new();
+        Ok(Box::new(Self { path, file, layout, information, line, number: 0, byte: 0, last_field: 0 }))
     }
 
     /// The event of the next line, if that is in the buffer as a whole and plain.
@@ -105,7 +122,7 @@ impl Decoder {
         self.number += 1;
         let whole = self.line.ends_with(b"\n");
         if !whole && length as u64 == MAX_LINE {
-            return Err(self.error(format!("is longer than {MAX_LINE} characters; is this a text file?")));
+            return Err(self.error(LineError::TooLong));
         }
         if self.number <= self.layout.first_line {
             return Ok(Line::Nothing);
@@ -134,7 +151,7 @@ impl Decoder {
         }
     }
 
-    fn error(&self, what: String) -> RecordingError {
+    fn error(&self, what: LineError) -> RecordingError {
         RecordingError::new(&self.path, RecordingErrorKind::Line { line: self.number, what })
     }
 }
@@ -195,10 +212,10 @@ fn split<'a>(line: &'a [u8], fields: &mut [&'a [u8]]) -> usize {
 }
 
 /// The event of a line with these fields.
-fn event(fields: &[&[u8]], count: usize, layout: &Layout) -> Result<Event, String> {
+fn event(fields: &[&[u8]], count: usize, layout: &Layout) -> Result<Event, LineError> {
     let columns = layout.columns.as_slice();
     if count != columns.len() {
-        return Err(format!("has {count} fields, not {} ({})", columns.len(), layout.columns));
+        return Err(LineError::FieldCount { count, columns: layout.columns.clone() });
     }
     let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
     for (column, field) in columns.iter().zip(fields) {
@@ -206,32 +223,29 @@ fn event(fields: &[&[u8]], count: usize, layout: &Layout) -> Result<Event, Strin
         match column {
             Column::T => {
                 event.t = number::microseconds(field, layout.time_unit)
-                    .ok_or_else(|| format!("{:?} is no time in {}", shown(), layout.time_unit))?;
+                    .ok_or_else(|| LineError::Time { field: shown(), unit: layout.time_unit })?;
             }
-            Column::X => event.x = number::pixel(field).ok_or_else(|| pixel_error("x", shown()))?,
-            Column::Y => event.y = number::pixel(field).ok_or_else(|| pixel_error("y", shown()))?,
-            Column::P => {
-                event.polarity = number::polarity(field)
-                    .ok_or_else(|| format!("{:?} is no polarity (1 for ON, 0 or -1 for OFF)", shown()))?;
+            Column::X => {
+                event.x = number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis: "x" })?;
             }
+            Column::Y => {
+                event.y = number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis: "y" })?;
+            }
+            Column::P => event.polarity = number::polarity(field).ok_or_else(|| LineError::Polarity(shown()))?,
             Column::Ignored => {}
         }
     }
     Ok(event)
 }
 
-fn pixel_error(name: &str, shown: String) -> String {
-    format!("{shown:?} is no whole pixel in {name}; raw events are needed, not undistorted ones")
-}
-
 /// Writes a line of names and one line `t x y p` per event, times in microseconds.
-pub(super) struct Encoder<W> {
+struct Encoder<W> {
     output: W,
     line: String,
 }
 
 impl<W: Write> Encoder<W> {
-    pub(super) fn new(mut output: W, sensor: Sensor) -> Result<Self, WriteError> {
+    fn new(mut output: W, sensor: Sensor) -> Result<Self, WriteError> {
         writeln!(output, "# sensor {} x {}\nt_us,x,y,p", sensor.width, sensor.height)?;
         Ok(Self { output, line: String::new() })
     }

@@ -1,71 +1,67 @@
-//! Writing recordings: AEDAT4, text and EventCalib binary.
+//! Writing recordings.
 
-use evcal_core::sensor::Sensor;
+use std::fmt;
 use std::fs::File;
-use std::io::{self, BufWriter};
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::str::FromStr;
 
 use evcal_core::event::Event;
-use usb_davis::dump::DumpError;
-use usb_davis::protocol::EncodeError;
+use evcal_core::sensor::Sensor;
 
-use super::aedat4::header::Compression;
-use super::{aedat4, event_calib, text};
+use super::FORMATS;
+pub use super::encode::OutputFormat;
+use super::encode::{Description, Encode, WriteError};
+use super::extras::OtherStreams;
 
-/// Why a recording could not be written.
-#[derive(Debug, thiserror::Error)]
-pub enum WriteError {
-    /// The operating system refused.
-    #[error("cannot be written: {0}")]
-    Io(#[from] io::Error),
-    /// More than a size field can hold.
-    #[error("a packet or header is too large for its format")]
-    TooLarge,
-    /// A DAVIS346 has another sensor.
-    #[error("a DAVIS346 has 346x260 pixels; the recording is for a sensor of {}x{}", .0.width, .0.height)]
-    Sensor(Sensor),
-    /// A camera could not have sent this.
-    #[error("cannot be said in the words of a DAVIS346: {0}")]
-    Wire(#[from] EncodeError),
-    /// A dump refuses it.
-    #[error("cannot be written: {0}")]
-    Dump(#[from] DumpError),
-    /// No format has this file name extension.
-    #[error("{}: unknown extension; use .aedat4, .csv, .txt or .bin", .0.display())]
-    Extension(PathBuf),
-}
-
-/// A format to write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OutputFormat {
-    /// AEDAT4 with this compression.
-    Aedat4(Compression),
-    /// Text with a line of names, `t_us,x,y,p`.
-    Text,
-    /// EventCalib binary.
-    EventCalib,
+/// The formats that can be written.
+pub fn output_formats() -> impl Iterator<Item = OutputFormat> {
+    FORMATS.iter().filter_map(|format| format.output).copied()
 }
 
 impl OutputFormat {
-    /// The format that the extension of `path` stands for: `.aedat4` (Zstandard), `.csv` and `.txt`,
-    /// `.bin` (EventCalib).
-    pub fn from_extension(path: &Path) -> Result<Self, WriteError> {
-        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-        match extension.as_deref() {
-            Some("aedat4") => Ok(Self::Aedat4(Compression::Zstd)),
-            Some("csv" | "txt") => Ok(Self::Text),
-            Some("bin") => Ok(Self::EventCalib),
-            _ => Err(WriteError::Extension(path.to_owned())),
-        }
+    /// The format that the extension of `path` stands for, if any does.
+    pub fn from_extension(path: &Path) -> Option<Self> {
+        let extension = path.extension()?.to_string_lossy().to_lowercase();
+        output_formats().find(|format| format.extensions.contains(&extension.as_str()))
     }
 }
 
-/// Turns events into the bytes of one format.
-pub trait Encode {
-    /// Writes `events`, which come after those written before.
-    fn write(&mut self, events: &[Event]) -> Result<(), WriteError>;
-    /// Writes whatever closes the file.
-    fn finish(&mut self) -> Result<(), WriteError>;
+/// The text names no format that can be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub struct NoOutputFormat;
+
+impl fmt::Display for NoOutputFormat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |format: OutputFormat| match format.title {
+            Some(title) => format!("{} ({title})", format.name),
+            None => format.name.to_owned(),
+        };
+        write!(f, "write {}", listed(output_formats().map(name)))
+    }
+}
+
+/// Formats by their names on the command line.
+impl FromStr for OutputFormat {
+    type Err = NoOutputFormat;
+
+    fn from_str(text: &str) -> Result<Self, NoOutputFormat> {
+        output_formats().find(|format| format.name == text).ok_or(NoOutputFormat)
+    }
+}
+
+/// The extensions of all formats that can be written, for a sentence.
+pub fn output_extensions() -> String {
+    listed(output_formats().flat_map(|format| format.extensions).map(|extension| format!(".{extension}")))
+}
+
+/// The words with commas between them and "or" before the last.
+fn listed(words: impl Iterator<Item = String>) -> String {
+    let words: Vec<String> = words.collect();
+    match words.split_last() {
+        Some((last, [])) => last.clone(),
+        Some((last, others)) => format!("{} or {last}", others.join(", ")),
+        None => String::new(),
+    }
 }
 
 /// Writes a recording of one event stream.
@@ -74,23 +70,26 @@ pub struct EventWriter(Box<dyn Encode>);
 impl EventWriter {
     /// Creates the file at `path` for events of a sensor of `sensor` (width, height) pixels.
     /// `camera_name` (model and serial number) is kept where the format has a place for it.
+    ///
+    /// # Errors
+    /// When the file cannot be created, or the format is for another sensor.
     pub fn create(path: &Path, format: OutputFormat, sensor: Sensor, camera_name: &str) -> Result<Self, WriteError> {
-        let file = BufWriter::with_capacity(1 << 18, File::create(path)?);
-        Ok(Self(match format {
-            OutputFormat::Aedat4(compression) => {
-                Box::new(aedat4::write::Encoder::new(file, compression, sensor, camera_name)?)
-            }
-            OutputFormat::Text => Box::new(text::Encoder::new(file, sensor)?),
-            OutputFormat::EventCalib => Box::new(event_calib::Encoder(file)),
-        }))
+        let description = Description { sensor, camera_name, others: OtherStreams::default(), zero: 0 };
+        Ok(Self((format.create)(&mut || File::create(path), &description)?))
     }
 
     /// Writes `events`, whose times must not be earlier than those written before.
+    ///
+    /// # Errors
+    /// When the output refuses.
     pub fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
         self.0.write(events)
     }
 
     /// Closes the file. Without it the file is as if the program had been killed.
+    ///
+    /// # Errors
+    /// When the output refuses.
     pub fn finish(mut self) -> Result<(), WriteError> {
         self.0.finish()
     }

@@ -1,4 +1,4 @@
-//! What the camera's own frames say.
+//! What the camera's own pictures say.
 
 use maud::{Markup, html};
 
@@ -11,9 +11,9 @@ use super::picture_examples;
 use crate::calibrate::Task;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::picture_calibration::calibration::PictureReport;
-use crate::trust::witness::{PictureWitness, WitnessOutcome};
+use crate::trust::witness::{Comparison, PictureWitness, WitnessOutcome};
 
-/// The witness and pictures, where the recordings have frames.
+/// The witness and examples, where the recordings have pictures.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let report = calibrated.picture_report()?;
     let content = html! {
@@ -31,7 +31,7 @@ fn beside_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
     html! {
         @match &events.witness {
             Some(WitnessOutcome::Witness(witness)) => (witnessed(calibrated, witness)),
-            Some(WitnessOutcome::Failed(failure)) => p { "The recording has frames, but they say nothing: " (failure.reason) "." },
+            Some(WitnessOutcome::Failed(failure)) => p { "The recording has frames, but they say nothing: " (failure) "." },
             None => {}
         }
         @if let Some(joint) = &events.joint {
@@ -59,7 +59,7 @@ fn counts(report: &PictureReport) -> Markup {
 }
 
 fn witnessed(calibrated: &Calibrated, witness: &PictureWitness) -> Markup {
-    let difference = &witness.difference;
+    let PictureWitness { comparison, difference } = witness;
     let points: Vec<_> =
         difference.grid.iter().map(|point| (point.pixel, point.difference.map(|[x, y]| x.hypot(y)))).collect();
     let map = SensorMap {
@@ -75,23 +75,23 @@ fn witnessed(calibrated: &Calibrated, witness: &PictureWitness) -> Markup {
         arrows: Vec::new(),
     };
     html! {
-        p { strong { (capital(&witness.sentence)) "." } }
+        p { strong { (capital(&comparison.sentence)) "." } }
         p {
             "They look through the same lens with the same pixels, but share neither light nor method with the events: a second, independent calibration. Both differ by "
-            (signed(witness.difference_rms, 3)) " px over the sensor; their uncertainties let expect " (signed(witness.expected.rms, 3)) " px ("
-            (signed(witness.expected.events, 3)) " px from the events, " (signed(witness.expected.frames, 3)) " px from the frames)."
+            (signed(comparison.difference_rms, 3)) " px over the sensor; their uncertainties let expect " (signed(comparison.expected.rms, 3)) " px ("
+            (signed(comparison.expected.events, 3)) " px from the events, " (signed(comparison.expected.frames, 3)) " px from the frames)."
         }
         div.pair {
             figure {
                 (map.render())
                 figcaption { "Difference of the projections from frames and from events, the cameras' own poses taken out." }
             }
-            (scrolling("Parameters from events and from frames", &parameters(witness)))
+            (scrolling("Parameters from events and from frames", &parameters(comparison)))
         }
     }
 }
 
-fn parameters(witness: &PictureWitness) -> Markup {
+fn parameters(comparison: &Comparison) -> Markup {
     html! {
         table.short {
             thead { tr {
@@ -102,7 +102,7 @@ fn parameters(witness: &PictureWitness) -> Markup {
                 th.number scope="col" { "difference / σ" }
             } }
             tbody {
-                @for parameter in &witness.parameters {
+                @for parameter in &comparison.parameters {
                     @let (frames, sigma) = with_sigma(parameter.frames, parameter.frames_sigma);
                     @let (events, _) = with_sigma(parameter.events, parameter.frames_sigma);
                     tr {

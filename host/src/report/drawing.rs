@@ -1,8 +1,7 @@
 //! Pictures of windows: events, circles found, and where the model puts the board.
 
 use evcal_core::sensor::Sensor;
-use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io;
 use std::path::Path;
 
 use evcal_core::camera::Camera;
@@ -13,6 +12,7 @@ use rayon::prelude::*;
 use crate::board::Board;
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::ReferenceFrame;
+use crate::files::{self, FileError};
 use crate::recording::pictures::GreyImage;
 
 /// Picture pixels for each sensor pixel in the pictures that stand in files.
@@ -154,9 +154,9 @@ impl Picture {
     /// Writes the picture as PNG.
     ///
     /// # Errors
-    /// What the system said.
-    pub fn write_png(&self, path: &Path) -> io::Result<()> {
-        self.encode_png(BufWriter::new(File::create(path)?), png::Compression::default())
+    /// [`FileError`] when it cannot be written.
+    pub fn write_png(&self, path: &Path) -> Result<(), FileError> {
+        files::write_with(path, |file| self.encode_png(file, png::Compression::default()))
     }
 
     /// The picture as PNG, as small as may be.
@@ -174,8 +174,9 @@ impl Picture {
         let mut encoder = png::Encoder::new(to, size(self.width)?, size(self.height)?);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_compression(compression);
-        encoder.write_header()?.write_image_data(&self.rgb)?;
-        Ok(())
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&self.rgb)?;
+        Ok(writer.finish()?)
     }
 }
 
@@ -240,7 +241,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("picture.png");
         picture.write_png(&path).unwrap();
-        let decoder = png::Decoder::new(io::BufReader::new(File::open(path).unwrap()));
+        let decoder = png::Decoder::new(io::BufReader::new(std::fs::File::open(path).unwrap()));
         let mut reader = decoder.read_info().unwrap();
         let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut bytes).unwrap();

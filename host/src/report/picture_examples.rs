@@ -1,4 +1,4 @@
-//! Frames of the camera: one before and after rectification, and many carried to the board.
+//! Pictures of the camera: one before and after rectification, and many carried to the board.
 
 use maud::{Markup, html};
 use nalgebra::{Isometry3, Point3, Vector2};
@@ -13,15 +13,15 @@ use crate::calibrate::Task;
 use crate::calibrate::calibrated::{Calibrated, Evidence};
 use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::recording::pictures::{GreyImage, TimedImage, may_hold_frames, visit_frames};
+use crate::recording::pictures::{GreyImage, TimedImage, visit_frames};
 use crate::report::drawing::{BEYOND, Picture};
 
-/// Most frames that are carried to the board.
-const MOST_FRAMES: usize = 40;
-/// A frame is that of a reference frame when their times differ by less (s).
+/// Most pictures that are carried to the board.
+const MOST_PICTURES: usize = 40;
+/// A picture is that of a reference frame when their times differ by less (s).
 const SAME_TIME: f64 = 1e-3;
 
-/// A frame with its pose.
+/// A picture with its pose.
 struct Shown {
     image: GreyImage,
     position: Vector2<f64>,
@@ -29,9 +29,9 @@ struct Shown {
     pose: Isometry3<f64>,
 }
 
-/// The pictures, where frames show the board.
+/// Examples, where pictures show the board.
 pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
-    let (shown, used) = frames_with_pose(calibrated, task);
+    let (shown, used) = pictures_with_pose(calibrated, task);
     let Some(example) = shown.get(shown.len() / 2) else { return html! {} };
     let (camera, sensor) = (calibrated.camera(), calibrated.sensor);
     let ideal = ideal_camera(camera, sensor);
@@ -52,11 +52,11 @@ pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
     }
 }
 
-/// At most [`MOST_FRAMES`] frames with a pose, evenly chosen, and how many there are.
-fn frames_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usize) {
+/// At most [`MOST_PICTURES`] pictures with a pose, evenly chosen, and how many there are.
+fn pictures_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usize) {
     let mut used = 0_usize;
     visit_with_pose(calibrated, task, |_, _| used += 1);
-    let every = used.div_ceil(MOST_FRAMES).max(1);
+    let every = used.div_ceil(MOST_PICTURES).max(1);
     let (mut shown, mut ordinal) = (Vec::new(), 0_usize);
     visit_with_pose(calibrated, task, |picture, pose| {
         if let (0, Ok(image)) = (ordinal % every, picture.image) {
@@ -68,11 +68,11 @@ fn frames_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usize)
     (shown, used)
 }
 
-/// Hands on the frames of all recordings that can be used and have a pose. What cannot be read again is left out.
+/// Hands on the pictures of all recordings that can be used and have a pose. What cannot be read again is left out.
 fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(TimedImage, Isometry3<f64>)) {
     for (number, (input, &start)) in task.inputs.iter().zip(&calibrated.starts).enumerate() {
         let Input::Events(recording) = input else { continue };
-        if !may_hold_frames(recording.format()) {
+        if !recording.may_hold_frames() {
             continue;
         }
         let _ = visit_frames(recording, |picture| {

@@ -57,9 +57,8 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
 
 /// Settings that differ from their defaults: dotted name and value.
 fn changed(settings: &Settings) -> Vec<(String, String)> {
-    let table = |settings: &Settings| Table::try_from(settings).unwrap_or_default();
     let mut found = Vec::new();
-    compare(&table(settings), &table(&Settings::default()), "", &mut found);
+    compare(&settings.table(), &Settings::default().table(), "", &mut found);
     found
 }
 

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use evcal_core::camera::Camera;
-use nalgebra::Vector2;
 use serde::Deserialize;
 
 use crate::board::Board;
 use crate::calibrate::calibrated::Calibrated;
 use crate::lens::camera_file::{self, CameraDescription, CameraFileError};
 use crate::lens::covered_region::CoveredRegion;
+use crate::result::calibration_file::{CalibrationFile, covered_region};
 use evcal_core::sensor::Sensor;
 
 /// Name of a camera that has none.
@@ -17,20 +17,6 @@ pub const UNNAMED: &str = "camera";
 
 /// Topic of the camera's images in ROS, where none is given.
 pub const ROS_TOPIC: &str = "/dvs/image_raw";
-
-/// Points on the rim of a circle that stand for it.
-const RIM_POINTS: u32 = 16;
-
-/// Where the board's circles were seen in the frames that the calibration used.
-pub fn covered_region(calibrated: &Calibrated) -> CoveredRegion {
-    let rim = calibrated.posed().flat_map(|(_, frame)| &frame.circles).flat_map(|circle| {
-        (0..RIM_POINTS).map(|step| {
-            let angle = f64::from(step) * std::f64::consts::TAU / f64::from(RIM_POINTS);
-            circle.center + Vector2::new(libm::cos(angle), libm::sin(angle)) * circle.radius.unwrap_or(0.0)
-        })
-    });
-    CoveredRegion::around(rim, calibrated.sensor)
-}
 
 /// A camera and what its calibration says of it.
 #[derive(Clone, Debug)]
@@ -55,25 +41,26 @@ pub struct CalibratedCamera {
     pub board: Option<Board>,
 }
 
-/// The part of `calibration.json` that is exported. Of `truth.json` only the first two are there.
+/// A camera file without a version: `truth.json` of a simulation, the camera of an undistorted recording, or a
+/// calibration from before its layout had one.
 #[derive(Deserialize)]
-struct CalibrationFile {
+struct OtherFile {
     sensor: Sensor,
     camera: CameraDescription,
     covered_region: Option<Vec<[f64; 2]>>,
     sigma: Option<CameraDescription>,
-    uncertainty: Option<Uncertainty>,
-    residuals: Option<Residuals>,
+    uncertainty: Option<OtherUncertainty>,
+    residuals: Option<OtherResiduals>,
     board: Option<String>,
 }
 
 #[derive(Deserialize)]
-struct Uncertainty {
+struct OtherUncertainty {
     covariance: Option<Vec<Vec<f64>>>,
 }
 
 #[derive(Deserialize)]
-struct Residuals {
+struct OtherResiduals {
     rms: f64,
 }
 
@@ -95,30 +82,94 @@ impl CalibratedCamera {
         }
     }
 
-    /// Reads `calibration.json`, or `truth.json` of a simulation: there the whole sensor counts as seen.
+    /// Reads `calibration.json`, or another camera file such as `truth.json` of a simulation: there the whole
+    /// sensor counts as seen. `path` is the file or its folder.
     ///
     /// # Errors
     /// [`CameraFileError`].
     pub fn read(path: &Path) -> Result<Self, CameraFileError> {
-        let file: CalibrationFile = camera_file::parse(path)?;
-        let camera = file.camera.camera().map_err(|reason| camera_file::wrong(path, reason))?;
-        let sensor = file.sensor;
-        let covered = match file.covered_region {
-            Some(corners) => CoveredRegion::around(corners.into_iter().map(Into::into), sensor),
-            None => CoveredRegion::whole(sensor),
-        };
+        let path = &camera_file::camera_path(path);
+        match camera_file::version(path)? {
+            Some(_) => Self::of_calibration(camera_file::parse(path)?, path),
+            None => Self::of_other(camera_file::parse(path)?, path),
+        }
+    }
+
+    fn of_calibration(file: CalibrationFile, path: &Path) -> Result<Self, CameraFileError> {
+        let camera = file.camera.camera().map_err(|error| camera_file::wrong(path, error))?;
         let names = camera.kind().parameter_names();
-        let sigma = file.sigma.and_then(|sigma| names.iter().map(|name| sigma.parameters.get(name)).collect());
         Ok(Self {
+            covered: CoveredRegion::around(file.covered_region.into_iter().map(Into::into), file.sensor),
+            sigma: names.iter().map(|name| file.sigma.parameters.get(name)).collect(),
+            covariance: Some(file.uncertainty.covariance),
+            residual_rms: Some(file.residuals.rms),
+            board: file.board.parse().ok(),
+            ..Self::seen_everywhere(camera, file.sensor)
+        })
+    }
+
+    fn of_other(file: OtherFile, path: &Path) -> Result<Self, CameraFileError> {
+        let camera = file.camera.camera().map_err(|error| camera_file::wrong(path, error))?;
+        let names = camera.kind().parameter_names();
+        let everywhere = Self::seen_everywhere(camera, file.sensor);
+        Ok(Self {
+            covered: match file.covered_region {
+                Some(corners) => CoveredRegion::around(corners.into_iter().map(Into::into), file.sensor),
+                None => everywhere.covered,
+            },
+            sigma: file.sigma.and_then(|sigma| names.iter().map(|name| sigma.parameters.get(name)).collect()),
+            covariance: file.uncertainty.and_then(|uncertainty| uncertainty.covariance),
+            residual_rms: file.residuals.map(|residuals| residuals.rms),
+            board: file.board.and_then(|board| board.parse().ok()),
+            ..everywhere
+        })
+    }
+
+    /// A camera of which nothing else is known.
+    fn seen_everywhere(camera: Camera<f64>, sensor: Sensor) -> Self {
+        Self {
             camera,
             sensor,
             name: UNNAMED.to_owned(),
             ros_topic: ROS_TOPIC.to_owned(),
-            covered,
-            sigma,
-            covariance: file.uncertainty.and_then(|uncertainty| uncertainty.covariance),
-            residual_rms: file.residuals.map(|residuals| residuals.rms),
-            board: file.board.and_then(|board| board.parse().ok()),
-        })
+            covered: CoveredRegion::whole(sensor),
+            sigma: None,
+            covariance: None,
+            residual_rms: None,
+            board: None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lens::camera_file::LATEST_VERSION;
+
+    fn read(text: &str) -> Result<CalibratedCamera, CameraFileError> {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("camera.json");
+        std::fs::write(&path, text).unwrap();
+        CalibratedCamera::read(&path)
+    }
+
+    const CAMERA: &str = r#""sensor": {"width": 346, "height": 260},
+        "camera": {"model": "ucm", "parameters": {"fx": 300.0, "fy": 301.0, "cx": 172.5, "cy": 129.5, "alpha": 0.5}}"#;
+
+    #[test]
+    fn a_file_without_a_version_is_a_camera_seen_everywhere() {
+        let camera = read(&format!(r#"{{ {CAMERA}, "format": "evcal-calibration", "verdict": 7 }}"#)).unwrap();
+        assert_eq!(camera.camera.parameters().to_vec(), [300.0, 301.0, 172.5, 129.5, 0.5]);
+        assert_eq!(camera.covered, CoveredRegion::whole(Sensor::new(346, 260)));
+        assert!(camera.sigma.is_none() && camera.board.is_none());
+        let truth =
+            read(&format!(r#"{{ {CAMERA}, "board": "acircles:9x4:55mm:r17.5mm", "settings": {{}} }}"#)).unwrap();
+        assert!(truth.board.is_some());
+    }
+
+    #[test]
+    fn a_calibration_of_a_later_version_is_refused() {
+        let error = read(&format!(r#"{{ {CAMERA}, "version": 99 }}"#)).unwrap_err();
+        assert!(matches!(error, CameraFileError::Version { version: 99, known: LATEST_VERSION, .. }), "{error}");
     }
 }

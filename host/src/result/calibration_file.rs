@@ -1,17 +1,21 @@
-//! The result of a calibration, as it is written to `calibration.json`.
+//! The result of a calibration, as it is written to `calibration.json` and read from it.
 
-use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
+
+use nalgebra::Vector2;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::board::Board;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::initial::model_choice::ModelChoice;
-use crate::lens::camera_file::{CameraDescription, Parameters};
-use crate::picture_calibration::calibration::{NoPictureCalibration, PictureSummary};
+use crate::lens::camera_file::{CameraDescription, LATEST_VERSION, Parameters};
+use crate::lens::covered_region::CoveredRegion;
+use crate::picture_calibration::calibration::{PictureReport, PictureSummary};
 use crate::picture_calibration::joint::JointReport;
 use crate::recording::pass::RecordingReport;
-use crate::result::calibrated_camera::covered_region;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{EventBias, SPEED_RANGE_COUNT};
@@ -23,21 +27,24 @@ use crate::trust::residual_map::ResidualPattern;
 use crate::trust::split_half::{HeldOutResidual, SplitHalf};
 use crate::trust::uncertainty::BiasSigma;
 use crate::trust::verdict::Verdict;
-use crate::trust::witness::{PictureWitness, WitnessOutcome};
+use crate::trust::witness::{Comparison, WitnessOutcome};
 use crate::trust::{ObservedRadius, Trust};
 use evcal_core::sensor::Sensor;
 
+/// What `format` says in every calibration file.
+const FORMAT: &str = "evcal-calibration";
+
 /// Everything that a calibration found out. Field order is the order in the file.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationFile {
     /// Always `evcal-calibration`.
-    pub format: &'static str,
-    /// Version of this layout.
+    pub format: String,
+    /// Version of this layout, [`LATEST_VERSION`].
     pub version: u32,
     /// Version of the program.
-    pub program: &'static str,
+    pub program: String,
     /// Where pixel (0, 0) is.
-    pub pixel_convention: &'static str,
+    pub pixel_convention: String,
     /// Size of the sensor.
     pub sensor: Sensor,
     /// The lens.
@@ -80,20 +87,30 @@ pub struct CalibrationFile {
 }
 
 /// What the camera's own pictures say.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FramesResult {
     /// They were calibrated and compared with the events.
-    Witness(Box<PictureWitness>),
-    /// They gave no camera.
-    Failed(NoPictureCalibration),
+    Witness(Box<Comparison>),
+    /// They gave no camera, or none that can be compared.
+    #[serde(alias = "silent")]
+    Failed(FailedFrames),
     /// The calibration is from them alone.
     Only(Box<PictureSummary>),
 }
 
+/// Why the camera's own pictures say nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FailedFrames {
+    /// In words, with what to do.
+    pub reason: String,
+    /// What became of them.
+    pub report: Box<PictureReport>,
+}
+
 /// What every stage took in and gave out. Stages that a calibration from pictures alone does not have are
 /// absent.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StageReports {
     /// What each recording held.
     pub recordings: Vec<RecordingReport>,
@@ -110,7 +127,7 @@ pub struct StageReports {
 }
 
 /// What the stages along trajectories took in and gave out.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrajectoryStages {
     /// Stage 8.
     pub segments: SegmentReport,
@@ -121,19 +138,29 @@ pub struct TrajectoryStages {
 }
 
 /// One event class: polarity and rank in the burst.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EventClass {
-    /// `off` or `on`.
-    pub polarity: &'static str,
+    /// Darker or brighter.
+    pub polarity: ClassPolarity,
     /// Rank in the burst, 0 for the first event; the last rank stands for all later ones.
     pub rank: usize,
     /// What shifts its events from the edge, under the names of [`Bias::name`].
-    #[serde(flatten, serialize_with = "write_biases")]
+    #[serde(flatten, serialize_with = "write_biases", deserialize_with = "read_biases")]
     pub biases: Biases<f64>,
     /// Spread in pixels, for each of the ranges of normal speed.
     pub sigma: [f64; SPEED_RANGE_COUNT],
     /// Standard deviations of the biases, in the order of [`Bias::ALL`]; zero where one is held.
     pub standard_deviations: Biases<f64>,
+}
+
+/// Polarity of an event class.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ClassPolarity {
+    /// Darker.
+    Off,
+    /// Brighter.
+    On,
 }
 
 impl EventClass {
@@ -151,7 +178,7 @@ impl EventClass {
             .zip(sigma)
             .enumerate()
             .map(|(class, (bias, sigma))| Self {
-                polarity: if class < RANK_COUNT { "off" } else { "on" },
+                polarity: if class < RANK_COUNT { ClassPolarity::Off } else { ClassPolarity::On },
                 rank: class % RANK_COUNT,
                 biases: bias.biases,
                 sigma: bias.sigma,
@@ -176,8 +203,16 @@ fn write_biases<S: Serializer>(biases: &Biases<f64>, serializer: S) -> Result<S:
     serializer.collect_map(LAYOUT.map(|bias| (bias.name(), biases[bias])))
 }
 
+fn read_biases<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Biases<f64>, D::Error> {
+    let values = BTreeMap::<String, f64>::deserialize(deserializer)?;
+    match Bias::ALL.iter().find(|bias| !values.contains_key(bias.name())) {
+        Some(missing) => Err(D::Error::missing_field(missing.name())),
+        None => Ok(Biases::from_fn(|bias| values.get(bias.name()).copied().unwrap_or_default())),
+    }
+}
+
 /// Residuals of the observations that the final solve used.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residuals {
     /// What is measured.
     pub measure: Measured,
@@ -190,7 +225,7 @@ pub struct Residuals {
 }
 
 /// How sure a result is.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UncertaintySummary {
     /// Covariance of the lens parameters, in the order of the model.
     pub covariance: Vec<Vec<f64>>,
@@ -227,7 +262,7 @@ impl UncertaintySummary {
 }
 
 /// Two calibrations from one half of the observations each.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SplitHalfSummary {
     /// The two cameras.
     pub cameras: [CameraDescription; 2],
@@ -257,7 +292,7 @@ impl From<&SplitHalf> for SplitHalfSummary {
 }
 
 /// One trajectory segment.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SegmentSummary {
     /// Recording it belongs to.
     pub recording: usize,
@@ -271,6 +306,20 @@ pub struct SegmentSummary {
     pub observations: usize,
 }
 
+/// Points on the rim of a circle that stand for it.
+const RIM_POINTS: u32 = 16;
+
+/// Where the board's circles were seen in the frames that the calibration used.
+pub fn covered_region(calibrated: &Calibrated) -> CoveredRegion {
+    let rim = calibrated.posed().flat_map(|(_, frame)| &frame.circles).flat_map(|circle| {
+        (0..RIM_POINTS).map(|step| {
+            let angle = f64::from(step) * std::f64::consts::TAU / f64::from(RIM_POINTS);
+            circle.center + Vector2::new(libm::cos(angle), libm::sin(angle)) * circle.radius.unwrap_or(0.0)
+        })
+    });
+    CoveredRegion::around(rim, calibrated.sensor)
+}
+
 impl CalibrationFile {
     /// The result of `calibrated`, seen on `board`.
     pub fn new(calibrated: &Calibrated, board: &Board) -> Self {
@@ -280,10 +329,10 @@ impl CalibrationFile {
         let events = calibrated.events();
         let sigma = Parameters::new(names.iter().copied().zip(trust.uncertainty.sigma()));
         Self {
-            format: "evcal-calibration",
-            version: 1,
-            program: crate::VERSION,
-            pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)",
+            format: FORMAT.to_owned(),
+            version: LATEST_VERSION,
+            program: crate::VERSION.to_owned(),
+            pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)".to_owned(),
             sensor: calibrated.sensor,
             camera: CameraDescription::new(camera),
             verdict: calibrated.verdict.clone(),
@@ -310,8 +359,10 @@ impl FramesResult {
     fn new(calibrated: &Calibrated) -> Option<Self> {
         match &calibrated.evidence {
             Evidence::Events(events) => events.witness.as_ref().map(|outcome| match outcome {
-                WitnessOutcome::Witness(witness) => Self::Witness(witness.clone()),
-                WitnessOutcome::Failed(failure) => Self::Failed(failure.clone()),
+                WitnessOutcome::Witness(witness) => Self::Witness(Box::new(witness.comparison.clone())),
+                WitnessOutcome::Failed(failure) => {
+                    Self::Failed(FailedFrames { reason: failure.to_string(), report: failure.report.clone() })
+                }
             }),
             Evidence::Pictures(pictures) => Some(Self::Only(Box::new(pictures.summary()))),
         }
@@ -363,7 +414,7 @@ mod tests {
     use crate::solve::event_bias::{CLASS_COUNT, unknown};
 
     #[test]
-    fn each_bias_of_a_class_is_written_under_its_name() {
+    fn each_bias_of_a_class_is_written_and_read_under_its_name() {
         let mut bias = unknown(0.3);
         bias[1].biases = Biases::from_fn(|bias| bias.index() as f64);
         let classes = EventClass::all(&bias, &[Biases::default(); CLASS_COUNT]);
@@ -372,5 +423,7 @@ mod tests {
             assert_eq!(written[bias.name()], bias.index() as f64);
         }
         assert_eq!(written["sigma"][0], 0.3);
+        let read: EventClass = serde_json::from_value(written).unwrap();
+        assert_eq!(read, classes[1]);
     }
 }

@@ -6,7 +6,7 @@ use crate::initial::InitialReport;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
 use crate::picture_calibration::joint::JointReport;
 use crate::solve::refinement::RoundReport;
-use crate::trust::witness::WitnessOutcome;
+use crate::trust::witness::{Comparison, WitnessOutcome};
 
 /// One stage.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -159,10 +159,8 @@ fn solve_line(round: usize, report: &RoundReport) -> StageLine {
         Amount::new(solve.observations as u64, "observations"),
         Amount::new(solve.iterations as u64, "iterations"),
     )
-    .noting([
-        format!("cost {:.1} to {:.1}", solve.initial_cost, solve.final_cost),
-        format!("projection moved {:.4} px", report.change),
-    ])
+    .noting([format!("cost {:.1} to {:.1}", solve.initial_cost, solve.final_cost)])
+    .noting(report.change.map(|change| format!("projection moved {change:.4} px")))
     .noting(report.knots.as_ref().map(|knots| {
         let times = |(level, seconds): (usize, &f64)| {
             format!("{seconds:.2} s at {:.1} ms", 1e3 * knots.finest * (1 << level) as f64)
@@ -211,7 +209,10 @@ fn used_line(report: &PictureReport, spread: f64, inflation: f64) -> StageLine {
 
 fn witness_line(outcome: &WitnessOutcome) -> StageLine {
     match outcome {
-        WitnessOutcome::Witness(witness) => used_line(&witness.report, witness.spread, witness.inflation),
+        WitnessOutcome::Witness(witness) => {
+            let Comparison { report, spread, inflation, .. } = &witness.comparison;
+            used_line(report, *spread, *inflation)
+        }
         WitnessOutcome::Failed(failure) => StageLine::new(
             "Calibration from frames",
             Amount::new(failure.report.detection.with_board, "frames with the board"),

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::stage_lines::{Amount, StageLine, stage_lines};
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::recording::pass::RecordingReport;
-use crate::trust::witness::{PictureWitness, WitnessOutcome};
+use crate::trust::witness::{Comparison, WitnessOutcome};
 
 /// Width of the names of stages.
 const NAME: usize = 30;
@@ -29,7 +29,7 @@ pub fn stage_report(calibrated: &Calibrated) -> String {
         }
     }
     if let Some(EventCalibration { witness: Some(WitnessOutcome::Witness(witness)), .. }) = calibrated.events() {
-        put_comparison(&mut text, witness);
+        put_comparison(&mut text, &witness.comparison);
     }
     text
 }
@@ -57,9 +57,9 @@ fn put(text: &mut String, line: &StageLine) {
 }
 
 /// Parameters from pictures and from events.
-fn put_comparison(text: &mut String, witness: &PictureWitness) {
-    put_row(text, "Frames against events", &witness.sentence);
-    for parameter in &witness.parameters {
+fn put_comparison(text: &mut String, comparison: &Comparison) {
+    put_row(text, "Frames against events", &comparison.sentence);
+    for parameter in &comparison.parameters {
         let row = format!(
             "{:<3} {:>12.5} ± {:.5} from frames, {:>12.5} from events",
             parameter.name, parameter.frames, parameter.frames_sigma, parameter.events

@@ -12,10 +12,12 @@ use super::davis::{DavisSettings, DavisSlice, DavisTruth};
 use super::frame::{FrameTimes, SimulatedFrame};
 use super::{EventCounts, Simulation};
 use crate::recording::aedat4::header::Compression;
-use crate::recording::aedat4::other_streams::{Frame, InertialSample};
-use crate::recording::aedat4::write::{Encoder, OtherStreams};
+use crate::recording::aedat4::write::Encoder;
 use crate::recording::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
-use crate::recording::write::{Encode, EventWriter, OutputFormat, WriteError};
+use crate::recording::encode::{Encode, WriteError};
+use crate::recording::extras::{Frame, InertialSample, OtherStreams};
+use crate::recording::write::EventWriter;
+use crate::recording::{aedat4, event_calib, text};
 
 /// Size of the sensor of a DAVIS346.
 pub const DAVIS346_SENSOR: Sensor = Sensor::new(346, 260);
@@ -26,13 +28,51 @@ const SERIAL: &str = "evcalsim";
 
 /// What kind of file to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum RecordingFormat {
-    /// Events only, in any format for them.
-    Events(OutputFormat),
     /// AEDAT4 with all streams.
     Aedat4,
     /// What a DAVIS346 sends over USB, as `.dvraw`, with all streams.
     Davis346,
+    /// Events as text.
+    Text,
+    /// Events as EventCalib binary.
+    EventCalib,
+}
+
+impl RecordingFormat {
+    /// All of them.
+    pub const ALL: &[Self] = &[Self::Aedat4, Self::Davis346, Self::Text, Self::EventCalib];
+
+    /// Its name, which is the extension of its files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Aedat4 => "aedat4",
+            Self::Davis346 => "dvraw",
+            Self::Text => "csv",
+            Self::EventCalib => "bin",
+        }
+    }
+
+    /// What it is, in a few words.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::Aedat4 => "AEDAT4, as iniVation's software writes it",
+            Self::Davis346 => "What a DAVIS346 sends over USB",
+            Self::Text => "Text, events only",
+            Self::EventCalib => "EventCalib binary, events only",
+        }
+    }
+
+    /// Name of the recording in the folder of a simulation.
+    pub(super) fn file_name(self) -> String {
+        format!("events.{}", self.name())
+    }
+
+    /// Whether frames and inertial samples have a place in it.
+    pub const fn holds_more_than_events(self) -> bool {
+        matches!(self, Self::Aedat4 | Self::Davis346)
+    }
 }
 
 /// Runs `simulation`, with what `davis` asks for, into the file at `path`. `progress` is called with
@@ -54,16 +94,19 @@ pub fn write(
         done += 1;
         progress(done);
     };
+    let mut events_only = |format| {
+        let mut writer = EventWriter::create(path, format, sensor, CAMERA_NAME)?;
+        let results = simulation.run_davis(&DavisSettings::default(), |slice| {
+            tick();
+            writer.write(slice.events)
+        })?;
+        writer.finish()?;
+        Ok(results)
+    };
     match format {
-        RecordingFormat::Events(format) => {
-            let mut writer = EventWriter::create(path, format, sensor, CAMERA_NAME)?;
-            let results = simulation.run_davis(&DavisSettings::default(), |slice| {
-                tick();
-                writer.write(slice.events)
-            })?;
-            writer.finish()?;
-            Ok(results)
-        }
+        RecordingFormat::Text => events_only(text::OUTPUT),
+        RecordingFormat::EventCalib => events_only(event_calib::OUTPUT),
+        RecordingFormat::Aedat4 if *davis == DavisSettings::default() => events_only(aedat4::OUTPUT),
         RecordingFormat::Aedat4 => {
             let output = BufWriter::with_capacity(1 << 18, File::create(path)?);
             let others = OtherStreams { frames: davis.frames.is_some(), imu: davis.imu.is_some() };

@@ -165,11 +165,6 @@ impl Scene {
         EdgeProfile::REACH * self.point_spread + 1e-3
     }
 
-    /// True where `point` (metres on the board plane) is on the sheet.
-    pub fn on_sheet(&self, point: &Vector2<f64>) -> bool {
-        point >= &self.lower && point <= &self.upper
-    }
-
     /// What a pixel sees from `view`. A pixel that does not look at the board plane sees the
     /// background.
     #[inline]

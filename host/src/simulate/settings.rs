@@ -24,6 +24,7 @@ pub struct SimulationSettings {
 
 /// Why a simulation cannot be set up.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SimulationError {
     /// The lens sees nothing along the middle row or column.
     #[error("the camera model has no bearing for most of the sensor: check its parameters and the sensor size")]

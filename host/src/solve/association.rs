@@ -8,6 +8,8 @@
 
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
+use evcal_core::settings;
+use evcal_core::settings::{above, at_least, from_to};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -23,42 +25,30 @@ use crate::solve::observation::{EventBin, EventObservation, SegmentObservations}
 use crate::solve::pose_bin::PoseBin;
 use crate::trajectory::Trajectory;
 
-/// Thresholds of the association.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct AssociationSettings {
-    /// Largest distance from the edge while the spread of the events is not known yet (px).
-    pub first_band: f64,
-    /// Largest distance from the class's offset in units of its spread σ.
-    pub band: f64,
-    /// Largest distance from the class's offset, whatever σ (px).
-    pub widest_band: f64,
-    /// Slowest normal speed of an edge [px/s].
-    pub slowest_edge: f64,
-    /// Smallest share of the motion that is across the edge; below, the edge slides along itself.
-    pub tangent: f64,
-    /// A pixel silent for longer starts a new burst (s).
-    pub burst_pause: f64,
-    /// Most events in one solve; more are thinned evenly.
-    pub most_events: usize,
-}
-
-impl Default for AssociationSettings {
-    fn default() -> Self {
-        Self {
-            first_band: 3.0,
-            band: 3.0,
-            widest_band: 2.5,
-            slowest_edge: 30.0,
-            tangent: 0.65,
-            burst_pause: 0.1,
-            most_events: 1_000_000,
-        }
+settings! {
+    /// Which event belongs to which circle (stage 10).
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct AssociationSettings {
+        /// Largest distance from the edge in the first round, while the spread of the events is not known.
+        pub first_band: f64 = 3.0, "px", above(0.0);
+        /// Largest distance from where the event's class is expected, in units of the class's spread.
+        pub band: f64 = 3.0, "σ", above(0.0);
+        /// Largest such distance, whatever the spread.
+        pub widest_band: f64 = 2.5, "px", above(0.0);
+        /// Slowest normal speed of an edge.
+        pub slowest_edge: f64 = 30.0, "px/s", at_least(0.0);
+        /// Smallest share of the motion that is across the edge; below it the edge slides along itself.
+        pub tangent: f64 = 0.65, "", from_to(0.0, 1.0);
+        /// A pixel that is silent for longer starts a new burst.
+        pub burst_pause: f64 = 0.1, "s", above(0.0);
+        /// Most events in one solve; more are thinned evenly.
+        pub most_events: usize = 1_000_000, "events", at_least(1.0);
     }
 }
 
 /// What became of the events.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AssociationReport {
     /// Events that came in.
     pub events: u64,

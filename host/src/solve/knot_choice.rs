@@ -11,6 +11,7 @@
 //! grid of halved cells: Mallows' C_p, or Akaike's criterion with inflated noise.
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::knot_fit::{Displacement, KnotFit};
 use super::levenberg::{linearised, system_of};
@@ -23,7 +24,7 @@ use crate::trajectory::knot_grid::{KnotGrid, KnotSettings, cheapest_levels};
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, Trajectory};
 
 /// What was chosen.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct KnotReport {
     /// Control points of all segments.
     pub control_points: usize,

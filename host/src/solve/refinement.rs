@@ -5,6 +5,8 @@ use evcal_core::camera::refit::difference;
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
+use evcal_core::settings;
+use evcal_core::settings::{above, at_least};
 use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
@@ -23,34 +25,40 @@ use crate::solve::unexplained::{UnexplainedSettings, UnexplainedStretch, leave_o
 use crate::solve::{FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State};
 use crate::trajectory::knot_grid::KnotSettings;
 
-/// How often to associate and solve, and which biases to fit.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RefinementSettings {
-    /// Most rounds of association and solve.
-    pub rounds: usize,
-    /// When a round changes the projection by less than twenty times this (px, rms over the sensor), the
-    /// next round is the last.
-    pub settled: f64,
-    /// Most events in the rounds before the last ones.
-    pub early_events: usize,
-    /// Fit an offset from the geometric edge, and what curvature adds to it, for each event class.
-    pub offsets: bool,
-    /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event
-    /// class.
-    pub latencies: bool,
-    /// Spread of the events while it is not known yet (px).
-    pub first_sigma: f64,
-}
-
-impl Default for RefinementSettings {
-    fn default() -> Self {
-        Self { rounds: 6, settled: 0.01, early_events: 250_000, offsets: true, latencies: true, first_sigma: 0.5 }
+settings! {
+    /// Rounds of association and solve, and which biases of events are fitted.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct RefinementSettings {
+        /// Most rounds; at least one is made.
+        pub rounds: usize = 6, "", at_least(1.0);
+        /// When a round changes the projection by less than twenty times this (rms over the sensor), the next round
+        /// is the last.
+        pub settled: f64 = 0.01, "px", at_least(0.0);
+        /// Most events in the rounds before the last.
+        pub early_events: usize = 250_000, "events", at_least(1.0);
+        /// Fit an offset from the geometric edge, and what the edge's curvature adds to it, for each event class.
+        pub offsets: bool = true;
+        /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event class.
+        pub latencies: bool = true;
+        /// Spread of the events while it is not known.
+        pub first_sigma: f64 = 0.5, "px", above(0.0);
     }
 }
 
+/// A round before the last moves the camera by its own noise too, for it has few events. When it changes the projection by
+/// less than this many times [`RefinementSettings::settled`], the next round is the last.
+const SETTLED_TIMES: f64 = 20.0;
+
+/// Fewest events for a class to have biases of its own.
+const FEWEST_OF_CLASS: usize = 500;
+
+/// Smallest spread of circle centres (px) that the joint solve believes: circles without noise would otherwise have an
+/// infinite weight.
+pub const SMALLEST_POINT_SIGMA: f64 = 0.02;
+
 /// How one round went.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoundReport {
     /// Association of this round.
     pub association: AssociationReport,
@@ -58,8 +66,8 @@ pub struct RoundReport {
     pub knots: Option<KnotReport>,
     /// Solve of this round.
     pub solve: SolveReport,
-    /// Root mean square change of the projection over the sensor (px).
-    pub change: f64,
+    /// Root mean square change of the projection over the sensor (px); `None` where the two lenses share no pixel.
+    pub change: Option<f64>,
 }
 
 /// Hands all events of one recording, in batches in time order and with times from its start, to a
@@ -177,7 +185,7 @@ pub fn refine<E: Send>(
         let (solved, solve_report) = solve(&problem, state)?;
         state = solved;
         let moved = difference(&before, &state.camera, input.sensor);
-        let change = if moved.compared > 0 { moved.root_mean_square } else { f64::INFINITY };
+        let change = (moved.compared > 0).then_some(moved.root_mean_square);
         rounds.push(RoundReport { association, knots, solve: solve_report, change });
         if final_round {
             let unexplained = unexplained_at(&problem, &state, settings.unexplained);
@@ -189,7 +197,7 @@ pub fn refine<E: Send>(
             let residuals = residual_statistics(&problem, &state, &bearings);
             return Ok(Refined { state, problem, residuals, unexplained, rounds });
         }
-        last_early = change < 20.0 * settings.refinement.settled;
+        last_early = change.is_some_and(|change| change < SETTLED_TIMES * settings.refinement.settled);
     }
 }
 
@@ -274,8 +282,6 @@ fn updated_bias(state: &State, mut residuals: Vec<EventResidual>, settings: Stag
 /// The parameters that may change: classes with hardly any events keep their biases, and the
 /// latency of class 0 is the common delay that no event can tell.
 fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &RefinementSettings) -> FreeParameters {
-    /// Fewest events for a class to have biases of its own.
-    const FEWEST: usize = 500;
     let mut counts = [0_usize; CLASS_COUNT];
     for event in problem.segments.iter().flat_map(|segment| &segment.events) {
         if let Some(count) = counts.get_mut(usize::from(event.class)) {
@@ -284,7 +290,7 @@ fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &Refinemen
     }
     let mut biases = counts.map(|count| {
         // The paper's residual knows no biases.
-        let enough = count >= FEWEST && problem.settings.residual == ResidualMeasure::Pixel;
+        let enough = count >= FEWEST_OF_CLASS && problem.settings.residual == ResidualMeasure::Pixel;
         let wanted = |bias: Bias| if bias.needs_motion() { settings.latencies } else { settings.offsets };
         Biases::from_fn(|bias| enough && wanted(bias))
     });

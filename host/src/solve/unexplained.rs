@@ -3,6 +3,8 @@
 //! Where no curve follows the motion, the events spread wider about it than elsewhere, or most of those near the board
 //! are too far from any edge to be taken. Both are looked at in short cells of time.
 
+use evcal_core::settings;
+use evcal_core::settings::{above, at_least};
 use serde::{Deserialize, Serialize};
 
 use super::observation::{EventBin, SegmentObservations};
@@ -10,27 +12,24 @@ use super::stretch::EventResidual;
 use super::{Problem, State};
 use crate::numerics::statistics::median;
 
-/// When a stretch counts as unexplained.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct UnexplainedSettings {
-    /// Length of a cell of time (s).
-    pub cell: f64,
-    /// Largest median size of the residuals in a cell, in units of the median of a normal distribution.
-    pub spread: f64,
-    /// Events too far from an edge, for each that is near one: more in a cell are too many if they are also so many times
-    /// as many as usual.
-    pub far_ratio: f64,
-}
-
-impl Default for UnexplainedSettings {
-    fn default() -> Self {
-        Self { cell: 0.01, spread: 1.7, far_ratio: 1.0 }
+settings! {
+    /// Which stretches of time no curve explains: they leave the solve and the written trajectory, and the verdict names
+    /// them.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct UnexplainedSettings {
+        /// Length of the cells of time that are judged.
+        pub cell: f64 = 0.01, "s", at_least(1e-4);
+        /// Largest median size of the residuals in a cell, in units of what their class's spread makes it.
+        pub spread: f64 = 1.7, "", at_least(1.0);
+        /// Events too far from every edge for each one near an edge: more in a cell are too many, if they are also four
+        /// times as many as usual.
+        pub far_ratio: f64 = 1.0, "", above(0.0);
     }
 }
 
 /// A stretch of time that no curve explains.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UnexplainedStretch {
     /// Number of the recording.
     pub recording: usize,

@@ -4,10 +4,10 @@ use crate::circles::reference_frame::PointObservation;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
 use crate::numerics::statistics::median;
-use crate::settings::Settings;
 use crate::trajectory::fit::{TrajectoryShape, fit, on_knots};
 use crate::trajectory::knot_grid::KnotSettings;
 use crate::trajectory::segment::{SegmentReport, SegmentSettings, segment};
+use crate::trajectory::settings::SplineSettings;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::{Trajectory, TrajectoryError};
 
@@ -47,7 +47,8 @@ pub enum FirstTrajectoryError {
 pub fn first_trajectories(
     initial: &InitialModel,
     frames: &[ReferenceFrame],
-    settings: &Settings,
+    segment_settings: &SegmentSettings,
+    (spline, knots): (&SplineSettings, &KnotSettings),
 ) -> Result<FirstTrajectories, FirstTrajectoryError> {
     let times: Vec<(usize, f64)> = initial
         .frames
@@ -55,25 +56,21 @@ pub fn first_trajectories(
         .filter_map(|posed| frames.get(posed.frame).map(|frame| (frame.recording, frame.t())))
         .collect();
     let segmentation = SegmentSettings {
-        longest_gap: settings.segment.longest_gap.max(settings.segment.longest_gap_ratio * typical_interval(&times)),
-        ..settings.segment.clone()
+        longest_gap: segment_settings.longest_gap.max(segment_settings.longest_gap_ratio * typical_interval(&times)),
+        ..segment_settings.clone()
     };
-    let (ranges, segments) = segment(&times, settings.spline.degree, &segmentation);
+    let (ranges, segments) = segment(&times, spline.degree, &segmentation);
     if ranges.is_empty() {
-        let fewest = settings.segment.fewest_frames.max(settings.spline.degree + 1);
+        let fewest = segment_settings.fewest_frames.max(spline.degree + 1);
         let too_few = segments.too_few_frames + segments.too_short;
         return Err(FirstTrajectoryError::NoSegment { frames: segments.frames_in, too_few, fewest });
     }
-    let shape = TrajectoryShape {
-        degree: settings.spline.degree,
-        rotation: settings.spline.rotation,
-        knot_spacing: settings.spline.knot_spacing,
-    };
+    let shape = TrajectoryShape { degree: spline.degree, rotation: spline.rotation, knot_spacing: spline.knot_spacing };
     let mut trajectories: Vec<Trajectory> = Vec::new();
     let mut points: Vec<Vec<PointObservation>> = Vec::new();
     let mut failure = None;
     for range in &ranges {
-        match fit_segment(initial, frames, range.clone(), &shape, &settings.knots) {
+        match fit_segment(initial, frames, range.clone(), &shape, knots) {
             Ok((trajectory, observations)) => {
                 trajectories.push(trajectory);
                 points.push(observations);

@@ -4,31 +4,29 @@
 //! finest spacing. All knot vectors of a grid are subsets of its finest one, so that a curve on any of them is
 //! a curve on the finest too.
 
+use evcal_core::settings;
+use evcal_core::settings::at_least;
 use serde::{Deserialize, Serialize};
 
 use super::Trajectory;
 
-/// How dense knots may be, and what decides it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct KnotSettings {
-    /// Smallest distance of knots (s).
-    pub finest: f64,
-    /// Largest distance of knots (s); the same as the smallest: even knots, whatever the motion.
-    pub coarsest: f64,
-    /// Distance of knots in the first round (s).
-    pub first: f64,
-    /// How much better a curve must explain the events for each control point that it has more, in units of what
-    /// noise alone gains. 2 is where the error of a curve too stiff is that of one too loose.
-    pub gain: f64,
-    /// By how much errors that events have in common make them tell less of a trajectory than if each were a
-    /// measurement of its own.
-    pub noise: f64,
-}
-
-impl Default for KnotSettings {
-    fn default() -> Self {
-        Self { finest: 0.004375, coarsest: 0.07, first: 0.00875, gain: 2.0, noise: 5.0 }
+settings! {
+    /// How dense knots may be, and what decides it.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct KnotSettings {
+        /// Smallest distance of knots.
+        pub finest: f64 = 0.004375, "s", at_least(1e-4);
+        /// Largest distance of knots. The same as `finest`: even knots, whatever the motion.
+        pub coarsest: f64 = 0.07, "s", at_least(1e-4);
+        /// Distance of knots in the first round.
+        pub first: f64 = 0.00875, "s", at_least(1e-4);
+        /// How much better a curve must explain the events for each number that it has more, in units of what noise
+        /// alone gains. 2 is where the error of a curve too stiff is that of one too loose.
+        pub gain: f64 = 2.0, "", at_least(0.0);
+        /// By how much errors that events have in common make them tell less of a trajectory than if each were a
+        /// measurement of its own.
+        pub noise: f64 = 5.0, "", at_least(1.0);
     }
 }
 

@@ -3,31 +3,30 @@
 //! The board is only seen while it moves and is in view, so the trajectory is a set of smooth
 //! segments: reference frames close in time share one (paper III-C, the grouping into Φ_l).
 
+use evcal_core::settings;
+use evcal_core::settings::{above, at_least};
 use serde::{Deserialize, Serialize};
 
-/// Thresholds of the segmentation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SegmentSettings {
-    /// A gap between neighbouring reference frames longer than this starts a new segment (s).
-    pub longest_gap: f64,
-    /// A gap of up to this many median intervals of the frames does not start a new segment either:
-    /// circle files may hold fewer frames than the detection yields.
-    pub longest_gap_ratio: f64,
-    /// Fewest reference frames in a segment; at least degree + 1 are needed for its spline.
-    pub fewest_frames: usize,
-    /// Shortest segment worth a spline (s).
-    pub shortest: f64,
-}
-
-impl Default for SegmentSettings {
-    fn default() -> Self {
-        Self { longest_gap: 0.03, longest_gap_ratio: 2.5, fewest_frames: 4, shortest: 0.02 }
+settings! {
+    /// Trajectory segments (stage 8).
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct SegmentSettings {
+        /// A longer gap between neighbouring reference frames starts a new segment, if it is also longer than
+        /// `longest_gap_ratio` allows.
+        pub longest_gap: f64 = 0.03, "s", above(0.0);
+        /// A gap of up to this many median intervals of the frames starts no new segment: circle tracks may hold
+        /// few frames.
+        pub longest_gap_ratio: f64 = 2.5, "", at_least(0.0);
+        /// Fewest reference frames in a segment; never less than the spline's degree + 1.
+        pub fewest_frames: usize = 4, "frames", at_least(1.0);
+        /// Shortest segment that is kept.
+        pub shortest: f64 = 0.02, "s", at_least(0.0);
     }
 }
 
 /// What became of the reference frames.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SegmentReport {
     /// Frames that came in.
     pub frames_in: usize,

@@ -7,8 +7,32 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use crate::trajectory::timed_pose::TimedPose;
 
+/// Why a line is not a pose.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PoseLineError {
+    /// More or fewer fields than a pose has.
+    #[error("has {0} fields, not 8")]
+    FieldCount(usize),
+    /// A field that is no number.
+    #[error("{0:?} is not a finite number")]
+    Number(String),
+    /// A quaternion that is no rotation; its length.
+    #[error("the quaternion has length {0:.3}, not 1")]
+    Length(f64),
+    /// Times that do not rise.
+    #[error("its time {t} is not after {before} of the pose before")]
+    Order {
+        /// Its time in seconds.
+        t: f64,
+        /// That of the pose before.
+        before: f64,
+    },
+}
+
 /// Why a trajectory could not be read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum TumError {
     /// The file could not be read.
     #[error("trajectory: {0}")]
@@ -19,7 +43,7 @@ pub enum TumError {
         /// Number of the line, from 1.
         line: usize,
         /// What is wrong with it.
-        reason: String,
+        reason: PoseLineError,
     },
     /// There is no pose in the file.
     #[error("trajectory: there is no pose in the file")]
@@ -36,36 +60,36 @@ pub fn read(reader: impl BufRead) -> Result<Vec<TimedPose>, TumError> {
         if content.is_empty() {
             continue;
         }
-        let error = |reason: String| TumError::Line { line: index + 1, reason };
+        let error = |reason| TumError::Line { line: index + 1, reason };
         let pose = parse(content).map_err(error)?;
         if let Some(before) = poses.last()
             && pose.t <= before.t
         {
-            return Err(error(format!("its time {} is not after {} of the pose before", pose.t, before.t)));
+            return Err(error(PoseLineError::Order { t: pose.t, before: before.t }));
         }
         poses.push(pose);
     }
     if poses.is_empty() { Err(TumError::Empty) } else { Ok(poses) }
 }
 
-fn parse(content: &str) -> Result<TimedPose, String> {
+fn parse(content: &str) -> Result<TimedPose, PoseLineError> {
     let mut fields = [0.0; 8];
     let parts: Vec<&str> =
         content.split(|c: char| c.is_whitespace() || c == ',').filter(|part| !part.is_empty()).collect();
     if parts.len() != fields.len() {
-        return Err(format!("has {} fields, not 8", parts.len()));
+        return Err(PoseLineError::FieldCount(parts.len()));
     }
     for (field, part) in fields.iter_mut().zip(parts) {
         *field = part
             .parse()
             .ok()
             .filter(|value: &f64| value.is_finite())
-            .ok_or_else(|| format!("{part:?} is not a finite number"))?;
+            .ok_or_else(|| PoseLineError::Number(part.to_owned()))?;
     }
     let [t, x, y, z, i, j, k, w] = fields;
     let quaternion = Quaternion::new(w, i, j, k);
     if (quaternion.norm() - 1.0).abs() > 0.01 {
-        return Err(format!("the quaternion has length {:.3}, not 1", quaternion.norm()));
+        return Err(PoseLineError::Length(quaternion.norm()));
     }
     let pose = Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(quaternion));
     Ok(TimedPose { t, pose })

@@ -3,7 +3,7 @@
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
 use crate::numerics::statistics::quantile;
@@ -20,7 +20,7 @@ const INTERVAL: f64 = 0.02;
 const COVERED_SHARE: f64 = 0.03;
 
 /// A quantity over all poses.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     /// Five of a hundred poses have less.
     pub low: f64,
@@ -39,7 +39,7 @@ impl Spread {
 }
 
 /// What was seen.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Coverage {
     /// Columns of cells of the sensor.
     pub columns: usize,

@@ -2,6 +2,8 @@
 
 pub mod csv;
 
+use evcal_core::settings;
+use evcal_core::settings::above;
 use serde::{Deserialize, Serialize};
 
 use crate::solve::State;
@@ -9,21 +11,17 @@ use crate::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use crate::solve::unexplained::{UnexplainedStretch, covers};
 use crate::trajectory::timed_pose::TimedPose;
 
-/// Which poses are sure enough for `trajectory.txt`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct PoseSettings {
-    /// Poses are written so many times a second (Hz).
-    pub rate: f64,
-    /// Largest σ of the camera centre along any axis (m).
-    pub largest_position_sigma: f64,
-    /// Largest σ of the rotation about any axis (rad).
-    pub largest_rotation_sigma: f64,
-}
-
-impl Default for PoseSettings {
-    fn default() -> Self {
-        Self { rate: 200.0, largest_position_sigma: 0.005, largest_rotation_sigma: 0.01 }
+settings! {
+    /// Which poses are written.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct PoseSettings {
+        /// Poses a second in `trajectory.txt` and `trajectory.csv`.
+        pub rate: f64 = 200.0, "Hz", above(0.0);
+        /// Poses whose centre is known worse than this along any axis are only in `trajectory.csv`.
+        pub largest_position_sigma: f64 = 0.005, "m", above(0.0);
+        /// The same for the rotation about any axis.
+        pub largest_rotation_sigma: f64 = 0.01, "rad", above(0.0);
     }
 }
 

@@ -12,6 +12,8 @@
 pub mod histogram;
 
 use evcal_core::sensor::Sensor;
+use evcal_core::settings;
+use evcal_core::settings::{at_least, from_to};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -21,21 +23,17 @@ use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
 use crate::solve::stretch::{EventResidual, PointResidual, point_residuals, residuals};
 use crate::solve::{Problem, State};
 
-/// How residuals are gathered over the sensor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ResidualMapSettings {
-    /// Columns of square cells into which the sensor is cut; the rows follow.
-    pub columns: u16,
-    /// Length of the blocks of time whose residuals err together (s).
-    pub block: f64,
-    /// Fewest blocks in which a cell saw something, to have a displacement.
-    pub fewest_blocks: usize,
-}
-
-impl Default for ResidualMapSettings {
-    fn default() -> Self {
-        Self { columns: 16, block: 0.05, fewest_blocks: 12 }
+settings! {
+    /// Where on the sensor the final residuals are more than noise.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct ResidualMapSettings {
+        /// Columns of square cells into which the sensor is cut; the rows follow.
+        pub columns: u16 = 16, "cells", from_to(1.0, 256.0);
+        /// Events within this time may err together: standard errors are those of sums over such blocks.
+        pub block: f64 = 0.05, "s", at_least(1e-3);
+        /// Fewest blocks that saw something in a cell, to estimate a displacement there.
+        pub fewest_blocks: usize = 12, "blocks", at_least(6.0);
     }
 }
 
@@ -103,7 +101,7 @@ pub struct Displacement {
 }
 
 /// The figures of a residual map that stand for all of it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ResidualPattern {
     /// Cells with a displacement.
     pub cells: usize,

@@ -6,6 +6,8 @@
 //! as that half's own camera does (with the trajectory free in both cases).
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use evcal_core::settings;
+use evcal_core::settings::at_least;
 use serde::{Deserialize, Serialize};
 
 use crate::lens::camera_file::CameraDescription;
@@ -17,26 +19,22 @@ use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics}
 use crate::solve::{FreeParameters, Problem, SolveSettings, State};
 use crate::trust::uncertainty::projection::projection_uncertainty;
 
-/// How the halves are cut and solved.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SplitHalfSettings {
-    /// Length of a slice of time (s).
-    pub slice: f64,
-    /// Fewest slices in all; shorter recordings are not halved.
-    pub fewest_slices: usize,
-    /// Most iterations of each solve.
-    pub iterations: usize,
-}
-
-impl Default for SplitHalfSettings {
-    fn default() -> Self {
-        Self { slice: 0.5, fewest_slices: 4, iterations: 6 }
+settings! {
+    /// The two halves of a recording that are calibrated apart; nothing of it changes the camera.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct SplitHalfSettings {
+        /// Length of a slice of time; even slices make one half, odd ones the other.
+        pub slice: f64 = 0.5, "s", at_least(1e-3);
+        /// Recordings with fewer slices are not halved.
+        pub fewest_slices: usize = 4, "slices", at_least(2.0);
+        /// Most Levenberg-Marquardt iterations for each half.
+        pub iterations: usize = 6, "", at_least(1.0);
     }
 }
 
 /// How well a camera explains events that it was not calibrated from.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeldOutResidual {
     /// Observations in both halves.
     pub count: usize,

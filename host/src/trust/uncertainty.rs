@@ -15,6 +15,8 @@ pub mod blocks;
 pub mod projection;
 
 use evcal_core::camera::MAX_PARAMETERS;
+use evcal_core::settings;
+use evcal_core::settings::{at_least, from_to};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -25,19 +27,16 @@ use crate::solve::stretch::stretches;
 use crate::solve::{GLOBAL_COUNT, Problem, SolveError, State, bias_index};
 use blocks::{Scatter, scatter, sum_by_block};
 
-/// How observations are cut into blocks.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct UncertaintySettings {
-    /// Length of a block; blocks of half, twice and four times this length are looked at too (s).
-    pub block: f64,
-    /// Fewer blocks than this are shortened, as far as there are observations in between.
-    pub fewest_blocks: usize,
-}
-
-impl Default for UncertaintySettings {
-    fn default() -> Self {
-        Self { block: 0.25, fewest_blocks: 4 }
+settings! {
+    /// How the stated σ come about; nothing of it changes the camera.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct UncertaintySettings {
+        /// Length of the blocks of time whose scatter tells how far events are correlated; blocks of half, twice
+        /// and four times this length are looked at too, and the largest figure counts.
+        pub block: f64 = 0.25, "s", at_least(1e-3);
+        /// Shorter recordings get shorter blocks, so that there are this many.
+        pub fewest_blocks: usize = 4, "blocks", from_to(2.0, 1e4);
     }
 }
 

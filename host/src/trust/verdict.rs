@@ -8,7 +8,7 @@ use std::fmt;
 
 use evcal_core::camera::Camera;
 use nalgebra::DVector;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use self::findings::findings_on;
 pub use self::settings::VerdictSettings;
@@ -17,7 +17,7 @@ use crate::lens::axial_focal::axial_focal_gradients;
 use crate::trust::{EventTrust, Trust};
 
 /// How good a calibration is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Grade {
     /// Nothing speaks against it.
@@ -29,7 +29,7 @@ pub enum Grade {
 }
 
 /// How much a finding matters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
     /// Worth knowing.
@@ -41,7 +41,7 @@ pub enum Severity {
 }
 
 /// What a finding is about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cause {
     /// The projection is not known well enough.
@@ -73,7 +73,7 @@ pub enum Cause {
 }
 
 /// Something that speaks for caution.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
     /// What it is about.
     pub cause: Cause,
@@ -86,7 +86,7 @@ pub struct Finding {
 }
 
 /// The verdict.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
     /// How good.
     pub grade: Grade,

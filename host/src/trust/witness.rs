@@ -1,4 +1,4 @@
-//! Do the camera's frames agree with its events?
+//! Do the camera's pictures agree with its events?
 //!
 //! Both calibrations see through the same lens, so that the difference of their projections over the
 //! sensor, with the implied rotation removed, must be what the uncertainty of both makes likely.
@@ -6,37 +6,39 @@
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::detection::pictures::settings::PictureSettings;
 use crate::lens::camera_file::{CameraDescription, Parameters};
-use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
-use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, PictureReport};
-use crate::trust::uncertainty::projection::projection_uncertainty;
+use crate::lens::projection_difference::{NoCommonView, ProjectionDifference, projection_difference};
+use crate::picture_calibration::calibration::{
+    NoPictureCalibration, PictureCalibration, PictureFailure, PictureReport,
+};
+use crate::trust::uncertainty::projection::{NoView, projection_uncertainty};
 use crate::trust::verdict::{Cause, Finding, Severity};
 
-/// What the frames say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+/// What the pictures say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Agreement {
     /// They differ by no more than both uncertainties explain.
     Agrees,
     /// They differ by more.
     Disagrees,
-    /// The frames' own uncertainty is too large to tell.
+    /// The pictures' own uncertainty is too large to tell.
     TooUncertain,
 }
 
-/// One parameter as events and frames have it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// One parameter as events and pictures have it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ComparedParameter {
     /// Its name.
-    pub name: &'static str,
+    pub name: String,
     /// From events.
     pub events: f64,
-    /// From frames.
+    /// From pictures.
     pub frames: f64,
-    /// Standard deviation of the one from frames.
+    /// Standard deviation of the one from pictures.
     pub frames_sigma: f64,
     /// Standard deviation of the difference.
     pub difference_sigma: f64,
@@ -44,24 +46,33 @@ pub struct ComparedParameter {
 
 /// How far the projections of two uncertain calibrations are expected to be apart (px, rms over the
 /// sensor).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExpectedDifference {
     /// From the uncertainty of both.
     pub rms: f64,
     /// The events' part.
     pub events: f64,
-    /// The frames' part.
+    /// The pictures' part.
     pub frames: f64,
 }
 
-/// The calibration from frames as a witness of that from events.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// The calibration from pictures as a witness of that from events.
+#[derive(Clone, Debug, PartialEq)]
 pub struct PictureWitness {
+    /// What it says.
+    pub comparison: Comparison,
+    /// The difference at every point of the sensor.
+    pub difference: ProjectionDifference,
+}
+
+/// What the comparison of two calibrations says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
     /// What follows, in words.
     pub sentence: String,
     /// Whether both agree.
     pub agreement: Agreement,
-    /// Root mean square of the projection difference over the sensor (px), frames less events, the
+    /// Root mean square of the projection difference over the sensor (px), pictures less events, the
     /// implied rotation removed.
     pub difference_rms: f64,
     /// Its greatest value (px).
@@ -72,7 +83,7 @@ pub struct PictureWitness {
     pub expected: ExpectedDifference,
     /// Difference over expected difference.
     pub ratio: f64,
-    /// The camera from frames.
+    /// The camera from pictures.
     pub camera: CameraDescription,
     /// Parameter by parameter.
     pub parameters: Vec<ComparedParameter>,
@@ -80,35 +91,62 @@ pub struct PictureWitness {
     pub spread: f64,
     /// Variance of the camera's parameters over that of independent residuals.
     pub inflation: f64,
-    /// What became of the frames.
+    /// What became of the pictures.
     pub report: PictureReport,
-    /// The difference at every point of the sensor.
-    #[serde(skip)]
-    pub difference: ProjectionDifference,
 }
 
 /// What the pictures said of a calibration from events.
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Debug)]
 pub enum WitnessOutcome {
     /// They were calibrated and compared.
     Witness(Box<PictureWitness>),
-    /// They gave no camera.
-    Failed(NoPictureCalibration),
+    /// They gave no camera, or none that can be compared.
+    Failed(FailedWitness),
+}
+
+/// Why the pictures say nothing of a calibration from events, and what became of them.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{reason}")]
+pub struct FailedWitness {
+    /// Why.
+    pub reason: NoWitness,
+    /// What became of the pictures.
+    pub report: Box<PictureReport>,
+}
+
+/// Why the pictures say nothing of a calibration from events.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NoWitness {
+    /// They give no camera.
+    #[error(transparent)]
+    NoCalibration(PictureFailure),
+    /// Their camera sees another part of the sensor than that of the events.
+    #[error(transparent)]
+    NoCommonView(#[from] NoCommonView),
+    /// A camera sees next to nothing of the sensor.
+    #[error(transparent)]
+    NoView(#[from] NoView),
+}
+
+impl From<NoPictureCalibration> for FailedWitness {
+    fn from(failure: NoPictureCalibration) -> Self {
+        Self { reason: NoWitness::NoCalibration(failure.reason), report: failure.report }
+    }
 }
 
 impl WitnessOutcome {
     /// What became of the pictures.
     pub fn report(&self) -> &PictureReport {
         match self {
-            Self::Witness(witness) => &witness.report,
+            Self::Witness(witness) => &witness.comparison.report,
             Self::Failed(failure) => &failure.report,
         }
     }
 
-    /// What the verdict must know: that frames and events disagree.
+    /// What the verdict must know: that pictures and events disagree.
     pub fn finding(&self) -> Option<Finding> {
         let Self::Witness(witness) = self else { return None };
+        let witness = &witness.comparison;
         (witness.agreement == Agreement::Disagrees).then(|| Finding {
             cause: Cause::FramesDisagree,
             severity: Severity::Warning,
@@ -125,7 +163,7 @@ impl WitnessOutcome {
     }
 }
 
-/// Compares the calibration from frames with the `camera` from events, whose parameters have
+/// Compares the calibration from pictures with the `camera` from events, whose parameters have
 /// `covariance`.
 ///
 /// # Errors
@@ -133,20 +171,15 @@ impl WitnessOutcome {
 pub fn picture_witness(
     camera: &Camera<f64>,
     covariance: &DMatrix<f64>,
-    frames: &PictureCalibration,
+    pictures: &PictureCalibration,
     sensor: Sensor,
     settings: &PictureSettings,
-) -> Result<PictureWitness, NoPictureCalibration> {
-    let failed = |reason: String| NoPictureCalibration { reason, report: Box::new(frames.report.clone()) };
-    let difference =
-        projection_difference(camera, &frames.camera, sensor).map_err(|error| failed(error.to_string()))?;
-    let expected = |camera, covariance| {
-        projection_uncertainty(camera, covariance, sensor)
-            .map(|uncertainty| uncertainty.rms)
-            .map_err(|error| failed(error.to_string()))
-    };
+) -> Result<PictureWitness, NoWitness> {
+    let difference = projection_difference(camera, &pictures.camera, sensor)?;
+    let expected =
+        |camera, covariance| projection_uncertainty(camera, covariance, sensor).map(|uncertainty| uncertainty.rms);
     let from_events = expected(camera, covariance)?;
-    let from_frames = expected(&frames.camera, &frames.covariance)?;
+    let from_frames = expected(&pictures.camera, &pictures.covariance)?;
     let expected = ExpectedDifference { rms: from_events.hypot(from_frames), events: from_events, frames: from_frames };
     let ratio = difference.rms / expected.rms.max(f64::MIN_POSITIVE);
     let agreement = if from_frames > settings.too_uncertain {
@@ -157,23 +190,23 @@ pub fn picture_witness(
         Agreement::Disagrees
     };
     let names = camera.kind().parameter_names();
-    let sigma = frames.sigma();
+    let sigma = pictures.sigma();
     let event_parameters = camera.parameters();
-    let frame_parameters = frames.camera.parameters();
+    let frame_parameters = pictures.camera.parameters();
     let parameters = names
         .iter()
         .zip(event_parameters.iter().zip(frame_parameters.iter()).zip(&sigma))
         .enumerate()
         .map(|(index, (name, ((events, frames), sigma)))| ComparedParameter {
-            name,
+            name: (*name).to_owned(),
             events: *events,
             frames: *frames,
             frames_sigma: *sigma,
             difference_sigma: covariance.get((index, index)).map_or(0.0, |value| value.max(0.0).sqrt()).hypot(*sigma),
         })
         .collect();
-    Ok(PictureWitness {
-        sentence: sentence(agreement, &difference, &expected, ratio, frames.report.used),
+    let comparison = Comparison {
+        sentence: sentence(agreement, &difference, &expected, ratio, pictures.report.used),
         agreement,
         difference_rms: difference.rms,
         difference_max: difference.max,
@@ -185,11 +218,11 @@ pub fn picture_witness(
             parameters: Parameters::new(names.iter().copied().zip(frame_parameters.iter().copied())),
         },
         parameters,
-        spread: frames.spread,
-        inflation: frames.inflation,
-        report: frames.report.clone(),
-        difference,
-    })
+        spread: pictures.spread,
+        inflation: pictures.inflation,
+        report: pictures.report.clone(),
+    };
+    Ok(PictureWitness { comparison, difference })
 }
 
 fn sentence(

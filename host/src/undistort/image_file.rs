@@ -1,13 +1,15 @@
 //! Pictures on the disk: PNG of any kind, JPEG for reading.
 
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Seek};
+use std::io::{self, BufReader, Read, Seek, Write};
 use std::path::Path;
 
 use png::{BitDepth, ColorType, Transformations};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
+
+use crate::files::{self, FileError};
 
 /// A picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,6 +24,7 @@ pub struct ImageFile {
 
 /// Samples of a picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Samples {
     /// Of 8 bits.
     Eight(Vec<u8>),
@@ -31,6 +34,7 @@ pub enum Samples {
 
 /// A picture cannot be read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ImageFileError {
     /// The system says so.
     #[error(transparent)]
@@ -101,9 +105,13 @@ impl ImageFile {
     /// Writes the picture as PNG.
     ///
     /// # Errors
-    /// What the system says.
-    pub fn write_png(&self, path: &Path) -> io::Result<()> {
-        let mut encoder = png::Encoder::new(BufWriter::new(File::create(path)?), self.size.0, self.size.1);
+    /// [`FileError`] when it cannot be written.
+    pub fn write_png(&self, path: &Path) -> Result<(), FileError> {
+        files::write_with(path, |file| self.encode_png(file))
+    }
+
+    fn encode_png(&self, file: impl Write) -> io::Result<()> {
+        let mut encoder = png::Encoder::new(file, self.size.0, self.size.1);
         encoder.set_color(match self.channels {
             1 => ColorType::Grayscale,
             2 => ColorType::GrayscaleAlpha,
@@ -112,11 +120,17 @@ impl ImageFile {
             _ => return Err(io::Error::other("a PNG has 1 to 4 channels")),
         });
         match &self.samples {
-            Samples::Eight(samples) => encoder.write_header()?.write_image_data(samples)?,
+            Samples::Eight(samples) => {
+                let mut writer = encoder.write_header()?;
+                writer.write_image_data(samples)?;
+                writer.finish()?;
+            }
             Samples::Sixteen(samples) => {
                 encoder.set_depth(BitDepth::Sixteen);
                 let bytes: Vec<u8> = samples.iter().flat_map(|sample| sample.to_be_bytes()).collect();
-                encoder.write_header()?.write_image_data(&bytes)?;
+                let mut writer = encoder.write_header()?;
+                writer.write_image_data(&bytes)?;
+                writer.finish()?;
             }
         }
         Ok(())

@@ -1,15 +1,16 @@
 //! Pictures without distortion.
 
 use evcal_core::sensor::Sensor;
-use std::io;
 use std::path::{Path, PathBuf};
 
 use super::PixelMap;
 use super::image_file::{self, ImageFile, ImageFileError, Samples};
-use crate::recording::aedat4::other_streams::Frame;
+use crate::files::FileError;
+use crate::recording::extras::Frame;
 
 /// A picture could not be undistorted.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PictureError {
     /// It cannot be read.
     #[error("{}: {error}", path.display())]
@@ -20,13 +21,11 @@ pub enum PictureError {
         error: ImageFileError,
     },
     /// It cannot be written.
-    #[error("{}: {error}", path.display())]
-    Write {
-        /// The picture.
-        path: PathBuf,
-        /// What the system said.
-        error: io::Error,
-    },
+    #[error(transparent)]
+    Write(#[from] FileError),
+    /// There is a file of its name already.
+    #[error("{} is there already and is not overwritten: choose another name", .0.display())]
+    Exists(PathBuf),
     /// It is not of this camera.
     #[error(
         "{} has {} x {} pixels, the calibration is for {} x {}", path.display(), size.0, size.1, sensor.width, sensor.height
@@ -41,11 +40,48 @@ pub enum PictureError {
     },
 }
 
+/// Extensions of pictures.
+const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// Whether a file is a picture by its name.
+pub fn is_picture(path: &Path) -> bool {
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+    extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str()))
+}
+
+/// Whether `output` is the name of the one picture of `inputs`, and not a folder for them.
+pub fn is_single(inputs: &[PathBuf], output: &Path) -> bool {
+    inputs.len() == 1 && output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
+}
+
+/// Undistorts pictures of a sensor into the PNG `output` or, if there are several, into that folder, as `NAME.png`;
+/// the files that were written. `back` leads from new to old pixels.
+///
+/// # Errors
+/// [`PictureError`]; pictures before it are written. A file that is there is not replaced.
+pub fn undistort_pictures(inputs: &[PathBuf], output: &Path, back: &PixelMap) -> Result<Vec<PathBuf>, PictureError> {
+    let single = is_single(inputs, output);
+    if !single {
+        std::fs::create_dir_all(output).map_err(|error| FileError::new(output, error))?;
+    }
+    let mut written = Vec::new();
+    for input in inputs {
+        let name = Path::new(input.file_name().unwrap_or_default()).with_extension("png");
+        let path = if single { output.to_owned() } else { output.join(name) };
+        if path.exists() {
+            return Err(PictureError::Exists(path));
+        }
+        undistort_picture(input, back)?.write_png(&path)?;
+        written.push(path);
+    }
+    Ok(written)
+}
+
 /// The picture at `path` of a sensor, undistorted; `back` leads from new to old pixels.
 ///
 /// # Errors
 /// [`PictureError`].
-pub fn undistort_picture(path: &Path, back: &PixelMap) -> Result<ImageFile, PictureError> {
+fn undistort_picture(path: &Path, back: &PixelMap) -> Result<ImageFile, PictureError> {
     let picture = image_file::read(path).map_err(|error| PictureError::Read { path: path.to_owned(), error })?;
     let (sensor, ImageFile { size, channels, samples }) = (back.sensor(), picture);
     if size != (u32::from(sensor.width), u32::from(sensor.height)) {
@@ -75,7 +111,7 @@ pub fn write_frame(frame: &Frame, path: &Path) -> Result<(), PictureError> {
     }
     let size = (u32::from(frame.size.0), u32::from(frame.size.1));
     let picture = ImageFile { size, channels: frame.channels, samples: Samples::Eight(samples) };
-    picture.write_png(path).map_err(|error| PictureError::Write { path: path.to_owned(), error })
+    Ok(picture.write_png(path)?)
 }
 
 /// A channel of a pixel.

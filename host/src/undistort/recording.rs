@@ -2,25 +2,63 @@
 
 use evcal_core::sensor::Sensor;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use evcal_core::camera::Camera;
 use evcal_core::event::Event;
 use serde::Serialize;
 
 use super::PixelMap;
 use super::picture::{PictureError, undistort_frame, write_frame};
 use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
-use crate::recording::convert::extras::{Extra, Extras};
-use crate::recording::convert::{Change, ConversionReport, ConvertError, Target, TimeOrigin, convert_changed};
-use crate::recording::write::WriteError;
-use crate::recording::{EventReader, Recording, RecordingError};
+use crate::files::{self, FileError};
+use crate::lens::camera_file::{CameraDescription, CameraFile};
+use crate::recording::convert::{Change, ConversionReport, ConvertError, TimeOrigin, convert_changed, open_extras};
+use crate::recording::encode::OutputFormat;
+use crate::recording::extras::{Extra, NoExtras, left_out};
+use crate::recording::{EventReader, Recording, RecordingError, RecordingOptions};
 
 /// The maps between a camera and the one without distortion.
+#[derive(Clone, Debug)]
 pub struct Maps {
     /// From old to new pixels.
     pub forth: PixelMap,
     /// From new to old pixels.
     pub back: PixelMap,
+}
+
+impl Maps {
+    /// Between the pixels of `camera` on a `sensor` and those of `new` on one of the same size.
+    pub fn new(camera: &Camera<f64>, new: &Camera<f64>, sensor: Sensor) -> Self {
+        Self { forth: PixelMap::new(camera, new, sensor), back: PixelMap::new(new, camera, sensor) }
+    }
+}
+
+/// Opens the recording at `path` of a camera with this `sensor`, which holds where the recording does not tell its own.
+///
+/// # Errors
+/// [`RecordingError`].
+pub fn open_recording(path: &Path, options: RecordingOptions, sensor: Sensor) -> Result<Recording, RecordingError> {
+    let told = match options.sensor {
+        Some(sensor) => Some(sensor),
+        None => Recording::new(path, options.clone())?.open()?.information().sensor,
+    };
+    Recording::new(path, RecordingOptions { sensor: told.or(Some(sensor)), ..options })
+}
+
+/// Where the camera of an output is written: `events.csv` has `events.camera.json`.
+pub fn camera_path_beside(output: &Path) -> PathBuf {
+    output.with_extension("camera.json")
+}
+
+/// Writes a camera as a file that evcal reads as a calibration.
+///
+/// # Errors
+/// [`FileError`].
+pub fn write_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> Result<(), FileError> {
+    let file = CameraFile { sensor, camera: CameraDescription::new(camera) };
+    let text = serde_json::to_string_pretty(&file).map_err(|error| FileError::new(path, error.into()))?;
+    files::write(path, text.as_bytes())
 }
 
 /// What became of a recording.
@@ -35,13 +73,14 @@ pub struct UndistortionReport {
 
 /// Nothing, or not all, was undistorted.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum UndistortError {
     /// The recording cannot be read, or the output not be written.
     #[error(transparent)]
     Convert(#[from] ConvertError),
     /// The recording cannot be read.
     #[error(transparent)]
-    Source(#[from] RecordingError),
+    Recording(#[from] RecordingError),
     /// A frame cannot be written.
     #[error(transparent)]
     Picture(#[from] PictureError),
@@ -55,14 +94,9 @@ pub enum UndistortError {
         /// That of the calibration.
         calibrated: Sensor,
     },
-    /// The folder of the frames cannot be created.
-    #[error("{folder}: {error}")]
-    Folder {
-        /// The folder.
-        folder: String,
-        /// What the system said.
-        error: std::io::Error,
-    },
+    /// A file or the folder of the frames cannot be written.
+    #[error(transparent)]
+    File(#[from] FileError),
 }
 
 fn check_sensor(recording: &Recording, reader: &EventReader, maps: &Maps) -> Result<(), UndistortError> {
@@ -84,7 +118,7 @@ fn check_sensor(recording: &Recording, reader: &EventReader, maps: &Maps) -> Res
 pub fn undistort_recording(
     recording: &Recording,
     path: &Path,
-    target: Target,
+    target: OutputFormat,
     maps: &Maps,
     progress: impl FnMut(u64),
 ) -> Result<UndistortionReport, UndistortError> {
@@ -127,8 +161,8 @@ pub fn undistort_sub_pixel(
     }
     let mut reader = recording.open()?;
     check_sensor(recording, &reader, maps)?;
-    let failed = |error| ConvertError::Write { path: path.to_owned(), error: WriteError::Io(error) };
-    let mut writer = SubPixelWriter::create(path, format, maps.forth.sensor()).map_err(failed)?;
+    let failed = |error| FileError::new(path, error);
+    let mut writer = SubPixelWriter::create(path, format, maps.forth.sensor())?;
     let mut report = UndistortionReport::default();
     let mut events = Vec::new();
     loop {
@@ -151,10 +185,10 @@ pub fn undistort_sub_pixel(
         }
         progress(reader.report().events);
     }
-    writer.finish().map_err(failed)?;
+    writer.finish()?;
     report.conversion.report = reader.report().clone();
     report.conversion.notes = reader.information().notes.clone();
-    report.conversion.lost = Extras::none().left_out(reader.report());
+    report.conversion.lost = left_out(&NoExtras, reader.report());
     Ok(report)
 }
 
@@ -165,9 +199,8 @@ pub fn undistort_sub_pixel(
 /// [`UndistortError`]; frames before a damaged one are written.
 pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Result<u64, UndistortError> {
     check_sensor(recording, &recording.open()?, maps)?;
-    fs::create_dir_all(folder)
-        .map_err(|error| UndistortError::Folder { folder: folder.display().to_string(), error })?;
-    let mut extras = Extras::open(recording.path(), recording.format())?;
+    fs::create_dir_all(folder).map_err(|error| FileError::new(folder, error))?;
+    let mut extras = open_extras(recording)?;
     let (mut lost, mut written) = (Vec::new(), 0_u64);
     while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
         let Extra::Frame(mut frame) = extra else { continue };

@@ -1,14 +1,16 @@
 //! Undistorted events with the fractions of their pixels.
 
 use evcal_core::sensor::Sensor;
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
 
+use crate::files::{FileError, NewFile};
+
 /// A format whose events may lie between pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum SubPixelFormat {
     /// Lines of time (µs), x, y (four decimals), polarity.
     Text,
@@ -38,19 +40,20 @@ impl SubPixelFormat {
 
 /// Writes events that lie between pixels.
 pub struct SubPixelWriter {
-    output: BufWriter<File>,
+    output: NewFile,
     format: SubPixelFormat,
 }
 
 impl SubPixelWriter {
-    /// Creates the file at `path`, which must not be there yet, for a sensor of (width, height) pixels.
+    /// Begins the file at `path` for a `sensor`.
     ///
     /// # Errors
-    /// What the system says.
-    pub fn create(path: &Path, format: SubPixelFormat, sensor: Sensor) -> io::Result<Self> {
-        let mut output = BufWriter::with_capacity(1 << 18, File::create_new(path)?);
+    /// [`FileError`] when nothing can be written there.
+    pub fn create(path: &Path, format: SubPixelFormat, sensor: Sensor) -> Result<Self, FileError> {
+        let mut output = NewFile::create(path)?;
         if format == SubPixelFormat::Text {
-            writeln!(output, "# undistorted, sensor {} x {}\nt_us,x,y,p", sensor.width, sensor.height)?;
+            writeln!(output, "# undistorted, sensor {} x {}\nt_us,x,y,p", sensor.width, sensor.height)
+                .map_err(|error| FileError::new(path, error))?;
         }
         Ok(Self { output, format })
     }
@@ -72,11 +75,11 @@ impl SubPixelWriter {
         }
     }
 
-    /// Closes the file.
+    /// Gives the file its name.
     ///
     /// # Errors
-    /// What the system says.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.output.flush()
+    /// [`FileError`] when not all of it could be written.
+    pub fn finish(self) -> Result<(), FileError> {
+        self.output.finish()
     }
 }

@@ -9,6 +9,7 @@ const GRID: u16 = 9;
 
 /// How the new camera projects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TargetProjection {
     /// As a pinhole: straight lines stay straight.
     #[default]
@@ -19,6 +20,7 @@ pub enum TargetProjection {
 
 /// Why there is no such camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum TargetError {
     /// The rim of the sensor is outside of what the projection holds.
     #[error(
@@ -31,6 +33,25 @@ pub enum TargetError {
 }
 
 impl TargetProjection {
+    /// All of them.
+    pub const ALL: &[Self] = &[Self::Pinhole, Self::Equidistant];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Pinhole => "pinhole",
+            Self::Equidistant => "equidistant",
+        }
+    }
+
+    /// What it is, in a few words.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::Pinhole => "Straight lines stay straight",
+            Self::Equidistant => "For lenses that see too much for a pinhole",
+        }
+    }
+
     /// The camera with this projection and fx, fy, cx, cy.
     pub fn camera(self, matrix: [f64; 4]) -> Option<Camera<f64>> {
         let kind = match self {
@@ -40,6 +61,23 @@ impl TargetProjection {
         };
         let [fx, fy, cx, cy] = matrix;
         Camera::from_parameters(kind, &[fx, fy, cx, cy, 0.0, 0.0, 0.0, 0.0])
+    }
+}
+
+/// The camera without distortion that takes the place of `camera` on a `sensor`: the part of the image that is kept
+/// is `alpha` ([`optimal_matrix`]), or without it the camera matrix stays ([`same_matrix`]).
+///
+/// # Errors
+/// [`TargetError`].
+pub fn target_camera(
+    camera: &Camera<f64>,
+    projection: TargetProjection,
+    sensor: Sensor,
+    alpha: Option<f64>,
+) -> Result<Camera<f64>, TargetError> {
+    match alpha {
+        Some(alpha) => optimal_matrix(camera, projection, sensor, alpha),
+        None => same_matrix(camera, projection),
     }
 }
 

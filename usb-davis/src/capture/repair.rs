@@ -4,6 +4,10 @@
 //! If such words are lost, all later times are short by a multiple of 2^15 µs. The computer's clock
 //! tells how many: a transfer arrives about as long after its last word as transfers before the gap
 //! did after theirs.
+//!
+//! A transfer that was kept waiting looks like one wrap more. Those after it then seem to arrive before
+//! they were sent, which contradicts it: the wrap is taken back at the next gap over which the time need
+//! not run back for that.
 
 use crate::dump::{Transfer, TransferStatus};
 use crate::protocol::word::{Special, Word};
@@ -14,7 +18,8 @@ const WRAP: i64 = 1 << 15;
 /// Arrivals this much earlier than expected still count to the same wrap; later ones may be late by
 /// the rest of a wrap (µs).
 const EARLY: i64 = 8192;
-/// How far back arrivals are compared: longer would mix in the drift of the clocks (µs).
+/// How far back arrivals are compared, and for how long after a gap they may contradict what was done
+/// about it: longer would mix in the drift of the clocks (µs).
 const MEMORY: i64 = 1_000_000;
 
 /// Gaps, and what was done about the time.
@@ -26,6 +31,20 @@ pub struct RepairCounts {
     pub repaired: u64,
     /// Time that they stood for, in µs.
     pub restored_us: u64,
+    /// Time that was too much and was taken back at a later gap, in µs.
+    pub taken_back_us: u64,
+}
+
+/// A gap in which wrap words had been lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Repair {
+    /// The first time after it, put right, in µs since the camera's latest timestamp reset.
+    pub time: u64,
+    /// By how much this and all later times were put later, in µs.
+    pub restored_us: u64,
+    /// So much of that was too much, as later transfers show, in µs: times up to the gap at which it
+    /// is taken back are late by it.
+    pub excess_us: u64,
 }
 
 /// The smallest difference between the computer's clock and the camera's of late: transfers that
@@ -52,24 +71,47 @@ impl Offset {
     }
 }
 
+/// What was done about the latest gap, while later transfers may contradict it.
+#[derive(Clone, Copy, Debug)]
+struct Doubt {
+    /// The difference of the clocks before the gap, and the smallest since.
+    before: i64,
+    since: i64,
+    /// Until when transfers count, in µs of the computer's clock.
+    until: i64,
+    /// Wraps that were restored.
+    wraps: i64,
+}
+
 /// Decodes transfers, and puts the time right after each gap.
 ///
 /// Lost wrap words are counted by the host times of the transfers. A transfer that reaches the
-/// computer more than 24 ms late right after a gap is taken for one wrap more. Without host times,
-/// or before the first good transfer, the time still never runs back over a gap. It runs on at least
-/// to the first time that the stream then tells.
+/// computer more than 24 ms late right after a gap is taken for one wrap more, until transfers in the
+/// second after it contradict that: then the wrap is taken back at the next gap that is long enough.
+/// Without host times, or before the first good transfer, the time still never runs back over a gap. It
+/// runs on at least to the first time that the stream then tells.
 #[derive(Clone, Debug, Default)]
 pub struct GapRepair {
+    /// Between the computer's clock and what the camera's would be if it were not ahead.
     offset: Offset,
+    /// Wraps by which the time is known to be ahead.
+    ahead: i64,
+    doubt: Option<Doubt>,
     /// A gap after which no word has told time yet.
     open: bool,
     counts: RepairCounts,
+    repairs: Vec<Repair>,
 }
 
 impl GapRepair {
     /// What was done so far.
     pub fn counts(&self) -> RepairCounts {
         self.counts
+    }
+
+    /// The gaps after which the time was put right, in order.
+    pub fn repairs(&self) -> &[Repair] {
+        &self.repairs
     }
 
     /// Gives a transfer to a decoder: a gap first if bytes were lost, the payload if it can be
@@ -100,10 +142,28 @@ impl GapRepair {
         let resets = decoder.counts().timestamp_resets;
         decoder.decode(transfer.payload, sink);
         if decoder.counts().timestamp_resets != resets {
-            self.offset = Offset::default();
+            (self.offset, self.ahead, self.doubt) = (Offset::default(), 0, None);
         }
         if let (false, Some(host), Ok(camera)) = (self.open, host, i64::try_from(decoder.time())) {
-            self.offset.add(host, camera);
+            self.compare(host, camera);
+        }
+    }
+
+    /// Takes note of when a transfer arrived whose last time is `camera`.
+    fn compare(&mut self, host: i64, camera: i64) {
+        let Some(doubt) = self.doubt.as_mut() else { return self.offset.add(host, camera - self.ahead * WRAP) };
+        doubt.since = doubt.since.min(host - (camera - self.ahead * WRAP));
+        let early = doubt.before - doubt.since;
+        let excess = (early + EARLY).div_euclid(WRAP).min(doubt.wraps);
+        if excess > 0 {
+            self.ahead += excess;
+            if let Some(repair) = self.repairs.last_mut() {
+                repair.excess_us = repair.excess_us.saturating_add(excess.unsigned_abs() << 15);
+            }
+            self.doubt = None;
+        } else if host > doubt.until {
+            self.offset.add(host, host - doubt.since);
+            self.doubt = None;
         }
     }
 
@@ -112,15 +172,31 @@ impl GapRepair {
         let (wrap, time) = (signed(decoder.wrap_time()), signed(decoder.time()));
         // The time must not run back.
         let fewest = (time.saturating_sub(wrap).saturating_sub(told.first) + WRAP - 1).div_euclid(WRAP);
-        let expected = self.offset.get().zip(host).map_or(0, |(offset, host)| {
+        let known = self.offset.get().zip(host);
+        let expected = known.map(|(offset, host)| {
             let end = host.saturating_sub(offset);
             end.saturating_sub(wrap).saturating_sub(told.last).saturating_add(EARLY).div_euclid(WRAP)
         });
-        if let Ok(wraps @ 1..) = u64::try_from(fewest.max(expected)) {
-            decoder.restore_wraps(wraps);
-            self.counts.repaired += 1;
-            self.counts.restored_us = self.counts.restored_us.saturating_add(wraps.saturating_mul(1 << 15));
+        let wraps = fewest.max(expected.unwrap_or(0)).max(0);
+        self.doubt = None;
+        if let Some(expected) = expected {
+            // No more can be too much than was restored.
+            let restored = i64::try_from(self.counts.restored_us >> 15).unwrap_or(i64::MAX);
+            let ahead = (wraps - expected).clamp(0, restored);
+            self.counts.taken_back_us += u64::try_from(self.ahead - ahead).unwrap_or(0) << 15;
+            self.ahead = ahead;
         }
+        let Ok(count @ 1..) = u64::try_from(wraps) else { return };
+        decoder.restore_wraps(count);
+        let restored_us = count.saturating_mul(1 << 15);
+        self.counts.repaired += 1;
+        self.counts.restored_us = self.counts.restored_us.saturating_add(restored_us);
+        let first = u64::try_from(told.first).unwrap_or(0);
+        self.repairs.push(Repair { time: decoder.wrap_time().saturating_add(first), restored_us, excess_us: 0 });
+        self.doubt = known.map(|(before, host)| {
+            let until = host.saturating_add(MEMORY);
+            Doubt { before, since: i64::MAX, until, wraps }
+        });
     }
 }
 
@@ -158,8 +234,11 @@ mod tests {
     use super::*;
     use crate::protocol::{Encoder, Layout, Polarity, PolarityEvent};
 
-    /// Transfers of one event each ms, or at `times`: (time in µs, bytes).
-    fn transfers(times: impl IntoIterator<Item = u64>) -> Vec<(u64, Vec<u8>)> {
+    /// A transfer: its time in µs, and its bytes.
+    type Timed = (u64, Vec<u8>);
+
+    /// Transfers of one event each ms, or at `times`.
+    fn transfers(times: impl IntoIterator<Item = u64>) -> Vec<Timed> {
         let mut encoder = Encoder::new(Layout::DAVIS346);
         let transfer = |time| {
             let mut bytes = Vec::new();
@@ -173,7 +252,7 @@ mod tests {
     /// Plays transfers: those whose number `lost` names are lost, `delay` is by how much the computer
     /// is late. The times that come out, and the repairs.
     fn play(
-        all: &[(u64, Vec<u8>)],
+        all: &[Timed],
         lost: impl Fn(usize) -> bool,
         delay: impl Fn(usize) -> u64,
         clock: bool,
@@ -237,7 +316,7 @@ mod tests {
             });
         }
         assert_eq!(latest, 299_000);
-        assert_eq!(repair.counts(), RepairCounts { gaps: 101, repaired: 1, restored_us: 3 * 32_768 });
+        assert_eq!(repair.counts(), RepairCounts { gaps: 101, repaired: 1, restored_us: 3 * 32_768, taken_back_us: 0 });
 
         let mut bytes = Vec::new();
         Encoder::new(Layout::DAVIS346).timestamp_reset(&mut bytes);
@@ -253,6 +332,56 @@ mod tests {
         repair.decode(&transfer(901_000_000, false, &all[0].1), &mut decoder, |_| {});
         repair.decode(&transfer(921_000_000, true, &all[20].1), &mut decoder, |_| {});
         assert_eq!((decoder.time(), repair.counts().repaired), (21_000, 1));
+    }
+
+    /// What `play` gives for transfers 1 ms apart of which those in `gaps` are lost, and whose arrival
+    /// the computer delays from number `late` on for 30 ms.
+    fn play_late(gaps: &[std::ops::Range<usize>], late: usize) -> (Vec<Timed>, Vec<u64>, RepairCounts) {
+        let all = transfers((1..3000).map(|index| index * 1003));
+        let lost = |index: usize| gaps.iter().any(|gap| gap.contains(&index));
+        let delay = |index: usize| match index.checked_sub(late) {
+            Some(after) => 30_000u64.saturating_sub(1003 * after as u64),
+            None => 0,
+        };
+        let (times, counts) = play(&all, lost, delay, true);
+        (all, times, counts)
+    }
+
+    #[test]
+    fn a_wrap_too_much_is_taken_back_at_the_next_gap() {
+        // Number 510 is late and looks like a wrap later; the gap of a second's third loses ten wraps.
+        let (all, times, counts) = play_late(&[500..510, 1500..1830], 510);
+        assert!(times.is_sorted());
+        for (time, shift) in [(all[499].0, 0), (all[600].0, 32_768), (all[1499].0, 32_768), (all[1900].0, 0)] {
+            assert!(times.contains(&(time + shift)), "{time}");
+        }
+        let (last, expected) = (times[times.len() - 1000..].to_vec(), all[all.len() - 1000..].iter());
+        assert!(last.iter().eq(expected.map(|(time, _)| time)));
+        assert_eq!((counts.gaps, counts.repaired, counts.taken_back_us), (2, 2, 32_768));
+        // The gap in which it is taken back may be the next one after the next.
+        let (all, times, counts) = play_late(&[500..510, 700..705, 1500..1830], 510);
+        assert!(times.is_sorted() && times.ends_with(&[all[all.len() - 1].0]));
+        assert_eq!(counts.taken_back_us, 32_768);
+        // Without a late transfer nothing is taken back.
+        let (_, times, counts) = play_late(&[500..510, 1500..1830], 5000);
+        assert!(times.is_sorted() && counts.taken_back_us == 0 && counts.repaired == 1);
+    }
+
+    #[test]
+    fn the_times_that_were_put_right_are_known() {
+        let all = transfers((1..3000).map(|index| index * 1003));
+        let (mut decoder, mut repair) = (Decoder::new(Layout::DAVIS346), GapRepair::default());
+        for (index, (time, payload)) in all.iter().enumerate().filter(|(index, _)| !(500..600).contains(index)) {
+            // The computer is busy when the stream goes on.
+            let late = if index < 630 { 30_000u64.saturating_sub(1003 * index.saturating_sub(600) as u64) } else { 0 };
+            let late = if index < 600 { 0 } else { late };
+            let (host_ns, status) = (Some((time + late) * 1000), TransferStatus::Completed);
+            let transfer = Transfer { host_ns, gap_before: index == 600, status, payload };
+            repair.decode(&transfer, &mut decoder, |_| {});
+        }
+        let lost = all[600].0 / 32_768 - all[499].0 / 32_768;
+        let [found] = repair.repairs() else { panic!("{:?}", repair.repairs()) };
+        assert_eq!(*found, Repair { time: all[600].0 + 32_768, restored_us: (lost + 1) * 32_768, excess_us: 32_768 });
     }
 
     #[test]

@@ -13,6 +13,9 @@
 //! ```
 //! Transfer types of both: 0 isochronous, 1 interrupt, 2 control, 3 bulk.
 
+use std::fmt;
+use std::str::FromStr;
+
 use super::packets::{Fields, Packet};
 use crate::dump::TransferStatus;
 
@@ -26,6 +29,27 @@ pub struct DeviceAddress {
     pub bus: u16,
     /// Number of the device on it.
     pub device: u16,
+}
+
+impl fmt::Display for DeviceAddress {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}.{}", self.bus, self.device)
+    }
+}
+
+/// A text that is no [`DeviceAddress`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is no device: write the numbers of bus and device, such as 2.5")]
+pub struct DeviceAddressError(String);
+
+impl FromStr for DeviceAddress {
+    type Err = DeviceAddressError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let numbers = text.split_once('.').and_then(|(bus, device)| Some((bus.parse().ok()?, device.parse().ok()?)));
+        let (bus, device) = numbers.ok_or_else(|| DeviceAddressError(text.to_owned()))?;
+        Ok(Self { bus, device })
+    }
 }
 
 /// The beginning or the end of a transfer.
@@ -120,5 +144,19 @@ impl<'a> UsbPacket<'a> {
             data,
             cut: packet.cut || ((data.len() + setup_length) as u64) < u64::from(length),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_read_as_they_are_written() {
+        let address = DeviceAddress { bus: 2, device: 45 };
+        assert_eq!(address.to_string().parse(), Ok(address));
+        for text in ["", "2", "2.", ".5", "2.5.1", "-1.2", "65536.1", "a.b"] {
+            assert_eq!(text.parse::<DeviceAddress>(), Err(DeviceAddressError(text.to_owned())));
+        }
     }
 }

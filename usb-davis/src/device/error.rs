@@ -8,6 +8,7 @@ pub const UDEV_RULE: &str =
 
 /// Firmware or logic that this crate does not speak to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum Unsupported {
     /// The firmware of the USB controller.
     #[error("firmware {found} is too old, at least 6 is needed; update the camera with iniVation's Flashy")]
@@ -37,6 +38,7 @@ pub enum Unsupported {
 
 /// Why a camera cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum DeviceError {
     /// None is there.
     #[error("no camera found (USB 152a:841a{wanted}); is it plugged in?")]
@@ -89,6 +91,7 @@ impl DeviceError {
 
 /// Why no more transfers come. All that came before has been handed over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum StreamError {
     /// It was asked to.
     #[error("the stream was stopped")]

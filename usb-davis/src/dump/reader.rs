@@ -11,6 +11,7 @@ const SEARCH: usize = 1 << 16;
 
 /// A record of a dump.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Record<'a> {
     /// A transfer from the data endpoint.
     Transfer(Transfer<'a>),

@@ -8,6 +8,7 @@ pub(super) const HEAD: usize = 28;
 /// How a transfer ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[non_exhaustive]
 pub enum TransferStatus {
     /// All is well.
     Completed = 0,

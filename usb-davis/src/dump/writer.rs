@@ -11,6 +11,7 @@ const INDEX_EVERY: u64 = 1 << 22;
 
 /// Whether transfers are compressed, one by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Compression {
     /// As they are.
     #[default]

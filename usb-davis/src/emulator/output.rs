@@ -10,6 +10,7 @@ use crate::configuration::Streams;
 
 /// How fast the stream is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Pace {
     /// As fast as the client reads; nothing is ever dropped.
     #[default]

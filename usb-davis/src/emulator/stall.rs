@@ -6,6 +6,7 @@ pub struct Stall;
 
 /// Why a transfer brings nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TransferFault {
     /// The endpoint is halted.
     Stall,

@@ -6,6 +6,7 @@ macro_rules! anomalies {
     ($($(#[doc = $documentation:literal])* $kind:ident: $text:literal,)*) => {
         /// A kind of fault.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        #[non_exhaustive]
         pub enum AnomalyKind {
             $($(#[doc = $documentation])* $kind,)*
         }

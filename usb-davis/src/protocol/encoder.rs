@@ -18,6 +18,7 @@ const WRAP_MOST: u64 = 0x0FFF;
 
 /// What the encoder cannot express.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum EncodeError {
     /// The item is older than the one before; put items in order of time, or reset the time.
     TimeBackwards {

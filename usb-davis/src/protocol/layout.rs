@@ -1,8 +1,4 @@
-//! How wire coordinates become the user's: sizes, axis swap, mirrors.
-//!
-//! The chip of a DAVIS346 is mounted turned: its 260 columns are the user's rows, its 346 rows the
-//! user's columns. Events arrive mirrored right, so only the axes are swapped. Frames arrive as the
-//! chip is wired, so their *wire* columns and rows are mirrored first, then swapped.
+//! How wire coordinates become the user's: sizes, axis swap, mirrors (see [`super`]).
 
 #[cfg(feature = "std")]
 use crate::registers::RegisterSnapshot;
@@ -49,6 +45,7 @@ pub struct ImuLayout {
 
 /// Register 3.0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ImuModel {
     /// None is fitted.
     Absent,

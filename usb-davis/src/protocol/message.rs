@@ -106,6 +106,7 @@ impl Frame<'_> {
 
 /// One thing that the stream said.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Message<'a> {
     /// Pixel events, in order. How many come at once depends on how the stream was cut.
     Events(&'a [PolarityEvent]),

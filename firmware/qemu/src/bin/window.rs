@@ -10,7 +10,7 @@ use evcal_core::cluster::{row_bytes, row_count};
 
 use evcal_core::sensor::Sensor;
 use evcal_core::detector::{Detector, DetectorSettings};
-use evcal_core::window::{EventStorage, Progress, WindowBuffer, WindowPolicy};
+use evcal_core::window::{EventStorage, Progress, WindowBuffer, WindowSettings};
 use evcal_detector::Source;
 use qemu::InstructionCounter;
 use semihosting::fs::File;
@@ -46,8 +46,9 @@ fn run() -> Result<(), &'static str> {
     let mut input = File::open(path).map_err(|_| "cannot open the events")?;
 
     // A window ends when the storage is full.
-    let policy = WindowPolicy { step_us: 1_000_000, gap: 0, event_floor: EVENTS as u32, ..WindowPolicy::default() };
-    let mut windows = WindowBuffer::new(policy, 0, STORAGE.take());
+    let one_window =
+        WindowSettings { step: 1_000_000, gap: 0, fewest_events: EVENTS as u32, ..WindowSettings::default() };
+    let mut windows = WindowBuffer::new(one_window, 0, STORAGE.take());
     let detector = DETECTOR.take();
     let settings = DetectorSettings::default();
     let counter = InstructionCounter::start().ok_or("no counter")?;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use evcal_core::pattern::Pattern;
 use nalgebra::Vector2;
 
-use super::{CircleFrames, CircleTrack, CircleTrackErrorKind, describe};
+use super::{CircleFrames, CircleLineError, CircleTrack, CircleTrackErrorKind, describe};
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedCircle, UnorderedFrame};
 
 /// Circles further apart in time than this many seconds are not of one frame.
@@ -139,7 +139,7 @@ impl Columns {
             match quantity(name) {
                 Some((quantity, divisor)) => {
                     if places.insert(quantity, (index, divisor)).is_some() {
-                        let what = format!("column {name} gives what another column gives already");
+                        let what = CircleLineError::ColumnTwice((*name).to_owned());
                         return Err(CircleTrackErrorKind::Line { line: number, what });
                     }
                 }
@@ -169,36 +169,37 @@ impl Columns {
         self.places.values().any(|(index, _)| index + 1 == self.count)
     }
 
-    fn row(&self, fields: &[&str], line: u64) -> Result<Row, String> {
+    fn row(&self, fields: &[&str], line: u64) -> Result<Row, CircleLineError> {
         if fields.len() != self.count {
-            return Err(format!("has {} fields, not {} as the line of names", fields.len(), self.count));
+            return Err(CircleLineError::FieldCount { count: fields.len(), expected: self.count });
         }
         let field = |quantity| {
             let (index, divisor) = self.places.get(&quantity)?;
             fields.get(*index).filter(|field| !field.is_empty()).map(|field| (*field, *divisor))
         };
         // Subtracted before the division: whole microseconds stay exact.
-        let number_after = |origin: f64, quantity, name: &str| {
+        let number_after = |origin: f64, quantity, name| {
             let parsed = field(quantity).map(|(text, divisor)| {
                 let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
                 let value = value.map(|value| (value - origin * divisor) / divisor);
-                value.ok_or_else(|| format!("{text:?} is no {name}"))
+                value.ok_or_else(|| CircleLineError::Number { field: text.to_owned(), name })
             });
             parsed.transpose()
         };
         let number = |quantity, name| number_after(0.0, quantity, name);
         let time = |quantity, name| number_after(self.origin, quantity, name);
-        let required = |number: Result<Option<f64>, String>, name| number?.ok_or_else(|| format!("has no {name}"));
-        let whole = |quantity, name: &str| {
+        let required =
+            |number: Result<Option<f64>, CircleLineError>, name| number?.ok_or(CircleLineError::Missing(name));
+        let whole = |quantity, name| {
             let parsed = field(quantity).map(|(text, _)| {
-                text.parse::<u64>().map_err(|_| format!("{text:?} is no {name}: a whole number from 0 is needed"))
+                text.parse::<u64>().map_err(|_| CircleLineError::WholeNumber { field: text.to_owned(), name })
             });
             parsed.transpose()
         };
-        let place = |quantity, name: &str| {
+        let place = |quantity, name| {
             whole(quantity, name)?
                 .and_then(|value| u32::try_from(value).ok())
-                .ok_or_else(|| format!("has no {name} on the board; leave a circle out if its place is not known"))
+                .ok_or(CircleLineError::MissingPlace(name))
         };
         let velocity = (number(Quantity::VelocityX, "velocity")?, number(Quantity::VelocityY, "velocity")?);
         Ok(Row {
@@ -244,8 +245,8 @@ fn group(rows: Vec<Row>, notes: &mut Vec<String>) -> Result<Vec<Vec<Row>>, Circl
             if let Some((column, place_row)) = row.place
                 && frame.iter().any(|other| other.place == row.place)
             {
-                let number = row.frame.unwrap_or_default();
-                let what = format!("column {column}, row {place_row} occurs twice in frame {number}");
+                let frame = row.frame.unwrap_or_default();
+                let what = CircleLineError::PlaceTwice { column, row: place_row, frame };
                 return Err(CircleTrackErrorKind::Line { line: row.line, what });
             }
             frame.push(row);
@@ -254,10 +255,7 @@ fn group(rows: Vec<Row>, notes: &mut Vec<String>) -> Result<Vec<Vec<Row>>, Circl
     }
     if numbered > 0 {
         let line = rows.iter().find(|row| row.frame.is_none()).map_or(0, |row| row.line);
-        return Err(CircleTrackErrorKind::Line {
-            line,
-            what: "has no frame number, while other lines have one".into(),
-        });
+        return Err(CircleTrackErrorKind::Line { line, what: CircleLineError::FrameNumber });
     }
     let mut frames: Vec<Vec<Row>> = Vec::new();
     for row in rows {

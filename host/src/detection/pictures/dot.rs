@@ -5,11 +5,14 @@
 //! the dot's motion while the shutter is open: the centre is that of the middle of the exposure, as far
 //! as the motion is straight. An edge that is fitted where it is steepest has none of that.
 
+use std::fmt;
+
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::dark_spots::DarkSpot;
 use super::settings::PictureSettings;
-use crate::numerics::statistics::median;
+use crate::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 use crate::recording::pictures::GreyImage;
 
 /// A dot of a picture.
@@ -23,25 +26,24 @@ pub struct Dot {
     pub blur: f64,
 }
 
-/// Why a spot is no dot that can be measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Why a spot is no dot that can be measured. Declared in the order of the words, in which reports list them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum NoDot {
     /// The border of the image cuts the dot or its surroundings.
+    #[serde(rename = "cut by the border of the image")]
     CutByBorder,
-    /// The paper around it is not evenly lit, or something lies beside it.
-    UnevenSurroundings,
     /// It is hardly darker than the paper.
+    #[serde(rename = "low contrast")]
     LowContrast,
+    /// The paper around it is not evenly lit, or something lies beside it.
+    #[serde(rename = "surroundings not even")]
+    UnevenSurroundings,
 }
 
-impl NoDot {
-    /// In words.
-    pub fn reason(self) -> &'static str {
-        match self {
-            Self::CutByBorder => "cut by the border of the image",
-            Self::UnevenSurroundings => "surroundings not even",
-            Self::LowContrast => "low contrast",
-        }
+impl fmt::Display for NoDot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // As reports have it.
+        self.serialize(f)
     }
 }
 
@@ -72,6 +74,8 @@ pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64, settings: &Pictur
 const OUTLIER: f64 = 3.0;
 /// Largest share of the surroundings that may be something else than evenly lit paper.
 const FOREIGN_SHARE: f64 = 0.1;
+/// Grey levels are whole numbers: half of one is the least that their scatter can be told to, and this its median size.
+const SMALLEST_SCATTER: f64 = 0.3;
 
 /// Light of the paper as a plane over the image.
 struct Paper {
@@ -119,10 +123,9 @@ impl Window {
     fn paper(&self, image: &GreyImage) -> Option<Paper> {
         let ring = || self.pixels(image).filter(|(_, distance, _)| *distance > self.inner);
         let residual = |place: &Vector2<f64>, value: f64, plane: &Vector3<f64>| value - plane.dot(&place.push(1.0));
-        // Grey levels are whole numbers: half of one is the least that their scatter can be told to.
         let scatter_about = |plane: &Vector3<f64>| {
             let mut sizes: Vec<f64> = ring().map(|(place, _, value)| residual(&place, value, plane).abs()).collect();
-            median(&mut sizes, f64::total_cmp).map(|median| 1.4826 * median.max(0.3))
+            median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median.max(SMALLEST_SCATTER))
         };
         // What lies beside the paper would tilt the plane: it begins level, at the height of most pixels.
         let mut values: Vec<f64> = ring().map(|(_, _, value)| value).collect();

@@ -2,45 +2,46 @@
 
 use std::collections::BTreeMap;
 
-use evcal_core::grid::{GridCandidate, GridError, GridOptions, GridWorkspace, find_grid};
+use evcal_core::grid::{GridCandidate, GridOptions};
 use nalgebra::Vector2;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::dark_spots::dark_spots;
-use super::dot::{Dot, measure};
+use super::dot::{Dot, NoDot, measure};
 use super::settings::PictureSettings;
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
-use crate::detection::grid_reason;
+use crate::detection::board_finder::{BoardFinder, within_capacity};
+use crate::detection::no_board::NoBoard;
 use crate::numerics::statistics::median;
 use crate::recording::pictures::{GreyImage, TimedImage, visit_frames};
 use crate::recording::{Recording, RecordingError};
 
-/// Dots that the grid finder has room for.
-const CANDIDATES: usize = 256;
 /// Pictures that are searched in one go.
 const PICTURES_TOGETHER: usize = 64;
+/// Smallest and largest distance to which the paper around a dot is looked at, in radii of the dot.
+const REACH: [f64; 2] = [1.2, 3.0];
 
 /// What the pictures of all recordings held.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PictureSearchReport {
-    /// Frames read.
+    /// Pictures read.
     pub frames: u64,
-    /// Frames in which the board was found.
+    /// Pictures in which the board was found.
     pub with_board: u64,
-    /// Frames without a board or not usable, by reason.
-    pub refused: BTreeMap<&'static str, u64>,
-    /// Dots measured in all frames.
+    /// Pictures without a board or not usable, by reason.
+    pub refused: BTreeMap<NoBoard, u64>,
+    /// Dots measured in all pictures.
     pub dots: u64,
     /// Dark spots that could not be measured, by reason.
-    pub dots_refused: BTreeMap<&'static str, u64>,
+    pub dots_refused: BTreeMap<NoDot, u64>,
     /// Dots of the boards found.
     pub board_dots: u64,
-    /// Median blur of the dots' edges in the frames with the board, as the standard deviation of a
+    /// Median blur of the dots' edges in the pictures with the board, as the standard deviation of a
     /// Gaussian (px).
     pub blur: f64,
-    /// Frames whose recording does not tell when they were exposed.
+    /// Pictures whose recording does not tell when they were exposed.
     pub without_exposure: u64,
     /// What could not be read, in sentences.
     pub notes: Vec<String>,
@@ -48,9 +49,16 @@ pub struct PictureSearchReport {
 
 /// What one picture gave.
 struct Searched {
-    circles: Result<Vec<ObservedCircle>, &'static str>,
+    board: Result<SeenBoard, NoBoard>,
     dots: u64,
-    dots_refused: Vec<&'static str>,
+    dots_refused: Vec<NoDot>,
+}
+
+/// The board in one picture.
+struct SeenBoard {
+    /// Its dots with their indices.
+    dots: Vec<(usize, Dot)>,
+    /// Median blur of the dots' edges (px).
     blur: Option<f64>,
 }
 
@@ -98,10 +106,7 @@ impl<'a> PictureSearch<'a> {
     fn search_pictures(&mut self, pictures: Vec<TimedImage>, number: usize, start: i64) {
         let searched: Vec<Searched> = pictures
             .par_iter()
-            .map_init(
-                || Box::new(GridWorkspace::<f32, CANDIDATES>::new()),
-                |space, picture| self.picture(picture, space),
-            )
+            .map_init(|| BoardFinder::new(self.board.pattern), |finder, picture| self.search_picture(picture, finder))
             .collect();
         for (picture, searched) in pictures.iter().zip(searched) {
             self.report.frames += 1;
@@ -109,98 +114,79 @@ impl<'a> PictureSearch<'a> {
             for reason in searched.dots_refused {
                 *self.report.dots_refused.entry(reason).or_default() += 1;
             }
-            match searched.circles {
-                Ok(mut circles) => {
-                    let seconds = |t: i64| t.saturating_sub(start) as f64 * 1e-6;
-                    let (start, end) = (seconds(picture.exposure.0), seconds(picture.exposure.1));
-                    circles.iter_mut().for_each(|circle| circle.t = 0.5 * (start + end));
+            match searched.board {
+                Ok(SeenBoard { dots, blur }) => {
                     self.report.with_board += 1;
-                    self.report.board_dots += circles.len() as u64;
+                    self.report.board_dots += dots.len() as u64;
                     self.report.without_exposure += u64::from(!picture.exposure_known);
-                    self.blurs.extend(searched.blur);
-                    self.frames.push(ReferenceFrame {
-                        recording: number,
-                        start,
-                        end,
-                        circles,
-                        seen_in: SeenIn::Picture,
-                    });
+                    self.blurs.extend(blur);
+                    self.frames.push(reference_frame(picture, &dots, number, start));
                 }
                 Err(reason) => *self.report.refused.entry(reason).or_default() += 1,
             }
         }
     }
 
-    fn picture(&self, picture: &TimedImage, workspace: &mut GridWorkspace<f32, CANDIDATES>) -> Searched {
-        let mut searched = Searched { circles: Err(""), dots: 0, dots_refused: Vec::new(), blur: None };
+    fn search_picture(&self, picture: &TimedImage, finder: &mut BoardFinder<f32>) -> Searched {
         let image = match &picture.image {
             Ok(image) => image,
-            Err(reason) => {
-                searched.circles = Err(reason);
-                return searched;
-            }
+            Err(reason) => return Searched { board: Err((*reason).into()), dots: 0, dots_refused: Vec::new() },
         };
         // Halfway to the rim of the next dot, in radii.
-        let reach = (0.5 * self.board.neighbour_distance() / self.board.radius).clamp(1.2, 3.0);
+        let reach = (0.5 * self.board.neighbour_distance() / self.board.radius).clamp(REACH[0], REACH[1]);
         let mut dots: Vec<Dot> = Vec::new();
+        let mut dots_refused = Vec::new();
         for spot in dark_spots(image, self.settings) {
             match measure(image, &spot, reach, self.settings) {
                 Ok(dot) => dots.push(dot),
-                Err(reason) => searched.dots_refused.push(reason.reason()),
+                Err(reason) => dots_refused.push(reason),
             }
         }
-        searched.dots = dots.len() as u64;
-        searched.circles = self.find_board(image, &dots, workspace).and_then(|board| {
-            let mut blurs: Vec<f64> = board.iter().map(|(_, dot)| dot.blur).collect();
-            searched.blur = median(&mut blurs, f64::total_cmp);
-            if searched.blur.is_some_and(|blur| blur > self.settings.max_blur) {
-                return Err("blurred");
-            }
-            let position = Vector2::new(f64::from(picture.position.0), f64::from(picture.position.1));
-            let circle = |(index, dot): &(usize, Dot)| ObservedCircle {
-                index: *index,
-                t: 0.0,
-                center: dot.center + position,
-                radius: Some(dot.radius),
-                velocity: None,
-            };
-            Ok(board.iter().map(circle).collect())
-        });
-        searched
+        Searched { board: self.find_board(image, &dots, finder), dots: dots.len() as u64, dots_refused }
     }
 
-    /// The dots of the board with their indices.
-    fn find_board(
-        &self,
-        image: &GreyImage,
-        dots: &[Dot],
-        workspace: &mut GridWorkspace<f32, CANDIDATES>,
-    ) -> Result<Vec<(usize, Dot)>, &'static str> {
-        let candidates: Vec<GridCandidate<f32>> = dots
+    fn find_board(&self, image: &GreyImage, dots: &[Dot], finder: &mut BoardFinder<f32>) -> Result<SeenBoard, NoBoard> {
+        if dots.is_empty() {
+            return Err(NoBoard::NoDots);
+        }
+        let candidates: Vec<GridCandidate<f32>> = within_capacity(dots)
             .iter()
-            .take(CANDIDATES)
             .map(|dot| GridCandidate { center: dot.center.cast(), radius: dot.radius as f32 })
             .collect();
-        let pattern = &self.board.pattern;
         let options = GridOptions {
             minimum_circles: self.fewest,
-            ..GridOptions::new(pattern, (image.width() as f64, image.height() as f64))
+            ..GridOptions::new(&self.board.pattern, (image.width() as f64, image.height() as f64))
         };
-        let found = find_grid(&candidates, pattern, &options, workspace).map_err(|error| match error {
-            GridError::TooFewCandidates { usable: 0, .. } => "no dots",
-            error => grid_reason(error),
-        })?;
-        let dot = |candidate: u16| dots.get(usize::from(candidate)).copied();
-        Ok(found
-            .circles
-            .iter()
-            .filter_map(|circle| Some((usize::from(circle.board), dot(circle.candidate)?)))
-            .collect())
+        let placed = finder.find(&candidates, &options)?;
+        let dots: Vec<(usize, Dot)> =
+            placed.iter().filter_map(|placed| Some((placed.index, *dots.get(placed.candidate)?))).collect();
+        let mut blurs: Vec<f64> = dots.iter().map(|(_, dot)| dot.blur).collect();
+        let blur = median(&mut blurs, f64::total_cmp);
+        if blur.is_some_and(|blur| blur > self.settings.max_blur) {
+            return Err(NoBoard::Blurred);
+        }
+        Ok(SeenBoard { dots, blur })
     }
 
-    /// The frames with the board in their order, and the report.
+    /// The pictures with the board in their order, and the report.
     pub fn finish(mut self) -> (Vec<ReferenceFrame>, PictureSearchReport) {
         self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
         (self.frames, self.report)
     }
+}
+
+/// The reference frame of recording `number` that shows these dots; its times count from `start` (µs).
+fn reference_frame(picture: &TimedImage, dots: &[(usize, Dot)], number: usize, start: i64) -> ReferenceFrame {
+    let seconds = |t: i64| t.saturating_sub(start) as f64 * 1e-6;
+    let (start, end) = (seconds(picture.exposure.0), seconds(picture.exposure.1));
+    let position = Vector2::new(f64::from(picture.position.0), f64::from(picture.position.1));
+    let circle = |(index, dot): &(usize, Dot)| ObservedCircle {
+        index: *index,
+        t: 0.5 * (start + end),
+        center: dot.center + position,
+        radius: Some(dot.radius),
+        velocity: None,
+    };
+    let circles = dots.iter().map(circle).collect();
+    ReferenceFrame { recording: number, start, end, circles, seen_in: SeenIn::Picture }
 }

@@ -1,52 +1,39 @@
 //! Thresholds of the calibration from frames.
 
+use evcal_core::settings;
+use evcal_core::settings::{above, at_least, from_to};
 use serde::{Deserialize, Serialize};
 
-/// Every threshold of the frames, with its unit.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct PictureSettings {
-    /// Smallest part of the light around a dot that is missing in its middle.
-    pub min_contrast: f64,
-    /// Smallest radius of a dot (px).
-    pub min_radius: f64,
-    /// Largest radius of a dot (px).
-    pub max_radius: f64,
-    /// Largest ratio of a dot's longest to its shortest diameter.
-    pub max_elongation: f64,
-    /// Largest difference of a dot's area from that of the ellipse with its moments, as a part of it.
-    pub max_ellipse_error: f64,
-    /// Largest scatter of the light around a dot, as a part of the dot's contrast.
-    pub max_unevenness: f64,
-    /// Largest blur of the dots' edges, as the standard deviation of a Gaussian (px): the median of a
-    /// frame's dots.
-    pub max_blur: f64,
-    /// Distance in units of the centres' spread from which a centre counts linearly instead of
-    /// squared.
-    pub huber: f64,
-    /// Frames and events agree while their projections differ by up to this many times what is
-    /// expected from the uncertainty of both.
-    pub agreement: f64,
-    /// Expected difference (px, rms over the sensor) beyond which the frames cannot tell.
-    pub too_uncertain: f64,
-    /// Largest time between a frame's exposure and the events of the same moment (s).
-    pub max_time_offset: f64,
-}
-
-impl Default for PictureSettings {
-    fn default() -> Self {
-        Self {
-            min_contrast: 0.25,
-            min_radius: 2.0,
-            max_radius: 40.0,
-            max_elongation: 4.0,
-            max_ellipse_error: 0.25,
-            max_unevenness: 0.15,
-            max_blur: 2.5,
-            huber: 2.5,
-            agreement: 2.0,
-            too_uncertain: 1.0,
-            max_time_offset: 0.02,
-        }
+settings! {
+    /// The camera's own frames, where a recording has them: how dots are found in them, and how their calibration
+    /// is compared with that from events.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct PictureSettings {
+        /// Smallest share of the light around a dot that is missing in its middle.
+        pub min_contrast: f64 = 0.25, "", from_to(0.0, 1.0);
+        /// Smallest half axis of a dot.
+        pub min_radius: f64 = 2.0, "px", at_least(1.0).up_to("max_radius");
+        /// Largest radius of a dot; grey levels are compared within this distance, and within a third of it.
+        pub max_radius: f64 = 40.0, "px", above(1.0).at_most(1000.0);
+        /// Largest ratio of a dot's longest to its shortest diameter.
+        pub max_elongation: f64 = 4.0, "", at_least(1.0);
+        /// Largest difference of a dot's area from that of the ellipse with its moments, as a share of it.
+        pub max_ellipse_error: f64 = 0.25, "", above(0.0);
+        /// Largest scatter of the light around a dot, as a share of the dot's contrast.
+        pub max_unevenness: f64 = 0.15, "", above(0.0);
+        /// Largest blur of the dots' edges (median of a frame), as the standard deviation of a Gaussian.
+        pub max_blur: f64 = 2.5, "px", above(0.0);
+        /// Distance from which a centre counts linearly instead of squared, in units of the centres' spread.
+        pub huber: f64 = 2.5, "σ", above(0.0);
+        /// Frames and events agree while their projections differ by at most this many times what the uncertainty
+        /// of both makes likely.
+        pub agreement: f64 = 2.0, "", above(0.0);
+        /// Uncertainty of the frames' projection (rms over the sensor) above which they cannot tell whether the
+        /// events are right.
+        pub too_uncertain: f64 = 1.0, "px", above(0.0);
+        /// Largest offset between frames and events with `--joint-frames`; its standard deviation must be below a
+        /// tenth of it.
+        pub max_time_offset: f64 = 0.02, "s", at_least(0.0);
     }
 }

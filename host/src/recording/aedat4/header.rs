@@ -15,6 +15,7 @@ pub const MAGIC: &[u8; 14] = b"#!AER-DAT4.0\r\n";
 
 /// How packets are compressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Compression {
     /// Not at all.
     None,
@@ -50,30 +51,49 @@ pub struct Header {
     pub streams: Vec<Stream>,
 }
 
+/// Why a header cannot be understood.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum HeaderError {
+    /// Its FlatBuffer breaks the format.
+    #[error("the header cannot be read: {0}")]
+    Malformed(&'static str),
+    /// A way of compression that dv-processing does not have.
+    #[error("the header names compression {0}; 0 to 4 are known")]
+    Compression(i32),
+    /// The description of the streams is damaged.
+    #[error("the header's description of the streams is no XML: {0}")]
+    Xml(#[from] roxmltree::Error),
+    /// There is no description of streams.
+    #[error("the header describes no streams (no node outInfo)")]
+    NoStreams,
+}
+
 /// Parses the FlatBuffer of the header, without its size prefix.
-pub fn parse(bytes: &[u8]) -> Result<Header, String> {
+///
+/// # Errors
+/// [`HeaderError`].
+pub fn parse(bytes: &[u8]) -> Result<Header, HeaderError> {
     let parse = || {
         let root = flatbuffer::root(bytes, b"IOHE")?;
         Ok((root.i32(0, 0)?, root.i64(1, -1)?, root.string(2)?))
     };
-    let (compression, table_position, information) =
-        parse().map_err(|Malformed(what)| format!("the header cannot be read: {what}"))?;
+    let (compression, table_position, information) = parse().map_err(|Malformed(what)| HeaderError::Malformed(what))?;
     let compression = match compression {
         0 => Compression::None,
         1 | 2 => Compression::Lz4,
         3 | 4 => Compression::Zstd,
-        other => return Err(format!("the header names compression {other}; 0 to 4 are known")),
+        other => return Err(HeaderError::Compression(other)),
     };
     Ok(Header { compression, table_position: u64::try_from(table_position).ok(), streams: streams(information)? })
 }
 
-fn streams(information: &str) -> Result<Vec<Stream>, String> {
-    let document = roxmltree::Document::parse(information)
-        .map_err(|error| format!("the header's description of the streams is no XML: {error}"))?;
+fn streams(information: &str) -> Result<Vec<Stream>, HeaderError> {
+    let document = roxmltree::Document::parse(information)?;
     let outputs = document
         .descendants()
         .find(|node| node.has_tag_name("node") && node.attribute("name") == Some("outInfo"))
-        .ok_or("the header describes no streams (no node outInfo)")?;
+        .ok_or(HeaderError::NoStreams)?;
     let mut streams: Vec<Stream> = outputs
         .children()
         .filter(|node| node.has_tag_name("node"))

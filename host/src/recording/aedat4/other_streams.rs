@@ -12,31 +12,12 @@ use super::flatbuffer::{self, Malformed, Table};
 use super::header::Stream;
 use super::packets::{PacketHead, PacketReader};
 use super::{EVENTS, describe, event, events};
+use crate::recording::extras::{Frame, InertialSample};
+use crate::recording::pictures::TimedImage;
 use crate::recording::{RecordingError, RecordingErrorKind, StreamSummary};
 
 const FRAMES: &str = "FRME";
-const INERTIAL: &str = "IMUS";
-
-/// A picture of the camera's frame sensor.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Frame {
-    /// Time stamp in µs, on the clock of the events. Which moment it stands for depends on the program
-    /// that recorded: the start or the middle of the exposure.
-    pub t: i64,
-    /// Start and end of the exposure in µs, where the file gives them.
-    pub exposure: Option<(i64, i64)>,
-    /// Start and end of reading the sensor in µs, the exposure between them, where the file gives
-    /// them.
-    pub readout: Option<(i64, i64)>,
-    /// Width and height in pixels.
-    pub size: (u16, u16),
-    /// Column and row of the sensor at which the picture begins.
-    pub position: (u16, u16),
-    /// Values per pixel: 1 grey, 3 blue-green-red, 4 with alpha.
-    pub channels: usize,
-    /// width · height · channels values, row by row.
-    pub pixels: Vec<u8>,
-}
+pub(super) const INERTIAL: &str = "IMUS";
 
 /// Reads the pictures of the first frame stream of a file.
 pub struct FrameReader {
@@ -56,6 +37,12 @@ impl FrameReader {
         Ok(Self { packets, stream })
     }
 
+    /// The stream that is read, as [`describe`] names it.
+    pub(super) fn stream(&self) -> Option<String> {
+        let mut streams = self.packets.header().streams.iter();
+        streams.find(|stream| Some(stream.id) == self.stream).map(describe)
+    }
+
     /// The next picture; `None` at the end, also at that of a file that was cut off.
     ///
     /// # Errors
@@ -70,6 +57,21 @@ impl FrameReader {
         }
         Ok(None)
     }
+}
+
+/// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
+pub(super) fn visit_frames(
+    path: &Path,
+    visit: &mut dyn FnMut(TimedImage),
+) -> Result<Result<(), RecordingError>, RecordingError> {
+    let mut reader = FrameReader::open(path)?;
+    Ok(loop {
+        match reader.next_frame() {
+            Ok(Some(frame)) => visit(frame.into()),
+            Ok(None) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+    })
 }
 
 /// The times of exposure are fields 3 and 4; −1 stands for unknown.
@@ -104,19 +106,6 @@ fn frame(table: &Table) -> Result<Frame, Malformed> {
         channels,
         pixels: pixels.to_vec(),
     })
-}
-
-/// One reading of the inertial measurement unit, in camera axes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InertialSample {
-    /// Time stamp in µs, on the clock of the events.
-    pub t: i64,
-    /// Temperature in °C.
-    pub temperature: f32,
-    /// Accelerations x, y, z less gravity, in g. Zeros where they were not measured.
-    pub acceleration: [f32; 3],
-    /// Angular velocities about x, y, z in °/s. Zeros where they were not measured.
-    pub angular_velocity: [f32; 3],
 }
 
 /// Reads the first stream of inertial samples of the file at `path`; empty without such a stream. A

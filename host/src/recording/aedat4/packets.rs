@@ -71,7 +71,7 @@ impl PacketReader {
         }
         let mut bytes = Vec::new();
         file.by_ref().take(size).read_to_end(&mut bytes).map_err(io)?;
-        let header = header::parse(&bytes).map_err(|what| damaged(start.len() as u64, what))?;
+        let header = header::parse(&bytes).map_err(|error| damaged(start.len() as u64, error.to_string()))?;
         let mut truncated = None;
         let end = match header.table_position {
             Some(table) if (position..=file_length).contains(&table) => table,

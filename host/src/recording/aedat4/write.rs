@@ -4,15 +4,47 @@
 mod packet;
 
 use evcal_core::sensor::Sensor;
-use std::io::{Seek, SeekFrom, Write};
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 
 use evcal_core::event::Event;
 pub(super) use packet::{event_packet, header};
 use packet::{frame_packet, imu_packet, packet_table};
 
 use super::header::{Compression, MAGIC};
-use super::other_streams::{Frame, InertialSample};
-use crate::recording::write::{Encode, WriteError};
+use crate::recording::encode::{CreateFile, Description, Encode, OutputFormat, WriteError};
+use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams};
+
+/// AEDAT4 with Zstandard.
+pub const OUTPUT: OutputFormat = output("aedat4", |file, description| create(file, description, Compression::Zstd));
+/// AEDAT4 with LZ4.
+pub const OUTPUT_LZ4: OutputFormat =
+    output("aedat4-lz4", |file, description| create(file, description, Compression::Lz4));
+/// AEDAT4 without compression.
+pub const OUTPUT_UNCOMPRESSED: OutputFormat =
+    output("aedat4-uncompressed", |file, description| create(file, description, Compression::None));
+
+const fn output(name: &'static str, create: CreateFile) -> OutputFormat {
+    OutputFormat {
+        name,
+        title: None,
+        extensions: &["aedat4"],
+        holds_sensor: true,
+        holds_extras: true,
+        create,
+        copy_transfers: None,
+    }
+}
+
+fn create(
+    file: &mut dyn FnMut() -> io::Result<File>,
+    description: &Description,
+    compression: Compression,
+) -> Result<Box<dyn Encode>, WriteError> {
+    let &Description { sensor, camera_name, others, .. } = description;
+    let file = BufWriter::with_capacity(1 << 18, file()?);
+    Ok(Box::new(Encoder::with_streams(file, compression, sensor, camera_name, others)?))
+}
 
 /// A packet spans at most this many microseconds, as with dv-processing...
 const PACKET_DURATION: i64 = 10_000;
@@ -34,15 +66,6 @@ struct TableRow {
     last: i64,
 }
 
-/// Streams beside that of the events.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct OtherStreams {
-    /// Frames.
-    pub frames: bool,
-    /// Inertial samples.
-    pub imu: bool,
-}
-
 /// Numbers of the streams.
 const EVENTS: i32 = 0;
 const FRAMES: i32 = 1;
@@ -54,6 +77,8 @@ pub struct Encoder<W> {
     compression: Compression,
     position: u64,
     packet: Vec<Event>,
+    /// Inertial samples of the next packets.
+    samples: Vec<InertialSample>,
     table: Vec<TableRow>,
 }
 
@@ -75,7 +100,7 @@ impl<W: Write + Seek> Encoder<W> {
         output.write_all(MAGIC)?;
         output.write_all(&header)?;
         let position = (MAGIC.len() + header.len()) as u64;
-        Ok(Self { output, compression, position, packet: Vec::new(), table: Vec::new() })
+        Ok(Self { output, compression, position, packet: Vec::new(), samples: Vec::new(), table: Vec::new() })
     }
 
     /// Writes a frame, which is a packet of its own.
@@ -136,7 +161,22 @@ impl<W: Write + Seek> Encode for Encoder<W> {
         Ok(())
     }
 
+    fn extra(&mut self, extra: Extra) -> Result<bool, WriteError> {
+        match extra {
+            Extra::Frame(frame) => self.frame(&frame)?,
+            Extra::Inertial(sample) => self.samples.push(sample),
+        }
+        Ok(true)
+    }
+
+    fn advance(&mut self, _: i64) -> Result<(), WriteError> {
+        let samples = std::mem::take(&mut self.samples);
+        self.imu(&samples)
+    }
+
     fn finish(&mut self) -> Result<(), WriteError> {
+        let samples = std::mem::take(&mut self.samples);
+        self.imu(&samples)?;
         self.write_events()?;
         let table = pack(self.compression, &packet_table(&self.table)?)?;
         self.output.write_all(&table)?;

@@ -14,15 +14,12 @@ use usb_davis::emulator::default_registers;
 use usb_davis::protocol::{Encoder, Frame, FrameStep, ImuSample, Polarity as WirePolarity, PolarityEvent, frame_steps};
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
-use crate::recording::write::WriteError;
+use crate::recording::encode::WriteError;
 
 /// Bytes of a transfer, as `usb_davis::device` queues them.
 const TRANSFER_BYTES: usize = 128 * 1024;
 /// Files that are written at leisure are compressed. A live recording is not.
 pub const COMPRESSION: Compression = Compression::Zstd(9);
-/// Time that a DAVIS346 takes to read the levels of all pixels of a frame, once before the exposure
-/// and once after it, in microseconds: as recordings of real ones show.
-pub const READOUT: i64 = 9200;
 /// Time from the camera's decision to send to the host's notice, in microseconds.
 const LATENCY: u64 = 150;
 

@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::{Event, Polarity};
-use usb_davis::capture::{Capture, CaptureError};
+use usb_davis::capture::{Capture, CaptureError, DeviceAddress};
 use usb_davis::dump::DumpHeader;
 use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarity, PolarityEvent};
 use usb_davis::registers::Dropped;
 
+use super::{FRAMES, INERTIAL, SIGNALS};
 use crate::recording::reader::PAUSE_AFTER_RESET;
-use crate::recording::{ReadReport, RecordingError, RecordingErrorKind, StreamFaults, Truncation};
+use crate::recording::{ReadReport, RecordingError, RecordingErrorKind, RepairedTimes, StreamFaults, Truncation};
 
 /// An event of the wire as an event of a recording, `shift` µs later.
 pub fn event(event: &PolarityEvent, shift: i64) -> Event {
@@ -41,7 +42,6 @@ impl CameraClock {
             Message::Signal(signal) => Some(signal.time),
             Message::Imu(sample) => Some(sample.time),
             Message::Frame(frame) => Some(frame.end),
-            Message::Anomaly(_) => None,
             Message::TimestampReset { .. } => {
                 if let Some(latest) = self.latest {
                     self.shift = latest.saturating_add(PAUSE_AFTER_RESET);
@@ -49,6 +49,7 @@ impl CameraClock {
                 }
                 None
             }
+            _ => None,
         };
         let time = time.map(|time| i64::try_from(time).unwrap_or(i64::MAX).saturating_add(self.shift));
         self.latest = self.latest.max(time);
@@ -63,16 +64,19 @@ pub struct Messages {
     decoder: Decoder<Vec<u16>>,
     clock: CameraClock,
     other: [u64; 3],
+    /// What to add to the times of each repair.
+    repair_shifts: Vec<i64>,
     ended: bool,
 }
 
 impl Messages {
-    /// Opens a dump, a capture or a bare stream.
-    pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        let capture = Capture::open(path).map_err(|reason| error(path, reason))?;
+    /// Opens a dump, a capture or a bare stream; `device` chooses among the devices of a capture.
+    pub fn open(path: &Path, device: Option<DeviceAddress>) -> Result<Self, RecordingError> {
+        let capture = Capture::open_device(path, device).map_err(|reason| error(path, reason))?;
         let decoder = capture.header().decoder();
         let clock = CameraClock::default();
-        Ok(Self { path: path.to_owned(), capture, decoder, clock, other: [0; 3], ended: false })
+        let (other, repair_shifts) = ([0; 3], Vec::new());
+        Ok(Self { path: path.to_owned(), capture, decoder, clock, other, repair_shifts, ended: false })
     }
 
     /// What the recording says of its camera.
@@ -83,6 +87,8 @@ impl Messages {
     /// Hands over the messages of the next transfer, each with what to add to its times in µs; false
     /// at the end.
     pub fn next(&mut self, mut sink: impl FnMut(Message<'_>, i64)) -> Result<bool, RecordingError> {
+        // A gap comes before everything else of its transfer.
+        let shift = self.clock.shift;
         let (clock, [frames, samples, signals]) = (&mut self.clock, &mut self.other);
         let take = |message: Message<'_>| {
             match message {
@@ -95,24 +101,33 @@ impl Messages {
             sink(message, shift);
         };
         let more = self.capture.decode_next(&mut self.decoder, take).map_err(|reason| error(&self.path, reason))?;
+        self.repair_shifts.resize(self.capture.repairs().len(), shift);
         self.ended = !more;
         Ok(more)
     }
 
     /// Says in `report` what was met so far.
     pub fn report(&self, report: &mut ReadReport) {
-        let repairs = self.capture.repairs();
+        let repairs = self.capture.repair_counts();
+        let repaired_times =
+            self.capture.repairs().iter().zip(&self.repair_shifts).map(|(repair, shift)| RepairedTimes {
+                from_us: i64::try_from(repair.time).unwrap_or(i64::MAX).saturating_add(*shift),
+                restored_us: repair.restored_us,
+                excess_us: repair.excess_us,
+            });
         let faults = self.decoder.counts().anomalies;
         let faults = faults.iter().filter(|(kind, _)| *kind != AnomalyKind::Gap);
         report.stream = StreamFaults {
             gaps: repairs.gaps,
             repaired_gaps: repairs.repaired,
             restored_us: repairs.restored_us,
+            repaired_times: repaired_times.collect(),
+            taken_back_us: repairs.taken_back_us,
             clock_resets: self.clock.resets,
             dropped: Dropped::between(&self.header().registers, self.capture.registers()).events,
             faults: faults.map(|(kind, count)| (kind.text(), count)).collect(),
         };
-        for (name, count) in ["frames", "inertial samples", "signals"].into_iter().zip(self.other) {
+        for (name, count) in [FRAMES, INERTIAL, SIGNALS].into_iter().zip(self.other) {
             if count > 0 {
                 report.other_packets.insert(name.to_owned(), count);
             }
@@ -128,6 +143,6 @@ impl Messages {
 fn error(path: &Path, error: CaptureError) -> RecordingError {
     match error {
         CaptureError::Io(error) => RecordingError::io(path, error),
-        error => RecordingError::new(path, RecordingErrorKind::Layout(error.to_string())),
+        error => RecordingError::new(path, RecordingErrorKind::Capture(error)),
     }
 }

@@ -1,6 +1,6 @@
 //! What the columns of a text file are: from the options, its line of names, or its values.
 
-use super::{MAX_FIELDS, is_comment, number, split};
+use super::{LayoutError, MAX_FIELDS, is_comment, number, split};
 use crate::recording::{Column, Columns, MAX_SENSOR_SIZE, RecordingOptions, TimeUnit};
 use evcal_core::sensor::Sensor;
 
@@ -26,8 +26,6 @@ const LARGEST_MICROSECONDS: f64 = 1e17;
 /// From so many different times on, all multiples of 1000, they are taken for nanoseconds.
 const ENOUGH_TIMES: usize = 20;
 
-const ASK: &str = "say what the columns are, for example `t,x,y,p`";
-
 /// The parts of a file's beginning.
 struct Parts<'a> {
     /// Lines before the first line of numbers.
@@ -40,8 +38,8 @@ struct Parts<'a> {
 /// Finds the layout of a file that begins with `text`.
 ///
 /// # Errors
-/// A sentence that says what is unclear and what to do.
-pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, String> {
+/// [`LayoutError`], which says what is unclear and what to do.
+pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutError> {
     let parts = parts(text)?;
     let mut notes = Vec::new();
     let named = parts.names.as_deref().map(columns_from_names);
@@ -49,8 +47,7 @@ pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, String> {
         (Some(columns), named) => (columns.clone(), named.and_then(|(_, unit)| unit)),
         (None, Some((Some(columns), unit))) => (columns, unit),
         (None, Some((None, _))) => {
-            let names = parts.names.unwrap_or_default().join(", ");
-            return Err(format!("the columns are named {names}, where t, x, y and p were expected; {ASK}"));
+            return Err(LayoutError::Names(parts.names.unwrap_or_default().join(", ")));
         }
         (None, None) => (columns_from_values(&parts.rows, &mut notes)?, None),
     };
@@ -67,7 +64,7 @@ fn fields(line: &str) -> Vec<&[u8]> {
     fields.into_iter().take(count).collect()
 }
 
-fn parts(text: &str) -> Result<Parts<'_>, String> {
+fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
     let mut first_line = 0;
     let mut names = None;
     let mut sensor = None;
@@ -83,9 +80,8 @@ fn parts(text: &str) -> Result<Parts<'_>, String> {
                 // Two numbers at the very beginning are the size of the sensor.
                 match (&fields[..], rows.is_empty(), sensor) {
                     ([width, height], true, None) => {
-                        sensor = Some(sensor_size(width, height).ok_or_else(|| {
-                            format!("the first line, {line:?}, is neither an event nor the size of a sensor; {ASK}")
-                        })?);
+                        let size = sensor_size(width, height);
+                        sensor = Some(size.ok_or_else(|| LayoutError::FirstLine(line.to_owned()))?);
                     }
                     _ => {
                         rows.push(fields);
@@ -165,12 +161,12 @@ fn columns_from_names(names: &[&str]) -> (Option<Columns>, Option<TimeUnit>) {
 
 /// The columns by their values: p has, but for single bad lines, no values but −1, 0 and 1, t does not
 /// decrease, and x stands before y.
-fn columns_from_values(rows: &[Vec<&[u8]>], notes: &mut Vec<String>) -> Result<Columns, String> {
+fn columns_from_values(rows: &[Vec<&[u8]>], notes: &mut Vec<String>) -> Result<Columns, LayoutError> {
     let Some(width) = rows.first().map(Vec::len) else {
-        return Err("no line with numbers was found at its beginning; a line `t x y p` per event is expected".into());
+        return Err(LayoutError::NoNumbers);
     };
     if width != 4 {
-        return Err(format!("its lines have {width} fields and no names, where t, x, y and p were expected; {ASK}"));
+        return Err(LayoutError::FieldCount(width));
     }
     let is_polarity = |index: usize| {
         let fitting = rows.iter().filter_map(|row| number::polarity(row.get(index)?)).count();
@@ -187,7 +183,7 @@ fn columns_from_values(rows: &[Vec<&[u8]>], notes: &mut Vec<String>) -> Result<C
         .into_iter()
         .find(|&(t, p)| is_polarity(p) && is_time(t))
         .or_else(|| Some((0, 3)).filter(|&(_, p)| is_polarity(p)))
-        .ok_or_else(|| format!("it is not clear which columns are time, x, y and polarity; {ASK}"))?;
+        .ok_or(LayoutError::Unclear)?;
     let mut columns = vec![Column::X; 4];
     let mut pixel = [Column::X, Column::Y].into_iter();
     for (index, slot) in columns.iter_mut().enumerate() {
@@ -199,7 +195,7 @@ fn columns_from_values(rows: &[Vec<&[u8]>], notes: &mut Vec<String>) -> Result<C
             pixel.next().unwrap_or(Column::Y)
         };
     }
-    let columns = Columns::new(columns).ok_or_else(|| format!("the columns cannot be told apart; {ASK}"))?;
+    let columns = Columns::new(columns).ok_or(LayoutError::Ambiguous)?;
     notes.push(format!("the columns have no names: taken for {columns}"));
     Ok(columns)
 }

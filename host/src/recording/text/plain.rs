@@ -93,11 +93,11 @@ fn time(rest: &mut &[u8], places: usize) -> Option<i64> {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::{MAX_FIELDS, event as general, split};
+    use super::super::{LineError, MAX_FIELDS, event as general, split};
     use super::*;
     use crate::recording::TimeUnit;
 
-    fn both(line: &str, columns: &str, time_unit: TimeUnit) -> (Option<PlainLine>, Result<Event, String>) {
+    fn both(line: &str, columns: &str, time_unit: TimeUnit) -> (Option<PlainLine>, Result<Event, LineError>) {
         let columns = columns.parse().unwrap();
         let layout = Layout { columns, time_unit, first_line: 0, sensor: None, notes: Vec::new() };
         let mut fields = [&[][..]; MAX_FIELDS];

@@ -2,7 +2,7 @@
 
 use std::ops::{Index, IndexMut};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// What shifts the events of a class from the edge. The order is that of the joint solve's parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,7 +67,7 @@ impl Bias {
 }
 
 /// One value for each bias.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Biases<T>([T; Bias::COUNT]);
 
 impl<T> Biases<T> {

@@ -3,7 +3,7 @@
 
 use super::bias::Bias;
 use super::{CLASS_COUNT, EventBias, SPEED_RANGE_COUNT};
-use crate::numerics::statistics::median;
+use crate::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 use crate::solve::stretch::EventResidual;
 
 /// Fewer events than this leave a class as it was.
@@ -55,7 +55,7 @@ pub fn common_spread(bias: &mut EventBias, residuals: &[EventResidual]) {
 /// Standard deviation of a normal distribution whose residuals have these sizes; `None` for too few.
 fn spread(sizes: &mut [f32]) -> Option<f64> {
     (sizes.len() >= FEWEST)
-        .then(|| (1.4826 * f64::from(median(sizes, f32::total_cmp).unwrap_or(0.0))).max(SMALLEST_SIGMA))
+        .then(|| (SIGMA_BY_MEDIAN * f64::from(median(sizes, f32::total_cmp).unwrap_or(0.0))).max(SMALLEST_SIGMA))
 }
 
 #[cfg(test)]
@@ -74,10 +74,10 @@ mod tests {
         class_spreads(&mut bias, &residuals);
         assert!((bias[2].biases[Bias::Offset] - 0.25).abs() < 1e-6);
         for range in 0..SPEED_RANGE_COUNT {
-            assert!((bias[2].sigma[range] - 1.4826 * 0.25).abs() < 2e-3);
+            assert!((bias[2].sigma[range] - SIGMA_BY_MEDIAN * 0.25).abs() < 2e-3);
         }
         assert_eq!(bias[0], unknown(1.0)[0]);
         common_spread(&mut bias, &residuals);
-        assert!((bias[7].sigma[4] - 1.4826 * 0.25).abs() < 2e-3);
+        assert!((bias[7].sigma[4] - SIGMA_BY_MEDIAN * 0.25).abs() < 2e-3);
     }
 }

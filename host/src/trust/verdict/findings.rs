@@ -4,6 +4,7 @@ use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
+use super::settings::{CERTAIN_DIFFERENCE, KNOWN_TOGETHER, OPEN_FOCAL_LENGTH, TOLD_FROM_ZERO};
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::board::Board;
 use crate::solve::unexplained::UnexplainedStretch;
@@ -168,7 +169,7 @@ fn pixels_not_square(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSett
     let variance = covariance[(0, 0)] + covariance[(1, 1)] - 2.0 * covariance[(0, 1)];
     let difference = (fx - fy).abs();
     let sigma = variance.max(0.0).sqrt();
-    (difference > 4.0 * sigma && difference > settings.square_pixels * fx).then(|| Finding {
+    (difference > CERTAIN_DIFFERENCE * sigma && difference > settings.square_pixels * fx).then(|| Finding {
         cause: Cause::PixelsNotSquare,
         severity: Severity::Warning,
         reason: format!("fx and fy differ by {difference:.2} ± {sigma:.2} px, but pixels are square"),
@@ -194,9 +195,6 @@ fn not_one_to_one(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Opt
     })
 }
 
-/// A focal length known worse than this part of it may be open for want of a second parameter.
-const TOGETHER: f64 = 0.02;
-
 fn undetermined(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
     let sigma = trust.uncertainty.sigma();
     let parameters = camera.parameters();
@@ -205,13 +203,13 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
         .iter()
         .zip(parameters.iter().zip(&sigma))
         .skip(4)
-        .filter(|(_, (value, sigma))| value.abs() < 2.0 * **sigma)
+        .filter(|(_, (value, sigma))| value.abs() < TOLD_FROM_ZERO * **sigma)
         .map(|(name, _)| *name)
         .collect();
     // Each parameter may be open although the projection is known: then several only count together.
     if let (Some(fx), Some(sigma)) = (parameters.first(), sigma.first())
-        && *sigma > TOGETHER * fx
-        && trust.projection.rms_95 < sigma * 0.1
+        && *sigma > OPEN_FOCAL_LENGTH * fx
+        && trust.projection.rms_95 < sigma * KNOWN_TOGETHER
     {
         return Some(Finding {
             cause: Cause::ParameterUndetermined,

@@ -28,6 +28,7 @@ const DEVICE: u32 = 0x0002_0003;
 
 /// Why the camera cannot be plugged in or out.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum VhciError {
     /// There is no virtual host controller.
     #[error(

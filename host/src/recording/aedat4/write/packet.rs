@@ -5,8 +5,8 @@ use evcal_core::event::{Event, Polarity};
 
 use super::TableRow;
 use crate::recording::aedat4::header::Compression;
-use crate::recording::aedat4::other_streams::{Frame, InertialSample};
-use crate::recording::write::WriteError;
+use crate::recording::encode::WriteError;
+use crate::recording::extras::{Frame, InertialSample};
 
 /// A FlatBuffer that grows from its size prefix on.
 struct Buffer(Vec<u8>);

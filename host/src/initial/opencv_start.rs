@@ -1,30 +1,16 @@
-//! First estimate of the camera: OpenCV's calibration, or a native one where OpenCV fails.
+//! First estimate of the camera by OpenCV's calibration.
 
 use evcal_core::camera::conversion::inverse_radial_from_radtan;
 use evcal_core::camera::refit::refit_where;
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
-use rayon::prelude::*;
-use serde::Serialize;
 
-use super::bundle::{Bundle, BundleView, bundle};
-use super::pose::homography_pose;
+use super::report::OpencvStart;
 use super::settings::InitialSettings;
 use super::sighting::BoardPoint;
 use crate::numerics::statistics::median;
 use crate::opencv::{self, OpencvCalibration, PinholeDistortion, View};
-
-/// How OpenCV's calibration went.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct OpencvStart {
-    /// Views it got and views it was left with after the worst had been taken away.
-    pub views: (usize, usize),
-    /// Its root mean square error in pixels; `None` if it failed.
-    pub rms: Option<f64>,
-    /// Why it failed, or why its result was not used.
-    pub failure: Option<String>,
-}
 
 fn view_of(points: &[BoardPoint]) -> View {
     View {
@@ -186,90 +172,4 @@ fn start_from(
         views = kept;
     }
     (best.map(|(camera, _)| camera), start)
-}
-
-/// Which parameters move in each pass of the native start: the focal lengths and the first
-/// distortion coefficient, then everything.
-fn passes(parameters: usize) -> [Vec<bool>; 3] {
-    let first = |free: &[usize]| (0..parameters).map(|index| free.contains(&index)).collect();
-    [first(&[0, 1, 4]), first(&[0, 1, 2, 3, 4, 5]), vec![true; parameters]]
-}
-
-/// Root mean square error that a bad view may add at most when focal lengths are compared, in px.
-const VIEW_ERROR_CAP: f64 = 20.0;
-
-/// First coefficients of two lenses of model `kind`: of one with little distortion, and of one with the
-/// barrel distortion of ordinary lenses, or of a fisheye where the model is for these.
-fn scan_coefficients(kind: ModelKind) -> [&'static [f64]; 2] {
-    match kind {
-        ModelKind::Radtan4 | ModelKind::Radtan | ModelKind::Radtan8 => [&[0.0], &[-0.3]],
-        ModelKind::InverseRadial => [&[0.0], &[0.3]],
-        ModelKind::KannalaBrandt => [&[0.0], &[0.0]],
-        ModelKind::Ucm => [&[0.3], &[0.6]],
-        ModelKind::Eucm => [&[0.3, 1.0], &[0.6, 1.0]],
-        ModelKind::DoubleSphere => [&[-0.2, 0.4], &[-0.2, 0.6]],
-        ModelKind::Fov => [&[0.4], &[0.9]],
-        ModelKind::Omni => [&[0.4], &[1.2]],
-    }
-}
-
-/// Number of views that compare focal lengths.
-const SCAN_VIEWS: usize = 16;
-
-/// A camera of model `kind` without OpenCV: a scan over focal lengths, principal point in the middle
-/// of the sensor, with and without the barrel distortion of ordinary lenses; then bundle refinement
-/// with more and more free parameters.
-pub fn native_start(
-    kind: ModelKind,
-    views: &[&[BoardPoint]],
-    sensor: Sensor,
-    settings: &InitialSettings,
-) -> Option<Bundle> {
-    let size = Vector2::new(f64::from(sensor.width), f64::from(sensor.height));
-    let center = (size - Vector2::new(1.0, 1.0)) / 2.0;
-    let count = kind.parameter_names().len();
-    let scan: Vec<Camera<f64>> = (0..32)
-        .flat_map(|step| {
-            let focal = 0.2 * size.norm() * 1.12_f64.powi(step);
-            scan_coefficients(kind).map(|coefficients| {
-                let mut parameters = vec![focal, focal, center.x, center.y];
-                parameters.extend_from_slice(coefficients);
-                parameters.resize(count, 0.0);
-                let [too_long, _] = Camera::from_parameters(kind, &parameters)?.axial_focal_lengths()?;
-                parameters.iter_mut().take(2).for_each(|length| *length *= focal / too_long);
-                Camera::from_parameters(kind, &parameters)
-            })
-        })
-        .flatten()
-        .collect();
-    let score = |camera: &Camera<f64>| -> f64 {
-        views
-            .iter()
-            .take(SCAN_VIEWS)
-            .map(|points| {
-                homography_pose(camera, points, VIEW_ERROR_CAP)
-                    .map_or(VIEW_ERROR_CAP, |fit| (fit.cost / points.len() as f64).sqrt().min(VIEW_ERROR_CAP))
-            })
-            .sum()
-    };
-    let scores: Vec<f64> = scan.par_iter().map(score).collect();
-    let (start, _) = scan.iter().zip(&scores).min_by(|a, b| a.1.total_cmp(b.1))?;
-    let fits: Vec<_> =
-        views.par_iter().map(|points| homography_pose(start, points, settings.huber)).collect::<Vec<_>>();
-    let mut bundle_views: Vec<BundleView<'_>> =
-        views.iter().zip(fits).filter_map(|(points, fit)| Some(BundleView { points, pose: fit?.pose })).collect();
-    if bundle_views.len() < settings.min_frames {
-        return None;
-    }
-    let mut camera = *start;
-    let mut result = None;
-    for free in passes(count) {
-        let refined = bundle(&camera, &bundle_views, &free, sensor, settings.huber)?;
-        camera = refined.camera;
-        for (view, pose) in bundle_views.iter_mut().zip(&refined.poses) {
-            view.pose = *pose;
-        }
-        result = Some(refined);
-    }
-    result
 }

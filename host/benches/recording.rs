@@ -2,9 +2,9 @@
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use evcal::recording::aedat4::header::Compression;
-use evcal::recording::write::{EventWriter, OutputFormat};
-use evcal::recording::{Recording, RecordingOptions};
+use evcal::recording::encode::OutputFormat;
+use evcal::recording::write::EventWriter;
+use evcal::recording::{Recording, RecordingOptions, aedat4, event_calib, text};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
@@ -13,13 +13,8 @@ fn main() {
 }
 
 const EVENTS: u32 = 1_000_000;
-const FORMATS: [OutputFormat; 5] = [
-    OutputFormat::Aedat4(Compression::None),
-    OutputFormat::Aedat4(Compression::Lz4),
-    OutputFormat::Aedat4(Compression::Zstd),
-    OutputFormat::Text,
-    OutputFormat::EventCalib,
-];
+const FORMATS: [OutputFormat; 5] =
+    [aedat4::OUTPUT_UNCOMPRESSED, aedat4::OUTPUT_LZ4, aedat4::OUTPUT, text::OUTPUT, event_calib::OUTPUT];
 
 /// Pixels in no order, times about 1 µs apart.
 fn events() -> Vec<Event> {
@@ -36,8 +31,9 @@ fn events() -> Vec<Event> {
         .collect()
 }
 
-#[divan::bench(args = FORMATS)]
-fn read(bencher: Bencher, format: OutputFormat) {
+#[divan::bench(args = 0..FORMATS.len())]
+fn read(bencher: Bencher, format: usize) {
+    let format = FORMATS[format];
     let directory = tempfile::tempdir().expect("a temporary directory");
     let path = directory.path().join("recording");
     let mut writer = EventWriter::create(&path, format, Sensor::new(346, 260), "camera").expect("a file");

@@ -1,0 +1,188 @@
+//! What Prophesee's formats have in common: triggers, records, and a clock of which the upper part comes in words of
+//! its own.
+//!
+//! A sensor repeats time high all the time, so it never leaps. A leap is a word that was damaged on its way
+//! (unless the next time high confirms it); followed at once, a single one would put the rest of the
+//! stream in the wrong hour.
+
+use crate::event::Event;
+
+/// An edge at one of the sensor's trigger inputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Trigger {
+    /// Time in microseconds, on the clock of the events.
+    pub t: i64,
+    /// Number of the input, 0 to 31.
+    pub channel: u8,
+    /// True for a rising edge.
+    pub rising: bool,
+}
+
+/// What a word can say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EvtRecord {
+    /// An event of a pixel.
+    Event(Event),
+    /// An edge at a trigger input.
+    Trigger(Trigger),
+}
+
+/// What one word says: a trigger, or events of neighbouring pixels of a row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EvtRecords {
+    trigger: Option<Trigger>,
+    /// The event of the first pixel.
+    event: Event,
+    /// Bit n stands for the pixel n columns to the right of it.
+    mask: u32,
+}
+
+impl EvtRecords {
+    const EMPTY_EVENT: Event = Event { t: 0, x: 0, y: 0, polarity: crate::event::Polarity::Off };
+
+    /// Nothing.
+    pub(super) const fn none() -> Self {
+        Self { trigger: None, event: Self::EMPTY_EVENT, mask: 0 }
+    }
+
+    pub(super) const fn trigger(trigger: Trigger) -> Self {
+        Self { trigger: Some(trigger), event: Self::EMPTY_EVENT, mask: 0 }
+    }
+
+    pub(super) const fn events(event: Event, mask: u32) -> Self {
+        Self { trigger: None, event, mask }
+    }
+}
+
+impl Iterator for EvtRecords {
+    type Item = EvtRecord;
+
+    #[inline]
+    fn next(&mut self) -> Option<EvtRecord> {
+        if let Some(trigger) = self.trigger.take() {
+            return Some(EvtRecord::Trigger(trigger));
+        }
+        if self.mask == 0 {
+            return None;
+        }
+        let column = self.mask.trailing_zeros() as u16;
+        self.mask &= self.mask.wrapping_sub(1);
+        Some(EvtRecord::Event(Event { x: self.event.x.saturating_add(column), ..self.event }))
+    }
+}
+
+/// What a decoder met so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EvtCounts {
+    /// Words of events and triggers left out because their time is not known: before the first time, or
+    /// after a time high that leaps and is not confirmed.
+    pub without_time: u32,
+    /// Words of events left out because no row was told before them.
+    pub without_row: u32,
+    /// Leaps of time high that the next one did not confirm: damaged words.
+    pub false_leaps: u32,
+    /// Leaps ahead: words were lost, for more than a second.
+    pub leaps: u32,
+    /// Times the clock was set back.
+    pub clock_resets: u32,
+    /// Vendor-specific words, passed over.
+    pub vendor: u32,
+    /// Words of a type that the format does not have: another format, or damaged.
+    pub unknown: u32,
+}
+
+/// How far time high can be trusted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Trust {
+    /// None came yet.
+    #[default]
+    Nothing,
+    /// It goes on as it should.
+    Steady,
+    /// It leapt to this value, and nothing confirms it yet.
+    Leapt(u32),
+}
+
+/// Makes times of a time high of `BITS` bits, each 2^`SHIFT` µs, and a time low. A time high that is more than `LEAP`
+/// ahead of the one before is not believed at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct EvtClock<const BITS: u32, const SHIFT: u32, const LEAP: u32> {
+    trust: Trust,
+    /// Last time high believed.
+    high: u32,
+    /// Its time, extended to 64 bits, in microseconds.
+    base_us: i64,
+    pub(super) counts: EvtCounts,
+}
+
+impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, LEAP> {
+    const MASK: u32 = (1 << BITS) - 1;
+    const HALF_RANGE: u32 = 1 << (BITS - 1);
+
+    pub(super) const fn new() -> Self {
+        let counts = EvtCounts {
+            without_time: 0,
+            without_row: 0,
+            false_leaps: 0,
+            leaps: 0,
+            clock_resets: 0,
+            vendor: 0,
+            unknown: 0,
+        };
+        Self { trust: Trust::Nothing, high: 0, base_us: 0, counts }
+    }
+
+    /// The time that is `low` µs after time high, if that can be trusted.
+    #[inline]
+    pub(super) fn time(&mut self, low: u32) -> Option<i64> {
+        if self.trust != Trust::Steady {
+            self.counts.without_time = self.counts.without_time.saturating_add(1);
+            return None;
+        }
+        Some(self.base_us.saturating_add(i64::from(low)))
+    }
+
+    /// Takes the time high in the lowest bits of `word`; true if it is another one than before.
+    pub(super) fn set_high(&mut self, word: u32) -> bool {
+        let high = word & Self::MASK;
+        let before = (self.trust, self.high);
+        let follows = |before: u32| high.wrapping_sub(before) & Self::MASK <= LEAP;
+        match self.trust {
+            Trust::Nothing => self.base_us = i64::from(high) << SHIFT,
+            _ if follows(self.high) => {
+                if self.trust != Trust::Steady {
+                    self.counts.false_leaps = self.counts.false_leaps.saturating_add(1);
+                }
+                self.advance(high);
+            }
+            Trust::Leapt(leapt) if follows(leapt) => {
+                let count = if high.wrapping_sub(self.high) & Self::MASK < Self::HALF_RANGE {
+                    self.advance(high);
+                    &mut self.counts.leaps
+                } else {
+                    // Beyond all times given out before the reset.
+                    self.base_us = self.base_us.saturating_add(1 << SHIFT);
+                    &mut self.counts.clock_resets
+                };
+                *count = count.saturating_add(1);
+            }
+            Trust::Leapt(_) => {
+                self.counts.false_leaps = self.counts.false_leaps.saturating_add(1);
+                self.trust = Trust::Leapt(high);
+                return true;
+            }
+            Trust::Steady => {
+                self.trust = Trust::Leapt(high);
+                return true;
+            }
+        }
+        self.high = high;
+        self.trust = Trust::Steady;
+        before != (self.trust, self.high)
+    }
+
+    fn advance(&mut self, high: u32) {
+        let elapsed = high.wrapping_sub(self.high) & Self::MASK;
+        self.base_us = self.base_us.saturating_add(i64::from(elapsed) << SHIFT);
+    }
+}

@@ -1,0 +1,242 @@
+//! Settings that say what they are: unit, bounds and meaning stand beside the field.
+//!
+//! The macro [`settings!`](crate::settings!) makes of one declaration a structure, its defaults and a description. Programs check
+//! files by the description and write it into them and into documents, so a setting is declared in one place.
+//!
+//! ```
+//! use evcal_core::settings::{Kind, at_least};
+//!
+//! evcal_core::settings! {
+//!     /// How long to wait.
+//!     #[derive(Clone, Debug, PartialEq)]
+//!     pub struct WaitSettings {
+//!         /// Longest time to wait.
+//!         pub longest: f64 = 0.5, "s", at_least(0.0);
+//!         /// Whether to say so.
+//!         pub loud: bool = true;
+//!     }
+//! }
+//!
+//! assert_eq!(WaitSettings::default(), WaitSettings { longest: 0.5, loud: true });
+//! let longest = &WaitSettings::GROUP.settings[0];
+//! assert_eq!((longest.name, longest.meaning), ("longest", " Longest time to wait."));
+//! let Kind::Number { unit, bounds } = longest.kind else { panic!() };
+//! assert!(unit == "s" && bounds.holds(0.0) && !bounds.holds(-0.1) && !bounds.holds(f64::NAN));
+//! ```
+
+use core::fmt;
+
+/// A structure of settings.
+#[derive(Clone, Copy, Debug)]
+pub struct Group {
+    /// What it is for: the documentation of the structure, each line with a space before it.
+    pub meaning: &'static str,
+    /// Its settings in the order of the fields.
+    pub settings: &'static [Setting],
+}
+
+/// One setting.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting {
+    /// Name of the field.
+    pub name: &'static str,
+    /// What it means: the documentation of the field, each line with a space before it.
+    pub meaning: &'static str,
+    /// What it can be.
+    pub kind: Kind,
+}
+
+/// What a setting can be.
+#[derive(Clone, Copy, Debug)]
+pub enum Kind {
+    /// A number.
+    Number {
+        /// Its unit; empty for a plain number.
+        unit: &'static str,
+        /// What it may be.
+        bounds: Bounds,
+    },
+    /// A name, yes or no.
+    Choice,
+    /// A structure of further settings.
+    Group(&'static Group),
+}
+
+/// What a number may be. Infinite and undefined numbers never hold.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// The smallest number.
+    pub least: f32,
+    /// Whether `least` itself is refused.
+    pub above: bool,
+    /// The largest number; `f32::MAX` where there is none.
+    pub most: f32,
+    /// Another setting of the same structure that the number must not exceed.
+    pub up_to: Option<&'static str>,
+}
+
+/// More than `least`.
+pub const fn above(least: f32) -> Bounds {
+    Bounds { above: true, ..at_least(least) }
+}
+
+/// `least` or more.
+pub const fn at_least(least: f32) -> Bounds {
+    Bounds { least, above: false, most: f32::MAX, up_to: None }
+}
+
+/// From `least` to `most`, both included.
+pub const fn from_to(least: f32, most: f32) -> Bounds {
+    at_least(least).at_most(most)
+}
+
+impl Bounds {
+    /// The same, and no more than `most`.
+    pub const fn at_most(self, most: f32) -> Self {
+        Self { most, ..self }
+    }
+
+    /// The same, and no more than the setting `name` of the same structure.
+    pub const fn up_to(self, name: &'static str) -> Self {
+        Self { up_to: Some(name), ..self }
+    }
+
+    /// Whether a number, rounded to single precision, is within the bounds, [`up_to`](Self::up_to) left aside.
+    pub fn holds(&self, value: f64) -> bool {
+        let value = value as f32;
+        value <= self.most && if self.above { value > self.least } else { value >= self.least }
+    }
+}
+
+/// As in "it must be from 1 to 4.99", [`up_to`](Bounds::up_to) left aside.
+impl fmt::Display for Bounds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { least, above, most, .. } = *self;
+        match (above, most == f32::MAX) {
+            (false, false) => write!(f, "from {least} to {most}"),
+            (true, false) => write!(f, "above {least} and at most {most}"),
+            (true, true) => write!(f, "above {least}"),
+            (false, true) => write!(f, "at least {least}"),
+        }
+    }
+}
+
+/// Declares a structure of settings: fields with their defaults, units and bounds.
+///
+/// - `name: Type = default, "unit", bounds;` is a number ([`above`], [`at_least`], [`from_to`]); `""` is the unit of a
+///   plain number;
+/// - `name: Type = default;` is a name, yes or no;
+/// - `name: Type;` is another structure that was declared with this macro.
+///
+/// Makes the structure with the attributes given, its `Default`, and the constant `GROUP`, a [`Group`]. The
+/// documentation of structure and fields is what users read: whole sentences, no links.
+#[macro_export]
+macro_rules! settings {
+    (
+        $(#[$($attribute:tt)*])*
+        $visibility:vis struct $name:ident {
+            $(
+                $(#[$($field_attribute:tt)*])*
+                $field_visibility:vis $field:ident: $type:ty $(= $default:expr $(, $unit:literal, $bounds:expr)?)?;
+            )*
+        }
+    ) => {
+        $(#[$($attribute)*])*
+        $visibility struct $name {
+            $(
+                $(#[$($field_attribute)*])*
+                $(
+                    #[doc = concat!("\n\nDefault: `", stringify!($default), "`.")]
+                    $(#[doc = concat!("Unit: `", $unit, "`. Allowed: `", stringify!($bounds), "`.")])?
+                )?
+                $field_visibility $field: $type,
+            )*
+        }
+
+        impl ::core::default::Default for $name {
+            fn default() -> Self {
+                Self { $($field: $crate::settings!(@default [$($default)?])),* }
+            }
+        }
+
+        impl $name {
+            /// What the settings are.
+            pub const GROUP: $crate::settings::Group = $crate::settings::Group {
+                meaning: concat!($($crate::settings!(@meaning $($attribute)*)),*),
+                settings: &[$(
+                    $crate::settings::Setting {
+                        name: stringify!($field),
+                        meaning: concat!($($crate::settings!(@meaning $($field_attribute)*)),*),
+                        kind: $crate::settings!(@kind [$type] [$($default)?] [$($($unit, $bounds)?)?]),
+                    }
+                ),*],
+            };
+        }
+    };
+    (@default []) => { ::core::default::Default::default() };
+    (@default [$default:expr]) => { $default };
+    (@meaning doc = $text:literal) => { $text };
+    (@meaning $($other:tt)*) => { "" };
+    (@kind [$type:ty] [] []) => { $crate::settings::Kind::Group(&<$type>::GROUP) };
+    (@kind [$type:ty] [$default:expr] []) => { $crate::settings::Kind::Choice };
+    (@kind [$type:ty] [$default:expr] [$unit:literal, $bounds:expr]) => {
+        $crate::settings::Kind::Number { unit: $unit, bounds: $bounds }
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    crate::settings! {
+        /// Outside,
+        /// in two lines.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct Outer {
+            /// A length.
+            pub length: f32 = 2.5, "px", above(0.0).at_most(10.0);
+            /// A choice.
+            pub choice: bool = true;
+            /// Inside.
+            pub inner: Inner;
+        }
+    }
+
+    crate::settings! {
+        /// Inside.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct Inner {
+            /// Few.
+            pub few: u16 = 3, "", at_least(1.0).up_to("many");
+            /// Many.
+            pub many: u16 = 5, "", at_least(1.0);
+        }
+    }
+
+    #[test]
+    fn a_declaration_makes_defaults_and_description() {
+        let expected = Outer { length: 2.5, choice: true, inner: Inner { few: 3, many: 5 } };
+        assert_eq!(Outer::default(), expected);
+        assert_eq!(Outer::GROUP.meaning, " Outside, in two lines.");
+        let [length, choice, inner] = Outer::GROUP.settings else { panic!() };
+        assert_eq!((length.name, length.meaning), ("length", " A length."));
+        assert!(matches!(length.kind, Kind::Number { unit: "px", bounds } if bounds == above(0.0).at_most(10.0)));
+        assert!(matches!(choice.kind, Kind::Choice));
+        assert!(matches!(inner.kind, Kind::Group(group) if group.settings.len() == 2));
+    }
+
+    #[test]
+    fn bounds_hold_what_they_say() {
+        for (bounds, inside, outside, text) in [
+            (above(0.0), 1e-9, 0.0, "above 0"),
+            (at_least(1.0), 1.0, 0.999, "at least 1"),
+            (from_to(1.0, 4.99), 4.99, 5.0, "from 1 to 4.99"),
+            (above(0.0).at_most(10.0), 10.0, 10.1, "above 0 and at most 10"),
+        ] {
+            assert_eq!(bounds.to_string(), text);
+            assert!(bounds.holds(inside) && !bounds.holds(outside), "{text}");
+            assert!([f64::NAN, f64::INFINITY, f64::NEG_INFINITY].iter().all(|value| !bounds.holds(*value)), "{text}");
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! What stands below the help of each subcommand: commands to begin with.
+
+pub const EVCAL: &str = "\
+From a printed board to a calibrated camera:
+  evcal board --pdf board.pdf
+  evcal record recording.dvraw
+  evcal calibrate recording.dvraw --board acircles:9x4:24mm:r7.6mm -o calibration
+  evcal export calibration --format ros -o camera_info.yaml
+
+Each subcommand has examples of its own: evcal calibrate --help";
+
+pub const CALIBRATE: &str = "\
+Examples:
+  A recording and the board in it (half the distance in a row, and the radius):
+    evcal calibrate recording.aedat4 --board acircles:9x4:55mm:r17.5mm -o calibration
+  Text in columns of its own, times in milliseconds:
+    evcal calibrate events.txt --columns x,y,p,t --time-unit ms --board circles:6x3:40mm:r9mm -o out
+  A fisheye, or whichever model fits best:
+    evcal calibrate recording.dvraw --board acircles:9x4:55mm:r17.5mm --model kannala-brandt -o out
+    evcal calibrate recording.dvraw --board acircles:9x4:55mm:r17.5mm --model auto -o out
+
+The exit code is 3 where the verdict is \"not good enough\", unless --accept-any is given.";
+
+pub const DETECT: &str = "\
+Examples:
+  evcal detect recording.dvraw --board acircles:9x4:55mm:r17.5mm -o circles.csv
+  Any circles, and a picture of the window with most of them:
+    evcal detect recording.dvraw --picture circles.png
+  What a detector sends over a serial port:
+    evcal detect serial:/dev/ttyACM0?seconds=30 --board acircles:9x4:55mm:r17.5mm -o circles.csv";
+
+pub const DEVICES: &str = "\
+Examples:
+  evcal devices
+  evcal devices --json";
+
+pub const RECORD: &str = "\
+Examples:
+  Until Ctrl-C:
+    evcal record recording.dvraw
+  With frames, half a minute:
+    evcal record recording.dvraw --frames --duration 30s";
+
+pub const LIVE: &str = "\
+Examples:
+  evcal live --board acircles:9x4:55mm:r17.5mm -o calibration";
+
+pub const INFO: &str = "\
+Examples:
+  evcal info recording.aedat4
+  evcal info events.txt --columns t,x,y,p --time-unit ms --sensor 346x260";
+
+pub const CONVERT: &str = "\
+Examples:
+  evcal convert recording.dvraw recording.aedat4
+  evcal convert events.txt events.bin --columns x,y,p,t --time-unit us --sensor 346x260";
+
+pub const EVALUATE: &str = "\
+Examples:
+  evcal evaluate calibration --truth simulation
+  evcal evaluate monday/calibration.json --truth tuesday/calibration.json --json";
+
+pub const REPEAT: &str = "\
+Examples:
+  evcal repeat recording.dvraw --board acircles:9x4:55mm:r17.5mm
+  Twenty parts of two seconds:
+    evcal repeat recording.dvraw --board acircles:9x4:55mm:r17.5mm --runs 20 --seconds 2s";
+
+pub const EXPORT: &str = "\
+Examples:
+  evcal export calibration --format ros -o camera_info.yaml
+  evcal export calibration --format all -o exports
+  A table for a microcontroller:
+    evcal export calibration --c-header undistort.h --max-error 0.05";
+
+pub const UNDISTORT: &str = "\
+Examples:
+  evcal undistort recording.dvraw -c calibration -o undistorted.aedat4
+  evcal undistort picture.png -c calibration -o undistorted.png
+  The camera's frames as pictures, all that the lens sees in them:
+    evcal undistort recording.dvraw -c calibration --frames pictures --alpha 1";
+
+pub const BOARD: &str = "\
+Examples:
+  The largest board that fits on A4:
+    evcal board --pdf board.pdf
+  A given one, on a paper of its own:
+    evcal board --board acircles:9x4:55mm:r17.5mm --paper 600x400mm --pdf board.pdf";
+
+pub const SIMULATE: &str = "\
+Examples:
+  evcal simulate -o simulation
+  evcal calibrate simulation/events.aedat4 --board acircles:9x4:55mm:r17.5mm -o calibration
+  evcal evaluate calibration --truth simulation
+  Your own camera, in dim light, with frames:
+    evcal simulate --camera calibration --light low --frames -o simulation";
+
+#[cfg(target_os = "linux")]
+pub const EMULATE: &str = "\
+Examples:
+  evcal emulate recording.dvraw
+  A cable that is pulled out after a megabyte:
+    evcal emulate recording.dvraw --unplug-at 1000000 --plug-in-after 2s";
+
+pub const COMPLETIONS: &str = "\
+Examples:
+  evcal completions bash > ~/.local/share/bash-completion/completions/evcal
+  evcal completions zsh > ~/.zfunc/_evcal
+  evcal completions fish > ~/.config/fish/completions/evcal.fish";
+
+pub const MAN: &str = "\
+Examples:
+  evcal man ~/.local/share/man/man1";

@@ -1,0 +1,101 @@
+//! Thresholds from events to reference frames.
+
+use std::str::FromStr;
+
+use evcal_core::circle::{CircleSettings, Extraction};
+use evcal_core::cluster::ClusterSettings;
+use evcal_core::detector::DetectorSettings;
+use evcal_core::pattern::Pattern;
+use evcal_core::settings;
+use evcal_core::settings::{at_least, from_to};
+use evcal_core::window::WindowSettings;
+use serde::{Deserialize, Serialize};
+
+/// How circles are ordered into the board.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", try_from = "String")]
+pub enum Grid {
+    /// Lattice growth; partial boards and clutter are tolerated.
+    #[default]
+    Lattice,
+    /// OpenCV's `findCirclesGrid`, complete boards only.
+    #[cfg(feature = "opencv")]
+    Opencv,
+}
+
+/// Why a text names no grid finder of this build.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GridNameError {
+    /// No grid finder has this name.
+    #[error("no grid finder of this name: write lattice or opencv")]
+    Unknown,
+    /// It is OpenCV's, which is not built in.
+    #[error("this evcal was built without OpenCV: write lattice, or build it with the cargo feature `opencv`")]
+    WithoutOpencv,
+}
+
+impl FromStr for Grid {
+    type Err = GridNameError;
+
+    fn from_str(name: &str) -> Result<Self, GridNameError> {
+        match name {
+            "lattice" => Ok(Self::Lattice),
+            #[cfg(feature = "opencv")]
+            "opencv" => Ok(Self::Opencv),
+            #[cfg(not(feature = "opencv"))]
+            "opencv" => Err(GridNameError::WithoutOpencv),
+            _ => Err(GridNameError::Unknown),
+        }
+    }
+}
+
+impl TryFrom<String> for Grid {
+    type Error = GridNameError;
+
+    fn try_from(name: String) -> Result<Self, GridNameError> {
+        name.parse()
+    }
+}
+
+settings! {
+    /// From events to reference frames (stages 2 to 5).
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct DetectionSettings {
+        /// How a circle follows from a pair of clusters: `"hard"` fits a circle to the pixels of both, `"soft"`
+        /// takes the line between their centres as diameter.
+        pub extraction: Extraction = Extraction::Hard;
+        /// How circles are ordered into the board: `"lattice"` grows a lattice from neighbour to neighbour and
+        /// tolerates partial boards and clutter; `"opencv"` is `findCirclesGrid`, complete boards only, in builds
+        /// with OpenCV.
+        pub grid: Grid = Grid::Lattice;
+        /// Length of the parts of a recording that are searched independently of each other.
+        pub chunk: f64 = 0.1, "s", from_to(1e-3, 10.0);
+        /// Smallest share of the board's circles that makes a reference frame; never fewer than 6 circles.
+        pub fewest_circles: f64 = 0.4, "", from_to(0.0, 1.0);
+        /// Longest time from a reference frame to a window whose circles could lie in several places on the board:
+        /// the frame then tells in which. 0 leaves such windows out.
+        pub longest_prediction: f64 = 0.03, "s", at_least(0.0);
+        /// Which stretch of time is searched.
+        pub window: WindowSettings;
+        /// DBSCAN.
+        pub cluster: ClusterSettings;
+        /// Circle extraction.
+        pub circle: CircleSettings;
+    }
+}
+
+/// No frame has fewer circles, however small the board.
+const FEWEST_CIRCLES: usize = 6;
+
+impl DetectionSettings {
+    /// The part that the core's detector takes.
+    pub fn detector(&self) -> DetectorSettings {
+        DetectorSettings { extraction: self.extraction, cluster: self.cluster, circle: self.circle }
+    }
+
+    /// Fewest circles of a board that make a reference frame.
+    pub fn fewest_circles(&self, pattern: &Pattern) -> usize {
+        ((self.fewest_circles * pattern.circle_count() as f64).ceil() as usize).max(FEWEST_CIRCLES)
+    }
+}

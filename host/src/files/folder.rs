@@ -1,0 +1,151 @@
+//! The folder that a program writes its results into.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::FileError;
+
+/// Why results cannot go into a folder.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FolderError {
+    /// It cannot be made, or no file can be written in it.
+    #[error("{0}; choose another folder with -o")]
+    Unusable(FileError),
+    /// It holds results.
+    #[error("{} is there already: choose another folder with -o, or replace the results with --force", .0.display())]
+    Taken(PathBuf),
+}
+
+/// A folder in which files can be written. When dropped it is removed again if it is empty and was made for this.
+#[derive(Debug)]
+pub struct OutputFolder {
+    path: PathBuf,
+    /// Folders that were made, outermost first.
+    made: Vec<PathBuf>,
+}
+
+impl OutputFolder {
+    /// Makes the folder, if need be, and tries to write in it.
+    ///
+    /// # Errors
+    /// [`FolderError::Unusable`].
+    pub fn open(path: &Path) -> Result<Self, FolderError> {
+        let failed = |error: io::Error| FolderError::Unusable(FileError::new(path, error));
+        let mut made: Vec<PathBuf> = path
+            .ancestors()
+            .take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists())
+            .map(Path::to_owned)
+            .collect();
+        made.reverse();
+        let folder = Self { path: path.to_owned(), made };
+        fs::create_dir_all(path).map_err(failed)?;
+        tempfile::tempfile_in(path).map_err(failed)?;
+        Ok(folder)
+    }
+
+    /// As [`OutputFolder::open`], of a folder that holds no results: no file of which `is_result` says so by its path
+    /// in the folder.
+    ///
+    /// # Errors
+    /// [`FolderError`].
+    pub fn open_new(path: &Path, is_result: impl Fn(&Path) -> bool) -> Result<Self, FolderError> {
+        match files(path).into_iter().find(|file| is_result(file)) {
+            Some(file) => Err(FolderError::Taken(path.join(file))),
+            None => Self::open(path),
+        }
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Removes the files of which `is_result` says that they are results, by their path in the folder.
+    ///
+    /// # Errors
+    /// [`FileError`] names the file that cannot be removed.
+    pub fn remove_results(&self, is_result: impl Fn(&Path) -> bool) -> Result<(), FileError> {
+        for file in files(&self.path).into_iter().filter(|file| is_result(file)) {
+            let file = self.path.join(file);
+            fs::remove_file(&file).map_err(|error| FileError::new(&file, error))?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for OutputFolder {
+    fn drop(&mut self) {
+        for folder in self.made.iter().rev() {
+            // One that holds something stays.
+            if fs::remove_dir(folder).is_err() {
+                break;
+            }
+        }
+    }
+}
+
+/// The files in `folder` and in its folders, in the order of their names.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = |folder: &Path| {
+        let mut paths: Vec<PathBuf> =
+            fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+        paths.sort();
+        paths
+    };
+    let mut found = Vec::new();
+    for path in entries(folder) {
+        if path.is_dir() {
+            found.extend(entries(&path).into_iter().filter(|inner| !inner.is_dir()));
+        } else {
+            found.push(path);
+        }
+    }
+    found.iter().filter_map(|path| path.strip_prefix(folder).ok()).map(Path::to_owned).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_folder_goes_again_and_a_filled_one_stays() {
+        let parent = tempfile::tempdir().unwrap();
+        let (outer, inner) = (parent.path().join("a"), parent.path().join("a/b"));
+        drop(OutputFolder::open(&inner).unwrap());
+        assert!(!outer.exists());
+        let folder = OutputFolder::open(&inner).unwrap();
+        fs::write(inner.join("camera.yaml"), b"").unwrap();
+        drop(folder);
+        assert!(inner.join("camera.yaml").exists());
+        fs::remove_file(inner.join("camera.yaml")).unwrap();
+        // It was there before.
+        drop(OutputFolder::open(&inner).unwrap());
+        assert!(inner.exists());
+    }
+
+    #[test]
+    fn results_are_found_and_removed_and_nothing_else_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let is_result = |path: &Path| path == Path::new("a.json") || path.starts_with("exports");
+        drop(OutputFolder::open_new(folder.path(), is_result).unwrap());
+        fs::create_dir(folder.path().join("exports")).unwrap();
+        for name in ["a.json", "exports/b.yaml", "mine.txt"] {
+            fs::write(folder.path().join(name), b"").unwrap();
+        }
+        let taken = OutputFolder::open_new(folder.path(), is_result).unwrap_err().to_string();
+        assert!(taken.contains("a.json") && taken.contains("--force"), "{taken}");
+        let open = OutputFolder::open(folder.path()).unwrap();
+        open.remove_results(is_result).unwrap();
+        assert_eq!(files(folder.path()), [PathBuf::from("mine.txt")]);
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_written_is_named() {
+        for path in ["/proc/evcal", "/dev/null/evcal"] {
+            let error = OutputFolder::open(Path::new(path)).unwrap_err().to_string();
+            assert!(error.contains(path) && error.contains("-o"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,303 @@
+//! AEDAT 3.0 and 3.1, the formats of cAER.
+//!
+//! Lines that begin with `#`, the first one `#!AER-DAT3.1`, in 3.1 the last one `#!END-HEADER`; then packets,
+//! little-endian: a head of i16 kind, i16 source, i32 size of an event, i32 offset of its time, i32 turns of the time,
+//! i32 capacity, i32 number of events, i32 number of valid ones, and the events. Packets of kind 1 hold polarity events: u32
+//! with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs, to which turns · 2³¹ is added.
+//!
+//! In 3.1 y counts from above, in 3.0 from below.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+
+use super::bytes::ByteReader;
+use super::{
+    Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
+    RecordingOptions, StreamSummary, Truncation,
+};
+
+/// AEDAT 3.0 and 3.1.
+pub const FORMAT: FileFormat = FileFormat {
+    streams: |path, _| summarise(path),
+    ..FileFormat::of_events("AEDAT 3", |head| head.bytes.starts_with(MAGIC), open)
+};
+
+const MAGIC: &[u8] = b"#!AER-DAT3.";
+const LAST_LINE: &str = "#!END-HEADER";
+/// No line of the header is longer.
+const LONGEST_LINE: usize = 4096;
+const HEAD: usize = 28;
+const POLARITY: i16 = 1;
+/// Size of a polarity event.
+const EVENT: usize = 8;
+/// Names of what packets hold, by kind.
+const KINDS: [&str; 5] = ["special events", "events", "frames", "inertial samples", "inertial samples with compass"];
+/// What in the line of the source tells its sensor.
+const SOURCES: &[(&str, Sensor)] = &[
+    ("DAVIS346", Sensor::new(346, 260)),
+    ("DAVIS240", Sensor::new(240, 180)),
+    ("DAVIS640", Sensor::new(640, 480)),
+    ("DVS128", Sensor::new(128, 128)),
+];
+
+/// What the lines at the top say.
+struct Header {
+    /// Version 3.0, where y counts from below.
+    from_below: bool,
+    source: Option<String>,
+    encoding: Option<String>,
+    length: u64,
+}
+
+/// `None` if the end of the header is not in `bytes`.
+fn header(bytes: &[u8]) -> Option<Header> {
+    let mut header = Header { from_below: bytes.starts_with(b"#!AER-DAT3.0"), source: None, encoding: None, length: 0 };
+    let mut length = 0;
+    while let Some(rest) = bytes.get(length..).filter(|rest| rest.starts_with(b"#")) {
+        let end = rest.iter().take(LONGEST_LINE).position(|&byte| byte == b'\n')?;
+        length += end + 1;
+        let line = String::from_utf8_lossy(rest.get(..end)?);
+        let line = line.trim_end();
+        if line == LAST_LINE {
+            break;
+        }
+        if let Some((key, value)) = line.split_once(':') {
+            if key.starts_with("#Source") {
+                header.source.get_or_insert_with(|| value.trim().to_owned());
+            } else if key == "#Format" {
+                header.encoding = Some(value.trim().to_owned());
+            }
+        }
+    }
+    header.length = length as u64;
+    Some(header)
+}
+
+/// Head of a packet.
+struct PacketHead {
+    byte: u64,
+    kind: i16,
+    /// Bytes of all events that are there.
+    length: u64,
+    /// Bytes that there should be.
+    wanted: u64,
+    /// Added to the times in µs.
+    turns: i64,
+    count: u64,
+}
+
+/// The next head; `None` at the end of the file, or where it is cut off.
+fn next_head(file: &mut ByteReader, truncated: &mut Option<Truncation>) -> Result<Option<PacketHead>, RecordingError> {
+    let byte = file.position();
+    if file.left() == 0 {
+        return Ok(None);
+    }
+    let Some(head) = file.array::<HEAD>()? else {
+        *truncated = Some(Truncation { byte, lost: format!("{} bytes of a packet's head are left", file.left()) });
+        return Ok(None);
+    };
+    let [kind0, kind1, _, _, rest @ ..] = head;
+    let mut numbers = [0_i32; 6];
+    numbers.iter_mut().zip(rest.as_chunks().0).for_each(|(number, bytes)| *number = i32::from_le_bytes(*bytes));
+    let [size, _, turns, _, number, _] = numbers;
+    let sizes = u64::try_from(size).ok().zip(u64::try_from(number).ok());
+    let Some((size, count)) = sizes.filter(|_| turns >= 0) else {
+        return Err(file.damaged(byte, "the head of a packet has a negative number"));
+    };
+    let kind = i16::from_le_bytes([kind0, kind1]);
+    if kind == POLARITY && size != EVENT as u64 {
+        return Err(file.damaged(byte, format!("a packet of events says that an event has {size} bytes, not {EVENT}")));
+    }
+    // Two numbers of 31 bits.
+    let wanted = size * count;
+    let length = wanted.min(file.left());
+    if length < wanted {
+        *truncated = Some(Truncation { byte, lost: format!("{length} of {wanted} bytes of a packet are left") });
+    }
+    Ok(Some(PacketHead { byte, kind, length, wanted, turns: i64::from(turns) << 31, count }))
+}
+
+fn time(head: &PacketHead, bytes: [u8; 4]) -> i64 {
+    head.turns + i64::from(i32::from_le_bytes(bytes))
+}
+
+struct Decoder {
+    file: ByteReader,
+    information: RecordingInformation,
+    /// Height of the sensor, where y counts from below.
+    from_below: Option<u16>,
+    packet: Vec<u8>,
+    truncated: Option<Truncation>,
+    other: BTreeMap<String, u64>,
+}
+
+fn open(path: &Path, options: &RecordingOptions) -> Opened {
+    let mut file = ByteReader::open(path)?;
+    let header =
+        header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the end of the header is not found"))?;
+    if header.encoding.as_deref().is_some_and(|encoding| encoding != "RAW") {
+        let kind = RecordingErrorKind::Unsupported {
+            format: "AEDAT 3 with compressed packets",
+            advice: "convert it to AEDAT4 with DV",
+        };
+        return Err(RecordingError::new(path, kind));
+    }
+    file.seek(header.length)?;
+    let source = header.source.as_deref().unwrap_or_default().to_uppercase();
+    let sensor = SOURCES.iter().find(|(name, _)| source.contains(name)).map(|&(_, sensor)| sensor);
+    let sensor_used = options.sensor.or(sensor);
+    let from_below = match (header.from_below, sensor_used) {
+        (false, _) => None,
+        (true, Some(sensor)) => Some(sensor.height),
+        (true, None) => return Err(RecordingError::new(path, RecordingErrorKind::ChipUnknown)),
+    };
+    let information =
+        RecordingInformation { format: FORMAT.name, sensor, camera_name: header.source, notes: Vec::new() };
+    let other = BTreeMap::new();
+    Ok(Box::new(Decoder { file, information, from_below, packet: Vec::new(), truncated: None, other }))
+}
+
+impl Decode for Decoder {
+    fn information(&self) -> &RecordingInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        let head = next_head(&mut self.file, &mut self.truncated)?;
+        report.truncated.clone_from(&self.truncated);
+        let Some(head) = head else { return Ok(false) };
+        if head.kind != POLARITY {
+            self.file.seek(self.file.position() + head.length)?;
+            *self.other.entry(format!("{} ({})", name(head.kind), head.kind)).or_default() += 1;
+            report.other_packets.clone_from(&self.other);
+            return Ok(head.length == head.wanted);
+        }
+        self.file.read(&mut self.packet, head.length)?;
+        let events = self.packet.as_chunks::<EVENT>().0.iter().filter_map(|&[a, b, c, d, t @ ..]| {
+            let data = u32::from_le_bytes([a, b, c, d]);
+            let y = (data >> 2) as u16 & 0x7fff;
+            let y = self.from_below.map_or(Some(y), |height| height.checked_sub(1)?.checked_sub(y));
+            let polarity = if data & 2 == 0 { Polarity::Off } else { Polarity::On };
+            let event = Event { t: time(&head, t), x: (data >> 17) as u16, y: y.unwrap_or(u16::MAX), polarity };
+            (data & 1 == 1).then_some(event)
+        });
+        batch.extend(events);
+        Ok(head.length == head.wanted)
+    }
+}
+
+fn name(kind: i16) -> &'static str {
+    usize::try_from(kind).ok().and_then(|kind| KINDS.get(kind)).copied().unwrap_or("other packets")
+}
+
+/// Counts what the packets of each kind hold.
+fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
+    let mut file = ByteReader::open(path)?;
+    let Some(header) = header(&Head::read(path)?.bytes) else { return Ok(Vec::new()) };
+    file.seek(header.length)?;
+    let mut kinds: BTreeMap<i16, StreamSummary> = BTreeMap::new();
+    let mut packet = Vec::new();
+    loop {
+        let head = match next_head(&mut file, &mut None) {
+            Ok(Some(head)) => head,
+            // Damage is for the reader of events to report.
+            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
+            Err(error) => return Err(error),
+        };
+        let empty = || StreamSummary { name: name(head.kind).to_owned(), packets: 0, elements: 0, times_us: None };
+        let summary = kinds.entry(head.kind).or_insert_with(empty);
+        summary.packets += 1;
+        summary.elements += head.count;
+        if head.kind == POLARITY {
+            file.read(&mut packet, head.length)?;
+            let records = packet.as_chunks::<EVENT>().0;
+            if let (Some(&[.., a, b, c, d]), Some(&[.., e, f, g, h])) = (records.first(), records.last()) {
+                let start = summary.times_us.map_or_else(|| time(&head, [a, b, c, d]), |(start, _)| start);
+                summary.times_us = Some((start, time(&head, [e, f, g, h])));
+            }
+        } else {
+            file.seek(head.byte + HEAD as u64 + head.length)?;
+        }
+    }
+    Ok(kinds.into_values().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::testing;
+
+    fn packet(kind: i16, turns: i32, records: &[[u32; 2]]) -> Vec<u8> {
+        let count = records.len() as i32;
+        let mut bytes = [kind.to_le_bytes(), 1_i16.to_le_bytes()].concat();
+        [8, 4, turns, count, count, count].iter().for_each(|number: &i32| bytes.extend(number.to_le_bytes()));
+        bytes.extend(records.iter().flatten().flat_map(|word| word.to_le_bytes()));
+        bytes
+    }
+
+    fn record(x: u32, y: u32, on: u32, t: u32) -> [u32; 2] {
+        [((x * 32_768 + y) * 2 + on) * 2 + 1, t]
+    }
+
+    fn file(version: &str, packets: &[Vec<u8>]) -> Vec<u8> {
+        let end = if version == "3.0" { "" } else { "#!END-HEADER\r\n" };
+        let lines = format!("#!AER-DAT{version}\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n{end}");
+        [lines.into_bytes(), packets.concat()].concat()
+    }
+
+    #[test]
+    fn packets_made_by_hand() {
+        let mut invalid = record(1, 1, 1, 4);
+        invalid[0] &= !1;
+        let packets = [
+            packet(1, 0, &[record(3, 4, 1, 7), invalid, record(345, 259, 0, 0x7fff_ffff)]),
+            packet(2, 0, &[[1, 2], [3, 4]]),
+            packet(1, 1, &[record(5, 6, 1, 1)]),
+        ];
+        for (version, flip) in [("3.1", 0), ("3.0", 259)] {
+            let outcome = testing::read(&file(version, &packets));
+            let event = |t, x, y: u16, polarity| Event { t, x, y: y.abs_diff(flip), polarity };
+            let expected = [
+                event(7, 3, 4, Polarity::On),
+                event(0x7fff_ffff, 345, 259, Polarity::Off),
+                event(0x8000_0001, 5, 6, Polarity::On),
+            ];
+            assert_eq!((outcome.events.as_slice(), outcome.error), (expected.as_slice(), None));
+            assert_eq!(outcome.information.unwrap().sensor, Some(Sensor::new(346, 260)));
+            assert_eq!(outcome.report.other_packets.get("frames (2)"), Some(&1));
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_its_byte() {
+        let good = packet(1, 0, &[record(3, 4, 1, 7)]);
+        let mut wide = good.clone();
+        wide[4] = 9;
+        let mut negative = good.clone();
+        negative[23] = 0x80;
+        for bad in [wide, negative] {
+            let outcome = testing::read(&file("3.1", &[good.clone(), bad]));
+            let byte = file("3.1", std::slice::from_ref(&good)).len();
+            assert_eq!(outcome.events.len(), 1);
+            assert!(outcome.error.unwrap().contains(&format!("byte {byte}")));
+        }
+        let compressed = b"#!AER-DAT3.1\r\n#Format: PNGFrames\r\n#!END-HEADER\r\n";
+        assert!(testing::read(compressed).error.unwrap().contains("compressed"));
+        let nameless = b"#!AER-DAT3.0\r\n#Source 1: eDVS\r\n\0";
+        assert!(testing::read(nameless).error.unwrap().contains("--sensor"));
+    }
+
+    #[test]
+    fn damage_loses_no_more_than_it_must() {
+        let packets: Vec<Vec<u8>> = (0..4)
+            .map(|number| {
+                let records = (0..3).map(|index| record(index, number, 1, number * 5000 + index * 1000));
+                packet(1, 0, &records.collect::<Vec<_>>())
+            })
+            .collect();
+        testing::check_damage(&file("3.1", &packets));
+    }
+}

@@ -1,0 +1,147 @@
+//! What a recording holds beside events: frames and inertial samples.
+
+use super::ReadReport;
+
+/// A picture of the camera's frame sensor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Frame {
+    /// Time stamp in µs, on the clock of the events. Which moment it stands for depends on the program
+    /// that recorded: the start or the middle of the exposure.
+    pub t: i64,
+    /// Start and end of the exposure in µs, where the file gives them.
+    pub exposure: Option<(i64, i64)>,
+    /// Start and end of reading the sensor in µs, the exposure between them, where the file gives
+    /// them.
+    pub readout: Option<(i64, i64)>,
+    /// Width and height in pixels.
+    pub size: (u16, u16),
+    /// Column and row of the sensor at which the picture begins.
+    pub position: (u16, u16),
+    /// Values per pixel: 1 grey, 3 blue-green-red, 4 with alpha.
+    pub channels: usize,
+    /// width · height · channels values, row by row.
+    pub pixels: Vec<u8>,
+}
+
+/// One reading of the inertial measurement unit, in camera axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InertialSample {
+    /// Time stamp in µs, on the clock of the events.
+    pub t: i64,
+    /// Temperature in °C.
+    pub temperature: f32,
+    /// Accelerations x, y, z less gravity, in g. Zeros where they were not measured.
+    pub acceleration: [f32; 3],
+    /// Angular velocities about x, y, z in °/s. Zeros where they were not measured.
+    pub angular_velocity: [f32; 3],
+}
+
+/// Streams beside that of the events.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct OtherStreams {
+    /// Frames.
+    pub frames: bool,
+    /// Inertial samples.
+    pub imu: bool,
+}
+
+/// Time that a DAVIS346 takes to read the levels of all pixels of a frame, once before the exposure
+/// and once after it, in microseconds: as recordings of real ones show.
+pub const READOUT: i64 = 9200;
+
+/// A frame or an inertial sample.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Extra {
+    /// A frame.
+    Frame(Frame),
+    /// An inertial sample.
+    Inertial(InertialSample),
+}
+
+impl Extra {
+    /// When it begins, in µs.
+    pub fn start(&self) -> i64 {
+        match self {
+            Self::Frame(frame) => frame_start(frame),
+            Self::Inertial(sample) => sample.t,
+        }
+    }
+
+    /// The same, `shift` µs later.
+    pub fn later(mut self, shift: i64) -> Self {
+        let move_pair = |times: &mut Option<(i64, i64)>| {
+            *times = times.map(|(start, end)| (start.saturating_add(shift), end.saturating_add(shift)));
+        };
+        match &mut self {
+            Self::Frame(frame) => {
+                frame.t = frame.t.saturating_add(shift);
+                move_pair(&mut frame.exposure);
+                move_pair(&mut frame.readout);
+            }
+            Self::Inertial(sample) => sample.t = sample.t.saturating_add(shift),
+        }
+        self
+    }
+}
+
+/// When a frame begins, in µs: where it does not say when its sensor began to be read, before the
+/// exposure by the time that a camera takes for that.
+pub fn frame_start(frame: &Frame) -> i64 {
+    let exposure_start = frame.exposure.map_or(frame.t, |times| times.0.min(frame.t));
+    frame.readout.map_or(exposure_start.saturating_sub(READOUT), |times| times.0.min(exposure_start))
+}
+
+/// Hands out frames and inertial samples in order of time.
+pub trait ReadExtras {
+    /// Which kinds there are.
+    fn held(&self) -> OtherStreams;
+
+    /// When the first begins (µs), where that is known beforehand.
+    fn first_time(&mut self) -> Option<i64>;
+
+    /// The next one that begins at `end` (µs) or before; those of a camera come when they are complete.
+    /// What cannot be read is left out and goes to `lost`.
+    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra>;
+
+    /// Of the packets of other streams that a pass through the events passed over: those read here.
+    fn reads(&self, stream: &str) -> bool;
+
+    /// What this reader leaves out of what it hands over, in a sentence.
+    fn lessened(&self) -> Option<&'static str> {
+        None
+    }
+}
+
+/// For a target or a recording that has none.
+pub struct NoExtras;
+
+impl ReadExtras for NoExtras {
+    fn held(&self) -> OtherStreams {
+        OtherStreams::default()
+    }
+
+    fn first_time(&mut self) -> Option<i64> {
+        None
+    }
+
+    fn next_until(&mut self, _: i64, _: &mut Vec<String>) -> Option<Extra> {
+        None
+    }
+
+    fn reads(&self, _: &str) -> bool {
+        false
+    }
+}
+
+/// What a recording holds that `extras` does not hand over, in sentences.
+pub fn left_out(extras: &dyn ReadExtras, report: &ReadReport) -> Vec<String> {
+    let mut left_out = Vec::new();
+    for (name, count) in &report.other_packets {
+        if !extras.reads(name) {
+            let unit = if name.contains('(') { " packets of" } else { "" };
+            left_out.push(format!("{count}{unit} {name}"));
+        }
+    }
+    left_out.extend(extras.lessened().map(str::to_owned));
+    left_out
+}

@@ -1,0 +1,147 @@
+//! DAT: decoded events, 8 bytes each.
+//!
+//! Behind the header a byte with the kind of the records (0 or 12: events) and one with their size, 8. A record is u32
+//! time in µs and u32 data, little-endian:
+//!
+//! | version | column | row | polarity |
+//! |---|---|---|---|
+//! | 1 | bits 0–8 | 9–16 | 17 |
+//! | 2 | bits 0–13 | 14–27 | 28–31 |
+//!
+//! Time wraps after 71.6 min.
+
+use std::path::Path;
+
+use evcal_core::event::{Event, Polarity};
+
+use super::header::Header;
+use crate::recording::bytes::ByteReader;
+use crate::recording::{
+    Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingInformation, RecordingOptions, Truncation,
+};
+
+/// Prophesee DAT.
+pub const FORMAT: FileFormat = FileFormat::of_events("Prophesee DAT", |head| layout(head).is_some(), open);
+
+/// Bytes that are decoded at a time: whole records.
+const BLOCK: u64 = 1 << 18;
+/// Kinds of records that are events.
+const EVENT_KINDS: [u8; 2] = [0, 12];
+
+/// The header, if it is followed by records that are events.
+fn layout(head: &Head) -> Option<Header> {
+    let header = Header::parse(&head.bytes)?;
+    let &[kind, size] = head.bytes.get(header.length..)?.first_chunk()?;
+    let of_camera = header.get("evt").or_else(|| header.get("format")).is_some();
+    (EVENT_KINDS.contains(&kind) && size == 8 && !of_camera).then_some(header)
+}
+
+struct Decoder {
+    file: ByteReader,
+    information: RecordingInformation,
+    version_1: bool,
+    block: Vec<u8>,
+    /// Latest time as it stands in the file, and what to add to it.
+    latest: u32,
+    turns: i64,
+}
+
+fn open(path: &Path, _: &RecordingOptions) -> Opened {
+    let mut file = ByteReader::open(path)?;
+    let header = layout(&Head::read(path)?).ok_or_else(|| file.damaged(0, "the header has changed"))?;
+    file.seek(header.length as u64 + 2)?;
+    let mut notes = Vec::new();
+    let version = header.get("Version").or_else(|| header.get("version"));
+    if version.is_none() {
+        notes.push("the header gives no version: taken for version 1".to_owned());
+    }
+    let version_1 = version.is_none_or(|version| version == "1");
+    let (sensor, camera_name) = (header.sensor(), header.camera_name());
+    let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, notes };
+    Ok(Box::new(Decoder { file, information, version_1, block: Vec::new(), latest: 0, turns: 0 }))
+}
+
+impl Decoder {
+    fn event(&mut self, record: [u8; 8]) -> Event {
+        let [a, b, c, d, e, f, g, h] = record;
+        let (t, data) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]));
+        if self.latest.checked_sub(t).is_some_and(|step| step > 1 << 31) {
+            self.turns = self.turns.saturating_add(1 << 32);
+        }
+        self.latest = t;
+        let bits = |first: u32, count: u32| (data >> first & ((1 << count) - 1)) as u16;
+        let (x, y, on) = match self.version_1 {
+            true => (bits(0, 9), bits(9, 8), bits(17, 1)),
+            false => (bits(0, 14), bits(14, 14), bits(28, 4)),
+        };
+        let polarity = if on == 0 { Polarity::Off } else { Polarity::On };
+        Event { t: self.turns.saturating_add(t.into()), x, y, polarity }
+    }
+}
+
+impl Decode for Decoder {
+    fn information(&self) -> &RecordingInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        let mut block = std::mem::take(&mut self.block);
+        self.file.read(&mut block, BLOCK)?;
+        let (records, rest) = block.as_chunks();
+        batch.extend(records.iter().map(|record| self.event(*record)));
+        if !rest.is_empty() {
+            let byte = self.file.position() - rest.len() as u64;
+            report.truncated = Some(Truncation { byte, lost: format!("{} bytes of an event are left", rest.len()) });
+        }
+        let more = block.len() as u64 == BLOCK;
+        self.block = block;
+        Ok(more)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::sensor::Sensor;
+
+    use super::*;
+    use crate::recording::testing;
+
+    const HEADER: &[u8] = b"% Data file containing CD events.\n% Version 2\n% Height 240\n% Width 304\n";
+
+    fn file(header: &[u8], records: &[[u32; 2]]) -> Vec<u8> {
+        let records = records.iter().flatten().flat_map(|value| value.to_le_bytes());
+        header.iter().copied().chain([12, 8]).chain(records).collect()
+    }
+
+    #[test]
+    fn records_made_by_hand() {
+        // (303, 239) ON; (5, 1) OFF; 71.6 min later in all.
+        let records = [[0xffff_fff0, 0x103b_c12f], [0xffff_ffff, 0x0000_4005], [4, 0x1000_0000]];
+        let outcome = testing::read(&file(HEADER, &records));
+        let event = |t, x, y, polarity| Event { t, x, y, polarity };
+        let expected = [
+            event(0xffff_fff0, 303, 239, Polarity::On),
+            event(0xffff_ffff, 5, 1, Polarity::Off),
+            event((1 << 32) + 4, 0, 0, Polarity::On),
+        ];
+        assert_eq!((outcome.events.as_slice(), outcome.error), (expected.as_slice(), None));
+        let information = outcome.information.unwrap();
+        assert_eq!((information.format, information.sensor), ("Prophesee DAT", Some(Sensor::new(304, 240))));
+    }
+
+    #[test]
+    fn version_1_has_fewer_bits() {
+        // 9 bits of 303, 8 of 239, ON.
+        let records = [[7, (1 << 17) + (239 << 9) + 303]];
+        for header in [b"% Version 1\n".as_slice(), b"% Date 2015\n"] {
+            let outcome = testing::read(&file(header, &records));
+            assert_eq!(outcome.events, [Event { t: 7, x: 303, y: 239, polarity: Polarity::On }]);
+        }
+    }
+
+    #[test]
+    fn damage_loses_no_more_than_it_must() {
+        let records: Vec<[u32; 2]> = (0..20).map(|index| [index * 1000, index * 0x4001]).collect();
+        testing::check_damage(&file(HEADER, &records));
+    }
+}

@@ -1,0 +1,24 @@
+//! Recordings of ROS: bags of ROS 1 and MCAP files of ROS 2.
+//!
+//! | message | what is read |
+//! |---|---|
+//! | `dvs_msgs/EventArray`, `prophesee_event_msgs/EventArray` | events |
+//! | `event_camera_msgs/EventPacket` | events, encodings `evt3`, `libcaer`, `libcaer_cmp`, `mono` |
+//! | `sensor_msgs/Image` | frames: `mono8`, `mono16`, `bgr8`, `rgb8` |
+//! | `sensor_msgs/Imu` | inertial samples |
+//!
+//! Times are those in the messages, which a sensor gave; when a message was recorded decides on the order only.
+
+mod bag;
+mod container;
+mod events;
+mod extras;
+mod fields;
+mod mcap;
+mod message;
+mod packet;
+#[cfg(test)]
+mod tests;
+
+pub use bag::FORMAT as BAG_FORMAT;
+pub use mcap::FORMAT as MCAP_FORMAT;

@@ -1,0 +1,248 @@
+//! Bags of ROS 1, version 2.0.
+//!
+//! A line `#ROSBAG V2.0`, then records: u32 length and header, u32 length and data. A header is a sequence of fields, u32
+//! length and `name=value`. `op` says what the record is: 5 a chunk (records, perhaps packed as bz2 or LZ4), 7 a
+//! connection (a topic and its type), 2 a message; the others are an index, which is not needed.
+
+use std::path::Path;
+
+use super::container::{Container, MessageHead, Topic, unpack};
+use super::fields::Wire;
+use super::message::Kind;
+use super::{events, extras};
+use crate::recording::bytes::ByteReader;
+use crate::recording::{FileFormat, RecordingError, Truncation};
+
+const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
+
+/// ROS bag.
+pub const FORMAT: FileFormat = FileFormat {
+    streams: |path, _| events::summarise(open, path),
+    frames: Some(|path, _, visit| extras::visit_frames(open, path, visit)),
+    extras: Some(|path, _| extras::open(open, path)),
+    ..FileFormat::of_events(
+        "ROS bag",
+        |head| head.bytes.starts_with(MAGIC),
+        |path, options| events::open(FORMAT.name, open, path, options),
+    )
+};
+
+const CHUNK: u8 = 5;
+const CONNECTION: u8 = 7;
+const MESSAGE: u8 = 2;
+
+fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+    let mut file = ByteReader::open(path)?;
+    file.seek(MAGIC.len() as u64)?;
+    Ok(Box::new(Bag {
+        file,
+        chunk: Chunk::default(),
+        header: Vec::new(),
+        packed: Vec::new(),
+        topics: Vec::new(),
+        connections: Vec::new(),
+        message: (0, 0),
+        truncated: None,
+        ended: false,
+    }))
+}
+
+struct Bag {
+    file: ByteReader,
+    chunk: Chunk,
+    header: Vec<u8>,
+    packed: Vec<u8>,
+    topics: Vec<Topic>,
+    /// Number of a connection and the place of its topic.
+    connections: Vec<(u32, usize)>,
+    /// Where the message is in the chunk.
+    message: (usize, usize),
+    truncated: Option<Truncation>,
+    ended: bool,
+}
+
+/// A chunk, unpacked. A message outside of chunks is treated as a chunk of its own.
+#[derive(Default)]
+struct Chunk {
+    bytes: Vec<u8>,
+    position: usize,
+    /// Where it is in the file.
+    byte: u64,
+}
+
+/// Header and data of a record, and the number of bytes of all.
+struct Record<'a> {
+    header: &'a [u8],
+    data: &'a [u8],
+    length: usize,
+}
+
+fn part(bytes: &[u8], from: usize) -> Option<&[u8]> {
+    let length = u32::from_le_bytes(*bytes.get(from..)?.first_chunk()?);
+    bytes.get(from + 4..)?.get(..usize::try_from(length).ok()?)
+}
+
+fn record(bytes: &[u8], from: usize) -> Option<Record<'_>> {
+    let header = part(bytes, from)?;
+    let data = part(bytes, from + 4 + header.len())?;
+    Some(Record { header, data, length: 8 + header.len() + data.len() })
+}
+
+/// The value of a field of a header.
+fn field<'a>(header: &'a [u8], name: &[u8]) -> Option<&'a [u8]> {
+    let mut position = 0;
+    while let Some(field) = part(header, position) {
+        position += 4 + field.len();
+        let equals = field.iter().position(|&byte| byte == b'=')?;
+        if field.get(..equals) == Some(name) {
+            return field.get(equals + 1..);
+        }
+    }
+    None
+}
+
+fn number(header: &[u8], name: &[u8]) -> Option<u32> {
+    Some(u32::from_le_bytes(*field(header, name)?.first_chunk()?))
+}
+
+fn operation(header: &[u8]) -> Option<u8> {
+    field(header, b"op")?.first().copied()
+}
+
+impl Bag {
+    /// Takes the next record of the file as chunk; false at the end.
+    fn next_chunk(&mut self) -> Result<bool, RecordingError> {
+        loop {
+            let start = self.file.position();
+            if self.file.left() == 0 {
+                return Ok(false);
+            }
+            let Some(header_length) = self.length(start)? else { return Ok(false) };
+            self.file.read(&mut self.header, header_length)?;
+            let Some(operation) = operation(&self.header) else {
+                self.ended = true;
+                return Err(self.file.damaged(start, "a record has no header that can be understood"));
+            };
+            let Some(length) = self.length(start)? else { return Ok(false) };
+            match operation {
+                CHUNK => {
+                    self.file.read(&mut self.packed, length)?;
+                    self.unpack(start)?;
+                    return Ok(true);
+                }
+                CONNECTION | MESSAGE => {
+                    self.file.read(&mut self.packed, length)?;
+                    let bytes = &mut self.chunk.bytes;
+                    bytes.clear();
+                    for part in [&self.header, &self.packed] {
+                        bytes.extend_from_slice(&u32::try_from(part.len()).unwrap_or(u32::MAX).to_le_bytes());
+                        bytes.extend_from_slice(part);
+                    }
+                    (self.chunk.position, self.chunk.byte) = (0, start);
+                    return Ok(true);
+                }
+                _ => self.file.seek(self.file.position() + length)?,
+            }
+        }
+    }
+
+    /// The length of the part of a record that comes next; `None` if the file ends before its end.
+    fn length(&mut self, record: u64) -> Result<Option<u64>, RecordingError> {
+        let length = self.file.array()?.map(|bytes| u64::from(u32::from_le_bytes(bytes)));
+        if let Some(length) = length.filter(|length| *length <= self.file.left()) {
+            return Ok(Some(length));
+        }
+        let lost = format!("a record is not whole: {} bytes of it are left", self.file.left());
+        self.truncated = Some(Truncation { byte: record, lost });
+        self.ended = true;
+        Ok(None)
+    }
+
+    fn unpack(&mut self, start: u64) -> Result<(), RecordingError> {
+        let size = number(&self.header, b"size").map_or(0, u64::from);
+        let unpacked = &mut self.chunk.bytes;
+        let packed = self.packed.as_slice();
+        let done = match field(&self.header, b"compression").unwrap_or_default() {
+            b"none" => unpack(packed, size, unpacked),
+            b"lz4" => unpack(lz4_flex::frame::FrameDecoder::new(packed), size, unpacked),
+            b"bz2" => unpack(bzip2::read::BzDecoder::new(packed), size, unpacked),
+            _ => Err("its compression is none of none, bz2 and lz4".to_owned()),
+        };
+        (self.chunk.position, self.chunk.byte) = (0, start);
+        done.map_err(|what| {
+            self.chunk.bytes.clear();
+            self.file.damaged(start, format!("a chunk is damaged: {what}"))
+        })
+    }
+
+    fn connect(&mut self, from: usize) -> Option<()> {
+        let record = record(&self.chunk.bytes, from)?;
+        let connection = number(record.header, b"conn")?;
+        if self.connections.iter().any(|(known, _)| *known == connection) {
+            return Some(());
+        }
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        let name = text(field(record.header, b"topic")?);
+        let type_name = text(field(record.data, b"type")?);
+        let same = |topic: &Topic| topic.name == name && topic.type_name == type_name;
+        let index = self.topics.iter().position(same).unwrap_or(self.topics.len());
+        if index == self.topics.len() {
+            self.topics.push(Topic { kind: Kind::of_type(&type_name), name, type_name, wire: Wire::Ros1 });
+        }
+        self.connections.push((connection, index));
+        Some(())
+    }
+}
+
+impl Container for Bag {
+    fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
+        loop {
+            if self.chunk.position >= self.chunk.bytes.len() {
+                if self.ended || !self.next_chunk()? {
+                    return Ok(None);
+                }
+                continue;
+            }
+            let position = self.chunk.position;
+            let Some(record) = record(&self.chunk.bytes, position) else {
+                self.chunk.bytes.clear();
+                return Err(self.file.damaged(self.chunk.byte, "a record of a chunk is longer than the chunk"));
+            };
+            let (operation, connection) = (operation(record.header), number(record.header, b"conn"));
+            let (length, data) = (record.length, record.data.len());
+            self.chunk.position += length;
+            match operation {
+                Some(CONNECTION) => self
+                    .connect(position)
+                    .ok_or_else(|| self.file.damaged(self.chunk.byte, "a connection names no topic or no type"))?,
+                Some(MESSAGE) => {
+                    let known = self.connections.iter().find(|(known, _)| Some(*known) == connection);
+                    let Some(&(_, topic)) = known else {
+                        return Err(self
+                            .file
+                            .damaged(self.chunk.byte, "a message is of a connection that is not known"));
+                    };
+                    self.message = (position + length - data, position + length);
+                    return Ok(Some(MessageHead { topic, byte: self.chunk.byte }));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn message(&self) -> &[u8] {
+        self.chunk.bytes.get(self.message.0..self.message.1).unwrap_or_default()
+    }
+
+    fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    fn truncated(&self) -> Option<&Truncation> {
+        self.truncated.as_ref()
+    }
+
+    fn damaged(&self, byte: u64, what: String) -> RecordingError {
+        self.file.damaged(byte, what)
+    }
+}

@@ -1,0 +1,72 @@
+//! Files of messages.
+
+use std::io::Read;
+use std::path::Path;
+
+use super::fields::Wire;
+use super::message::Kind;
+use crate::recording::{RecordingError, Truncation};
+
+/// A chunk that unpacks to more is damaged.
+const MOST_UNPACKED: u64 = 1 << 29;
+
+/// Messages of one name.
+#[derive(Clone, Debug)]
+pub struct Topic {
+    /// Its name, such as `/dvs/events`.
+    pub name: String,
+    /// The type of its messages.
+    pub type_name: String,
+    /// What they hold.
+    pub kind: Kind,
+    /// How they are put into bytes.
+    pub wire: Wire,
+}
+
+impl Topic {
+    /// Name and type.
+    pub fn description(&self) -> String {
+        format!("{} ({})", self.name, self.type_name)
+    }
+}
+
+/// Where a message is.
+#[derive(Clone, Debug)]
+pub struct MessageHead {
+    /// Its topic, a place in [`Container::topics`].
+    pub topic: usize,
+    /// Offset in the file of the message, or of the chunk it is in.
+    pub byte: u64,
+}
+
+/// A file of messages, read from its beginning.
+pub trait Container: Send {
+    /// The next message; `None` at the end, also of a file that was cut off.
+    ///
+    /// # Errors
+    /// After an error about one chunk, the messages behind it can still be read.
+    fn next(&mut self) -> Result<Option<MessageHead>, RecordingError>;
+
+    /// The message that was read last.
+    fn message(&self) -> &[u8];
+
+    /// The topics met so far.
+    fn topics(&self) -> &[Topic];
+
+    /// Set when the file ends too early.
+    fn truncated(&self) -> Option<&Truncation>;
+
+    /// An error about the message at `byte`.
+    fn damaged(&self, byte: u64, what: String) -> RecordingError;
+}
+
+/// Opens a file of messages.
+pub type OpenContainer = fn(&Path) -> Result<Box<dyn Container>, RecordingError>;
+
+/// Unpacks a chunk into `unpacked`; what is wrong with it if that fails.
+pub fn unpack(mut packed: impl Read, size: u64, unpacked: &mut Vec<u8>) -> Result<(), String> {
+    unpacked.clear();
+    let most = size.min(MOST_UNPACKED);
+    let read = packed.by_ref().take(most + 1).read_to_end(unpacked).map_err(|error| error.to_string())?;
+    if read as u64 == size { Ok(()) } else { Err(format!("it unpacks to other than {size} bytes")) }
+}

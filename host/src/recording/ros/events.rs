@@ -1,0 +1,175 @@
+//! The events of one topic.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use evcal_core::event::Event;
+
+use super::container::{Container, MessageHead, OpenContainer, Topic};
+use super::message::{self, Kind};
+use super::packet::PacketDecoder;
+use crate::recording::prophesee::{TRIGGERS, tell};
+use crate::recording::{
+    Damage, Decode, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
+    StreamSummary,
+};
+
+/// A batch is handed out as soon as it has this many events.
+const BATCH: usize = 16_384;
+
+struct Decoder {
+    container: Box<dyn Container>,
+    topic: String,
+    damage: Damage,
+    information: RecordingInformation,
+    packets: PacketDecoder,
+    other: BTreeMap<String, u64>,
+}
+
+/// Starts reading the events of the topic that is asked for, or of the first one.
+pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &RecordingOptions) -> Opened {
+    let mut container = open(path)?;
+    let wanted = options.stream.as_deref();
+    let head = first_of(&mut *container, wanted, options.damage)?;
+    let topic = head.as_ref().and_then(|head| Some((head, container.topics().get(head.topic)?)));
+    let Some((head, topic)) = topic else {
+        return Err(RecordingError::new(path, no_topic(container.topics(), wanted)));
+    };
+    let described = message::description(topic.kind, topic.wire, container.message());
+    let (sensor, encoding) = described.map_err(|error| damaged(&*container, head, topic, &error.to_string()))?;
+    let mut notes = vec![format!("events of the topic {} are read", topic.name)];
+    if let Some(encoding) = encoding {
+        notes.push(format!("they are encoded as {encoding}"));
+        if encoding == "evt3" {
+            notes.push("their times are those of the sensor's clock, not of other topics".to_owned());
+        }
+    }
+    let information = RecordingInformation { format, sensor: Some(sensor), camera_name: None, notes };
+    let topic = topic.name.clone();
+    let packets = PacketDecoder::default();
+    let container = open(path)?;
+    Ok(Box::new(Decoder { container, topic, damage: options.damage, information, packets, other: BTreeMap::new() }))
+}
+
+/// The first message with events of the topic `wanted`, or of any.
+fn first_of(
+    container: &mut dyn Container,
+    wanted: Option<&str>,
+    damage: Damage,
+) -> Result<Option<MessageHead>, RecordingError> {
+    loop {
+        let head = match container.next() {
+            Ok(Some(head)) => head,
+            Ok(None) => return Ok(None),
+            Err(error) if is_skipped(&error, damage) => continue,
+            Err(error) => return Err(error),
+        };
+        let fits = |topic: &Topic| topic.kind.holds_events() && wanted.is_none_or(|wanted| wanted == topic.name);
+        if container.topics().get(head.topic).is_some_and(fits) {
+            return Ok(Some(head));
+        }
+    }
+}
+
+fn is_skipped(error: &RecordingError, damage: Damage) -> bool {
+    damage == Damage::Skip && matches!(error.kind, RecordingErrorKind::Damaged { .. })
+}
+
+fn no_topic(topics: &[Topic], wanted: Option<&str>) -> RecordingErrorKind {
+    let list = |topics: Vec<String>| if topics.is_empty() { "none".to_owned() } else { topics.join(", ") };
+    let of_events = topics.iter().filter(|topic| topic.kind.holds_events());
+    match wanted {
+        Some(wanted) => RecordingErrorKind::NoSuchStream {
+            wanted: wanted.to_owned(),
+            available: list(of_events.map(Topic::description).collect()),
+        },
+        None => RecordingErrorKind::NoEventStream(list(topics.iter().map(Topic::description).collect())),
+    }
+}
+
+fn damaged(container: &dyn Container, head: &MessageHead, topic: &Topic, what: &str) -> RecordingError {
+    container.damaged(head.byte, format!("a message of {} is damaged: {what}", topic.name))
+}
+
+impl Decoder {
+    /// Appends the events of the next message; false at the end.
+    fn next_message(&mut self, batch: &mut Vec<Event>) -> Result<bool, RecordingError> {
+        let Some(head) = self.container.next()? else { return Ok(false) };
+        let Some(topic) = self.container.topics().get(head.topic) else { return Ok(true) };
+        if topic.name != self.topic || !topic.kind.holds_events() {
+            *self.other.entry(topic.description()).or_default() += 1;
+            return Ok(true);
+        }
+        let message = self.container.message();
+        let decoded = message::events(topic.kind, topic.wire, message, &mut self.packets, batch);
+        decoded.map_err(|error| damaged(&*self.container, &head, topic, &error.to_string()))?;
+        Ok(true)
+    }
+}
+
+impl Decode for Decoder {
+    fn information(&self) -> &RecordingInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        let mut more = true;
+        while more && batch.len() < BATCH {
+            match self.next_message(batch) {
+                Ok(there_is) => more = there_is,
+                Err(error) if is_skipped(&error, self.damage) => report.damaged_packets += 1,
+                Err(error) => return Err(error),
+            }
+        }
+        tell(self.packets.counts(), report);
+        if self.packets.triggers > 0 {
+            self.other.insert(TRIGGERS.to_owned(), self.packets.triggers);
+        }
+        report.other_packets.clone_from(&self.other);
+        report.truncated = self.container.truncated().cloned();
+        Ok(more)
+    }
+}
+
+/// Counts what the topics of the file at `path` hold. Messages that are damaged count as messages only.
+pub fn summarise(open: OpenContainer, path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
+    let mut container = open(path)?;
+    let mut summaries: Vec<StreamSummary> = Vec::new();
+    let mut decoders: Vec<PacketDecoder> = Vec::new();
+    let mut events = Vec::new();
+    loop {
+        let head = match container.next() {
+            Ok(Some(head)) => head,
+            // Damage is for the reader of events to report.
+            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
+            Err(error) => return Err(error),
+        };
+        for topic in container.topics().get(summaries.len()..).unwrap_or_default() {
+            summaries.push(StreamSummary { name: topic.description(), packets: 0, elements: 0, times_us: None });
+            decoders.push(PacketDecoder::default());
+        }
+        let places = (summaries.get_mut(head.topic), decoders.get_mut(head.topic), container.topics().get(head.topic));
+        let (Some(summary), Some(decoder), Some(topic)) = places else { continue };
+        summary.packets += 1;
+        let (wire, message) = (topic.wire, container.message());
+        events.clear();
+        let (count, times) = match topic.kind {
+            Kind::EventArray | Kind::EventPacket => {
+                // What comes before damage counts.
+                let _ = message::events(topic.kind, wire, message, decoder, &mut events);
+                (events.len() as u64, events.first().zip(events.last()).map(|(first, last)| (first.t, last.t)))
+            }
+            Kind::Image | Kind::Imu => {
+                let time = super::fields::Fields::new(wire, message).and_then(|mut fields| fields.header()).ok();
+                (1, time.map(|t| (t, t)))
+            }
+            Kind::Other => (1, None),
+        };
+        summary.elements += count;
+        summary.times_us = match (summary.times_us, times) {
+            (Some((first, _)), Some((_, last))) => Some((first, last)),
+            (earlier, later) => earlier.or(later),
+        };
+    }
+    Ok(summaries)
+}

@@ -1,0 +1,124 @@
+//! The fields of a message, one after the other.
+
+/// How messages are put into bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wire {
+    /// ROS 1: nothing between the fields.
+    Ros1,
+    /// ROS 2: CDR. Four bytes of encapsulation; then numbers stand at multiples of their size, counted from behind it.
+    Cdr,
+}
+
+/// A message ends within a field, or a field contradicts its type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MessageError {
+    /// There are fewer bytes than the fields need.
+    #[error("the message ends within {0}")]
+    TooShort(&'static str),
+    /// Not little-endian CDR.
+    #[error("the message is not in little-endian CDR")]
+    Encapsulation,
+    /// A picture whose rows are longer than it says.
+    #[error("the picture has fewer bytes in a row than pixels")]
+    Rows,
+    /// An encoding of events that is not known.
+    #[error("the events are encoded in a way that is not known here (known: evt3, libcaer, libcaer_cmp, mono)")]
+    Encoding,
+    /// Big-endian events.
+    #[error("the events are big-endian")]
+    BigEndian,
+}
+
+/// Reads fields from the front of a message.
+pub struct Fields<'a> {
+    rest: &'a [u8],
+    /// Bytes read so far, where they count for the alignment.
+    position: usize,
+    wire: Wire,
+}
+
+impl<'a> Fields<'a> {
+    /// At the beginning of a message.
+    pub fn new(wire: Wire, message: &'a [u8]) -> Result<Self, MessageError> {
+        let rest = match (wire, message) {
+            (Wire::Ros1, message) => message,
+            (Wire::Cdr, [0, 1, _, _, rest @ ..]) => rest,
+            (Wire::Cdr, _) => return Err(MessageError::Encapsulation),
+        };
+        Ok(Self { rest, position: 0, wire })
+    }
+
+    fn take(&mut self, count: usize, what: &'static str) -> Result<&'a [u8], MessageError> {
+        let (taken, rest) = self.rest.split_at_checked(count).ok_or(MessageError::TooShort(what))?;
+        self.rest = rest;
+        self.position += count;
+        Ok(taken)
+    }
+
+    fn number<const N: usize>(&mut self, what: &'static str) -> Result<[u8; N], MessageError> {
+        if self.wire == Wire::Cdr {
+            self.take(self.position.next_multiple_of(N) - self.position, what)?;
+        }
+        self.take(N, what)?.try_into().map_err(|_| MessageError::TooShort(what))
+    }
+
+    pub fn u8(&mut self, what: &'static str) -> Result<u8, MessageError> {
+        self.number(what).map(u8::from_le_bytes)
+    }
+
+    pub fn u16(&mut self, what: &'static str) -> Result<u16, MessageError> {
+        self.number(what).map(u16::from_le_bytes)
+    }
+
+    pub fn u32(&mut self, what: &'static str) -> Result<u32, MessageError> {
+        self.number(what).map(u32::from_le_bytes)
+    }
+
+    pub fn u64(&mut self, what: &'static str) -> Result<u64, MessageError> {
+        self.number(what).map(u64::from_le_bytes)
+    }
+
+    pub fn f64(&mut self, what: &'static str) -> Result<f64, MessageError> {
+        self.number(what).map(f64::from_le_bytes)
+    }
+
+    /// A sequence of bytes with its length in front.
+    pub fn bytes(&mut self, what: &'static str) -> Result<&'a [u8], MessageError> {
+        let length = self.u32(what)?;
+        self.take(usize::try_from(length).unwrap_or(usize::MAX), what)
+    }
+
+    /// A text with its length in front; in CDR a zero byte ends it.
+    pub fn text(&mut self, what: &'static str) -> Result<&'a [u8], MessageError> {
+        let text = self.bytes(what)?;
+        Ok(match self.wire {
+            Wire::Ros1 => text,
+            Wire::Cdr => text.strip_suffix(&[0]).unwrap_or(text),
+        })
+    }
+
+    /// A point in time as seconds and nanoseconds, in µs.
+    pub fn time(&mut self, what: &'static str) -> Result<i64, MessageError> {
+        let seconds = self.u32(what)?;
+        let seconds = match self.wire {
+            Wire::Ros1 => i64::from(seconds),
+            Wire::Cdr => i64::from(seconds.cast_signed()),
+        };
+        Ok(seconds * 1_000_000 + i64::from(self.u32(what)? / 1000))
+    }
+
+    /// The header of most messages; its time in µs.
+    pub fn header(&mut self) -> Result<i64, MessageError> {
+        if self.wire == Wire::Ros1 {
+            self.u32("the header")?;
+        }
+        let time = self.time("the header")?;
+        self.text("the header")?;
+        Ok(time)
+    }
+
+    /// What has not been read.
+    pub fn rest(&self) -> &'a [u8] {
+        self.rest
+    }
+}

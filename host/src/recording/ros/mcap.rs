@@ -1,0 +1,235 @@
+//! MCAP, the usual container of ROS 2.
+//!
+//! Records of u8 kind, u64 length and content: 3 a schema (the type of messages), 4 a channel (a topic), 5 a message, 6 a
+//! chunk of such records (perhaps packed as LZ4 or Zstandard), 15 the end of the data. What follows is an index, which is
+//! not needed.
+
+use std::path::Path;
+
+use super::container::{Container, MessageHead, Topic, unpack};
+use super::fields::{Fields, MessageError, Wire};
+use super::message::Kind;
+use super::{events, extras};
+use crate::recording::bytes::ByteReader;
+use crate::recording::{FileFormat, RecordingError, Truncation};
+
+const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+
+/// MCAP.
+pub const FORMAT: FileFormat = FileFormat {
+    streams: |path, _| events::summarise(open, path),
+    frames: Some(|path, _, visit| extras::visit_frames(open, path, visit)),
+    extras: Some(|path, _| extras::open(open, path)),
+    ..FileFormat::of_events(
+        "MCAP",
+        |head| head.bytes.starts_with(MAGIC),
+        |path, options| events::open(FORMAT.name, open, path, options),
+    )
+};
+
+const SCHEMA: u8 = 3;
+const CHANNEL: u8 = 4;
+const MESSAGE: u8 = 5;
+const CHUNK: u8 = 6;
+const DATA_END: u8 = 15;
+/// Kind and length of a record.
+const RECORD_HEAD: usize = 9;
+
+fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+    let mut file = ByteReader::open(path)?;
+    file.seek(MAGIC.len() as u64)?;
+    Ok(Box::new(Mcap {
+        file,
+        records: Vec::new(),
+        position: 0,
+        byte: 0,
+        packed: Vec::new(),
+        schemas: Vec::new(),
+        channels: Vec::new(),
+        topics: Vec::new(),
+        message: (0, 0),
+        truncated: None,
+        ended: false,
+    }))
+}
+
+struct Mcap {
+    file: ByteReader,
+    /// The records of a chunk, or one outside of chunks.
+    records: Vec<u8>,
+    position: usize,
+    /// Where they are in the file.
+    byte: u64,
+    packed: Vec<u8>,
+    /// Numbers and names of schemas.
+    schemas: Vec<(u16, String)>,
+    /// Number of a channel and the place of its topic.
+    channels: Vec<(u16, usize)>,
+    topics: Vec<Topic>,
+    /// Where the message is in the records.
+    message: (usize, usize),
+    truncated: Option<Truncation>,
+    ended: bool,
+}
+
+fn text(fields: &mut Fields) -> Result<String, MessageError> {
+    Ok(String::from_utf8_lossy(fields.text("a name")?).into_owned())
+}
+
+impl Mcap {
+    /// Takes the next record of the file, or the records of the next chunk; false at the end.
+    fn next_records(&mut self) -> Result<bool, RecordingError> {
+        loop {
+            let start = self.file.position();
+            let Some([kind, length @ ..]) = self.file.array::<RECORD_HEAD>()? else {
+                return self.cut_off(start);
+            };
+            let length = u64::from_le_bytes(length);
+            if length > self.file.left() {
+                return self.cut_off(start);
+            }
+            match kind {
+                CHUNK => {
+                    self.file.read(&mut self.packed, length)?;
+                    (self.position, self.byte) = (0, start);
+                    self.unpack().map_err(|what| {
+                        self.records.clear();
+                        self.file.damaged(start, format!("a chunk is damaged: {what}"))
+                    })?;
+                    return Ok(true);
+                }
+                SCHEMA | CHANNEL | MESSAGE => {
+                    self.file.read(&mut self.packed, length)?;
+                    self.records.clear();
+                    self.records.push(kind);
+                    self.records.extend_from_slice(&length.to_le_bytes());
+                    self.records.extend_from_slice(&self.packed);
+                    (self.position, self.byte) = (0, start);
+                    return Ok(true);
+                }
+                DATA_END => {
+                    self.ended = true;
+                    return Ok(false);
+                }
+                _ => self.file.seek(self.file.position() + length)?,
+            }
+        }
+    }
+
+    fn cut_off(&mut self, byte: u64) -> Result<bool, RecordingError> {
+        let lost = "the end of the data is missing".to_owned();
+        self.truncated = Some(Truncation { byte, lost });
+        self.ended = true;
+        Ok(false)
+    }
+
+    fn unpack(&mut self) -> Result<(), String> {
+        let mut fields = Fields::new(Wire::Ros1, &self.packed).map_err(|error| error.to_string())?;
+        let mut head = || {
+            fields.u64("its head")?;
+            fields.u64("its head")?;
+            let size = fields.u64("its head")?;
+            fields.u32("its head")?;
+            let compression = fields.text("its head")?;
+            let length = fields.u64("its head")?;
+            Ok((size, compression, length, fields.rest()))
+        };
+        let (size, compression, length, packed) = head().map_err(|error: MessageError| error.to_string())?;
+        let packed = usize::try_from(length).ok().and_then(|length| packed.get(..length));
+        let packed = packed.ok_or("it ends within its records")?;
+        let records = &mut self.records;
+        match compression {
+            b"" => unpack(packed, size, records),
+            b"lz4" => unpack(lz4_flex::frame::FrameDecoder::new(packed), size, records),
+            b"zstd" => {
+                let decoder = zstd::stream::read::Decoder::with_buffer(packed).map_err(|error| error.to_string())?;
+                unpack(decoder, size, records)
+            }
+            _ => Err("its compression is neither lz4 nor zstd".to_owned()),
+        }
+    }
+
+    /// Takes note of a schema or channel.
+    fn describe(&mut self, kind: u8, from: usize, to: usize) -> Result<(), MessageError> {
+        let content = self.records.get(from..to).unwrap_or_default();
+        let mut fields = Fields::new(Wire::Ros1, content)?;
+        let id = fields.u16("its number")?;
+        if kind == SCHEMA {
+            let name = text(&mut fields)?;
+            self.schemas.retain(|(known, _)| *known != id);
+            self.schemas.push((id, name));
+            return Ok(());
+        }
+        let schema = fields.u16("its schema")?;
+        let (name, encoding) = (text(&mut fields)?, text(&mut fields)?);
+        let type_name = self.schemas.iter().find(|(known, _)| *known == schema);
+        let type_name = type_name.map(|(_, name)| name.clone()).unwrap_or_default();
+        let (known_kind, wire) = match encoding.as_str() {
+            "cdr" => (Kind::of_type(&type_name), Wire::Cdr),
+            "ros1" => (Kind::of_type(&type_name), Wire::Ros1),
+            _ => (Kind::Other, Wire::Ros1),
+        };
+        if !self.channels.iter().any(|(known, _)| *known == id) {
+            self.channels.push((id, self.topics.len()));
+            self.topics.push(Topic { name, type_name, kind: known_kind, wire });
+        }
+        Ok(())
+    }
+}
+
+impl Container for Mcap {
+    fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
+        loop {
+            let Some(head) = self.records.get(self.position..).filter(|rest| !rest.is_empty()) else {
+                if self.ended || !self.next_records()? {
+                    return Ok(None);
+                }
+                continue;
+            };
+            let end = head.split_first_chunk::<RECORD_HEAD>().and_then(|(&[_, ref length @ ..], _)| {
+                let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
+                let end = self.position.checked_add(RECORD_HEAD)?.checked_add(length)?;
+                (end <= self.records.len()).then_some(end)
+            });
+            let (Some(end), Some(&kind)) = (end, head.first()) else {
+                self.records.clear();
+                return Err(self.file.damaged(self.byte, "a record of a chunk is longer than the chunk"));
+            };
+            let start = self.position + RECORD_HEAD;
+            self.position = end;
+            match kind {
+                SCHEMA | CHANNEL => self
+                    .describe(kind, start, end)
+                    .map_err(|error| self.file.damaged(self.byte, format!("a channel is damaged: {error}")))?,
+                MESSAGE => {
+                    // Channel, number, and two times.
+                    let channel = self.records.get(start..end).and_then(|content| content.first_chunk());
+                    let channel = channel.map(|bytes| u16::from_le_bytes(*bytes));
+                    let known = self.channels.iter().find(|(known, _)| Some(*known) == channel);
+                    let Some(&(_, topic)) = known else {
+                        return Err(self.file.damaged(self.byte, "a message is of a channel that is not known"));
+                    };
+                    self.message = ((start + 22).min(end), end);
+                    return Ok(Some(MessageHead { topic, byte: self.byte }));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn message(&self) -> &[u8] {
+        self.records.get(self.message.0..self.message.1).unwrap_or_default()
+    }
+
+    fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    fn truncated(&self) -> Option<&Truncation> {
+        self.truncated.as_ref()
+    }
+
+    fn damaged(&self, byte: u64, what: String) -> RecordingError {
+        self.file.damaged(byte, what)
+    }
+}

@@ -1,0 +1,157 @@
+//! The messages that are understood.
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+
+use super::fields::{Fields, MessageError, Wire};
+use super::packet::PacketDecoder;
+use crate::recording::extras::{Frame, InertialSample};
+
+/// Standard gravity in m/s².
+const GRAVITY: f64 = 9.806_65;
+
+/// What a message holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// An array of events.
+    EventArray,
+    /// Encoded events.
+    EventPacket,
+    /// A picture.
+    Image,
+    /// An inertial sample.
+    Imu,
+    /// Anything else.
+    Other,
+}
+
+impl Kind {
+    /// The kind of a type such as `dvs_msgs/EventArray` or `dvs_msgs/msg/EventArray`.
+    pub fn of_type(name: &str) -> Self {
+        let (package, message) = (name.split('/').next(), name.rsplit('/').next());
+        match (package, message) {
+            (Some("dvs_msgs" | "prophesee_event_msgs"), Some("EventArray")) => Self::EventArray,
+            (Some("event_camera_msgs" | "event_array_msgs"), Some("EventPacket" | "EventArray")) => Self::EventPacket,
+            (Some("sensor_msgs"), Some("Image")) => Self::Image,
+            (Some("sensor_msgs"), Some("Imu")) => Self::Imu,
+            _ => Self::Other,
+        }
+    }
+
+    /// Whether it holds events.
+    pub fn holds_events(self) -> bool {
+        matches!(self, Self::EventArray | Self::EventPacket)
+    }
+}
+
+fn side(size: u32) -> u16 {
+    // What is larger than any sensor is refused later.
+    u16::try_from(size).unwrap_or(u16::MAX)
+}
+
+/// The size of the sensor in a message with events, and the encoding where it has one.
+pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<(Sensor, Option<String>), MessageError> {
+    let mut fields = Fields::new(wire, message)?;
+    fields.header()?;
+    let (height, width) = (fields.u32("its size")?, fields.u32("its size")?);
+    let sensor = Sensor::new(side(width), side(height));
+    if kind != Kind::EventPacket {
+        return Ok((sensor, None));
+    }
+    fields.u64("its number")?;
+    fields.u64("its time")?;
+    let encoding = String::from_utf8_lossy(fields.text("its encoding")?).into_owned();
+    Ok((sensor, Some(encoding)))
+}
+
+/// Appends the events of a message of `kind`. Events before an error count.
+pub fn events(
+    kind: Kind,
+    wire: Wire,
+    message: &[u8],
+    decoder: &mut PacketDecoder,
+    events: &mut Vec<Event>,
+) -> Result<(), MessageError> {
+    let mut fields = Fields::new(wire, message)?;
+    fields.header()?;
+    fields.u32("its size")?;
+    fields.u32("its size")?;
+    match kind {
+        Kind::EventArray => {
+            let count = fields.u32("the number of events")?;
+            for _ in 0..count {
+                let (x, y) = (fields.u16("an event")?, fields.u16("an event")?);
+                let t = fields.time("an event")?;
+                let polarity = if fields.u8("an event")? == 0 { Polarity::Off } else { Polarity::On };
+                events.push(Event { t, x, y, polarity });
+            }
+            Ok(())
+        }
+        Kind::EventPacket => {
+            fields.u64("its number")?;
+            let time_base = fields.u64("its time")?;
+            let encoding = fields.text("its encoding")?;
+            if fields.u8("its byte order")? != 0 {
+                return Err(MessageError::BigEndian);
+            }
+            let payload = fields.bytes("the events")?;
+            decoder.decode(encoding, time_base, payload, events)
+        }
+        Kind::Image | Kind::Imu | Kind::Other => Ok(()),
+    }
+}
+
+/// The picture of an `Image`; `None` if it is neither grey nor in colour, such as a depth.
+pub fn frame(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
+    let mut fields = Fields::new(wire, message)?;
+    let t = fields.header()?;
+    let (height, width) = (fields.u32("its size")?, fields.u32("its size")?);
+    let encoding = fields.text("its encoding")?;
+    let big_endian = fields.u8("its byte order")? != 0;
+    let step = usize::try_from(fields.u32("its step")?).unwrap_or(usize::MAX);
+    let data = fields.bytes("the picture")?;
+    let (channels, bytes) = match encoding {
+        b"mono8" | b"8UC1" => (1, 1),
+        b"mono16" | b"16UC1" => (1, 2),
+        b"bgr8" | b"rgb8" | b"8UC3" => (3, 3),
+        _ => return Ok(None),
+    };
+    let (Ok(columns), Ok(rows)) = (u16::try_from(width), u16::try_from(height)) else { return Ok(None) };
+    let row_bytes = usize::from(columns) * bytes;
+    if step < row_bytes || step == 0 || data.len() < step.saturating_mul(rows.into()) {
+        return Err(MessageError::Rows);
+    }
+    let rows_of_bytes = data.chunks_exact(step).take(rows.into()).filter_map(|row| row.get(..row_bytes));
+    let pixels = match encoding {
+        b"mono16" | b"16UC1" => {
+            let upper = usize::from(!big_endian);
+            rows_of_bytes.flat_map(|row| row.as_chunks::<2>().0).map(|pixel| pixel[upper]).collect()
+        }
+        b"rgb8" => rows_of_bytes.flat_map(|row| row.as_chunks().0).flat_map(|&[r, g, b]| [b, g, r]).collect(),
+        _ => rows_of_bytes.flatten().copied().collect(),
+    };
+    Ok(Some(Frame { t, exposure: None, readout: None, size: (columns, rows), position: (0, 0), channels, pixels }))
+}
+
+/// The sample of an `Imu`.
+pub fn inertial_sample(wire: Wire, message: &[u8]) -> Result<InertialSample, MessageError> {
+    let mut fields = Fields::new(wire, message)?;
+    let t = fields.header()?;
+    let mut numbers = |count: usize| (0..count).map(|_| fields.f64("its numbers")).collect::<Result<Vec<_>, _>>();
+    // Orientation and its covariance, which such a sensor does not know.
+    numbers(4 + 9)?;
+    let angular_velocity = numbers(3)?;
+    numbers(9)?;
+    let acceleration = numbers(3)?;
+    let three = |values: &[f64], scale: f64| {
+        let mut result = [0.0_f32; 3];
+        result.iter_mut().zip(values).for_each(|(to, from)| *to = (from * scale) as f32);
+        result
+    };
+    Ok(InertialSample {
+        t,
+        temperature: 0.0,
+        acceleration: three(&acceleration, 1.0 / GRAVITY),
+        angular_velocity: three(&angular_velocity, 180.0 / std::f64::consts::PI),
+    })
+}

@@ -1,0 +1,181 @@
+//! The events of an `event_camera_msgs/EventPacket`, by encoding.
+
+use evcal_core::decode::{Evt3Decoder, EvtCounts, EvtRecord};
+use evcal_core::event::{Event, Polarity};
+
+use super::fields::MessageError;
+
+/// Decodes the packets of one topic. What one packet says may hold for the next.
+#[derive(Default)]
+pub struct PacketDecoder {
+    evt3: Evt3Decoder,
+    /// Edges at trigger inputs so far.
+    pub triggers: u64,
+}
+
+impl PacketDecoder {
+    /// Appends the events of `payload`; `time_base` is in ns.
+    pub fn decode(
+        &mut self,
+        encoding: &[u8],
+        time_base: u64,
+        payload: &[u8],
+        events: &mut Vec<Event>,
+    ) -> Result<(), MessageError> {
+        match encoding {
+            b"evt3" => {
+                let words = payload.as_chunks().0.iter().flat_map(|word| self.evt3.push(u16::from_le_bytes(*word)));
+                for record in words {
+                    match record {
+                        EvtRecord::Event(event) => events.push(event),
+                        EvtRecord::Trigger(_) => self.triggers += 1,
+                    }
+                }
+            }
+            b"libcaer_cmp" => events.extend(libcaer_compressed(time_base, payload)),
+            b"libcaer" => libcaer(time_base, payload, events),
+            b"mono" => {
+                let words = payload.as_chunks().0.iter().map(|word| u64::from_le_bytes(*word));
+                events.extend(words.map(|word| mono(time_base, word)));
+            }
+            _ => return Err(MessageError::Encoding),
+        }
+        Ok(())
+    }
+
+    /// What was met so far where the encoding is `evt3`.
+    pub fn counts(&self) -> &EvtCounts {
+        self.evt3.counts()
+    }
+}
+
+/// A time in ns as one in µs.
+fn microseconds(nanoseconds: u64) -> i64 {
+    // The largest u64 over 1000 fits.
+    (nanoseconds / 1000) as i64
+}
+
+fn polarity(on: bool) -> Polarity {
+    if on { Polarity::On } else { Polarity::Off }
+}
+
+/// A word of 64 bits an event: from the lowest, 32 of time in ns after the base, 16 of x, 15 of y, 1 of polarity.
+fn mono(time_base: u64, word: u64) -> Event {
+    Event {
+        t: microseconds(time_base.saturating_add(word & 0xffff_ffff)),
+        x: (word >> 32) as u16,
+        y: (word >> 48) as u16 & 0x7fff,
+        polarity: polarity(word >> 63 == 1),
+    }
+}
+
+/// Polarity events of AEDAT 3.1: u32 with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs after the base,
+/// which may pass its end within a packet.
+fn libcaer(time_base: u64, payload: &[u8], events: &mut Vec<Event>) {
+    let mut latest = 0_u32;
+    let mut turn = 0_u64;
+    for &[a, b, c, d, e, f, g, h] in payload.as_chunks().0 {
+        let (data, t) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]) & 0x7fff_ffff);
+        if latest.saturating_sub(t) > 1 << 30 {
+            turn = turn.saturating_add(1 << 31);
+        }
+        latest = t;
+        if data & 1 == 1 {
+            events.push(Event {
+                t: microseconds(time_base).saturating_add_unsigned(turn.saturating_add(t.into())),
+                x: (data >> 17) as u16,
+                y: (data >> 2) as u16 & 0x7fff,
+                polarity: polarity(data & 2 != 0),
+            });
+        }
+    }
+}
+
+/// Words of 16 bits, bits 15–12 their type: 0 time high, 1 time low (12 bits each, µs after the base), 2 column, 3 row
+/// and polarity (bit 11) of an event, 4 first row and polarity of a group, 5 the rows of the group with an event.
+fn libcaer_compressed(time_base: u64, payload: &[u8]) -> impl Iterator<Item = Event> {
+    let (mut high, mut low, mut x, mut first_row, mut on) = (0_u64, 0_u64, 0_u16, 0_u16, false);
+    payload.as_chunks().0.iter().flat_map(move |word| {
+        let word = u16::from_le_bytes(*word);
+        let (mut y, mut mask) = (word & 0x7ff, 0);
+        match word >> 12 {
+            0 => high = u64::from(word & 0xfff),
+            1 => low = u64::from(word & 0xfff),
+            2 => x = word & 0x7ff,
+            3 => (on, mask) = (word & 0x800 != 0, 1),
+            4 => (on, first_row) = (word & 0x800 != 0, word & 0x7f8),
+            5 => {
+                (y, mask) = (first_row, word & 0xff);
+                first_row = first_row.saturating_add(8);
+            }
+            _ => {}
+        }
+        let event = Event {
+            t: microseconds(time_base.saturating_add((high << 12 | low) * 1000)),
+            x,
+            y,
+            polarity: polarity(on),
+        };
+        (0..8).filter(move |bit| mask >> bit & 1 == 1).map(move |bit| Event { y: event.y.saturating_add(bit), ..event })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn decode(encoding: &str, time_base: u64, payload: &[u8]) -> Vec<Event> {
+        let mut events = Vec::new();
+        PacketDecoder::default().decode(encoding.as_bytes(), time_base, payload, &mut events).unwrap();
+        events
+    }
+
+    fn event(t: i64, x: u16, y: u16, polarity: Polarity) -> Event {
+        Event { t, x, y, polarity }
+    }
+
+    #[test]
+    fn compressed_words_made_by_hand() {
+        let words = [0x0001_u16, 0x1002, 0x2003, 0x3804, 0x3005, 0x400b, 0x5081, 0x5002, 0x6fff, 0x1003, 0x3801];
+        let payload: Vec<u8> = words.into_iter().flat_map(u16::to_le_bytes).collect();
+        // 2 000 000 µs and 0x1002 µs.
+        let t = 2_004_098;
+        let expected = [
+            event(t, 3, 4, Polarity::On),
+            event(t, 3, 5, Polarity::Off),
+            event(t, 3, 8, Polarity::Off),
+            event(t, 3, 15, Polarity::Off),
+            event(t, 3, 17, Polarity::Off),
+            event(t + 1, 3, 1, Polarity::On),
+        ];
+        assert_eq!(decode("libcaer_cmp", 2_000_000_000, &payload), expected);
+    }
+
+    #[test]
+    fn libcaer_words_made_by_hand() {
+        let records: [[u32; 2]; 3] =
+            [[3 << 17 | 4 << 2 | 3, 0x7fff_ffff], [5 << 17 | 6 << 2, 7], [5 << 17 | 6 << 2 | 1, 0]];
+        let payload: Vec<u8> = records.iter().flatten().flat_map(|word| word.to_le_bytes()).collect();
+        let expected = [event(0x7fff_ffff + 2, 3, 4, Polarity::On), event(0x8000_0000 + 2, 5, 6, Polarity::Off)];
+        assert_eq!(decode("libcaer", 2999, &payload), expected);
+    }
+
+    #[test]
+    fn mono_words_made_by_hand() {
+        let word: u64 = 1 << 63 | 259 << 48 | 345 << 32 | 5999;
+        assert_eq!(decode("mono", 1001, &word.to_le_bytes()), [event(7, 345, 259, Polarity::On)]);
+    }
+
+    #[test]
+    fn the_state_of_evt3_goes_on_from_packet_to_packet() {
+        let mut decoder = PacketDecoder::default();
+        let mut events = Vec::new();
+        for words in [[0x8001_u16, 0x6002, 0x0007], [0x2003, 0xa001, 0x2804]] {
+            let payload: Vec<u8> = words.into_iter().flat_map(u16::to_le_bytes).collect();
+            decoder.decode(b"evt3", 5, &payload, &mut events).unwrap();
+        }
+        assert_eq!(events, [event(4098, 3, 7, Polarity::Off), event(4098, 4, 7, Polarity::On)]);
+        assert_eq!(decoder.triggers, 1);
+        assert_eq!(decoder.decode(b"jpeg", 0, &[], &mut events), Err(MessageError::Encoding));
+    }
+}

@@ -1,0 +1,358 @@
+//! Bags and MCAP files put together byte by byte.
+
+use std::io::{Cursor, Write};
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+
+use super::fields::Wire;
+use crate::recording::convert::open_extras;
+use crate::recording::extras::Extra;
+use crate::recording::testing::{self, Outcome};
+use crate::recording::{Damage, Recording, RecordingOptions};
+
+/// A message that grows field by field.
+struct Message(Wire, Vec<u8>);
+
+impl Message {
+    /// With a header of this time in µs.
+    fn new(wire: Wire, t: i64) -> Self {
+        let mut message = Self(wire, Vec::new());
+        if wire == Wire::Ros1 {
+            message.number(7_u32.to_le_bytes());
+        }
+        message.time(t).text("camera");
+        message
+    }
+
+    fn number<const N: usize>(&mut self, bytes: [u8; N]) -> &mut Self {
+        while self.0 == Wire::Cdr && !self.1.len().is_multiple_of(N) {
+            self.1.push(0xee);
+        }
+        self.1.extend_from_slice(&bytes);
+        self
+    }
+
+    fn time(&mut self, t: i64) -> &mut Self {
+        let (seconds, nanoseconds) = ((t / 1_000_000) as u32, (t % 1_000_000 * 1000 + 999) as u32);
+        self.number(seconds.to_le_bytes()).number(nanoseconds.to_le_bytes())
+    }
+
+    fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
+        self.number((bytes.len() as u32).to_le_bytes());
+        self.1.extend_from_slice(bytes);
+        self
+    }
+
+    fn text(&mut self, text: &str) -> &mut Self {
+        match self.0 {
+            Wire::Ros1 => self.bytes(text.as_bytes()),
+            Wire::Cdr => self.bytes(&[text.as_bytes(), &[0]].concat()),
+        }
+    }
+
+    fn finish(&self) -> Vec<u8> {
+        match self.0 {
+            Wire::Ros1 => self.1.clone(),
+            Wire::Cdr => [&[0, 1, 0, 0], self.1.as_slice()].concat(),
+        }
+    }
+}
+
+fn event_array(wire: Wire, events: &[Event]) -> Vec<u8> {
+    let mut message = Message::new(wire, 99);
+    message.number(260_u32.to_le_bytes()).number(346_u32.to_le_bytes());
+    message.number((events.len() as u32).to_le_bytes());
+    for event in events {
+        message.number(event.x.to_le_bytes()).number(event.y.to_le_bytes()).time(event.t);
+        message.number([u8::from(event.polarity == Polarity::On)]);
+    }
+    message.finish()
+}
+
+fn event_packet(wire: Wire, encoding: &str, time_base: u64, words: &[u16]) -> Vec<u8> {
+    let payload: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+    let mut message = Message::new(wire, 99);
+    message.number(260_u32.to_le_bytes()).number(346_u32.to_le_bytes()).number(3_u64.to_le_bytes());
+    message.number(time_base.to_le_bytes()).text(encoding).number([0]).bytes(&payload);
+    message.finish()
+}
+
+fn image(wire: Wire, t: i64, encoding: &str, step: u32, pixels: &[u8]) -> Vec<u8> {
+    let mut message = Message::new(wire, t);
+    message.number(2_u32.to_le_bytes()).number(3_u32.to_le_bytes()).text(encoding);
+    message.number([0]).number(step.to_le_bytes()).bytes(pixels);
+    message.finish()
+}
+
+fn imu(wire: Wire, t: i64) -> Vec<u8> {
+    let mut message = Message::new(wire, t);
+    let numbers =
+        [[0.0_f64; 13].as_slice(), &[0.0, 1.0, -2.0], &[0.0; 9], &[9.80665, 0.0, -9.80665], &[0.0; 9]].concat();
+    numbers.iter().for_each(|number| {
+        message.number(number.to_le_bytes());
+    });
+    message.finish()
+}
+
+/// A recording: name, type and bytes of each message.
+type Messages = Vec<(&'static str, &'static str, Vec<u8>)>;
+
+fn bag_record(fields: &[(&str, &[u8])], data: &[u8]) -> Vec<u8> {
+    let fields = fields.iter().map(|(name, value)| [name.as_bytes(), b"=", value].concat());
+    let header: Vec<u8> = fields.flat_map(|field| [&(field.len() as u32).to_le_bytes()[..], &field].concat()).collect();
+    let lengths = [header.len(), data.len()].map(|length| (length as u32).to_le_bytes());
+    [&lengths[0], header.as_slice(), &lengths[1], data].concat()
+}
+
+/// A bag with chunks of two messages.
+fn bag(compression: &str, messages: &Messages) -> Vec<u8> {
+    let mut bytes = b"#ROSBAG V2.0\n".to_vec();
+    bytes.extend(bag_record(&[("op", &[3]), ("index_pos", &[0; 8])], &[b' '; 20]));
+    let mut names: Vec<&str> = Vec::new();
+    for part in messages.chunks(2) {
+        let mut chunk = Vec::new();
+        for (name, type_name, message) in part {
+            let known = names.iter().position(|known| known == name);
+            let number = known.unwrap_or(names.len()) as u32;
+            if known.is_none() {
+                names.push(name);
+                let data = bag_record(&[("topic", name.as_bytes()), ("type", type_name.as_bytes())], &[]);
+                let data = &data[4..data.len() - 4];
+                let head = [("op", &[7_u8][..]), ("conn", &number.to_le_bytes()), ("topic", name.as_bytes())];
+                chunk.extend(bag_record(&head, data));
+            }
+            chunk.extend(bag_record(&[("op", &[2]), ("conn", &number.to_le_bytes()), ("time", &[0; 8])], message));
+        }
+        let packed = match compression {
+            "lz4" => {
+                let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+                encoder.write_all(&chunk).unwrap();
+                encoder.finish().unwrap()
+            }
+            "bz2" => {
+                let mut encoder = bzip2::write::BzEncoder::new(Vec::new(), bzip2::Compression::best());
+                encoder.write_all(&chunk).unwrap();
+                encoder.finish().unwrap()
+            }
+            _ => chunk.clone(),
+        };
+        let size = (chunk.len() as u32).to_le_bytes();
+        bytes.extend(bag_record(&[("op", &[5]), ("compression", compression.as_bytes()), ("size", &size)], &packed));
+        bytes.extend(bag_record(&[("op", &[4]), ("count", &[2, 0, 0, 0])], &[0; 24]));
+    }
+    bytes
+}
+
+fn mcap_record(kind: u8, content: &[u8]) -> Vec<u8> {
+    [&[kind][..], &(content.len() as u64).to_le_bytes(), content].concat()
+}
+
+fn mcap_text(text: &str) -> Vec<u8> {
+    [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat()
+}
+
+/// An MCAP file with chunks of two messages; without chunks if the compression is `-`.
+fn mcap(compression: &str, messages: &Messages) -> Vec<u8> {
+    let mut bytes = b"\x89MCAP0\r\n".to_vec();
+    bytes.extend(mcap_record(1, &[mcap_text("ros2"), mcap_text("test")].concat()));
+    let mut names: Vec<&str> = Vec::new();
+    for part in messages.chunks(2) {
+        let mut records = Vec::new();
+        for (name, type_name, message) in part {
+            let known = names.iter().position(|known| known == name);
+            let number = (known.unwrap_or(names.len()) as u16 + 1).to_le_bytes();
+            if known.is_none() {
+                names.push(name);
+                let schema = [&number[..], &mcap_text(type_name), &mcap_text("ros2msg"), &mcap_text("")].concat();
+                records.extend(mcap_record(3, &schema));
+                let channel = [&number[..], &number, &mcap_text(name), &mcap_text("cdr"), &[0; 4]].concat();
+                records.extend(mcap_record(4, &channel));
+            }
+            records.extend(mcap_record(5, &[&number[..], &[0; 20], message].concat()));
+        }
+        if compression == "-" {
+            bytes.extend(records);
+            continue;
+        }
+        let packed = match compression {
+            "lz4" => {
+                let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+                encoder.write_all(&records).unwrap();
+                encoder.finish().unwrap()
+            }
+            "zstd" => zstd::stream::encode_all(Cursor::new(&records), 3).unwrap(),
+            _ => records.clone(),
+        };
+        let head = [&[0; 16][..], &(records.len() as u64).to_le_bytes(), &[0; 4], &mcap_text(compression)].concat();
+        bytes.extend(mcap_record(6, &[&head[..], &(packed.len() as u64).to_le_bytes(), &packed].concat()));
+    }
+    bytes.extend(mcap_record(15, &[0; 4]));
+    bytes.extend(mcap_record(2, &[0; 20]));
+    bytes.extend(b"\x89MCAP0\r\n");
+    bytes
+}
+
+const START: i64 = 1_700_000_000_000_000;
+
+fn events(first: i64, count: i64) -> Vec<Event> {
+    let on = |index: i64| if index % 3 == 0 { Polarity::On } else { Polarity::Off };
+    let event =
+        |index: i64| Event { t: START + index * 500, x: 5 + index as u16, y: index as u16, polarity: on(index) };
+    (first..first + count).map(event).collect()
+}
+
+/// Two messages of events, a picture and a sample between them, and something else.
+fn messages(wire: Wire) -> Messages {
+    let slash = |ros1, ros2| if wire == Wire::Ros1 { ros1 } else { ros2 };
+    let array = slash("dvs_msgs/EventArray", "dvs_msgs/msg/EventArray");
+    vec![
+        ("/info", slash("std_msgs/String", "std_msgs/msg/String"), vec![1, 2, 3]),
+        ("/dvs/events", array, event_array(wire, &events(0, 4))),
+        (
+            "/dvs/image_raw",
+            slash("sensor_msgs/Image", "sensor_msgs/msg/Image"),
+            image(wire, START + 1000, "mono8", 4, &[1, 2, 3, 0, 4, 5, 6, 0]),
+        ),
+        ("/dvs/imu", slash("sensor_msgs/Imu", "sensor_msgs/msg/Imu"), imu(wire, START + 1500)),
+        ("/dvs/events", array, event_array(wire, &events(4, 3))),
+    ]
+}
+
+fn files(of: impl Fn(Wire) -> Messages) -> Vec<Vec<u8>> {
+    let bags = ["none", "bz2", "lz4"].map(|compression| bag(compression, &of(Wire::Ros1)));
+    let mcaps = ["-", "", "lz4", "zstd"].map(|compression| mcap(compression, &of(Wire::Cdr)));
+    bags.into_iter().chain(mcaps).collect()
+}
+
+#[test]
+fn every_container_gives_events_frames_and_samples() {
+    for content in files(messages) {
+        let Outcome { events: read, information, report, error } = testing::read(&content);
+        assert_eq!((read, error), (events(0, 7), None));
+        assert_eq!(information.unwrap().sensor, Some(Sensor::new(346, 260)));
+        assert!(report.truncated.is_none());
+        let names: Vec<&str> = report.other_packets.keys().filter_map(|name| name.split(' ').next()).collect();
+        assert_eq!(names, ["/dvs/image_raw", "/dvs/imu", "/info"]);
+
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        let streams = recording.streams().unwrap();
+        let counts = streams.iter().map(|stream| (stream.packets, stream.elements, stream.times_us));
+        let expected = [
+            (1, 1, None),
+            (2, 7, Some((START, START + 3000))),
+            (1, 1, Some((START + 1000, START + 1000))),
+            (1, 1, Some((START + 1500, START + 1500))),
+        ];
+        assert_eq!(counts.collect::<Vec<_>>(), expected);
+
+        let mut extras = open_extras(&recording).unwrap();
+        assert!(extras.held().frames && extras.held().imu);
+        let (Some(Extra::Frame(frame)), Some(Extra::Inertial(sample))) =
+            (extras.next_until(i64::MAX, &mut Vec::new()), extras.next_until(i64::MAX, &mut Vec::new()))
+        else {
+            panic!("a frame, then a sample")
+        };
+        assert_eq!((frame.t, frame.size, frame.pixels), (START + 1000, (3, 2), vec![1, 2, 3, 4, 5, 6]));
+        assert_eq!((sample.t, sample.acceleration), (START + 1500, [1.0, 0.0, -1.0]));
+        assert!((sample.angular_velocity[1] - 57.295_78).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn pictures_of_other_encodings_become_eight_bits() {
+    for (encoding, step, bytes, pixels, channels) in [
+        ("mono16", 6, [[9, 1], [9, 2], [9, 3], [9, 4], [9, 5], [9, 255]].concat(), vec![1, 2, 3, 4, 5, 255], 1),
+        ("rgb8", 9, (0..18).collect(), vec![2, 1, 0, 5, 4, 3, 8, 7, 6, 11, 10, 9, 14, 13, 12, 17, 16, 15], 3),
+    ] {
+        let message = image(Wire::Cdr, 5, encoding, step, &bytes);
+        let frame = super::message::frame(Wire::Cdr, &message).unwrap().unwrap();
+        assert_eq!((frame.pixels, frame.channels), (pixels, channels));
+    }
+    assert_eq!(super::message::frame(Wire::Ros1, &image(Wire::Ros1, 5, "32FC1", 12, &[0; 24])), Ok(None));
+    assert!(super::message::frame(Wire::Ros1, &image(Wire::Ros1, 5, "mono8", 2, &[0; 4])).is_err());
+    assert!(super::message::frame(Wire::Ros1, &image(Wire::Ros1, 5, "mono8", u32::MAX, &[0; 4])).is_err());
+}
+
+/// Packets of two encodings under two names.
+fn packets(wire: Wire) -> Messages {
+    let name = "event_camera_msgs/msg/EventPacket";
+    let compressed = [0x0000_u16, 0x1001, 0x2003, 0x3804, 0x3005];
+    vec![
+        ("/a", name, event_packet(wire, "libcaer_cmp", 1_000_000, &compressed)),
+        ("/b", name, event_packet(wire, "evt3", 0, &[0x8001, 0x6002, 0x0007])),
+        ("/b", name, event_packet(wire, "evt3", 0, &[0x2003, 0xa001])),
+        ("/a", name, event_packet(wire, "libcaer_cmp", 2_000_000, &compressed)),
+    ]
+}
+
+#[test]
+fn a_topic_is_chosen_by_name() {
+    let event = |t, y, polarity| Event { t, x: 3, y, polarity };
+    for content in files(packets) {
+        let options = |name: &str| RecordingOptions { stream: Some(name.to_owned()), ..RecordingOptions::default() };
+        let (on, off) = (Polarity::On, Polarity::Off);
+        let a = [event(1001, 4, on), event(1001, 5, off), event(2001, 4, on), event(2001, 5, off)];
+        assert_eq!(testing::read(&content).events, a);
+        assert_eq!(testing::read_with(&content, options("/a")).events, a);
+        let b = testing::read_with(&content, options("/b"));
+        assert_eq!((b.events, b.report.other_packets.get("triggers")), (vec![event(4098, 7, off)], Some(&1)));
+        assert!(b.information.unwrap().notes.iter().any(|note| note.contains("sensor's clock")));
+        let error = testing::read_with(&content, options("/c")).error.unwrap();
+        assert!(error.contains("/a (event_camera_msgs/msg/EventPacket), /b"), "{error}");
+    }
+}
+
+#[test]
+fn a_damaged_message_is_named_or_left_out() {
+    for wire in [Wire::Ros1, Wire::Cdr] {
+        let array = "dvs_msgs/msg/EventArray";
+        let mut bad = event_array(wire, &events(2, 2));
+        bad.truncate(bad.len() - 3);
+        let parts = [event_array(wire, &events(0, 2)), bad, event_array(wire, &events(4, 2))];
+        let messages: Messages = parts.into_iter().map(|message| ("/events", array, message)).collect();
+        let content = if wire == Wire::Ros1 { bag("none", &messages) } else { mcap("zstd", &messages) };
+        let outcome = testing::read(&content);
+        // Of the damaged message the events before the damage.
+        assert_eq!(outcome.events, events(0, 3));
+        let error = outcome.error.unwrap();
+        assert!(error.contains("byte") && error.contains("/events") && error.contains("an event"), "{error}");
+        let skip = RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() };
+        let outcome = testing::read_with(&content, skip);
+        assert_eq!((outcome.error, outcome.report.damaged_packets), (None, 1));
+        assert_eq!(outcome.events, [events(0, 3), events(4, 2)].concat());
+    }
+}
+
+#[test]
+fn files_without_events_say_what_they_hold() {
+    let only = |wire| messages(wire).into_iter().filter(|(name, ..)| *name == "/info").collect();
+    for content in files(only) {
+        let error = testing::read(&content).error.unwrap();
+        assert!(error.contains("no stream of events") && error.contains("/info (std_msgs"), "{error}");
+    }
+}
+
+#[test]
+fn damage_loses_no_more_than_it_must() {
+    let few = |wire: Wire| {
+        let array = "dvs_msgs/msg/EventArray";
+        (0..3).map(|index| ("/e", array, event_array(wire, &events(3 * index, 3)))).collect()
+    };
+    for content in files(few) {
+        testing::check_damage(&content);
+    }
+    // Frames and samples in it as well.
+    for content in [bag("none", &messages(Wire::Ros1)), mcap("", &messages(Wire::Cdr))] {
+        let mut changed = content.clone();
+        for position in 0..changed.len() {
+            changed[position] ^= 0xff;
+            let outcome = testing::read(&changed);
+            assert!(outcome.events.is_sorted_by_key(|event| event.t));
+            changed[position] ^= 0xff;
+        }
+    }
+}

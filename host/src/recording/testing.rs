@@ -1,0 +1,80 @@
+//! What the tests of every format do.
+
+use evcal_core::event::Event;
+
+use super::{Damage, ReadReport, Recording, RecordingInformation, RecordingOptions};
+
+/// What a pass through a recording gave.
+pub struct Outcome {
+    pub events: Vec<Event>,
+    /// `None` if the file could not be opened.
+    pub information: Option<RecordingInformation>,
+    pub report: ReadReport,
+    pub error: Option<String>,
+}
+
+/// Reads a file with this content.
+pub fn read(content: &[u8]) -> Outcome {
+    read_with(content, RecordingOptions::default())
+}
+
+/// Reads a file with this content, and what it holds beside events.
+pub fn read_with(content: &[u8], options: RecordingOptions) -> Outcome {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("recording");
+    std::fs::write(&path, content).unwrap();
+    let mut outcome = Outcome { events: Vec::new(), information: None, report: ReadReport::default(), error: None };
+    let opened = Recording::new(&path, options).and_then(|recording| Ok((recording.open()?, recording)));
+    let (mut reader, recording) = match opened {
+        Ok(opened) => opened,
+        Err(error) => return Outcome { error: Some(error.to_string()), ..outcome },
+    };
+    // None of it may panic.
+    let _ = (recording.streams(), super::pictures::visit_frames(&recording, |_| {}));
+    if let Ok(mut extras) = super::convert::open_extras(&recording) {
+        while extras.next_until(i64::MAX, &mut Vec::new()).is_some() {}
+    }
+    let mut batch = Vec::new();
+    loop {
+        match reader.next_batch(&mut batch) {
+            Ok(true) => outcome.events.extend_from_slice(&batch),
+            Ok(false) => break,
+            Err(error) => {
+                outcome.error = Some(error.to_string());
+                break;
+            }
+        }
+    }
+    outcome.information = Some(reader.information().clone());
+    outcome.report = reader.report().clone();
+    outcome
+}
+
+/// A file cut at any byte gives the beginning of its events and tells of the loss or of the damage; a file with any
+/// byte changed panics nowhere and gives events in order.
+pub fn check_damage(content: &[u8]) {
+    let whole = read(content);
+    assert!(whole.error.is_none() && !whole.events.is_empty(), "{:?}", whole.error);
+    for cut in 0..content.len() {
+        let part = read(&content[..cut]);
+        assert!(whole.events.starts_with(&part.events), "cut at {cut}");
+        let told = part.error.is_some() || part.report.truncated.is_some();
+        // At the end of a record nothing can be noticed.
+        let few = content.len() - cut;
+        assert!(told || part.events.len() < whole.events.len() || few < 64, "cut at {cut}");
+        if let Some(truncated) = part.report.truncated {
+            assert!(truncated.byte <= cut as u64, "cut at {cut}: {}", truncated.byte);
+        }
+    }
+    let mut changed = content.to_vec();
+    for position in 0..changed.len() {
+        let change = [0x01, 0x80, 0xff][position % 3];
+        changed[position] ^= change;
+        for damage in [Damage::Refuse, Damage::Skip] {
+            let outcome = read_with(&changed, RecordingOptions { damage, ..RecordingOptions::default() });
+            assert!(outcome.events.is_sorted_by_key(|event| event.t), "changed at {position}");
+            assert_eq!(outcome.report.events, outcome.events.len() as u64);
+        }
+        changed[position] ^= change;
+    }
+}

@@ -1,0 +1,119 @@
+//! The folder that a simulation writes.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use evcal_core::camera::Camera;
+
+use super::davis::{DavisDescription, DavisSettings, DavisTruth};
+use super::recording::{self, RecordingFormat};
+use super::truth::Truth;
+use super::{EventCounts, Simulation};
+use crate::files::folder::OutputFolder;
+use crate::files::{self, FileError, NewFile};
+use crate::lens::camera_file::CameraDescription;
+use crate::recording::encode::WriteError;
+use crate::trajectory::tum;
+
+/// Rate of the poses in the trajectory file in hertz.
+const TRAJECTORY_RATE: f64 = 1000.0;
+const TRUTH: &str = "truth.json";
+const TRAJECTORY: &str = "trajectory.txt";
+const FRAMES: &str = "frames.csv";
+const INERTIA: &str = "imu.csv";
+
+/// What is simulated, and into what kind of file.
+pub struct SimulatedRecording<'a> {
+    /// The simulation.
+    pub simulation: &'a Simulation,
+    /// The lens that it was made with.
+    pub camera: &'a Camera<f64>,
+    /// The lens of the frames, where it is another.
+    pub frame_camera: Option<&'a Camera<f64>>,
+    /// Frames and inertial samples.
+    pub davis: DavisSettings,
+    /// Kind of the recording.
+    pub format: RecordingFormat,
+}
+
+/// What was written.
+#[derive(Clone, Debug)]
+pub struct WrittenFolder {
+    /// The files.
+    pub files: Vec<PathBuf>,
+    /// The content of `truth.json`.
+    pub truth: Truth,
+    /// How many events there are.
+    pub counts: EventCounts,
+    /// Frames and inertial samples.
+    pub davis: DavisTruth,
+}
+
+/// A file of the folder could not be written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimulatedFolderError {
+    /// The system says so.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The recording cannot be written.
+    #[error("{}: {error}", path.display())]
+    Recording {
+        /// The recording.
+        path: PathBuf,
+        /// Why.
+        error: WriteError,
+    },
+}
+
+/// Whether a file of a folder is one that [`write_folder`] writes.
+pub fn is_result(file: &Path) -> bool {
+    let others = [TRUTH, TRAJECTORY, FRAMES, INERTIA];
+    RecordingFormat::ALL.iter().any(|format| Path::new(&format.file_name()) == file)
+        || others.iter().any(|name| Path::new(name) == file)
+}
+
+/// Simulates, and writes `events.aedat4` (or `.dvraw`, `.csv`, `.bin`), `truth.json`, `trajectory.txt` (TUM, 1000
+/// poses a second), and with frames `frames.csv`, with inertial samples `imu.csv`. What was there of an earlier
+/// simulation goes. `progress` is called with the number of slices done ([`Simulation::slice_count`] in all).
+///
+/// # Errors
+/// [`SimulatedFolderError`] names the file that could not be written.
+pub fn write_folder(
+    folder: &OutputFolder,
+    recorded: &SimulatedRecording,
+    progress: impl FnMut(usize),
+) -> Result<WrittenFolder, SimulatedFolderError> {
+    let SimulatedRecording { simulation, camera, frame_camera, davis, format } = recorded;
+    let path = folder.path().join(format.file_name());
+    let file = NewFile::create(&path)?;
+    let (counts, davis_truth) = recording::write(simulation, davis, file.unfinished_path(), *format, progress)
+        .map_err(|error| SimulatedFolderError::Recording { path: path.clone(), error })?;
+    folder.remove_results(is_result)?;
+    file.finish()?;
+    let mut written = vec![path];
+    let mut truth = Truth::new(camera, simulation, counts);
+    if *davis != DavisSettings::default() {
+        let frame_camera = frame_camera.map(CameraDescription::new);
+        truth.davis = Some(DavisDescription { settings: *davis, frame_camera, imu_bias: davis_truth.bias });
+    }
+    let mut put = |name: &str, content: &[u8]| {
+        let path = folder.path().join(name);
+        files::write(&path, content)?;
+        written.push(path);
+        Ok::<(), FileError>(())
+    };
+    let failed = |name: &str, error: io::Error| FileError::new(&folder.path().join(name), error);
+    let text = serde_json::to_string_pretty(&truth).map_err(|error| failed(TRUTH, error.into()))?;
+    put(TRUTH, (text + "\n").as_bytes())?;
+    let mut trajectory = Vec::new();
+    tum::write(&mut trajectory, &simulation.trajectory(TRAJECTORY_RATE)).map_err(|error| failed(TRAJECTORY, error))?;
+    put(TRAJECTORY, &trajectory)?;
+    if davis.frames.is_some() {
+        put(FRAMES, davis_truth.frames_csv().as_bytes())?;
+    }
+    if davis.imu.is_some() {
+        put(INERTIA, davis_truth.imu_csv().as_bytes())?;
+    }
+    Ok(WrittenFolder { files: written, truth, counts, davis: davis_truth })
+}

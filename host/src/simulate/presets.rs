@@ -1,0 +1,138 @@
+//! Motions and lights by name.
+
+use super::frame::ExposureModel;
+use super::inertia::InertialSettings;
+use super::motion::MotionSettings;
+use super::sensor::SensorModel;
+
+/// How the camera moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum MotionPreset {
+    /// 150 px/s.
+    Slow,
+    /// 350 px/s.
+    Fast,
+    /// 700 px/s.
+    Blur,
+    /// 850 px/s, with jerks.
+    Violent,
+    /// 350 px/s, with pauses, and looks away from the board.
+    Interrupted,
+    /// 350 px/s, the board far away.
+    Far,
+    /// 350 px/s, the board hardly tilted.
+    HeadOn,
+    /// 350 px/s, in one corner of the image only.
+    Corner,
+}
+
+impl MotionPreset {
+    /// All of them.
+    pub const ALL: &[Self] =
+        &[Self::Slow, Self::Fast, Self::Blur, Self::Violent, Self::Interrupted, Self::Far, Self::HeadOn, Self::Corner];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Slow => "slow",
+            Self::Fast => "fast",
+            Self::Blur => "blur",
+            Self::Violent => "violent",
+            Self::Interrupted => "interrupted",
+            Self::Far => "far",
+            Self::HeadOn => "head-on",
+            Self::Corner => "corner",
+        }
+    }
+
+    /// What it is, in a few words.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::Slow => "150 px/s",
+            Self::Fast => "350 px/s",
+            Self::Blur => "700 px/s",
+            Self::Violent => "850 px/s, with jerks",
+            Self::Interrupted => "350 px/s, with pauses, and looks away from the board",
+            Self::Far => "350 px/s, the board far away",
+            Self::HeadOn => "350 px/s, the board hardly tilted",
+            Self::Corner => "350 px/s, in one corner of the image only",
+        }
+    }
+
+    /// The motion in a recording of `duration` seconds.
+    pub fn settings(self, duration: f64) -> MotionSettings {
+        match self {
+            Self::Slow => MotionSettings::slow(),
+            Self::Fast => MotionSettings::fast(),
+            Self::Blur => MotionSettings::blur(),
+            Self::Violent => MotionSettings::violent(),
+            Self::Interrupted => MotionSettings::interrupted(duration),
+            Self::Far => MotionSettings::far(),
+            Self::HeadOn => MotionSettings::head_on(),
+            Self::Corner => MotionSettings::corner(),
+        }
+    }
+}
+
+/// How good the light and the pixels are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum LightPreset {
+    /// A DAVIS346-like sensor in a well-lit room.
+    Default,
+    /// The same in dim light: slow pixels, strong noise.
+    Low,
+    /// Neither noise nor delay nor mismatch.
+    Ideal,
+}
+
+impl LightPreset {
+    /// All of them.
+    pub const ALL: &[Self] = &[Self::Default, Self::Low, Self::Ideal];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Default => "default",
+            Self::Low => "low",
+            Self::Ideal => "ideal",
+        }
+    }
+
+    /// What it is, in a few words.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::Default => "A DAVIS346-like sensor in a well-lit room",
+            Self::Low => "The same in dim light: slow pixels, strong noise",
+            Self::Ideal => "Neither noise nor delay nor mismatch",
+        }
+    }
+
+    /// The pixels of events.
+    pub fn sensor(self) -> SensorModel {
+        match self {
+            Self::Default => SensorModel::default(),
+            Self::Low => SensorModel::low_light(),
+            Self::Ideal => SensorModel::ideal(),
+        }
+    }
+
+    /// Frames, `rate` a second.
+    pub fn frames(self, rate: f64) -> ExposureModel {
+        let frames = match self {
+            Self::Default => ExposureModel::default(),
+            Self::Low => ExposureModel::low_light(),
+            Self::Ideal => ExposureModel::ideal(),
+        };
+        ExposureModel { interval: (1e6 / rate).round() as u32, ..frames }
+    }
+
+    /// The inertial unit.
+    pub fn inertia(self) -> InertialSettings {
+        match self {
+            Self::Default | Self::Low => InertialSettings::default(),
+            Self::Ideal => InertialSettings::ideal(),
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! What a newcomer gets wrong, and what the program says and leaves behind.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use tempfile::TempDir;
+
+const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
+
+fn evcal(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn succeed(arguments: &[&str]) -> String {
+    let output = evcal(arguments);
+    assert_eq!((output.status.code(), stderr(&output).as_str()), (Some(0), ""), "{arguments:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Standard error of a run that ends with this exit code.
+fn fail(code: i32, arguments: &[&str]) -> String {
+    let output = evcal(arguments);
+    let errors = stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {errors}");
+    errors
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// A folder with a camera in `calibration.json`.
+fn calibration(directory: &TempDir) -> PathBuf {
+    let folder = directory.path().join("calibration");
+    fs::create_dir(&folder).unwrap();
+    let camera = serde_json::json!({
+        "sensor": { "width": 346, "height": 260 },
+        "camera": { "model": "radtan4", "parameters": {
+            "fx": 300.0, "fy": 300.0, "cx": 172.5, "cy": 129.5, "k1": -0.3, "k2": 0.1, "p1": 0.0, "p2": 0.0
+        } },
+    });
+    fs::write(folder.join("calibration.json"), camera.to_string()).unwrap();
+    folder
+}
+
+#[test]
+fn recordings_are_described_in_the_same_words_everywhere() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("events.txt");
+    // x, y, polarity, time in ms: nothing of it can be guessed.
+    let lines: String = (0..500).map(|index| format!("{} {} 1 {}\n", index % 300, index % 200, index)).collect();
+    fs::write(&file, lines).unwrap();
+    let described = ["--columns", "x,y,p,t", "--time-unit", "ms", "--sensor", "346x260"];
+    let with = |arguments: &[&str]| evcal(&[arguments, &described].concat());
+    let report = with(&["detect", text(&file), "--json"]);
+    let report: serde_json::Value = serde_json::from_slice(&report.stdout).unwrap();
+    assert_eq!(report["events"], 500);
+    let output = directory.path().join("output");
+    let calibrated = with(&["calibrate", text(&file), "--board", BOARD, "-o", text(&output)]);
+    assert!(stderr(&calibrated).contains("no pattern found"), "{}", stderr(&calibrated));
+    let repeated = with(&["repeat", text(&file), "--board", BOARD]);
+    assert!(stderr(&repeated).contains("0.5 s long"), "{}", stderr(&repeated));
+    // And a stream that is not there is looked for.
+    let simulation = directory.path().join("simulation");
+    succeed(&["simulate", "-o", text(&simulation), "--duration", "20ms"]);
+    let events = simulation.join("events.aedat4");
+    for subcommand in [vec!["detect"], vec!["calibrate", "--board", BOARD, "-o", text(&output)]] {
+        let errors = fail(1, &[&subcommand, &["--stream", "7", text(&events)][..]].concat());
+        assert!(errors.contains("stream"), "{errors}");
+    }
+    assert!(!output.exists(), "nothing is written");
+}
+
+#[test]
+fn numbers_have_bounds() {
+    let cases: &[(&[&str], &str)] = &[
+        (&["info", "--threads", "0", "a.csv"], "1..=1024"),
+        (&["info", "--threads", "99999999", "a.csv"], "1..=1024"),
+        (&["repeat", "a.csv", "--board", BOARD, "--runs", "1"], "2.."),
+        (&["undistort", "a.png", "-c", "c", "-o", "b.png", "--alpha", "1.5"], "from 0 to 1"),
+        (&["export", "c", "--c-header", "a.h", "--max-error", "0"], "pixels"),
+        (&["export", "c", "--c-header", "a.h", "--ideal", "1,1,0"], "fx,fy,cx,cy"),
+        (&["board", "--pdf", "a.pdf", "--margin=-1"], "from 0 to 100 mm"),
+    ];
+    for (arguments, part) in cases {
+        let errors = fail(2, arguments);
+        assert!(errors.contains(part), "{arguments:?}: {errors}");
+    }
+}
+
+#[test]
+fn models_of_other_programs_lead_to_the_model() {
+    for (name, model) in [
+        ("pinhole", "radtan"),
+        ("fisheye", "kannala-brandt"),
+        ("equidistant", "kannala-brandt"),
+        ("plumb_bob", "radtan"),
+        ("ds", "double-sphere"),
+    ] {
+        let errors = fail(2, &["calibrate", "a.csv", "--board", BOARD, "-o", "never", "--model", name]);
+        assert!(errors.contains(name) && errors.contains(model), "{errors}");
+    }
+}
+
+#[test]
+fn boards_without_circles_lead_to_one_with() {
+    for board in ["checkerboard:9x6:25mm", "aprilgrid:6x6:24mm:r1mm"] {
+        let errors = fail(2, &["calibrate", "a.csv", "-o", "never", "--board", board]);
+        assert!(errors.contains("only boards of circles") && errors.contains("evcal board"), "{errors}");
+    }
+}
+
+#[test]
+fn a_calibration_may_be_named_by_its_folder() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = calibration(&directory);
+    let file = folder.join("calibration.json");
+    let export = |from: &Path| succeed(&["export", text(from), "--format", "ros"]);
+    assert_eq!(export(&folder), export(&file));
+    let at = |name: &str| directory.path().join(name);
+    for (from, to) in [(&folder, at("a")), (&file, at("b"))] {
+        succeed(&["simulate", "--camera", text(from), "-o", text(&to), "--duration", "20ms"]);
+        succeed(&["undistort", text(&to.join("events.aedat4")), "-c", text(from), "-o", text(&to.join("new.csv"))]);
+    }
+    assert_eq!(fs::read(at("a/new.csv")).unwrap(), fs::read(at("b/new.csv")).unwrap());
+    // A folder without one says what was looked for.
+    let errors = fail(1, &["export", text(&at("a/..").join("nothing")), "--format", "ros"]);
+    assert!(errors.contains("nothing"), "{errors}");
+}
+
+#[test]
+fn the_folder_is_tried_before_the_work() {
+    // The recording is not there either; but without a place for the results nothing is worth beginning.
+    for folder in ["/proc/evcal", "/dev/null/evcal"] {
+        let errors = fail(1, &["calibrate", "missing.dvraw", "--board", BOARD, "-o", folder]);
+        assert!(errors.contains(folder) && errors.contains("-o") && !errors.contains("missing.dvraw"), "{errors}");
+        let errors = fail(1, &["simulate", "-o", folder]);
+        assert!(errors.contains(folder), "{errors}");
+    }
+}
+
+#[test]
+fn a_calibration_is_not_overwritten_by_chance() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = calibration(&directory);
+    let before = fs::read(folder.join("calibration.json")).unwrap();
+    let arguments = ["calibrate", "missing.dvraw", "--board", BOARD, "-o", text(&folder)];
+    let errors = fail(1, &arguments);
+    assert!(errors.contains("calibration.json is there already") && errors.contains("--force"), "{errors}");
+    // With --force what fails still leaves the old result.
+    let errors = fail(1, &[&arguments[..], &["--force"]].concat());
+    assert!(errors.contains("missing.dvraw"), "{errors}");
+    assert_eq!(fs::read(folder.join("calibration.json")).unwrap(), before);
+}
+
+#[test]
+fn a_new_simulation_leaves_nothing_of_the_old_one() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path().join("simulation");
+    let simulate = ["simulate", "-o", text(&folder), "--duration", "50ms"];
+    succeed(&[&simulate[..], &["--frames", "--imu"]].concat());
+    fs::write(folder.join("notes.txt"), "mine").unwrap();
+    let errors = fail(1, &simulate);
+    assert!(errors.contains("is there already") && errors.contains("--force"), "{errors}");
+    assert!(folder.join("frames.csv").exists());
+    succeed(&[&simulate[..], &["--force", "--format", "csv"]].concat());
+    assert_eq!(names(&folder), ["events.csv", "notes.txt", "trajectory.txt", "truth.json"]);
+}
+
+/// Starts the program and kills it as soon as `begun` says so.
+fn kill_when(arguments: &[&str], begun: impl Fn() -> bool) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
+    let mut child = command.args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let end = Instant::now() + Duration::from_secs(300);
+    while !begun() {
+        assert!(child.try_wait().unwrap().is_none() && Instant::now() < end, "it ended before it could be killed");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn a_program_that_is_killed_leaves_no_cut_file_behind() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path().join("simulation");
+    let unfinished = |folder: &Path| match fs::read_dir(folder) {
+        Ok(mut entries) => entries.any(|entry| {
+            let path = entry.unwrap().path();
+            path.extension().is_some_and(|extension| extension == "part")
+                && path.metadata().is_ok_and(|metadata| metadata.len() > 0)
+        }),
+        Err(error) if error.kind() == ErrorKind::NotFound => false,
+        Err(error) => panic!("{error}"),
+    };
+    let arguments = ["simulate", "-o", text(&folder), "--duration", "1000s", "--format", "csv"];
+    kill_when(&arguments, || unfinished(&folder));
+    assert!(!folder.join("events.csv").exists());
+
+    let recording = directory.path().join("recording.csv");
+    let lines: String = (0..2_000_000).map(|index| format!("{index},{},{},1\n", index % 346, index % 260)).collect();
+    fs::write(&recording, format!("t_us,x,y,p\n{lines}")).unwrap();
+    let other = directory.path().join("other");
+    fs::create_dir(&other).unwrap();
+    let converted = other.join("events.bin");
+    kill_when(&["convert", text(&recording), text(&converted), "--sensor", "346x260"], || unfinished(&other));
+    assert!(!converted.exists());
+    // What is left does not keep the next one from its work.
+    succeed(&["convert", text(&recording), text(&converted), "--sensor", "346x260"]);
+    assert_eq!(fs::metadata(&converted).unwrap().len() % 2_000_000, 0);
+}
+
+#[test]
+fn a_full_disk_is_told_with_the_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = calibration(&directory);
+    let errors = fail(1, &["export", text(&folder), "--format", "ros", "-o", "/dev/full"]);
+    assert!(errors.contains("/dev/full: No space left"), "{errors}");
+    assert!(!fs::metadata("/dev/full").unwrap().is_file());
+}
+
+#[test]
+fn shells_and_man_find_every_subcommand() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let script = succeed(&["completions", shell]);
+        assert!(["calibrate", "undistort", "time-unit"].iter().all(|word| script.contains(word)), "{shell}");
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path().join("man1");
+    succeed(&["man", text(&folder)]);
+    let pages = names(&folder);
+    for name in ["evcal.1", "evcal-calibrate.1", "evcal-export.1", "evcal-man.1"] {
+        assert!(pages.iter().any(|page| page == name), "{pages:?}");
+    }
+    let page = fs::read_to_string(folder.join("evcal-calibrate.1")).unwrap();
+    assert!(page.starts_with(".ie") || page.contains(".TH"), "{page}");
+    assert!(page.contains("Examples") && page.contains("\\-\\-board"), "{page}");
+}
