@@ -45,6 +45,7 @@ pub mod conversion;
 mod denominator;
 pub mod double_sphere;
 pub mod eucm;
+pub mod expectation;
 pub mod fov;
 pub mod inverse_radial;
 pub mod kannala_brandt;
@@ -58,6 +59,7 @@ pub mod ucm;
 
 pub use double_sphere::DoubleSphere;
 pub use eucm::Eucm;
+use expectation::Expectation;
 pub use fov::Fov;
 pub use inverse_radial::InverseRadial;
 pub use kannala_brandt::KannalaBrandt;
@@ -105,6 +107,8 @@ pub trait CameraModel<T: RealField + Copy> {
     const NAME: &'static str;
     /// Names of the parameters in their order: "fx", "fy", "cx", "cy", then the coefficients.
     const PARAMETER_NAMES: &'static [&'static str];
+    /// What is known of the coefficients before a lens is seen.
+    const EXPECTATION: Expectation;
 
     /// The camera with these parameters, in the order of [`CameraModel::PARAMETER_NAMES`].
     ///
@@ -172,6 +176,13 @@ macro_rules! models {
             pub const fn parameter_names(self) -> &'static [&'static str] {
                 match self {
                     $(Self::$variant => <$model<f64> as CameraModel<f64>>::PARAMETER_NAMES,)+
+                }
+            }
+
+            /// What is known of the model's coefficients before a lens is seen.
+            pub const fn expectation(self) -> Expectation {
+                match self {
+                    $(Self::$variant => <$model<f64> as CameraModel<f64>>::EXPECTATION,)+
                 }
             }
         }

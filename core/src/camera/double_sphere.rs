@@ -33,6 +33,7 @@ use super::camera_matrix::{CameraMatrix, parameter_names};
 use super::denominator::{Denominator, distance_of, through_denominator};
 use super::ucm::{Lifted, lift};
 use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
+use crate::camera::expectation::{CoefficientEffect, Expectation};
 
 /// Double sphere camera with xi and alpha.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,6 +88,13 @@ impl<T: RealField + Copy> DoubleSphere<T> {
 impl<T: RealField + Copy> CameraModel<T> for DoubleSphere<T> {
     const NAME: &'static str = "double-sphere";
     const PARAMETER_NAMES: &'static [&'static str] = parameter_names!["xi", "alpha"];
+    // With xi = 0, where it is `ucm`, the camera changes as much with xi as with alpha: neither side is reached from the
+    // other.
+    const EXPECTATION: Expectation = Expectation {
+        effects: &[CoefficientEffect::Shape(0.0), CoefficientEffect::Free],
+        fit_starts: &[&[-0.2, 0.5], &[0.4, 0.5]],
+        usual: [&[-0.2, 0.4], &[-0.2, 0.6]],
+    };
 
     fn from_parameters(parameters: &[T]) -> Option<Self> {
         let (matrix, [xi, alpha]) = CameraMatrix::split(parameters)?;

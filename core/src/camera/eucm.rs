@@ -28,6 +28,7 @@ use super::camera_matrix::{CameraMatrix, parameter_names};
 use super::denominator::{Denominator, distance_of, through_denominator};
 use super::ucm::{Lifted, lift};
 use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
+use crate::camera::expectation::{CoefficientEffect, Expectation};
 
 /// Enhanced unified camera with alpha and beta.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,6 +67,11 @@ impl<T: RealField + Copy> Eucm<T> {
 impl<T: RealField + Copy> CameraModel<T> for Eucm<T> {
     const NAME: &'static str = "eucm";
     const PARAMETER_NAMES: &'static [&'static str] = parameter_names!["alpha", "beta"];
+    const EXPECTATION: Expectation = Expectation {
+        effects: &[CoefficientEffect::Free, CoefficientEffect::Shape(1.0)],
+        fit_starts: &[&[0.5, 1.0]],
+        usual: [&[0.3, 1.0], &[0.6, 1.0]],
+    };
 
     fn from_parameters(parameters: &[T]) -> Option<Self> {
         let (matrix, [alpha, beta]) = CameraMatrix::split(parameters)?;

@@ -26,6 +26,7 @@ use nalgebra::{Matrix3x2, RealField, Vector2, Vector3};
 
 use super::camera_matrix::{CameraMatrix, direction, is_off_axis, parameter_names};
 use super::{CameraModel, MAX_PARAMETERS, PointJacobian, Projection, Unprojection};
+use crate::camera::expectation::{CoefficientEffect, Expectation};
 
 /// Field-of-view camera with w.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,6 +125,8 @@ impl<T: RealField + Copy> Fov<T> {
 impl<T: RealField + Copy> CameraModel<T> for Fov<T> {
     const NAME: &'static str = "fov";
     const PARAMETER_NAMES: &'static [&'static str] = parameter_names!["w"];
+    const EXPECTATION: Expectation =
+        Expectation { effects: &[CoefficientEffect::Free], fit_starts: &[&[0.9]], usual: [&[0.4], &[0.9]] };
 
     fn from_parameters(parameters: &[T]) -> Option<Self> {
         let (matrix, [w]) = CameraMatrix::split(parameters)?;

@@ -27,6 +27,7 @@ use nalgebra::{Matrix2, Matrix2x3, RealField, Vector2, Vector3};
 use super::camera_matrix::{CameraMatrix, bearing_through, direction, is_off_axis, parameter_names};
 use super::polynomial::RadialFunction;
 use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
+use crate::camera::expectation::{CoefficientEffect, Expectation};
 
 /// Largest radius of any domain.
 const RADIUS_CAP: f64 = 100.0;
@@ -67,6 +68,17 @@ impl<T: RealField + Copy> InverseRadial<T> {
 impl<T: RealField + Copy> CameraModel<T> for InverseRadial<T> {
     const NAME: &'static str = "inverse-radial";
     const PARAMETER_NAMES: &'static [&'static str] = parameter_names!["k1", "k2", "k3", "k4", "k5"];
+    const EXPECTATION: Expectation = Expectation {
+        effects: &[
+            CoefficientEffect::Radial(1),
+            CoefficientEffect::Radial(2),
+            CoefficientEffect::Radial(3),
+            CoefficientEffect::Radial(4),
+            CoefficientEffect::Radial(5),
+        ],
+        fit_starts: &[&[]],
+        usual: [&[0.0], &[0.3]],
+    };
 
     fn from_parameters(parameters: &[T]) -> Option<Self> {
         let (matrix, coefficients) = CameraMatrix::split(parameters)?;

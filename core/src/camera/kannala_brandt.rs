@@ -28,6 +28,7 @@ use nalgebra::{Matrix3x2, RealField, Vector2, Vector3};
 use super::camera_matrix::{CameraMatrix, direction, is_off_axis, parameter_names};
 use super::polynomial::RadialFunction;
 use super::{CameraModel, MAX_PARAMETERS, PointJacobian, Projection, Unprojection};
+use crate::camera::expectation::{CoefficientEffect, Expectation};
 
 /// Fisheye camera with k1 k2 k3 k4.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +73,16 @@ fn by_coefficients<T: RealField + Copy>(angle: T) -> impl Iterator<Item = T> {
 impl<T: RealField + Copy> CameraModel<T> for KannalaBrandt<T> {
     const NAME: &'static str = "kannala-brandt";
     const PARAMETER_NAMES: &'static [&'static str] = parameter_names!["k1", "k2", "k3", "k4"];
+    const EXPECTATION: Expectation = Expectation {
+        effects: &[
+            CoefficientEffect::Radial(1),
+            CoefficientEffect::Radial(2),
+            CoefficientEffect::Radial(3),
+            CoefficientEffect::Radial(4),
+        ],
+        fit_starts: &[&[]],
+        usual: [&[0.0], &[0.0]],
+    };
 
     fn from_parameters(parameters: &[T]) -> Option<Self> {
         let (matrix, coefficients) = CameraMatrix::split(parameters)?;

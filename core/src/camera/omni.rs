@@ -30,6 +30,7 @@ use super::camera_matrix::{CameraMatrix, parameter_names};
 use super::denominator::{Denominator, distance_of};
 use super::radtan::Radtan4;
 use super::{CameraModel, MAX_COEFFICIENTS, MAX_PARAMETERS, Projection, Unprojection};
+use crate::camera::expectation::{CoefficientEffect, Expectation};
 
 /// Omnidirectional camera with xi k1 k2 p1 p2.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,6 +91,17 @@ impl<T: RealField + Copy> Omni<T> {
 impl<T: RealField + Copy> CameraModel<T> for Omni<T> {
     const NAME: &'static str = "omni";
     const PARAMETER_NAMES: &'static [&'static str] = parameter_names!["xi", "k1", "k2", "p1", "p2"];
+    const EXPECTATION: Expectation = Expectation {
+        effects: &[
+            CoefficientEffect::Shape(1.0),
+            CoefficientEffect::Radial(1),
+            CoefficientEffect::Radial(2),
+            CoefficientEffect::Free,
+            CoefficientEffect::Free,
+        ],
+        fit_starts: &[&[1.0], &[]],
+        usual: [&[0.4], &[1.2]],
+    };
 
     fn from_parameters(parameters: &[T]) -> Option<Self> {
         let (matrix, [xi, k1, k2, p1, p2]) = CameraMatrix::split(parameters)?;

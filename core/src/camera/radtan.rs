@@ -34,6 +34,8 @@
 use nalgebra::{Matrix2, Matrix3x2, RealField, Vector2, Vector3};
 
 use super::camera_matrix::{CameraMatrix, bearing_through, parameter_names};
+use super::expectation::CoefficientEffect::{self, Free, Radial};
+use super::expectation::Expectation;
 use super::polynomial::{positive_until, product};
 use super::{CameraModel, MAX_COEFFICIENTS, MAX_PARAMETERS, PointJacobian, Projection, Unprojection};
 
@@ -74,21 +76,27 @@ pub trait Named {
     const MODEL: &'static str;
     /// Names of its parameters.
     const PARAMETERS: &'static [&'static str];
+    /// What each coefficient does.
+    const EFFECTS: &'static [CoefficientEffect];
 }
 
 impl Named for Coefficients<4> {
     const MODEL: &'static str = "radtan4";
     const PARAMETERS: &'static [&'static str] = parameter_names!["k1", "k2", "p1", "p2"];
+    const EFFECTS: &'static [CoefficientEffect] = &[Radial(1), Radial(2), Free, Free];
 }
 
 impl Named for Coefficients<5> {
     const MODEL: &'static str = "radtan";
     const PARAMETERS: &'static [&'static str] = parameter_names!["k1", "k2", "p1", "p2", "k3"];
+    const EFFECTS: &'static [CoefficientEffect] = &[Radial(1), Radial(2), Free, Free, Radial(3)];
 }
 
 impl Named for Coefficients<8> {
     const MODEL: &'static str = "radtan8";
     const PARAMETERS: &'static [&'static str] = parameter_names!["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
+    const EFFECTS: &'static [CoefficientEffect] =
+        &[Radial(1), Radial(2), Free, Free, Radial(3), Radial(1), Radial(2), Radial(3)];
 }
 
 /// The radial factor at one point.
@@ -335,6 +343,8 @@ where
 {
     const NAME: &'static str = Coefficients::<N>::MODEL;
     const PARAMETER_NAMES: &'static [&'static str] = Coefficients::<N>::PARAMETERS;
+    const EXPECTATION: Expectation =
+        Expectation { effects: Coefficients::<N>::EFFECTS, fit_starts: &[&[]], usual: [&[0.0], &[-0.3]] };
 
     fn from_parameters(parameters: &[T]) -> Option<Self> {
         let (matrix, own) = CameraMatrix::split::<N>(parameters)?;

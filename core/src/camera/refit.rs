@@ -83,7 +83,7 @@ pub fn refit_where<T: RealField + Copy>(
     inside: impl Fn(&Vector2<T>) -> bool,
 ) -> Option<Camera<T>> {
     let mut best: Option<(Camera<T>, NormalEquations<T>)> = None;
-    for coefficients in starts(kind) {
+    for coefficients in kind.expectation().fit_starts {
         let fitted = start(kind, reference, coefficients)
             .and_then(|start| fit(kind, reference, start, || grid(sensor).filter(&inside)));
         if let Some((camera, equations)) = fitted {
@@ -139,24 +139,6 @@ fn fit<T: RealField + Copy, I: Iterator<Item = Vector2<T>>>(
         }
     }
     Some((camera, equations))
-}
-
-/// Coefficients from which fits of model `kind` start: no distortion; where the derivative by a
-/// coefficient vanishes without, those of a wide lens. With xi = 0, where it is `ucm`, a double sphere
-/// camera changes as much with xi as with alpha: neither side is reached from the other.
-fn starts(kind: ModelKind) -> &'static [&'static [f64]] {
-    match kind {
-        ModelKind::Radtan4
-        | ModelKind::Radtan
-        | ModelKind::Radtan8
-        | ModelKind::KannalaBrandt
-        | ModelKind::InverseRadial => &[&[]],
-        ModelKind::Ucm => &[&[0.5]],
-        ModelKind::Eucm => &[&[0.5, 1.0]],
-        ModelKind::DoubleSphere => &[&[-0.2, 0.5], &[0.4, 0.5]],
-        ModelKind::Fov => &[&[0.9]],
-        ModelKind::Omni => &[&[1.0], &[]],
-    }
 }
 
 /// Parameters of model `kind` with the principal point of `reference`, its focal lengths on the axis

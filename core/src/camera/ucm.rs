@@ -33,6 +33,7 @@ use nalgebra::{RealField, Vector2, Vector3};
 use super::camera_matrix::{CameraMatrix, parameter_names};
 use super::denominator::{Denominator, distance_of, through_denominator};
 use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
+use crate::camera::expectation::{CoefficientEffect, Expectation};
 
 /// Unified camera with alpha.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,6 +92,8 @@ impl<T: RealField + Copy> Ucm<T> {
 impl<T: RealField + Copy> CameraModel<T> for Ucm<T> {
     const NAME: &'static str = "ucm";
     const PARAMETER_NAMES: &'static [&'static str] = parameter_names!["alpha"];
+    const EXPECTATION: Expectation =
+        Expectation { effects: &[CoefficientEffect::Free], fit_starts: &[&[0.5]], usual: [&[0.3], &[0.6]] };
 
     fn from_parameters(parameters: &[T]) -> Option<Self> {
         let (matrix, [alpha]) = CameraMatrix::split(parameters)?;

@@ -20,21 +20,6 @@ fn passes(parameters: usize) -> [Vec<bool>; 3] {
 /// Root mean square error that a bad view may add at most when focal lengths are compared, in px.
 const VIEW_ERROR_CAP: f64 = 20.0;
 
-/// First coefficients of two lenses of model `kind`: of one with little distortion, and of one with the
-/// barrel distortion of ordinary lenses, or of a fisheye where the model is for these.
-fn scan_coefficients(kind: ModelKind) -> [&'static [f64]; 2] {
-    match kind {
-        ModelKind::Radtan4 | ModelKind::Radtan | ModelKind::Radtan8 => [&[0.0], &[-0.3]],
-        ModelKind::InverseRadial => [&[0.0], &[0.3]],
-        ModelKind::KannalaBrandt => [&[0.0], &[0.0]],
-        ModelKind::Ucm => [&[0.3], &[0.6]],
-        ModelKind::Eucm => [&[0.3, 1.0], &[0.6, 1.0]],
-        ModelKind::DoubleSphere => [&[-0.2, 0.4], &[-0.2, 0.6]],
-        ModelKind::Fov => [&[0.4], &[0.9]],
-        ModelKind::Omni => [&[0.4], &[1.2]],
-    }
-}
-
 /// Number of views that compare focal lengths.
 const SCAN_VIEWS: usize = 16;
 
@@ -53,7 +38,7 @@ pub fn native_start(
     let scan: Vec<Camera<f64>> = (0..32)
         .flat_map(|step| {
             let focal = 0.2 * size.norm() * 1.12_f64.powi(step);
-            scan_coefficients(kind).map(|coefficients| {
+            kind.expectation().usual.map(|coefficients| {
                 let mut parameters = vec![focal, focal, center.x, center.y];
                 parameters.extend_from_slice(coefficients);
                 parameters.resize(count, 0.0);

@@ -39,9 +39,7 @@ fn opencv_models(kind: ModelKind) -> &'static [OpencvModel] {
         ModelKind::Radtan | ModelKind::Radtan8 => &[Pinhole(PinholeDistortion::RadialTangential5)],
         ModelKind::InverseRadial => &[Pinhole(PinholeDistortion::Radial3)],
         ModelKind::KannalaBrandt => &[Fisheye],
-        ModelKind::Ucm | ModelKind::Eucm | ModelKind::DoubleSphere | ModelKind::Fov | ModelKind::Omni => {
-            &[Fisheye, Pinhole(PinholeDistortion::RadialTangential4)]
-        }
+        _ => &[Fisheye, Pinhole(PinholeDistortion::RadialTangential4)],
     }
 }
 
@@ -66,7 +64,7 @@ fn camera_of(
             parameters.resize(kind.parameter_names().len(), 0.0);
             Camera::from_parameters(kind, &parameters)
         }
-        ModelKind::Ucm | ModelKind::Eucm | ModelKind::DoubleSphere | ModelKind::Fov | ModelKind::Omni => {
+        _ => {
             let near = match model {
                 OpencvModel::Pinhole(_) => ModelKind::Radtan4,
                 OpencvModel::Fisheye => ModelKind::KannalaBrandt,

@@ -1,6 +1,7 @@
 //! What is expected of a distortion before anything is seen: weakly, that no term bends the image more than lenses do.
 
-use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+use evcal_core::camera::expectation::CoefficientEffect;
+use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
 use nalgebra::SVector;
 
@@ -19,44 +20,21 @@ pub struct DistortionPrior {
     pub expected: [f64; MAX_PARAMETERS],
 }
 
-/// What a coefficient does.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Coefficient {
-    /// Adds this power of the squared radius to the radius, as a part of it.
-    Radial(i32),
-    /// Is determined by few views.
-    Free,
-    /// Is about so large, give or take 1: the shape of a wide model, which a narrow view leaves open.
-    Shape(f64),
-}
-
 /// The prior of a camera's model.
 ///
 /// Radial terms are expected to change the radius at the corner furthest from the principal point by
 /// `PRIOR_CHANGE` of itself, more or less.
 pub fn distortion_prior(camera: &Camera<f64>, sensor: Sensor) -> DistortionPrior {
-    use Coefficient::{Free, Radial, Shape};
     let mut prior = DistortionPrior { weights: [0.0; MAX_PARAMETERS], expected: [0.0; MAX_PARAMETERS] };
     let &[fx, fy, cx, cy, ..] = camera.parameters().as_slice() else { return prior };
     let (right, bottom) = (f64::from(sensor.width) - 1.0, f64::from(sensor.height) - 1.0);
     let corner = (cx.max(right - cx) / fx).powi(2) + (cy.max(bottom - cy) / fy).powi(2);
-    let coefficients: &[Coefficient] = match camera.kind() {
-        ModelKind::Radtan4 => &[Radial(1), Radial(2), Free, Free],
-        ModelKind::Radtan => &[Radial(1), Radial(2), Free, Free, Radial(3)],
-        ModelKind::Radtan8 => &[Radial(1), Radial(2), Free, Free, Radial(3), Radial(1), Radial(2), Radial(3)],
-        ModelKind::KannalaBrandt => &[Radial(1), Radial(2), Radial(3), Radial(4)],
-        ModelKind::InverseRadial => &[Radial(1), Radial(2), Radial(3), Radial(4), Radial(5)],
-        ModelKind::Ucm | ModelKind::Fov => &[Free],
-        ModelKind::Eucm => &[Free, Shape(1.0)],
-        ModelKind::DoubleSphere => &[Shape(0.0), Free],
-        ModelKind::Omni => &[Shape(1.0), Radial(1), Radial(2), Free, Free],
-    };
     let slots = prior.weights.iter_mut().zip(&mut prior.expected).skip(4);
-    for ((weight, expected), coefficient) in slots.zip(coefficients) {
-        match *coefficient {
-            Free => {}
-            Radial(power) => *weight = (PRIOR_NOISE * corner.powi(power) / PRIOR_CHANGE).powi(2),
-            Shape(value) => (*weight, *expected) = (PRIOR_NOISE * PRIOR_NOISE, value),
+    for ((weight, expected), effect) in slots.zip(camera.kind().expectation().effects) {
+        match *effect {
+            CoefficientEffect::Free => {}
+            CoefficientEffect::Radial(power) => *weight = (PRIOR_NOISE * corner.powi(power) / PRIOR_CHANGE).powi(2),
+            CoefficientEffect::Shape(value) => (*weight, *expected) = (PRIOR_NOISE * PRIOR_NOISE, value),
         }
     }
     prior
