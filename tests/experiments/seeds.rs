@@ -1,13 +1,17 @@
 //! Are the stated uncertainties true? Simulates many recordings through one lens, calibrates each, and
-//! compares errors with what was stated.
+//! compares errors of camera and poses with what was stated.
 //!
 //! ```text
 //! cargo build --release --workspace --examples
 //! target/release/examples/seeds [FIRST-LAST [MODEL [SIMULATE-OPTION...]]]
 //! ```
 
+use std::io::BufReader;
 use std::path::Path;
 
+use evcal::evaluate::trajectory_error::best_time_shift;
+use evcal::trajectory::timed_pose::TimedPose;
+use evcal::trajectory::tum;
 use evcal_tests::lens::{self, Lens};
 use evcal_tests::{BOARD, json, read_json, succeed, text};
 use serde_json::Value;
@@ -22,6 +26,22 @@ struct Trial {
     expected: [f64; 2],
     /// The same of the two halves of the recording.
     halves: Option<(f64, [f64; 2])>,
+    poses: Poses,
+}
+
+/// How far the camera centres of one recording are from the truth, both in the frame of the board.
+struct Poses {
+    /// Root mean square distance (m).
+    rms: f64,
+    /// The same over the worst 0.1 s.
+    worst: f64,
+    /// Coordinates of centres, and how many of them are within 1.96 stated σ of the truth.
+    compared: usize,
+    inside: usize,
+    /// Poses that are too uncertain for trajectory.txt, or belong to a stretch that is left out.
+    undetermined: usize,
+    /// Whether the verdict is that the calibration is not good enough.
+    refused: bool,
 }
 
 fn main() {
@@ -56,6 +76,17 @@ fn main() {
     println!("all parameters: truth inside in {:.1} %", share(inside_all, names.len() * trials.len()));
     compare("projection", trials.iter().map(|trial| (trial.difference, trial.expected)));
     compare("split halves", trials.iter().filter_map(|trial| trial.halves));
+    let poses = || trials.iter().map(|trial| &trial.poses);
+    let largest = |values: &mut dyn Iterator<Item = f64>| 1e3 * values.fold(0.0, f64::max);
+    println!(
+        "camera centres: {:.2} mm rms, {:.2} mm in the worst recording, {:.2} mm in the worst 0.1 s; truth inside 95 % in {:.1} %; {} poses not determined",
+        1e3 * root_mean_square(poses().map(|poses| poses.rms)),
+        largest(&mut poses().map(|poses| poses.rms)),
+        largest(&mut poses().map(|poses| poses.worst)),
+        share(poses().map(|poses| poses.inside).sum(), poses().map(|poses| poses.compared).sum()),
+        poses().map(|poses| poses.undetermined).sum::<usize>()
+    );
+    println!("verdict \"not good enough\": {}", poses().filter(|poses| poses.refused).count());
 }
 
 fn trial(lens: Lens, seed: u64, options: &[String]) -> Option<Trial> {
@@ -76,7 +107,9 @@ fn trial(lens: Lens, seed: u64, options: &[String]) -> Option<Trial> {
     simulate.extend(["-o", text(&simulation)]);
     succeed(&simulate);
     let events = simulation.join("events.aedat4");
-    let calibrate = ["calibrate", text(&events), "--board", BOARD, "--model", lens.model, "-o", text(&calibration)];
+    // Without those that are not good enough, the figures would be of the good ones only.
+    let calibrate =
+        ["calibrate", text(&events), "--board", BOARD, "--model", lens.model, "--accept-any", "-o", text(&calibration)];
     let finished = evcal_tests::evcal(&calibrate);
     if finished.code != Some(0) {
         println!("seed {seed}: {}", finished.stderr.trim());
@@ -102,8 +135,56 @@ impl Trial {
             halves: halves["bound"]
                 .as_f64()
                 .map(|bound| (number(&halves["difference_rms"]), [number(&halves["expected_rms"]), bound])),
+            poses: Poses::of(calibration, truth, result["verdict"]["grade"] == "not-good"),
         }
     }
+}
+
+impl Poses {
+    /// Compares the poses of the folder `calibration` with those of the folder `truth`, whose clock differs by what all
+    /// events come late.
+    fn of(calibration: &Path, truth: &Path, refused: bool) -> Self {
+        let real = trajectory(truth);
+        let estimated = trajectory(calibration);
+        let shift = best_time_shift(&real, &estimated, 0.02).expect("trajectories overlap");
+        let offset = |t: f64, centre: [f64; 3]| -> Option<[f64; 3]> {
+            let after = real.partition_point(|pose| pose.t < t + shift);
+            let (a, b) = (real.get(after.checked_sub(1)?)?, real.get(after)?);
+            let share = (t + shift - a.t) / (b.t - a.t);
+            let at = a.pose.translation.vector.lerp(&b.pose.translation.vector, share);
+            Some(std::array::from_fn(|axis| centre[axis] - at[axis]))
+        };
+        let square = |[x, y, z]: [f64; 3]| x * x + y * y + z * z;
+        let squares: Vec<(f64, f64)> = estimated
+            .iter()
+            .filter_map(|pose| Some((pose.t, square(offset(pose.t, pose.pose.translation.vector.into())?))))
+            .collect();
+        let mean = |part: &[(f64, f64)]| part.iter().map(|(_, square)| square).sum::<f64>() / part.len() as f64;
+        let tenth = |t: f64| (10.0 * t).floor();
+        let (mut compared, mut inside, mut rows) = (0, 0, 0);
+        let table = std::fs::read_to_string(calibration.join("trajectory.csv")).expect("poses with their sigma");
+        for line in table.lines().skip(1) {
+            rows += 1;
+            let fields: Vec<f64> = line.split(',').filter_map(|field| field.parse().ok()).collect();
+            let &[t, x, y, z, _, _, _, _, a, b, c, ..] = fields.as_slice() else { continue };
+            let Some(offset) = offset(t, [x, y, z]) else { continue };
+            compared += 3;
+            inside += offset.iter().zip([a, b, c]).filter(|(offset, sigma)| offset.abs() < 1.96 * sigma).count();
+        }
+        Self {
+            rms: mean(&squares).sqrt(),
+            worst: squares.chunk_by(|a, b| tenth(a.0) == tenth(b.0)).map(mean).fold(0.0, f64::max).sqrt(),
+            compared,
+            inside,
+            undetermined: rows - estimated.len(),
+            refused,
+        }
+    }
+}
+
+fn trajectory(folder: &Path) -> Vec<TimedPose> {
+    let file = std::fs::File::open(folder.join("trajectory.txt")).expect("a trajectory");
+    tum::read(BufReader::new(file)).expect("a TUM file")
 }
 
 fn compare(what: &str, found: impl Iterator<Item = (f64, [f64; 2])>) {
