@@ -6,7 +6,9 @@ use super::chart::{Chart, Color, Series, range_of};
 use super::number::count;
 use super::page::{Section, scrolling};
 use crate::calibrate::calibrated::Calibrated;
+use crate::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use crate::solve::refinement::Refined;
+use crate::solve::unexplained::UnexplainedStretch;
 use crate::trajectory::Trajectory;
 
 /// Points of a curve over a whole recording.
@@ -18,16 +20,19 @@ const LISTED: usize = 60;
 
 /// Position and rotation over time, and the segments.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
-    let refined = &calibrated.events()?.refined;
+    let events = calibrated.events()?;
+    let refined = &events.refined;
     let trajectories = &refined.state.trajectories;
     let recordings = calibrated.starts.len();
-    let plots = (0..recordings.min(PLOTTED)).filter_map(|recording| plots(trajectories, recording, recordings));
+    let plots = (0..recordings.min(PLOTTED))
+        .filter_map(|recording| plots(trajectories, &events.trust.poses, recording, recordings));
     let content = html! {
         p {
             "The camera's pose in the frame of the board: the origin is the first circle, x runs along a row, y from row to row, and the camera is at "
             "negative z. Gaps are times without the board; each stretch between gaps is a segment with a spline of its own."
         }
         @for plots in plots { (plots) }
+        (left_out(&events.trust.unexplained))
         @if recordings > PLOTTED { p.faint { "The other recordings are in the trajectory files." } }
         details {
             summary { (trajectories.len()) " segments" }
@@ -38,29 +43,64 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
     Some(Section { id: "trajectory", title: "How the camera moved", content })
 }
 
-fn plots(trajectories: &[Trajectory], recording: usize, recordings: usize) -> Option<Markup> {
-    let of_recording = || trajectories.iter().filter(|one| one.recording == recording);
-    let start = of_recording().map(Trajectory::start).min_by(f64::total_cmp)?;
-    let end = of_recording().map(Trajectory::end).max_by(f64::total_cmp)?;
-    let step = (end - start) / POINTS;
-    let mut position: [Vec<Vec<(f64, f64)>>; 3] = Default::default();
-    let mut rotation: [Vec<Vec<(f64, f64)>>; 3] = Default::default();
-    for trajectory in of_recording() {
-        let count = ((trajectory.end() - trajectory.start()) / step).ceil().clamp(2.0, POINTS) as usize;
-        let mut curves: [Vec<(f64, f64)>; 6] = Default::default();
+/// One curve for each segment.
+type Curves = Vec<Vec<(f64, f64)>>;
+
+/// Position (m), rotation vector (°) and their standard deviations (mm, °) over time, by axis.
+#[derive(Default)]
+struct PoseCurves {
+    position: [Curves; 3],
+    rotation: [Curves; 3],
+    position_sigma: [Curves; 3],
+    rotation_sigma: [Curves; 3],
+}
+
+impl PoseCurves {
+    /// Adds the curves of one segment, a point every `step` seconds.
+    fn add(&mut self, trajectory: &Trajectory, sigma: impl Fn(f64) -> Option<PoseSigma>, step: f64) {
+        let length = trajectory.end() - trajectory.start();
+        let count = (length / step).ceil().clamp(2.0, POINTS) as usize;
+        let mut poses: [Vec<(f64, f64)>; 6] = Default::default();
+        let mut sigmas: [Vec<(f64, f64)>; 6] = Default::default();
         for index in 0..=count {
-            let t = trajectory.start() + (trajectory.end() - trajectory.start()) * index as f64 / count as f64;
-            let Some(pose) = trajectory.pose(t.min(trajectory.end())) else { continue };
+            let t = (trajectory.start() + length * index as f64 / count as f64).min(trajectory.end());
+            let Some(pose) = trajectory.pose(t) else { continue };
             let turns = pose.rotation.scaled_axis().map(f64::to_degrees);
             let values = pose.translation.vector.iter().chain(turns.iter());
-            for (curve, value) in curves.iter_mut().zip(values) {
-                curve.push((t, *value));
-            }
+            poses.iter_mut().zip(values).for_each(|(curve, value)| curve.push((t, *value)));
+            let Some(sigma) = sigma(t) else { continue };
+            let values =
+                sigma.position.map(|metres| 1e3 * metres).into_iter().chain(sigma.rotation.map(f64::to_degrees));
+            sigmas.iter_mut().zip(values).for_each(|(curve, value)| curve.push((t, value)));
         }
-        for (curve, all) in curves.into_iter().zip(position.iter_mut().chain(&mut rotation)) {
-            all.push(curve);
-        }
+        let all = self.position.iter_mut().chain(&mut self.rotation);
+        all.zip(poses).for_each(|(all, curve)| all.push(curve));
+        let all = self.position_sigma.iter_mut().chain(&mut self.rotation_sigma);
+        all.zip(sigmas).for_each(|(all, curve)| all.push(curve));
     }
+}
+
+fn plots(
+    trajectories: &[Trajectory],
+    covariance: &PoseCovariance,
+    recording: usize,
+    recordings: usize,
+) -> Option<Markup> {
+    let of_recording = || trajectories.iter().enumerate().filter(|(_, one)| one.recording == recording);
+    let start = of_recording().map(|(_, one)| one.start()).min_by(f64::total_cmp)?;
+    let end = of_recording().map(|(_, one)| one.end()).max_by(f64::total_cmp)?;
+    let step = (end - start) / POINTS;
+    let mut curves = PoseCurves::default();
+    for (segment, trajectory) in of_recording() {
+        curves.add(trajectory, |t| covariance.sigma(segment, trajectory, t), step);
+    }
+    let PoseCurves { position, rotation, position_sigma, rotation_sigma } = curves;
+    let sigmas = (!position_sigma.iter().flatten().all(Vec::is_empty)).then(|| {
+        [
+            chart("Standard deviation of the position over time.", "σ (mm)", position_sigma, (start, end), 0.1),
+            chart("Standard deviation of the rotation over time.", "σ (°)", rotation_sigma, (start, end), 0.01),
+        ]
+    });
     let position = chart("Position of the camera over time.", "position (m)", position, (start, end), 0.1);
     let rotation = chart("Rotation vector of the camera over time.", "rotation (°)", rotation, (start, end), 10.0);
     Some(html! {
@@ -69,7 +109,30 @@ fn plots(trajectories: &[Trajectory], recording: usize, recordings: usize) -> Op
             figure { (position.render()) figcaption { "Position of the camera." } }
             figure { (rotation.render()) figcaption { "Rotation of the camera: axis times angle." } }
         }
+        @if let Some([position, rotation]) = sigmas {
+            div.pair {
+                figure { (position.render()) figcaption { "How sure the position is: one σ along each axis of the board." } }
+                figure { (rotation.render()) figcaption { "How sure the rotation is: one σ about each axis of the camera." } }
+            }
+        }
     })
+}
+
+/// The stretches that the motion was not followed in.
+fn left_out(stretches: &[UnexplainedStretch]) -> Markup {
+    /// Stretches that are named.
+    const NAMED: usize = 20;
+    let named = |stretch: &UnexplainedStretch| format!("{:.2} to {:.2} s", stretch.start, stretch.end);
+    let names: Vec<String> = stretches.iter().take(NAMED).map(named).collect();
+    html! {
+        @if !stretches.is_empty() {
+            p {
+                "Left out, because no curve explains the events there: " (names.join(", "))
+                @if stretches.len() > NAMED { " and " (stretches.len() - NAMED) " more" }
+                "."
+            }
+        }
+    }
 }
 
 fn chart(

@@ -118,8 +118,7 @@ impl MotionSettings {
         Self { mean_speed: 700.0, tremor: 0.15, ..Self::slow() }
     }
 
-    /// Shaking: 850 px/s on average, several times as fast at times, and a strong tremor. More events than a
-    /// DAVIS346 can send: at times they come up to 30 ms late.
+    /// Shaking: 850 px/s on average, several times as fast at times, and a strong tremor.
     pub fn violent() -> Self {
         Self { mean_speed: 850.0, speed_variation: 0.55, tremor: 1.5, ..Self::slow() }
     }

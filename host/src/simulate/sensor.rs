@@ -55,6 +55,9 @@ pub struct Photoreceptor {
 }
 
 /// A bus that reads one event after the other.
+///
+/// The default needs 110 ns for an event in another row than the one before: nine a microsecond, as many as real DAVIS346
+/// recordings have at most. Within a row it needs 45 ns.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Arbiter {
@@ -85,7 +88,7 @@ impl Default for SensorModel {
             noise_spread: 0.15,
             hot_pixels: 12,
             hot_rate: [60.0, 400.0],
-            arbiter: Some(Arbiter { latency: 4e-6, jitter: 3e-6, event_time: 65e-9, row_time: 250e-9 }),
+            arbiter: Some(Arbiter { latency: 4e-6, jitter: 3e-6, event_time: 45e-9, row_time: 65e-9 }),
         }
     }
 }

@@ -120,6 +120,14 @@ pub struct Associator<'a> {
 /// An associated event with the index of its segment and of its time bin.
 type Associated = (usize, u32, EventObservation);
 
+/// What came of the events that one thread worked on.
+struct Part {
+    found: Vec<Associated>,
+    /// Segment and time (s) of events on the board that are far from every edge.
+    far: Vec<(usize, f32)>,
+    report: AssociationReport,
+}
+
 /// Events for which one thread works in a go.
 const CHUNK: usize = 4096;
 
@@ -157,7 +165,7 @@ impl<'a> Associator<'a> {
         let span = (first.t as f64 * 1e-6 - margin, last.t as f64 * 1e-6 + margin);
         let bins: Vec<SegmentBins> =
             self.segments.iter().map(|(_, trajectory)| SegmentBins::new(trajectory, self.context.bin, span)).collect();
-        let parts: Vec<(Vec<Associated>, Vec<(usize, f32)>, AssociationReport)> = events
+        let parts: Vec<Part> = events
             .par_chunks(CHUNK)
             .zip(self.ranks.par_chunks(CHUNK))
             .enumerate()
@@ -173,11 +181,11 @@ impl<'a> Associator<'a> {
                         found.push(observation);
                     }
                 }
-                (found, far, report)
+                Part { found, far, report }
             })
             .collect();
         self.ordinal += events.len() as u64;
-        for (found, far, report) in parts {
+        for Part { found, far, report } in parts {
             self.report.add(&report);
             for (segment, time) in far {
                 if let Some(list) = self.far.get_mut(segment) {

@@ -13,6 +13,9 @@ use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, RotationContr
 /// How far control points move: a rotation vector (rad, camera frame) and a translation (m) each.
 pub type Displacement = Vec<[f64; CONTROL_POINT]>;
 
+/// Translations (m) and rotations of control points.
+type ControlPoints = (Vec<Vector3<f64>>, Vec<Quaternion<f64>>);
+
 /// A trajectory on fine knots, and what is needed to put it on coarser ones.
 pub struct KnotFit {
     /// The trajectory on the fine knots.
@@ -110,7 +113,7 @@ impl KnotFit {
     }
 
     /// Control points of the curve on coarser knots whose fine control points are nearest to those there are.
-    fn nearest(&self, blends: &[Blend], count: usize) -> Option<(Vec<Vector3<f64>>, Vec<Quaternion<f64>>)> {
+    fn nearest(&self, blends: &[Blend], count: usize) -> Option<ControlPoints> {
         const NUMBERS: usize = 7;
         let order = self.trajectory.degree + 1;
         let mut matrix = BandedCholesky::zeros(count, order - 1);

@@ -101,9 +101,9 @@ fn densities(samples: &[Sample]) -> Vec<[f64; 2]> {
     let ratio = |power: f64, known: f64| if known > 0.0 { power / known } else { 0.0 };
     let sums = |samples: &[Sample]| {
         samples.iter().fold([[0.0; 2]; 2], |mut sums, sample| {
-            for part in 0..2 {
-                sums[part][0] += sample.power[part];
-                sums[part][1] += sample.known[part];
+            for (sums, (power, known)) in sums.iter_mut().zip(sample.power.iter().zip(sample.known)) {
+                sums[0] += power;
+                sums[1] += known;
             }
             sums
         })

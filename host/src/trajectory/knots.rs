@@ -90,11 +90,11 @@ pub fn insertion(coarse: &[f64], fine: &[f64], degree: usize) -> Vec<Blend> {
             for order in 1..=degree.min(MAX_ORDER - 1) {
                 let knot = at(fine, index + order);
                 let mut carried = 0.0;
-                for place in 0..order {
+                for (place, weight) in weights.iter_mut().enumerate().take(order) {
                     let right = at(coarse, span + place + 1) - knot;
                     let left = knot - at(coarse, span + 1 + place - order);
-                    let part = weights[place] / (right + left);
-                    weights[place] = carried + right * part;
+                    let part = *weight / (right + left);
+                    *weight = carried + right * part;
                     carried = left * part;
                 }
                 weights[order] = carried;
