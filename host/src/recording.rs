@@ -28,6 +28,7 @@ pub mod encode;
 mod error;
 pub mod event_calib;
 pub mod extras;
+pub mod fingerprint;
 mod foreign;
 mod format;
 pub mod information;
@@ -38,6 +39,7 @@ pub mod playback;
 pub mod prophesee;
 mod reader;
 pub mod ros;
+pub mod saturation;
 #[cfg(test)]
 mod testing;
 pub mod text;

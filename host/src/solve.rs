@@ -15,6 +15,7 @@ pub mod event_bias;
 pub mod event_row;
 pub mod knot_choice;
 pub mod knot_fit;
+pub mod left_out;
 pub mod levenberg;
 pub mod normal;
 pub mod observation;

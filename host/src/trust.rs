@@ -16,9 +16,9 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::picture_calibration::calibration::PictureCalibration;
 use crate::solve::SolveError;
 use crate::solve::event_bias::bias::Bias;
+use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::Refined;
-use crate::solve::unexplained::UnexplainedStretch;
 use crate::trust::coverage::{Coverage, coverage, coverage_of};
 use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
 use crate::trust::split_half::{SplitHalf, SplitHalfSettings, split_half};
@@ -49,8 +49,10 @@ pub struct EventTrust {
     pub radius: Option<ObservedRadius>,
     /// How sure each pose is.
     pub poses: PoseCovariance,
-    /// Stretches that no curve explains.
-    pub unexplained: Vec<UnexplainedStretch>,
+    /// Stretches that are left out.
+    pub left_out: Vec<LeftOut>,
+    /// Stretches in which the readout was saturated, where they are too long to be left out.
+    pub saturated: Vec<LeftOut>,
 }
 
 /// The circles' radius as the events see it.
@@ -68,7 +70,7 @@ pub struct ObservedRadius {
 /// blurred edge changes, which is on its dark side.
 const USUAL_OFFSET: f64 = -0.45;
 
-/// Examines `refined`, whose uncertainty is known.
+/// Examines `refined`, whose uncertainty is known. `saturated` are stretches with a saturated readout that are in the solve.
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the camera.
@@ -76,6 +78,7 @@ pub fn examine(
     refined: &Refined,
     uncertainty: SolveUncertainty,
     board: &Board,
+    saturated: &[LeftOut],
     halves: &SplitHalfSettings,
     map: &ResidualMapSettings,
 ) -> Result<(Trust, EventTrust), SolveError> {
@@ -88,7 +91,8 @@ pub fn examine(
         split_half: split_half(problem, state, uncertainty.inflation, halves),
         residuals: residual_map(problem, state, map),
         radius: observed_radius(refined, board),
-        unexplained: refined.unexplained.clone(),
+        left_out: refined.left_out.clone(),
+        saturated: saturated.to_vec(),
         poses: PoseCovariance::new(problem, state, uncertainty.inflation)?,
     };
     Ok((Trust { uncertainty, projection, coverage: coverage(problem, state, board) }, events))

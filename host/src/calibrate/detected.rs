@@ -7,7 +7,10 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::RecordingError;
+use crate::recording::fingerprint::Fingerprint;
 use crate::recording::pass::RecordingReport;
+use crate::recording::saturation::SaturationDetector;
+use crate::solve::left_out::{LeftOut, Reason};
 use evcal_core::sensor::Sensor;
 
 /// Where the board was seen.
@@ -19,7 +22,12 @@ pub(super) struct Detected {
     pub(super) detection: DetectionReport,
     /// Events in all recordings; `None` where the input is circles alone.
     pub(super) events: Option<u64>,
+    /// Stretches in which the readout was saturated.
+    pub(super) saturated: Vec<LeftOut>,
 }
+
+/// Recordings that share more than this part of their events are of the same time.
+const SAME: f64 = 0.02;
 
 /// Looks for the board in all recordings.
 ///
@@ -34,7 +42,9 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
         recordings: Vec::new(),
         detection: DetectionReport::default(),
         events: None,
+        saturated: Vec::new(),
     };
+    let mut fingerprints: Vec<(String, Fingerprint)> = Vec::new();
     // What the first damaged recording broke off with.
     let mut damage = None;
     for (index, input) in task.inputs.iter().enumerate() {
@@ -42,10 +52,26 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
         match input {
             Input::Events(_) => {
                 let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
-                let pass = read_events(task.inputs, index, &mut |events| stage.push(events))?;
+                let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
+                let pass = read_events(task.inputs, index, &mut |events| {
+                    fingerprint.push(events);
+                    saturation.push(events);
+                    stage.push(events);
+                })?;
                 if pass.count == 0 {
                     return Err(CalibrateError::Empty { file: input.name() });
                 }
+                if let Some((other, _)) = fingerprints.iter().find(|(_, other)| other.shared(&fingerprint) > SAME) {
+                    return Err(CalibrateError::SameEvents { file: input.name(), other: other.clone() });
+                }
+                fingerprints.push((input.name(), fingerprint));
+                let stretches = saturation.finish().stretches.into_iter();
+                all.saturated.extend(stretches.map(|(start, end)| LeftOut {
+                    recording: index,
+                    start,
+                    end,
+                    reason: Reason::Saturated,
+                }));
                 let (frames, report) = stage.into_frames();
                 all.frames.extend(frames);
                 all.detection.add(&report);

@@ -44,6 +44,14 @@ pub enum CalibrateError {
         /// The sensor of the recordings before it.
         before: Sensor,
     },
+    /// Two recordings hold the same events.
+    #[error("{file} holds the same events as {other}: give each recording once, and none that is part of another")]
+    SameEvents {
+        /// The file.
+        file: String,
+        /// The one before it.
+        other: String,
+    },
     /// There are no events.
     #[error("{file} holds no events")]
     Empty {

@@ -22,13 +22,23 @@ use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
 use crate::trust::verdict::verdict;
 use crate::trust::witness::WitnessOutcome;
 
+/// Stretches with a saturated readout are left out unless they are a larger part of the recordings than this.
+const MOST_LEFT_OUT: f64 = 0.5;
+
 /// Calibrates as `task` says, with pictures as a witness or a partner.
 ///
 /// # Errors
 /// [`CalibrateError`].
 pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
     let settings = task.settings;
-    let Detected { sensor, frames, starts, recordings, detection, events } = detect_all(task, progress)?;
+    let Detected { sensor, frames, starts, recordings, detection, events, saturated } = detect_all(task, progress)?;
+    let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
+    let (left_out, saturated) =
+        if saturated.iter().map(|stretch| stretch.end - stretch.start).sum::<f64>() <= MOST_LEFT_OUT * duration {
+            (saturated, Vec::new())
+        } else {
+            (Vec::new(), saturated)
+        };
     let (initial, model_choice) = first_model(task, &frames, sensor, progress)?;
 
     let from_pictures = match task.pictures {
@@ -54,6 +64,7 @@ pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<
         events: events.map(|count| EventInput { recordings: task.inputs.len(), count, read: &read }),
         points,
         point_sigma: initial.report.rms.max(SMALLEST_POINT_SIGMA),
+        left_out: &left_out,
     };
     let state = State { camera: initial.camera, bias: unknown(settings.refinement.first_sigma), trajectories };
     let (mut refined, mut certainty) = solve(task, &input, state, progress)?;
@@ -70,8 +81,9 @@ pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<
     }
 
     progress("examination");
-    let (trust, event_trust) = examine(&refined, certainty, task.board, &settings.split_half, &settings.residual_map)
-        .map_err(CalibrateError::Solve)?;
+    let (trust, event_trust) =
+        examine(&refined, certainty, task.board, &saturated, &settings.split_half, &settings.residual_map)
+            .map_err(CalibrateError::Solve)?;
     let findings = witness.as_ref().and_then(WitnessOutcome::finding).into_iter().collect();
     let camera = &refined.state.camera;
     let verdict = verdict(camera, &trust, Some(&event_trust), task.board, sensor, findings, &settings.verdict);

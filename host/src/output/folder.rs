@@ -203,7 +203,7 @@ fn best_and_worst<'a>(
 fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
     let mut poses = match &calibrated.evidence {
         Evidence::Events(events) => {
-            sampled_poses(&events.refined.state, (&events.trust.poses, &events.trust.unexplained), recording, settings)
+            sampled_poses(&events.refined.state, (&events.trust.poses, &events.refined.left_out), recording, settings)
         }
         Evidence::Pictures(_) => calibrated
             .posed()

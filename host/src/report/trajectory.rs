@@ -6,9 +6,9 @@ use super::chart::{Chart, Color, Series, range_of};
 use super::number::count;
 use super::page::{Section, scrolling};
 use crate::calibrate::calibrated::Calibrated;
+use crate::solve::left_out::{LeftOut, Reason};
 use crate::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use crate::solve::refinement::Refined;
-use crate::solve::unexplained::UnexplainedStretch;
 use crate::trajectory::Trajectory;
 
 /// Points of a curve over a whole recording.
@@ -32,7 +32,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
             "negative z. Gaps are times without the board; each stretch between gaps is a segment with a spline of its own."
         }
         @for plots in plots { (plots) }
-        (left_out(&events.trust.unexplained))
+        (left_out(&events.trust.left_out))
         @if recordings > PLOTTED { p.faint { "The other recordings are in the trajectory files." } }
         details {
             summary { (trajectories.len()) " segments" }
@@ -118,18 +118,25 @@ fn plots(
     })
 }
 
-/// The stretches that the motion was not followed in.
-fn left_out(stretches: &[UnexplainedStretch]) -> Markup {
+/// The stretches that are left out, and why.
+fn left_out(stretches: &[LeftOut]) -> Markup {
     /// Stretches that are named.
     const NAMED: usize = 20;
-    let named = |stretch: &UnexplainedStretch| format!("{:.2} to {:.2} s", stretch.start, stretch.end);
-    let names: Vec<String> = stretches.iter().take(NAMED).map(named).collect();
+    let of = |reason: Reason| stretches.iter().filter(move |stretch| stretch.reason == reason);
+    let named = |stretch: &LeftOut| format!("{:.2} to {:.2} s", stretch.start, stretch.end);
+    let reasons = [
+        (Reason::Unexplained, "no curve explains the events there"),
+        (Reason::Saturated, "the camera had more events than it can read"),
+    ];
     html! {
-        @if !stretches.is_empty() {
-            p {
-                "Left out, because no curve explains the events there: " (names.join(", "))
-                @if stretches.len() > NAMED { " and " (stretches.len() - NAMED) " more" }
-                "."
+        @for (reason, why) in reasons {
+            @let (names, count) = (of(reason).take(NAMED).map(named).collect::<Vec<_>>(), of(reason).count());
+            @if count > 0 {
+                p {
+                    "Left out, because " (why) ": " (names.join(", "))
+                    @if count > NAMED { " and " (count - NAMED) " more" }
+                    "."
+                }
             }
         }
     }

@@ -17,11 +17,12 @@ use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
 use crate::solve::event_bias::{CLASS_COUNT, EventBias, unknown};
 use crate::solve::knot_choice::{KnotReport, choose_knots};
+use crate::solve::left_out::{LeftOut, leave_out};
 use crate::solve::levenberg::solve;
 use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::{EventResidual, residuals};
-use crate::solve::unexplained::{UnexplainedSettings, UnexplainedStretch, leave_out, unexplained};
+use crate::solve::unexplained::{UnexplainedSettings, unexplained};
 use crate::solve::{FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State};
 use crate::trajectory::knot_grid::KnotSettings;
 
@@ -96,6 +97,8 @@ pub struct RefinementInput<'a, E> {
     pub points: Vec<Vec<PointObservation>>,
     /// Spread of a circle centre (px).
     pub point_sigma: f64,
+    /// Stretches that are left out from the beginning.
+    pub left_out: &'a [LeftOut],
 }
 
 /// All thresholds of stages 10 and 11.
@@ -121,8 +124,8 @@ pub struct Refined {
     pub problem: Problem,
     /// Robust residual statistics of the last round.
     pub residuals: ResidualStatistics,
-    /// Stretches that no curve explains: not in the solve.
-    pub unexplained: Vec<UnexplainedStretch>,
+    /// Stretches that are not in the solve: those of the input, and those that no curve explains.
+    pub left_out: Vec<LeftOut>,
     /// One report a round.
     pub rounds: Vec<RoundReport>,
 }
@@ -168,6 +171,7 @@ pub fn refine<E: Send>(
         let (segments, association) = associate_all(input, &state, &bearings, settings, !first, share)?;
         kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
         let mut problem = problem(input, settings, segments, &state);
+        leave_out(&mut problem, &state, input.left_out);
         let residuals = residuals(&problem, &state, &bearings);
         if !residuals.is_empty() {
             problem.mean_scale =
@@ -195,13 +199,14 @@ pub fn refine<E: Send>(
             }
             let bearings = BearingTable::new(&state.camera, input.sensor);
             let residuals = residual_statistics(&problem, &state, &bearings);
-            return Ok(Refined { state, problem, residuals, unexplained, rounds });
+            let left_out = input.left_out.iter().chain(&unexplained).copied().collect();
+            return Ok(Refined { state, problem, residuals, left_out, rounds });
         }
         last_early = change.is_some_and(|change| change < SETTLED_TIMES * settings.refinement.settled);
     }
 }
 
-fn unexplained_at(problem: &Problem, state: &State, settings: &UnexplainedSettings) -> Vec<UnexplainedStretch> {
+fn unexplained_at(problem: &Problem, state: &State, settings: &UnexplainedSettings) -> Vec<LeftOut> {
     let bearings = BearingTable::new(&state.camera, problem.sensor);
     unexplained(problem, state, &residuals(problem, state, &bearings), settings)
 }

@@ -7,7 +7,8 @@ use evcal_core::settings;
 use evcal_core::settings::{above, at_least};
 use serde::{Deserialize, Serialize};
 
-use super::observation::{EventBin, SegmentObservations};
+use super::left_out::{LeftOut, Reason};
+use super::observation::SegmentObservations;
 use super::stretch::EventResidual;
 use super::{Problem, State};
 use crate::numerics::statistics::median;
@@ -28,17 +29,6 @@ settings! {
     }
 }
 
-/// A stretch of time that no curve explains.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct UnexplainedStretch {
-    /// Number of the recording.
-    pub recording: usize,
-    /// Start in seconds since the start of the recording.
-    pub start: f64,
-    /// End in seconds since the start of the recording.
-    pub end: f64,
-}
-
 /// Cells with fewer events are not judged by their spread.
 const FEWEST: usize = 30;
 /// One cell alone may be chance, or the first moment of a recording.
@@ -54,8 +44,8 @@ pub fn unexplained(
     state: &State,
     residuals: &[EventResidual],
     settings: &UnexplainedSettings,
-) -> Vec<UnexplainedStretch> {
-    let mut found: Vec<(UnexplainedStretch, usize)> = Vec::new();
+) -> Vec<LeftOut> {
+    let mut found: Vec<(LeftOut, usize)> = Vec::new();
     for (segment, (observations, trajectory)) in problem.segments.iter().zip(&state.trajectories).enumerate() {
         let cells = ((trajectory.end() - trajectory.start()) / settings.cell).ceil().max(0.0) as usize;
         let cell_of = |t: f64| ((t - trajectory.start()) / settings.cell).max(0.0) as usize;
@@ -83,12 +73,13 @@ pub fn unexplained(
             }
             // A cell on both sides, for a curve that misses in one pulls at the next.
             let start = trajectory.start() + settings.cell * (cell as f64 - 1.0);
-            let stretch = UnexplainedStretch {
+            let stretch = LeftOut {
                 recording: trajectory.recording,
                 start: start.max(trajectory.start()),
                 end: (start + 3.0 * settings.cell).min(trajectory.end()),
+                reason: Reason::Unexplained,
             };
-            let adjoins = |last: &UnexplainedStretch| last.recording == stretch.recording && last.end >= stretch.start;
+            let adjoins = |last: &LeftOut| last.recording == stretch.recording && last.end >= stretch.start;
             match found.last_mut().filter(|(last, _)| adjoins(last)) {
                 Some((last, cells)) => {
                     last.end = stretch.end;
@@ -111,27 +102,6 @@ fn far_counts(observations: &SegmentObservations, cells: usize, cell_of: impl Fn
     counts
 }
 
-/// Takes the observations in `stretches` out of `problem`.
-pub fn leave_out(problem: &mut Problem, state: &State, stretches: &[UnexplainedStretch]) {
-    for (observations, trajectory) in problem.segments.iter_mut().zip(&state.trajectories) {
-        let outside = |t: f64| !covers(stretches, trajectory.recording, t);
-        let mut events = Vec::with_capacity(observations.events.len());
-        let mut bins = Vec::with_capacity(observations.bins.len());
-        for bin in observations.bins.iter().filter(|bin| outside(bin.t)) {
-            let first = events.len();
-            events.extend_from_slice(observations.events.get(bin.first..bin.end).unwrap_or_default());
-            bins.push(EventBin { t: bin.t, first, end: events.len() });
-        }
-        observations.points.retain(|point| outside(point.t));
-        (observations.events, observations.bins) = (events, bins);
-    }
-}
-
-/// Whether time `t` (s) of `recording` lies in one of `stretches`.
-pub fn covers(stretches: &[UnexplainedStretch], recording: usize, t: f64) -> bool {
-    stretches.iter().any(|stretch| stretch.recording == recording && stretch.start <= t && t <= stretch.end)
-}
-
 #[cfg(test)]
 mod tests {
     use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
@@ -141,6 +111,8 @@ mod tests {
     use super::*;
     use crate::solve::event_bias::bias::Biases;
     use crate::solve::event_bias::{CLASS_COUNT, unknown};
+    use crate::solve::left_out::{covers, leave_out};
+    use crate::solve::observation::EventBin;
     use crate::solve::{FreeParameters, SolveSettings};
     use crate::trajectory::{RotationControl, Trajectory};
 

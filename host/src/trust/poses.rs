@@ -7,8 +7,8 @@ use evcal_core::settings::above;
 use serde::{Deserialize, Serialize};
 
 use crate::solve::State;
+use crate::solve::left_out::{LeftOut, covers};
 use crate::solve::pose_covariance::{PoseCovariance, PoseSigma};
-use crate::solve::unexplained::{UnexplainedStretch, covers};
 use crate::trajectory::timed_pose::TimedPose;
 
 settings! {
@@ -53,7 +53,7 @@ pub fn determined<'a>(poses: &'a [UncertainPose], settings: &'a PoseSettings) ->
 /// stretches that are left out.
 pub fn sampled_poses(
     state: &State,
-    (covariance, left_out): (&PoseCovariance, &[UnexplainedStretch]),
+    (covariance, left_out): (&PoseCovariance, &[LeftOut]),
     recording: usize,
     settings: &PoseSettings,
 ) -> Vec<UncertainPose> {

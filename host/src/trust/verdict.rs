@@ -68,6 +68,8 @@ pub enum Cause {
     HalvesDisagree,
     /// Parts of the motion could not be followed.
     Unexplained,
+    /// The camera had more events than it could read.
+    Saturated,
     /// The camera's own frames give another camera.
     FramesDisagree,
 }

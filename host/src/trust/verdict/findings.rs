@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 use super::settings::{CERTAIN_DIFFERENCE, KNOWN_TOGETHER, OPEN_FOCAL_LENGTH, TOLD_FROM_ZERO};
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::board::Board;
-use crate::solve::unexplained::UnexplainedStretch;
+use crate::solve::left_out::{LeftOut, Reason};
 use crate::trust::coverage::Coverage;
 use crate::trust::residual_map::ResidualPattern;
 use crate::trust::split_half::SplitHalf;
@@ -30,31 +30,52 @@ pub(super) fn findings_on(
     findings.extend(undetermined(camera, trust));
     findings.extend(events.and_then(|events| too_poor(camera, &events.residuals.pattern, settings)));
     findings.extend(events.and_then(|events| halves(events.split_half.as_ref()?)));
-    findings.extend(events.and_then(|events| unexplained(&events.unexplained)));
+    findings.extend(events.and_then(|events| unexplained(&events.left_out)));
+    findings.extend(events.and_then(saturated));
     findings
 }
 
-fn unexplained(stretches: &[UnexplainedStretch]) -> Option<Finding> {
+/// Their whole length (s), and where the first of them are, in words.
+fn places<'a>(stretches: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, String)> {
     /// Stretches that are told one by one.
     const TOLD: usize = 4;
+    let stretches: Vec<&LeftOut> = stretches.collect();
     if stretches.is_empty() {
         return None;
     }
-    let seconds: f64 = stretches.iter().map(|stretch| stretch.end - stretch.start).sum();
+    let seconds = stretches.iter().map(|stretch| stretch.end - stretch.start).sum();
     let mut places: Vec<String> =
         stretches.iter().take(TOLD).map(|stretch| format!("{:.2} to {:.2} s", stretch.start, stretch.end)).collect();
     if stretches.len() > TOLD {
         places.push(format!("{} more", stretches.len() - TOLD));
     }
+    Some((seconds, places.join(", ")))
+}
+
+fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
+    let (seconds, places) = places(left_out.iter().filter(|stretch| stretch.reason == Reason::Unexplained))?;
     Some(Finding {
         cause: Cause::Unexplained,
         severity: Severity::Warning,
         reason: format!(
-            "the motion could not be followed for {seconds:.2} s, which are left out of camera and trajectory ({})",
-            places.join(", ")
+            "the motion could not be followed for {seconds:.2} s, which are left out of camera and trajectory ({places})"
         ),
         advice: "did something else move, or hide the board? Otherwise move the camera less abruptly".to_owned(),
     })
+}
+
+fn saturated(events: &EventTrust) -> Option<Finding> {
+    let advice =
+        "move the camera more slowly, from further away, or raise the contrast thresholds of its pixels".to_owned();
+    let what = "the camera had more events than it can read";
+    if let Some((seconds, _)) = places(events.saturated.iter()) {
+        let reason = format!("{what} for {seconds:.2} s, most of the recording: they are late by an unknown time");
+        return Some(Finding { cause: Cause::Saturated, severity: Severity::Failure, reason, advice });
+    }
+    let (seconds, places) = places(events.left_out.iter().filter(|stretch| stretch.reason == Reason::Saturated))?;
+    let reason =
+        format!("{what} for {seconds:.2} s: they are late there, and left out of camera and trajectory ({places})");
+    Some(Finding { cause: Cause::Saturated, severity: Severity::Warning, reason, advice })
 }
 
 fn uncertain(trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {

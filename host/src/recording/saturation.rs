@@ -1,0 +1,154 @@
+//! When the camera's readout was saturated.
+//!
+//! A sensor reads its events one after the other. When more wait than it can read, they leave at the readout's own pace:
+//! their number in a millisecond is the largest of the recording, and much steadier than that of events that come by
+//! chance, whose variance is their mean. Such events are late, by as much as they had to wait.
+
+use evcal_core::event::Event;
+
+/// Length of the bins that are compared (µs).
+const BIN: i64 = 1000;
+/// Bins within this share of the largest are near it.
+const NEAR: f64 = 0.9;
+/// So many bins in a row are a stretch.
+const FEWEST_BINS: usize = 5;
+/// Variance over mean below which the number of events in a bin is no matter of chance; 1 would be.
+const STEADY: f64 = 0.3;
+/// Readouts are faster than this (events a bin).
+const FEWEST_EVENTS: u32 = 500;
+/// A recording of more bins than this is not looked at beyond them: 3 h.
+const MOST_BINS: usize = 10_800_000;
+
+/// Counts events to find out.
+#[derive(Clone, Debug, Default)]
+pub struct SaturationDetector {
+    counts: Vec<u32>,
+}
+
+/// The stretches in which the readout was saturated.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Saturation {
+    /// Events a second that the readout manages; 0 without a stretch.
+    pub rate: f64,
+    /// Start and end of each in seconds since the start of the recording, in order of time.
+    pub stretches: Vec<(f64, f64)>,
+}
+
+impl Saturation {
+    /// Length of all stretches (s).
+    pub fn duration(&self) -> f64 {
+        self.stretches.iter().map(|(start, end)| end - start).sum()
+    }
+}
+
+impl SaturationDetector {
+    /// Adds events, with times since the start of the recording (µs).
+    pub fn push(&mut self, events: &[Event]) {
+        for event in events {
+            let bin = usize::try_from(event.t / BIN).unwrap_or(0);
+            if bin >= MOST_BINS {
+                return;
+            }
+            if bin >= self.counts.len() {
+                self.counts.resize(bin + 1, 0);
+            }
+            if let Some(count) = self.counts.get_mut(bin) {
+                *count += 1;
+            }
+        }
+    }
+
+    /// What was found.
+    pub fn finish(self) -> Saturation {
+        let most = self.counts.iter().copied().max().unwrap_or(0);
+        let mut found = Saturation::default();
+        if most < FEWEST_EVENTS {
+            return found;
+        }
+        let near = |count: u32| f64::from(count) >= NEAR * f64::from(most);
+        let (mut start, mut events, mut bins) = (0, 0_u64, 0_usize);
+        for run in self.counts.chunk_by(|a, b| near(*a) == near(*b)) {
+            let end = start + run.len();
+            if run.first().copied().is_some_and(near) && run.len() >= FEWEST_BINS && is_steady(run) {
+                let time = |bin: usize| (bin as i64 * BIN) as f64 * 1e-6;
+                // What still waits at the end comes in the next bin.
+                found.stretches.push((time(start.saturating_sub(1)), time(end + 1)));
+                events += run.iter().map(|&count| u64::from(count)).sum::<u64>();
+                bins += run.len();
+            }
+            start = end;
+        }
+        if bins > 0 {
+            found.rate = events as f64 / (bins as f64 * BIN as f64 * 1e-6);
+        }
+        found
+    }
+}
+
+/// Whether counts vary less than those of events that come by chance.
+fn is_steady(counts: &[u32]) -> bool {
+    let pairs = counts.iter().zip(counts.iter().skip(1));
+    let changes: f64 = pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
+    let mean = counts.iter().map(|&count| f64::from(count)).sum::<f64>() / counts.len() as f64;
+    // The squared difference of two counts is twice their variance, on average.
+    changes / (2.0 * (counts.len() - 1) as f64) < STEADY * mean
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::Polarity;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    fn event(t: f64) -> Event {
+        Event { t: t as i64, x: 0, y: 0, polarity: Polarity::On }
+    }
+
+    /// Events that come by chance, `rate(t)` a microsecond at `t` (µs).
+    fn by_chance(duration: f64, rate: impl Fn(f64) -> f64) -> Vec<f64> {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        let mut t = 0.0;
+        let mut times = Vec::new();
+        while t < duration {
+            t -= (1.0 - random.next_u64() as f64 / 2.0_f64.powi(64)).max(1e-12).ln() / rate(t);
+            times.push(t);
+        }
+        times
+    }
+
+    fn found(times: &[f64]) -> Saturation {
+        let mut detector = SaturationDetector::default();
+        let events: Vec<Event> = times.iter().map(|&t| event(t)).collect();
+        events.chunks(1000).for_each(|events| detector.push(events));
+        detector.finish()
+    }
+
+    #[test]
+    fn a_readout_that_is_too_slow_is_noticed_where_it_is() {
+        // Between 100 and 150 ms twice as many as the readout takes, 3 a microsecond.
+        let requests = by_chance(300_000.0, |t| if (100_000.0..150_000.0).contains(&t) { 6.0 } else { 1.5 });
+        let mut free = 0.0_f64;
+        let read: Vec<f64> = requests
+            .iter()
+            .map(|&t| {
+                free = free.max(t) + 1.0 / 3.0;
+                free
+            })
+            .collect();
+        let saturation = found(&read);
+        assert!((saturation.rate - 3e6).abs() < 1e4, "{saturation:?}");
+        let &[(start, end)] = saturation.stretches.as_slice() else { panic!("{saturation:?}") };
+        // Half of the surplus is read in the 100 ms after.
+        assert!((start - 0.1).abs() < 0.003 && (end - 0.25).abs() < 0.006, "{saturation:?}");
+    }
+
+    #[test]
+    fn many_events_that_come_by_chance_are_no_saturation() {
+        assert_eq!(found(&by_chance(300_000.0, |_| 3.0)), Saturation::default());
+        let wave = |t: f64| 2.0 + 1.5 * (t * 2e-5).sin();
+        assert_eq!(found(&by_chance(300_000.0, wave)), Saturation::default());
+        assert_eq!(found(&[]), Saturation::default());
+    }
+}
