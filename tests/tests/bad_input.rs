@@ -155,6 +155,18 @@ fn a_board_that_is_not_there_is_not_found() {
     }
 }
 
+/// The uncertainty would be that of twice as many events.
+#[test]
+fn a_recording_given_twice_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let text_form = directory.path().join("again.csv");
+    fs::write(&text_form, recording_as_text()).unwrap();
+    let output = directory.path().join("output");
+    let once = recording();
+    let finished = evcal(&["calibrate", text(&once), text(&text_form), "--board", BOARD, "-o", text(&output)]);
+    assert_refused(&finished, &output, &["again.csv", "the same events as", "give each recording once"]);
+}
+
 #[test]
 fn a_circle_track_calibrates_like_its_recording() {
     let directory = tempfile::tempdir().unwrap();

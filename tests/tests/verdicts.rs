@@ -1,10 +1,13 @@
 //! What `evcal calibrate` says of good and of bad recordings.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use evcal::recording::{Recording, RecordingOptions};
+use evcal_core::event::Polarity;
 use evcal_tests::lens::{self, RADTAN};
-use evcal_tests::{BOARD, camera, evcal, made, read_json, text};
+use evcal_tests::{BOARD, camera, evcal, json, made, read_json, text};
 use serde_json::Value;
 
 /// The verdict on a calibration from `events`.
@@ -60,6 +63,48 @@ fn two_seconds() {
     let events = RADTAN.simulation("short", &["--motion", "fast", "--duration", "2s"]).join("events.aedat4");
     let verdict = verdict("short", &events, BOARD);
     assert!(names(&verdict, "short"), "{verdict:#}");
+}
+
+/// Events of the recording in the folder `simulation` as a sensor sends them that can read so many a millisecond.
+fn read_out(simulation: &Path, per_millisecond: f64, file: &Path) {
+    let recording = Recording::new(simulation.join("events.aedat4"), RecordingOptions::default()).unwrap();
+    let mut reader = recording.open().unwrap();
+    let (mut events, mut free) = (Vec::new(), 0.0_f64);
+    let mut csv = "# sensor 346 x 260\nt_us,x,y,p\n".to_owned();
+    while reader.next_batch(&mut events).unwrap() {
+        for event in &events {
+            free = free.max(event.t as f64) + 1e3 / per_millisecond;
+            let polarity = u8::from(event.polarity == Polarity::On);
+            writeln!(csv, "{:.0},{},{},{polarity}", free.floor(), event.x, event.y).unwrap();
+        }
+    }
+    fs::write(file, csv).unwrap();
+}
+
+/// Two sensors too slow for a fast hand: one now and then, one nearly always.
+#[test]
+fn a_saturated_readout() {
+    let options = ["--motion", "fast", "--duration", "3s", "--seed", "4"];
+    let simulation = RADTAN.simulation("readout", &options);
+    let folder = tempfile::tempdir().unwrap();
+    let run = |per_millisecond: f64, name: &str| {
+        let file = folder.path().join(name).with_extension("csv");
+        read_out(&simulation, per_millisecond, &file);
+        let output = folder.path().join(name);
+        let model = ["--model", RADTAN.model, "--accept-any", "-o", text(&output)];
+        let finished = evcal(&[&["calibrate", text(&file), "--board", BOARD][..], &model].concat());
+        assert_eq!(finished.code, Some(0), "{finished:?}");
+        output
+    };
+    let (sometimes, always) = (run(2000.0, "sometimes"), run(1300.0, "always"));
+    let verdict = |folder: &Path| read_json(&folder.join("calibration.json"))["verdict"].clone();
+    let told = verdict(&sometimes);
+    assert!(names(&told, "saturated") && told["grade"] != "not-good", "{told:#}");
+    let figures = json(&["evaluate", text(&sometimes), "--truth", text(&simulation), "--json"]);
+    let furthest = figures["trajectory"]["best_time_shift"]["as_is_m"]["max"].as_f64().unwrap();
+    assert!(furthest < 5e-3, "{furthest} m: late events are in the trajectory");
+    let told = verdict(&always);
+    assert!(names(&told, "saturated") && told["grade"] == "not-good", "{told:#}");
 }
 
 /// A radius and a spacing that are wrong by a tenth: only their ratio can be seen.

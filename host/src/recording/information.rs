@@ -7,6 +7,7 @@ use std::fmt;
 use evcal_core::event::{Event, Polarity};
 use serde::Serialize;
 
+use crate::recording::saturation::SaturationDetector;
 use crate::recording::{ReadReport, Recording, RecordingError, StreamSummary};
 
 /// Length of the bins of the peak rate, in microseconds.
@@ -53,6 +54,8 @@ pub struct Information {
     pub mean_rate: f64,
     /// The 10 ms with the most events.
     pub peak: Option<Peak>,
+    /// When the readout had more events than it can read; `None` where it never had.
+    pub saturation: Option<SaturatedReadout>,
     /// Number of times without events for more than 0.1 s.
     pub gap_count: u64,
     /// The longest of them, in the order of time.
@@ -79,6 +82,17 @@ pub struct Peak {
     /// Events per second.
     pub rate: f64,
     /// When, in seconds after the first event.
+    pub t_s: f64,
+}
+
+/// A readout with more events than it can read: they come late.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SaturatedReadout {
+    /// Events per second that it can read.
+    pub rate: f64,
+    /// For how long in seconds.
+    pub duration_s: f64,
+    /// When for the first time, in seconds after the first event.
     pub t_s: f64,
 }
 
@@ -138,6 +152,7 @@ pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
         on_share: (statistics.events > 0).then(|| statistics.on_events as f64 / statistics.events as f64),
         mean_rate: if duration_s > 0.0 { statistics.events as f64 / duration_s } else { 0.0 },
         peak: statistics.peak(),
+        saturation: statistics.saturation(),
         gap_count: statistics.gap_count,
         longest_gaps: statistics.gaps(),
         active_pixels: statistics.pixels.len() as u64,
@@ -173,6 +188,7 @@ struct Statistics {
     /// Duration and start of the longest gaps.
     longest_gaps: Vec<(i64, i64)>,
     pixels: HashMap<(u16, u16), u64>,
+    saturation: SaturationDetector,
 }
 
 impl Statistics {
@@ -201,6 +217,7 @@ impl Statistics {
             self.bin = (event.t - after_bin % RATE_BIN, 0);
         }
         self.bin.1 += 1;
+        self.saturation.add(event.t - self.first.unwrap_or(event.t));
         *self.pixels.entry((event.x, event.y)).or_default() += 1;
     }
 
@@ -214,6 +231,12 @@ impl Statistics {
         self.close_bin();
         let (start, events) = self.fullest_bin;
         Some(Peak { rate: events as f64 / seconds(RATE_BIN), t_s: seconds(start - self.first?) })
+    }
+
+    fn saturation(&self) -> Option<SaturatedReadout> {
+        let found = self.saturation.finish();
+        let (t_s, _) = *found.stretches.first()?;
+        Some(SaturatedReadout { rate: found.rate, duration_s: found.duration(), t_s })
     }
 
     fn keep_longest_gaps(&mut self) {
@@ -278,6 +301,16 @@ impl fmt::Display for Information {
                 f,
                 "rate",
                 format!("mean {mean:.3} Mev/s, at most {peak:.3} Mev/s (10 ms, {t_s:.3} s after the first event)"),
+            )?;
+        }
+        if let Some(SaturatedReadout { rate, duration_s, t_s }) = self.saturation {
+            let rate = rate / 1e6;
+            line(
+                f,
+                "saturated",
+                format!(
+                    "for {duration_s:.3} s, first at {t_s:.3} s: the sensor cannot read more than {rate:.3} Mev/s, and events come late there"
+                ),
             )?;
         }
         if self.gap_count > 0 {

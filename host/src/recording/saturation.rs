@@ -16,7 +16,7 @@ const FEWEST_BINS: usize = 5;
 const STEADY: f64 = 0.3;
 /// Readouts are faster than this (events a bin).
 const FEWEST_EVENTS: u32 = 500;
-/// A recording of more bins than this is not looked at beyond them: 3 h.
+/// Later bins are not looked at: 3 h.
 const MOST_BINS: usize = 10_800_000;
 
 /// Counts events to find out.
@@ -44,22 +44,22 @@ impl Saturation {
 impl SaturationDetector {
     /// Adds events, with times since the start of the recording (µs).
     pub fn push(&mut self, events: &[Event]) {
-        for event in events {
-            let bin = usize::try_from(event.t / BIN).unwrap_or(0);
-            if bin >= MOST_BINS {
-                return;
-            }
-            if bin >= self.counts.len() {
-                self.counts.resize(bin + 1, 0);
-            }
-            if let Some(count) = self.counts.get_mut(bin) {
-                *count += 1;
-            }
+        events.iter().for_each(|event| self.add(event.t));
+    }
+
+    /// Adds an event at `t` since the start of the recording (µs).
+    pub fn add(&mut self, t: i64) {
+        let bin = usize::try_from(t / BIN).unwrap_or(0);
+        if bin >= self.counts.len() && bin < MOST_BINS {
+            self.counts.resize(bin + 1, 0);
+        }
+        if let Some(count) = self.counts.get_mut(bin) {
+            *count += 1;
         }
     }
 
     /// What was found.
-    pub fn finish(self) -> Saturation {
+    pub fn finish(&self) -> Saturation {
         let most = self.counts.iter().copied().max().unwrap_or(0);
         let mut found = Saturation::default();
         if most < FEWEST_EVENTS {

@@ -9,8 +9,8 @@ use nalgebra::{DMatrix, Matrix3, SMatrix};
 
 use super::levenberg::{linearised, system_of};
 use super::stretch::stretches;
+use super::system::ControlCovariance;
 use super::{Problem, SolveError, State};
-use crate::numerics::banded::SymmetricBand;
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, Trajectory};
 
 /// Standard deviation of a pose along each axis.
@@ -20,15 +20,6 @@ pub struct PoseSigma {
     pub position: [f64; 3],
     /// Of the rotation about the axes of the camera (rad).
     pub rotation: [f64; 3],
-}
-
-/// The covariance of the control points of one segment.
-#[derive(Clone, Debug)]
-pub struct ControlCovariance {
-    /// A⁻¹ near its diagonal.
-    pub own: SymmetricBand,
-    /// A⁻¹B, one vector for each free global parameter.
-    pub follows: Vec<Vec<f64>>,
 }
 
 /// The covariance of all trajectories of a state.

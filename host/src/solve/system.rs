@@ -5,10 +5,9 @@ use rayon::prelude::*;
 
 use super::GLOBAL_COUNT;
 use super::normal::{Block, BorderBlock, StretchEquations};
-use super::pose_covariance::ControlCovariance;
 use super::smoothness::Acceleration;
 use super::stretch::Stretch;
-use crate::numerics::banded::BandedCholesky;
+use crate::numerics::banded::{BandedCholesky, SymmetricBand};
 use crate::trajectory::jerk::Jerk;
 
 /// Normal equations of one segment: A (block-banded), B (border) and gradient.
@@ -60,6 +59,15 @@ pub struct NotPositiveDefinite;
 /// Smallest damping of a control point, relative to the mean diagonal of its segment: keeps control
 /// points that no observation touches where they are.
 const FLOOR: f64 = 1e-9;
+
+/// The covariance of the control points of one segment.
+#[derive(Clone, Debug)]
+pub struct ControlCovariance {
+    /// A⁻¹ near its diagonal.
+    pub own: SymmetricBand,
+    /// A⁻¹B, one vector for each free global parameter.
+    pub follows: Vec<Vec<f64>>,
+}
 
 impl System {
     /// Merges stretches, in their order, into the system of segments with `control_points` control
