@@ -27,15 +27,15 @@ pub struct EventPicture {
     pixels: Vec<u8>,
     /// ON and OFF events.
     counts: [u64; 2],
-    /// Time of the latest event (µs), as the event has it.
-    latest: i64,
+    /// Times of the first event ever and of the latest one (µs), as the events have them.
+    times: Option<(i64, i64)>,
 }
 
 impl EventPicture {
     /// No events yet.
     pub fn new(sensor: Sensor) -> Self {
         let pixels = vec![0; usize::from(sensor.width) * usize::from(sensor.height)];
-        Self { sensor, pixels, counts: [0; 2], latest: 0 }
+        Self { sensor, pixels, counts: [0; 2], times: None }
     }
 
     /// Width and height.
@@ -53,15 +53,16 @@ impl EventPicture {
         self.counts
     }
 
-    /// Time of the latest event (µs).
-    pub fn latest(&self) -> i64 {
-        self.latest
+    /// Time of the latest event since the first (s).
+    pub fn seconds(&self) -> f64 {
+        self.times.map_or(0.0, |(first, latest)| (latest - first) as f64 * 1e-6)
     }
 
     /// Adds events; those outside the sensor are left out.
     pub fn add(&mut self, events: impl IntoIterator<Item = Event>) {
         for event in events {
-            self.latest = event.t;
+            let (first, latest) = self.times.unwrap_or((event.t, event.t));
+            self.times = Some((first, latest.max(event.t)));
             if event.x >= self.sensor.width {
                 continue;
             }

@@ -47,8 +47,8 @@ impl Hint {
     /// The hint in words, as the camera sees the board, or as one sees it in a mirror.
     pub fn words(self, mirrored: bool) -> &'static str {
         match self {
-            Self::Show => "show the board and move it",
-            Self::Lost => "board lost: back into the picture, keep it moving",
+            Self::Show => "show the board",
+            Self::Lost => "bring the board back",
             Self::Shift(x, y) => shift(if mirrored { -x } else { x }, y),
             Self::Closer => "closer",
             Self::Farther => "farther away",
