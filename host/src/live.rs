@@ -50,7 +50,7 @@ settings! {
         pub boards_per_tilt: u64 = 10, "windows", at_least(0.0);
         /// Largest expected error of the first estimate of the camera, root mean square over the sensor, from windows
         /// alone; the calibration of the same recording is several times as good.
-        pub sigma: f64 = 0.05, "px", above(0.0);
+        pub sigma: f64 = 0.1, "px", above(0.0);
         /// Transfers that wait longer for the display's detector are left out of the display. The recording has
         /// them.
         pub longest_wait: f64 = 1.0, "s", at_least(0.0);

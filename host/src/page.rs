@@ -56,7 +56,9 @@ struct Shared {
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
     /// No port is free.
-    #[error("no page: ports {first} to {last} of this computer cannot be used: {error}; choose one with --port, or --no-page")]
+    #[error(
+        "no page: ports {first} to {last} of this computer cannot be used: {error}; choose one with --port, or --no-page"
+    )]
     Port {
         /// The first that was tried.
         first: u16,

@@ -14,7 +14,8 @@ use crate::board::Board;
 use crate::circles::reference_frame::ObservedCircle;
 
 fn points(circles: &[ObservedCircle], board: &Board) -> Vec<BoardPoint> {
-    let point = |circle: &ObservedCircle| BoardPoint { object: board.circle_center(circle.index), image: circle.center };
+    let point =
+        |circle: &ObservedCircle| BoardPoint { object: board.circle_center(circle.index), image: circle.center };
     circles.iter().map(point).collect()
 }
 

@@ -16,7 +16,7 @@ use crate::initial::InitialSettings;
 /// Chunks that are searched in one go: a fifth of a second, unless the settings say otherwise.
 const CHUNKS_TOGETHER: usize = 2;
 /// How often coverage is told anew, which looks at every view (s of the sensor).
-const SUMMARY: f64 = 1.0;
+const SUMMARY: f64 = 0.5;
 /// Longest time between two windows over which the board's motion is taken as straight (s).
 const LONGEST_STEP: f64 = 0.06;
 
@@ -68,7 +68,9 @@ impl Seen {
         let mut missing = self.coverage.missing.clone();
         match self.sigma {
             Some(sigma) if sigma <= self.target => {}
-            Some(sigma) => missing.push(format!("more of it (first estimate ±{sigma:.2} px, wanted {:.2})", self.target)),
+            Some(sigma) => {
+                missing.push(format!("more of it (first estimate ±{sigma:.2} px, wanted {:.2})", self.target))
+            }
             None => missing.push("it from different sides".to_owned()),
         }
         missing

@@ -82,7 +82,8 @@ impl Gate {
             let origin = origin.to_str().ok().and_then(|origin| origin.strip_prefix("http://"));
             !origin.is_some_and(is_own)
         });
-        let is_cross_site = headers.get_all(FETCH_SITE).iter().any(|site| !matches!(site.as_bytes(), b"same-origin" | b"none"));
+        let is_cross_site =
+            headers.get_all(FETCH_SITE).iter().any(|site| !matches!(site.as_bytes(), b"same-origin" | b"none"));
         if is_foreign_origin || is_cross_site || !self.is_token(headers.get(TOKEN)) {
             return Err(StatusCode::FORBIDDEN);
         }

@@ -151,9 +151,8 @@ impl Viewer {
         while self.recent.front().is_some_and(|(past, _)| t - past > RATE_SPAN) {
             self.recent.pop_front();
         }
-        let sum = |polarity: usize| {
-            self.recent.iter().filter_map(|(_, counts)| counts.get(polarity)).sum::<u64>() as f64
-        };
+        let sum =
+            |polarity: usize| self.recent.iter().filter_map(|(_, counts)| counts.get(polarity)).sum::<u64>() as f64;
         let (on, all) = (sum(0), sum(0) + sum(1));
         let span = self.recent.front().map_or(0.0, |(past, _)| t - past).max(0.1);
         let health = Health {
@@ -167,7 +166,13 @@ impl Viewer {
 }
 
 /// The state after the recording.
-pub fn ended<'a>(phase: Phase, sensor: [u16; 2], seen: &'a Seen, losses: Losses, outcome: Option<&'a Outcome>) -> View<'a> {
+pub fn ended<'a>(
+    phase: Phase,
+    sensor: [u16; 2],
+    seen: &'a Seen,
+    losses: Losses,
+    outcome: Option<&'a Outcome>,
+) -> View<'a> {
     let health = Health { rate: 0.0, on_share: None, dropped: losses.dropped, not_shown: losses.not_shown };
     state(phase, seen.t, sensor, seen, health, outcome)
 }

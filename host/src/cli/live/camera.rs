@@ -18,14 +18,18 @@ use super::{Arguments, open_window};
 const RECORDING: &str = "recording.dvraw";
 
 /// Records until enough was seen, then calibrates.
-pub fn run(arguments: &Arguments, settings: &Settings, folder: &OutputFolder, interrupt: &Interrupt) -> super::super::Outcome {
+pub fn run(
+    arguments: &Arguments,
+    settings: &Settings,
+    folder: &OutputFolder,
+    interrupt: &Interrupt,
+) -> super::super::Outcome {
     let CalibrationArguments { method, json, .. } = &arguments.calibration;
     let mut camera = arguments.camera.open()?;
     let header = camera.header();
     let sensor: Sensor = header.registers.layout().dvs.size().into();
     let path = folder.path().join(RECORDING);
-    let mut watcher =
-        Watcher::start(&settings.detection, &settings.initial, &settings.live, &method.board, &header);
+    let mut watcher = Watcher::start(&settings.detection, &settings.initial, &settings.live, &method.board, &header);
     let window = open_window(arguments)?;
     let feed = window.as_ref().map(|window| {
         let (mut screen, latest) = (window.screen(), watcher.latest());

@@ -58,8 +58,7 @@ fn as_text(seen: &Seen, status: Option<&RecordingStatus>) -> String {
     let seconds = status.map_or(seen.t, |status| status.seconds);
     let sigma = seen.sigma.map_or_else(String::new, |sigma| format!(", ±{sigma:.3} px"));
     let missing = seen.missing();
-    let wanted =
-        if missing.is_empty() { String::new() } else { format!("; still wanted: {}", missing.join(", ")) };
+    let wanted = if missing.is_empty() { String::new() } else { format!("; still wanted: {}", missing.join(", ")) };
     let recording = status.map_or_else(String::new, |status| {
         format!("; {}; {} transfers not displayed", record::as_text(status), seen.left_out)
     });

@@ -65,13 +65,7 @@ impl Window {
     }
 
     /// Shows how the calibration ended, until the person closes the page or the program.
-    pub fn finish(
-        self,
-        sensor: Sensor,
-        seen: &Seen,
-        folder: &OutputFolder,
-        calibrated: &super::super::Outcome,
-    ) {
+    pub fn finish(self, sensor: Sensor, seen: &Seen, folder: &OutputFolder, calibrated: &super::super::Outcome) {
         let failure = calibrated.as_ref().err().filter(|error| !error.is::<NotGoodEnough>());
         let outcome = match failure {
             Some(error) => Err(error.to_string()),

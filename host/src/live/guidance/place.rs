@@ -72,7 +72,12 @@ impl Place {
 
 /// The circles (board plane, m) that a detector would find with the board at `pose`; `None` where it would not find the
 /// board.
-pub fn visible(camera: &Camera<f64>, board: &Board, sensor: Sensor, pose: &Isometry3<f64>) -> Option<Vec<Vector2<f64>>> {
+pub fn visible(
+    camera: &Camera<f64>,
+    board: &Board,
+    sensor: Sensor,
+    pose: &Isometry3<f64>,
+) -> Option<Vec<Vector2<f64>>> {
     let focal = camera.parameters().first().copied()?;
     let normal = pose.rotation * Vector3::z();
     let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
