@@ -71,6 +71,7 @@ fn wrong_use_is_told() {
         (&["--replay", RECORDING, "--speed", "fast"], "a number from 0.01 to 1000, or max"),
         (&["--replay", RECORDING, "--frames"], "--frames"),
         (&["--no-page", "--port", "1"], "--port"),
+        (&["--sensor", "346x260"], "--replay"),
     ] {
         let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
         let output = command.args(["live", "--board", BOARD, "-o", "none"]).args(arguments).output().unwrap();

@@ -8,6 +8,9 @@ mod window;
 use std::error::Error;
 use std::path::PathBuf;
 
+use evcal::recording::RecordingOptions;
+
+use super::UsageError;
 use super::calibrate::CalibrationArguments;
 use super::camera_arguments::CameraArguments;
 use super::interrupt::Interrupt;
@@ -67,6 +70,9 @@ fn speed(text: &str) -> Result<Speed, &'static str> {
 /// Runs `evcal live`: records, or plays a recording, while it says where the board should go; then calibrates as
 /// `evcal calibrate` does.
 pub fn run(arguments: &Arguments) -> super::Outcome {
+    if arguments.replay.is_none() && arguments.source.options() != RecordingOptions::default() {
+        return Err(UsageError("what is said of a recording needs one: add --replay RECORDING".to_owned()).into());
+    }
     let settings = arguments.calibration.method.settings()?;
     let interrupt = Interrupt::catch()?;
     let folder = arguments.calibration.open_folder()?;

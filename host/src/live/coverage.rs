@@ -68,7 +68,7 @@ pub struct CoverageSummary {
 
 /// What was seen of the board so far.
 ///
-/// Tilts need the focal length. It follows from all views so far, as Zhang's method gives it for
+/// Tilts need the focal length. Until it is known it follows from all views so far, as Zhang's method gives it for
 /// square pixels without distortion whose principal point is the middle of the sensor; good to some
 /// per cent, enough to tell 15° from 0°.
 #[derive(Clone, Debug)]
@@ -81,6 +81,8 @@ pub struct LiveCoverage {
     /// its width.
     views: Vec<Matrix3<f64>>,
     distances: [u64; 3],
+    /// Focal length in widths of the sensor, where a camera is known.
+    focal_length: Option<f64>,
 }
 
 impl LiveCoverage {
@@ -89,7 +91,7 @@ impl LiveCoverage {
         let (columns, rows) = (settings.columns.clamp(1, MOST_CELLS), settings.rows.clamp(1, MOST_CELLS));
         let cells = vec![0; usize::from(columns) * usize::from(rows)];
         let settings = LiveSettings { columns, rows, ..settings.clone() };
-        Self { settings, board: *board, sensor, cells, views: Vec::new(), distances: [0; 3] }
+        Self { settings, board: *board, sensor, cells, views: Vec::new(), distances: [0; 3], focal_length: None }
     }
 
     /// Takes a window with the board.
@@ -152,6 +154,11 @@ impl LiveCoverage {
         }
     }
 
+    /// From now on the focal length (px) is known.
+    pub fn set_focal_length(&mut self, focal_length: f64) {
+        self.focal_length = Some(focal_length / f64::from(self.sensor.width));
+    }
+
     /// Windows with the board.
     pub fn boards(&self) -> u64 {
         self.views.len() as u64
@@ -165,7 +172,7 @@ impl LiveCoverage {
 
     /// How often the board was tilted to each side, in the order of [`Tilt::ALL`].
     pub fn tilts(&self) -> [u64; 4] {
-        let focal_length = focal_length(&self.views);
+        let focal_length = self.focal_length.unwrap_or_else(|| focal_length(&self.views));
         let mut counts = [0; 4];
         for view in &self.views {
             let Some(tilt) = tilt(view, focal_length, self.settings.tilt.to_radians()) else { continue };

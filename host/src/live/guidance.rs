@@ -44,13 +44,17 @@ const CAMERA_VIEWS: usize = 128;
 const THINK: f64 = 0.5;
 /// The ghost stays until this share of its worth came in,
 const ENOUGH_OF_A_PLACE: f64 = 0.6;
+/// or the board was near it for so long (s),
+const LONGEST_VISIT: f64 = 1.0;
 /// or for so long without coming nearer (s),
-const PATIENCE: f64 = 6.0;
+const PATIENCE: f64 = 4.0;
 /// or until another place is worth so much more, and at least for so long (s).
 const WORTH_CHANGE: f64 = 1.5;
 const SHORTEST_STAY: f64 = 1.5;
 /// A board that was not seen for so long is lost (s).
 const LOST: f64 = 1.0;
+/// Largest error of a board that is near the ghost, in units of what a hint leaves alone.
+const NEAR: f64 = 1.5;
 /// Points of the outline on each side of the board.
 const POINTS_A_SIDE: usize = 6;
 
@@ -72,6 +76,8 @@ struct Ghost {
     variance: (f64, f64),
     /// The least error so far, and when it was reached.
     nearest: (f64, f64),
+    /// When the board first was near it.
+    reached: Option<f64>,
 }
 
 /// The ghost in the image.
@@ -276,14 +282,21 @@ impl Guidance {
         if let Some((_, pose)) = self.latest.filter(|(t, _)| now - t <= LOST)
             && let Some(error) = self.error_of_ghost(&pose)
             && let Some(ghost) = &mut self.ghost
-            && error < ghost.nearest.0
         {
-            ghost.nearest = (error, now);
+            if error < ghost.nearest.0 {
+                ghost.nearest = (error, now);
+            }
+            if error < NEAR {
+                ghost.reached.get_or_insert(now);
+            }
         }
         let Some(variance) = self.variance(None) else { return };
         let worth = |information: &Information| self.variance(Some(information)).map(|after| variance - after);
+        // A place that was left is not the next one: whoever could not follow it cannot follow it now.
+        let before = self.place();
+        let others = self.candidates.iter().filter(|candidate| Some(candidate.place) != before);
         let mut best: Option<(f64, Candidate)> = None;
-        for candidate in &self.candidates {
+        for candidate in others {
             if let Some(worth) = worth(&candidate.information)
                 && best.is_none_or(|(most, _)| worth > most)
             {
@@ -294,7 +307,8 @@ impl Guidance {
         let stays = self.ghost.as_ref().is_some_and(|ghost| {
             let is_young = now - ghost.since < SHORTEST_STAY;
             let is_used = self.gained(ghost).is_none_or(|gained| gained >= ENOUGH_OF_A_PLACE);
-            let is_stuck = now - ghost.nearest.1 > PATIENCE;
+            let is_visited = ghost.reached.is_some_and(|reached| now - reached >= LONGEST_VISIT);
+            let is_stuck = now - ghost.nearest.1 > PATIENCE || is_visited;
             let is_poor = worth(&ghost.information).is_none_or(|worth| most > WORTH_CHANGE * worth);
             !is_used && (is_young || !(is_stuck || is_poor))
         });
@@ -305,6 +319,7 @@ impl Guidance {
                 since: now,
                 variance: (variance, variance - most),
                 nearest: (f64::INFINITY, now),
+                reached: None,
             });
         }
     }

@@ -69,9 +69,9 @@ impl Seen {
         match self.sigma {
             Some(sigma) if sigma <= self.target => {}
             Some(sigma) => {
-                missing.push(format!("more of it (first estimate ±{sigma:.2} px, wanted {:.2})", self.target))
+                missing.push(format!("more views (first estimate ±{sigma:.2} px, wanted {:.2})", self.target))
             }
-            None => missing.push("it from different sides".to_owned()),
+            None => missing.push("views from different sides".to_owned()),
         }
         missing
     }
@@ -139,6 +139,9 @@ impl<'a> Observer<'a> {
             if let Some(guidance) = &mut self.guidance {
                 guidance.add(&frame);
                 guidance.advise(frame.t());
+                if let Some(focal_length) = guidance.camera().and_then(|camera| camera.parameters().first().copied()) {
+                    self.coverage.set_focal_length(focal_length);
+                }
             }
         }
         if let Some(guidance) = &mut self.guidance {

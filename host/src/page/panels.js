@@ -52,7 +52,7 @@ function showCells(coverage) {
   coverage.cells.forEach((share, index) => svg.children[index].setAttribute("fill-opacity", (0.06 + 0.94 * share).toFixed(2)));
 }
 
-const figure = (value) => (Math.abs(value) >= 10 ? value.toFixed(3) : value.toPrecision(6));
+const figure = (value) => (Number.isInteger(value) ? String(value) : Math.abs(value) >= 10 ? value.toFixed(3) : value.toPrecision(6));
 
 export function kAndD(outcome) {
   const rows = outcome.matrix.map((row) => `[${row.map(figure).join(", ")}]`);
@@ -85,12 +85,13 @@ export function show(state, mirrored) {
   const isOver = ["calibrating", "done", "failed"].includes(state.phase);
   document.body.dataset.phase = state.phase;
   setText(byId("hint"), hintOf(state, mirrored));
-  const progress = state.phase === "done" ? 1 : state.progress;
+  const { progress } = state;
   byId("ring").querySelector(".fill").setAttribute("stroke-dasharray", `${100 * progress} 100`);
   setText(byId("percent"), percent(progress));
-  const hasMissing = state.missing.length > 0 && state.phase !== "done";
-  setText(byId("missing-title"), hasMissing ? "Still wanted" : "Nothing is missing");
-  setList(byId("missing"), hasMissing ? state.missing : []);
+  const isEnough = state.missing.length === 0;
+  setText(byId("missing-title"), isEnough ? "Nothing is missing" : isOver ? "Ended before it saw" : "Still wanted");
+  setList(byId("missing"), state.missing);
+  byId("sight").hidden = isOver && state.phase !== "calibrating";
   byId("finish").hidden = isOver;
   byId("mirror").hidden = isOver;
   byId("sound").hidden = isOver;

@@ -54,6 +54,7 @@ export class Picture {
     // A pixel's coordinates are those of its centre.
     context.translate(0.5, 0.5);
     const line = Math.max(1.6, width / 180);
+    if (state.phase !== "recording") return;
     if (state.ghost) this.drawGhost(context, state.ghost, line);
     if (state.board) this.drawBoard(context, state, line);
   }
@@ -91,7 +92,7 @@ export class Picture {
     if (ghost.outline.length < 3) return;
     this.path(context, ghost.outline);
     context.fillStyle = this.colors.ghost;
-    context.globalAlpha = 0.13 + 0.3 * ghost.gained;
+    context.globalAlpha = 0.08 + 0.25 * ghost.gained;
     context.fill();
     context.globalAlpha = 1;
     context.strokeStyle = this.colors.ghost;

@@ -13,7 +13,7 @@ use crate::board::Board;
 use crate::numerics::random::normal;
 
 /// How large the board appears: its longer side as a share of the sensor's shorter one.
-const SIZES: [f64; 4] = [0.45, 0.6, 0.8, 1.0];
+const SIZES: [f64; 5] = [0.47, 0.62, 0.8, 1.0, 1.24];
 /// Places in the image in each direction, from the middle, as shares of the sensor.
 const OFFSETS: [f64; 5] = [-0.4, -0.2, 0.0, 0.2, 0.4];
 /// Tilts about the camera's x and y axes in degrees.

@@ -218,7 +218,7 @@ fn session(follows: Follows, target: f64, seconds: f64, seed: u64) -> Session {
                 Follows::Coverage => by_coverage(&coverage, steps as u64, &mut random),
                 Follows::Nobody => {
                     let z = uniform_in(&mut random, 0.8, 1.2);
-                    super::tests::place([0.12 * normal(&mut random), 0.08 * normal(&mut random), z], [0.0, 0.0], 0.0)
+                    self::place([0.12 * normal(&mut random), 0.08 * normal(&mut random), z], [0.0, 0.0], 0.0)
                 }
             };
             let (turn, shift) = match follows {
@@ -232,10 +232,12 @@ fn session(follows: Follows, target: f64, seconds: f64, seed: u64) -> Session {
                 roll: wanted.roll + shaken(turn),
             };
         }
-        let (way, turn) = (goal.position - at.position, goal.tilt - at.tilt);
+        let way = goal.position - at.position;
+        let turn = (goal.tilt - at.tilt).push(goal.roll - at.roll);
         at.position += way * (0.35 * STEP / way.norm().max(1e-9)).min(0.5);
-        at.tilt += turn * (STEP / turn.norm().max(1e-9)).min(0.5);
-        at.roll += (goal.roll - at.roll).clamp(-STEP, STEP) * 0.5;
+        let turn = turn * (STEP / turn.norm().max(1e-9)).min(0.5);
+        at.tilt += turn.xy();
+        at.roll += turn.z;
         for (index, part) in tremor.iter_mut().enumerate() {
             *part = 0.8 * *part + normal(&mut random) * if index < 3 { 0.02 } else { 0.006 };
         }
@@ -248,6 +250,9 @@ fn session(follows: Follows, target: f64, seconds: f64, seed: u64) -> Session {
             seen += 1.0;
             guidance.add(&frame);
             coverage.add(&frame);
+            if let Some(camera) = guidance.camera() {
+                coverage.set_focal_length(camera.parameters()[0]);
+            }
         }
         guidance.advise(now);
     }
@@ -293,8 +298,10 @@ fn median_time(follows: Follows, target: f64) -> (f64, f64) {
 fn following_the_ghost_takes_half_the_time_of_following_the_coverage() {
     let (by_coverage, _) = median_time(Follows::Coverage, 0.05);
     let (by_ghost, seen) = median_time(Follows::Ghost(0.1, 0.02), 0.05);
-    let (loosely, _) = median_time(Follows::Ghost(0.2, 0.05), 0.05);
-    println!("coverage {by_coverage:.1} s, ghost {by_ghost:.1} s ({:.0} % seen), loosely {loosely:.1} s", 100.0 * seen);
+    let (loosely, seen_loosely) = median_time(Follows::Ghost(0.2, 0.05), 0.05);
+    println!(
+        "coverage {by_coverage:.1} s; ghost {by_ghost:.1} s, board seen {seen:.2}; loosely {loosely:.1} s, {seen_loosely:.2}"
+    );
     assert!(by_ghost <= 0.5 * by_coverage, "{by_ghost} {by_coverage}");
     assert!(loosely <= 0.75 * by_coverage, "{loosely} {by_coverage}");
     assert!(seen >= 0.85, "{seen}");
@@ -312,8 +319,11 @@ fn the_provisional_camera_comes_near_the_true_one() {
 /// Without tilts there is no end, however long it takes.
 #[test]
 fn a_board_held_frontally_is_never_enough() {
-    let Session { coverage, .. } = session(Follows::Nobody, 0.001, 90.0, 1);
-    assert!(coverage.boards() > 800 && !coverage.missing().is_empty());
+    let Session { coverage, guidance, .. } = session(Follows::Nobody, 0.001, 90.0, 1);
+    assert!(coverage.boards() > 2 * LiveSettings::default().boards, "{}", coverage.boards());
+    let is_sure = guidance.sigma().is_some_and(|sigma| sigma <= LiveSettings::default().sigma);
+    println!("frontal: {:?}, {:?} px", coverage.missing(), guidance.sigma());
+    assert!(!is_sure && !coverage.missing().is_empty());
 }
 
 #[test]
