@@ -69,7 +69,7 @@ impl Seen {
         match self.sigma {
             Some(sigma) if sigma <= self.target => {}
             Some(sigma) => {
-                missing.push(format!("more views (first estimate ±{sigma:.2} px, wanted {:.2})", self.target))
+                missing.push(format!("more views (first estimate ±{sigma:.2} px, wanted {:.2})", self.target));
             }
             None => missing.push("views from different sides".to_owned()),
         }

@@ -263,7 +263,7 @@ fn by_coverage(coverage: &LiveCoverage, step: u64, random: &mut ChaCha8Rng) -> P
     let summary = coverage.summary();
     let z = uniform_in(random, 0.6, 1.0);
     let emptiest = (0..48).min_by(|a, b| summary.cells[*a].total_cmp(&summary.cells[*b])).unwrap_or(0);
-    if summary.covered < 0.8 && (step / 40) % 2 == 0 {
+    if summary.covered < 0.8 && (step / 40).is_multiple_of(2) {
         let (x, y) = ((emptiest % 8) as f64 / 8.0 - 0.44, (emptiest / 8) as f64 / 6.0 - 0.42);
         return place([0.75 * x * z, 0.5 * y * z, z], [0.0, 0.0], 0.0);
     }
