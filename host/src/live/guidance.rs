@@ -43,14 +43,14 @@ const CAMERA_VIEWS: usize = 128;
 /// How often the ghost is thought over (s).
 const THINK: f64 = 0.5;
 /// The ghost stays until this share of its worth came in,
-const ENOUGH_OF_A_PLACE: f64 = 0.6;
+const ENOUGH_OF_A_PLACE: f64 = 0.8;
 /// or the board was near it for so long (s),
-const LONGEST_VISIT: f64 = 1.0;
+const LONGEST_VISIT: f64 = 2.0;
 /// or for so long without coming nearer (s),
 const PATIENCE: f64 = 4.0;
 /// or until another place is worth so much more, and at least for so long (s).
 const WORTH_CHANGE: f64 = 1.5;
-const SHORTEST_STAY: f64 = 1.5;
+const SHORTEST_STAY: f64 = 2.0;
 /// A board that was not seen for so long is lost (s).
 const LOST: f64 = 1.0;
 /// Largest error of a board that is near the ghost, in units of what a hint leaves alone.
