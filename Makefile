@@ -25,7 +25,7 @@ test-workspace: setup
 	cargo test --workspace --release --locked
 	cargo test -p evcal --release --locked --no-default-features --features cli
 
-# report.html in a headless browser, as a phone and as a desktop; installs the browser.
+# report.html and the page of evcal live in a headless browser, as a phone and as a desktop; installs the browser.
 test-report: programs
 	@sh tools/report/check.sh
 

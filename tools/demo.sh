@@ -17,5 +17,8 @@ echo
 echo "== 3. against the truth"
 "$evcal" evaluate "$out/calibration" --truth "$session"
 echo
+echo "The page that guides a person at a camera, on the same recording:"
+echo "  $evcal live --replay $session/events.dvraw --speed 0.2 --board $board -o $out/live"
+echo
 echo "Open $out/calibration/report.html: whether the result is good and why, with maps and pictures. In"
 echo "$out/calibration/good-frame.png events are red and blue, the board where the model puts it is green."

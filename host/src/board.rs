@@ -126,6 +126,20 @@ impl Board {
         let count = self.circle_count();
         (0..count).map(|index| self.circle_center(index)).sum::<Vector2<f64>>() / count as f64
     }
+
+    /// Lowest and highest coordinates of the circles' centres, in metres.
+    pub fn extent(&self) -> (Vector2<f64>, Vector2<f64>) {
+        let centers = (0..self.circle_count()).map(|index| self.circle_center(index));
+        centers.fold((Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY)), |(low, high), center| {
+            (low.inf(&center), high.sup(&center))
+        })
+    }
+
+    /// Longer side of the area that the circles' centres cover, in metres.
+    pub fn longer_side(&self) -> f64 {
+        let (low, high) = self.extent();
+        (high - low).max()
+    }
 }
 
 fn length(text: &str) -> Option<f64> {

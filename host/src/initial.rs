@@ -19,6 +19,7 @@ mod neighbour_vote;
 mod opencv_start;
 mod planar_pose;
 mod pose;
+pub mod provisional;
 mod refit;
 mod report;
 mod rotation_gate;

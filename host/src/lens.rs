@@ -6,3 +6,4 @@ pub mod covered_region;
 pub mod distortion_prior;
 pub mod nearest;
 pub mod projection_difference;
+pub mod projection_sensitivity;

@@ -39,6 +39,8 @@ pub mod numerics;
 #[cfg(feature = "opencv")]
 pub mod opencv;
 pub mod output;
+#[cfg(feature = "page")]
+pub mod page;
 pub mod picture_calibration;
 pub mod recording;
 pub mod report;

@@ -1,25 +1,33 @@
 //! Watching a camera while it is recorded: has enough of the board been seen for a calibration?
 //!
 //! The detection stages of a calibration (windows, circles, grid) run on a thread of their own on
-//! what the camera sends. The recording never waits for them: transfers that they have no time for
-//! are left out of the display, and counted.
+//! what the camera sends, and [`guidance`] says where the board should go next. The recording never waits for them:
+//! transfers that they have no time for are left out of the display, and counted. [`replay`](mod@replay) does the same
+//! with a recording.
 
 mod coverage;
+pub mod guidance;
+pub mod latest;
+pub mod observer;
+pub mod picture;
 pub mod recorder;
+pub mod replay;
 mod watcher;
 
 use std::ops::ControlFlow;
 use std::path::Path;
 
 use evcal_core::settings;
-use evcal_core::settings::{at_least, from_to};
+use evcal_core::settings::{above, at_least, from_to};
 use serde::{Deserialize, Serialize};
 use usb_davis::device::Camera;
+use usb_davis::dump::Transfer;
 
 use self::recorder::{Moment, RecorderReport, RecordingError, RecordingPlan, RecordingStatus, record};
 
-pub use self::coverage::{LiveCoverage, Tilt};
-pub use self::watcher::{Seen, Watcher};
+pub use self::coverage::{CoverageSummary, DISTANCES, LiveCoverage, Tilt};
+pub use self::observer::Seen;
+pub use self::watcher::Watcher;
 
 settings! {
     /// When `evcal live` has seen enough of the board and stops; nothing of it changes a calibration.
@@ -40,6 +48,9 @@ settings! {
         pub tilt: f64 = 15.0, "°", from_to(0.0, 90.0);
         /// Fewest windows with the board tilted to the left, to the right, upwards and downwards each.
         pub boards_per_tilt: u64 = 10, "windows", at_least(0.0);
+        /// Largest expected error of the first estimate of the camera, root mean square over the sensor, from windows
+        /// alone; the calibration of the same recording is several times as good.
+        pub sigma: f64 = 0.1, "px", above(0.0);
         /// Transfers that wait longer for the display's detector are left out of the display. The recording has
         /// them.
         pub longest_wait: f64 = 1.0, "s", at_least(0.0);
@@ -47,7 +58,7 @@ settings! {
 }
 
 /// Records `camera` to `path` until `watcher` has seen enough, the plan ends it or `stop` says so. `status` is told once
-/// a second how it goes and what was seen so far.
+/// a second how it goes and what was seen so far; `pass_on` gets every transfer once it is on the disk, and must not wait.
 ///
 /// # Errors
 /// [`RecordingError`] when nothing can be recorded.
@@ -57,15 +68,19 @@ pub fn record_board(
     plan: &RecordingPlan,
     watcher: &mut Watcher,
     stop: impl Fn() -> bool,
+    pass_on: impl Fn(&Transfer<'_>),
     mut status: impl FnMut(&RecordingStatus, &Seen),
 ) -> Result<RecorderReport, RecordingError> {
     let mut enough = false;
     record(camera, path, plan, |moment| {
         match moment {
-            Moment::Transfer(transfer) => watcher.take(transfer),
+            Moment::Transfer(transfer) => {
+                watcher.take(transfer);
+                pass_on(transfer);
+            }
             Moment::Status(now) => {
                 let seen = watcher.seen();
-                enough = seen.coverage.missing().is_empty();
+                enough = seen.is_enough();
                 status(now, &seen);
             }
             Moment::Silence => {}

@@ -4,7 +4,8 @@
 #
 #   tools/report/check.sh [REPORT.html [FOLDER-FOR-PICTURES]]
 #
-# Without a report, calibrates the recording in fixtures/board first. Installs Debian's chromium-headless-shell (99 MB)
+# Without a report, calibrates the recording in fixtures/board first, and looks at the page of evcal live as well
+# (check-live.py). Installs Debian's chromium-headless-shell (99 MB)
 # where there is no such browser.
 set -eu
 cd "$(dirname "$0")/../.."
@@ -39,6 +40,7 @@ if [ -z "$browser" ]; then
 fi
 
 report="${1:-}"
+only_report="$report"
 if [ -z "$report" ]; then
     rm -rf "$pictures/calibration"
     "$target/release/evcal" calibrate fixtures/board/events.dvraw --board acircles:9x4:55mm:r17.5mm \
@@ -97,3 +99,9 @@ for size in "390 844 phone" "1440 900 desktop"; do
 done
 [ "$failed" -eq 0 ] || exit 1
 echo "test-report: $report: $bytes bytes, no request, nothing in the console, no overflow"
+[ -z "$only_report" ] || exit 0
+if command -v python3 >/dev/null 2>&1; then
+    python3 -B tools/report/check-live.py "$target/release/evcal" "$browser" "$pictures"
+else
+    echo "test-report: no python3 here: the page of evcal live is not looked at"
+fi

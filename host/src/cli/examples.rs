@@ -43,7 +43,12 @@ Examples:
 
 pub const LIVE: &str = "\
 Examples:
-  evcal live --board acircles:9x4:55mm:r17.5mm -o calibration";
+  With a camera; open the address that is printed in a browser:
+    evcal live --board acircles:9x4:55mm:r17.5mm -o calibration
+  Without a camera:
+    evcal live --replay recording.dvraw --board acircles:9x4:55mm:r17.5mm -o calibration
+  On a terminal alone, the same hints once a second; as JSON, the calibration is the last object:
+    evcal live --board acircles:9x4:55mm:r17.5mm -o calibration --no-page --json";
 
 pub const INFO: &str = "\
 Examples:

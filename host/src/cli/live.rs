@@ -1,18 +1,22 @@
 //! `evcal live`.
 
-use std::io::IsTerminal;
+mod camera;
+mod lines;
+mod replay;
+mod window;
 
-use evcal::live::recorder::RecordingStatus;
-use evcal::live::{Seen, Tilt, Watcher, record_board};
+use std::error::Error;
+use std::path::PathBuf;
+
 use evcal::recording::RecordingOptions;
 
-use super::calibrate::{CalibrationArguments, calibrate_recordings};
+use super::UsageError;
+use super::calibrate::CalibrationArguments;
 use super::camera_arguments::CameraArguments;
 use super::interrupt::Interrupt;
-use super::{NotGoodEnough, print, progress, record as recording};
+use super::source_arguments::SourceArguments;
 
-/// Name of the recording in the folder of the results.
-const RECORDING: &str = "recording.dvraw";
+use self::window::Window;
 
 /// Arguments of `evcal live`.
 #[derive(clap::Args)]
@@ -21,71 +25,67 @@ pub struct Arguments {
     calibration: CalibrationArguments,
     #[command(flatten)]
     camera: CameraArguments,
+    /// Play this recording instead of a camera, until enough was seen; calibrate from all of it
+    #[arg(long, value_name = "RECORDING", conflicts_with_all = ["duration", "frames", "preset", "serial"])]
+    replay: Option<PathBuf>,
+    /// How fast to play, 1 being as recorded, or max
+    #[arg(long, value_name = "NUMBER|max", default_value = "1", value_parser = speed, requires = "replay")]
+    speed: Speed,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Hints as lines of text only, no page
+    #[arg(long)]
+    no_page: bool,
+    /// Port of the page [default: the first free one from 8346 on]
+    #[arg(long, conflicts_with = "no_page")]
+    port: Option<u16>,
 }
 
-/// Runs `evcal live`: records while it looks for the board, then calibrates from the recording as
-/// `evcal calibrate` does.
-pub fn run(arguments: &Arguments) -> super::Outcome {
-    let CalibrationArguments { method, json, .. } = &arguments.calibration;
-    let board = &method.board;
-    let settings = method.settings()?;
-    let interrupt = Interrupt::catch()?;
-    let folder = arguments.calibration.open_folder()?;
-    let mut camera = arguments.camera.open()?;
-    let path = folder.path().join(RECORDING);
-    let mut watcher = Watcher::start(&settings.detection, &settings.live, board, &camera.header());
-    let bar = progress::spinner(*json);
-    let lines = !*json && !std::io::stderr().is_terminal();
-    let mut printed = Ok(());
-    let plan = arguments.camera.plan();
-    let report = record_board(
-        &mut camera,
-        &path,
-        &plan,
-        &mut watcher,
-        || interrupt.is_asked(),
-        |status, seen| {
-            let text = as_text(status, seen);
-            if lines && printed.is_ok() {
-                printed = print::line(&text);
-            }
-            bar.set_message(text);
-        },
-    )?;
-    interrupt.release();
-    bar.finish_and_clear();
-    printed?;
-    let seen = watcher.finish();
-    if !json {
-        print::line(recording::summary(&report))?;
-        let missing = seen.coverage.missing();
-        if !missing.is_empty() {
-            print::line(format!("still missing: {}", missing.join(", ")))?;
+/// How fast a recording is played.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Speed {
+    /// So many seconds of the recording a second.
+    Times(f64),
+    /// As fast as the detector.
+    Max,
+}
+
+impl Speed {
+    fn times(self) -> Option<f64> {
+        match self {
+            Self::Times(times) => Some(times),
+            Self::Max => None,
         }
     }
-    drop(camera);
-    let calibrated = calibrate_recordings(&[path], &RecordingOptions::default(), &arguments.calibration, &folder);
-    // That the camera was unplugged does not keep what it sent from being used.
-    match calibrated {
-        Err(error) if !error.is::<NotGoodEnough>() => Err(error),
-        calibrated => recording::good_end(&report).and(calibrated),
+}
+
+fn speed(text: &str) -> Result<Speed, &'static str> {
+    match (text, text.parse::<f64>()) {
+        ("max", _) => Ok(Speed::Max),
+        (_, Ok(times)) if (0.01..=1000.0).contains(&times) => Ok(Speed::Times(times)),
+        _ => Err("write a number from 0.01 to 1000, or max"),
     }
 }
 
-/// One line: how the recording goes, and what was seen of the board.
-fn as_text(status: &RecordingStatus, seen: &Seen) -> String {
-    let coverage = &seen.coverage;
-    let tilts: Vec<String> =
-        Tilt::ALL.iter().zip(coverage.tilts()).map(|(tilt, count)| format!("{} {count}", tilt.name())).collect();
-    let missing = coverage.missing();
-    let advice = if missing.is_empty() { "enough".to_owned() } else { format!("show {}", missing.join(", ")) };
-    format!(
-        "{:.0} s, {}; {} boards, {:.0} % of the sensor, tilts {}; {} transfers not displayed; {advice}",
-        status.seconds,
-        recording::as_text(status),
-        coverage.boards(),
-        100.0 * coverage.covered(),
-        tilts.join(" "),
-        seen.left_out
-    )
+/// Runs `evcal live`: records, or plays a recording, while it says where the board should go; then calibrates as
+/// `evcal calibrate` does.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    if arguments.replay.is_none() && arguments.source.options() != RecordingOptions::default() {
+        return Err(UsageError("what is said of a recording needs one: add --replay RECORDING".to_owned()).into());
+    }
+    let settings = arguments.calibration.method.settings()?;
+    let interrupt = Interrupt::catch()?;
+    let folder = arguments.calibration.open_folder()?;
+    match &arguments.replay {
+        Some(recording) => replay::run(arguments, recording, &settings, &folder, &interrupt),
+        None => camera::run(arguments, &settings, &folder, &interrupt),
+    }
+}
+
+/// Opens the page, unless it is not wanted.
+fn open_window(arguments: &Arguments) -> Result<Option<Window>, Box<dyn Error>> {
+    match arguments.no_page {
+        true => Ok(None),
+        false => Ok(Some(Window::open(arguments.port)?)),
+    }
 }

@@ -40,9 +40,35 @@ impl Tilt {
     }
 }
 
+/// How far the board was: names for the user, nearest first.
+pub const DISTANCES: [&str; 3] = ["near", "middle", "far"];
+/// The board's longer side as a share of the sensor's shorter one, from which it counts as near, and as in the middle.
+const NEAR: [f64; 2] = [0.75, 0.5];
+
+/// What was seen of the board so far, in numbers.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CoverageSummary {
+    /// Windows with the board.
+    pub boards: u64,
+    /// Share of the sensor's cells in which circles were seen, 0 to 1.
+    pub covered: f64,
+    /// Columns and rows of cells.
+    pub size: (u16, u16),
+    /// How full each cell is, 0 to 1, row by row.
+    pub cells: Vec<f64>,
+    /// Windows with the board tilted to each side, in the order of [`Tilt::ALL`].
+    pub tilts: [u64; 4],
+    /// Windows with the board at each of [`DISTANCES`].
+    pub distances: [u64; 3],
+    /// What is still to be done, in words; nothing when enough was seen.
+    pub missing: Vec<String>,
+    /// How far it is on the way to enough, 0 to 1: the least of all criteria.
+    pub progress: f64,
+}
+
 /// What was seen of the board so far.
 ///
-/// Tilts need the focal length. It follows from all views so far, as Zhang's method gives it for
+/// Tilts need the focal length. Until it is known it follows from all views so far, as Zhang's method gives it for
 /// square pixels without distortion whose principal point is the middle of the sensor; good to some
 /// per cent, enough to tell 15° from 0°.
 #[derive(Clone, Debug)]
@@ -54,6 +80,9 @@ pub struct LiveCoverage {
     /// Homographies from the board (in spacings) to pixels from the middle of the sensor, divided by
     /// its width.
     views: Vec<Matrix3<f64>>,
+    distances: [u64; 3],
+    /// Focal length in widths of the sensor, where a camera is known.
+    focal_length: Option<f64>,
 }
 
 impl LiveCoverage {
@@ -62,7 +91,7 @@ impl LiveCoverage {
         let (columns, rows) = (settings.columns.clamp(1, MOST_CELLS), settings.rows.clamp(1, MOST_CELLS));
         let cells = vec![0; usize::from(columns) * usize::from(rows)];
         let settings = LiveSettings { columns, rows, ..settings.clone() };
-        Self { settings, board: *board, sensor, cells, views: Vec::new() }
+        Self { settings, board: *board, sensor, cells, views: Vec::new(), distances: [0; 3], focal_length: None }
     }
 
     /// Takes a window with the board.
@@ -84,7 +113,50 @@ impl LiveCoverage {
             frame.circles.iter().map(|circle| self.board.circle_center(circle.index) / self.board.spacing).collect();
         let middle = Vector2::new(0.5 * (width - 1.0), 0.5 * (height - 1.0));
         let image: Vec<Vector2<f64>> = frame.circles.iter().map(|circle| (circle.center - middle) / width).collect();
-        self.views.extend(homography(&plane, &image));
+        let Some(view) = homography(&plane, &image) else { return };
+        let size = self.apparent_size(&view);
+        let distance = NEAR.iter().position(|least| size >= *least).unwrap_or(NEAR.len());
+        if let Some(count) = self.distances.get_mut(distance) {
+            *count += 1;
+        }
+        self.views.push(view);
+    }
+
+    /// The board's longer side in the image as a share of the sensor's shorter side, were it not tilted.
+    fn apparent_size(&self, view: &Matrix3<f64>) -> f64 {
+        let middle = self.board.middle() / self.board.spacing;
+        let point = view * middle.push(1.0);
+        // |∂(u, v)/∂(x, y)| = |H| / z³ for a homography H.
+        let scale = (view.determinant() / (point.z * point.z * point.z)).abs().sqrt();
+        let (width, height) = (f64::from(self.sensor.width), f64::from(self.sensor.height));
+        scale * self.board.longer_side() / self.board.spacing * width / width.min(height)
+    }
+
+    /// What was seen so far, in numbers.
+    pub fn summary(&self) -> CoverageSummary {
+        let (covered, tilts) = (self.covered(), self.tilts());
+        let wanted = self.settings.circles_per_cell.max(1);
+        let share = |count: u64, wanted: u64| if wanted == 0 { 1.0 } else { count as f64 / wanted as f64 };
+        let mut progress = share(self.boards(), self.settings.boards);
+        if self.settings.coverage > 0.0 {
+            progress = progress.min(covered / self.settings.coverage);
+        }
+        progress = tilts.iter().map(|count| share(*count, self.settings.boards_per_tilt)).fold(progress, f64::min);
+        CoverageSummary {
+            boards: self.boards(),
+            covered,
+            size: (self.settings.columns, self.settings.rows),
+            cells: self.cells.iter().map(|circles| share(*circles, wanted).min(1.0)).collect(),
+            tilts,
+            distances: self.distances,
+            missing: self.missing_beside(covered, tilts),
+            progress: progress.clamp(0.0, 1.0),
+        }
+    }
+
+    /// From now on the focal length (px) is known.
+    pub fn set_focal_length(&mut self, focal_length: f64) {
+        self.focal_length = Some(focal_length / f64::from(self.sensor.width));
     }
 
     /// Windows with the board.
@@ -100,7 +172,7 @@ impl LiveCoverage {
 
     /// How often the board was tilted to each side, in the order of [`Tilt::ALL`].
     pub fn tilts(&self) -> [u64; 4] {
-        let focal_length = focal_length(&self.views);
+        let focal_length = self.focal_length.unwrap_or_else(|| focal_length(&self.views));
         let mut counts = [0; 4];
         for view in &self.views {
             let Some(tilt) = tilt(view, focal_length, self.settings.tilt.to_radians()) else { continue };
@@ -113,15 +185,18 @@ impl LiveCoverage {
 
     /// What is still to be done, in words; nothing when enough was seen.
     pub fn missing(&self) -> Vec<String> {
+        self.missing_beside(self.covered(), self.tilts())
+    }
+
+    fn missing_beside(&self, covered: f64, tilts: [u64; 4]) -> Vec<String> {
         let mut missing = Vec::new();
-        let covered = self.covered();
         if self.boards() < self.settings.boards {
             missing.push(format!("{} more boards", self.settings.boards - self.boards()));
         }
         if covered < self.settings.coverage {
             missing.push(format!("the board at the {}", self.emptiest()));
         }
-        for (tilt, count) in Tilt::ALL.into_iter().zip(self.tilts()) {
+        for (tilt, count) in Tilt::ALL.into_iter().zip(tilts) {
             if count < self.settings.boards_per_tilt {
                 missing.push(format!("its {} side nearer by {:.0}°", tilt.name(), self.settings.tilt));
             }

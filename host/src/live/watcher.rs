@@ -9,23 +9,13 @@ use usb_davis::capture::GapRepair;
 use usb_davis::dump::{DumpHeader, Transfer, TransferStatus};
 use usb_davis::protocol::{Decoder, Message};
 
-use super::{LiveCoverage, LiveSettings};
+use super::LiveSettings;
+use super::latest::Latest;
+use super::observer::{Observer, Seen};
 use crate::board::Board;
-use crate::detection::DetectionStage;
 use crate::detection::settings::DetectionSettings;
+use crate::initial::InitialSettings;
 use crate::recording::davis::{CameraClock, event};
-
-/// Chunks that are searched in one go: a fifth of a second, unless the settings say otherwise.
-const CHUNKS_TOGETHER: usize = 2;
-
-/// What was seen so far.
-#[derive(Clone, Debug)]
-pub struct Seen {
-    /// Boards, coverage and tilts.
-    pub coverage: LiveCoverage,
-    /// Transfers that were left out because the detector was busy.
-    pub left_out: u64,
-}
 
 /// A transfer on its way to the detector.
 struct Piece {
@@ -40,10 +30,10 @@ struct Queue {
     ended: bool,
 }
 
+#[derive(Default)]
 struct Shared {
     queue: Mutex<Queue>,
     filled: Condvar,
-    coverage: Mutex<LiveCoverage>,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -53,6 +43,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Looks for the board in transfers while they come.
 pub struct Watcher {
     shared: Arc<Shared>,
+    latest: Latest,
     thread: Option<JoinHandle<()>>,
     longest_wait_ns: u64,
     /// A transfer was left out since the latest one taken.
@@ -62,21 +53,25 @@ pub struct Watcher {
 
 impl Watcher {
     /// Starts a detector with these settings for the camera that `header` describes.
-    pub fn start(detection: &DetectionSettings, live: &LiveSettings, board: &Board, header: &DumpHeader) -> Self {
+    pub fn start(
+        detection: &DetectionSettings,
+        initial: &InitialSettings,
+        live: &LiveSettings,
+        board: &Board,
+        header: &DumpHeader,
+    ) -> Self {
         let sensor = header.registers.layout().dvs.size().into();
-        let shared = Arc::new(Shared {
-            queue: Mutex::default(),
-            filled: Condvar::new(),
-            coverage: Mutex::new(LiveCoverage::new(live, board, sensor)),
-        });
-        let (of_thread, detection, pattern) = (Arc::clone(&shared), detection.clone(), board.pattern);
+        let shared = Arc::new(Shared::default());
+        let latest = Latest::new(Observer::new(detection, initial, live, board, sensor).seen());
         let longest_wait_ns = (live.longest_wait.max(0.0) * 1e9) as u64;
         let decoder = Decoder::new(header.registers.layout());
+        let (of_thread, latest_of_thread) = (Arc::clone(&shared), latest.clone());
+        let (detection, initial, live, board) = (detection.clone(), initial.clone(), live.clone(), *board);
         let thread = thread::spawn(move || {
-            let stage = DetectionStage::for_board(&detection, sensor, pattern, 0);
-            look(&of_thread, decoder, stage);
+            let observer = Observer::new(&detection, &initial, &live, &board, sensor);
+            look(&of_thread, decoder, observer, &latest_of_thread);
         });
-        Self { shared, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }
+        Self { shared, latest, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }
     }
 
     /// Takes a transfer, or leaves it out if the oldest one that waits is too old. Does not block.
@@ -97,7 +92,12 @@ impl Watcher {
 
     /// What was seen so far.
     pub fn seen(&self) -> Seen {
-        Seen { coverage: lock(&self.shared.coverage).clone(), left_out: self.left_out }
+        Seen { left_out: self.left_out, ..Seen::clone(&self.latest.get()) }
+    }
+
+    /// What was seen last, for other threads; without [`Seen::left_out`].
+    pub fn latest(&self) -> Latest {
+        self.latest.clone()
     }
 
     /// Waits until everything taken has been looked at, [`super::LiveSettings::longest_wait`] of it at
@@ -124,7 +124,7 @@ impl Drop for Watcher {
 }
 
 /// The detector's thread.
-fn look(shared: &Shared, mut decoder: Decoder, mut stage: DetectionStage<'_>) {
+fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen: &Latest) {
     let (mut repair, mut clock) = (GapRepair::default(), CameraClock::default());
     let mut events: Vec<Event> = Vec::new();
     let (mut first, mut latest) = (None, i64::MIN);
@@ -146,12 +146,12 @@ fn look(shared: &Shared, mut decoder: Decoder, mut stage: DetectionStage<'_>) {
             latest = latest.max(event.t);
             event.t = latest - *first.get_or_insert(latest);
         }
-        stage.push(&events);
-        if stage.waiting_chunks() >= CHUNKS_TOGETHER {
-            tell(shared, &mut stage);
+        if observer.push(&events) {
+            seen.set(observer.seen());
         }
     }
-    tell(shared, &mut stage);
+    observer.finish();
+    seen.set(observer.seen());
 }
 
 /// The next piece; `None` when there will be no more.
@@ -166,10 +166,4 @@ fn next(shared: &Shared) -> Option<Piece> {
         }
         queue = shared.filled.wait(queue).unwrap_or_else(PoisonError::into_inner);
     }
-}
-
-fn tell(shared: &Shared, stage: &mut DetectionStage<'_>) {
-    let frames = stage.take_frames();
-    let mut coverage = lock(&shared.coverage);
-    frames.iter().for_each(|frame| coverage.add(frame));
 }

@@ -1,17 +1,16 @@
 //! What the covariance of the intrinsics means in the image.
 //!
-//! A bearing goes through the estimated lens to a pixel; how far would it land elsewhere, had the
-//! intrinsics come out otherwise? Part of that is only a camera frame turned by a little, which no user of
-//! the calibration can notice: the rotation that fits best over the sensor is taken out, as in
-//! [`projection_difference`](crate::lens::projection_difference) (and as mrcal's projection uncertainty
-//! does), so that the two can be compared.
+//! How far would a bearing land elsewhere, had the intrinsics come out otherwise? The rotation that fits best
+//! over the sensor is taken out ([`projection_sensitivity`](mod@crate::lens::projection_sensitivity)), so that the
+//! answer can be compared with a [`projection_difference`](mod@crate::lens::projection_difference).
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
-use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2};
+use nalgebra::{DMatrix, Matrix2, Vector2};
 use serde::Serialize;
 
 use crate::lens::projection_difference::{grid, grid_size};
+use crate::lens::projection_sensitivity::projection_sensitivity;
 
 /// How sure the projection is at one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -63,33 +62,11 @@ pub fn projection_uncertainty(
     if covariance.shape() != (count, count) {
         return Err(NoView);
     }
-    // At each pixel: derivatives of the projection by the parameters, and by a turn of the camera.
-    let places: Vec<Option<(DMatrix<f64>, nalgebra::Matrix2x3<f64>)>> = pixels
-        .iter()
-        .map(|pixel| {
-            let bearing = camera.unproject(pixel)?;
-            let projection = camera.project_with_jacobians(&bearing)?;
-            let by_parameters = DMatrix::from_fn(2, count, |row, column| projection.by_parameters[(row, column)]);
-            Some((by_parameters, -projection.by_point * bearing.cross_matrix()))
-        })
-        .collect();
-    let seen: Vec<_> = places.iter().flatten().collect();
-    let mut turns = Matrix3::zeros();
-    let mut mixed = DMatrix::zeros(3, count);
-    for (by_parameters, by_turn) in &seen {
-        turns += by_turn.transpose() * by_turn;
-        mixed += by_turn.transpose() * by_parameters;
-    }
-    let (Some(turns), true) = (turns.cholesky(), seen.len() >= 3) else { return Err(NoView) };
-    let turn_by_parameters = -turns.solve(&mixed);
-
-    let mut square = DMatrix::zeros(count, count);
+    let sensitivity = projection_sensitivity(camera, &pixels).ok_or(NoView)?;
     let mut worst = (0.0, Vector2::zeros());
-    let uncertain = places.iter().zip(&pixels).map(|(place, pixel)| {
-        let sigma = place.as_ref().map(|(by_parameters, by_turn)| {
-            let change = by_parameters + by_turn * &turn_by_parameters;
-            square += change.transpose() * &change;
-            let spread = &change * covariance * change.transpose();
+    let uncertain = sensitivity.changes.iter().zip(&pixels).map(|(change, pixel)| {
+        let sigma = change.as_ref().map(|change| {
+            let spread = change * covariance * change.transpose();
             let spread = Matrix2::new(spread[(0, 0)], spread[(0, 1)], spread[(1, 0)], spread[(1, 1)]);
             let sigma = spread.symmetric_eigenvalues().max().max(0.0).sqrt();
             if sigma > worst.0 {
@@ -100,7 +77,7 @@ pub fn projection_uncertainty(
         GridUncertainty { pixel: (*pixel).into(), sigma }
     });
     let grid: Vec<GridUncertainty> = uncertain.collect();
-    let spread = covariance * square / seen.len() as f64;
+    let spread = covariance * &sensitivity.squares / sensitivity.seen as f64;
     let mean = spread.trace().max(0.0);
     let variance = 2.0 * (&spread * &spread).trace().max(0.0);
     let (columns, rows) = grid_size(sensor);

@@ -1,0 +1,103 @@
+//! What is printed once a second.
+
+use std::io::IsTerminal;
+
+use evcal::live::recorder::RecordingStatus;
+use evcal::live::{DISTANCES, Seen, Tilt};
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use super::super::{Outcome, print, progress, record};
+
+/// Prints hints: as JSON, on a line that changes, or line by line where that is no terminal.
+pub struct Lines {
+    json: bool,
+    is_terminal: bool,
+    bar: ProgressBar,
+    /// The first failure to print: plain text, for hints come from other threads.
+    printed: Result<(), String>,
+}
+
+impl Lines {
+    /// For a program that prints JSON or not.
+    pub fn new(json: bool) -> Self {
+        Self { json, is_terminal: std::io::stderr().is_terminal(), bar: progress::spinner(json), printed: Ok(()) }
+    }
+
+    /// Tells what was seen, and how the recording goes if there is one.
+    pub fn tell(&mut self, seen: &Seen, status: Option<&RecordingStatus>) {
+        if self.json {
+            self.print(|| print::json(&as_json(seen, status)));
+            return;
+        }
+        let text = as_text(seen, status);
+        if !self.is_terminal {
+            self.print(|| print::line(&text));
+        }
+        self.bar.set_message(text);
+    }
+
+    fn print(&mut self, print: impl FnOnce() -> Outcome) {
+        if self.printed.is_ok() {
+            self.printed = print().map_err(|error| error.to_string());
+        }
+    }
+
+    /// The last line is over; fails if one could not be printed.
+    pub fn finish(self) -> Outcome {
+        self.bar.finish_and_clear();
+        Ok(self.printed?)
+    }
+}
+
+/// One line: the hint, what was seen of the board, and how the recording goes.
+fn as_text(seen: &Seen, status: Option<&RecordingStatus>) -> String {
+    let coverage = &seen.coverage;
+    let tilts: Vec<String> =
+        Tilt::ALL.iter().zip(coverage.tilts).map(|(tilt, count)| format!("{} {count}", tilt.name())).collect();
+    let seconds = status.map_or(seen.t, |status| status.seconds);
+    let sigma = seen.sigma.map_or_else(String::new, |sigma| format!(", ±{sigma:.3} px"));
+    let missing = seen.missing();
+    let wanted = if missing.is_empty() { String::new() } else { format!("; still wanted: {}", missing.join(", ")) };
+    let recording = status.map_or_else(String::new, |status| {
+        format!("; {}; {} transfers not displayed", record::as_text(status), seen.left_out)
+    });
+    format!(
+        "{seconds:.0} s: {}; {:.0} % done; {} boards, {:.0} % of the sensor, tilts {}{sigma}{wanted}{recording}",
+        seen.hint.words(false),
+        100.0 * seen.progress(),
+        coverage.boards,
+        100.0 * coverage.covered,
+        tilts.join(" "),
+    )
+}
+
+/// One object with the same.
+fn as_json(seen: &Seen, status: Option<&RecordingStatus>) -> Value {
+    let coverage = &seen.coverage;
+    let named = |names: &[&str], counts: &[u64]| {
+        Value::Object(names.iter().zip(counts).map(|(name, count)| ((*name).to_owned(), (*count).into())).collect())
+    };
+    let corners = |points: &[nalgebra::Vector2<f64>]| points.iter().map(|point| [point.x, point.y]).collect::<Vec<_>>();
+    let mut object = Map::new();
+    let mut put = |name: &str, value: Value| {
+        object.insert(name.to_owned(), value);
+    };
+    put("t", json!(seen.t));
+    put("hint", json!(seen.hint.words(false)));
+    put("progress", json!(seen.progress()));
+    put("missing", json!(seen.missing()));
+    put("boards", json!(coverage.boards));
+    put("covered", json!(coverage.covered));
+    put("tilts", named(&Tilt::ALL.map(Tilt::name), &coverage.tilts));
+    put("distances", named(&DISTANCES, &coverage.distances));
+    put("sigma", json!(seen.sigma));
+    put("camera", json!(seen.camera));
+    put("board", json!(seen.board.as_ref().map(|board| corners(&board.corners))));
+    put("ghost", json!(seen.ghost.as_ref().map(|ghost| corners(&ghost.corners))));
+    if let Some(status) = status {
+        put("recording", json!(status));
+        put("transfers_not_displayed", json!(seen.left_out));
+    }
+    Value::Object(object)
+}

@@ -1,0 +1,73 @@
+//! `evcal live --replay`.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use evcal::detection::search::sensor_of;
+use evcal::files::folder::OutputFolder;
+use evcal::live::latest::Latest;
+use evcal::live::observer::Observer;
+use evcal::live::replay::replay;
+use evcal::recording::Recording;
+use evcal::settings::Settings;
+
+use super::super::calibrate::calibrate_recordings;
+use super::super::interrupt::Interrupt;
+use super::super::print;
+use super::lines::Lines;
+use super::{Arguments, open_window};
+
+/// Plays a recording until enough was seen, then calibrates from all of it.
+pub fn run(
+    arguments: &Arguments,
+    path: &Path,
+    settings: &Settings,
+    folder: &OutputFolder,
+    interrupt: &Interrupt,
+) -> super::super::Outcome {
+    let json = arguments.calibration.json;
+    let options = arguments.source.options();
+    let recording = Recording::new(path, options.clone())?;
+    let sensor = sensor_of(&recording)?;
+    let board = &arguments.calibration.method.board;
+    let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor);
+    let latest = Latest::new(observer.seen());
+    let window = open_window(arguments)?;
+    let mut screen = window.as_ref().map(super::Window::screen);
+    let mut lines = Lines::new(json);
+    let report = replay(
+        &recording,
+        sensor,
+        arguments.speed.times(),
+        observer,
+        &latest,
+        |seen| lines.tell(seen, None),
+        |picture| {
+            if let Some(screen) = &mut screen {
+                screen.show(picture, &latest);
+            }
+            let is_over = interrupt.is_asked() || window.as_ref().is_some_and(super::Window::is_finish_asked);
+            if is_over { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        },
+    )?;
+    interrupt.release();
+    lines.finish()?;
+    let seen = &report.seen;
+    if let Some(window) = &window {
+        window.calibrating(sensor, seen);
+    }
+    if !json {
+        print::line(match seen.is_enough() {
+            true => format!("enough was seen after {:.1} s of the recording", seen.t),
+            false => format!("{:.1} s; still wanted: {}", report.seconds, seen.missing().join(", ")),
+        })?;
+    }
+    if let Some(damage) = &report.damage {
+        print::aside(damage);
+    }
+    let calibrated = calibrate_recordings(&[path.to_owned()], &options, &arguments.calibration, folder);
+    if let Some(window) = window {
+        window.finish(sensor, seen, folder, &calibrated);
+    }
+    calibrated
+}

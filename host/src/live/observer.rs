@@ -1,0 +1,205 @@
+//! From events to what is known of the board right now.
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+use nalgebra::Vector2;
+
+use super::guidance::{GhostOutline, Guidance, Hint, corners};
+use super::{CoverageSummary, LiveCoverage, LiveSettings};
+use crate::board::Board;
+use crate::board::homography::homography;
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::DetectionStage;
+use crate::detection::settings::DetectionSettings;
+use crate::initial::InitialSettings;
+
+/// Chunks that are searched in one go: a fifth of a second, unless the settings say otherwise.
+const CHUNKS_TOGETHER: usize = 2;
+/// How often coverage is told anew, which looks at every view (s of the sensor).
+const SUMMARY: f64 = 0.5;
+/// Longest time between two windows over which the board's motion is taken as straight (s).
+const LONGEST_STEP: f64 = 0.06;
+
+/// The board in the image, and how it moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardOutline {
+    /// Sensor time (s since the first event).
+    pub t: f64,
+    /// Corners (px), clockwise as the board is printed, from the one beside the first circle.
+    pub corners: [Vector2<f64>; 4],
+    /// Velocity of each corner (px/s).
+    pub velocity: [Vector2<f64>; 4],
+    /// The circles found: centre and, where known, radius (px).
+    pub circles: Vec<(Vector2<f64>, Option<f64>)>,
+}
+
+/// What was seen so far.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// Sensor time of the latest event (s since the first).
+    pub t: f64,
+    /// Boards, coverage and tilts.
+    pub coverage: CoverageSummary,
+    /// Where the board was last.
+    pub board: Option<BoardOutline>,
+    /// Where it should go.
+    pub ghost: Option<GhostOutline>,
+    /// What to do with it.
+    pub hint: Hint,
+    /// Expected error of the camera from windows alone (px, root mean square over the sensor); `None` before there is a
+    /// camera.
+    pub sigma: Option<f64>,
+    /// Largest such error that is good enough.
+    pub target: f64,
+    /// The provisional camera's focal lengths and principal point (px).
+    pub camera: Option<[f64; 4]>,
+    /// Transfers that were left out because the detector was busy.
+    pub left_out: u64,
+}
+
+impl Seen {
+    /// Whether enough was seen for a calibration.
+    pub fn is_enough(&self) -> bool {
+        self.missing().is_empty()
+    }
+
+    /// What is still to be done, in words; nothing when enough was seen.
+    pub fn missing(&self) -> Vec<String> {
+        let mut missing = self.coverage.missing.clone();
+        match self.sigma {
+            Some(sigma) if sigma <= self.target => {}
+            Some(sigma) => {
+                missing.push(format!("more views (first estimate ±{sigma:.2} px, wanted {:.2})", self.target));
+            }
+            None => missing.push("views from different sides".to_owned()),
+        }
+        missing
+    }
+
+    /// How far the recording is on its way to enough, 0 to 1: the least of all criteria.
+    pub fn progress(&self) -> f64 {
+        // The error falls with the square root of time.
+        let of_sigma = self.sigma.map_or(0.0, |sigma| (self.target / sigma).powi(2));
+        self.coverage.progress.min(of_sigma).clamp(0.0, 1.0)
+    }
+}
+
+/// Looks for the board in events as they come.
+pub struct Observer<'a> {
+    stage: DetectionStage<'a>,
+    coverage: LiveCoverage,
+    /// What was last said of it, and when.
+    summary: (CoverageSummary, f64),
+    guidance: Option<Guidance>,
+    board: Board,
+    target: f64,
+    latest: f64,
+    outline: Option<BoardOutline>,
+}
+
+impl<'a> Observer<'a> {
+    /// Nothing seen yet by this sensor.
+    pub fn new(
+        detection: &'a DetectionSettings,
+        initial: &InitialSettings,
+        live: &LiveSettings,
+        board: &Board,
+        sensor: Sensor,
+    ) -> Self {
+        let coverage = LiveCoverage::new(live, board, sensor);
+        Self {
+            summary: (coverage.summary(), 0.0),
+            stage: DetectionStage::for_board(detection, sensor, board.pattern, 0),
+            coverage,
+            guidance: Guidance::new(board, sensor, initial),
+            board: *board,
+            target: live.sigma,
+            latest: 0.0,
+            outline: None,
+        }
+    }
+
+    /// Takes the next events, with times from the first (µs) that never go back. Whether something new is known.
+    pub fn push(&mut self, events: &[Event]) -> bool {
+        if let Some(event) = events.last() {
+            self.latest = event.t as f64 * 1e-6;
+        }
+        self.stage.push(events);
+        let is_due = self.stage.waiting_chunks() >= CHUNKS_TOGETHER;
+        if is_due {
+            self.search();
+        }
+        is_due
+    }
+
+    fn search(&mut self) {
+        for frame in self.stage.take_frames() {
+            self.coverage.add(&frame);
+            self.outline = self.outline_of(&frame);
+            if let Some(guidance) = &mut self.guidance {
+                guidance.add(&frame);
+                guidance.advise(frame.t());
+                if let Some(focal_length) = guidance.camera().and_then(|camera| camera.parameters().first().copied()) {
+                    self.coverage.set_focal_length(focal_length);
+                }
+            }
+        }
+        if let Some(guidance) = &mut self.guidance {
+            guidance.advise(self.latest);
+        }
+        if self.latest - self.summary.1 >= SUMMARY {
+            self.summary = (self.coverage.summary(), self.latest);
+        }
+    }
+
+    /// Looks at all events that wait, and tells coverage as of now.
+    pub fn finish(&mut self) {
+        self.search();
+        self.summary = (self.coverage.summary(), self.latest);
+    }
+
+    /// What was seen so far.
+    pub fn seen(&self) -> Seen {
+        let guidance = self.guidance.as_ref();
+        let mut seen = Seen {
+            t: self.latest,
+            coverage: self.summary.0.clone(),
+            board: self.outline.clone(),
+            ghost: guidance.and_then(Guidance::ghost),
+            hint: guidance.map_or(Hint::Show, Guidance::hint),
+            sigma: guidance.and_then(Guidance::sigma),
+            target: self.target,
+            camera: guidance.and_then(Guidance::camera).and_then(|camera| {
+                let parameters = camera.parameters();
+                parameters.get(..4).and_then(|first| first.try_into().ok())
+            }),
+            left_out: 0,
+        };
+        if seen.is_enough() {
+            (seen.hint, seen.ghost) = (Hint::Done, None);
+        }
+        seen
+    }
+
+    fn outline_of(&self, frame: &ReferenceFrame) -> Option<BoardOutline> {
+        let plane: Vec<Vector2<f64>> =
+            frame.circles.iter().map(|circle| self.board.circle_center(circle.index)).collect();
+        let image: Vec<Vector2<f64>> = frame.circles.iter().map(|circle| circle.center).collect();
+        let homography = homography(&plane, &image)?;
+        let corners = corners(&self.board).map(|corner| {
+            let image = homography * corner.push(1.0);
+            image.xy() / image.z
+        });
+        let mut velocity = [Vector2::zeros(); 4];
+        if let Some(before) = &self.outline {
+            let step = frame.t() - before.t;
+            if step > 0.0 && step < LONGEST_STEP {
+                for (velocity, (now, before)) in velocity.iter_mut().zip(corners.iter().zip(&before.corners)) {
+                    *velocity = (now - before) / step;
+                }
+            }
+        }
+        let circles = frame.circles.iter().map(|circle| (circle.center, circle.radius)).collect();
+        Some(BoardOutline { t: frame.t(), corners, velocity, circles })
+    }
+}

@@ -1,0 +1,192 @@
+//! The page of `evcal live`: what the camera sees, where the board should go, and the result, in a browser.
+//!
+//! It is served on this computer alone (127.0.0.1). A request must name this server as its host, so that no foreign
+//! name that leads here is answered, and data and commands need a token that is new with every run and stands behind
+//! the `#` of the address, which browsers send to no one ([`gate`]).
+//!
+//! Whoever publishes a state replaces the one before and never waits; a page asks for the newest one when it has drawn
+//! the last. A slow or frozen page therefore gets fewer states, and nothing piles up.
+
+mod assets;
+pub mod gate;
+mod server;
+#[cfg(test)]
+mod tests;
+pub mod view;
+
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use hyper::body::Bytes;
+use serde::Serialize;
+use tokio::sync::{oneshot, watch};
+
+use self::gate::{Gate, Secret};
+
+/// Port that is tried first, and how many after it.
+const PORT: u16 = 8346;
+const MORE_PORTS: u16 = 10;
+
+/// A state as the page gets it: length of the JSON and number of the state (each 4 bytes, little-endian), the JSON, and
+/// one byte for each pixel of the sensor.
+#[derive(Clone, Debug, Default)]
+struct State {
+    number: u32,
+    body: Bytes,
+}
+
+/// What server and publishers share.
+struct Shared {
+    gate: Gate,
+    newest: watch::Sender<State>,
+    /// Path of the report, which nobody can guess, and the report.
+    report: Mutex<Option<Bytes>>,
+    report_path: String,
+    finish: AtomicBool,
+    close: AtomicBool,
+    /// When a page last asked.
+    asked: Mutex<Option<Instant>>,
+}
+
+/// Why the page cannot be served.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// No port is free.
+    #[error(
+        "no page: ports {first} to {last} of this computer cannot be used: {error}; choose one with --port, or --no-page"
+    )]
+    Port {
+        /// The first that was tried.
+        first: u16,
+        /// The last.
+        last: u16,
+        /// What the system said.
+        error: io::Error,
+    },
+    /// The system gave no thread or no random numbers.
+    #[error("no page: {0}; --no-page goes without")]
+    System(io::Error),
+}
+
+/// A page that is being served. It ends when this is dropped.
+pub struct Page {
+    shared: Arc<Shared>,
+    address: SocketAddr,
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Page {
+    /// Serves a page on `port` of this computer (0: any free one), or on the first free one from 8346 on.
+    ///
+    /// # Errors
+    /// [`PageError`].
+    pub fn start(port: Option<u16>) -> Result<Self, PageError> {
+        let listener = listen(port)?;
+        let address = listener.local_addr().map_err(PageError::System)?;
+        let (token, report) = (Secret::new()?, Secret::new()?);
+        let shared = Arc::new(Shared {
+            gate: Gate::new(address.port(), token),
+            newest: watch::Sender::new(State::default()),
+            report: Mutex::default(),
+            report_path: format!("/report/{report}"),
+            finish: AtomicBool::new(false),
+            close: AtomicBool::new(false),
+            asked: Mutex::default(),
+        });
+        let (end, ended) = oneshot::channel();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(PageError::System)?;
+        listener.set_nonblocking(true).map_err(PageError::System)?;
+        let of_thread = Arc::clone(&shared);
+        let thread = thread::Builder::new()
+            .name("page".to_owned())
+            .spawn(move || runtime.block_on(server::serve(listener, of_thread, ended)))
+            .map_err(PageError::System)?;
+        Ok(Self { shared, address, end: Some(end), thread: Some(thread) })
+    }
+
+    /// Where it is, with the token.
+    pub fn url(&self) -> String {
+        format!("http://{}/#{}", self.address, self.shared.gate.token())
+    }
+
+    /// Something that publishes states, for another thread.
+    pub fn publisher(&self) -> Publisher {
+        Publisher(Arc::clone(&self.shared))
+    }
+
+    /// Makes a finished report available, and gives its path on this server.
+    pub fn set_report(&self, html: String) -> String {
+        *self.shared.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(html.into());
+        self.shared.report_path.clone()
+    }
+
+    /// Whether the person asked to end the recording.
+    pub fn is_finish_asked(&self) -> bool {
+        self.shared.finish.load(Ordering::Relaxed)
+    }
+
+    /// Whether the person asked to end the program.
+    pub fn is_close_asked(&self) -> bool {
+        self.shared.close.load(Ordering::Relaxed)
+    }
+
+    /// Whether a page asked for something in the last `time`.
+    pub fn is_watched(&self, time: Duration) -> bool {
+        let asked = *self.shared.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        asked.is_some_and(|asked| asked.elapsed() < time)
+    }
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        if let Some(end) = self.end.take() {
+            // A server that has ended listens no more.
+            let _ = end.send(());
+        }
+        if let Some(thread) = self.thread.take() {
+            // It serves nobody any more, whatever became of it.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Replaces the state that pages see.
+#[derive(Clone)]
+pub struct Publisher(Arc<Shared>);
+
+impl Publisher {
+    /// Publishes a state; `pixels` are those of [`EventPicture`](crate::live::picture::EventPicture). Never waits for a
+    /// page.
+    pub fn publish(&self, head: &impl Serialize, pixels: &[u8]) {
+        // What the view holds can always be written as JSON.
+        let Ok(head) = serde_json::to_vec(head) else { return };
+        self.0.newest.send_modify(|state| {
+            let number = state.number.wrapping_add(1).max(1);
+            let mut body = Vec::with_capacity(8 + head.len() + pixels.len());
+            body.extend_from_slice(&(head.len() as u32).to_le_bytes());
+            body.extend_from_slice(&number.to_le_bytes());
+            body.extend_from_slice(&head);
+            body.extend_from_slice(pixels);
+            *state = State { number, body: body.into() };
+        });
+    }
+}
+
+/// Only this computer is listened to.
+fn listen(port: Option<u16>) -> Result<TcpListener, PageError> {
+    let (first, last) = port.map_or((PORT, PORT + MORE_PORTS), |port| (port, port));
+    let mut failure = None;
+    for port in first..=last {
+        match TcpListener::bind((Ipv4Addr::LOCALHOST, port)) {
+            Ok(listener) => return Ok(listener),
+            Err(error) => failure = Some(error),
+        }
+    }
+    let error = failure.unwrap_or_else(|| io::ErrorKind::AddrInUse.into());
+    Err(PageError::Port { first, last, error })
+}

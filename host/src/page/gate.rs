@@ -1,0 +1,99 @@
+//! Who gets an answer.
+
+use std::fmt;
+use std::io;
+
+use hyper::header::{HOST, HeaderMap, HeaderName, HeaderValue, ORIGIN};
+use hyper::{Method, StatusCode, Uri};
+
+use super::PageError;
+
+/// The header with the token.
+pub const TOKEN: HeaderName = HeaderName::from_static("x-evcal-token");
+/// From where a browser says that a request comes.
+const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
+
+/// 128 random bits.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Secret([u8; 16]);
+
+impl Secret {
+    /// A new one.
+    ///
+    /// # Errors
+    /// [`PageError::System`] when the system gives no random numbers.
+    pub fn new() -> Result<Self, PageError> {
+        let mut bytes = [0; 16];
+        getrandom::fill(&mut bytes).map_err(|error| PageError::System(io::Error::other(error)))?;
+        Ok(Self(bytes))
+    }
+}
+
+impl fmt::Display for Secret {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+/// Which names and which token open it.
+pub struct Gate {
+    hosts: [String; 2],
+    token: String,
+}
+
+/// What a request needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// The right host only: files without data, and paths that nobody can guess.
+    Host,
+    /// The token as well.
+    Token,
+}
+
+impl Gate {
+    /// The gate of a server on this port.
+    pub fn new(port: u16, token: Secret) -> Self {
+        Self { hosts: [format!("127.0.0.1:{port}"), format!("localhost:{port}")], token: token.to_string() }
+    }
+
+    /// The token.
+    pub fn token(&self) -> &str {
+        &self.token
+    }
+
+    /// Whether a request may pass.
+    ///
+    /// # Errors
+    /// 421 for a foreign host; 403 without the token, for a request that another site made, and for a command that no
+    /// page of this server sent.
+    pub fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap, need: Need) -> Result<(), StatusCode> {
+        let is_own = |host: &str| self.hosts.iter().any(|own| own.eq_ignore_ascii_case(host));
+        let mut hosts = headers.get_all(HOST).iter();
+        let host = hosts.next().and_then(|host| host.to_str().ok());
+        let is_addressed = host.is_some_and(is_own) && hosts.next().is_none();
+        if !is_addressed || uri.authority().is_some_and(|authority| !is_own(authority.as_str())) {
+            return Err(StatusCode::MISDIRECTED_REQUEST);
+        }
+        let is_command = *method != Method::GET;
+        if need == Need::Host && !is_command {
+            return Ok(());
+        }
+        let is_foreign_origin = headers.get_all(ORIGIN).iter().any(|origin| {
+            let origin = origin.to_str().ok().and_then(|origin| origin.strip_prefix("http://"));
+            !origin.is_some_and(is_own)
+        });
+        let is_cross_site =
+            headers.get_all(FETCH_SITE).iter().any(|site| !matches!(site.as_bytes(), b"same-origin" | b"none"));
+        if is_foreign_origin || is_cross_site || !self.is_token(headers.get(TOKEN)) {
+            return Err(StatusCode::FORBIDDEN);
+        }
+        Ok(())
+    }
+
+    /// Compares in a time that does not tell how much of it is right.
+    fn is_token(&self, given: Option<&HeaderValue>) -> bool {
+        let Some(given) = given.map(HeaderValue::as_bytes) else { return false };
+        let differing = given.iter().zip(self.token.as_bytes()).fold(0, |bits, (a, b)| bits | (a ^ b));
+        given.len() == self.token.len() && differing == 0
+    }
+}

@@ -1,0 +1,147 @@
+// Draws what the sensor sees: events that fade, the board as it moves, and where it should go.
+
+const FADE = 0.09; // s until an event is at 1/e of its brightness
+const SHOWN = 0.5; // s after which a board that was not seen again is hidden
+const CORNERS = ["1", "2", "3", "4"];
+
+function channels(color) {
+  const hex = color.trim().slice(1);
+  return [0, 2, 4].map((start) => parseInt(hex.slice(start, start + 2), 16));
+}
+
+export class Picture {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.small = document.createElement("canvas");
+    this.mirrored = false;
+    this.last = 0;
+    this.dark = matchMedia("(prefers-color-scheme: dark)");
+    this.dark.addEventListener("change", () => this.readColors());
+    this.readColors();
+  }
+
+  readColors() {
+    const style = getComputedStyle(document.documentElement);
+    const read = (name) => style.getPropertyValue(name);
+    this.colors = { paper: read("--paper"), board: read("--board"), ghost: read("--ghost"), ink: read("--ink") };
+    this.paper = channels(read("--paper"));
+    this.on = channels(read("--on"));
+    this.off = channels(read("--off"));
+  }
+
+  resize([width, height]) {
+    if (this.small.width === width && this.small.height === height && this.image) return;
+    this.small.width = width;
+    this.small.height = height;
+    this.image = this.small.getContext("2d").createImageData(width, height);
+    this.level = new Float32Array(2 * width * height);
+  }
+
+  draw(state, pixels) {
+    this.resize(state.sensor);
+    this.fade(pixels);
+    const [width, height] = state.sensor;
+    const scale = Math.max(1, Math.round((this.canvas.clientWidth * devicePixelRatio) / width * 4) / 4);
+    const [wide, high] = [Math.round(width * scale), Math.round(height * scale)];
+    if (this.canvas.width !== wide || this.canvas.height !== high) {
+      this.canvas.width = wide;
+      this.canvas.height = high;
+    }
+    const context = this.canvas.getContext("2d");
+    context.setTransform(this.mirrored ? -scale : scale, 0, 0, scale, this.mirrored ? wide : 0, 0);
+    context.imageSmoothingEnabled = false;
+    context.drawImage(this.small, 0, 0);
+    // A pixel's coordinates are those of its centre.
+    context.translate(0.5, 0.5);
+    const line = Math.max(1.6, width / 180);
+    if (state.phase !== "recording") return;
+    if (state.ghost) this.drawGhost(context, state.ghost, line);
+    if (state.board) this.drawBoard(context, state, line);
+  }
+
+  fade(pixels) {
+    const now = performance.now() / 1000;
+    const keep = Math.exp(-Math.min(1, now - this.last) / FADE);
+    this.last = now;
+    const { level, image: { data }, paper, on, off } = this;
+    const count = level.length / 2;
+    for (let index = 0; index < count; index += 1) {
+      const byte = index < pixels.length ? pixels[index] : 0;
+      let bright = level[2 * index] * keep;
+      let dark = level[2 * index + 1] * keep;
+      if (byte & 15) bright = 1;
+      if (byte >> 4) dark = 1;
+      level[2 * index] = bright;
+      level[2 * index + 1] = dark;
+      const [strength, color] = bright >= dark ? [bright, on] : [dark, off];
+      for (let channel = 0; channel < 3; channel += 1) {
+        data[4 * index + channel] = paper[channel] + strength * (color[channel] - paper[channel]);
+      }
+      data[4 * index + 3] = 255;
+    }
+    this.small.getContext("2d").putImageData(this.image, 0, 0);
+  }
+
+  path(context, points) {
+    context.beginPath();
+    points.forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
+    context.closePath();
+  }
+
+  drawGhost(context, ghost, line) {
+    if (ghost.outline.length < 3) return;
+    this.path(context, ghost.outline);
+    context.fillStyle = this.colors.ghost;
+    context.globalAlpha = 0.08 + 0.25 * ghost.gained;
+    context.fill();
+    context.globalAlpha = 1;
+    context.strokeStyle = this.colors.ghost;
+    context.lineWidth = 1.5 * line;
+    context.setLineDash([4 * line, 3 * line]);
+    context.stroke();
+    context.setLineDash([]);
+    if (ghost.corners.length === 4) this.drawCorners(context, ghost.corners, this.colors.ghost, line);
+  }
+
+  drawBoard(context, state, line) {
+    const { board } = state;
+    const age = state.t - board.t;
+    if (!(age < SHOWN)) return;
+    const ahead = Math.max(0, age);
+    const moved = board.corners.map(([x, y], index) => {
+      const [vx, vy] = board.velocity[index];
+      return [x + ahead * vx, y + ahead * vy];
+    });
+    const shift = [0, 1].map((axis) => moved.reduce((sum, corner, index) => sum + corner[axis] - board.corners[index][axis], 0) / 4);
+    context.strokeStyle = this.colors.board;
+    context.lineWidth = line;
+    this.path(context, moved);
+    context.stroke();
+    context.lineWidth = 0.6 * line;
+    for (const [x, y, radius] of board.circles) {
+      context.beginPath();
+      context.arc(x + shift[0], y + shift[1], radius, 0, 2 * Math.PI);
+      context.stroke();
+    }
+    this.drawCorners(context, moved, this.colors.board, line);
+  }
+
+  // The same numbers on the board and on its ghost: which corner goes where.
+  drawCorners(context, corners, color, line) {
+    context.font = `bold ${7 * line}px system-ui, sans-serif`;
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    corners.forEach(([x, y], index) => {
+      context.fillStyle = color;
+      context.beginPath();
+      context.arc(x, y, 4.6 * line, 0, 2 * Math.PI);
+      context.fill();
+      context.save();
+      context.translate(x, y);
+      if (this.mirrored) context.scale(-1, 1);
+      context.fillStyle = this.colors.paper;
+      context.fillText(CORNERS[index], 0, 0.4 * line);
+      context.restore();
+    });
+  }
+}

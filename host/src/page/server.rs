@@ -1,0 +1,168 @@
+//! The HTTP server: few connections, short heads, short waits.
+
+use std::convert::Infallible;
+use std::net::TcpListener;
+use std::pin::pin;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, PoisonError};
+use std::time::{Duration, Instant};
+
+use http_body_util::Full;
+use hyper::body::{Bytes, Incoming};
+use hyper::header::{
+    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderName, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+};
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper::{Method, Request, Response, StatusCode};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::sync::{Semaphore, oneshot};
+use tokio::time::{sleep, timeout};
+
+use super::Shared;
+use super::assets::ASSETS;
+use super::gate::Need;
+
+/// Connections at a time; more are refused.
+const MOST_CONNECTIONS: usize = 16;
+/// Bytes of a request's head.
+const LONGEST_HEAD: usize = 16 * 1024;
+/// Longest wait for the head of a request.
+const HEAD_PATIENCE: Duration = Duration::from_secs(5);
+/// How long a page waits for a new state before it asks again.
+const STATE_PATIENCE: Duration = Duration::from_secs(1);
+/// A connection is closed after this time, so that one that does not read gives way; browsers open another.
+const CONNECTION_AGE: Duration = Duration::from_secs(60);
+/// How long it may take to close.
+const CLOSING: Duration = Duration::from_secs(5);
+/// Pause after the system could not accept a connection.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
+
+/// What the page may load: itself, and nothing from elsewhere.
+const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; \
+     frame-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+/// What the report may load: its own pictures and style. No script runs in it.
+const REPORT_POLICY: &str =
+    "sandbox allow-popups; default-src 'none'; img-src data:; style-src 'unsafe-inline'; frame-ancestors 'self'";
+
+const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
+const OPENER_POLICY: HeaderName = HeaderName::from_static("cross-origin-opener-policy");
+
+type Answer = Response<Full<Bytes>>;
+
+/// Serves until `ended`.
+pub async fn serve(listener: TcpListener, shared: Arc<Shared>, ended: oneshot::Receiver<()>) {
+    let accepting = tokio::spawn(accept(listener, shared));
+    // The sender gone is an end, too.
+    let _ = ended.await;
+    accepting.abort();
+}
+
+async fn accept(listener: TcpListener, shared: Arc<Shared>) {
+    let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
+    let places = Arc::new(Semaphore::new(MOST_CONNECTIONS));
+    loop {
+        let Ok((stream, _)) = listener.accept().await else {
+            sleep(ACCEPT_PAUSE).await;
+            continue;
+        };
+        let Ok(place) = Arc::clone(&places).try_acquire_owned() else { continue };
+        let shared = Arc::clone(&shared);
+        tokio::spawn(async move {
+            let answer = service_fn(|request| {
+                let shared = Arc::clone(&shared);
+                async move { Ok::<_, Infallible>(answer(&shared, &request).await) }
+            });
+            let connection = http1::Builder::new()
+                .timer(TokioTimer::new())
+                .header_read_timeout(HEAD_PATIENCE)
+                .max_buf_size(LONGEST_HEAD)
+                .serve_connection(TokioIo::new(stream), answer);
+            let mut connection = pin!(connection);
+            // Errors of a connection are the other side's; there is nobody to tell.
+            if timeout(CONNECTION_AGE, connection.as_mut()).await.is_err() {
+                connection.as_mut().graceful_shutdown();
+                let _ = timeout(CLOSING, connection).await;
+            }
+            drop(place);
+        });
+    }
+}
+
+async fn answer(shared: &Shared, request: &Request<Incoming>) -> Answer {
+    let (method, uri, headers) = (request.method(), request.uri(), request.headers());
+    let path = uri.path();
+    let asset = ASSETS.iter().find(|asset| asset.path == path);
+    let is_report = path == shared.report_path;
+    let need = if asset.is_some() || is_report { Need::Host } else { Need::Token };
+    if let Err(status) = shared.gate.check(method, uri, headers, need) {
+        return plain(status);
+    }
+    if let (&Method::GET, Some(asset)) = (method, asset) {
+        return with(StatusCode::OK, asset.kind, PAGE_POLICY, Bytes::from_static(asset.content.as_bytes()));
+    }
+    match (method, path) {
+        (&Method::GET, _) if is_report => report(shared),
+        (&Method::GET, "/live") => state(shared, uri.query()).await,
+        (&Method::POST, "/finish") => {
+            shared.finish.store(true, Ordering::Relaxed);
+            plain(StatusCode::NO_CONTENT)
+        }
+        (&Method::POST, "/close") => {
+            shared.close.store(true, Ordering::Relaxed);
+            plain(StatusCode::NO_CONTENT)
+        }
+        (&Method::GET | &Method::POST, _) => plain(StatusCode::NOT_FOUND),
+        _ => plain(StatusCode::METHOD_NOT_ALLOWED),
+    }
+}
+
+fn report(shared: &Shared) -> Answer {
+    let report = shared.report.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    match report {
+        Some(report) => with(StatusCode::OK, "text/html; charset=utf-8", REPORT_POLICY, report),
+        None => plain(StatusCode::NOT_FOUND),
+    }
+}
+
+/// The newest state after the one that the page has; 204 when there is none for a while.
+async fn state(shared: &Shared, query: Option<&str>) -> Answer {
+    *shared.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
+    let after = query.and_then(|query| query.strip_prefix("after=")).and_then(|after| after.parse::<u32>().ok());
+    let Some(after) = after else { return plain(StatusCode::BAD_REQUEST) };
+    let mut newest = shared.newest.subscribe();
+    let body = match timeout(STATE_PATIENCE, newest.wait_for(|state| state.number > after)).await {
+        Ok(Ok(state)) => Some(state.body.clone()),
+        _ => None,
+    };
+    match body {
+        Some(body) => with(StatusCode::OK, "application/octet-stream", PAGE_POLICY, body),
+        None => plain(StatusCode::NO_CONTENT),
+    }
+}
+
+/// An answer that is a number only.
+fn plain(status: StatusCode) -> Answer {
+    let text = match status {
+        StatusCode::NO_CONTENT => "",
+        _ => status.canonical_reason().unwrap_or_default(),
+    };
+    with(status, "text/plain; charset=utf-8", PAGE_POLICY, Bytes::from_static(text.as_bytes()))
+}
+
+fn with(status: StatusCode, kind: &'static str, policy: &'static str, body: Bytes) -> Answer {
+    let mut answer = Response::new(Full::new(body));
+    *answer.status_mut() = status;
+    for (name, value) in [
+        (CONTENT_TYPE, kind),
+        (CONTENT_SECURITY_POLICY, policy),
+        (X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (REFERRER_POLICY, "no-referrer"),
+        (CACHE_CONTROL, "no-store"),
+        (RESOURCE_POLICY, "same-origin"),
+        (OPENER_POLICY, "same-origin"),
+    ] {
+        answer.headers_mut().insert(name, hyper::header::HeaderValue::from_static(value));
+    }
+    answer
+}

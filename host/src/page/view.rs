@@ -1,0 +1,228 @@
+//! What the page is told.
+
+use std::collections::VecDeque;
+
+use nalgebra::Vector2;
+use serde::Serialize;
+
+use crate::live::picture::EventPicture;
+use crate::live::{DISTANCES, Seen, Tilt};
+
+/// Events are counted over so many seconds of the sensor.
+const RATE_SPAN: f64 = 1.0;
+
+/// How far things are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Phase {
+    /// The board was not seen yet.
+    Waiting,
+    /// It is looked at.
+    Recording,
+    /// The recording is over, the camera is being calibrated.
+    Calibrating,
+    /// There is a result.
+    Done,
+    /// There is none.
+    Failed,
+}
+
+/// The result of a calibration.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Outcome {
+    /// Whether it is good, in words; what went wrong where there is none.
+    pub verdict: String,
+    /// Camera model.
+    pub model: String,
+    /// Camera matrix, row by row.
+    pub matrix: [[f64; 3]; 3],
+    /// Distortion coefficients.
+    pub distortion: Vec<f64>,
+    /// Stated error of the projection, root mean square over the sensor (px).
+    pub sigma: Option<f64>,
+    /// Folder of the results.
+    pub folder: String,
+    /// Path of the report on this server.
+    pub report: Option<String>,
+}
+
+/// What a camera says of itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Losses {
+    /// Events that the camera dropped; `None` for a recording.
+    pub dropped: Option<u64>,
+    /// Transfers that the detector had no time for.
+    pub not_shown: u64,
+}
+
+#[derive(Serialize)]
+struct Hint {
+    plain: &'static str,
+    mirrored: &'static str,
+}
+
+#[derive(Serialize)]
+struct Outline {
+    t: f64,
+    corners: Vec<[f64; 2]>,
+    velocity: Vec<[f64; 2]>,
+    circles: Vec<[f64; 3]>,
+}
+
+#[derive(Serialize)]
+struct Ghost {
+    outline: Vec<[f64; 2]>,
+    corners: Vec<[f64; 2]>,
+    gained: f64,
+}
+
+#[derive(Serialize)]
+struct Named {
+    name: &'static str,
+    count: u64,
+}
+
+#[derive(Serialize)]
+struct Coverage<'a> {
+    columns: u16,
+    rows: u16,
+    cells: &'a [f64],
+    covered: f64,
+    boards: u64,
+    tilts: Vec<Named>,
+    distances: Vec<Named>,
+}
+
+#[derive(Serialize)]
+struct Health {
+    /// Events a second.
+    rate: f64,
+    /// Share of ON events; `None` without events.
+    on_share: Option<f64>,
+    dropped: Option<u64>,
+    not_shown: u64,
+}
+
+/// A whole state.
+#[derive(Serialize)]
+pub struct View<'a> {
+    phase: Phase,
+    /// Sensor time of the picture (s since the first event).
+    t: f64,
+    sensor: [u16; 2],
+    hint: Hint,
+    /// On the way to enough, 0 to 1.
+    progress: f64,
+    missing: Vec<String>,
+    board: Option<Outline>,
+    ghost: Option<Ghost>,
+    coverage: Coverage<'a>,
+    health: Health,
+    /// Expected error of the first estimate, and what is wanted (px).
+    sigma: Option<f64>,
+    target: f64,
+    /// Focal lengths and principal point of the first estimate (px).
+    camera: Option<[f64; 4]>,
+    outcome: Option<&'a Outcome>,
+}
+
+fn pairs(points: &[Vector2<f64>]) -> Vec<[f64; 2]> {
+    // A tenth of a pixel is enough for the eye.
+    points.iter().map(|point| [rounded(point.x), rounded(point.y)]).collect()
+}
+
+fn rounded(value: f64) -> f64 {
+    (value * 10.0).round() / 10.0
+}
+
+/// Makes states, and counts events while doing so.
+#[derive(Clone, Debug, Default)]
+pub struct Viewer {
+    /// Sensor time, ON and OFF events of the pictures of the last second.
+    recent: VecDeque<(f64, [u64; 2])>,
+}
+
+impl Viewer {
+    /// The state while the board is looked at.
+    pub fn view<'a>(&mut self, picture: &EventPicture, seen: &'a Seen, losses: Losses) -> View<'a> {
+        let phase = if seen.coverage.boards == 0 && seen.board.is_none() { Phase::Waiting } else { Phase::Recording };
+        let (t, sensor) = (picture.seconds(), picture.sensor());
+        self.recent.push_back((t, picture.counts()));
+        while self.recent.front().is_some_and(|(past, _)| t - past > RATE_SPAN) {
+            self.recent.pop_front();
+        }
+        let sum =
+            |polarity: usize| self.recent.iter().filter_map(|(_, counts)| counts.get(polarity)).sum::<u64>() as f64;
+        let (on, all) = (sum(0), sum(0) + sum(1));
+        let span = self.recent.front().map_or(0.0, |(past, _)| t - past).max(0.1);
+        let health = Health {
+            rate: all / span,
+            on_share: (all > 0.0).then(|| on / all),
+            dropped: losses.dropped,
+            not_shown: losses.not_shown,
+        };
+        state(phase, t, [sensor.width, sensor.height], seen, health, None)
+    }
+}
+
+/// The state after the recording.
+pub fn ended<'a>(
+    phase: Phase,
+    sensor: [u16; 2],
+    seen: &'a Seen,
+    losses: Losses,
+    outcome: Option<&'a Outcome>,
+) -> View<'a> {
+    let health = Health { rate: 0.0, on_share: None, dropped: losses.dropped, not_shown: losses.not_shown };
+    state(phase, seen.t, sensor, seen, health, outcome)
+}
+
+fn state<'a>(
+    phase: Phase,
+    t: f64,
+    sensor: [u16; 2],
+    seen: &'a Seen,
+    health: Health,
+    outcome: Option<&'a Outcome>,
+) -> View<'a> {
+    let coverage = &seen.coverage;
+    let tilts = Tilt::ALL.iter().zip(coverage.tilts).map(|(tilt, count)| Named { name: tilt.name(), count });
+    let distances = DISTANCES.iter().zip(coverage.distances).map(|(name, count)| Named { name, count });
+    View {
+        phase,
+        t,
+        sensor,
+        hint: Hint { plain: seen.hint.words(false), mirrored: seen.hint.words(true) },
+        progress: seen.progress(),
+        missing: seen.missing(),
+        board: seen.board.as_ref().map(|board| Outline {
+            t: board.t,
+            corners: pairs(&board.corners),
+            velocity: pairs(&board.velocity),
+            circles: board
+                .circles
+                .iter()
+                .map(|(center, radius)| [rounded(center.x), rounded(center.y), rounded(radius.unwrap_or(3.0))])
+                .collect(),
+        }),
+        ghost: seen.ghost.as_ref().map(|ghost| Ghost {
+            outline: pairs(&ghost.outline),
+            corners: pairs(&ghost.corners),
+            gained: ghost.gained,
+        }),
+        coverage: Coverage {
+            columns: coverage.size.0,
+            rows: coverage.size.1,
+            cells: &coverage.cells,
+            covered: coverage.covered,
+            boards: coverage.boards,
+            tilts: tilts.collect(),
+            distances: distances.collect(),
+        },
+        health,
+        sigma: seen.sigma,
+        target: seen.target,
+        camera: seen.camera,
+        outcome,
+    }
+}

@@ -1,0 +1,142 @@
+"""Opens the page of `evcal live --replay` in a headless browser, as a phone and a desktop show it, in light and dark,
+with the keyboard alone. Fails on anything in the console, on any request to elsewhere, on a page wider than the screen,
+on text of low contrast, and when the page does not come to its result. Leaves pictures.
+
+    python3 tools/report/check-live.py EVCAL BROWSER FOLDER
+"""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from browser import Browser, Tab
+
+RECORDING = "fixtures/board/events.dvraw"
+BOARD = "acircles:9x4:55mm:r17.5mm"
+# Seconds of the recording a second: slow enough that four pages are looked at while it plays.
+SPEED = "0.1"
+LEAST_CONTRAST = 4.5
+
+CONTRAST = """(() => {
+  const channels = (color) => color.match(/[\\d.]+/g).map(Number);
+  const luminance = (color) => channels(color).slice(0, 3).map((value) => value / 255)
+    .map((value) => value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, value, index) => sum + value * [0.2126, 0.7152, 0.0722][index], 0);
+  const behind = (element) => {
+    for (let at = element; at; at = at.parentElement) {
+      const color = getComputedStyle(at).backgroundColor;
+      if ((channels(color)[3] ?? 1) > 0) return color;
+    }
+    return 'rgb(255, 255, 255)';
+  };
+  const poor = [];
+  for (const element of document.querySelectorAll('body *')) {
+    const hasText = [...element.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
+    if (!hasText || !element.checkVisibility() || ['SCRIPT', 'NOSCRIPT'].includes(element.tagName)) continue;
+    const style = getComputedStyle(element);
+    const ink = element.namespaceURI.endsWith('svg') ? style.fill : style.color;
+    const [a, b] = [luminance(ink), luminance(behind(element))].sort((x, y) => y - x);
+    const contrast = (a + 0.05) / (b + 0.05);
+    if (contrast < %f) poor.push(`${element.tagName} ${element.textContent.trim().slice(0, 30)}: ${contrast.toFixed(2)}`);
+  }
+  return poor;
+})()""" % LEAST_CONTRAST
+
+# Shares of the picture's pixels that are not the colour of the paper.
+DRAWN = """(() => {
+  const canvas = document.getElementById('picture');
+  const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+  let drawn = 0;
+  for (let index = 0; index < data.length; index += 4) {
+    drawn += Math.abs(data[index] - data[0]) + Math.abs(data[index + 1] - data[1]) + Math.abs(data[index + 2] - data[2]) > 60;
+  }
+  return drawn / (data.length / 4);
+})()"""
+
+failures = []
+
+
+def check(condition, text):
+    if not condition:
+        failures.append(text)
+        print(f"test-live: {text}")
+
+
+def check_layout(tab, name):
+    wide, visible = tab.script("[document.documentElement.scrollWidth, innerWidth]")
+    check(wide <= visible, f"{name}: the page is {wide} px wide")
+    for poor in tab.script(CONTRAST):
+        check(False, f"{name}: low contrast: {poor}")
+
+
+def watch(browser, url, pictures):
+    """The page while the board is looked at."""
+    tabs = []
+    for width, height, scheme in [(390, 844, "light"), (390, 844, "dark"), (1440, 900, "light"), (1440, 900, "dark")]:
+        name = f"{width} px {scheme}"
+        tab = Tab(browser, url, width, height, scheme)
+        tab.wait("window.evcal && evcal.phase === 'recording' && evcal.state.ghost && evcal.state.board && evcal.shown > 5")
+        check_layout(tab, name)
+        check(tab.script(DRAWN) > 0.02, f"{name}: next to nothing is drawn")
+        hint = tab.script("document.getElementById('hint').textContent")
+        check(len(hint) > 1, f"{name}: no hint")
+        tab.picture(pictures / f"live-{width}-{scheme}.png")
+        tabs.append(tab)
+    return tabs
+
+
+def main(evcal, program, folder):
+    pictures = Path(folder)
+    out = pictures / "live-calibration"
+    command = [evcal, "live", "--replay", RECORDING, "--speed", SPEED, "--port", "0", "--board", BOARD]
+    live = subprocess.Popen(
+        [*command, "-o", str(out), "--force", "--accept-any"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    browser = Browser(program)
+    try:
+        line = live.stderr.readline()
+        found = re.search(r"http://127\.0\.0\.1:(\d+)/#[0-9a-f]{32}", line)
+        if not found:
+            raise SystemExit(f"test-live: no address in: {line}")
+        url = found[0]
+        tabs = watch(browser, url, pictures)
+        tab = tabs[-1]
+        tab.key(" ", 32)
+        check(tab.script("document.getElementById('mirror').ariaPressed") == "true", "Space does not mirror")
+        tab.call("Page.reload")
+        tab.wait("window.evcal && evcal.shown > 2", 5)
+        tab.key("Enter", 13)
+        tab.wait("evcal.phase === 'calibrating'")
+        for tab, name in ((tabs[0], "390-light"), (tabs[3], "1440-dark")):
+            tab.wait("evcal.phase === 'done'")
+            check(tab.script("evcal.hint") == "done", f"{name}: not done")
+            check_layout(tab, f"{name} done")
+            matrix = tab.script("document.getElementById('matrix').textContent")
+            check(re.search(r"\[\[33\d\.\d+, 0, 17\d\.\d+\]", matrix), f"{name}: K is {matrix}")
+            report = tab.script("fetch(document.getElementById('report').src).then((answer) => answer.text())")
+            check("Calibration report" in report, f"{name}: no report")
+            tab.picture(pictures / f"live-{name}-done.png")
+            # A frame outside of the window is not painted.
+            tab.script("document.getElementById('report').scrollIntoView()")
+            tab.picture(pictures / f"live-{name}-report.png", whole=False)
+        tab.script("document.getElementById('close').click()")
+        check(live.wait(20) == 0, f"evcal ended with {live.returncode}")
+        own = (f"http://127.0.0.1:{found[1]}/", "data:", "about:")
+        for event in browser.events:
+            method, parameters = event.get("method"), event.get("params", {})
+            if method in ("Log.entryAdded", "Runtime.exceptionThrown", "Runtime.consoleAPICalled"):
+                text = str(parameters)
+                # Once evcal has ended, pages that still ask find nobody.
+                check("ERR_CONNECTION_REFUSED" in text, f"console: {text[:300]}")
+            if method == "Network.requestWillBeSent":
+                check(parameters["request"]["url"].startswith(own), f"asked for {parameters['request']['url']}")
+    finally:
+        browser.close()
+        live.kill()
+    if failures:
+        raise SystemExit(1)
+    print(f"test-live: 390 and 1440 px, light and dark, keyboard, result: {pictures}/live-*.png")
+
+
+main(*sys.argv[1:])
