@@ -1,5 +1,7 @@
 //! From events to what is known of the board right now.
 
+use std::collections::VecDeque;
+
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
@@ -17,8 +19,8 @@ use crate::initial::InitialSettings;
 const CHUNKS_TOGETHER: usize = 2;
 /// How often coverage is told anew, which looks at every view (s of the sensor).
 const SUMMARY: f64 = 0.5;
-/// Longest time between two windows over which the board's motion is taken as straight (s).
-const LONGEST_STEP: f64 = 0.06;
+/// Time over which the board's motion is taken as straight (s): long enough that the noise of its outline does not count.
+const STRAIGHT: f64 = 0.1;
 
 /// The board in the image, and how it moves.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,6 +97,8 @@ pub struct Observer<'a> {
     target: f64,
     latest: f64,
     outline: Option<BoardOutline>,
+    /// Where its corners were in the last [`STRAIGHT`] seconds.
+    path: VecDeque<(f64, [Vector2<f64>; 4])>,
 }
 
 impl<'a> Observer<'a> {
@@ -116,6 +120,7 @@ impl<'a> Observer<'a> {
             target: live.sigma,
             latest: 0.0,
             outline: None,
+            path: VecDeque::new(),
         }
     }
 
@@ -181,7 +186,7 @@ impl<'a> Observer<'a> {
         seen
     }
 
-    fn outline_of(&self, frame: &ReferenceFrame) -> Option<BoardOutline> {
+    fn outline_of(&mut self, frame: &ReferenceFrame) -> Option<BoardOutline> {
         let plane: Vec<Vector2<f64>> =
             frame.circles.iter().map(|circle| self.board.circle_center(circle.index)).collect();
         let image: Vec<Vector2<f64>> = frame.circles.iter().map(|circle| circle.center).collect();
@@ -190,15 +195,15 @@ impl<'a> Observer<'a> {
             let image = homography * corner.push(1.0);
             image.xy() / image.z
         });
+        let now = frame.t();
+        self.path.retain(|(t, _)| (0.0..=STRAIGHT).contains(&(now - t)));
         let mut velocity = [Vector2::zeros(); 4];
-        if let Some(before) = &self.outline {
-            let step = frame.t() - before.t;
-            if step > 0.0 && step < LONGEST_STEP {
-                for (velocity, (now, before)) in velocity.iter_mut().zip(corners.iter().zip(&before.corners)) {
-                    *velocity = (now - before) / step;
-                }
+        if let Some((t, before)) = self.path.front().filter(|(t, _)| *t < now) {
+            for (velocity, (now_at, before)) in velocity.iter_mut().zip(corners.iter().zip(before)) {
+                *velocity = (now_at - before) / (now - t);
             }
         }
+        self.path.push_back((now, corners));
         let circles = frame.circles.iter().map(|circle| (circle.center, circle.radius)).collect();
         Some(BoardOutline { t: frame.t(), corners, velocity, circles })
     }
