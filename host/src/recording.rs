@@ -15,7 +15,9 @@
 //! A new format is one file with a [`FileFormat`] in it and one line in [`FORMATS`].
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
 mod aedat2;
@@ -31,6 +33,7 @@ pub mod extras;
 mod foreign;
 mod format;
 pub mod information;
+mod memory;
 mod options;
 pub mod pass;
 pub mod pictures;
@@ -48,6 +51,7 @@ pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary};
 pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
 pub use reader::{Decode, EventReader, ReadReport, RepairedTimes, StreamFaults, Truncation};
 
+use self::memory::MemoryDecoder;
 use crate::circles::{stream, track};
 
 /// The formats, in the order in which they are tried.
@@ -125,13 +129,22 @@ pub struct RecordingInformation {
     pub notes: Vec<String>,
 }
 
-/// A file of events that can be read as often as needed.
+/// Events, of a file or in memory, that can be read as often as needed.
 #[derive(Clone)]
 pub struct Recording {
     path: PathBuf,
     options: RecordingOptions,
-    format: &'static FileFormat,
+    source: Source,
     span: Option<(i64, i64)>,
+}
+
+/// Where the events of a recording are.
+#[derive(Clone)]
+enum Source {
+    /// In its file.
+    File(&'static FileFormat),
+    /// Here, in the order in which they came.
+    Memory(Arc<Vec<Event>>),
 }
 
 impl Recording {
@@ -146,7 +159,13 @@ impl Recording {
             return Err(RecordingError::new(&path, RecordingErrorKind::CircleTrack));
         }
         let format = find_format(&path, &head)?;
-        Ok(Self { path, options, format, span: None })
+        Ok(Self { path, options, source: Source::File(format), span: None })
+    }
+
+    /// A recording of events that are in memory, times in microseconds. They are checked as those of a file are:
+    /// see [`EventReader::next_batch`]. `name` stands for them in reports and messages; of `options` the sensor counts.
+    pub fn from_events(name: impl Into<PathBuf>, events: Vec<Event>, options: RecordingOptions) -> Self {
+        Self { path: name.into(), options, source: Source::Memory(Arc::new(events)), span: None }
     }
 
     /// The part of the recording from the first of these times, in microseconds as in the file, up to the
@@ -155,19 +174,22 @@ impl Recording {
         Self { span: Some(span), ..self.clone() }
     }
 
-    /// Where the recording is.
+    /// Where the recording is; the name of one in memory.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Its format.
     pub fn format(&self) -> &'static FileFormat {
-        self.format
+        match &self.source {
+            Source::File(format) => format,
+            Source::Memory(_) => &memory::FORMAT,
+        }
     }
 
     /// Whether it may hold frames: its format does.
     pub fn may_hold_frames(&self) -> bool {
-        self.format.frames.is_some()
+        self.format().frames.is_some()
     }
 
     /// What a user said about it.
@@ -180,7 +202,10 @@ impl Recording {
     /// # Errors
     /// When the file cannot be opened or its header cannot be understood.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
-        let decoder = (self.format.events)(&self.path, &self.options)?;
+        let decoder: Box<dyn Decode> = match &self.source {
+            Source::File(format) => (format.events)(&self.path, &self.options)?,
+            Source::Memory(events) => Box::new(MemoryDecoder::new(Arc::clone(events), self.options.sensor)),
+        };
         Ok(EventReader::new(&self.path, decoder, &self.options)?.within(self.span))
     }
 
@@ -189,7 +214,7 @@ impl Recording {
     /// # Errors
     /// When the file cannot be read.
     pub fn streams(&self) -> Result<Vec<StreamSummary>, RecordingError> {
-        (self.format.streams)(&self.path, &self.options)
+        (self.format().streams)(&self.path, &self.options)
     }
 }
 

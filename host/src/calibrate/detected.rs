@@ -2,11 +2,11 @@
 
 use super::Task;
 use super::error::CalibrateError;
-use crate::calibrate::input::{Input, read_events};
+use super::progress::Progress;
+use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
-use crate::recording::RecordingError;
 use crate::recording::pass::RecordingReport;
 use evcal_core::sensor::Sensor;
 
@@ -25,7 +25,7 @@ pub(super) struct Detected {
 ///
 /// # Errors
 /// [`CalibrateError`] when it is nowhere, or a recording cannot be used.
-pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, CalibrateError> {
+pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateError> {
     let sensor = common_sensor(task)?;
     let mut all = Detected {
         sensor,
@@ -38,11 +38,11 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
     // What the first damaged recording broke off with.
     let mut damage = None;
     for (index, input) in task.inputs.iter().enumerate() {
-        progress(&format!("looking for the board in {}", input.name()));
+        progress.tell(format!("looking for the board in {}", input.name()))?;
         match input {
             Input::Events(_) => {
                 let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
-                let pass = read_events(task.inputs, index, &mut |events| stage.push(events))?;
+                let pass = progress.read(task.inputs, index, &mut |events| stage.push(events))?;
                 if pass.count == 0 {
                     return Err(CalibrateError::Empty { file: input.name() });
                 }
@@ -68,7 +68,7 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
         _ if !all.frames.is_empty() => Ok(all),
         Some(damage) => Err(CalibrateError::Source(damage)),
         None => {
-            let other = other_board(task, all.sensor)?;
+            let other = other_board(task, all.sensor, progress)?;
             let max_interval = task.settings.detection.window.max_interval;
             Err(CalibrateError::NoPattern(all.detection.no_pattern(max_interval, other)))
         }
@@ -102,11 +102,11 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
 }
 
 /// What the board in the recordings looks like, if not like the stated one.
-fn other_board(task: &Task, sensor: Sensor) -> Result<Option<OtherReading>, RecordingError> {
+fn other_board(task: &Task, sensor: Sensor, progress: &Progress) -> Result<Option<OtherReading>, CalibrateError> {
     for (index, input) in task.inputs.iter().enumerate() {
         if let Input::Events(_) = input {
             let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);
-            read_events(task.inputs, index, &mut |events| other.push(events))?;
+            progress.read(task.inputs, index, &mut |events| other.push(events))?;
             if let Some(found) = other.finish() {
                 return Ok(Some(found));
             }

@@ -14,6 +14,9 @@ use serde::{Serialize, Serializer};
 /// Why a calibration failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
+    /// The caller wanted the end.
+    #[error("stopped before the end")]
+    Stopped,
     /// There is nothing to calibrate from.
     #[error("there is no recording: name at least one")]
     NoInput,
@@ -76,10 +79,10 @@ pub enum CalibrateError {
     JointPictures(NoJointPoints),
 }
 
-impl From<RefinementError<RecordingError>> for CalibrateError {
-    fn from(error: RefinementError<RecordingError>) -> Self {
+impl From<RefinementError<Self>> for CalibrateError {
+    fn from(error: RefinementError<Self>) -> Self {
         match error {
-            RefinementError::Read(error) => Self::Source(error),
+            RefinementError::Read(error) => error,
             RefinementError::Solve(error) => Self::Solve(error),
         }
     }

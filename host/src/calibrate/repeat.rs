@@ -1,5 +1,7 @@
 //! How repeatable a calibration is: random parts of a recording, each calibrated on its own.
 
+use std::ops::ControlFlow;
+
 use evcal_core::camera::Camera;
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -119,7 +121,8 @@ pub fn repeat(
         let end = start + settings.seconds;
         let span = (pass.first + (start * 1e6) as i64, pass.first + (end * 1e6) as i64);
         let inputs = [Input::Events(recording.section(span))];
-        let outcome: Result<Calibrated, CalibrateError> = calibrate(&Task { inputs: &inputs, model, ..*task }, |_| {});
+        let task = Task { inputs: &inputs, model, ..*task };
+        let outcome: Result<Calibrated, CalibrateError> = calibrate(&task, |_| ControlFlow::Continue(()));
         let outcome = match outcome {
             Ok(calibrated) => {
                 let camera = *calibrated.camera();
