@@ -32,6 +32,7 @@
 
 pub mod board;
 pub mod calibrate;
+pub mod check;
 pub mod circles;
 pub mod detection;
 pub mod evaluate;
