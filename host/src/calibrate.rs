@@ -7,6 +7,7 @@ mod events;
 pub mod input;
 mod pictures;
 mod progress;
+pub mod radius;
 pub mod repeat;
 
 use std::ops::ControlFlow;

@@ -197,6 +197,13 @@ impl Recording {
         &self.options
     }
 
+    /// What the file itself says of the sensor's size.
+    pub fn own_sensor(&self) -> Option<Sensor> {
+        let options = RecordingOptions { sensor: None, ..self.options.clone() };
+        let itself = Self { options, ..self.clone() };
+        itself.open().ok()?.information().sensor
+    }
+
     /// Starts a pass through the recording, from its first event.
     ///
     /// # Errors
@@ -325,7 +332,7 @@ mod tests {
         let (_directory, path) = file(circles);
         assert_eq!(sniff(&path).unwrap(), RecordingKind::CircleTrack);
         let directory = tempfile::tempdir().unwrap();
-        assert!(sniff(directory.path()).unwrap_err().to_string().contains("ordinary file"));
+        assert!(sniff(directory.path()).unwrap_err().to_string().contains("is a folder"));
         assert!(sniff(&directory.path().join("absent")).unwrap_err().to_string().contains("absent"));
     }
 

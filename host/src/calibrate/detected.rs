@@ -4,10 +4,13 @@ use super::Task;
 use super::error::CalibrateError;
 use super::progress::Progress;
 use crate::calibrate::input::Input;
+use crate::check::units::other_unit;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
-use crate::recording::pass::RecordingReport;
+use crate::recording::Recording;
+use crate::recording::information::likely_sensor_of;
+use crate::recording::pass::{Pass, RecordingReport};
 use evcal_core::sensor::Sensor;
 
 /// Where the board was seen.
@@ -40,9 +43,10 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
     for (index, input) in task.inputs.iter().enumerate() {
         progress.tell(format!("looking for the board in {}", input.name()))?;
         match input {
-            Input::Events(_) => {
+            Input::Events(recording) => {
                 let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
                 let pass = progress.read(task.inputs, index, &mut |events| stage.push(events))?;
+                check_sensor(recording, &pass)?;
                 if pass.count == 0 {
                     return Err(CalibrateError::Empty { file: input.name() });
                 }
@@ -68,6 +72,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
         _ if !all.frames.is_empty() => Ok(all),
         Some(damage) => Err(CalibrateError::Source(damage)),
         None => {
+            check_units(task, &all.recordings)?;
             let other = other_board(task, all.sensor, progress)?;
             let max_interval = task.settings.detection.window.max_interval;
             Err(CalibrateError::NoPattern(all.detection.no_pattern(max_interval, other)))
@@ -94,11 +99,44 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
         Input::Events(recording) => recording.open()?.information().sensor.or(given),
         Input::Circles { sensor, .. } => given.or(*sensor),
     };
-    let sensor = sensor.ok_or_else(|| CalibrateError::SensorUnknown { file: input.name() })?;
+    let sensor = sensor.ok_or_else(|| {
+        let likely = match input {
+            Input::Events(recording) => likely_sensor_of(recording),
+            Input::Circles { .. } => None,
+        };
+        CalibrateError::SensorUnknown { file: input.name(), likely }
+    })?;
     if sensor.width > LARGEST_SENSOR.width || sensor.height > LARGEST_SENSOR.height {
         return Err(CalibrateError::SensorTooLarge { file: input.name(), sensor });
     }
     Ok(sensor)
+}
+
+/// Share of events that may lie outside of a sensor that was asked for.
+const FEW_OUTSIDE: f64 = 0.01;
+
+/// Whether a sensor that was asked for has the pixels of the events.
+fn check_sensor(recording: &Recording, pass: &Pass) -> Result<(), CalibrateError> {
+    let outside = pass.report.out_of_range;
+    let total = pass.count + outside;
+    match recording.options().sensor {
+        Some(sensor) if outside as f64 > FEW_OUTSIDE * total as f64 => {
+            let file = recording.path().display().to_string();
+            Err(CalibrateError::SensorTooSmall { file, outside, total, sensor, own: recording.own_sensor() })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Whether events come as often as cameras send them.
+fn check_units(task: &Task, reports: &[RecordingReport]) -> Result<(), CalibrateError> {
+    for (input, report) in task.inputs.iter().zip(reports) {
+        let Input::Events(recording) = input else { continue };
+        if let Some(unit) = other_unit(recording, report.count as f64 / report.duration) {
+            return Err(CalibrateError::TimeUnit { file: input.name(), unit });
+        }
+    }
+    Ok(())
 }
 
 /// What the board in the recordings looks like, if not like the stated one.

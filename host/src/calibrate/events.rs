@@ -7,6 +7,7 @@ use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
 use super::progress::Progress;
+use super::radius::other_radius;
 use super::{PictureUse, Task, pictures};
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
@@ -28,7 +29,11 @@ use crate::trust::witness::WitnessOutcome;
 pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let settings = task.settings;
     let Detected { sensor, frames, starts, recordings, detection, events } = detect_all(task, progress)?;
-    let (initial, model_choice) = first_model(task, &frames, sensor, progress)?;
+    let (initial, model_choice) = first_model(task, &frames, sensor, progress).map_err(|error| match error {
+        // A wrong radius keeps circles from being confirmed, whatever else is told of them.
+        CalibrateError::Initial(_) => other_radius(&frames, task.board).map_or(error, CalibrateError::OtherRadius),
+        error => error,
+    })?;
 
     let from_pictures = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => None,

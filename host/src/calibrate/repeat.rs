@@ -85,7 +85,7 @@ pub enum RepeatError {
     #[error(transparent)]
     Source(#[from] RecordingError),
     /// It is shorter than a part.
-    #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it")]
+    #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it; try --seconds {:.1}s", (5.0 * .duration).floor() / 10.0)]
     TooShort {
         /// Its length (s).
         duration: f64,

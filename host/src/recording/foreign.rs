@@ -15,6 +15,10 @@ const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"\xfd7zXZ", "xz", "unpack it with unxz first"),
     (b"\x28\xb5\x2f\xfd", "Zstandard", "unpack it with unzstd first"),
     (b"BZh", "bzip2", "unpack it with bunzip2 first"),
+    (b"{", "JSON", "a calibration is read by evcal export, evaluate, compare and undistort -c"),
+    (b"%YAML", "YAML", "cameras for other programs are written by evcal, not read; calibration.json is read"),
+    (b"%PDF", "PDF", "name the recording of the board, not the board"),
+    (b"\x89PNG", "PNG", "evcal undistort takes pictures, and takes their distortion out"),
 ];
 
 /// Name of the format and advice, if `bytes` begin like a format that is known but not read.
