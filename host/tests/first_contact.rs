@@ -346,7 +346,7 @@ fn what_is_no_recording_is_named() {
 #[test]
 fn parts_longer_than_the_recording_lead_to_shorter_ones() {
     let errors = fail(1, &["repeat", &fixture(), "--board", BOARD]);
-    assert!(errors.contains("3.0 s long") && errors.contains("--seconds 1.5s"), "{errors}");
+    assert!(errors.contains("3.0 s long") && errors.contains("--seconds 1.4s"), "{errors}");
 }
 
 #[test]
