@@ -1,6 +1,7 @@
 """Calibrations, from files and from arrays."""
 
 import _thread
+import signal
 import threading
 import time
 from pathlib import Path
@@ -102,6 +103,8 @@ def test_control_c_ends_a_calibration_and_others_run_meanwhile(events):
             time.sleep(0.02)
         _thread.interrupt_main()
 
+    # A shell's background job is started without it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     thread = threading.Thread(target=interrupt)
     thread.start()
     with pytest.raises(KeyboardInterrupt):
