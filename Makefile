@@ -2,13 +2,13 @@
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test test-times test-workspace test-report test-usb-guest test-embedded test-embedded-slow \
+.PHONY: demo test test-times test-workspace test-report test-python test-usb-guest test-embedded test-embedded-slow \
     compatibility setup readers build programs rooms bench check check-format check-lints check-documentation check-no-std \
     check-dependencies check-oldest-rust
 
 # What `make test` runs, in this order.
 CHECKS = check-format check-lints check-documentation check-no-std check-dependencies check-oldest-rust
-TESTS = setup readers $(CHECKS) test-workspace test-report test-usb-guest test-embedded
+TESTS = setup readers $(CHECKS) test-workspace test-report test-python test-usb-guest test-embedded
 
 demo: build
 	@sh tools/demo.sh
@@ -28,6 +28,10 @@ test-workspace: setup
 # report.html and the page of evcal live in a headless browser, as a phone and as a desktop; installs the browser.
 test-report: programs
 	@sh tools/report/check.sh
+
+# The Python package: its wheel, built, installed and tested; installs what it needs below target.
+test-python: setup
+	@sh tools/python/test.sh
 
 # The emulated camera on a real kernel, in a virtual machine; says so where there cannot be one.
 test-usb-guest: setup

@@ -3,6 +3,7 @@
 //!     cargo run --release --example calibrate -- fixtures/board/events.dvraw acircles:9x4:55mm:r17.5mm calibration
 
 use std::error::Error;
+use std::ops::ControlFlow;
 
 use evcal::{Board, Recording, RecordingOptions, Task, calibrate};
 
@@ -12,7 +13,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let board: Board = board.parse()?;
     let inputs = [Recording::new(recording, RecordingOptions::default())?.into()];
     let task = Task::new(&inputs, &board);
-    let calibrated = calibrate(&task, |stage| eprintln!("{stage}"))?;
+    let calibrated = calibrate(&task, |stage| {
+        eprintln!("{stage}");
+        ControlFlow::Continue(())
+    })?;
     let camera = calibrated.camera();
     let names = camera.kind().parameter_names();
     for (name, (value, sigma)) in names.iter().zip(camera.parameters().iter().zip(calibrated.sigma())) {

@@ -6,8 +6,11 @@ pub mod error;
 mod events;
 pub mod input;
 mod pictures;
+mod progress;
+pub mod radius;
 pub mod repeat;
 
+use std::ops::ControlFlow;
 use std::sync::LazyLock;
 
 use evcal_core::camera::ModelKind;
@@ -15,6 +18,7 @@ use evcal_core::sensor::Sensor;
 
 use self::calibrated::Calibrated;
 use self::error::CalibrateError;
+use self::progress::Progress;
 use crate::board::Board;
 use crate::calibrate::input::Input;
 use crate::initial::model_choice::ModelRequest;
@@ -72,13 +76,19 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Calibrates a camera. `progress` is told what is going on, in words.
+/// Calibrates a camera. `progress` is told what is going on, in words: the same many times while events are read. When
+/// it breaks, the calibration ends as soon as it can, which is within the reading of a few ten thousand events or else
+/// at the end of a solve.
 ///
 /// # Errors
 /// [`CalibrateError`] says which stage found nothing to go on with, and what to do.
-pub fn calibrate(task: &Task, mut progress: impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
+pub fn calibrate(
+    task: &Task,
+    mut progress: impl FnMut(&str) -> ControlFlow<()> + Send,
+) -> Result<Calibrated, CalibrateError> {
+    let progress = Progress::new(&mut progress);
     match task.pictures {
-        PictureUse::Witness | PictureUse::Joint | PictureUse::Ignore => events::calibrate(task, &mut progress),
-        PictureUse::Only => pictures::calibrate(task, &mut progress),
+        PictureUse::Witness | PictureUse::Joint | PictureUse::Ignore => events::calibrate(task, &progress),
+        PictureUse::Only => pictures::calibrate(task, &progress),
     }
 }

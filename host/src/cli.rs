@@ -5,6 +5,8 @@
 mod board;
 mod calibrate;
 mod camera_arguments;
+mod check;
+mod compare;
 mod completions;
 mod convert;
 mod detect;
@@ -64,12 +66,18 @@ enum Command {
     /// Tell what is in a recording
     #[command(after_help = examples::INFO)]
     Info(info::Arguments),
+    /// Look at the beginning of a recording: is it good for a calibration, and what to do next?
+    #[command(after_help = examples::CHECK)]
+    Check(check::Arguments),
     /// Turn a recording into another format
     #[command(after_help = examples::CONVERT)]
     Convert(convert::Arguments),
     /// Compare a calibration with the truth, another calibration or a trajectory
     #[command(after_help = examples::EVALUATE)]
     Evaluate(evaluate::Arguments),
+    /// Tell whether two calibrations are of the same camera
+    #[command(after_help = examples::COMPARE)]
+    Compare(compare::Arguments),
     /// Calibrate random parts of a recording, to see how repeatable the result is
     #[command(after_help = examples::REPEAT)]
     Repeat(repeat::Arguments),
@@ -142,6 +150,8 @@ pub fn run() -> ExitCode {
         Command::Record(arguments) => record::run(&arguments),
         Command::Live(arguments) => live::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::Repeat(arguments) => repeat::run(&arguments),

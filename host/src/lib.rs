@@ -5,16 +5,21 @@
 //! splines → associations → joint solve → result → export. `docs/architecture.md` has a table of the
 //! modules here and of what each may use.
 //!
-//! A camera in ten lines (`host/examples` has more):
+//! A camera in a few lines (`host/examples` has more):
 //!
 //! ```no_run
+//! use std::ops::ControlFlow;
+//!
 //! use evcal::{Board, Recording, RecordingOptions, Task, calibrate};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let board: Board = "acircles:9x4:55mm:r17.5mm".parse()?;
 //! let inputs = [Recording::new("recording.dvraw", RecordingOptions::default())?.into()];
 //! let task = Task::new(&inputs, &board);
-//! let calibrated = calibrate(&task, |stage| println!("{stage}"))?;
+//! let calibrated = calibrate(&task, |stage| {
+//!     println!("{stage}");
+//!     ControlFlow::Continue(())
+//! })?;
 //! println!("{:?} ± {:?}", calibrated.camera().parameters(), calibrated.sigma());
 //! println!("{}", calibrated.verdict);
 //! calibrated.write("calibration", &task)?;
@@ -27,6 +32,7 @@
 
 pub mod board;
 pub mod calibrate;
+pub mod check;
 pub mod circles;
 pub mod detection;
 pub mod evaluate;

@@ -15,7 +15,9 @@
 //! A new format is one file with a [`FileFormat`] in it and one line in [`FORMATS`].
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
 mod aedat2;
@@ -32,6 +34,7 @@ pub mod fingerprint;
 mod foreign;
 mod format;
 pub mod information;
+mod memory;
 mod options;
 pub mod pass;
 pub mod pictures;
@@ -50,6 +53,7 @@ pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary};
 pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
 pub use reader::{Decode, EventReader, ReadReport, RepairedTimes, StreamFaults, Truncation};
 
+use self::memory::MemoryDecoder;
 use crate::circles::{stream, track};
 
 /// The formats, in the order in which they are tried.
@@ -127,13 +131,22 @@ pub struct RecordingInformation {
     pub notes: Vec<String>,
 }
 
-/// A file of events that can be read as often as needed.
+/// Events, of a file or in memory, that can be read as often as needed.
 #[derive(Clone)]
 pub struct Recording {
     path: PathBuf,
     options: RecordingOptions,
-    format: &'static FileFormat,
+    source: Source,
     span: Option<(i64, i64)>,
+}
+
+/// Where the events of a recording are.
+#[derive(Clone)]
+enum Source {
+    /// In its file.
+    File(&'static FileFormat),
+    /// Here, in the order in which they came.
+    Memory(Arc<Vec<Event>>),
 }
 
 impl Recording {
@@ -148,7 +161,13 @@ impl Recording {
             return Err(RecordingError::new(&path, RecordingErrorKind::CircleTrack));
         }
         let format = find_format(&path, &head)?;
-        Ok(Self { path, options, format, span: None })
+        Ok(Self { path, options, source: Source::File(format), span: None })
+    }
+
+    /// A recording of events that are in memory, times in microseconds. They are checked as those of a file are:
+    /// see [`EventReader::next_batch`]. `name` stands for them in reports and messages; of `options` the sensor counts.
+    pub fn from_events(name: impl Into<PathBuf>, events: Vec<Event>, options: RecordingOptions) -> Self {
+        Self { path: name.into(), options, source: Source::Memory(Arc::new(events)), span: None }
     }
 
     /// The part of the recording from the first of these times, in microseconds as in the file, up to the
@@ -157,19 +176,22 @@ impl Recording {
         Self { span: Some(span), ..self.clone() }
     }
 
-    /// Where the recording is.
+    /// Where the recording is; the name of one in memory.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Its format.
     pub fn format(&self) -> &'static FileFormat {
-        self.format
+        match &self.source {
+            Source::File(format) => format,
+            Source::Memory(_) => &memory::FORMAT,
+        }
     }
 
     /// Whether it may hold frames: its format does.
     pub fn may_hold_frames(&self) -> bool {
-        self.format.frames.is_some()
+        self.format().frames.is_some()
     }
 
     /// What a user said about it.
@@ -177,12 +199,22 @@ impl Recording {
         &self.options
     }
 
+    /// What the file itself says of the sensor's size.
+    pub fn own_sensor(&self) -> Option<Sensor> {
+        let options = RecordingOptions { sensor: None, ..self.options.clone() };
+        let itself = Self { options, ..self.clone() };
+        itself.open().ok()?.information().sensor
+    }
+
     /// Starts a pass through the recording, from its first event.
     ///
     /// # Errors
     /// When the file cannot be opened or its header cannot be understood.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
-        let decoder = (self.format.events)(&self.path, &self.options)?;
+        let decoder: Box<dyn Decode> = match &self.source {
+            Source::File(format) => (format.events)(&self.path, &self.options)?,
+            Source::Memory(events) => Box::new(MemoryDecoder::new(Arc::clone(events), self.options.sensor)),
+        };
         Ok(EventReader::new(&self.path, decoder, &self.options)?.within(self.span))
     }
 
@@ -191,7 +223,7 @@ impl Recording {
     /// # Errors
     /// When the file cannot be read.
     pub fn streams(&self) -> Result<Vec<StreamSummary>, RecordingError> {
-        (self.format.streams)(&self.path, &self.options)
+        (self.format().streams)(&self.path, &self.options)
     }
 }
 
@@ -302,7 +334,7 @@ mod tests {
         let (_directory, path) = file(circles);
         assert_eq!(sniff(&path).unwrap(), RecordingKind::CircleTrack);
         let directory = tempfile::tempdir().unwrap();
-        assert!(sniff(directory.path()).unwrap_err().to_string().contains("ordinary file"));
+        assert!(sniff(directory.path()).unwrap_err().to_string().contains("is a folder"));
         assert!(sniff(&directory.path().join("absent")).unwrap_err().to_string().contains("absent"));
     }
 

@@ -2,5 +2,6 @@
 
 pub mod calibrated_camera;
 pub mod calibration_file;
+pub mod same_camera;
 pub mod stage_lines;
 pub mod stage_report;

@@ -115,7 +115,7 @@ fn a_file_that_cannot_be_used_is_named() {
         (file("noise.bin", &[0xff, 0x00, 0x9c, 0x17, 0xe3, 0x55, 0x01]), ""),
         (file("head.aedat4", b"#!AER-DAT4.0\r\n"), ""),
         (file("nan.csv", b"t,x,y,p\nnan,1,2,1\n"), "line 2"),
-        (directory.path().to_owned(), "not an ordinary file"),
+        (directory.path().to_owned(), "is a folder"),
     ];
     for (path, part) in &cases {
         for json in [&[][..], &["--json"]] {

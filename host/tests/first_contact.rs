@@ -250,3 +250,113 @@ fn shells_and_man_find_every_subcommand() {
     assert!(page.starts_with(".ie") || page.contains(".TH"), "{page}");
     assert!(page.contains("Examples") && page.contains("\\-\\-board"), "{page}");
 }
+
+/// The recorded session in the fixtures, with a board of 9 x 4 circles, 55 mm apart, of 17.5 mm radius.
+fn fixture() -> String {
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/board/events.dvraw").to_owned()
+}
+
+#[test]
+fn a_diameter_or_a_distance_in_a_row_leads_to_the_board() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path().join("out");
+    for (board, part) in
+        [("acircles:9x4:55mm:r35mm", "is the radius a diameter?"), ("acircles:9x4:110mm:r17.5mm", "half is asked for?")]
+    {
+        let errors = fail(1, &["calibrate", &fixture(), "--board", board, "-o", text(&folder)]);
+        assert!(errors.contains(part) && errors.contains(&format!("--board {BOARD}")), "{errors}");
+        assert!(errors.contains("circles look like") && !errors.contains("record longer"), "{errors}");
+    }
+}
+
+#[test]
+fn a_sensor_smaller_than_the_events_is_an_error() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path().join("out");
+    let errors = fail(1, &["calibrate", &fixture(), "--board", BOARD, "--sensor", "240x180", "-o", text(&folder)]);
+    assert!(errors.contains("828828 of 1947221 events lie outside of 240 x 180"), "{errors}");
+    assert!(errors.contains("the file says 346 x 260"), "{errors}");
+}
+
+#[test]
+fn a_sensor_that_is_not_given_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let (events, folder) = (directory.path().join("events.bin"), directory.path().join("out"));
+    let lines = "t_us,x,y,p\n1,2,3,1\n2,345,3,1\n3,2,259,0\n";
+    fs::write(directory.path().join("events.csv"), lines).unwrap();
+    let csv = directory.path().join("events.csv");
+    succeed(&["convert", text(&csv), text(&events), "--sensor", "346x260"]);
+    for arguments in
+        [vec!["calibrate", text(&events), "--board", BOARD, "-o", text(&folder)], vec!["detect", text(&events)]]
+    {
+        let errors = fail(1, &arguments);
+        assert!(errors.contains("add --sensor 346x260"), "{errors}");
+    }
+}
+
+/// Events of a camera a millisecond apart on average would be a thousand times as many.
+fn write_milliseconds(path: &Path) {
+    let lines: String = (0..50_000)
+        .map(|index| format!("{:.3},{},{},1\n", f64::from(index) * 0.004, index % 346, index % 260))
+        .collect();
+    fs::write(path, format!("t,x,y,p\n{lines}")).unwrap();
+}
+
+#[test]
+fn times_in_another_unit_are_suspected() {
+    let directory = tempfile::tempdir().unwrap();
+    let (events, folder) = (directory.path().join("events.txt"), directory.path().join("out"));
+    write_milliseconds(&events);
+    let arguments = ["calibrate", text(&events), "--sensor", "346x260", "--board", BOARD, "-o", text(&folder)];
+    let errors = fail(1, &arguments);
+    assert!(errors.contains("250 events a second") && errors.contains("--time-unit ms"), "{errors}");
+    assert!(!errors.contains("move faster"), "{errors}");
+    let checked = succeed(&["check", text(&events), "--board", BOARD]);
+    assert!(checked.ends_with("next: add --time-unit ms\n"), "{checked}");
+    let checked = succeed(&["check", text(&events), "--time-unit", "ms"]);
+    assert!(checked.ends_with("next: add --sensor 346x260\n"), "{checked}");
+}
+
+#[test]
+fn check_leads_to_the_calibration() {
+    let checked = succeed(&["check", &fixture(), "--board", BOARD]);
+    assert!(checked.contains("flicker     none seen") && checked.contains("seen in 408 of"), "{checked}");
+    assert!(
+        checked.ends_with(&format!("next: evcal calibrate {} --board {BOARD} -o calibration\n", fixture())),
+        "{checked}"
+    );
+    let checked = succeed(&["check", &fixture(), "--board", "acircles:4x9:55mm:r17.5mm"]);
+    assert!(checked.ends_with(&format!("windows fit --board {BOARD} instead\n")), "{checked}");
+    let checked = succeed(&["check", &fixture()]);
+    assert!(checked.contains("next: circles were seen: add --board"), "{checked}");
+    let checked: serde_json::Value = serde_json::from_str(&succeed(&["check", &fixture(), "--json"])).unwrap();
+    assert_eq!((&checked["events"], &checked["whole"]), (&1_947_221.into(), &true.into()));
+}
+
+#[test]
+fn what_is_no_recording_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = calibration(&directory);
+    let errors = fail(1, &["info", text(&folder)]);
+    assert!(errors.contains("is a folder") && !errors.contains("pipe"), "{errors}");
+    let errors = fail(1, &["info", text(&folder.join("calibration.json"))]);
+    assert!(errors.contains("is a JSON file") && errors.contains("evcal export"), "{errors}");
+}
+
+#[test]
+fn parts_longer_than_the_recording_lead_to_shorter_ones() {
+    let errors = fail(1, &["repeat", &fixture(), "--board", BOARD]);
+    assert!(errors.contains("3.0 s long") && errors.contains("--seconds 1.4s"), "{errors}");
+}
+
+#[test]
+fn two_calibrations_are_compared_in_words() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = calibration(&directory);
+    let compared = succeed(&["compare", text(&folder), text(&folder.join("calibration.json"))]);
+    assert!(compared.starts_with("The same camera"), "{compared}");
+    let other = directory.path().join("other");
+    succeed(&["simulate", "-o", text(&other), "--duration", "20ms", "--sensor", "320x240"]);
+    let errors = fail(1, &["compare", text(&folder), text(&other)]);
+    assert!(errors.contains("different cameras"), "{errors}");
+}

@@ -2,13 +2,16 @@
 
 use super::Task;
 use super::error::CalibrateError;
-use crate::calibrate::input::{Input, read_events};
+use super::progress::Progress;
+use crate::calibrate::input::Input;
+use crate::check::units::other_unit;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
-use crate::recording::RecordingError;
+use crate::recording::Recording;
 use crate::recording::fingerprint::Fingerprint;
-use crate::recording::pass::RecordingReport;
+use crate::recording::information::likely_sensor_of;
+use crate::recording::pass::{Pass, RecordingReport};
 use crate::recording::saturation::SaturationDetector;
 use crate::solve::left_out::{LeftOut, Reason};
 use evcal_core::sensor::Sensor;
@@ -33,7 +36,7 @@ const SAME: f64 = 0.02;
 ///
 /// # Errors
 /// [`CalibrateError`] when it is nowhere, or a recording cannot be used.
-pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Detected, CalibrateError> {
+pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateError> {
     let sensor = common_sensor(task)?;
     let mut all = Detected {
         sensor,
@@ -48,16 +51,17 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
     // What the first damaged recording broke off with.
     let mut damage = None;
     for (index, input) in task.inputs.iter().enumerate() {
-        progress(&format!("looking for the board in {}", input.name()));
+        progress.tell(format!("looking for the board in {}", input.name()))?;
         match input {
-            Input::Events(_) => {
+            Input::Events(recording) => {
                 let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
                 let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
-                let pass = read_events(task.inputs, index, &mut |events| {
+                let pass = progress.read(task.inputs, index, &mut |events| {
                     fingerprint.push(events);
                     saturation.push(events);
                     stage.push(events);
                 })?;
+                check_sensor(recording, &pass)?;
                 if pass.count == 0 {
                     return Err(CalibrateError::Empty { file: input.name() });
                 }
@@ -94,7 +98,8 @@ pub(super) fn detect_all(task: &Task, progress: &mut impl FnMut(&str)) -> Result
         _ if !all.frames.is_empty() => Ok(all),
         Some(damage) => Err(CalibrateError::Source(damage)),
         None => {
-            let other = other_board(task, all.sensor)?;
+            check_units(task, &all.recordings)?;
+            let other = other_board(task, all.sensor, progress)?;
             let max_interval = task.settings.detection.window.max_interval;
             Err(CalibrateError::NoPattern(all.detection.no_pattern(max_interval, other)))
         }
@@ -120,19 +125,52 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
         Input::Events(recording) => recording.open()?.information().sensor.or(given),
         Input::Circles { sensor, .. } => given.or(*sensor),
     };
-    let sensor = sensor.ok_or_else(|| CalibrateError::SensorUnknown { file: input.name() })?;
+    let sensor = sensor.ok_or_else(|| {
+        let likely = match input {
+            Input::Events(recording) => likely_sensor_of(recording),
+            Input::Circles { .. } => None,
+        };
+        CalibrateError::SensorUnknown { file: input.name(), likely }
+    })?;
     if sensor.width > LARGEST_SENSOR.width || sensor.height > LARGEST_SENSOR.height {
         return Err(CalibrateError::SensorTooLarge { file: input.name(), sensor });
     }
     Ok(sensor)
 }
 
+/// Share of events that may lie outside of a sensor that was asked for.
+const FEW_OUTSIDE: f64 = 0.01;
+
+/// Whether a sensor that was asked for has the pixels of the events.
+fn check_sensor(recording: &Recording, pass: &Pass) -> Result<(), CalibrateError> {
+    let outside = pass.report.out_of_range;
+    let total = pass.count + outside;
+    match recording.options().sensor {
+        Some(sensor) if outside as f64 > FEW_OUTSIDE * total as f64 => {
+            let file = recording.path().display().to_string();
+            Err(CalibrateError::SensorTooSmall { file, outside, total, sensor, own: recording.own_sensor() })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Whether events come as often as cameras send them.
+fn check_units(task: &Task, reports: &[RecordingReport]) -> Result<(), CalibrateError> {
+    for (input, report) in task.inputs.iter().zip(reports) {
+        let Input::Events(recording) = input else { continue };
+        if let Some(unit) = other_unit(recording, report.count as f64 / report.duration) {
+            return Err(CalibrateError::TimeUnit { file: input.name(), unit });
+        }
+    }
+    Ok(())
+}
+
 /// What the board in the recordings looks like, if not like the stated one.
-fn other_board(task: &Task, sensor: Sensor) -> Result<Option<OtherReading>, RecordingError> {
+fn other_board(task: &Task, sensor: Sensor, progress: &Progress) -> Result<Option<OtherReading>, CalibrateError> {
     for (index, input) in task.inputs.iter().enumerate() {
         if let Input::Events(_) = input {
             let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);
-            read_events(task.inputs, index, &mut |events| other.push(events))?;
+            progress.read(task.inputs, index, &mut |events| other.push(events))?;
             if let Some(found) = other.finish() {
                 return Ok(Some(found));
             }

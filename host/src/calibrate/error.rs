@@ -1,10 +1,13 @@
 //! Why a calibration fails.
 
+use super::radius::OtherRadius;
+use crate::check::units::OtherUnit;
 use crate::detection::{LARGEST_SENSOR, NoPattern};
 use crate::initial::InitialError;
 use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
 use crate::recording::RecordingError;
+use crate::recording::information::sensor_advice;
 use crate::solve::SolveError;
 use crate::solve::refinement::RefinementError;
 use crate::trajectory::first::FirstTrajectoryError;
@@ -14,6 +17,9 @@ use serde::{Serialize, Serializer};
 /// Why a calibration failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
+    /// The caller wanted the end.
+    #[error("stopped before the end")]
+    Stopped,
     /// There is nothing to calibrate from.
     #[error("there is no recording: name at least one")]
     NoInput,
@@ -21,11 +27,44 @@ pub enum CalibrateError {
     #[error(transparent)]
     Source(#[from] RecordingError),
     /// The sensor size is not known.
-    #[error("{file} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT")]
+    #[error("{file} does not say how many pixels the sensor has: {}", sensor_advice(*.likely))]
     SensorUnknown {
         /// The file.
         file: String,
+        /// The smallest usual sensor that has all its pixels.
+        likely: Option<Sensor>,
     },
+    /// Many events are beyond the sensor that was asked for.
+    #[error(
+        "{file}: {outside} of {total} events lie outside of {sensor} pixels, which --sensor asks for: {}",
+        match .own { Some(own) => format!("leave it out, the file says {own}"), None => "give the true size".to_owned() }
+    )]
+    SensorTooSmall {
+        /// The file.
+        file: String,
+        /// Events outside.
+        outside: u64,
+        /// All events.
+        total: u64,
+        /// The sensor asked for.
+        sensor: Sensor,
+        /// What the file says.
+        own: Option<Sensor>,
+    },
+    /// Events come so seldom or so often that their times are in another unit.
+    #[error("{file}: no board found, and {unit}: {}", unit.advice())]
+    TimeUnit {
+        /// The file.
+        file: String,
+        /// The unit that is more likely.
+        unit: OtherUnit,
+    },
+    /// The circles are not as large as stated.
+    #[error(
+        "the circles look like {:.1} mm in radius, not {:.1} mm, for the stated spacing: {}",
+        1e3 * .0.seen, 1e3 * .0.stated, radius_advice(.0)
+    )]
+    OtherRadius(OtherRadius),
     /// The sensor is too large.
     #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.width, .sensor.height, LARGEST_SENSOR.width, LARGEST_SENSOR.height)]
     SensorTooLarge {
@@ -84,10 +123,20 @@ pub enum CalibrateError {
     JointPictures(NoJointPoints),
 }
 
-impl From<RefinementError<RecordingError>> for CalibrateError {
-    fn from(error: RefinementError<RecordingError>) -> Self {
+/// Which boards may be meant instead.
+fn radius_advice(other: &OtherRadius) -> String {
+    let meant: Vec<String> =
+        other.meant.iter().map(|(question, board)| format!("{question} Then use --board {board}")).collect();
+    match meant.as_slice() {
+        [] => "measure both on the board, and give them with --board".to_owned(),
+        meant => meant.join("; "),
+    }
+}
+
+impl From<RefinementError<Self>> for CalibrateError {
+    fn from(error: RefinementError<Self>) -> Self {
         match error {
-            RefinementError::Read(error) => Self::Source(error),
+            RefinementError::Read(error) => error,
             RefinementError::Solve(error) => Self::Solve(error),
         }
     }

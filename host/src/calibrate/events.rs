@@ -6,13 +6,13 @@ use evcal_core::sensor::Sensor;
 use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
-use super::input::read_events;
+use super::progress::Progress;
+use super::radius::other_radius;
 use super::{PictureUse, Task, pictures};
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::initial::{InitialModel, initial_model};
 use crate::picture_calibration::joint::JointPoints;
-use crate::recording::RecordingError;
 use crate::solve::State;
 use crate::solve::event_bias::unknown;
 use crate::solve::refinement::{EventInput, Refined, RefinementInput, SMALLEST_POINT_SIGMA, StageSettings, refine};
@@ -29,7 +29,7 @@ const MOST_LEFT_OUT: f64 = 0.5;
 ///
 /// # Errors
 /// [`CalibrateError`].
-pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
+pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let settings = task.settings;
     let Detected { sensor, frames, starts, recordings, detection, events, saturated } = detect_all(task, progress)?;
     let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
@@ -39,7 +39,11 @@ pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<
         } else {
             (Vec::new(), saturated)
         };
-    let (initial, model_choice) = first_model(task, &frames, sensor, progress)?;
+    let (initial, model_choice) = first_model(task, &frames, sensor, progress).map_err(|error| match error {
+        // A wrong radius keeps circles from being confirmed, whatever else is told of them.
+        CalibrateError::Initial(_) => other_radius(&frames, task.board).map_or(error, CalibrateError::OtherRadius),
+        error => error,
+    })?;
 
     let from_pictures = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => None,
@@ -53,11 +57,11 @@ pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<
         PictureUse::Ignore | PictureUse::Witness | PictureUse::Only => None,
     };
 
-    progress("trajectory");
+    progress.tell("trajectory")?;
     let FirstTrajectories { trajectories, points, segments, without_spline } =
         first_trajectories(&initial, &frames, &settings.segment, (&settings.spline, &settings.knots))?;
 
-    let read = |index: usize, visit: &mut dyn FnMut(&[Event])| read_events(task.inputs, index, visit).map(|_| ());
+    let read = |index: usize, visit: &mut dyn FnMut(&[Event])| progress.read(task.inputs, index, visit).map(|_| ());
     let input = RefinementInput {
         board: task.board,
         sensor,
@@ -80,7 +84,7 @@ pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<
         joint = Some(report);
     }
 
-    progress("examination");
+    progress.tell("examination")?;
     let (trust, event_trust) =
         examine(&refined, certainty, task.board, &saturated, &settings.split_half, &settings.residual_map)
             .map_err(CalibrateError::Solve)?;
@@ -108,16 +112,20 @@ fn first_model(
     task: &Task,
     frames: &[ReferenceFrame],
     sensor: Sensor,
-    progress: &mut impl FnMut(&str),
+    progress: &Progress,
 ) -> Result<(InitialModel, Option<ModelChoice>), CalibrateError> {
     let settings = task.settings;
-    progress(&format!("initial model from {} reference frames", frames.len()));
+    progress.tell(format!("initial model from {} reference frames", frames.len()))?;
     match task.model {
         ModelRequest::Given(model) => Ok((initial_model(frames, task.board, sensor, model, &settings.initial)?, None)),
         ModelRequest::Auto => {
             let (stage, choice) = (&settings.initial, &settings.model_choice);
-            let tell = |model| progress(&format!("initial model {model} from {} reference frames", frames.len()));
+            // It cannot be ended there, and is afterwards.
+            let tell = |model| {
+                let _ = progress.tell(format!("initial model {model} from {} reference frames", frames.len()));
+            };
             let (initial, choice) = choose_model(frames, task.board, sensor, &CANDIDATES, stage, choice, tell)?;
+            progress.go_on()?;
             Ok((initial, Some(choice)))
         }
     }
@@ -126,9 +134,9 @@ fn first_model(
 /// The joint solve from `state` on, and how sure its result is.
 fn solve(
     task: &Task,
-    input: &RefinementInput<RecordingError>,
+    input: &RefinementInput<CalibrateError>,
     state: State,
-    progress: &mut impl FnMut(&str),
+    progress: &Progress,
 ) -> Result<(Refined, SolveUncertainty), CalibrateError> {
     let settings = task.settings;
     let stage = StageSettings {
@@ -138,7 +146,12 @@ fn solve(
         association: &settings.association,
         solve: &settings.solve,
     };
-    let refined = refine(input, state, stage, |round| progress(&format!("joint solve, round {}", round + 1)))?;
+    // An answer that it should end is heard when the round reads its events.
+    let tell = |round| {
+        let _ = progress.tell(format!("joint solve, round {}", round + 1));
+    };
+    let refined = refine(input, state, stage, tell)?;
+    progress.go_on()?;
     let certainty =
         uncertainty(&refined.problem, &refined.state, &settings.uncertainty).map_err(CalibrateError::Solve)?;
     Ok((refined, certainty))

@@ -1,5 +1,6 @@
 //! What a calibration is made from: recordings of events, or circles that were found before.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
@@ -11,7 +12,7 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
-use crate::recording::pass::{Pass, read_recording};
+use crate::recording::pass::{Pass, read_while};
 use crate::recording::{ReadReport, Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
 
 /// One input: events or circles.
@@ -89,16 +90,21 @@ impl Input {
     }
 }
 
-/// Hands all events of an input to `visit`, with times from its first event; nothing for circles.
+/// Hands the events of an input to `visit`, with times from its first event, until it breaks off; nothing for
+/// circles.
 ///
 /// # Errors
 /// [`RecordingError`] when the recording cannot be read.
-pub fn read_events(inputs: &[Input], index: usize, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, RecordingError> {
+pub fn read_events(
+    inputs: &[Input],
+    index: usize,
+    visit: &mut dyn FnMut(&[Event]) -> ControlFlow<()>,
+) -> Result<Pass, RecordingError> {
     let Some(Input::Events(recording)) = inputs.get(index) else {
         let report = ReadReport::default();
         return Ok(Pass { count: 0, first: 0, last: 0, assumptions: Vec::new(), report, damage: None });
     };
-    read_recording(recording, visit)
+    read_while(recording, visit)
 }
 
 /// Why an input could not be opened.

@@ -7,6 +7,7 @@ use super::Task;
 use super::calibrated::{Calibrated, Evidence};
 use super::detected::common_sensor;
 use super::error::CalibrateError;
+use super::progress::Progress;
 use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
@@ -33,7 +34,7 @@ pub(super) struct SeenPictures {
 pub(super) fn see_pictures(
     task: &Task,
     starts: Option<&[f64]>,
-    progress: &mut impl FnMut(&str),
+    progress: &Progress,
 ) -> Result<SeenPictures, CalibrateError> {
     let fewest = task.settings.detection.fewest_circles(&task.board.pattern);
     let mut detection = PictureSearch::new(task.board, fewest, &task.settings.frames);
@@ -42,7 +43,7 @@ pub(super) fn see_pictures(
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
             Input::Events(recording) if recording.may_hold_frames() => {
-                progress(&format!("looking for the board in the frames of {}", input.name()));
+                progress.tell(format!("looking for the board in the frames of {}", input.name()))?;
                 detection.search(recording, number, start)?
             }
             _ => start.unwrap_or(0),
@@ -59,12 +60,13 @@ pub(super) fn picture_calibration(
     seen: SeenPictures,
     sensor: Sensor,
     model: ModelKind,
-    progress: &mut impl FnMut(&str),
+    progress: &Progress,
 ) -> Option<Result<PictureCalibration, NoPictureCalibration>> {
     if seen.report.frames == 0 {
         return None;
     }
-    progress(&format!("calibration from {} frames", seen.frames.len()));
+    // It cannot be ended there, and is afterwards.
+    let _ = progress.tell(format!("calibration from {} frames", seen.frames.len()));
     let (initial, settings) = (&task.settings.initial, &task.settings.frames);
     Some(calibrate_pictures(seen.frames, seen.report, task.board, sensor, model, initial, settings))
 }
@@ -121,7 +123,7 @@ fn no_pictures(task: &Task) -> CalibrateError {
 ///
 /// # Errors
 /// [`CalibrateError`] says what is missing, and what to do.
-pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<Calibrated, CalibrateError> {
+pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let sensor = common_sensor(task)?;
     let seen = see_pictures(task, None, progress)?;
     let starts = seen.starts.clone();
@@ -129,14 +131,19 @@ pub(super) fn calibrate(task: &Task, progress: &mut impl FnMut(&str)) -> Result<
         ModelRequest::Given(model) => (model, None),
         ModelRequest::Auto => {
             let (stage, choice) = (&task.settings.initial, &task.settings.model_choice);
-            let tell = |model| progress(&format!("initial model {model} from {} frames", seen.frames.len()));
+            // It cannot be ended there, and is afterwards.
+            let tell = |model| {
+                let _ = progress.tell(format!("initial model {model} from {} frames", seen.frames.len()));
+            };
             let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, choice, tell)?;
+            progress.go_on()?;
             (initial.camera.kind(), Some(choice))
         }
     };
     let calibration = picture_calibration(task, seen, sensor, model, progress)
         .ok_or_else(|| no_pictures(task))?
         .map_err(CalibrateError::Pictures)?;
+    progress.go_on()?;
     let trust = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
     let verdict = verdict(&calibration.camera, &trust, None, task.board, sensor, Vec::new(), &task.settings.verdict);
     let recordings = (0..task.inputs.len()).map(|number| recording_report(&calibration, number)).collect();

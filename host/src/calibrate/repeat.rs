@@ -1,5 +1,7 @@
 //! How repeatable a calibration is: random parts of a recording, each calibrated on its own.
 
+use std::ops::ControlFlow;
+
 use evcal_core::camera::Camera;
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -83,7 +85,7 @@ pub enum RepeatError {
     #[error(transparent)]
     Source(#[from] RecordingError),
     /// It is shorter than a part.
-    #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it")]
+    #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it; try --seconds {:.1}s", (5.0 * .duration).floor() / 10.0)]
     TooShort {
         /// Its length (s).
         duration: f64,
@@ -119,7 +121,8 @@ pub fn repeat(
         let end = start + settings.seconds;
         let span = (pass.first + (start * 1e6) as i64, pass.first + (end * 1e6) as i64);
         let inputs = [Input::Events(recording.section(span))];
-        let outcome: Result<Calibrated, CalibrateError> = calibrate(&Task { inputs: &inputs, model, ..*task }, |_| {});
+        let task = Task { inputs: &inputs, model, ..*task };
+        let outcome: Result<Calibrated, CalibrateError> = calibrate(&task, |_| ControlFlow::Continue(()));
         let outcome = match outcome {
             Ok(calibrated) => {
                 let camera = *calibrated.camera();

@@ -1,6 +1,7 @@
 //! `evcal calibrate`.
 
 use std::error::Error;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use evcal::board::Board;
@@ -150,7 +151,10 @@ pub fn calibrate_recordings(
         settings: &settings,
         command_line: &super::command_line(),
     };
-    let calibrated = calibrate(&task, progress)?;
+    let calibrated = calibrate(&task, |message| {
+        progress(message);
+        ControlFlow::Continue(())
+    })?;
     bar.set_message("writing results");
     let written = write_folder(folder, &calibrated, &task)?;
     bar.finish_and_clear();

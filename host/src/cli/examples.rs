@@ -55,6 +55,16 @@ Examples:
   evcal info recording.aedat4
   evcal info events.txt --columns t,x,y,p --time-unit ms --sensor 346x260";
 
+pub const CHECK: &str = "\
+Examples:
+  evcal check recording.aedat4 --board acircles:9x4:55mm:r17.5mm
+  evcal check events.txt --time-unit ms --sensor 346x260";
+
+pub const COMPARE: &str = "\
+Examples:
+  evcal compare monday tuesday
+  evcal compare monday/calibration.json tuesday/calibration.json --json";
+
 pub const CONVERT: &str = "\
 Examples:
   evcal convert recording.dvraw recording.aedat4

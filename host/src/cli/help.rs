@@ -7,8 +7,8 @@ use clap::CommandFactory as _;
 /// Subcommands by what they are for.
 const GROUPS: &[(&str, &[&str])] = &[
     ("Calibrate", &["board", "calibrate", "live"]),
-    ("Use a calibration", &["export", "undistort", "evaluate", "repeat"]),
-    ("Cameras and recordings", &["devices", "record", "info", "convert", "detect"]),
+    ("Use a calibration", &["export", "undistort", "compare", "evaluate", "repeat"]),
+    ("Cameras and recordings", &["devices", "record", "check", "info", "convert", "detect"]),
     ("Without a camera", &["simulate", "emulate"]),
     ("This program", &["completions", "man", "help"]),
 ];

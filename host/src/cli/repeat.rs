@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use evcal::calibrate::repeat::{RepeatSettings, Repetition, repeat};
+use evcal::calibrate::repeat::{RepeatSettings, Repetition, Run, repeat};
 use evcal::calibrate::{PictureUse, Task};
 use evcal::recording::Recording;
 
@@ -71,6 +71,13 @@ fn table(repetition: &Repetition) -> String {
             ),
             Err(reason) => writeln!(text, "none: {reason}"),
         };
+    }
+    let overlap = |(index, run): (usize, &Run)| {
+        repetition.runs.iter().skip(index + 1).any(|other| other.start < run.end && run.start < other.end)
+    };
+    if repetition.runs.iter().enumerate().any(overlap) {
+        text +=
+            "parts overlap: their results have events in common, and scatter less than those of new recordings would\n";
     }
     let _ =
         writeln!(text, "\n{:<4} {:>12} {:>11} {:>11} {:>7}", repetition.model, "mean", "scatter", "stated σ", "ratio");

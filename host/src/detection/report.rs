@@ -127,10 +127,14 @@ pub struct NoPattern {
 impl fmt::Display for NoPattern {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "no pattern found in {} windows", self.windows)?;
+        // One advice: what fits.
+        if let Some(other) = &self.other {
+            return write!(f, "; {other}");
+        }
         if let Some((reason, count)) = self.main {
             write!(f, ": {count} had {reason}: {}", reason.advice(self.max_interval))?;
         }
-        self.other.iter().try_for_each(|other| write!(f, "; {other}"))
+        Ok(())
     }
 }
 
@@ -146,10 +150,14 @@ mod tests {
             "no pattern found in 13 windows: 4 had too few events: move faster or raise detection.window.max_interval (now 100)"
         );
         report.grids_refused = BTreeMap::from([(NoBoard::BesideBoard, 5), (NoBoard::NoLattice, 4)]);
+        let text = report.no_pattern(100, None).to_string();
+        assert!(text.contains("5 had circles beside the board: is --board right"), "{text}");
         let board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         let text = report.no_pattern(100, Some(OtherReading { fitting: 7, windows: 8, board })).to_string();
-        assert!(text.contains("5 had circles beside the board: is --board right"), "{text}");
-        assert!(text.ends_with("; 7 of 8 windows fit --board acircles:9x4:55mm:r17.5mm instead"), "{text}");
+        assert_eq!(
+            text,
+            "no pattern found in 13 windows; 7 of 8 windows fit --board acircles:9x4:55mm:r17.5mm instead"
+        );
         assert_eq!(DetectionReport::default().no_pattern(1, None).to_string(), "no pattern found in 0 windows");
     }
 }

@@ -14,6 +14,7 @@ use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
 use crate::circles::stream::CircleStream;
 use crate::circles::track::{self, CircleFrames};
 use crate::files::{self, FileError};
+use crate::recording::information::{likely_sensor_of, sensor_advice};
 use crate::recording::pass::read_recording;
 use crate::recording::{Recording, RecordingError};
 
@@ -67,8 +68,13 @@ pub enum SearchError {
     #[error(transparent)]
     Recording(#[from] RecordingError),
     /// The sensor size is not known.
-    #[error("{0} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT")]
-    SensorUnknown(String),
+    #[error("{file} does not say how many pixels the sensor has: {}", sensor_advice(*.likely))]
+    SensorUnknown {
+        /// The file.
+        file: String,
+        /// The smallest usual sensor that has all its pixels.
+        likely: Option<Sensor>,
+    },
     /// The sensor is too large.
     #[error("{file} is of a sensor of {sensor} pixels; up to {} are supported", LARGEST_SENSOR)]
     SensorTooLarge {
@@ -85,7 +91,8 @@ pub enum SearchError {
 /// [`SearchError`] if not, or if the recording does not tell it.
 pub fn sensor_of(recording: &Recording) -> Result<Sensor, SearchError> {
     let file = || recording.path().display().to_string();
-    let sensor = recording.open()?.information().sensor.ok_or_else(|| SearchError::SensorUnknown(file()))?;
+    let unknown = || SearchError::SensorUnknown { file: file(), likely: likely_sensor_of(recording) };
+    let sensor = recording.open()?.information().sensor.ok_or_else(unknown)?;
     if sensor.width > LARGEST_SENSOR.width || sensor.height > LARGEST_SENSOR.height {
         return Err(SearchError::SensorTooLarge { file: file(), sensor });
     }

@@ -25,9 +25,12 @@ pub enum RecordingErrorKind {
     /// The operating system refused.
     #[error("cannot be read: {0}")]
     Io(io::Error),
-    /// A directory, pipe or device.
+    /// A pipe or device.
     #[error("is not an ordinary file; recordings are read several times, so a pipe has to be saved to a file first")]
     NotAFile,
+    /// A directory.
+    #[error("is a folder: name the recording in it")]
+    Directory,
     /// No byte in it.
     #[error("is empty")]
     Empty,

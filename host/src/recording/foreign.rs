@@ -2,6 +2,8 @@
 
 const CONVERT: &str = "convert it to AEDAT4 or to text with a line `t x y p` per event first";
 
+const JSON: &str = "a calibration is read by evcal export, evaluate, compare and undistort -c";
+
 /// How a file begins, the name of its format, and advice.
 const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"#!AER-DAT1", "AEDAT 1", "open it in jAER and save it as AEDAT 2"),
@@ -15,6 +17,12 @@ const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"\xfd7zXZ", "xz", "unpack it with unxz first"),
     (b"\x28\xb5\x2f\xfd", "Zstandard", "unpack it with unzstd first"),
     (b"BZh", "bzip2", "unpack it with bunzip2 first"),
+    (b"{\n  \"", "JSON", JSON),
+    (b"{\"camera\"", "JSON", JSON),
+    (b"{\"sensor\"", "JSON", JSON),
+    (b"%YAML", "YAML", "cameras for other programs are written by evcal, not read; calibration.json is read"),
+    (b"%PDF", "PDF", "name the recording of the board, not the board"),
+    (b"\x89PNG", "PNG", "evcal undistort takes pictures, and takes their distortion out"),
 ];
 
 /// Name of the format and advice, if `bytes` begin like a format that is known but not read.

@@ -87,6 +87,9 @@ impl Head {
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
         let io = |error| RecordingError::io(path, error);
         let metadata = std::fs::metadata(path).map_err(io)?;
+        if metadata.is_dir() {
+            return Err(RecordingError::new(path, RecordingErrorKind::Directory));
+        }
         if !metadata.is_file() {
             return Err(RecordingError::new(path, RecordingErrorKind::NotAFile));
         }

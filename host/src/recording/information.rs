@@ -122,6 +122,14 @@ pub struct HotPixel {
 /// When it cannot be opened. An error further on ends up in [`Information::error`], with the figures
 /// of what was read until then.
 pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
+    Ok(Information { streams: recording.streams()?, ..gather_events(recording)? })
+}
+
+/// As [`gather`], of the events alone: [`Information::streams`] stays empty.
+///
+/// # Errors
+/// As there.
+pub fn gather_events(recording: &Recording) -> Result<Information, RecordingError> {
     let mut reader = recording.open()?;
     let mut statistics = Statistics::default();
     let mut events = Vec::new();
@@ -158,11 +166,32 @@ pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
         active_pixels: statistics.pixels.len() as u64,
         hot_pixel_count,
         hottest_pixels,
-        streams: recording.streams()?,
+        streams: Vec::new(),
         report: reader.report().clone(),
         notes: known.notes.clone(),
         error,
     })
+}
+
+/// The smallest usual sensor that has all pixels of a recording; `None` where there is none, or no events.
+pub fn likely_sensor_of(recording: &Recording) -> Option<Sensor> {
+    let mut reader = recording.open().ok()?;
+    let (mut largest, mut events) = (None, Vec::new());
+    while reader.next_batch(&mut events).ok()? {
+        for event in &events {
+            let (x, y) = largest.unwrap_or_default();
+            largest = Some((event.x.max(x), event.y.max(y)));
+        }
+    }
+    likely_sensor(largest?)
+}
+
+/// What to do about a recording that does not tell its sensor, if it is likely this one.
+pub fn sensor_advice(likely: Option<Sensor>) -> String {
+    match likely {
+        Some(sensor) => format!("all events fit in {sensor}: add --sensor {}x{}", sensor.width, sensor.height),
+        None => "add --sensor WIDTHxHEIGHT".to_owned(),
+    }
 }
 
 /// The smallest usual sensor that has the pixel `largest`.

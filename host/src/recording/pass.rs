@@ -1,5 +1,6 @@
 //! One pass through a recording.
 
+use std::ops::ControlFlow;
 use std::sync::mpsc::{SyncSender, sync_channel};
 
 use evcal_core::event::Event;
@@ -69,12 +70,25 @@ const READ_AHEAD: usize = 4;
 /// # Errors
 /// [`RecordingError`] when not one event can be read.
 pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, RecordingError> {
+    read_while(recording, &mut |events| {
+        visit(events);
+        ControlFlow::Continue(())
+    })
+}
+
+/// As [`read_recording`], until `visit` breaks it off; the pass is then that of what was read.
+///
+/// # Errors
+/// As there.
+pub fn read_while(
+    recording: &Recording,
+    visit: &mut dyn FnMut(&[Event]) -> ControlFlow<()>,
+) -> Result<Pass, RecordingError> {
     std::thread::scope(|scope| {
         let (sender, batches) = sync_channel(READ_AHEAD);
         let reader = scope.spawn(move || read_ahead(recording, &sender));
-        for events in batches {
-            visit(&events);
-        }
+        // The batches are dropped with the iterator, and the reader notices.
+        let _ = batches.into_iter().try_for_each(|events| visit(&events));
         reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
 }

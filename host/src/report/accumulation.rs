@@ -1,5 +1,7 @@
 //! All events together: as the sensor saw them, and carried to the board.
 
+use std::ops::ControlFlow;
+
 use maud::html;
 use nalgebra::Vector2;
 
@@ -103,6 +105,7 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
                     board.add(frame.place(point), event.polarity);
                 }
             }
+            ControlFlow::Continue(())
         });
         broken = broken.or(read.err());
     }

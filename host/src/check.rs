@@ -1,0 +1,207 @@
+//! What a recording is good for, before a calibration is made of it: a look at its beginning that takes seconds.
+
+mod advice;
+pub mod flicker;
+pub mod units;
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::ops::ControlFlow;
+
+use evcal_core::sensor::Sensor;
+use serde::Serialize;
+
+use self::advice::next_step;
+use self::flicker::{Flicker, RateBins};
+use self::units::{OtherUnit, other_unit};
+use crate::board::Board;
+use crate::detection::LARGEST_SENSOR;
+use crate::detection::other_board::OtherBoard;
+use crate::detection::search::{FoundContent, SearchFor, search_events};
+use crate::detection::settings::DetectionSettings;
+use crate::recording::information::{Information, gather_events};
+use crate::recording::pass::{read_recording, read_while};
+use crate::recording::{Recording, RecordingError};
+
+/// As many events from the beginning are looked at, or a few more.
+const MOST_EVENTS: u64 = 4_000_000;
+/// Without a board: windows with so many circles may hold one.
+const FEWEST_CIRCLES: usize = 8;
+/// Length of the slots of time in which something was seen or not (s).
+const SLOT: f64 = 0.1;
+/// Columns and rows of the cells of the sensor in which circles are looked for.
+const CELLS: [u16; 2] = [8, 6];
+
+/// What was seen at the beginning of a recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct Checked {
+    /// Rate, duration, size, hot pixels, faults.
+    #[serde(flatten)]
+    pub information: Information,
+    /// Whether that is all of it.
+    pub whole: bool,
+    /// The unit that the times are more likely in.
+    pub other_unit: Option<OtherUnit>,
+    /// Whether the light flickers.
+    pub flicker: Option<Flicker>,
+    /// Where the board was seen, or circles; `None` where the sensor is not known or too large, or times are in another
+    /// unit.
+    pub seen: Option<Seen>,
+    /// The one thing to do next.
+    pub next: String,
+}
+
+/// In how many windows of time the board was seen.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Seen {
+    /// The board that was looked for; without it, windows with at least 8 circles.
+    pub board: Option<String>,
+    /// Windows in which it was found.
+    pub found: u64,
+    /// Windows tried, and those with too few events to be tried.
+    pub windows: u64,
+    /// Share of the tenths of a second in which it was found.
+    pub time_share: f64,
+    /// Share of the sensor in which there was a circle, in cells of an eighth by a sixth of it.
+    pub covered: f64,
+    /// Why it was nowhere, with what to do.
+    pub failure: Option<String>,
+}
+
+/// Looks at the beginning of `recording`: for `board`, or for any circles.
+///
+/// # Errors
+/// [`RecordingError`] when not one event can be read.
+pub fn check(
+    recording: &Recording,
+    board: Option<&Board>,
+    settings: &DetectionSettings,
+) -> Result<Checked, RecordingError> {
+    let mut bins = RateBins::default();
+    let (mut count, mut end) = (0, 0);
+    let pass = read_while(recording, &mut |events| {
+        events.iter().for_each(|event| bins.add(event.t));
+        count += events.len() as u64;
+        end = events.last().map_or(end, |event| event.t);
+        if count < MOST_EVENTS { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    })?;
+    let whole = count < MOST_EVENTS;
+    let beginning = recording.section((pass.first, pass.first.saturating_add(end).saturating_add(1)));
+    let information = gather_events(&beginning)?;
+    let other_unit = other_unit(recording, information.mean_rate);
+    let seen = match information.sensor.or(information.likely_sensor) {
+        // With times in another unit nothing can be seen.
+        _ if other_unit.is_some() => None,
+        Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
+            Some(look(&beginning, sensor, information.duration_s, board, settings)?)
+        }
+        _ => None,
+    };
+    let mut checked = Checked { information, whole, other_unit, flicker: bins.flicker(), seen, next: String::new() };
+    checked.next = next_step(&checked, recording.path());
+    Ok(checked)
+}
+
+/// Looks for the board, or for circles.
+fn look(
+    recording: &Recording,
+    sensor: Sensor,
+    duration: f64,
+    board: Option<&Board>,
+    settings: &DetectionSettings,
+) -> Result<Seen, RecordingError> {
+    let wanted = board.map_or(SearchFor::Circles(FEWEST_CIRCLES), |board| SearchFor::Board(board.pattern));
+    let found = search_events(recording, sensor, wanted, settings)?;
+    let (mut centers, mut times): (Vec<[f64; 2]>, Vec<f64>) = (Vec::new(), Vec::new());
+    match &found.content {
+        FoundContent::Boards(_, frames) => {
+            centers
+                .extend(frames.iter().flat_map(|frame| &frame.circles).map(|circle| <[f64; 2]>::from(circle.center)));
+            times.extend(frames.iter().map(|frame| frame.start));
+        }
+        FoundContent::Windows(windows) => {
+            let circles = windows.iter().flat_map(|window| &window.circles);
+            centers.extend(circles.map(|(center, _)| <[f64; 2]>::from(*center)));
+            times.extend(windows.iter().map(|window| window.start));
+        }
+        FoundContent::Frames(_) => {}
+    }
+    let slots: BTreeSet<i64> = times.iter().map(|t| (t / SLOT).floor() as i64).collect();
+    let failure = match board {
+        Some(board) if found.report.found == 0 => {
+            let mut other = OtherBoard::new(settings, board, sensor);
+            read_recording(recording, &mut |events| other.push(events))?;
+            Some(found.report.no_pattern(settings.window.max_interval, other.finish()).to_string())
+        }
+        _ => None,
+    };
+    Ok(Seen {
+        board: board.map(ToString::to_string),
+        found: found.report.found,
+        windows: found.report.windows + found.report.too_few_events,
+        time_share: (slots.len() as f64 * SLOT / duration.max(SLOT)).min(1.0),
+        covered: covered(&centers, sensor),
+        failure,
+    })
+}
+
+/// The share of cells of the sensor that hold one of these places.
+fn covered(places: &[[f64; 2]], sensor: Sensor) -> f64 {
+    let [columns, rows] = CELLS;
+    let mut cells = vec![false; usize::from(columns) * usize::from(rows)];
+    for [x, y] in places {
+        let cell = |at: f64, size: u16, count: u16| {
+            ((at + 0.5) / f64::from(size) * f64::from(count)).clamp(0.0, f64::from(count - 1)) as usize
+        };
+        let index = cell(*y, sensor.height, rows) * usize::from(columns) + cell(*x, sensor.width, columns);
+        if let Some(cell) = cells.get_mut(index) {
+            *cell = true;
+        }
+    }
+    cells.iter().filter(|cell| **cell).count() as f64 / cells.len() as f64
+}
+
+impl fmt::Display for Checked {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.information)?;
+        if !self.whole {
+            writeln!(f, "{:<12}the recording goes on; only its beginning was looked at", "part")?;
+        }
+        if let Some(other) = &self.other_unit {
+            writeln!(f, "{:<12}{other}", "time unit")?;
+        }
+        let flicker = match self.flicker {
+            Some(Flicker { frequency, share }) => {
+                format!("the rate of events swings by {:.0} % at {frequency} Hz", 100.0 * share)
+            }
+            None => "none seen".to_owned(),
+        };
+        writeln!(f, "{:<12}{flicker}", "flicker")?;
+        if let Some(seen) = &self.seen {
+            let what = match &seen.board {
+                Some(board) => format!("{board} seen"),
+                None => format!("{FEWEST_CIRCLES} circles and more seen"),
+            };
+            let Seen { found, windows, time_share, covered, .. } = seen;
+            let (time, covered) = (100.0 * time_share, 100.0 * covered);
+            writeln!(
+                f,
+                "{:<12}{what} in {found} of {windows} windows, {time:.0} % of the time, over {covered:.0} % of the sensor",
+                "board"
+            )?;
+        }
+        write!(f, "\nnext: {}", self.next)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_counted_once() {
+        let sensor = Sensor::new(80, 60);
+        assert_eq!(covered(&[], sensor), 0.0);
+        assert_eq!(covered(&[[1.0, 1.0], [2.0, 8.0], [79.5, 59.5], [-0.5, 100.0]], sensor), 3.0 / 48.0);
+    }
+}

@@ -1,0 +1,281 @@
+//! A calibrated camera.
+
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use evcal::lens::camera_file::CameraDescription;
+use evcal::lens::projection_difference::projection_difference;
+use evcal::result::calibrated_camera::CalibratedCamera;
+use evcal::undistort::PixelMap;
+use evcal::undistort::recording::write_camera;
+use evcal::undistort::target::{TargetProjection, target_camera};
+use evcal_core::camera::ModelKind;
+use evcal_core::sensor::Sensor;
+use nalgebra::{Vector2, Vector3};
+use numpy::ndarray::Array2;
+use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArrayLike2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::calibration::Calibration;
+use crate::events::{EventArray, NewPlaces, filled, sensor as to_sensor};
+use crate::{failed, to_python};
+
+/// An axis of a map: a number for each pixel of an image, row by row.
+type Map<'py> = Bound<'py, PyArray2<f32>>;
+
+/// A camera: its lens model with parameters, and its size in pixels. Pixel (0, 0) is the centre of the top-left pixel.
+#[pyclass(frozen, module = "evcal")]
+pub struct Camera {
+    camera: evcal_core::camera::Camera<f64>,
+    sensor: Sensor,
+    sigma: Option<Vec<f64>>,
+    /// To the camera with the same matrix and no distortion, once it was asked for.
+    forth: OnceLock<NewPlaces>,
+}
+
+impl Camera {
+    /// Of a lens before a sensor, with the standard deviations of its parameters, if they are known.
+    pub fn of(camera: evcal_core::camera::Camera<f64>, sensor: Sensor, sigma: Option<Vec<f64>>) -> Self {
+        Self { camera, sensor, sigma, forth: OnceLock::new() }
+    }
+
+    pub fn lens(&self) -> &evcal_core::camera::Camera<f64> {
+        &self.camera
+    }
+
+    pub fn size(&self) -> Sensor {
+        self.sensor
+    }
+
+    fn named<'py>(&self, py: Python<'py>, values: impl IntoIterator<Item = f64>) -> PyResult<Bound<'py, PyDict>> {
+        let named = PyDict::new(py);
+        for (name, value) in self.camera.kind().parameter_names().iter().zip(values) {
+            named.set_item(name, value)?;
+        }
+        Ok(named)
+    }
+
+    /// The lens that undistorted pixels belong to.
+    fn target(&self, new_camera: Option<&Self>) -> PyResult<evcal_core::camera::Camera<f64>> {
+        match new_camera {
+            Some(new) if new.sensor == self.sensor => Ok(new.camera),
+            Some(_) => Err(PyValueError::new_err("new_camera is for another sensor")),
+            None => target_camera(&self.camera, TargetProjection::Pinhole, self.sensor, None).map_err(failed),
+        }
+    }
+}
+
+#[pymethods]
+impl Camera {
+    /// A camera of a model that evcal knows, such as "radtan": parameters by name or in the model's order.
+    #[new]
+    #[pyo3(signature = (model, parameters, sensor))]
+    fn new(model: &str, parameters: &Bound<'_, PyAny>, sensor: (u16, u16)) -> PyResult<Self> {
+        let kind: ModelKind =
+            model.parse().map_err(|error| PyValueError::new_err(format!("{error}: not {model:?}")))?;
+        let names = kind.parameter_names();
+        let values: Vec<f64> = match parameters.cast::<PyDict>() {
+            Ok(named) => names.iter().map(|name| named.as_any().get_item(name)?.extract()).collect::<PyResult<_>>()?,
+            Err(_) => parameters.extract()?,
+        };
+        let wrong = || {
+            PyValueError::new_err(format!("{kind} takes {}, all finite, the focal lengths positive", names.join(", ")))
+        };
+        let camera = evcal_core::camera::Camera::from_parameters(kind, &values).ok_or_else(wrong)?;
+        Ok(Self::of(camera, to_sensor(sensor)?, None))
+    }
+
+    /// Read calibration.json, truth.json of a simulation, NAME.camera.json of an undistorted recording, or the folder
+    /// that holds one of the first two.
+    #[staticmethod]
+    fn load(path: PathBuf) -> PyResult<Self> {
+        let CalibratedCamera { camera, sensor, sigma, .. } = CalibratedCamera::read(&path).map_err(failed)?;
+        Ok(Self::of(camera, sensor, sigma))
+    }
+
+    /// Write model, parameters and size as JSON that load and the program read.
+    fn save(&self, path: PathBuf) -> PyResult<()> {
+        write_camera(&path, &self.camera, self.sensor).map_err(failed)
+    }
+
+    /// Name of the lens model.
+    #[getter]
+    fn model(&self) -> &'static str {
+        self.camera.kind().name()
+    }
+
+    /// Parameters of the model by name: fx, fy, cx, cy in pixels, then the distortion.
+    #[getter]
+    fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        self.named(py, self.camera.parameters().iter().copied())
+    }
+
+    /// Standard deviation of each parameter by name; None where it is not known.
+    #[getter]
+    fn sigma<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        self.sigma.as_ref().map(|sigma| self.named(py, sigma.iter().copied())).transpose()
+    }
+
+    /// Width and height in pixels.
+    #[getter]
+    fn sensor(&self) -> (u16, u16) {
+        (self.sensor.width, self.sensor.height)
+    }
+
+    /// The camera matrix, 3 x 3.
+    #[getter]
+    fn matrix<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let parameters = self.camera.parameters();
+        let mut values = parameters.iter().copied();
+        let mut next = || values.next().unwrap_or(f64::NAN);
+        let (fx, fy, cx, cy) = (next(), next(), next(), next());
+        numpy::ndarray::arr2(&[[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]).into_pyarray(py)
+    }
+
+    /// The parameters after fx, fy, cx, cy: for radtan those of OpenCV, k1, k2, p1, p2, k3.
+    #[getter]
+    fn distortion<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_iter(py, self.camera.parameters().iter().skip(4).copied())
+    }
+
+    /// Pixels (N x 2) of points (N x 3) in camera coordinates: x to the right, y down, z forward. NaN where the lens
+    /// model does not see the point.
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyArrayLike2<'py, f64, AllowTypeChange>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let [count, 3] = *points.shape() else { return Err(PyValueError::new_err("points are an array of N x 3")) };
+        let points = points.as_array();
+        let pixels = py.detach(|| {
+            let pixels = points.outer_iter().flat_map(|point| {
+                let point = point.iter().copied();
+                let point = Vector3::from_iterator(point);
+                <[f64; 2]>::from(self.camera.project(&point).unwrap_or(Vector2::repeat(f64::NAN)))
+            });
+            Array2::from_shape_vec((count, 2), pixels.collect())
+        });
+        Ok(pixels.map_err(failed)?.into_pyarray(py))
+    }
+
+    /// Directions of view (N x 3, of length 1) of pixels (N x 2). NaN where the lens model has none.
+    fn unproject<'py>(
+        &self,
+        py: Python<'py>,
+        pixels: PyArrayLike2<'py, f64, AllowTypeChange>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let [count, 2] = *pixels.shape() else { return Err(PyValueError::new_err("pixels are an array of N x 2")) };
+        let pixels = pixels.as_array();
+        let bearings = py.detach(|| {
+            let bearings = pixels.outer_iter().flat_map(|pixel| {
+                let pixel = Vector2::from_iterator(pixel.iter().copied());
+                <[f64; 3]>::from(self.camera.unproject(&pixel).unwrap_or(Vector3::repeat(f64::NAN)))
+            });
+            Array2::from_shape_vec((count, 3), bearings.collect())
+        });
+        Ok(bearings.map_err(failed)?.into_pyarray(py))
+    }
+
+    /// The camera without distortion that takes the place of this one.
+    ///
+    /// alpha: 0 keeps the largest rectangle without black corners, 1 all that the lens sees; without it the camera
+    /// matrix stays. projection: "pinhole", or "equidistant" for lenses that see too much for a pinhole.
+    #[pyo3(signature = (alpha=None, projection="pinhole"))]
+    fn undistorted(&self, alpha: Option<f64>, projection: &str) -> PyResult<Self> {
+        if alpha.is_some_and(|alpha| !(0.0..=1.0).contains(&alpha)) {
+            return Err(PyValueError::new_err("alpha is from 0 to 1"));
+        }
+        let projection = TargetProjection::ALL
+            .iter()
+            .find(|known| known.name() == projection)
+            .ok_or_else(|| PyValueError::new_err("projection is \"pinhole\" or \"equidistant\""))?;
+        let camera = target_camera(&self.camera, *projection, self.sensor, alpha).map_err(failed)?;
+        Ok(Self::of(camera, self.sensor, None))
+    }
+
+    /// Move events to where a camera without distortion would have seen them, rounded to the nearest pixel; those
+    /// beyond its sensor are left out. Returns an array of the same type as events.
+    ///
+    /// new_camera: that camera; without it undistorted().
+    #[pyo3(signature = (events, new_camera=None))]
+    fn undistort_events<'py>(
+        &self,
+        events: &Bound<'py, PyAny>,
+        new_camera: Option<&Self>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let array = EventArray::new(events)?;
+        let records = array.records()?;
+        if !records.hold(self.sensor.width, self.sensor.height) {
+            return Err(PyValueError::new_err("the fields x and y are too narrow for the pixels of this sensor"));
+        }
+        let target = self.target(new_camera)?;
+        let forth = || NewPlaces::new(&PixelMap::new(&self.camera, &target, self.sensor));
+        filled(array.dtype(), array.len(), |output| match new_camera {
+            None => records.moved(output, self.forth.get_or_init(forth)),
+            Some(_) => records.moved(output, &forth()),
+        })
+    }
+
+    /// Where each pixel of the undistorted image is in the distorted one: two arrays, height x width, float32, as
+    /// cv2.remap takes them. -1 where the lens model does not see it.
+    #[pyo3(signature = (new_camera=None))]
+    fn undistort_map<'py>(&self, py: Python<'py>, new_camera: Option<&Self>) -> PyResult<(Map<'py>, Map<'py>)> {
+        let target = self.target(new_camera)?;
+        let Sensor { width, height } = self.sensor;
+        let map = py.detach(|| PixelMap::new(&target, &self.camera, self.sensor));
+        let axis = |axis: usize| {
+            Array2::from_shape_fn((height.into(), width.into()), |(y, x)| {
+                let place = map.get(x as u16, y as u16).unwrap_or([-1.0; 2]);
+                place.get(axis).copied().unwrap_or(-1.0) as f32
+            })
+            .into_pyarray(py)
+        };
+        Ok((axis(0), axis(1)))
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.camera == other.camera && self.sensor == other.sensor
+    }
+
+    fn __repr__(&self) -> String {
+        let CameraDescription { model, .. } = CameraDescription::new(&self.camera);
+        let names = self.camera.kind().parameter_names();
+        let parameters = self.camera.parameters();
+        let listed: Vec<String> =
+            names.iter().zip(&parameters).map(|(name, value)| format!("'{name}': {value:?}")).collect();
+        format!("Camera({model:?}, {{{}}}, ({}, {}))", listed.join(", "), self.sensor.width, self.sensor.height)
+    }
+}
+
+/// A camera, however it is given.
+fn camera_of(value: &Bound<'_, PyAny>) -> PyResult<(evcal_core::camera::Camera<f64>, Sensor)> {
+    if let Ok(camera) = value.cast::<Camera>() {
+        return Ok((camera.get().camera, camera.get().sensor));
+    }
+    if let Ok(calibration) = value.cast::<Calibration>() {
+        return Ok(calibration.get().lens());
+    }
+    let path: PathBuf = value.extract()?;
+    evcal::lens::camera_file::read(&path).map_err(failed)
+}
+
+/// How far a calibration is from the truth or from another one: where both put the same point in the image, the
+/// rotation between them removed.
+///
+/// Both are a Camera, a Calibration, a file or a folder. Returns a dict: rms and max (px), max_at (the pixel), rotation
+/// (rotation vector, rad), uncovered (points of the grid where a lens model ends), grid.
+#[pyfunction]
+pub fn evaluate<'py>(
+    py: Python<'py>,
+    calibration: &Bound<'py, PyAny>,
+    truth: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let ((camera, sensor), (true_camera, true_sensor)) = (camera_of(calibration)?, camera_of(truth)?);
+    if sensor != true_sensor {
+        return Err(failed(format!("one is for a sensor of {sensor} pixels, the other for one of {true_sensor}")));
+    }
+    let difference = py.detach(|| projection_difference(&true_camera, &camera, sensor)).map_err(failed)?;
+    to_python(py, serde_json::to_string(&difference))
+}

@@ -1,0 +1,302 @@
+//! Events as structured arrays, whatever their fields are called.
+
+use evcal::undistort::PixelMap;
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+use numpy::{PyArray1, PyArrayDescr, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+
+/// What libraries call the fields, in the order t, x, y, p.
+const NAMES: [&[&str]; 4] = [&["t", "ts", "timestamp", "time"], &["x"], &["y"], &["p", "on", "polarity", "pol"]];
+
+/// Bytes of an event of evcal's own arrays; the last three are padding.
+const EVENT_BYTES: usize = 16;
+
+/// A kind of whole number, lowest byte first.
+#[derive(Clone, Copy, PartialEq)]
+struct Integer {
+    bytes: usize,
+    signed: bool,
+}
+
+/// Where a field is in each record.
+#[derive(Clone, Copy)]
+struct Field {
+    offset: usize,
+    integer: Integer,
+}
+
+impl Field {
+    /// The number in this field of a record.
+    fn get(&self, record: &[u8]) -> i64 {
+        let bytes = record.get(self.offset..self.offset + self.integer.bytes).unwrap_or_default();
+        let mut value = [0; 8];
+        let negative = self.integer.signed && bytes.last().is_some_and(|byte| *byte >= 0x80);
+        if negative {
+            value = [0xff; 8];
+        }
+        for (to, from) in value.iter_mut().zip(bytes) {
+            *to = *from;
+        }
+        i64::from_le_bytes(value)
+    }
+
+    /// The column or row in this field of a record; some number on no sensor where it holds none.
+    #[inline]
+    fn pixel(&self, record: &[u8]) -> u16 {
+        match self.integer.bytes {
+            // A negative number becomes one beyond every sensor.
+            2 => {
+                record.get(self.offset..).and_then(<[u8]>::first_chunk).map_or(u16::MAX, |two| u16::from_le_bytes(*two))
+            }
+            _ => u16::try_from(self.get(record)).unwrap_or(u16::MAX),
+        }
+    }
+
+    /// Puts a column or row into this field of a record, which has room for it.
+    #[inline]
+    fn set_pixel(&self, record: &mut [u8], value: u16) {
+        let Some(field) = record.get_mut(self.offset..self.offset + self.integer.bytes) else { return };
+        match field.first_chunk_mut::<2>() {
+            Some(two) => {
+                *two = value.to_le_bytes();
+                field.iter_mut().skip(2).for_each(|byte| *byte = 0);
+            }
+            None => field.iter_mut().for_each(|byte| *byte = value as u8),
+        }
+    }
+
+    /// The largest number that it holds.
+    fn largest(&self) -> u64 {
+        u64::MAX >> (64 - 8 * self.integer.bytes + usize::from(self.integer.signed))
+    }
+}
+
+/// The four fields of an event.
+#[derive(Clone, Copy)]
+pub struct Fields {
+    t: Field,
+    x: Field,
+    y: Field,
+    p: Field,
+}
+
+/// A structured array of events: its records as bytes.
+pub struct EventArray<'py> {
+    bytes: PyReadonlyArray1<'py, u8>,
+    dtype: Bound<'py, PyArrayDescr>,
+    record: usize,
+    fields: Fields,
+}
+
+fn field(dtype: &Bound<'_, PyArrayDescr>, names: &[&str]) -> PyResult<Field> {
+    let known = dtype.names().unwrap_or_default();
+    let name = names.iter().find(|name| known.iter().any(|known| known == *name)).ok_or_else(|| {
+        PyTypeError::new_err(format!(
+            "events are a structured array with the fields t (or ts, timestamp), x, y and p (or on, polarity); \
+             this one has {}",
+            if known.is_empty() { "none".to_owned() } else { known.join(", ") }
+        ))
+    })?;
+    let (descriptor, offset) = dtype.get_field(name)?;
+    let bytes = descriptor.itemsize();
+    let signed = match descriptor.kind() {
+        b'i' => true,
+        b'u' | b'b' => false,
+        _ => {
+            return Err(PyTypeError::new_err(format!(
+                "field {name} is of type {descriptor}: events have whole numbers, times in microseconds"
+            )));
+        }
+    };
+    if descriptor.byteorder() == b'>' {
+        return Err(PyTypeError::new_err(format!("field {name} is big-endian: use astype to change that")));
+    }
+    if bytes > 8 || bytes == 0 {
+        return Err(PyTypeError::new_err(format!("field {name} is of type {descriptor}, which is too wide")));
+    }
+    Ok(Field { offset, integer: Integer { bytes, signed } })
+}
+
+impl<'py> EventArray<'py> {
+    /// The events in `array`; they are copied only if it has gaps between its records.
+    pub fn new(array: &Bound<'py, PyAny>) -> PyResult<Self> {
+        let py = array.py();
+        let numpy = py.import("numpy")?;
+        let array = numpy.call_method1("ascontiguousarray", (array,))?;
+        let dtype = array.getattr("dtype")?.cast_into::<PyArrayDescr>()?;
+        let [t, x, y, p] = NAMES;
+        let fields = Fields { t: field(&dtype, t)?, x: field(&dtype, x)?, y: field(&dtype, y)?, p: field(&dtype, p)? };
+        let record = dtype.itemsize();
+        let bytes = array.call_method1("reshape", (-1,))?.call_method1("view", (numpy.getattr("uint8")?,))?;
+        let bytes = bytes.cast_into::<PyArray1<u8>>()?.try_readonly()?;
+        Ok(Self { bytes, dtype, record, fields })
+    }
+
+    /// Its type, for an array like it.
+    pub fn dtype(&self) -> &Bound<'py, PyArrayDescr> {
+        &self.dtype
+    }
+
+    /// Number of events.
+    pub fn len(&self) -> usize {
+        self.bytes.len() / self.record.max(1)
+    }
+
+    /// The records, which can be read without Python.
+    pub fn records(&self) -> PyResult<Records<'_>> {
+        Ok(Records { bytes: self.bytes.as_slice()?, record: self.record.max(1), fields: self.fields })
+    }
+}
+
+/// The records of an array.
+#[derive(Clone, Copy)]
+pub struct Records<'a> {
+    bytes: &'a [u8],
+    record: usize,
+    fields: Fields,
+}
+
+impl Records<'_> {
+    /// All events.
+    pub fn to_events(self) -> Result<Vec<Event>, String> {
+        let Fields { t, x, y, p } = self.fields;
+        let event = |(index, record): (usize, &[u8])| {
+            let pixel = |field: &Field, name: &str| {
+                u16::try_from(field.get(record))
+                    .map_err(|_| format!("event {index}: {name} = {} is on no sensor", field.get(record)))
+            };
+            let polarity = if p.get(record) > 0 { Polarity::On } else { Polarity::Off };
+            Ok(Event { t: t.get(record), x: pixel(&x, "x")?, y: pixel(&y, "y")?, polarity })
+        };
+        self.bytes.chunks_exact(self.record).enumerate().map(event).collect()
+    }
+
+    /// Copies to `output` the records whose pixel `places` knows the new place of, with that place; their number.
+    pub fn moved(self, output: &mut [u8], places: &NewPlaces) -> usize {
+        match self.record {
+            // The lengths that libraries have: copies of known length are several times as fast.
+            16 => self.moved_of::<16>(output, places),
+            13 => self.moved_of::<13>(output, places),
+            24 => self.moved_of::<24>(output, places),
+            length => {
+                let records = self.bytes.chunks_exact(length);
+                self.move_each(records, output.chunks_exact_mut(length), places, |to, from| to.copy_from_slice(from))
+            }
+        }
+    }
+
+    fn moved_of<const N: usize>(self, output: &mut [u8], places: &NewPlaces) -> usize {
+        let (records, _) = self.bytes.as_chunks::<N>();
+        let (rooms, _) = output.as_chunks_mut::<N>();
+        self.move_each(records.iter(), rooms.iter_mut(), places, |to, from| *to = *from)
+    }
+
+    #[inline]
+    fn move_each<'r, 'o, R, O>(
+        self,
+        records: impl Iterator<Item = &'r R>,
+        mut rooms: impl Iterator<Item = &'o mut O>,
+        places: &NewPlaces,
+        copy: impl Fn(&mut O, &R),
+    ) -> usize
+    where
+        R: AsRef<[u8]> + ?Sized + 'r,
+        O: AsMut<[u8]> + ?Sized + 'o,
+    {
+        let Fields { x, y, .. } = self.fields;
+        let mut count = 0;
+        for record in records {
+            let Some([column, row]) = places.get(x.pixel(record.as_ref()), y.pixel(record.as_ref())) else { continue };
+            let Some(room) = rooms.next() else { break };
+            copy(room, record);
+            x.set_pixel(room.as_mut(), column);
+            y.set_pixel(room.as_mut(), row);
+            count += 1;
+        }
+        count
+    }
+
+    /// Whether the fields of the pixel hold every pixel of a sensor.
+    pub fn hold(&self, width: u16, height: u16) -> bool {
+        self.fields.x.largest() >= u64::from(width) && self.fields.y.largest() >= u64::from(height)
+    }
+}
+
+/// Where each pixel goes, rounded to a pixel.
+pub struct NewPlaces {
+    width: u16,
+    /// Row by row; [`NOWHERE`] where a pixel leaves the sensor.
+    places: Vec<[u16; 2]>,
+}
+
+const NOWHERE: [u16; 2] = [u16::MAX; 2];
+
+impl NewPlaces {
+    /// Those of a map.
+    pub fn new(map: &PixelMap) -> Self {
+        let Sensor { width, height } = map.sensor();
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        Self { width, places: pixels.map(|(x, y)| map.nearest_pixel(x, y).unwrap_or(NOWHERE)).collect() }
+    }
+
+    #[inline]
+    fn get(&self, x: u16, y: u16) -> Option<[u16; 2]> {
+        let place = *self.places.get(usize::from(y) * usize::from(self.width) + usize::from(x))?;
+        (x < self.width && place != NOWHERE).then_some(place)
+    }
+}
+
+/// An array of `count` records of `dtype`, whose bytes are filled by `fill`; it says how many it used, and the array
+/// ends there.
+pub fn filled<'py>(
+    dtype: &Bound<'py, PyArrayDescr>,
+    count: usize,
+    fill: impl FnOnce(&mut [u8]) -> usize + Send,
+) -> PyResult<Bound<'py, PyAny>> {
+    let py = dtype.py();
+    let numpy = py.import("numpy")?;
+    let array = numpy.call_method1("empty", (count, dtype))?;
+    let bytes = array.call_method1("view", (numpy.getattr("uint8")?,))?.cast_into::<PyArray1<u8>>()?;
+    let used = {
+        let mut bytes = bytes.try_readwrite()?;
+        let slice = bytes.as_slice_mut()?;
+        py.detach(|| fill(slice))
+    };
+    array.get_item(pyo3::types::PySlice::new(py, 0, used as isize, 1))
+}
+
+/// The type of evcal's own arrays: t (µs), x, y, p (0 or 1), 16 bytes.
+pub fn own_dtype(py: Python<'_>) -> PyResult<Bound<'_, PyArrayDescr>> {
+    let fields = pyo3::types::PyDict::new(py);
+    fields.set_item("names", ["t", "x", "y", "p"])?;
+    fields.set_item("formats", ["<i8", "<u2", "<u2", "u1"])?;
+    fields.set_item("offsets", [0, 8, 10, 12])?;
+    fields.set_item("itemsize", EVENT_BYTES)?;
+    PyArrayDescr::new(py, fields)
+}
+
+/// Events as the bytes of one of evcal's own arrays, appended to `bytes`.
+pub fn append(bytes: &mut Vec<u8>, events: &[Event]) {
+    bytes.reserve(events.len() * EVENT_BYTES);
+    for event in events {
+        bytes.extend_from_slice(&event.t.to_le_bytes());
+        bytes.extend_from_slice(&event.x.to_le_bytes());
+        bytes.extend_from_slice(&event.y.to_le_bytes());
+        bytes.extend_from_slice(&[event.polarity.index() as u8, 0, 0, 0]);
+    }
+}
+
+/// One of evcal's own arrays of these bytes, which are not copied.
+pub fn to_array(py: Python<'_>, bytes: Vec<u8>) -> PyResult<Bound<'_, PyAny>> {
+    PyArray1::from_vec(py, bytes).call_method1("view", (own_dtype(py)?,))
+}
+
+/// Width and height as evcal has them.
+pub fn sensor((width, height): (u16, u16)) -> PyResult<Sensor> {
+    if width == 0 || height == 0 {
+        return Err(PyValueError::new_err("sensor is (width, height) in pixels, both above 0"));
+    }
+    Ok(Sensor::new(width, height))
+}

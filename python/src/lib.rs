@@ -1,0 +1,54 @@
+//! The Python package of evcal: arrays in, arrays out. What it does is documented in `docs/python.md`.
+
+mod calibration;
+mod camera;
+mod detection;
+mod events;
+mod interrupt;
+mod recording;
+mod simulation;
+
+use std::fmt::Display;
+
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::PyAny;
+
+pyo3::create_exception!(
+    evcal,
+    Error,
+    PyRuntimeError,
+    "evcal cannot do what was asked; the text says why, and what to do."
+);
+
+/// An error of evcal as one of Python.
+fn failed(error: impl Display) -> PyErr {
+    Error::new_err(error.to_string())
+}
+
+/// What the library says as JSON, as objects of Python.
+fn to_python<'py>(py: Python<'py>, value: Result<String, serde_json::Error>) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method1("loads", (value.map_err(failed)?,))
+}
+
+/// Calibrates an event camera from the events of a moving circle grid.
+#[pymodule]
+mod _evcal {
+    #[pymodule_export]
+    use super::Error;
+    #[pymodule_export]
+    use super::calibration::{Calibration, calibrate};
+    #[pymodule_export]
+    use super::camera::{Camera, evaluate};
+    #[pymodule_export]
+    use super::detection::detect;
+    #[pymodule_export]
+    use super::recording::{info, read};
+    #[pymodule_export]
+    use super::simulation::simulate;
+
+    /// Version of evcal.
+    #[expect(non_upper_case_globals, reason = "Python's name for it")]
+    #[pymodule_export]
+    const __version__: &str = evcal::VERSION;
+}

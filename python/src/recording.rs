@@ -1,0 +1,96 @@
+//! Recordings: files and arrays.
+
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+
+use evcal::recording::information::gather;
+use evcal::recording::{OptionError, Recording, RecordingError, RecordingOptions};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::events::{EventArray, append, sensor as to_sensor, to_array};
+use crate::interrupt::interruptible;
+use crate::{failed, to_python};
+
+/// What a caller says of a recording.
+#[derive(Clone, Default)]
+pub struct Said {
+    pub sensor: Option<(u16, u16)>,
+    pub columns: Option<String>,
+    pub time_unit: Option<String>,
+    pub stream: Option<String>,
+}
+
+impl Said {
+    pub fn options(self) -> PyResult<RecordingOptions> {
+        let wrong = |error: OptionError| PyValueError::new_err(error.to_string());
+        Ok(RecordingOptions {
+            sensor: self.sensor.map(to_sensor).transpose()?,
+            columns: self.columns.map(|text| text.parse()).transpose().map_err(wrong)?,
+            time_unit: self.time_unit.map(|text| text.parse()).transpose().map_err(wrong)?,
+            stream: self.stream,
+            ..RecordingOptions::default()
+        })
+    }
+}
+
+/// A recording of the events in an array; they are copied once.
+pub fn of_array(array: &Bound<'_, PyAny>, options: RecordingOptions) -> PyResult<Recording> {
+    let array = EventArray::new(array)?;
+    let records = array.records()?;
+    let events = array.dtype().py().detach(|| records.to_events()).map_err(PyValueError::new_err)?;
+    Ok(Recording::from_events("array", events, options))
+}
+
+/// A path, or anything else.
+pub fn as_path(value: &Bound<'_, PyAny>) -> Option<PathBuf> {
+    value.extract().ok()
+}
+
+/// Read all events of a recording of any format that evcal knows.
+///
+/// Returns a structured array with the fields t (int64, µs as in the file), x, y (uint16, (0, 0) is the top-left pixel)
+/// and p (uint8, 1 for ON). Times never decrease; events outside the sensor are left out.
+///
+/// sensor: (width, height) in pixels, instead of what the file says. columns ("x,y,p,t") and time_unit ("s", "ms", "us",
+/// "ns") are for text, stream (name or number) for files with several.
+#[pyfunction]
+#[pyo3(signature = (file, *, sensor=None, columns=None, time_unit=None, stream=None))]
+pub fn read<'py>(
+    py: Python<'py>,
+    file: PathBuf,
+    sensor: Option<(u16, u16)>,
+    columns: Option<String>,
+    time_unit: Option<String>,
+    stream: Option<String>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let options = Said { sensor, columns, time_unit, stream }.options()?;
+    let bytes = interruptible(py, |stop| {
+        let recording = Recording::new(file, options)?;
+        let mut reader = recording.open()?;
+        let (mut bytes, mut batch) = (Vec::new(), Vec::new());
+        while !stop.load(Ordering::Relaxed) && reader.next_batch(&mut batch)? {
+            append(&mut bytes, &batch);
+        }
+        Ok(bytes)
+    })?;
+    to_array(py, bytes.map_err(|error: RecordingError| failed(error))?)
+}
+
+/// Tell what is in a recording: format, camera, sensor, duration, rates, hot pixels, as a dict.
+///
+/// The options are those of read.
+#[pyfunction]
+#[pyo3(signature = (file, *, sensor=None, columns=None, time_unit=None, stream=None))]
+pub fn info<'py>(
+    py: Python<'py>,
+    file: PathBuf,
+    sensor: Option<(u16, u16)>,
+    columns: Option<String>,
+    time_unit: Option<String>,
+    stream: Option<String>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let options = Said { sensor, columns, time_unit, stream }.options()?;
+    let information = interruptible(py, |_| Recording::new(file, options).and_then(|recording| gather(&recording)))?;
+    to_python(py, serde_json::to_string(&information.map_err(failed)?))
+}

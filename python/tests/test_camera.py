@@ -1,0 +1,110 @@
+"""The camera against OpenCV."""
+
+import cv2
+import numpy as np
+import pytest
+
+import evcal
+
+SENSOR = (346, 260)
+MATRIX = (330.0, 331.0, 170.0, 131.0)
+COEFFICIENTS = {
+    "radtan4": (-0.35, 0.15, 0.001, -0.0005),
+    "radtan": (-0.35, 0.15, 0.001, -0.0005, -0.02),
+    "radtan8": (-0.35, 0.15, 0.001, -0.0005, -0.02, 0.01, 0.02, -0.003),
+    "kannala-brandt": (-0.03, 0.004, -0.002, 0.0005),
+}
+
+
+def camera(model):
+    return evcal.Camera(model, [*MATRIX, *COEFFICIENTS[model]], SENSOR)
+
+
+def points(count=5000):
+    random = np.random.default_rng(1)
+    return np.column_stack([random.uniform(-0.45, 0.45, (count, 2)), np.ones(count)]) * random.uniform(
+        0.2, 5.0, (count, 1)
+    )
+
+
+def opencv_pixels(model, points):
+    matrix = np.array([[MATRIX[0], 0, MATRIX[2]], [0, MATRIX[1], MATRIX[3]], [0, 0, 1]])
+    project = cv2.fisheye.projectPoints if model == "kannala-brandt" else None
+    if project is not None:
+        pixels, _ = project(points[:, None], np.zeros(3), np.zeros(3), matrix, np.array(COEFFICIENTS[model]))
+    else:
+        pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, np.array(COEFFICIENTS[model]))
+    return pixels.reshape(-1, 2)
+
+
+@pytest.mark.parametrize("model", COEFFICIENTS)
+def test_projects_as_opencv_does(model):
+    difference = camera(model).project(points()) - opencv_pixels(model, points())
+    assert np.abs(difference).max() < 1e-9
+
+
+@pytest.mark.parametrize("model", COEFFICIENTS)
+def test_unproject_undoes_project(model):
+    one = camera(model)
+    bearings = one.unproject(one.project(points()))
+    expected = points() / np.linalg.norm(points(), axis=1, keepdims=True)
+    assert np.abs(bearings - expected).max() < 1e-9
+
+
+def test_matrix_and_distortion_are_those_that_opencv_takes():
+    one = camera("radtan")
+    pixels, _ = cv2.projectPoints(points(), np.zeros(3), np.zeros(3), one.matrix, one.distortion)
+    assert np.abs(one.project(points()) - pixels.reshape(-1, 2)).max() < 1e-9
+
+
+def test_what_a_lens_does_not_see_is_nan():
+    pixels = camera("radtan").project([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
+    assert np.isnan(pixels[0]).all()
+    assert pixels[1].tolist() == [MATRIX[2], MATRIX[3]]
+
+
+def test_undistort_map_is_that_of_opencv():
+    one = camera("radtan")
+    matrix = one.matrix
+    expected = cv2.initUndistortRectifyMap(matrix, one.distortion, None, matrix, SENSOR, cv2.CV_32FC1)
+    for mine, theirs in zip(one.undistort_map(), expected, strict=True):
+        assert mine.dtype == np.float32 and mine.shape == theirs.shape
+        assert np.abs(mine - theirs).max() < 1e-4
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
+def test_the_new_camera_is_that_of_opencv(alpha):
+    # A weak distortion: OpenCV inverts the lens in five iterations.
+    one = evcal.Camera("radtan", [*MATRIX, -0.05, 0.01, 0.0002, -0.0001, 0.0], SENSOR)
+    expected, _ = cv2.getOptimalNewCameraMatrix(one.matrix, one.distortion, SENSOR, alpha)
+    assert np.abs(one.undistorted(alpha).matrix - expected).max() < 1e-3
+
+
+def test_a_camera_is_kept_in_a_file(tmp_path):
+    one = camera("kannala-brandt")
+    one.save(tmp_path / "one.camera.json")
+    again = evcal.Camera.load(tmp_path / "one.camera.json")
+    assert again == one and again.parameters == one.parameters and again.sensor == SENSOR
+    assert again.sigma is None
+    assert eval(repr(one), {"Camera": evcal.Camera}) == one
+
+
+def test_mistakes_are_named():
+    with pytest.raises(ValueError, match="known are.*radtan"):
+        evcal.Camera("pinhole", [1.0] * 9, SENSOR)
+    with pytest.raises(ValueError, match="fx, fy, cx, cy"):
+        evcal.Camera("radtan", [330.0, 331.0], SENSOR)
+    with pytest.raises(KeyError, match="k3"):
+        evcal.Camera("radtan", {name: 1.0 for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")}, SENSOR)
+    with pytest.raises(ValueError, match="N x 3"):
+        camera("radtan").project([[1.0, 2.0]])
+    with pytest.raises(evcal.Error, match="nowhere.json"):
+        evcal.Camera.load("nowhere.json")
+
+
+def test_evaluate_removes_the_rotation():
+    one = camera("radtan")
+    moved = evcal.Camera("radtan", {**one.parameters, "cx": one.parameters["cx"] + 0.5}, SENSOR)
+    difference = evcal.evaluate(moved, one)
+    assert evcal.evaluate(one, one)["rms"] < 1e-9
+    assert 0.0 < difference["rms"] < 0.2 < 0.5
