@@ -22,6 +22,7 @@ mod aedat2;
 mod aedat3;
 pub mod aedat4;
 mod bytes;
+mod columns;
 pub mod convert;
 pub mod davis;
 pub mod encode;
@@ -32,6 +33,8 @@ pub mod fingerprint;
 mod foreign;
 mod format;
 pub mod information;
+mod numbers;
+pub mod numpy;
 mod options;
 pub mod pass;
 pub mod pictures;
@@ -62,6 +65,8 @@ pub const FORMATS: &[&FileFormat] = &[
     &prophesee::DAT_FORMAT,
     &ros::BAG_FORMAT,
     &ros::MCAP_FORMAT,
+    &numpy::ARRAY_FORMAT,
+    &numpy::ARCHIVE_FORMAT,
     &text::FORMAT,
     &event_calib::FORMAT,
     &davis::BARE_FORMAT,
