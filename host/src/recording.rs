@@ -28,6 +28,7 @@ pub mod davis;
 pub mod encode;
 mod error;
 pub mod event_calib;
+mod event_stream;
 pub mod extras;
 pub mod fingerprint;
 mod foreign;
@@ -65,6 +66,7 @@ pub const FORMATS: &[&FileFormat] = &[
     &prophesee::DAT_FORMAT,
     &ros::BAG_FORMAT,
     &ros::MCAP_FORMAT,
+    &event_stream::FORMAT,
     &numpy::ARRAY_FORMAT,
     &numpy::ARCHIVE_FORMAT,
     &text::FORMAT,
