@@ -66,6 +66,7 @@ pub const FORMATS: &[&FileFormat] = &[
     &prophesee::DAT_FORMAT,
     &ros::BAG_FORMAT,
     &ros::MCAP_FORMAT,
+    &ros::DB3_FORMAT,
     &event_stream::FORMAT,
     &numpy::ARRAY_FORMAT,
     &numpy::ARCHIVE_FORMAT,

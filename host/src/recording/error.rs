@@ -93,6 +93,12 @@ pub enum RecordingErrorKind {
         /// Those that exist.
         available: String,
     },
+    /// A database of which the latest part is in another file.
+    #[error("is not whole: the latest messages are in {log}; merge them with sqlite3 and `PRAGMA wal_checkpoint(TRUNCATE)`", log = log.display())]
+    Unmerged {
+        /// The other file.
+        log: PathBuf,
+    },
     /// The columns of a text file are not clear.
     #[error(transparent)]
     Layout(LayoutError),

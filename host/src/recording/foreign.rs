@@ -7,7 +7,6 @@ const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"#!AER-DAT1", "AEDAT 1", "open it in jAER and save it as AEDAT 2"),
     (b"#ROSBAG V1", "ROS bag of version 1", "bring it to version 2 with rosbag fix"),
     (b"\x89HDF", "HDF5", CONVERT),
-    (b"SQLite format 3", "ROS 2 bag (SQLite)", CONVERT),
     (b"\x1f\x8b", "gzip", "unpack it with gunzip first"),
     (b"\xfd7zXZ", "xz", "unpack it with unxz first"),
     (b"\x28\xb5\x2f\xfd", "Zstandard", "unpack it with unzstd first"),

@@ -1,5 +1,7 @@
 //! Bags and MCAP files put together byte by byte.
 
+mod database;
+
 use std::io::{Cursor, Write};
 
 use evcal_core::event::{Event, Polarity};
@@ -222,7 +224,7 @@ fn messages(wire: Wire) -> Messages {
 fn files(of: impl Fn(Wire) -> Messages) -> Vec<Vec<u8>> {
     let bags = ["none", "bz2", "lz4"].map(|compression| bag(compression, &of(Wire::Ros1)));
     let mcaps = ["-", "", "lz4", "zstd"].map(|compression| mcap(compression, &of(Wire::Cdr)));
-    bags.into_iter().chain(mcaps).collect()
+    bags.into_iter().chain(mcaps).chain([database::bag(&of(Wire::Cdr))]).collect()
 }
 
 #[test]
@@ -334,6 +336,24 @@ fn files_without_events_say_what_they_hold() {
         let error = testing::read(&content).error.unwrap();
         assert!(error.contains("no stream of events") && error.contains("/info (std_msgs"), "{error}");
     }
+}
+
+#[test]
+fn a_database_with_changes_beside_it_is_refused_with_advice() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("bag.db3");
+    std::fs::write(&path, database::bag(&messages(Wire::Cdr))).unwrap();
+    std::fs::write(directory.path().join("bag.db3-wal"), [0; 32]).unwrap();
+    let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+    let error = recording.open().err().unwrap().to_string();
+    assert!(error.contains("bag.db3-wal") && error.contains("wal_checkpoint"), "{error}");
+}
+
+#[test]
+fn long_messages_of_a_database_go_on_in_other_pages() {
+    let long = |wire| vec![("/e", "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 200)))];
+    let content = database::bag(&long(Wire::Cdr));
+    assert_eq!(testing::read(&content).events, events(0, 200));
 }
 
 #[test]
