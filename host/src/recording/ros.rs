@@ -21,6 +21,7 @@ mod packet;
 mod sqlite;
 #[cfg(test)]
 mod tests;
+mod write;
 
 pub use bag::FORMAT as BAG_FORMAT;
 pub use db3::FORMAT as DB3_FORMAT;
