@@ -75,16 +75,17 @@ fn bags_and_arrays_of_their_own_writers_are_read() {
     let expected = events(UNIX_TIME);
     let (_folder, paths) = written_by(&programs, &expected);
     for path in paths {
-        assert_eq!(read(&path, RecordingOptions::default()), expected, "{}", path.display());
+        assert!(read(&path, RecordingOptions::default()) == expected, "{}", path.display());
     }
 }
 
 #[test]
 fn files_of_faery_are_read() {
-    let expected = events(12);
+    // faery's files begin at 0.
+    let expected = events(0);
     let (_folder, paths) = written_by(&[("faery", "es"), ("faery", "dat")], &expected);
     for path in paths {
-        assert_eq!(read(&path, RecordingOptions::default()), expected, "{}", path.display());
+        assert!(read(&path, RecordingOptions::default()) == expected, "{}", path.display());
     }
 }
 
@@ -143,7 +144,7 @@ fn written_bags_are_read_by_rosbags_and_mcap_with_frames_and_samples() {
         assert!(told.contains("20000 events, 5 frames, 50 inertial samples") && told.contains("exposures"), "{told}");
         assert_eq!(read(&target, RecordingOptions::default()), events(UNIX_TIME));
         let found = read_by(program, &target);
-        assert_eq!(found["events"], rows(&events(UNIX_TIME)), "{program}");
+        assert!(found["events"] == rows(&events(UNIX_TIME)), "{program}");
         let frames: Value = (0..5)
             .map(|index| frame(UNIX_TIME + 20_000 + 100_000 * index, index as usize))
             .map(|frame| json!([frame.t, 346, 260, hexadecimal(&frame.pixels)]))
@@ -191,7 +192,7 @@ fn written_evt3_is_read_by_faery() {
         let expected = events(start - zero);
         assert_eq!(read(&target, RecordingOptions::default()), expected);
         let found = read_by("faery", &target);
-        assert_eq!(found, json!({"events": rows(&expected), "size": [346, 260]}), "from {start} us");
+        assert!(found == json!({"events": rows(&expected), "size": [346, 260]}), "from {start} us");
         fs::remove_file(&target).unwrap();
     }
 }

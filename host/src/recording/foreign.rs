@@ -1,12 +1,10 @@
 //! Formats of others that are recognised only to say what to do about them.
 
-const CONVERT: &str = "convert it to AEDAT4 or to text with a line `t x y p` per event first";
-
 /// How a file begins, the name of its format, and advice.
 const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"#!AER-DAT1", "AEDAT 1", "open it in jAER and save it as AEDAT 2"),
     (b"#ROSBAG V1", "ROS bag of version 1", "bring it to version 2 with rosbag fix"),
-    (b"\x89HDF", "HDF5", CONVERT),
+    (b"\x89HDF", "HDF5", "save its arrays t, x, y and p with h5py and numpy.savez first"),
     (b"\x1f\x8b", "gzip", "unpack it with gunzip first"),
     (b"\xfd7zXZ", "xz", "unpack it with unxz first"),
     (b"\x28\xb5\x2f\xfd", "Zstandard", "unpack it with unzstd first"),

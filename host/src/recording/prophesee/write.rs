@@ -1,4 +1,5 @@
-//! Writing RAW in EVT 3.0: a word for each time, row and event that is another one than before, without groups.
+//! Writing RAW in EVT 3.0: a word for each time, row and event that is another one than before, without groups, and a time
+//! high every 4096 µs, as a camera sends it.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -24,8 +25,6 @@ const SIDE: u16 = 1 << 11;
 /// Time high has 12 bits, of 4096 µs each.
 const HIGH_SHIFT: u32 = 12;
 const MASK: i64 = 0xfff;
-/// Over a pause, a time high is written at least so often: readers take a longer step for damage or for a wrap.
-const LONGEST_STEP: i64 = 128;
 const ROW: u16 = 0;
 const COLUMN: u16 = 0x2000;
 const TIME_LOW: u16 = 0x6000;
@@ -68,9 +67,8 @@ impl Encoder {
     fn time(&mut self, t: i64) -> Result<(), WriteError> {
         let (high, low) = (t >> HIGH_SHIFT, t & MASK);
         if self.high != Some(high) {
-            let mut step = self.high.unwrap_or(-LONGEST_STEP);
-            while step < high {
-                step = (step + LONGEST_STEP).min(high);
+            // All between, as a camera sends them: some readers follow a turn of the clock from its last time high only.
+            for step in self.high.map_or(0, |latest| latest + 1)..=high {
                 self.word(TIME_HIGH | (step & MASK) as u16)?;
             }
             (self.high, self.low) = (Some(high), None);
