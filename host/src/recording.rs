@@ -49,6 +49,7 @@ mod testing;
 pub mod text;
 pub mod write;
 
+pub use columns::LayoutError;
 pub use error::{RecordingError, RecordingErrorKind};
 pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary};
 pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};

@@ -1,7 +1,35 @@
 //! What the columns of a table of events are, and the unit of its times, where nobody says it.
 
-use super::text::LayoutError;
 use super::{Column, Columns, TimeUnit};
+
+const ASK: &str = "say what the columns are, for example `t,x,y,p`";
+
+/// Why the columns of a text file or an array cannot be told.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LayoutError {
+    /// Not a text file.
+    #[error("is no text")]
+    NoText,
+    /// Names of which the needed ones are missing.
+    #[error("the columns are named {0}, where t, x, y and p were expected; {ASK}")]
+    Names(String),
+    /// A first line of two fields that are no size.
+    #[error("the first line, {0:?}, is neither an event nor the size of a sensor; {ASK}")]
+    FirstLine(String),
+    /// Not one line of numbers.
+    #[error("no line with numbers was found at its beginning; a line `t x y p` per event is expected")]
+    NoNumbers,
+    /// More or fewer fields than four, without names.
+    #[error("its lines have {0} fields and no names, where t, x, y and p were expected; {ASK}")]
+    FieldCount(usize),
+    /// No order of columns fits the values.
+    #[error("it is not clear which columns are time, x, y and polarity; {ASK}")]
+    Unclear,
+    /// Several orders fit.
+    #[error("the columns cannot be told apart; {ASK}")]
+    Ambiguous,
+}
 
 /// How many rows are looked at.
 pub const SAMPLE: usize = 2000;

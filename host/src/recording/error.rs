@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use usb_davis::capture::CaptureError;
 
 use super::FORMATS;
-use super::text::{LayoutError, LineError};
+use super::columns::LayoutError;
+use super::text::LineError;
 
 /// Why a recording could not be read.
 #[derive(Debug, thiserror::Error)]

@@ -88,7 +88,7 @@ fn layout(
     sample: &[Vec<columns::Cell>],
     options: &RecordingOptions,
     notes: &mut Vec<String>,
-) -> Result<(Columns, TimeUnit), super::text::LayoutError> {
+) -> Result<(Columns, TimeUnit), columns::LayoutError> {
     let named = table.names.as_ref().map(|names| {
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         (columns::from_names(&names), names.join(", "))
@@ -96,9 +96,9 @@ fn layout(
     let unit_of_name = named.as_ref().and_then(|((_, unit), _)| *unit);
     let columns = match (&options.columns, named) {
         (Some(columns), _) if columns.as_slice().len() == table.width() => columns.clone(),
-        (Some(_), _) => return Err(super::text::LayoutError::FieldCount(table.width())),
+        (Some(_), _) => return Err(columns::LayoutError::FieldCount(table.width())),
         (None, Some(((Some(columns), _), _))) => columns,
-        (None, Some(((None, _), names))) => return Err(super::text::LayoutError::Names(names)),
+        (None, Some(((None, _), names))) => return Err(columns::LayoutError::Names(names)),
         (None, None) => columns::from_values(sample, notes)?,
     };
     let unit = options.time_unit.or(unit_of_name).unwrap_or_else(|| {

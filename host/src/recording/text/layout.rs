@@ -1,7 +1,7 @@
 //! What the columns of a text file are: from the options, its line of names, or its values.
 
-use super::{LayoutError, MAX_FIELDS, is_comment, number, split};
-use crate::recording::columns::{self, Cell, SAMPLE};
+use super::{MAX_FIELDS, is_comment, number, split};
+use crate::recording::columns::{self, Cell, LayoutError, SAMPLE};
 use crate::recording::{Column, Columns, MAX_SENSOR_SIZE, RecordingOptions, TimeUnit};
 use evcal_core::sensor::Sensor;
 
