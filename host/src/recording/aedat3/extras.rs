@@ -213,8 +213,8 @@ mod tests {
                 &[frame_event(1, 0, &[0; 6]), frame_event(1, 1, &[0x0100, 0x0200, 0x03ff, 0x0400, 0x0500, 0xff00])],
             ),
             packet(3, 1, &[sample_event(300), sample_event(301)]),
-            packet(1, 1, &[numbers(&[3 << 17 | 4 << 2 | 3, 310])]),
             packet(2, 1, &[frame_event(3, 1, &[0x0100, 0x0200, 0x0300, 0x0400, 0x0500, 0x0600])]),
+            packet(1, 1, &[numbers(&[3 << 17 | 4 << 2 | 3, 310])]),
         ];
         let lines = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n";
         [lines.to_vec(), packets.concat()].concat()
