@@ -91,6 +91,7 @@ bench: setup
 setup:
 	@sh tools/setup/build.sh
 
-# The programs that tests read evcal's files with: OpenCV, mrcal, dv-processing, renderers.
+# The programs that tests read evcal's files with, or write recordings: OpenCV, mrcal, dv-processing, rosbags, mcap, faery,
+# renderers.
 readers: setup
 	@sh tools/setup/readers.sh

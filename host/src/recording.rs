@@ -24,17 +24,21 @@ mod aedat2;
 mod aedat3;
 pub mod aedat4;
 mod bytes;
+mod columns;
 pub mod convert;
 pub mod davis;
 pub mod encode;
 mod error;
 pub mod event_calib;
+mod event_stream;
 pub mod extras;
 pub mod fingerprint;
 mod foreign;
 mod format;
 pub mod information;
 mod memory;
+mod numbers;
+pub mod numpy;
 mod options;
 pub mod pass;
 pub mod pictures;
@@ -48,6 +52,7 @@ mod testing;
 pub mod text;
 pub mod write;
 
+pub use columns::LayoutError;
 pub use error::{RecordingError, RecordingErrorKind};
 pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary};
 pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
@@ -66,6 +71,10 @@ pub const FORMATS: &[&FileFormat] = &[
     &prophesee::DAT_FORMAT,
     &ros::BAG_FORMAT,
     &ros::MCAP_FORMAT,
+    &ros::DB3_FORMAT,
+    &event_stream::FORMAT,
+    &numpy::ARRAY_FORMAT,
+    &numpy::ARCHIVE_FORMAT,
     &text::FORMAT,
     &event_calib::FORMAT,
     &davis::BARE_FORMAT,

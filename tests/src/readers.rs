@@ -11,7 +11,7 @@ use crate::program;
 /// The Python of Debian, with the packages that are not on PyPI.
 pub const SYSTEM_PYTHON: &str = "/usr/bin/python3";
 
-/// The Python with OpenCV, PyYAML and dv-processing, beside the program.
+/// The Python with OpenCV, PyYAML, dv-processing, rosbags, mcap and faery, beside the program.
 pub fn python() -> PathBuf {
     let target = program().ancestors().nth(2).expect("cargo puts programs below its target folder");
     let python = target.join("readers/bin/python");

@@ -5,124 +5,30 @@
 //! i32 capacity, i32 number of events, i32 number of valid ones, and the events. Packets of kind 1 hold polarity events: u32
 //! with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs, to which turns · 2³¹ is added.
 //!
-//! In 3.1 y counts from above, in 3.0 from below.
+//! In 3.1 y counts from above, in 3.0 from below. Frames and inertial samples are those of 3.1 ([`extras`]).
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use evcal_core::event::{Event, Polarity};
-use evcal_core::sensor::Sensor;
+
+mod extras;
+mod packets;
 
 use super::bytes::ByteReader;
 use super::{
     Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
     RecordingOptions, StreamSummary, Truncation,
 };
+use packets::{EVENT, HEAD, MAGIC, POLARITY, SOURCES, header, name, next_head, time};
 
 /// AEDAT 3.0 and 3.1.
 pub const FORMAT: FileFormat = FileFormat {
     streams: |path, _| summarise(path),
+    frames: Some(|path, _, visit| extras::visit_frames(path, visit)),
+    extras: Some(|path, _| extras::open(path)),
     ..FileFormat::of_events("AEDAT 3", |head| head.bytes.starts_with(MAGIC), open)
 };
-
-const MAGIC: &[u8] = b"#!AER-DAT3.";
-const LAST_LINE: &str = "#!END-HEADER";
-/// No line of the header is longer.
-const LONGEST_LINE: usize = 4096;
-const HEAD: usize = 28;
-const POLARITY: i16 = 1;
-/// Size of a polarity event.
-const EVENT: usize = 8;
-/// Names of what packets hold, by kind.
-const KINDS: [&str; 5] = ["special events", "events", "frames", "inertial samples", "inertial samples with compass"];
-/// What in the line of the source tells its sensor.
-const SOURCES: &[(&str, Sensor)] = &[
-    ("DAVIS346", Sensor::new(346, 260)),
-    ("DAVIS240", Sensor::new(240, 180)),
-    ("DAVIS640", Sensor::new(640, 480)),
-    ("DVS128", Sensor::new(128, 128)),
-];
-
-/// What the lines at the top say.
-struct Header {
-    /// Version 3.0, where y counts from below.
-    from_below: bool,
-    source: Option<String>,
-    encoding: Option<String>,
-    length: u64,
-}
-
-/// `None` if the end of the header is not in `bytes`.
-fn header(bytes: &[u8]) -> Option<Header> {
-    let mut header = Header { from_below: bytes.starts_with(b"#!AER-DAT3.0"), source: None, encoding: None, length: 0 };
-    let mut length = 0;
-    while let Some(rest) = bytes.get(length..).filter(|rest| rest.starts_with(b"#")) {
-        let end = rest.iter().take(LONGEST_LINE).position(|&byte| byte == b'\n')?;
-        length += end + 1;
-        let line = String::from_utf8_lossy(rest.get(..end)?);
-        let line = line.trim_end();
-        if line == LAST_LINE {
-            break;
-        }
-        if let Some((key, value)) = line.split_once(':') {
-            if key.starts_with("#Source") {
-                header.source.get_or_insert_with(|| value.trim().to_owned());
-            } else if key == "#Format" {
-                header.encoding = Some(value.trim().to_owned());
-            }
-        }
-    }
-    header.length = length as u64;
-    Some(header)
-}
-
-/// Head of a packet.
-struct PacketHead {
-    byte: u64,
-    kind: i16,
-    /// Bytes of all events that are there.
-    length: u64,
-    /// Bytes that there should be.
-    wanted: u64,
-    /// Added to the times in µs.
-    turns: i64,
-    count: u64,
-}
-
-/// The next head; `None` at the end of the file, or where it is cut off.
-fn next_head(file: &mut ByteReader, truncated: &mut Option<Truncation>) -> Result<Option<PacketHead>, RecordingError> {
-    let byte = file.position();
-    if file.left() == 0 {
-        return Ok(None);
-    }
-    let Some(head) = file.array::<HEAD>()? else {
-        *truncated = Some(Truncation { byte, lost: format!("{} bytes of a packet's head are left", file.left()) });
-        return Ok(None);
-    };
-    let [kind0, kind1, _, _, rest @ ..] = head;
-    let mut numbers = [0_i32; 6];
-    numbers.iter_mut().zip(rest.as_chunks().0).for_each(|(number, bytes)| *number = i32::from_le_bytes(*bytes));
-    let [size, _, turns, _, number, _] = numbers;
-    let sizes = u64::try_from(size).ok().zip(u64::try_from(number).ok());
-    let Some((size, count)) = sizes.filter(|_| turns >= 0) else {
-        return Err(file.damaged(byte, "the head of a packet has a negative number"));
-    };
-    let kind = i16::from_le_bytes([kind0, kind1]);
-    if kind == POLARITY && size != EVENT as u64 {
-        return Err(file.damaged(byte, format!("a packet of events says that an event has {size} bytes, not {EVENT}")));
-    }
-    // Two numbers of 31 bits.
-    let wanted = size * count;
-    let length = wanted.min(file.left());
-    if length < wanted {
-        *truncated = Some(Truncation { byte, lost: format!("{length} of {wanted} bytes of a packet are left") });
-    }
-    Ok(Some(PacketHead { byte, kind, length, wanted, turns: i64::from(turns) << 31, count }))
-}
-
-fn time(head: &PacketHead, bytes: [u8; 4]) -> i64 {
-    head.turns + i64::from(i32::from_le_bytes(bytes))
-}
 
 struct Decoder {
     file: ByteReader,
@@ -189,10 +95,6 @@ impl Decode for Decoder {
     }
 }
 
-fn name(kind: i16) -> &'static str {
-    usize::try_from(kind).ok().and_then(|kind| KINDS.get(kind)).copied().unwrap_or("other packets")
-}
-
 /// Counts what the packets of each kind hold.
 fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut file = ByteReader::open(path)?;
@@ -227,6 +129,8 @@ fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
 
 #[cfg(test)]
 mod tests {
+    use evcal_core::sensor::Sensor;
+
     use super::*;
     use crate::recording::testing;
 

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use super::{RecordingError, RecordingErrorKind};
 
-const BEFORE_IT: &str = "the events before it can be used";
+/// What to do about damage.
+pub const BEFORE_IT: &str = "the events before it can be used";
 
 /// Reads a file from its beginning. Nothing is allocated that the file does not hold.
 pub struct ByteReader {

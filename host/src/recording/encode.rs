@@ -24,6 +24,19 @@ pub enum WriteError {
     /// A DAVIS346 has another sensor.
     #[error("a DAVIS346 has 346x260 pixels; the recording is for a sensor of {}x{}", .0.width, .0.height)]
     Sensor(Sensor),
+    /// Columns or rows do not fit.
+    #[error("{format} has room for {most} columns and rows; the sensor of the recording has {}x{} pixels", sensor.width, sensor.height)]
+    Size {
+        /// What is written.
+        format: &'static str,
+        /// Its largest number of columns or rows.
+        most: u16,
+        /// That of the recording.
+        sensor: Sensor,
+    },
+    /// A time that the format does not have.
+    #[error("ROS has no time of {0} us: times are from 0 on, in ROS 2 before the year 2038; write another format")]
+    Time(i64),
     /// A camera could not have sent this.
     #[error("cannot be said in the words of a DAVIS346: {0}")]
     Wire(#[from] EncodeError),

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use usb_davis::capture::CaptureError;
 
 use super::FORMATS;
-use super::text::{LayoutError, LineError};
+use super::columns::LayoutError;
+use super::text::LineError;
 
 /// Why a recording could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -95,6 +96,12 @@ pub enum RecordingErrorKind {
         wanted: String,
         /// Those that exist.
         available: String,
+    },
+    /// A database of which the latest part is in another file.
+    #[error("is not whole: the latest messages are in {log}; merge them with sqlite3 and `PRAGMA wal_checkpoint(TRUNCATE)`", log = log.display())]
+    Unmerged {
+        /// The other file.
+        log: PathBuf,
     },
     /// The columns of a text file are not clear.
     #[error(transparent)]

@@ -1,18 +1,12 @@
 //! Formats of others that are recognised only to say what to do about them.
 
-const CONVERT: &str = "convert it to AEDAT4 or to text with a line `t x y p` per event first";
-
 const JSON: &str = "a calibration is read by evcal export, evaluate, compare and undistort -c";
 
 /// How a file begins, the name of its format, and advice.
 const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"#!AER-DAT1", "AEDAT 1", "open it in jAER and save it as AEDAT 2"),
     (b"#ROSBAG V1", "ROS bag of version 1", "bring it to version 2 with rosbag fix"),
-    (b"\x89HDF", "HDF5", CONVERT),
-    (b"SQLite format 3", "ROS 2 bag (SQLite)", CONVERT),
-    (b"Event Stream", "Event Stream (.es)", CONVERT),
-    (b"\x93NUMPY", "NumPy array", "save it as text with numpy.savetxt"),
-    (b"PK\x03\x04", "ZIP", "unpack it first"),
+    (b"\x89HDF", "HDF5", "save its arrays t, x, y and p with h5py and numpy.savez first"),
     (b"\x1f\x8b", "gzip", "unpack it with gunzip first"),
     (b"\xfd7zXZ", "xz", "unpack it with unxz first"),
     (b"\x28\xb5\x2f\xfd", "Zstandard", "unpack it with unzstd first"),

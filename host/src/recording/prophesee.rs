@@ -5,6 +5,7 @@
 mod dat;
 mod header;
 mod raw;
+mod write;
 
 pub use dat::FORMAT as DAT_FORMAT;
 pub use raw::FORMAT as RAW_FORMAT;

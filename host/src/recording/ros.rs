@@ -1,4 +1,4 @@
-//! Recordings of ROS: bags of ROS 1 and MCAP files of ROS 2.
+//! Recordings of ROS: bags of ROS 1, and bags of ROS 2 as MCAP or SQLite.
 //!
 //! | message | what is read |
 //! |---|---|
@@ -11,14 +11,18 @@
 
 mod bag;
 mod container;
+mod db3;
 mod events;
 mod extras;
 mod fields;
 mod mcap;
 mod message;
 mod packet;
+mod sqlite;
 #[cfg(test)]
 mod tests;
+mod write;
 
 pub use bag::FORMAT as BAG_FORMAT;
+pub use db3::FORMAT as DB3_FORMAT;
 pub use mcap::FORMAT as MCAP_FORMAT;

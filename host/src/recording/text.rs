@@ -20,10 +20,11 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
-pub use error::{LayoutError, LineError};
+pub use error::LineError;
 use evcal_core::event::{Event, Polarity};
 use layout::Layout;
 
+use super::columns::LayoutError;
 use super::encode::{Encode, OutputFormat, WriteError};
 use super::{
     Column, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,

@@ -6,6 +6,7 @@ use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt21Decoder, EvtCounts, EvtR
 use evcal_core::event::Event;
 
 use super::header::Header;
+use super::write::OUTPUT;
 use super::{TRIGGERS, tell};
 use crate::recording::bytes::ByteReader;
 use crate::recording::{
@@ -14,11 +15,14 @@ use crate::recording::{
 };
 
 /// Prophesee RAW.
-pub const FORMAT: FileFormat = FileFormat::of_events(
-    "Prophesee RAW",
-    |head| Header::parse(&head.bytes).is_some_and(|header| encoding(&header).is_some()),
-    open,
-);
+pub const FORMAT: FileFormat = FileFormat {
+    output: Some(&OUTPUT),
+    ..FileFormat::of_events(
+        "Prophesee RAW",
+        |head| Header::parse(&head.bytes).is_some_and(|header| encoding(&header).is_some()),
+        open,
+    )
+};
 
 /// Bytes that are decoded at a time: whole words of every encoding.
 const BLOCK: u64 = 1 << 15;

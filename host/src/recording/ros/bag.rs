@@ -9,6 +9,7 @@ use std::path::Path;
 use super::container::{Container, MessageHead, Topic, unpack};
 use super::fields::Wire;
 use super::message::Kind;
+use super::write::BAG_OUTPUT;
 use super::{events, extras};
 use crate::recording::bytes::ByteReader;
 use crate::recording::{FileFormat, RecordingError, Truncation};
@@ -17,6 +18,7 @@ const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 
 /// ROS bag.
 pub const FORMAT: FileFormat = FileFormat {
+    output: Some(&BAG_OUTPUT),
     streams: |path, _| events::summarise(open, path),
     frames: Some(|path, _, visit| extras::visit_frames(open, path, visit)),
     extras: Some(|path, _| extras::open(open, path)),

@@ -9,6 +9,7 @@ use std::path::Path;
 use super::container::{Container, MessageHead, Topic, unpack};
 use super::fields::{Fields, MessageError, Wire};
 use super::message::Kind;
+use super::write::MCAP_OUTPUT;
 use super::{events, extras};
 use crate::recording::bytes::ByteReader;
 use crate::recording::{FileFormat, RecordingError, Truncation};
@@ -17,6 +18,7 @@ const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
 /// MCAP.
 pub const FORMAT: FileFormat = FileFormat {
+    output: Some(&MCAP_OUTPUT),
     streams: |path, _| events::summarise(open, path),
     frames: Some(|path, _, visit| extras::visit_frames(open, path, visit)),
     extras: Some(|path, _| extras::open(open, path)),

@@ -8,7 +8,7 @@ use super::packet::PacketDecoder;
 use crate::recording::extras::{Frame, InertialSample};
 
 /// Standard gravity in m/s².
-const GRAVITY: f64 = 9.806_65;
+pub const GRAVITY: f64 = 9.806_65;
 
 /// What a message holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,13 +1,17 @@
 //! Bags and MCAP files put together byte by byte.
 
+mod database;
+
 use std::io::{Cursor, Write};
 
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::fields::Wire;
+use super::write::{BAG_OUTPUT, MCAP_OUTPUT};
 use crate::recording::convert::open_extras;
-use crate::recording::extras::Extra;
+use crate::recording::encode::{Description, OutputFormat, WriteError};
+use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams};
 use crate::recording::testing::{self, Outcome};
 use crate::recording::{Damage, Recording, RecordingOptions};
 
@@ -222,7 +226,7 @@ fn messages(wire: Wire) -> Messages {
 fn files(of: impl Fn(Wire) -> Messages) -> Vec<Vec<u8>> {
     let bags = ["none", "bz2", "lz4"].map(|compression| bag(compression, &of(Wire::Ros1)));
     let mcaps = ["-", "", "lz4", "zstd"].map(|compression| mcap(compression, &of(Wire::Cdr)));
-    bags.into_iter().chain(mcaps).collect()
+    bags.into_iter().chain(mcaps).chain([database::bag(&of(Wire::Cdr))]).collect()
 }
 
 #[test]
@@ -333,6 +337,95 @@ fn files_without_events_say_what_they_hold() {
     for content in files(only) {
         let error = testing::read(&content).error.unwrap();
         assert!(error.contains("no stream of events") && error.contains("/info (std_msgs"), "{error}");
+    }
+}
+
+#[test]
+fn a_database_with_changes_beside_it_is_refused_with_advice() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("bag.db3");
+    std::fs::write(&path, database::bag(&messages(Wire::Cdr))).unwrap();
+    std::fs::write(directory.path().join("bag.db3-wal"), [0; 32]).unwrap();
+    let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+    let error = recording.open().err().unwrap().to_string();
+    assert!(error.contains("bag.db3-wal") && error.contains("wal_checkpoint"), "{error}");
+}
+
+#[test]
+fn long_messages_of_a_database_go_on_in_other_pages() {
+    let long = |wire| vec![("/e", "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 200)))];
+    let content = database::bag(&long(Wire::Cdr));
+    assert_eq!(testing::read(&content).events, events(0, 200));
+}
+
+/// Written with frames and samples among the events.
+fn written(output: &OutputFormat, events: &[Event], extras: &[Extra]) -> Result<Vec<u8>, WriteError> {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let others = OtherStreams { frames: true, imu: true };
+    let sensor = Sensor::new(346, 260);
+    let description = Description { sensor, camera_name: "", others, zero: 0 };
+    let mut encoder = (output.create)(&mut || file.reopen(), &description)?;
+    encoder.write(events)?;
+    for extra in extras {
+        assert!(encoder.extra(extra.clone())?);
+    }
+    encoder.finish()?;
+    Ok(std::fs::read(file.path()).unwrap())
+}
+
+#[test]
+fn what_was_written_is_read_again() {
+    let frame = Frame {
+        t: START + 7,
+        exposure: None,
+        readout: None,
+        size: (3, 2),
+        position: (0, 0),
+        channels: 1,
+        pixels: vec![1, 2, 3, 4, 5, 255],
+    };
+    let colours = Frame { t: START + 50_000, channels: 3, pixels: (0..18).collect(), ..frame.clone() };
+    let sample = InertialSample {
+        t: START + 60_000,
+        temperature: 0.0,
+        acceleration: [1.0, -1.0 / 3.0, 1e-3],
+        angular_velocity: [0.1, -200.0 / 7.0, 500.0],
+    };
+    let extras = [Extra::Frame(frame), Extra::Frame(colours), Extra::Inertial(sample)];
+    let mixed = |index: i64| (index as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
+    let many: Vec<Event> = (0..200_000)
+        .map(|index| Event {
+            t: START + index / 3 + index / 5000 * 20_000,
+            x: (mixed(index) % 346) as u16,
+            y: (mixed(index) / 346 % 260) as u16,
+            polarity: if mixed(index) & 1 == 0 { Polarity::Off } else { Polarity::On },
+        })
+        .collect();
+    for output in [&BAG_OUTPUT, &MCAP_OUTPUT] {
+        for events in [&many[..], &many[..1], &[]] {
+            let content = written(output, events, &extras).unwrap();
+            let outcome = testing::read(&content);
+            if !events.is_empty() {
+                assert_eq!((outcome.events.as_slice(), outcome.error), (events, None), "{}", output.name);
+                assert_eq!(outcome.information.unwrap().sensor, Some(Sensor::new(346, 260)));
+            }
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording");
+            std::fs::write(&path, &content).unwrap();
+            let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+            let mut reader = open_extras(&recording).unwrap();
+            let found = std::iter::from_fn(|| reader.next_until(i64::MAX, &mut Vec::new()));
+            assert_eq!(found.collect::<Vec<_>>(), extras, "{}", output.name);
+        }
+    }
+}
+
+#[test]
+fn times_that_ros_does_not_have_are_refused() {
+    let event = |t| [Event { t, x: 0, y: 0, polarity: Polarity::On }];
+    for (output, t) in [(&BAG_OUTPUT, -1), (&MCAP_OUTPUT, -1), (&BAG_OUTPUT, 1 << 53), (&MCAP_OUTPUT, 1 << 51)] {
+        let error = written(output, &event(t), &[]).unwrap_err().to_string();
+        assert!(error.contains(&t.to_string()), "{error}");
     }
 }
 

@@ -1,0 +1,279 @@
+//! Frames and inertial samples of AEDAT 3.1.
+//!
+//! | packet | an event is |
+//! |---|---|
+//! | 2, frames | u32 (bit 0 valid, 1–3 channels), i32 times in µs: start and end of the frame, start and end of the exposure; i32 width, height, column, row; u16 values, red before blue |
+//! | 3, inertial samples | u32 (bit 0 valid), i32 time in µs; f32 accelerations x, y, z in g, rates x, y, z in °/s, °C |
+
+use std::collections::VecDeque;
+use std::path::Path;
+
+use super::packets::{PacketHead, header, name, next_head, time};
+use crate::recording::bytes::ByteReader;
+use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras};
+use crate::recording::pictures::TimedImage;
+use crate::recording::{Head, RecordingError, RecordingErrorKind};
+
+const FRAMES: i16 = 2;
+const SAMPLES: i16 = 3;
+/// Bytes of a frame before its pixels.
+const FRAME_HEAD: usize = 36;
+const SAMPLE: usize = 36;
+
+/// The packets of a file, of which frames and samples are decoded.
+struct Packets {
+    file: ByteReader,
+    bytes: Vec<u8>,
+    waiting: VecDeque<Extra>,
+}
+
+impl Packets {
+    fn open(path: &Path) -> Result<Self, RecordingError> {
+        let mut file = ByteReader::open(path)?;
+        let header = header(&Head::read(path)?.bytes);
+        // Without a header that is read here there is nothing: the reader of events says so.
+        let start = header.filter(|header| !header.from_below).map_or(u64::MAX, |header| header.length);
+        file.seek(start.min(file.left()))?;
+        Ok(Self { file, bytes: Vec::new(), waiting: VecDeque::new() })
+    }
+
+    /// The head of the next packet of frames or samples that is whole.
+    fn next_packet(&mut self) -> Result<Option<PacketHead>, RecordingError> {
+        while let Some(head) = next_head(&mut self.file, &mut None)?.filter(|head| head.length == head.wanted) {
+            if matches!(head.kind, FRAMES | SAMPLES) {
+                return Ok(Some(head));
+            }
+            self.file.seek(self.file.position() + head.length)?;
+        }
+        Ok(None)
+    }
+
+    fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
+        while self.waiting.is_empty() {
+            let Some(head) = self.next_packet()? else { return Ok(None) };
+            self.file.read(&mut self.bytes, head.length)?;
+            let Some(size) = usize::try_from(head.size).ok().filter(|size| *size > 0) else { continue };
+            for event in self.bytes.chunks_exact(size) {
+                if event.first().is_none_or(|flags| flags & 1 == 0) {
+                    continue;
+                }
+                let extra = match head.kind {
+                    FRAMES => frame(&head, event).map(Extra::Frame),
+                    _ => sample(&head, event).map(Extra::Inertial),
+                };
+                let damaged = || self.file.damaged(head.byte, format!("a packet of {} is damaged", name(head.kind)));
+                self.waiting.push_back(extra.ok_or_else(damaged)?);
+            }
+        }
+        Ok(self.waiting.pop_front())
+    }
+}
+
+fn frame(head: &PacketHead, event: &[u8]) -> Option<Frame> {
+    let (start, pixels) = event.split_first_chunk::<FRAME_HEAD>()?;
+    let [info, times @ .., width, height, x, y] = start.as_chunks::<4>().0 else { return None };
+    let [start, end, exposure_start, exposure_end] =
+        times.try_into().ok().map(|times: [_; 4]| times.map(|t| time(head, t)))?;
+    let side = |bytes: &[u8; 4]| u16::try_from(i32::from_le_bytes(*bytes)).ok();
+    let (size, position) = ((side(width)?, side(height)?), (side(x)?, side(y)?));
+    let channels = usize::from(info[0] >> 1 & 7);
+    let values = usize::from(size.0) * usize::from(size.1) * channels;
+    // The upper 8 of 16 bits.
+    let upper = || pixels.as_chunks::<2>().0.get(..values).map(|values| values.iter().map(|[_, upper]| *upper));
+    let pixels = match channels {
+        1 => upper()?.collect(),
+        3 | 4 => {
+            let mut pixels: Vec<u8> = upper()?.collect();
+            pixels.chunks_exact_mut(channels).for_each(|pixel| pixel.swap(0, 2));
+            pixels
+        }
+        _ => return None,
+    };
+    let exposure = (exposure_start, exposure_end);
+    let t = exposure_start.midpoint(exposure_end);
+    Some(Frame { t, exposure: Some(exposure), readout: Some((start, end)), size, position, channels, pixels })
+}
+
+fn sample(head: &PacketHead, event: &[u8]) -> Option<InertialSample> {
+    let [_, t, numbers @ ..] = event.first_chunk::<SAMPLE>()?.as_chunks::<4>().0 else { return None };
+    let &[ax, ay, az, gx, gy, gz, temperature] = numbers else { return None };
+    let three = |values: [[u8; 4]; 3]| values.map(f32::from_le_bytes);
+    Some(InertialSample {
+        t: time(head, *t),
+        temperature: f32::from_le_bytes(temperature),
+        acceleration: three([ax, ay, az]),
+        angular_velocity: three([gx, gy, gz]),
+    })
+}
+
+struct PacketExtras {
+    packets: Packets,
+    next: Option<Extra>,
+    held: OtherStreams,
+}
+
+/// Opens those of the file at `path`.
+pub fn open(path: &Path) -> Result<Box<dyn ReadExtras>, RecordingError> {
+    let mut heads = Packets::open(path)?;
+    let mut held = OtherStreams::default();
+    while !(held.frames && held.imu) {
+        match heads.next_packet() {
+            Ok(Some(head)) => {
+                held.frames |= head.kind == FRAMES;
+                held.imu |= head.kind == SAMPLES;
+                heads.file.seek(heads.file.position() + head.length)?;
+            }
+            // Damage is reported when its turn comes.
+            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
+            Err(error) => return Err(error),
+        }
+    }
+    let mut packets = Packets::open(path)?;
+    let next = packets.next().unwrap_or_default();
+    Ok(Box::new(PacketExtras { packets, next, held }))
+}
+
+impl ReadExtras for PacketExtras {
+    fn held(&self) -> OtherStreams {
+        self.held
+    }
+
+    fn first_time(&mut self) -> Option<i64> {
+        self.next.as_ref().map(Extra::start)
+    }
+
+    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
+        self.next.as_ref().filter(|extra| extra.start() <= end)?;
+        let after = self.packets.next().unwrap_or_else(|error| {
+            lost.push(format!("frames and inertial samples from here on: {error}"));
+            None
+        });
+        std::mem::replace(&mut self.next, after)
+    }
+
+    fn reads(&self, stream: &str) -> bool {
+        [(FRAMES, self.held.frames), (SAMPLES, self.held.imu)]
+            .into_iter()
+            .any(|(kind, held)| held && stream == format!("{} ({kind})", name(kind)))
+    }
+}
+
+/// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
+pub fn visit_frames(
+    path: &Path,
+    visit: &mut dyn FnMut(TimedImage),
+) -> Result<Result<(), RecordingError>, RecordingError> {
+    let mut packets = Packets::open(path)?;
+    Ok(loop {
+        match packets.next() {
+            Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
+            Ok(Some(Extra::Inertial(_))) => {}
+            Ok(None) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::convert::open_extras;
+    use crate::recording::pictures::visit_frames;
+    use crate::recording::{Recording, RecordingOptions, testing};
+
+    fn packet(kind: i16, turns: i32, events: &[Vec<u8>]) -> Vec<u8> {
+        let (size, count) = (events[0].len() as i32, events.len() as i32);
+        let mut bytes = [kind.to_le_bytes(), 1_i16.to_le_bytes()].concat();
+        [size, 4, turns, count, count, count].iter().for_each(|number: &i32| bytes.extend(number.to_le_bytes()));
+        bytes.extend(events.concat());
+        bytes
+    }
+
+    fn numbers(numbers: &[i32]) -> Vec<u8> {
+        numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
+    }
+
+    fn frame_event(channels: i32, valid: i32, pixels: &[u16]) -> Vec<u8> {
+        let width = pixels.len() as i32 / channels / 2;
+        let head = [channels << 1 | valid, 100, 200, 110, 191, width, 2, 5, 6];
+        [numbers(&head), pixels.iter().flat_map(|value| value.to_le_bytes()).collect()].concat()
+    }
+
+    fn sample_event(t: i32) -> Vec<u8> {
+        let values = [0.5_f32, -1.0, 0.25, 10.0, -20.0, 30.0, 25.5].map(f32::to_le_bytes);
+        [numbers(&[1, t]), values.concat()].concat()
+    }
+
+    fn file() -> Vec<u8> {
+        let packets = [
+            packet(1, 0, &[numbers(&[3 << 17 | 4 << 2 | 3, 90])]),
+            packet(
+                2,
+                1,
+                &[frame_event(1, 0, &[0; 6]), frame_event(1, 1, &[0x0100, 0x0200, 0x03ff, 0x0400, 0x0500, 0xff00])],
+            ),
+            packet(3, 1, &[sample_event(300), sample_event(301)]),
+            packet(2, 1, &[frame_event(3, 1, &[0x0100, 0x0200, 0x0300, 0x0400, 0x0500, 0x0600])]),
+            packet(1, 1, &[numbers(&[3 << 17 | 4 << 2 | 3, 310])]),
+        ];
+        let lines = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n";
+        [lines.to_vec(), packets.concat()].concat()
+    }
+
+    fn recording(content: &[u8]) -> (tempfile::TempDir, Recording) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, content).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        (directory, recording)
+    }
+
+    #[test]
+    fn frames_and_samples_made_by_hand() {
+        let (_directory, recording) = recording(&file());
+        let mut extras = open_extras(&recording).unwrap();
+        assert_eq!(extras.held(), OtherStreams { frames: true, imu: true });
+        let t = |t: i64| (1 << 31) + t;
+        let grey = Frame {
+            t: t(150),
+            exposure: Some((t(110), t(191))),
+            readout: Some((t(100), t(200))),
+            size: (3, 2),
+            position: (5, 6),
+            channels: 1,
+            pixels: vec![1, 2, 3, 4, 5, 255],
+        };
+        let coloured = Frame { size: (1, 2), channels: 3, pixels: vec![3, 2, 1, 6, 5, 4], ..grey.clone() };
+        let sample = |time| InertialSample {
+            t: t(time),
+            temperature: 25.5,
+            acceleration: [0.5, -1.0, 0.25],
+            angular_velocity: [10.0, -20.0, 30.0],
+        };
+        let expected =
+            [Extra::Frame(grey), Extra::Inertial(sample(300)), Extra::Inertial(sample(301)), Extra::Frame(coloured)];
+        assert_eq!(extras.next_until(t(99), &mut Vec::new()), None);
+        let mut lost = Vec::new();
+        let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
+        assert_eq!((found.as_slice(), lost), (expected.as_slice(), Vec::new()));
+        assert!(extras.reads("frames (2)") && extras.reads("inertial samples (3)") && !extras.reads("events (1)"));
+        let mut count = 0;
+        assert_eq!(visit_frames(&recording, |_| count += 1).unwrap(), None);
+        assert_eq!(count, 2);
+    }
+
+    #[test]
+    fn a_frame_larger_than_its_place_is_damage() {
+        let mut content = file();
+        let width = content.windows(8).rposition(|bytes| bytes == [3, 0, 0, 0, 2, 0, 0, 0]).unwrap();
+        content[width] = 4;
+        let (_directory, recording) = recording(&content);
+        let lost = visit_frames(&recording, |_| {}).unwrap().unwrap();
+        assert!(lost.contains("frames is damaged") && lost.contains("byte"), "{lost}");
+    }
+
+    #[test]
+    fn damage_panics_nowhere() {
+        testing::check_damage(&file());
+    }
+}

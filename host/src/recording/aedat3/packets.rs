@@ -1,0 +1,125 @@
+//! The lines at the top, and the heads of packets.
+
+use evcal_core::sensor::Sensor;
+
+use crate::recording::bytes::ByteReader;
+use crate::recording::{RecordingError, Truncation};
+
+/// How a file begins.
+pub const MAGIC: &[u8] = b"#!AER-DAT3.";
+const LAST_LINE: &str = "#!END-HEADER";
+/// No line of the header is longer.
+const LONGEST_LINE: usize = 4096;
+/// Size of a packet's head.
+pub const HEAD: usize = 28;
+/// Kind of packets of events.
+pub const POLARITY: i16 = 1;
+/// Size of a polarity event.
+pub const EVENT: usize = 8;
+/// Names of what packets hold, by kind.
+const KINDS: [&str; 5] = ["special events", "events", "frames", "inertial samples", "inertial samples with compass"];
+/// What in the line of the source tells its sensor.
+pub const SOURCES: &[(&str, Sensor)] = &[
+    ("DAVIS346", Sensor::new(346, 260)),
+    ("DAVIS240", Sensor::new(240, 180)),
+    ("DAVIS640", Sensor::new(640, 480)),
+    ("DVS128", Sensor::new(128, 128)),
+];
+
+/// What the lines at the top say.
+pub struct Header {
+    /// Version 3.0, where y counts from below.
+    pub from_below: bool,
+    /// The camera.
+    pub source: Option<String>,
+    /// How packets are put into bytes, `RAW` unless they are compressed.
+    pub encoding: Option<String>,
+    /// Number of bytes before the first packet.
+    pub length: u64,
+}
+
+/// `None` if the end of the header is not in `bytes`.
+pub fn header(bytes: &[u8]) -> Option<Header> {
+    let mut header = Header { from_below: bytes.starts_with(b"#!AER-DAT3.0"), source: None, encoding: None, length: 0 };
+    let mut length = 0;
+    while let Some(rest) = bytes.get(length..).filter(|rest| rest.starts_with(b"#")) {
+        let end = rest.iter().take(LONGEST_LINE).position(|&byte| byte == b'\n')?;
+        length += end + 1;
+        let line = String::from_utf8_lossy(rest.get(..end)?);
+        let line = line.trim_end();
+        if line == LAST_LINE {
+            break;
+        }
+        if let Some((key, value)) = line.split_once(':') {
+            if key.starts_with("#Source") {
+                header.source.get_or_insert_with(|| value.trim().to_owned());
+            } else if key == "#Format" {
+                header.encoding = Some(value.trim().to_owned());
+            }
+        }
+    }
+    header.length = length as u64;
+    Some(header)
+}
+
+/// Head of a packet.
+pub struct PacketHead {
+    /// Its offset in the file.
+    pub byte: u64,
+    /// What the packet holds.
+    pub kind: i16,
+    /// Bytes of one event.
+    pub size: u64,
+    /// Bytes of all events that are there.
+    pub length: u64,
+    /// Bytes that there should be.
+    pub wanted: u64,
+    /// Added to the times in µs.
+    pub turns: i64,
+    /// Number of events.
+    pub count: u64,
+}
+
+/// The next head; `None` at the end of the file, or where it is cut off.
+pub fn next_head(
+    file: &mut ByteReader,
+    truncated: &mut Option<Truncation>,
+) -> Result<Option<PacketHead>, RecordingError> {
+    let byte = file.position();
+    if file.left() == 0 {
+        return Ok(None);
+    }
+    let Some(head) = file.array::<HEAD>()? else {
+        *truncated = Some(Truncation { byte, lost: format!("{} bytes of a packet's head are left", file.left()) });
+        return Ok(None);
+    };
+    let [kind0, kind1, _, _, rest @ ..] = head;
+    let mut numbers = [0_i32; 6];
+    numbers.iter_mut().zip(rest.as_chunks().0).for_each(|(number, bytes)| *number = i32::from_le_bytes(*bytes));
+    let [size, _, turns, _, number, _] = numbers;
+    let sizes = u64::try_from(size).ok().zip(u64::try_from(number).ok());
+    let Some((size, count)) = sizes.filter(|_| turns >= 0) else {
+        return Err(file.damaged(byte, "the head of a packet has a negative number"));
+    };
+    let kind = i16::from_le_bytes([kind0, kind1]);
+    if kind == POLARITY && size != EVENT as u64 {
+        return Err(file.damaged(byte, format!("a packet of events says that an event has {size} bytes, not {EVENT}")));
+    }
+    // Two numbers of 31 bits.
+    let wanted = size * count;
+    let length = wanted.min(file.left());
+    if length < wanted {
+        *truncated = Some(Truncation { byte, lost: format!("{length} of {wanted} bytes of a packet are left") });
+    }
+    Ok(Some(PacketHead { byte, kind, size, length, wanted, turns: i64::from(turns) << 31, count }))
+}
+
+/// A time of an event in µs, of the packet with this head.
+pub fn time(head: &PacketHead, bytes: [u8; 4]) -> i64 {
+    head.turns + i64::from(i32::from_le_bytes(bytes))
+}
+
+/// What packets of this kind hold.
+pub fn name(kind: i16) -> &'static str {
+    usize::try_from(kind).ok().and_then(|kind| KINDS.get(kind)).copied().unwrap_or("other packets")
+}

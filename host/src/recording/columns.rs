@@ -1,0 +1,128 @@
+//! What the columns of a table of events are, and the unit of its times, where nobody says it.
+
+use super::{Column, Columns, TimeUnit};
+
+const ASK: &str = "say what the columns are, for example `t,x,y,p`";
+
+/// Why the columns of a text file or an array cannot be told.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LayoutError {
+    /// Not a text file.
+    #[error("is no text")]
+    NoText,
+    /// Names of which the needed ones are missing.
+    #[error("the columns are named {0}, where t, x, y and p were expected; {ASK}")]
+    Names(String),
+    /// A first line of two fields that are no size.
+    #[error("the first line, {0:?}, is neither an event nor the size of a sensor; {ASK}")]
+    FirstLine(String),
+    /// Not one line of numbers.
+    #[error("no line with numbers was found at its beginning; a line `t x y p` per event is expected")]
+    NoNumbers,
+    /// More or fewer fields than four, without names.
+    #[error("its lines have {0} fields and no names, where t, x, y and p were expected; {ASK}")]
+    FieldCount(usize),
+    /// No order of columns fits the values.
+    #[error("it is not clear which columns are time, x, y and polarity; {ASK}")]
+    Unclear,
+    /// Several orders fit.
+    #[error("the columns cannot be told apart; {ASK}")]
+    Ambiguous,
+}
+
+/// How many rows are looked at.
+pub const SAMPLE: usize = 2000;
+/// Whole numbers above it are nanoseconds since 1970 (or, as microseconds, later than the year 5000).
+const LARGEST_MICROSECONDS: f64 = 1e17;
+/// From so many different times on, all multiples of 1000, they are taken for nanoseconds.
+const ENOUGH_TIMES: usize = 20;
+
+/// What one field of a row can be.
+#[derive(Clone, Copy, Debug)]
+pub struct Cell {
+    /// Its value, if it is a number.
+    pub value: Option<f64>,
+    /// Whether it can be a polarity.
+    pub is_polarity: bool,
+}
+
+/// What a column of this name holds, and the unit that the name gives.
+pub fn of_name(name: &str) -> (Column, Option<TimeUnit>) {
+    let name = name.to_lowercase();
+    let mut words = name.split(|character: char| !character.is_alphanumeric()).filter(|word| !word.is_empty());
+    match words.next() {
+        Some("t" | "ts" | "time" | "times" | "timestamp" | "timestamps") => {
+            (Column::T, words.find_map(|word| word.parse().ok()))
+        }
+        Some("x") => (Column::X, None),
+        Some("y") => (Column::Y, None),
+        Some("p" | "pol" | "polarity" | "polarities" | "on") => (Column::P, None),
+        _ => (Column::Ignored, None),
+    }
+}
+
+/// The columns by their names, if t, x, y and p are all there, and the unit that the name of t gives.
+pub fn from_names(names: &[&str]) -> (Option<Columns>, Option<TimeUnit>) {
+    let known: Vec<_> = names.iter().map(|name| of_name(name)).collect();
+    let unit = known.iter().filter_map(|(_, unit)| *unit).next_back();
+    (Columns::new(known.into_iter().map(|(column, _)| column).collect()), unit)
+}
+
+/// The columns by their values: p has, but for single bad rows, no values but −1, 0 and 1, t does not
+/// decrease, and x stands before y.
+pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Columns, LayoutError> {
+    let Some(width) = rows.first().map(Vec::len) else {
+        return Err(LayoutError::NoNumbers);
+    };
+    if width != 4 {
+        return Err(LayoutError::FieldCount(width));
+    }
+    let is_polarity = |index: usize| {
+        let fitting = rows.iter().filter(|row| row.get(index).is_some_and(|cell| cell.is_polarity)).count();
+        2 * fitting >= rows.len()
+    };
+    let is_time = |index: usize| {
+        let values: Vec<f64> = rows.iter().filter_map(|row| row.get(index)?.value).collect();
+        let back = values.windows(2).filter(|pair| pair[1] < pair[0]).count();
+        10 * back <= values.len() && values.first() != values.last()
+    };
+    // The usual order first; it is also the only one that is believed without a change of time.
+    const ORDERS: [(usize, usize); 3] = [(0, 3), (3, 2), (2, 3)];
+    let (t, p) = ORDERS
+        .into_iter()
+        .find(|&(t, p)| is_polarity(p) && is_time(t))
+        .or_else(|| Some((0, 3)).filter(|&(_, p)| is_polarity(p)))
+        .ok_or(LayoutError::Unclear)?;
+    let mut columns = vec![Column::X; 4];
+    let mut pixel = [Column::X, Column::Y].into_iter();
+    for (index, slot) in columns.iter_mut().enumerate() {
+        *slot = if index == t {
+            Column::T
+        } else if index == p {
+            Column::P
+        } else {
+            pixel.next().unwrap_or(Column::Y)
+        };
+    }
+    let columns = Columns::new(columns).ok_or(LayoutError::Ambiguous)?;
+    notes.push(format!("the columns have no names: taken for {columns}"));
+    Ok(columns)
+}
+
+/// The unit of the first times of a file.
+pub fn unit_from_values(times: &[f64], notes: &mut Vec<String>) -> TimeUnit {
+    let largest = times.iter().fold(0f64, |largest, time| largest.max(time.abs()));
+    let different = times.windows(2).filter(|pair| pair[0] != pair[1]).count();
+    let (unit, reason) = if times.iter().any(|time| time.fract() != 0.0) {
+        (TimeUnit::Seconds, "because they have decimals")
+    } else if largest >= LARGEST_MICROSECONDS {
+        (TimeUnit::Nanoseconds, "because of their size")
+    } else if different >= ENOUGH_TIMES && times.iter().all(|time| time % 1000.0 == 0.0) {
+        (TimeUnit::Nanoseconds, "because all are multiples of 1000")
+    } else {
+        (TimeUnit::Microseconds, "because they are whole numbers")
+    };
+    notes.push(format!("times are taken for {unit}, {reason}"));
+    unit
+}

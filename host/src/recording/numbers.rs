@@ -1,0 +1,207 @@
+//! Numbers as arrays hold them, and what they say of an event.
+
+use evcal_core::event::{Event, Polarity};
+
+use super::columns::Cell;
+use super::{Column, RecordingErrorKind, TimeUnit};
+
+/// How a number is put into bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NumberType {
+    /// What kind of number.
+    pub kind: NumberKind,
+    /// Bytes: 1, 2, 4 or 8.
+    pub size: usize,
+    /// Whether its highest byte comes first.
+    pub big_endian: bool,
+}
+
+/// What kind of number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NumberKind {
+    /// Two's complement.
+    Signed,
+    /// Not negative.
+    Unsigned,
+    /// IEEE 754 of 4 or 8 bytes.
+    Float,
+}
+
+/// A number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Number {
+    /// Of an array of integers.
+    Whole(i64),
+    /// Of an array of floating-point numbers.
+    Real(f64),
+}
+
+impl NumberType {
+    /// A type that is read here; `None` for others, such as floating-point numbers of 2 bytes.
+    pub fn new(kind: NumberKind, size: usize, big_endian: bool) -> Option<Self> {
+        let known = match kind {
+            NumberKind::Signed | NumberKind::Unsigned => matches!(size, 1 | 2 | 4 | 8),
+            NumberKind::Float => matches!(size, 4 | 8),
+        };
+        known.then_some(Self { kind, size, big_endian })
+    }
+
+    /// The number at the front of `bytes`, if it is whole. An unsigned number whose bits are all ones is -1, as programs
+    /// write it that put -1 for OFF into one.
+    pub fn read(self, bytes: &[u8]) -> Option<Number> {
+        let mut little = [0; 8];
+        let (slots, bytes) = (little.get_mut(..self.size)?, bytes.get(..self.size)?);
+        slots.copy_from_slice(bytes);
+        if self.big_endian {
+            slots.reverse();
+        }
+        let value = u64::from_le_bytes(little);
+        let unused = 64 - 8 * self.size as u32;
+        Some(match (self.kind, self.size) {
+            (NumberKind::Float, 4) => Number::Real(f32::from_bits(value as u32).into()),
+            (NumberKind::Float, _) => Number::Real(f64::from_bits(value)),
+            (NumberKind::Unsigned, size) if size == 8 || value != u64::MAX >> unused => match i64::try_from(value) {
+                Ok(value) => Number::Whole(value),
+                Err(_) if value == u64::MAX => Number::Whole(-1),
+                Err(_) => Number::Real(value as f64),
+            },
+            (NumberKind::Unsigned, _) => Number::Whole(-1),
+            (NumberKind::Signed, _) => Number::Whole(value.cast_signed() << unused >> unused),
+        })
+    }
+}
+
+impl Number {
+    /// Its value, as accurately as f64 allows.
+    pub fn value(self) -> f64 {
+        match self {
+            Self::Whole(value) => value as f64,
+            Self::Real(value) => value,
+        }
+    }
+
+    /// As a field of a table whose columns are not known.
+    pub fn cell(self) -> Cell {
+        Cell { value: Some(self.value()), is_polarity: self.polarity().is_some() }
+    }
+
+    /// As a time, rounded to µs.
+    pub fn microseconds(self, unit: TimeUnit) -> Option<i64> {
+        let exponent = unit.decimal_exponent();
+        match self {
+            Self::Whole(value) => {
+                let scale = 10_i64.checked_pow(exponent.unsigned_abs())?;
+                if exponent >= 0 {
+                    return value.checked_mul(scale);
+                }
+                // Half a unit away from zero.
+                Some(value.checked_add(scale / 2 * value.signum())? / scale)
+            }
+            Self::Real(value) => {
+                let microseconds = value * 10_f64.powi(exponent);
+                (microseconds.abs() < 9e18).then(|| microseconds.round() as i64)
+            }
+        }
+    }
+
+    /// As a pixel; what does not fit gives the largest u16, which no sensor has. `None` if it is not whole.
+    pub fn pixel(self) -> Option<u16> {
+        match self {
+            Self::Whole(value) => Some(u16::try_from(value).unwrap_or(u16::MAX)),
+            Self::Real(value) if value.fract() != 0.0 => None,
+            Self::Real(value) => Some(if value < 0.0 { u16::MAX } else { value as u16 }),
+        }
+    }
+
+    /// As a polarity: 1 is ON, 0 and -1 are OFF.
+    pub fn polarity(self) -> Option<Polarity> {
+        match self.value() {
+            1.0 => Some(Polarity::On),
+            0.0 | -1.0 => Some(Polarity::Off),
+            _ => None,
+        }
+    }
+}
+
+/// Puts the number of a column into its place in `event`, the one with this number (from 1).
+pub fn put(
+    event: &mut Event,
+    index: u64,
+    column: Column,
+    number: Number,
+    unit: TimeUnit,
+) -> Result<(), RecordingErrorKind> {
+    let wrong = |what: String| RecordingErrorKind::Event { event: index, what };
+    let value = number.value();
+    let pixel = |axis: &str| {
+        let what = || format!("its {axis}, {value}, is no whole pixel; raw events are needed, not undistorted ones");
+        number.pixel().ok_or_else(|| wrong(what()))
+    };
+    match column {
+        Column::T => {
+            let what = || format!("its time, {value}, is no time in {unit}; name the unit with --time-unit");
+            event.t = number.microseconds(unit).ok_or_else(|| wrong(what()))?;
+        }
+        Column::X => event.x = pixel("x")?,
+        Column::Y => event.y = pixel("y")?,
+        Column::P => {
+            let what = || format!("its polarity is {value}, not 1, 0 or -1; is the column another one?");
+            event.polarity = number.polarity().ok_or_else(|| wrong(what()))?;
+        }
+        Column::Ignored => {}
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn number(kind: NumberKind, size: usize, big_endian: bool, bytes: &[u8]) -> Option<Number> {
+        NumberType::new(kind, size, big_endian)?.read(bytes)
+    }
+
+    #[test]
+    fn numbers_are_those_that_rust_writes() {
+        use NumberKind::{Float, Signed, Unsigned};
+        assert_eq!(number(Signed, 2, false, &(-7_i16).to_le_bytes()), Some(Number::Whole(-7)));
+        assert_eq!(number(Signed, 8, true, &(-7_i64).to_be_bytes()), Some(Number::Whole(-7)));
+        assert_eq!(number(Unsigned, 4, true, &70_000_u32.to_be_bytes()), Some(Number::Whole(70_000)));
+        assert_eq!(number(Unsigned, 1, false, &[255]), Some(Number::Whole(-1)));
+        assert_eq!(number(Unsigned, 8, false, &[255; 8]), Some(Number::Whole(-1)));
+        assert_eq!(number(Unsigned, 8, false, &(1_u64 << 63).to_le_bytes()), Some(Number::Real(2_f64.powi(63))));
+        assert_eq!(number(Float, 4, false, &0.25_f32.to_le_bytes()), Some(Number::Real(0.25)));
+        assert_eq!(number(Float, 8, true, &(-1e9_f64).to_be_bytes()), Some(Number::Real(-1e9)));
+        assert_eq!(number(Float, 2, false, &[0; 2]), None);
+        assert_eq!(number(Signed, 4, false, &[0; 3]), None);
+    }
+
+    #[test]
+    fn times_are_rounded_to_the_nearest_microsecond() {
+        for (number, unit, microseconds) in [
+            (Number::Whole(1499), TimeUnit::Nanoseconds, Some(1)),
+            (Number::Whole(1500), TimeUnit::Nanoseconds, Some(2)),
+            (Number::Whole(-1500), TimeUnit::Nanoseconds, Some(-2)),
+            (Number::Whole(3), TimeUnit::Seconds, Some(3_000_000)),
+            (Number::Whole(i64::MAX), TimeUnit::Milliseconds, None),
+            (Number::Real(0.123_456_6), TimeUnit::Seconds, Some(123_457)),
+            (Number::Real(f64::NAN), TimeUnit::Seconds, None),
+        ] {
+            assert_eq!(number.microseconds(unit), microseconds, "{number:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_event_is_told() {
+        for (column, value, part) in [
+            (Column::T, f64::INFINITY, "no time"),
+            (Column::X, 1.5, "its x, 1.5"),
+            (Column::Y, f64::NAN, "its y, NaN"),
+            (Column::P, 2.0, "polarity is 2"),
+        ] {
+            let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
+            let error = put(&mut event, 7, column, Number::Real(value), TimeUnit::Seconds).unwrap_err().to_string();
+            assert!(error.contains("event 7") && error.contains(part), "{error}");
+        }
+    }
+}

@@ -1,0 +1,256 @@
+//! NumPy's arrays: npy, one array, and npz, a ZIP archive of arrays by name.
+//!
+//! | what | is read as |
+//! |---|---|
+//! | structured array | events, by the names of its fields |
+//! | array of N × 4 or 4 × N numbers | events, by columns as in a text file |
+//! | npz with arrays `t`, `x`, `y`, `p` of one length | events, by the names of the arrays |
+//!
+//! Names, units of time and what is guessed are those of text files ([`super::columns`]).
+
+mod archive;
+mod header;
+mod literal;
+mod table;
+#[cfg(test)]
+mod tests;
+mod write;
+
+use std::io::Read;
+use std::path::Path;
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+
+use super::bytes::BEFORE_IT;
+use super::numbers::{self, NumberType};
+use super::{
+    Column, Columns, Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
+    RecordingOptions, TimeUnit, Truncation, columns,
+};
+use archive::Place;
+use table::{Part, Table};
+pub use write::OUTPUT;
+
+/// An npy file.
+pub const ARRAY_FORMAT: FileFormat =
+    FileFormat::of_events("NumPy array", |head| head.bytes.starts_with(header::MAGIC), open_array);
+
+/// An npz file.
+pub const ARCHIVE_FORMAT: FileFormat = FileFormat {
+    output: Some(&OUTPUT),
+    ..FileFormat::of_events("NumPy archive", |head| head.bytes.starts_with(archive::MAGIC), open_archive)
+};
+
+/// Events of a batch.
+const BATCH: u64 = 16_384;
+
+fn open_array(path: &Path, options: &RecordingOptions) -> Opened {
+    let table = table::of_array(path, Place::whole(path)?)?;
+    open(ARRAY_FORMAT.name, path, table, None, Vec::new(), options)
+}
+
+fn open_archive(path: &Path, options: &RecordingOptions) -> Opened {
+    let members = archive::members(path)?;
+    let (table, name) = table::of_archive(path, &members, options.stream.as_deref())?;
+    let notes = name.map(|name| format!("events of the array {name} are read")).into_iter().collect();
+    open(ARCHIVE_FORMAT.name, path, table, table::sensor(path, &members), notes, options)
+}
+
+fn open(
+    format: &'static str,
+    path: &Path,
+    table: Table,
+    sensor: Option<Sensor>,
+    mut notes: Vec<String>,
+    options: &RecordingOptions,
+) -> Opened {
+    let sample = sample(path, &table)?;
+    let (columns, unit) = layout(&table, &sample, options, &mut notes)
+        .map_err(|error| RecordingError::new(path, RecordingErrorKind::Layout(error)))?;
+    let sources = sources(path, &table, columns.as_slice())?;
+    let fields = sources.iter().flat_map(|source| &source.fields);
+    if let Some((column, ..)) =
+        fields.into_iter().find(|(column, _, number)| *column != Column::Ignored && number.is_none())
+    {
+        let kind =
+            RecordingErrorKind::NoEventStream(format!("an array whose {column:?} is no number that is read here"));
+        return Err(RecordingError::new(path, kind));
+    }
+    let information = RecordingInformation { format, sensor, camera_name: None, notes };
+    let path = path.to_owned();
+    Ok(Box::new(Decoder { path, information, sources, unit, events: 0, left: table.count }))
+}
+
+/// The columns, and the unit of the time.
+fn layout(
+    table: &Table,
+    sample: &[Vec<columns::Cell>],
+    options: &RecordingOptions,
+    notes: &mut Vec<String>,
+) -> Result<(Columns, TimeUnit), columns::LayoutError> {
+    let named = table.names.as_ref().map(|names| {
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        (columns::from_names(&names), names.join(", "))
+    });
+    let unit_of_name = named.as_ref().and_then(|((_, unit), _)| *unit);
+    let columns = match (&options.columns, named) {
+        (Some(columns), _) if columns.as_slice().len() == table.width() => columns.clone(),
+        (Some(_), _) => return Err(columns::LayoutError::FieldCount(table.width())),
+        (None, Some(((Some(columns), _), _))) => columns,
+        (None, Some(((None, _), names))) => return Err(columns::LayoutError::Names(names)),
+        (None, None) => columns::from_values(sample, notes)?,
+    };
+    let unit = options.time_unit.or(unit_of_name).unwrap_or_else(|| {
+        let t = columns.as_slice().iter().position(|column| *column == Column::T);
+        let times: Vec<f64> = sample.iter().filter_map(|row| row.get(t?)?.value).collect();
+        columns::unit_from_values(&times, notes)
+    });
+    Ok((columns, unit))
+}
+
+/// The first rows.
+fn sample(path: &Path, table: &Table) -> Result<Vec<Vec<columns::Cell>>, RecordingError> {
+    let all = vec![Column::Ignored; table.width()];
+    let mut sources = sources(path, table, &all)?;
+    let wanted = table.count.min(columns::SAMPLE as u64);
+    // Damage is for the pass that follows to report.
+    sources.iter_mut().for_each(|source| drop(source.fill(wanted)));
+    let count = sources.iter().map(Source::records).min().unwrap_or(0);
+    let nothing = columns::Cell { value: None, is_polarity: false };
+    let cell = |source: &Source, row: usize, offset: usize, number: Option<NumberType>| {
+        let bytes = source.record(row).and_then(|record| record.get(offset..));
+        number.and_then(|number| number.read(bytes?)).map_or(nothing, numbers::Number::cell)
+    };
+    let row = |row: usize| {
+        let fields = sources.iter().flat_map(|source| source.fields.iter().map(move |field| (source, field)));
+        fields.map(|(source, (_, offset, number))| cell(source, row, *offset, *number)).collect()
+    };
+    Ok((0..count).map(row).collect())
+}
+
+/// Opens the parts of `table`, whose fields are `columns`.
+fn sources(path: &Path, table: &Table, columns: &[Column]) -> Result<Vec<Source>, RecordingError> {
+    let mut columns = columns.iter().copied();
+    table.parts.iter().map(|part| Source::open(path, part, &mut columns)).collect()
+}
+
+/// Numbers from one place of a file.
+struct Source {
+    input: Box<dyn Read + Send>,
+    /// Where its next record is in the file, or the whole of it where it is packed.
+    byte: u64,
+    packed: bool,
+    record: usize,
+    fields: Vec<(Column, usize, Option<NumberType>)>,
+    bytes: Vec<u8>,
+}
+
+impl Source {
+    fn open(path: &Path, part: &Part, columns: &mut impl Iterator<Item = Column>) -> Result<Self, RecordingError> {
+        let mut input = part.place.open(path)?;
+        // At the end of what there is nothing follows.
+        let _ = std::io::copy(&mut input.by_ref().take(part.skip), &mut std::io::sink());
+        let fields = part.fields.iter().zip(columns).map(|(&(offset, number), column)| (column, offset, number));
+        let byte = part.place.start + if part.place.packed() { 0 } else { part.skip };
+        let (packed, fields) = (part.place.packed(), fields.collect());
+        Ok(Self { input, byte, packed, record: part.record, fields, bytes: Vec::new() })
+    }
+
+    /// Reads the next `count` records; what is wrong with the file where there are fewer.
+    fn fill(&mut self, count: u64) -> Result<(), Fault> {
+        if !self.packed {
+            self.byte += self.bytes.len() as u64;
+        }
+        self.bytes.clear();
+        let length = count * self.record as u64;
+        let read = self.input.by_ref().take(length).read_to_end(&mut self.bytes);
+        match read {
+            Ok(read) if read as u64 == length => Ok(()),
+            Ok(_) => {
+                let rest = self.bytes.len() % self.record;
+                let byte = self.byte + if self.packed { 0 } else { (self.bytes.len() - rest) as u64 };
+                Err(Fault::Short(Truncation { byte, lost: "the array has fewer elements than it says".to_owned() }))
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::InvalidData || self.packed => {
+                Err(Fault::Damaged { byte: self.byte, what: format!("the array is damaged: {error}") })
+            }
+            Err(error) => Err(Fault::Io(error)),
+        }
+    }
+
+    /// Whole records that were read.
+    fn records(&self) -> usize {
+        self.bytes.len() / self.record
+    }
+
+    fn record(&self, index: usize) -> Option<&[u8]> {
+        self.bytes.get(index * self.record..(index + 1) * self.record)
+    }
+}
+
+/// Why there are no more records.
+enum Fault {
+    Short(Truncation),
+    Damaged { byte: u64, what: String },
+    Io(std::io::Error),
+}
+
+struct Decoder {
+    path: std::path::PathBuf,
+    information: RecordingInformation,
+    sources: Vec<Source>,
+    unit: TimeUnit,
+    /// Events read, and those to come.
+    events: u64,
+    left: u64,
+}
+
+impl Decoder {
+    fn event(&mut self, row: usize) -> Result<Event, RecordingErrorKind> {
+        self.events += 1;
+        let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
+        for source in &self.sources {
+            let record = source.record(row).unwrap_or_default();
+            for (column, offset, number) in &source.fields {
+                let number = number.and_then(|number| number.read(record.get(*offset..)?));
+                if let Some(number) = number {
+                    numbers::put(&mut event, self.events, *column, number, self.unit)?;
+                }
+            }
+        }
+        Ok(event)
+    }
+}
+
+impl Decode for Decoder {
+    fn information(&self) -> &RecordingInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        let count = self.left.min(BATCH);
+        let mut fault = None;
+        for source in &mut self.sources {
+            fault = fault.or(source.fill(count).err());
+        }
+        let rows = self.sources.iter().map(Source::records).min().unwrap_or(0);
+        for row in 0..rows {
+            let event = self.event(row).map_err(|kind| RecordingError::new(&self.path, kind))?;
+            batch.push(event);
+        }
+        self.left -= count;
+        match fault {
+            None => Ok(self.left > 0),
+            Some(Fault::Short(truncation)) => {
+                report.truncated = Some(truncation);
+                Ok(false)
+            }
+            Some(Fault::Damaged { byte, what }) => {
+                let kind = RecordingErrorKind::Damaged { byte, what, advice: BEFORE_IT };
+                Err(RecordingError::new(&self.path, kind))
+            }
+            Some(Fault::Io(error)) => Err(RecordingError::io(&self.path, error)),
+        }
+    }
+}

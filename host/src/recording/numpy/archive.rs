@@ -1,0 +1,154 @@
+//! The arrays of an npz file, which is a ZIP archive.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use flate2::bufread::DeflateDecoder;
+use flate2::{Crc, CrcReader};
+use rawzip::{CompressionMethod, RECOMMENDED_BUFFER_SIZE, ZipArchive};
+
+use crate::recording::{RecordingError, RecordingErrorKind};
+
+/// How an archive begins.
+pub const MAGIC: &[u8] = b"PK\x03\x04";
+/// What ends the names of arrays in it.
+const EXTENSION: &str = ".npy";
+/// More arrays are not looked at.
+const MOST_MEMBERS: usize = 1000;
+const BUFFER: usize = 1 << 17;
+
+/// An array of an archive.
+pub struct Member {
+    /// Its name, without `.npy`.
+    pub name: String,
+    /// Where it is.
+    pub place: Place,
+}
+
+/// Where an array is in a file.
+#[derive(Clone, Debug)]
+pub struct Place {
+    /// Its first byte.
+    pub start: u64,
+    /// Bytes in the file.
+    length: u64,
+    /// Size and checksum of the unpacked array where it is part of an archive.
+    packed: Option<Packed>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Packed {
+    deflated: bool,
+    size: u64,
+    checksum: u32,
+}
+
+impl Place {
+    /// All of the file at `path`.
+    pub fn whole(path: &Path) -> Result<Self, RecordingError> {
+        let metadata = std::fs::metadata(path).map_err(|error| RecordingError::io(path, error))?;
+        Ok(Self { start: 0, length: metadata.len(), packed: None })
+    }
+
+    /// Whether its bytes are packed, so that places in it are none in the file.
+    pub fn packed(&self) -> bool {
+        self.packed.is_some_and(|packed| packed.deflated)
+    }
+
+    /// Opens it at its beginning. Damage is an error of kind `InvalidData` or `InvalidInput`.
+    pub fn open(&self, path: &Path) -> Result<Box<dyn Read + Send>, RecordingError> {
+        let io = |error| RecordingError::io(path, error);
+        let mut file = File::open(path).map_err(io)?;
+        file.seek(SeekFrom::Start(self.start)).map_err(io)?;
+        let file = BufReader::with_capacity(BUFFER, file.take(self.length));
+        let checked = |input, packed: Packed| Checked { input, left: packed.size, checksum: packed.checksum };
+        Ok(match self.packed {
+            None => Box::new(file),
+            Some(packed) if packed.deflated => {
+                Box::new(checked(CrcReader::new(Input::Packed(DeflateDecoder::new(file))), packed))
+            }
+            Some(packed) => Box::new(checked(CrcReader::new(Input::Plain(file)), packed)),
+        })
+    }
+}
+
+type Bytes = BufReader<io::Take<File>>;
+
+enum Input {
+    Plain(Bytes),
+    Packed(DeflateDecoder<Bytes>),
+}
+
+impl Read for Input {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::Plain(input) => input.read(buffer),
+            Self::Packed(input) => input.read(buffer),
+        }
+    }
+}
+
+/// An array of an archive, compared with its checksum at its end.
+struct Checked {
+    input: CrcReader<Input>,
+    left: u64,
+    checksum: u32,
+}
+
+impl Read for Checked {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let damaged = |what| io::Error::new(io::ErrorKind::InvalidData, what);
+        let most = usize::try_from(self.left).unwrap_or(usize::MAX).min(buffer.len());
+        let read = self.input.read(buffer.get_mut(..most).unwrap_or_default())?;
+        if read == 0 && most > 0 {
+            return Err(damaged("it unpacks to fewer bytes than it says"));
+        }
+        self.left -= read as u64;
+        let sum = |crc: &Crc| crc.sum();
+        if self.left == 0 && read > 0 && sum(self.input.crc()) != self.checksum {
+            return Err(damaged("its checksum is another one"));
+        }
+        Ok(read)
+    }
+}
+
+/// The arrays of the archive at `path`.
+pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
+    let file = File::open(path).map_err(|error| RecordingError::io(path, error))?;
+    let length = file.metadata().map_err(|error| RecordingError::io(path, error))?.len();
+    let damaged = |error: rawzip::Error| {
+        let what = format!(
+            "the list of the archive's files at its end cannot be read ({error}); the file is cut off or damaged"
+        );
+        let kind = RecordingErrorKind::Damaged { byte: length, what, advice: "copy the file again" };
+        RecordingError::new(path, kind)
+    };
+    let mut buffer = vec![0; RECOMMENDED_BUFFER_SIZE];
+    let archive = ZipArchive::from_file(file, &mut buffer).map_err(damaged)?;
+    let mut members = Vec::new();
+    let mut entries = archive.entries(&mut buffer);
+    while let Some(entry) = entries.next_entry().map_err(damaged)? {
+        let name = String::from_utf8_lossy(entry.file_path().as_ref()).into_owned();
+        let Some(name) = name.strip_suffix(EXTENSION).map(str::to_owned) else { continue };
+        let deflated = match entry.compression_method() {
+            CompressionMethod::STORE => false,
+            CompressionMethod::DEFLATE => true,
+            _ => return Err(unsupported(path, "pack it again with numpy.savez_compressed")),
+        };
+        let packed = Packed { deflated, size: entry.uncompressed_size_hint(), checksum: entry.crc32() };
+        let (start, end) = archive.get_entry(entry.wayfinder()).map_err(damaged)?.compressed_data_range();
+        members.push(Member { name, place: Place { start, length: end.saturating_sub(start), packed: Some(packed) } });
+        if members.len() == MOST_MEMBERS {
+            break;
+        }
+    }
+    if members.is_empty() {
+        return Err(unsupported(path, "unpack it first"));
+    }
+    Ok(members)
+}
+
+fn unsupported(path: &Path, advice: &'static str) -> RecordingError {
+    RecordingError::new(path, RecordingErrorKind::Unsupported { format: "ZIP", advice })
+}

@@ -1,0 +1,248 @@
+//! Arrays as NumPy writes them, put together byte by byte.
+
+use std::io::Write as _;
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+use rawzip::{CompressionMethod, ZipArchiveWriter};
+
+use super::header::MAGIC;
+use crate::recording::testing::{self, Outcome};
+use crate::recording::write::EventWriter;
+use crate::recording::{RecordingOptions, TimeUnit};
+
+fn array(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
+    let order = if fortran { "True" } else { "False" };
+    let text = format!("{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}, }}\n");
+    [MAGIC, &[1, 0], &(text.len() as u16).to_le_bytes(), text.as_bytes(), data].concat()
+}
+
+fn events(count: i64) -> Vec<Event> {
+    let on = |index: i64| if index % 3 == 0 { Polarity::On } else { Polarity::Off };
+    (0..count)
+        .map(|index| Event { t: 1_000_001 + index * 70, x: 300 + index as u16, y: index as u16, polarity: on(index) })
+        .collect()
+}
+
+fn bit(event: &Event) -> u8 {
+    event.polarity.index() as u8
+}
+
+/// The events as records that `record` makes.
+fn records(descr: &str, events: &[Event], record: impl Fn(&Event) -> Vec<u8>) -> Vec<u8> {
+    array(descr, false, &format!("({},)", events.len()), &events.iter().flat_map(record).collect::<Vec<_>>())
+}
+
+fn assert_events(outcome: Outcome, expected: &[Event]) {
+    assert_eq!((outcome.events.as_slice(), outcome.error), (expected, None));
+    assert_eq!(outcome.report.truncated, None);
+}
+
+#[test]
+fn structured_arrays_of_every_program_are_read_by_their_names() {
+    let events = events(40);
+    let (t, x, y) = (
+        |event: &Event| event.t.to_le_bytes(),
+        |event: &Event| event.x.to_le_bytes(),
+        |event: &Event| event.y.to_le_bytes(),
+    );
+    let dv = "[('timestamp', '<i8'), ('x', '<i2'), ('y', '<i2'), ('polarity', '|i1'), ('', '|V3')]";
+    let metavision = "[('x', '<u2'), ('y', '<u2'), ('p', '<i2'), ('', '|V2'), ('t', '<i8')]";
+    let tonic = "[('x', '<i2'), ('y', '<i2'), ('t', '<i8'), ('p', '|b1')]";
+    let faery = "[('t', '<u8'), ('x', '<u2'), ('y', '<u2'), (('p', 'on'), '|b1')]";
+    for content in [
+        records(dv, &events, |event| [&t(event)[..], &x(event), &y(event), &[bit(event), 9, 9, 9]].concat()),
+        records(metavision, &events, |event| [&x(event)[..], &y(event), &[bit(event), 0, 9, 9], &t(event)].concat()),
+        records(tonic, &events, |event| [&x(event)[..], &y(event), &t(event), &[bit(event)]].concat()),
+        records(faery, &events, |event| [&t(event)[..], &x(event), &y(event), &[bit(event)]].concat()),
+    ] {
+        assert_events(testing::read(&content), &events);
+    }
+    let nanoseconds = "[('t_ns', '>u8'), ('x', '>f4'), ('y', '|u1'), ('pol', '<u4')]";
+    let content = records(nanoseconds, &events, |event| {
+        let polarity = if event.polarity == Polarity::On { 1 } else { u32::MAX };
+        let time = event.t as u64 * 1000 + 400;
+        [&time.to_be_bytes()[..], &f32::from(event.x).to_be_bytes(), &[event.y as u8], &polarity.to_le_bytes()].concat()
+    });
+    let outcome = testing::read(&content);
+    assert_eq!(outcome.information.as_ref().unwrap().notes, [""; 0]);
+    assert_events(outcome, &events);
+}
+
+/// Columns of numbers, row by row or column by column.
+fn columns(events: &[Event], by_rows: bool) -> Vec<u8> {
+    let row = |event: &Event| [event.x.into(), event.y.into(), f64::from(bit(event)) * 2.0 - 1.0, event.t as f64 / 1e6];
+    let rows: Vec<[f64; 4]> = events.iter().map(row).collect();
+    if by_rows {
+        return rows.iter().flatten().flat_map(|value| value.to_le_bytes()).collect();
+    }
+    (0..4).flat_map(|column| rows.iter().flat_map(move |row| row[column].to_le_bytes())).collect()
+}
+
+#[test]
+fn tables_of_numbers_are_read_in_every_order_of_memory() {
+    let events = events(50);
+    for (shape, fortran, by_rows) in
+        [("(50, 4)", false, true), ("(50, 4)", true, false), ("(4, 50)", false, false), ("(4, 50)", true, true)]
+    {
+        let content = array("'<f8'", fortran, shape, &columns(&events, by_rows));
+        let outcome = testing::read(&content);
+        let notes = &outcome.information.as_ref().unwrap().notes;
+        assert!(notes.iter().any(|note| note.contains("x,y,p,t")), "{shape} {notes:?}");
+        assert!(notes.iter().any(|note| note.contains("seconds")), "{shape} {notes:?}");
+        assert_events(outcome, &events);
+    }
+}
+
+#[test]
+fn options_have_the_last_word() {
+    let options = RecordingOptions {
+        columns: Some("-,t,p,x,y".parse().unwrap()),
+        time_unit: Some(TimeUnit::Milliseconds),
+        ..RecordingOptions::default()
+    };
+    let data: Vec<u8> = [7, 1, 0, 3, 4, 7, 2, 1, 5, 6_i32].into_iter().flat_map(i32::to_le_bytes).collect();
+    let content = array("'<i4'", false, "(2, 5)", &data);
+    let expected =
+        [Event { t: 1000, x: 3, y: 4, polarity: Polarity::Off }, Event { t: 2000, x: 5, y: 6, polarity: Polarity::On }];
+    assert_events(testing::read_with(&content, options), &expected);
+    let error = testing::read(&content).error.unwrap();
+    assert!(error.contains("5 fields"), "{error}");
+}
+
+#[test]
+fn what_is_no_table_of_events_is_told() {
+    for (content, part) in [
+        (array("'<f8'", false, "(3,)", &[0; 24]), "shape [3]"),
+        (array("'|O'", false, "(3, 4)", &[0; 24]), "type that is not read"),
+        (array("[('t', '<i8'), ('x', '<i2'), ('z', '<i2')]", false, "(1,)", &[0; 12]), "t, x, z"),
+        (array("[('t', '<U4'), ('x', '<i2'), ('y', '<i2'), ('p', '<i2')]", false, "(1,)", &[0; 22]), "no number"),
+        (array("'<f8'", false, "(1, 4)", &[0xff; 32]), "not clear"),
+        (MAGIC.to_vec(), "not whole"),
+    ] {
+        let error = testing::read(&content).error.unwrap();
+        assert!(error.contains(part), "{error}");
+    }
+}
+
+#[test]
+fn an_array_that_says_more_than_it_has_is_cut_off() {
+    let events = events(5);
+    let table = columns(&events, true);
+    for shape in ["(6, 4)", "(1152921504606846, 4)"] {
+        let content = array("'<f8'", false, shape, &table[..4 * 32 + 7]);
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.events.as_slice(), outcome.error), (&events[..4], None));
+        assert_eq!(outcome.report.truncated.unwrap().byte, content.len() as u64 - 7);
+    }
+}
+
+/// An archive of these arrays.
+fn archive(compress: bool, members: &[(&str, Vec<u8>)]) -> Vec<u8> {
+    let mut archive = ZipArchiveWriter::new(Vec::new());
+    for (name, content) in members {
+        let method = if compress { CompressionMethod::DEFLATE } else { CompressionMethod::STORE };
+        let (mut entry, config) = archive.new_file(*name).compression_method(method).start().unwrap();
+        let descriptor = if compress {
+            let encoder = flate2::write::DeflateEncoder::new(&mut entry, flate2::Compression::default());
+            let mut writer = config.wrap(encoder);
+            writer.write_all(content).unwrap();
+            let (encoder, descriptor) = writer.finish().unwrap();
+            encoder.finish().unwrap();
+            descriptor
+        } else {
+            let mut writer = config.wrap(&mut entry);
+            writer.write_all(content).unwrap();
+            writer.finish().unwrap().1
+        };
+        entry.finish(descriptor).unwrap();
+    }
+    archive.finish().unwrap()
+}
+
+/// Arrays t, x, y and p, and others beside them.
+fn four(events: &[Event]) -> Vec<(&'static str, Vec<u8>)> {
+    let shape = format!("({},)", events.len());
+    let of = |descr: &str, bytes: Vec<u8>| array(descr, false, &shape, &bytes);
+    vec![
+        ("t_offset.npy", array("'<i8'", false, "(1,)", &[0; 8])),
+        ("x.npy", of("'<u2'", events.iter().flat_map(|event| event.x.to_le_bytes()).collect())),
+        ("readme.txt", b"arrays".to_vec()),
+        ("y.npy", of("'<u2'", events.iter().flat_map(|event| event.y.to_le_bytes()).collect())),
+        ("p.npy", of("'|b1'", events.iter().map(bit).collect())),
+        ("t.npy", of("'<i8'", events.iter().flat_map(|event| event.t.to_le_bytes()).collect())),
+    ]
+}
+
+#[test]
+fn archives_are_read_by_the_names_of_their_arrays() {
+    let (events, table) = (events(40), columns(&events(30), true));
+    for compress in [false, true] {
+        assert_events(testing::read(&archive(compress, &four(&events))), &events);
+        let two = [
+            ("left.npy", array("'<f8'", false, "(30, 4)", &table)),
+            ("right.npy", array("'<f8'", false, "(10, 4)", &table[..320])),
+        ];
+        let two = archive(compress, &two);
+        assert_events(testing::read(&two), &events[..30]);
+        let right = |name: &str| RecordingOptions { stream: Some(name.to_owned()), ..RecordingOptions::default() };
+        assert_events(testing::read_with(&two, right("right")), &events[..10]);
+        let error = testing::read_with(&two, right("up")).error.unwrap();
+        assert!(error.contains("left, right"), "{error}");
+    }
+}
+
+#[test]
+fn archives_without_events_say_what_they_hold() {
+    let mut unequal = four(&events(3));
+    unequal[1].1 = array("'<u2'", false, "(2,)", &[0; 4]);
+    for (members, part) in [
+        (vec![("picture.png", vec![1])], "unpack it first"),
+        (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "its streams: a"),
+        (unequal, "x has 2 elements"),
+    ] {
+        let error = testing::read(&archive(true, &members)).error.unwrap();
+        assert!(error.contains(part), "{error}");
+    }
+}
+
+#[test]
+fn a_changed_number_in_an_archive_is_found_by_its_checksum() {
+    let mut content = archive(false, &four(&events(40)));
+    let needle = 1_000_001_i64.to_le_bytes();
+    let place = content.windows(8).position(|window| window == needle).unwrap();
+    content[place] ^= 1;
+    let error = testing::read(&content).error.unwrap();
+    assert!(error.contains("checksum"), "{error}");
+}
+
+#[test]
+fn what_was_written_is_read_with_its_sensor() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("events.npz");
+    for count in [0, 1, 40_000] {
+        let events: Vec<Event> = events(100)
+            .into_iter()
+            .cycle()
+            .take(count)
+            .enumerate()
+            .map(|(index, event)| Event { t: -5 + index as i64, ..event })
+            .collect();
+        let mut writer = EventWriter::create(&path, super::OUTPUT, Sensor::new(400, 260), "").unwrap();
+        events.chunks(999).for_each(|part| writer.write(part).unwrap());
+        writer.finish().unwrap();
+        let outcome = testing::read(&std::fs::read(&path).unwrap());
+        assert_eq!(outcome.information.as_ref().unwrap().sensor, Some(Sensor::new(400, 260)));
+        assert_events(outcome, &events);
+    }
+}
+
+#[test]
+fn damage_loses_no_more_than_it_must() {
+    let events = events(12);
+    testing::check_damage(&array("'<f8'", false, "(12, 4)", &columns(&events, true)));
+    testing::check_damage(&array("'<f8'", true, "(12, 4)", &columns(&events, false)));
+    for compress in [false, true] {
+        testing::check_damage(&archive(compress, &four(&events)));
+    }
+}

@@ -1,0 +1,117 @@
+//! Bags of ROS 2 in SQLite: a table `topics` and a table `messages`, in the order in which they were recorded.
+
+use std::path::Path;
+
+use super::container::{Container, MessageHead, Topic};
+use super::fields::Wire;
+use super::message::Kind;
+use super::sqlite::{self, Description, Pages, Table, Value};
+use super::{events, extras};
+use crate::recording::{FileFormat, RecordingError, RecordingErrorKind, Truncation};
+
+/// ROS 2 bag in SQLite.
+pub const FORMAT: FileFormat = FileFormat {
+    streams: |path, _| events::summarise(open, path),
+    frames: Some(|path, _, visit| extras::visit_frames(open, path, visit)),
+    extras: Some(|path, _| extras::open(open, path)),
+    ..FileFormat::of_events(
+        "ROS 2 bag (SQLite)",
+        |head| head.bytes.starts_with(sqlite::MAGIC),
+        |path, options| events::open(FORMAT.name, open, path, options),
+    )
+};
+
+struct Bag {
+    pages: Pages,
+    messages: Table,
+    /// Which columns of a message are its topic and its bytes.
+    columns: [usize; 2],
+    topics: Vec<Topic>,
+    /// The numbers of the topics, in their order.
+    numbers: Vec<i64>,
+    row: Vec<u8>,
+}
+
+fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+    let mut pages = Pages::open(path)?;
+    let tables = pages.tables()?;
+    let table = |name: &str, columns: &[&str]| {
+        let found = tables.iter().find(|table| table.name == name)?;
+        Some((found, columns.iter().map(|column| found.column(column)).collect::<Option<Vec<_>>>()?))
+    };
+    let topics = table("topics", &["name", "type", "serialization_format"]);
+    let messages = table("messages", &["topic_id", "data"]);
+    let (Some((topics, topic_columns)), Some((messages, columns))) = (topics, messages) else {
+        if let Some(truncated) = pages.truncated() {
+            return Err(pages.damaged(truncated.byte, truncated.lost.clone()));
+        }
+        let names: Vec<&str> = tables.iter().map(|table| table.name.as_str()).collect();
+        let what = format!("no tables of a ROS 2 bag, but these: {}", names.join(", "));
+        return Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)));
+    };
+    let (numbers, topics) = read_topics(&mut pages, topics, &topic_columns)?;
+    let columns = columns.try_into().unwrap_or_default();
+    let messages = messages.open();
+    Ok(Box::new(Bag { pages, messages, columns, topics, numbers, row: Vec::new() }))
+}
+
+/// The topics and their numbers.
+fn read_topics(
+    pages: &mut Pages,
+    table: &Description,
+    columns: &[usize],
+) -> Result<(Vec<i64>, Vec<Topic>), RecordingError> {
+    let (mut rows, mut row) = (table.open(), Vec::new());
+    let (mut numbers, mut topics) = (Vec::new(), Vec::new());
+    while let Some((number, byte)) = pages.next(&mut rows, &mut row)? {
+        let values = sqlite::values(&row).ok_or_else(|| pages.damaged(byte, "a topic cannot be read"))?;
+        let text = |column: &usize| match values.get(*column) {
+            Some(Value::Bytes(text)) => String::from_utf8_lossy(text).into_owned(),
+            _ => String::new(),
+        };
+        let texts: Vec<String> = columns.iter().map(text).collect();
+        let [name, type_name, format] = texts.as_slice() else { continue };
+        let kind = if format == "cdr" { Kind::of_type(type_name) } else { Kind::Other };
+        topics.push(Topic { name: name.clone(), type_name: type_name.clone(), kind, wire: Wire::Cdr });
+        numbers.push(number);
+    }
+    Ok((numbers, topics))
+}
+
+impl Container for Bag {
+    fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
+        let Some((_, byte)) = self.pages.next(&mut self.messages, &mut self.row)? else {
+            self.pages.finish();
+            return Ok(None);
+        };
+        let [topic, data] = self.columns;
+        let values = sqlite::values(&self.row).unwrap_or_default();
+        let (Some(Value::Whole(topic)), Some(Value::Bytes(_))) = (values.get(topic), values.get(data)) else {
+            return Err(self.pages.damaged(byte, "a message cannot be read"));
+        };
+        let Some(topic) = self.numbers.iter().position(|number| number == topic) else {
+            return Err(self.pages.damaged(byte, "a message is of a topic that is not known"));
+        };
+        Ok(Some(MessageHead { topic, byte }))
+    }
+
+    fn message(&self) -> &[u8] {
+        let [_, data] = self.columns;
+        match sqlite::values(&self.row).unwrap_or_default().get(data) {
+            Some(Value::Bytes(message)) => message,
+            _ => &[],
+        }
+    }
+
+    fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    fn truncated(&self) -> Option<&Truncation> {
+        self.pages.truncated()
+    }
+
+    fn damaged(&self, byte: u64, what: String) -> RecordingError {
+        self.pages.damaged(byte, what)
+    }
+}

@@ -1,0 +1,198 @@
+//! Recordings that other programs write and read.
+
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+use evcal::recording::aedat4::header::Compression;
+use evcal::recording::aedat4::write::Encoder;
+use evcal::recording::encode::Encode;
+use evcal::recording::extras::{Frame, InertialSample, OtherStreams};
+use evcal::recording::{Recording, RecordingOptions};
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+use evcal_tests::readers::{ask, python};
+use evcal_tests::{evcal, text};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+const SENSOR: Sensor = Sensor::new(346, 260);
+/// 10 September 2026 in µs.
+const UNIX_TIME: i64 = 1_789_000_000_000_000;
+
+/// Bursts, several events a microsecond, and rests.
+fn events(start: i64) -> Vec<Event> {
+    let mixed = |index: i64| (index as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
+    (0..20_000)
+        .map(|index| Event {
+            t: start + index / 3 * 17 + index / 1000 * 30_000,
+            x: (mixed(index) % 346) as u16,
+            y: (mixed(index) / 346 % 260) as u16,
+            polarity: if mixed(index) & 0x40_0000 == 0 { Polarity::Off } else { Polarity::On },
+        })
+        .collect()
+}
+
+fn rows(events: &[Event]) -> Value {
+    events.iter().map(|event| json!([event.t, event.x, event.y, event.polarity.index()])).collect()
+}
+
+fn read(path: &Path, options: RecordingOptions) -> Vec<Event> {
+    let mut reader = Recording::new(path, options).unwrap().open().unwrap();
+    let (mut all, mut batch) = (Vec::new(), Vec::new());
+    while reader.next_batch(&mut batch).unwrap() {
+        all.append(&mut batch);
+    }
+    all
+}
+
+/// Files of these programs, with these extensions, that hold `events`.
+fn written_by(programs: &[(&str, &str)], events: &[Event]) -> (TempDir, Vec<PathBuf>) {
+    let folder = TempDir::new().unwrap();
+    let path = |(program, extension): &(&str, &str)| folder.path().join(format!("{program}.{extension}"));
+    let paths: Vec<PathBuf> = programs.iter().map(path).collect();
+    let task =
+        |((program, _), path): (&(&str, &str), &PathBuf)| json!({"action": "write", "program": program, "path": path});
+    let tasks: Vec<Value> = programs.iter().zip(&paths).map(task).collect();
+    ask(&python(), "recordings.py", &json!({"tasks": tasks, "events": rows(events), "size": [346, 260]}));
+    (folder, paths)
+}
+
+#[test]
+fn bags_and_arrays_of_their_own_writers_are_read() {
+    let programs = [
+        ("rosbags-none", "bag"),
+        ("rosbags-bz2", "bag"),
+        ("rosbags-lz4", "bag"),
+        ("rosbags-db3", "db3"),
+        ("rosbags-mcap", "mcap"),
+        ("numpy-padded", "npy"),
+        ("numpy-table", "npy"),
+        ("numpy-fortran", "npy"),
+        ("numpy-stored", "npz"),
+        ("numpy-deflated", "npz"),
+    ];
+    let expected = events(UNIX_TIME);
+    let (_folder, paths) = written_by(&programs, &expected);
+    for path in paths {
+        assert!(read(&path, RecordingOptions::default()) == expected, "{}", path.display());
+    }
+}
+
+#[test]
+fn files_of_faery_are_read() {
+    // faery's files begin at 0.
+    let expected = events(0);
+    let (_folder, paths) = written_by(&[("faery", "es"), ("faery", "dat")], &expected);
+    for path in paths {
+        assert!(read(&path, RecordingOptions::default()) == expected, "{}", path.display());
+    }
+}
+
+fn frame(t: i64, seed: usize) -> Frame {
+    Frame {
+        t,
+        exposure: Some((t - 2000, t + 2000)),
+        readout: Some((t - 9000, t + 11_000)),
+        size: (346, 260),
+        position: (0, 0),
+        channels: 1,
+        pixels: (0..346 * 260).map(|index| ((index * 7 + seed * 31) % 256) as u8).collect(),
+    }
+}
+
+fn sample(t: i64) -> InertialSample {
+    InertialSample { t, temperature: 31.0, acceleration: [1.0, -0.25, 0.0], angular_velocity: [90.0, -180.0, 0.5] }
+}
+
+/// A recording with events, frames and inertial samples.
+fn recording(path: &Path, start: i64) {
+    let others = OtherStreams { frames: true, imu: true };
+    let output = BufWriter::new(File::create(path).unwrap());
+    let mut encoder = Encoder::with_streams(output, Compression::Lz4, SENSOR, "DAVIS346_7", others).unwrap();
+    encoder.write(&events(start)).unwrap();
+    (0..5).for_each(|index| encoder.frame(&frame(start + 20_000 + 100_000 * index, index as usize)).unwrap());
+    let samples: Vec<InertialSample> = (0..50).map(|index| sample(start + 10_000 * index)).collect();
+    encoder.imu(&samples).unwrap();
+    encoder.finish().unwrap();
+}
+
+fn converted(source: &Path, target: &Path) -> String {
+    let finished = evcal(&["convert", text(source), text(target)]);
+    assert_eq!(finished.code, Some(0), "{}", finished.stderr);
+    finished.stdout
+}
+
+/// What `program` finds in the file at `path`.
+fn read_by(program: &str, path: &Path) -> Value {
+    let tasks = json!([{"action": "read", "program": program, "path": path}]);
+    ask(&python(), "recordings.py", &json!({"tasks": tasks, "events": [], "size": [346, 260]}))[0].take()
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[test]
+fn written_bags_are_read_by_rosbags_and_mcap_with_frames_and_samples() {
+    let folder = TempDir::new().unwrap();
+    let source = folder.path().join("source.aedat4");
+    recording(&source, UNIX_TIME);
+    for (program, extension) in [("rosbags", "bag"), ("mcap", "mcap")] {
+        let target = folder.path().join(format!("target.{extension}"));
+        let told = converted(&source, &target);
+        assert!(told.contains("20000 events, 5 frames, 50 inertial samples") && told.contains("exposures"), "{told}");
+        assert_eq!(read(&target, RecordingOptions::default()), events(UNIX_TIME));
+        let found = read_by(program, &target);
+        assert!(found["events"] == rows(&events(UNIX_TIME)), "{program}");
+        let frames: Value = (0..5)
+            .map(|index| frame(UNIX_TIME + 20_000 + 100_000 * index, index as usize))
+            .map(|frame| json!([frame.t, 346, 260, hexadecimal(&frame.pixels)]))
+            .collect();
+        assert_eq!(found["frames"], frames, "{program}");
+        let samples = found["samples"].as_array().unwrap();
+        assert_eq!((samples.len(), &samples[49][0]), (50, &json!(UNIX_TIME + 490_000)));
+        let half_turn = std::f64::consts::PI;
+        for (number, expected) in
+            [(1, [half_turn / 2.0, -half_turn, half_turn / 360.0]), (2, [9.806_65, -9.806_65 / 4.0, 0.0])]
+        {
+            let values: [f64; 3] = serde_json::from_value(samples[0][number].clone()).unwrap();
+            assert!(
+                values.iter().zip(expected).all(|(value, expected)| (value - expected).abs() < 1e-12),
+                "{values:?}"
+            );
+        }
+        // The way back keeps all that the bag holds.
+        let again = folder.path().join(format!("{extension}.aedat4"));
+        assert!(converted(&target, &again).contains("20000 events, 5 frames, 50 inertial samples"));
+        assert_eq!(read(&again, RecordingOptions::default()), events(UNIX_TIME));
+    }
+}
+
+#[test]
+fn written_archives_are_read_by_numpy() {
+    let folder = TempDir::new().unwrap();
+    let (source, target) = (folder.path().join("source.aedat4"), folder.path().join("target.npz"));
+    recording(&source, UNIX_TIME);
+    assert!(converted(&source, &target).contains("not kept"));
+    let expected = events(UNIX_TIME);
+    assert_eq!(read(&target, RecordingOptions::default()), expected);
+    assert_eq!(read_by("numpy", &target), json!({"events": rows(&expected), "size": [346, 260]}));
+}
+
+#[test]
+fn written_evt3_is_read_by_faery() {
+    let folder = TempDir::new().unwrap();
+    for start in [0, 123_456_789, UNIX_TIME] {
+        let (source, target) = (folder.path().join("source.aedat4"), folder.path().join("target.raw"));
+        recording(&source, start);
+        let told = converted(&source, &target);
+        let zero = if start == UNIX_TIME { UNIX_TIME } else { 0 };
+        assert_eq!(told.contains("times count from"), zero != 0, "{told}");
+        let expected = events(start - zero);
+        assert_eq!(read(&target, RecordingOptions::default()), expected);
+        let found = read_by("faery", &target);
+        assert!(found == json!({"events": rows(&expected), "size": [346, 260]}), "from {start} us");
+        fs::remove_file(&target).unwrap();
+    }
+}
