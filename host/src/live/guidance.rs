@@ -1,8 +1,8 @@
 //! Where the board should go next: the place from which most would be learnt about the camera.
 //!
-//! Every window with the board adds its information of the intrinsics ([`information`]). A place is worth what it would
+//! Every window with the board adds its information of the intrinsics (`information`). A place is worth what it would
 //! take off the projection's mean variance over the sensor in a second there, averaged over where a person's hands
-//! really are ([`place`]); the best one becomes the *ghost*, which stays until most of its worth came in. Time is the
+//! really are (`place`); the best one becomes the *ghost*, which stays until most of its worth came in. Time is the
 //! sensor's, so the same recording gives the same hints.
 //!
 //! The camera behind this is provisional: an ordinary lens (`radtan`) from the windows so far, made anew whenever there

@@ -6,7 +6,7 @@
 //! | array of N × 4 or 4 × N numbers | events, by columns as in a text file |
 //! | npz with arrays `t`, `x`, `y`, `p` of one length | events, by the names of the arrays |
 //!
-//! Names, units of time and what is guessed are those of text files ([`super::columns`]).
+//! Names, units of time and what is guessed are those of text files.
 
 mod archive;
 mod header;
