@@ -7,9 +7,10 @@
 //! From the declarations come the check of a file, the comments of `settings.toml` and the tables of
 //! `docs/settings.md`.
 
-mod bounds;
+pub mod bounds;
 mod text;
 
+use bounds::OutOfBounds;
 use std::path::Path;
 
 use evcal_core::settings;
@@ -102,7 +103,7 @@ pub enum SettingsError {
         /// The file.
         file: String,
         /// Which value, and what it may be.
-        reason: String,
+        reason: OutOfBounds,
     },
 }
 

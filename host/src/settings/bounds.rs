@@ -1,29 +1,59 @@
 //! Whether numbers are within their bounds.
 
-use evcal_core::settings::{Group, Kind};
+use evcal_core::settings::{Bounds, Group, Kind};
 use toml::{Table, Value};
 
+/// A number that is not what it may be; names are dotted, as in `detection.cluster.epsilon`.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum OutOfBounds {
+    /// It is outside of its own bounds.
+    #[error("{name} is {value}; it must be {bounds}{}{unit}", if unit.is_empty() { "" } else { " " })]
+    Range {
+        /// Name of the setting.
+        name: String,
+        /// Its value.
+        value: f64,
+        /// What it may be.
+        bounds: Bounds,
+        /// Its unit; empty without one.
+        unit: &'static str,
+    },
+    /// It is larger than another setting that limits it.
+    #[error("{name} is {value}; it must be at most {other}, which is {most}")]
+    Above {
+        /// Name of the setting.
+        name: String,
+        /// Its value.
+        value: f64,
+        /// Name of the setting that limits it.
+        other: String,
+        /// Its value.
+        most: f64,
+    },
+}
+
 /// Which number of `group`, whose values are in `values`, is out of its bounds, and what it may be.
-pub fn check(group: &Group, values: &Table) -> Result<(), String> {
+pub fn check(group: &Group, values: &Table) -> Result<(), OutOfBounds> {
     check_below("", group, values)
 }
 
 /// As [`check`], for the settings whose names begin with `prefix`.
-fn check_below(prefix: &str, group: &Group, values: &Table) -> Result<(), String> {
+fn check_below(prefix: &str, group: &Group, values: &Table) -> Result<(), OutOfBounds> {
     let numbers = group.settings.iter().filter_map(|setting| match setting.kind {
         Kind::Number { unit, bounds } => Some((setting.name, unit, bounds, number(values, setting.name)?)),
         Kind::Choice | Kind::Group(_) => None,
     });
     for (name, unit, bounds, value) in numbers.clone() {
         if !bounds.holds(value) {
-            let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-            return Err(format!("{prefix}{name} is {value}; it must be {bounds}{unit}"));
+            return Err(OutOfBounds::Range { name: format!("{prefix}{name}"), value, bounds, unit });
         }
     }
     for (name, _, bounds, value) in numbers {
         let other = bounds.up_to.and_then(|other| Some((other, number(values, other)?)));
         if let Some((other, most)) = other.filter(|(_, most)| value > *most) {
-            return Err(format!("{prefix}{name} is {value}; it must be at most {prefix}{other}, which is {most}"));
+            let (name, other) = (format!("{prefix}{name}"), format!("{prefix}{other}"));
+            return Err(OutOfBounds::Above { name, value, other, most });
         }
     }
     for setting in group.settings {
@@ -46,7 +76,6 @@ fn number(values: &Table, name: &str) -> Option<f64> {
 mod tests {
     use super::super::Settings;
     use super::*;
-    use evcal_core::settings::Bounds;
 
     /// The dotted names of all numbers with their bounds.
     fn numbers(prefix: &str, group: &Group) -> Vec<(String, Bounds)> {
@@ -87,7 +116,7 @@ mod tests {
             table = table[inner].as_table_mut().unwrap();
         }
         table[name] = Value::Float(value);
-        check(&Settings::GROUP, &settings)
+        check(&Settings::GROUP, &settings).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::container::{Container, MessageHead, Topic, unpack};
+use super::container::{ChunkError, Container, MessageHead, Topic, unpack};
 use super::fields::Wire;
 use super::message::Kind;
 use super::write::BAG_OUTPUT;
@@ -168,7 +168,7 @@ impl Bag {
             b"none" => unpack(packed, size, unpacked),
             b"lz4" => unpack(lz4_flex::frame::FrameDecoder::new(packed), size, unpacked),
             b"bz2" => unpack(bzip2::read::BzDecoder::new(packed), size, unpacked),
-            _ => Err("its compression is none of none, bz2 and lz4".to_owned()),
+            _ => Err(ChunkError::Compression { known: "none, bz2 and lz4" }),
         };
         (self.chunk.position, self.chunk.byte) = (0, start);
         done.map_err(|what| {

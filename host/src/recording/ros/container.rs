@@ -1,9 +1,9 @@
 //! Files of messages.
 
-use std::io::Read;
+use std::io::{self, Read};
 use std::path::Path;
 
-use super::fields::Wire;
+use super::fields::{MessageError, Wire};
 use super::message::Kind;
 use crate::recording::{RecordingError, Truncation};
 
@@ -63,10 +63,36 @@ pub trait Container: Send {
 /// Opens a file of messages.
 pub type OpenContainer = fn(&Path) -> Result<Box<dyn Container>, RecordingError>;
 
-/// Unpacks a chunk into `unpacked`; what is wrong with it if that fails.
-pub fn unpack(mut packed: impl Read, size: u64, unpacked: &mut Vec<u8>) -> Result<(), String> {
+/// Why a chunk cannot be unpacked.
+#[derive(Debug, thiserror::Error)]
+pub enum ChunkError {
+    /// Its head.
+    #[error(transparent)]
+    Head(#[from] MessageError),
+    /// It has fewer bytes than its head says.
+    #[error("it ends within its records")]
+    Short,
+    /// It is packed in a way that the format does not have.
+    #[error("its compression is none of {known}")]
+    Compression {
+        /// Those that there are.
+        known: &'static str,
+    },
+    /// What is packed is damaged.
+    #[error(transparent)]
+    Packed(#[from] io::Error),
+    /// It holds more or less than it should.
+    #[error("it unpacks to other than {size} bytes")]
+    Size {
+        /// What it should hold.
+        size: u64,
+    },
+}
+
+/// Unpacks a chunk of `size` bytes into `unpacked`.
+pub fn unpack(mut packed: impl Read, size: u64, unpacked: &mut Vec<u8>) -> Result<(), ChunkError> {
     unpacked.clear();
     let most = size.min(MOST_UNPACKED);
-    let read = packed.by_ref().take(most + 1).read_to_end(unpacked).map_err(|error| error.to_string())?;
-    if read as u64 == size { Ok(()) } else { Err(format!("it unpacks to other than {size} bytes")) }
+    let read = packed.by_ref().take(most + 1).read_to_end(unpacked)?;
+    if read as u64 == size { Ok(()) } else { Err(ChunkError::Size { size }) }
 }

@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::container::{Container, MessageHead, Topic, unpack};
+use super::container::{ChunkError, Container, MessageHead, Topic, unpack};
 use super::fields::{Fields, MessageError, Wire};
 use super::message::Kind;
 use super::write::MCAP_OUTPUT;
@@ -125,9 +125,9 @@ impl Mcap {
         Ok(false)
     }
 
-    fn unpack(&mut self) -> Result<(), String> {
-        let mut fields = Fields::new(Wire::Ros1, &self.packed).map_err(|error| error.to_string())?;
-        let mut head = || {
+    fn unpack(&mut self) -> Result<(), ChunkError> {
+        let mut fields = Fields::new(Wire::Ros1, &self.packed)?;
+        let mut head = || -> Result<_, MessageError> {
             fields.u64("its head")?;
             fields.u64("its head")?;
             let size = fields.u64("its head")?;
@@ -136,18 +136,18 @@ impl Mcap {
             let length = fields.u64("its head")?;
             Ok((size, compression, length, fields.rest()))
         };
-        let (size, compression, length, packed) = head().map_err(|error: MessageError| error.to_string())?;
+        let (size, compression, length, packed) = head()?;
         let packed = usize::try_from(length).ok().and_then(|length| packed.get(..length));
-        let packed = packed.ok_or("it ends within its records")?;
+        let packed = packed.ok_or(ChunkError::Short)?;
         let records = &mut self.records;
         match compression {
             b"" => unpack(packed, size, records),
             b"lz4" => unpack(lz4_flex::frame::FrameDecoder::new(packed), size, records),
             b"zstd" => {
-                let decoder = zstd::stream::read::Decoder::with_buffer(packed).map_err(|error| error.to_string())?;
+                let decoder = zstd::stream::read::Decoder::with_buffer(packed)?;
                 unpack(decoder, size, records)
             }
-            _ => Err("its compression is neither lz4 nor zstd".to_owned()),
+            _ => Err(ChunkError::Compression { known: "lz4 and zstd" }),
         }
     }
 
