@@ -58,7 +58,7 @@ fn cell(folder: &TempDir, lens: Lens, recording: &Path, options: &[&str], settin
     let output = folder.path().join("output");
     let _ = fs::remove_dir_all(&output);
     let events = recording.join("events.aedat4");
-    let common = ["calibrate", text(&events), "--board", BOARD, "--model", lens.model];
+    let common = ["calibrate", text(&events), "--accept-any", "--board", BOARD, "--model", lens.model];
     let rest = ["--settings", text(&file), "-o", text(&output)];
     let finished = evcal(&[&common[..], options, &rest].concat());
     if finished.code != Some(0) {
