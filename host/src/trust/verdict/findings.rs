@@ -53,10 +53,12 @@ fn places<'a>(stretches: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, Stri
 }
 
 fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
+    /// Less than this (s) may be the first moment of a recording, before the pixels have settled.
+    const SHORT: f64 = 0.1;
     let (seconds, places) = places(left_out.iter().filter(|stretch| stretch.reason == Reason::Unexplained))?;
     Some(Finding {
         cause: Cause::Unexplained,
-        severity: Severity::Warning,
+        severity: if seconds < SHORT { Severity::Note } else { Severity::Warning },
         reason: format!(
             "the motion could not be followed for {seconds:.2} s, which are left out of camera and trajectory ({places})"
         ),
