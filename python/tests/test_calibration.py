@@ -107,8 +107,12 @@ def test_control_c_ends_a_calibration_and_others_run_meanwhile(events):
     signal.signal(signal.SIGINT, signal.default_int_handler)
     thread = threading.Thread(target=interrupt)
     thread.start()
+    # The same recording twice would be refused.
+    recordings = [events.copy() for _ in range(20)]
+    for index, recording in enumerate(recordings):
+        recording["x"] = (recording["x"] + index) % 346
     with pytest.raises(KeyboardInterrupt):
-        evcal.calibrate([events] * 20, board=BOARD, sensor=(346, 260), progress=lambda _: begun.set())
+        evcal.calibrate(recordings, board=BOARD, sensor=(346, 260), progress=lambda _: begun.set())
     thread.join()
     assert len(turns) == 5
 
