@@ -11,7 +11,11 @@ const BIN: i64 = 1000;
 /// Bins within this share of the largest are near it.
 const NEAR: f64 = 0.9;
 /// So many bins in a row are a stretch.
-const FEWEST_BINS: usize = 5;
+const FEWEST_BINS: usize = 10;
+/// Bins within this share of the largest are at the top.
+const TOP: f64 = 0.97;
+/// At least this part of a stretch is at the top; a rate that rises and falls by itself is there for half of it.
+const AT_TOP: f64 = 0.75;
 /// Variance over mean below which the number of events in a bin is no matter of chance; 1 would be.
 const STEADY: f64 = 0.3;
 /// Readouts are faster than this (events a bin).
@@ -69,7 +73,8 @@ impl SaturationDetector {
         let (mut start, mut events, mut bins) = (0, 0_u64, 0_usize);
         for run in self.counts.chunk_by(|a, b| near(*a) == near(*b)) {
             let end = start + run.len();
-            if run.first().copied().is_some_and(near) && run.len() >= FEWEST_BINS && is_steady(run) {
+            let is_long = run.first().copied().is_some_and(near) && run.len() >= FEWEST_BINS;
+            if is_long && is_flat(run, most) && is_steady(run) {
                 let time = |bin: usize| (bin as i64 * BIN) as f64 * 1e-6;
                 // What still waits at the end comes in the next bin.
                 found.stretches.push((time(start.saturating_sub(1)), time(end + 1)));
@@ -83,6 +88,12 @@ impl SaturationDetector {
         }
         found
     }
+}
+
+/// Whether most counts are at the top.
+fn is_flat(counts: &[u32], most: u32) -> bool {
+    let top = counts.iter().filter(|&&count| f64::from(count) >= TOP * f64::from(most)).count();
+    top as f64 >= AT_TOP * counts.len() as f64
 }
 
 /// Whether counts vary less than those of events that come by chance.
@@ -142,6 +153,22 @@ mod tests {
         let &[(start, end)] = saturation.stretches.as_slice() else { panic!("{saturation:?}") };
         // Half of the surplus is read in the 100 ms after.
         assert!((start - 0.1).abs() < 0.003 && (end - 0.25).abs() < 0.006, "{saturation:?}");
+    }
+
+    #[test]
+    fn a_rate_that_rises_and_falls_smoothly_is_no_saturation() {
+        // As many events as the rate says, without chance: the edges of a board that moves.
+        let mut times = Vec::new();
+        let (mut t, mut whole) = (0.0_f64, 0.0);
+        while t < 300_000.0 {
+            whole += 2.0 + 1.5 * (t * 5e-5).sin();
+            while whole >= 1.0 {
+                times.push(t);
+                whole -= 1.0;
+            }
+            t += 1.0;
+        }
+        assert_eq!(found(&times), Saturation::default());
     }
 
     #[test]

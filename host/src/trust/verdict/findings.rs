@@ -52,9 +52,10 @@ fn places<'a>(stretches: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, Stri
     Some((seconds, places.join(", ")))
 }
 
+/// Less than this (s) that is left out is worth a note only: the first moment of a recording, or one jerk.
+const SHORT: f64 = 0.1;
+
 fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
-    /// Less than this (s) may be the first moment of a recording, before the pixels have settled.
-    const SHORT: f64 = 0.1;
     let (seconds, places) = places(left_out.iter().filter(|stretch| stretch.reason == Reason::Unexplained))?;
     Some(Finding {
         cause: Cause::Unexplained,
@@ -77,7 +78,8 @@ fn saturated(events: &EventTrust) -> Option<Finding> {
     let (seconds, places) = places(events.left_out.iter().filter(|stretch| stretch.reason == Reason::Saturated))?;
     let reason =
         format!("{what} for {seconds:.2} s: they are late there, and left out of camera and trajectory ({places})");
-    Some(Finding { cause: Cause::Saturated, severity: Severity::Warning, reason, advice })
+    let severity = if seconds < SHORT { Severity::Note } else { Severity::Warning };
+    Some(Finding { cause: Cause::Saturated, severity, reason, advice })
 }
 
 fn uncertain(trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
