@@ -15,15 +15,7 @@ fi
 
 target="${CARGO_TARGET_DIR:-$PWD/target}/python"
 environment="$target/environment"
-wanted=python/tests/requirements.txt
-if ! cmp -s "$wanted" "$environment/installed.txt"; then
-    echo "test-python: installing the packages of $wanted to $environment"
-    rm -rf "$environment"
-    mkdir -p "$environment"
-    /usr/bin/python3 -m venv "$environment"
-    "$environment/bin/pip" install --quiet --disable-pip-version-check --only-binary=:all: --requirement "$wanted"
-    cp "$wanted" "$environment/installed.txt"
-fi
+install_python_packages "$environment" python/tests/requirements.txt
 PATH="$environment/bin:$PATH"
 export PATH
 

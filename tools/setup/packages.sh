@@ -1,4 +1,4 @@
-# Installs Debian's packages for the other scripts here, which read this file with `.` and say who they are in $script.
+# Installs packages of Debian and PyPI for the other scripts, which read this file with `.` and say who they are in $script.
 # All messages go to standard error.
 
 is_debian() {
@@ -19,6 +19,17 @@ run_as_root() {
 # update_package_lists: fetches what packages there are.
 update_package_lists() {
     run_as_root apt-get -o DPkg::Lock::Timeout=900 update -q >&2
+}
+
+# install_python_packages FOLDER REQUIREMENTS: an environment with what the file asks for, made anew when that changes.
+install_python_packages() {
+    ! cmp -s "$2" "$1/installed.txt" || return 0
+    echo "$script: installing the packages of $2 to $1" >&2
+    rm -rf "$1"
+    mkdir -p "$1"
+    /usr/bin/python3 -m venv "$1" &&
+        "$1/bin/pip" install --quiet --disable-pip-version-check --only-binary=:all: --requirement "$2" &&
+        cp "$2" "$1/installed.txt"
 }
 
 # install_packages PACKAGE...: installs those that are not there yet.

@@ -14,12 +14,4 @@ else
 fi
 
 readers="${CARGO_TARGET_DIR:-target}/readers"
-wanted=tests/readers/requirements.txt
-if ! cmp -s "$wanted" "$readers/installed.txt"; then
-    echo "readers: installing the packages of $wanted to $readers"
-    rm -rf "$readers"
-    mkdir -p "$readers"
-    /usr/bin/python3 -m venv "$readers"
-    "$readers/bin/pip" install --quiet --disable-pip-version-check --only-binary=:all: --requirement "$wanted"
-    cp "$wanted" "$readers/installed.txt"
-fi
+install_python_packages "$readers" tests/readers/requirements.txt

@@ -18,7 +18,7 @@ use evcal_core::sensor::Sensor;
 use super::bytes::ByteReader;
 use super::{
     Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, Truncation,
+    RecordingOptions,
 };
 
 const MAGIC: &[u8] = b"#!AER-DAT2.0";
@@ -26,6 +26,8 @@ const MAGIC: &[u8] = b"#!AER-DAT2.0";
 /// AEDAT 2.0.
 pub const FORMAT: FileFormat = FileFormat::of_events("AEDAT 2.0", |head| head.bytes.starts_with(MAGIC), open);
 
+/// Bytes of an event.
+const RECORD: usize = 8;
 /// Bytes that are decoded at a time: whole records.
 const BLOCK: u64 = 1 << 17;
 /// No line of the header is longer.
@@ -155,17 +157,11 @@ impl Decode for Decoder {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut block = std::mem::take(&mut self.block);
-        self.file.read(&mut block, BLOCK)?;
-        let (records, rest) = block.as_chunks();
-        batch.extend(records.iter().filter_map(|record| self.event(*record)));
+        let more = self.file.read_records::<RECORD>(&mut block, BLOCK, report)?;
+        batch.extend(block.as_chunks().0.iter().filter_map(|record| self.event(*record)));
         if self.other > 0 {
             report.other_packets.insert("words of pictures, inertial samples and signals".to_owned(), self.other);
         }
-        if !rest.is_empty() {
-            let byte = self.file.position() - rest.len() as u64;
-            report.truncated = Some(Truncation { byte, lost: format!("{} bytes of an event are left", rest.len()) });
-        }
-        let more = block.len() as u64 == BLOCK;
         self.block = block;
         Ok(more)
     }

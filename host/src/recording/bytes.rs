@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use super::{RecordingError, RecordingErrorKind};
+use super::{ReadReport, RecordingError, RecordingErrorKind, Truncation};
 
 /// What to do about damage.
 pub const BEFORE_IT: &str = "the events before it can be used";
@@ -42,6 +42,25 @@ impl ByteReader {
         let read = self.file.by_ref().take(count).read_to_end(buffer);
         self.position += read.map_err(|error| RecordingError::io(&self.path, error))? as u64;
         Ok(())
+    }
+
+    /// Replaces the content of `block` by the next `count` bytes, as far as they are whole records of `SIZE` bytes, and
+    /// tells whether there may be more. What is left of a record at the end of the file is noted in `report`.
+    pub fn read_records<const SIZE: usize>(
+        &mut self,
+        block: &mut Vec<u8>,
+        count: u64,
+        report: &mut ReadReport,
+    ) -> Result<bool, RecordingError> {
+        self.read(block, count)?;
+        let more = block.len() as u64 == count;
+        let left = block.len() % SIZE;
+        if left > 0 {
+            let byte = self.position - left as u64;
+            report.truncated = Some(Truncation { byte, lost: format!("{left} bytes of an event are left") });
+            block.truncate(block.len() - left);
+        }
+        Ok(more)
     }
 
     /// The next `N` bytes; `None`, and the position stays, if there are not as many.

@@ -7,11 +7,10 @@ use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
-use crate::solve::bearing_table::BearingTable;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
-use crate::solve::stretch::residuals;
+use crate::solve::stretch::residuals_at;
 use crate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
 use crate::trust::residual_map::{ResidualMap, ResidualPattern};
 
@@ -44,8 +43,7 @@ fn in_words(calibrated: &Calibrated) -> Markup {
 fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup {
     let refined = &calibration.refined;
     let map = &calibration.trust.residuals;
-    let bearings = BearingTable::new(&refined.state.camera, calibrated.sensor);
-    let classes = class_residuals(&residuals(&refined.problem, &refined.state, &bearings));
+    let classes = class_residuals(&residuals_at(&refined.problem, &refined.state));
     html! {
         (in_words(calibrated))
         @if map.cells.iter().any(|cell| cell.count > 0) { (by_place(calibrated, map)) }

@@ -123,14 +123,13 @@ fn left_out(stretches: &[LeftOut]) -> Markup {
     /// Stretches that are named.
     const NAMED: usize = 20;
     let of = |reason: Reason| stretches.iter().filter(move |stretch| stretch.reason == reason);
-    let named = |stretch: &LeftOut| format!("{:.2} to {:.2} s", stretch.start, stretch.end);
     let reasons = [
         (Reason::Unexplained, "no curve explains the events there"),
         (Reason::Saturated, "the camera had more events than it can read"),
     ];
     html! {
         @for (reason, why) in reasons {
-            @let (names, count) = (of(reason).take(NAMED).map(named).collect::<Vec<_>>(), of(reason).count());
+            @let (names, count) = (of(reason).take(NAMED).map(ToString::to_string).collect::<Vec<_>>(), of(reason).count());
             @if count > 0 {
                 p {
                     "Left out, because " (why) ": " (names.join(", "))

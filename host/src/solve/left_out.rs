@@ -1,8 +1,9 @@
 //! Stretches of time that are left out of the solve and of the trajectory.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
-use super::observation::EventBin;
 use super::{Problem, State};
 
 /// Why a stretch is left out.
@@ -28,6 +29,13 @@ pub struct LeftOut {
     pub reason: Reason,
 }
 
+/// When it is, to a hundredth of a second.
+impl fmt::Display for LeftOut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.2} to {:.2} s", self.start, self.end)
+    }
+}
+
 /// Whether time `t` (s) of `recording` lies in one of `stretches`.
 pub fn covers(stretches: &[LeftOut], recording: usize, t: f64) -> bool {
     stretches.iter().any(|stretch| stretch.recording == recording && stretch.start <= t && t <= stretch.end)
@@ -35,16 +43,13 @@ pub fn covers(stretches: &[LeftOut], recording: usize, t: f64) -> bool {
 
 /// Takes the observations in `stretches` out of `problem`.
 pub fn leave_out(problem: &mut Problem, state: &State, stretches: &[LeftOut]) {
+    // Mostly there is nothing to do, and the events are many.
+    if stretches.is_empty() {
+        return;
+    }
     for (observations, trajectory) in problem.segments.iter_mut().zip(&state.trajectories) {
-        let outside = |t: f64| !covers(stretches, trajectory.recording, t);
-        let mut events = Vec::with_capacity(observations.events.len());
-        let mut bins = Vec::with_capacity(observations.bins.len());
-        for bin in observations.bins.iter().filter(|bin| outside(bin.t)) {
-            let first = events.len();
-            events.extend_from_slice(observations.events.get(bin.first..bin.end).unwrap_or_default());
-            bins.push(EventBin { t: bin.t, first, end: events.len() });
-        }
-        observations.points.retain(|point| outside(point.t));
-        (observations.events, observations.bins) = (events, bins);
+        let far = std::mem::take(&mut observations.far);
+        *observations = observations.within(|t| !covers(stretches, trajectory.recording, t));
+        observations.far = far;
     }
 }

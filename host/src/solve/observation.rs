@@ -43,3 +43,17 @@ pub struct SegmentObservations {
     /// Times of the events near the board that are too far from every edge to be observations (s).
     pub far: Vec<f32>,
 }
+
+impl SegmentObservations {
+    /// The bins and circle centres whose time is `wanted`, without the times in [`far`](Self::far).
+    pub fn within(&self, wanted: impl Fn(f64) -> bool) -> Self {
+        let mut part = Self::default();
+        for bin in self.bins.iter().filter(|bin| wanted(bin.t)) {
+            let first = part.events.len();
+            part.events.extend_from_slice(self.events.get(bin.first..bin.end).unwrap_or_default());
+            part.bins.push(EventBin { t: bin.t, first, end: part.events.len() });
+        }
+        part.points.extend(self.points.iter().filter(|point| wanted(point.t)));
+        part
+    }
+}

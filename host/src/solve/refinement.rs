@@ -21,7 +21,7 @@ use crate::solve::left_out::{LeftOut, leave_out};
 use crate::solve::levenberg::solve;
 use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
-use crate::solve::stretch::{EventResidual, residuals};
+use crate::solve::stretch::{EventResidual, residuals, residuals_at};
 use crate::solve::unexplained::{UnexplainedSettings, unexplained};
 use crate::solve::{FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State};
 use crate::trajectory::knot_grid::KnotSettings;
@@ -192,23 +192,19 @@ pub fn refine<E: Send>(
         let change = (moved.compared > 0).then_some(moved.root_mean_square);
         rounds.push(RoundReport { association, knots, solve: solve_report, change });
         if final_round {
-            let unexplained = unexplained_at(&problem, &state, settings.unexplained);
+            let mut last = residuals_at(&problem, &state);
+            let unexplained = unexplained(&problem, &state, &last, settings.unexplained);
             if !unexplained.is_empty() {
                 leave_out(&mut problem, &state, &unexplained);
                 state = solve(&problem, state)?.0;
+                last = residuals_at(&problem, &state);
             }
-            let bearings = BearingTable::new(&state.camera, input.sensor);
-            let residuals = residual_statistics(&problem, &state, &bearings);
+            let residuals = residual_statistics(&problem, &state, &last);
             let left_out = input.left_out.iter().chain(&unexplained).copied().collect();
             return Ok(Refined { state, problem, residuals, left_out, rounds });
         }
         last_early = change.is_some_and(|change| change < SETTLED_TIMES * settings.refinement.settled);
     }
-}
-
-fn unexplained_at(problem: &Problem, state: &State, settings: &UnexplainedSettings) -> Vec<LeftOut> {
-    let bearings = BearingTable::new(&state.camera, problem.sensor);
-    unexplained(problem, state, &residuals(problem, state, &bearings), settings)
 }
 
 fn associate_all<E: Send>(

@@ -2,8 +2,7 @@
 
 use serde::Serialize;
 
-use super::bearing_table::BearingTable;
-use super::stretch::{point_residuals, residuals};
+use super::stretch::{EventResidual, point_residuals};
 use super::{Problem, State};
 use crate::numerics::statistics::median;
 
@@ -18,9 +17,8 @@ pub struct ResidualStatistics {
     pub median: f64,
 }
 
-/// Statistics of all residuals of `problem` at `state`; `bearings` are those of its camera.
-pub fn residual_statistics(problem: &Problem, state: &State, bearings: &BearingTable) -> ResidualStatistics {
-    let events = residuals(problem, state, bearings);
+/// Statistics of all residuals of `problem` at `state`; `events` are those of its events.
+pub fn residual_statistics(problem: &Problem, state: &State, events: &[EventResidual]) -> ResidualStatistics {
     let mut sizes: Vec<f32> = events.iter().map(|event| event.residual.abs()).collect();
     sizes.extend(point_residuals(problem, state).iter().map(|point| point.residual.norm() as f32));
     let count = sizes.len();

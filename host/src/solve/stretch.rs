@@ -179,7 +179,12 @@ pub struct EventResidual {
     pub scale: f32,
 }
 
-/// The residuals of all events, in their order.
+/// The residuals of all events, in their order, without a table of bearings that is there already.
+pub fn residuals_at(problem: &Problem, state: &State) -> Vec<EventResidual> {
+    residuals(problem, state, &BearingTable::new(&state.camera, problem.sensor))
+}
+
+/// The residuals of all events, in their order; `bearings` are those of the state's camera.
 pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> Vec<EventResidual> {
     let of_stretch = |stretch: &Stretch| {
         let mut found = Vec::new();

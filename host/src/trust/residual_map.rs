@@ -18,9 +18,8 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::numerics::huber::huber;
-use crate::solve::bearing_table::BearingTable;
 use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
-use crate::solve::stretch::{EventResidual, PointResidual, point_residuals, residuals};
+use crate::solve::stretch::{EventResidual, PointResidual, point_residuals, residuals_at};
 use crate::solve::{Problem, State};
 
 settings! {
@@ -117,8 +116,7 @@ pub struct ResidualPattern {
 
 /// The residuals of `problem` at `state` over the sensor.
 pub fn residual_map(problem: &Problem, state: &State, settings: &ResidualMapSettings) -> ResidualMap {
-    let bearings = BearingTable::new(&state.camera, problem.sensor);
-    let events = residuals(problem, state, &bearings);
+    let events = residuals_at(problem, state);
     let observations: Vec<Observation> = if events.is_empty() {
         point_residuals(problem, state).iter().flat_map(|point| of_point(problem, point)).collect()
     } else {

@@ -12,10 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::lens::camera_file::CameraDescription;
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
-use crate::solve::bearing_table::BearingTable;
 use crate::solve::levenberg::{formal_covariance, solve};
-use crate::solve::observation::{EventBin, SegmentObservations};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
+use crate::solve::stretch::residuals_at;
 use crate::solve::{FreeParameters, Problem, SolveSettings, State};
 use crate::trust::uncertainty::projection::projection_uncertainty;
 
@@ -88,7 +87,7 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
 
     let mut held_out = HeldOutResidual { count: 0, rms: 0.0, own_rms: 0.0 };
     for ((half, own), other) in halves.iter().zip([first, second]).zip([&second.camera, &first.camera]) {
-        let own_residuals = residual_statistics(half, own, &BearingTable::new(&own.camera, half.sensor));
+        let own_residuals = statistics(half, own);
         let held = with_camera_held(half, own, other)?;
         held_out.count += own_residuals.count;
         held_out.rms += held.rms * held.rms * held.count as f64;
@@ -105,6 +104,10 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
     })
 }
 
+fn statistics(problem: &Problem, state: &State) -> ResidualStatistics {
+    residual_statistics(problem, state, &residuals_at(problem, state))
+}
+
 /// Residuals of `half` with `camera`, its trajectories solved anew.
 fn with_camera_held(half: &Problem, own: &State, camera: &Camera<f64>) -> Option<ResidualStatistics> {
     let held = Problem {
@@ -116,24 +119,14 @@ fn with_camera_held(half: &Problem, own: &State, camera: &Camera<f64>) -> Option
         ..*half
     };
     let (state, _) = solve(&held, State { camera: *camera, ..own.clone() }).ok()?;
-    Some(residual_statistics(&held, &state, &BearingTable::new(camera, held.sensor)))
+    Some(statistics(&held, &state))
 }
 
 /// The slices of `problem` whose number has this parity.
 fn half(problem: &Problem, settings: &SplitHalfSettings, parity: i64) -> Problem {
     let wanted = |t: f64| (t / settings.slice).floor() as i64 & 1 == parity;
-    let of_segment = |segment: &SegmentObservations| {
-        let mut part = SegmentObservations::default();
-        for bin in segment.bins.iter().filter(|bin| wanted(bin.t)) {
-            let first = part.events.len();
-            part.events.extend_from_slice(segment.events.get(bin.first..bin.end).unwrap_or_default());
-            part.bins.push(EventBin { t: bin.t, first, end: part.events.len() });
-        }
-        part.points.extend(segment.points.iter().filter(|point| wanted(point.t)));
-        part
-    };
     Problem {
-        segments: problem.segments.iter().map(of_segment).collect(),
+        segments: problem.segments.iter().map(|segment| segment.within(wanted)).collect(),
         stiffness: problem.stiffness.clone(),
         circle_centers: problem.circle_centers.clone(),
         settings: SolveSettings { iterations: settings.iterations, ..problem.settings.clone() },

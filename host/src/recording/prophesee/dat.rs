@@ -17,12 +17,14 @@ use evcal_core::event::{Event, Polarity};
 use super::header::Header;
 use crate::recording::bytes::ByteReader;
 use crate::recording::{
-    Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingInformation, RecordingOptions, Truncation,
+    Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingInformation, RecordingOptions,
 };
 
 /// Prophesee DAT.
 pub const FORMAT: FileFormat = FileFormat::of_events("Prophesee DAT", |head| layout(head).is_some(), open);
 
+/// Bytes of an event.
+const RECORD: usize = 8;
 /// Bytes that are decoded at a time: whole records.
 const BLOCK: u64 = 1 << 18;
 /// Kinds of records that are events.
@@ -62,7 +64,7 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
 }
 
 impl Decoder {
-    fn event(&mut self, record: [u8; 8]) -> Event {
+    fn event(&mut self, record: [u8; RECORD]) -> Event {
         let [a, b, c, d, e, f, g, h] = record;
         let (t, data) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]));
         if self.latest.checked_sub(t).is_some_and(|step| step > 1 << 31) {
@@ -86,14 +88,8 @@ impl Decode for Decoder {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut block = std::mem::take(&mut self.block);
-        self.file.read(&mut block, BLOCK)?;
-        let (records, rest) = block.as_chunks();
-        batch.extend(records.iter().map(|record| self.event(*record)));
-        if !rest.is_empty() {
-            let byte = self.file.position() - rest.len() as u64;
-            report.truncated = Some(Truncation { byte, lost: format!("{} bytes of an event are left", rest.len()) });
-        }
-        let more = block.len() as u64 == BLOCK;
+        let more = self.file.read_records::<RECORD>(&mut block, BLOCK, report)?;
+        batch.extend(block.as_chunks().0.iter().map(|record| self.event(*record)));
         self.block = block;
         Ok(more)
     }

@@ -44,8 +44,7 @@ fn places<'a>(stretches: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, Stri
         return None;
     }
     let seconds = stretches.iter().map(|stretch| stretch.end - stretch.start).sum();
-    let mut places: Vec<String> =
-        stretches.iter().take(TOLD).map(|stretch| format!("{:.2} to {:.2} s", stretch.start, stretch.end)).collect();
+    let mut places: Vec<String> = stretches.iter().take(TOLD).map(ToString::to_string).collect();
     if stretches.len() > TOLD {
         places.push(format!("{} more", stretches.len() - TOLD));
     }
