@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use evcal::evaluate::comparison::{
-    CompareError, ComparedFiles, Comparison, TRAJECTORY_FILE, TrajectoryComparison, compare,
+    CompareError, ComparedFiles, ComparedTrajectories, Comparison, TRAJECTORY_FILE, TrajectoryComparison, compare,
 };
 use evcal::evaluate::intrinsics::IntrinsicsComparison;
 use evcal::evaluate::trajectory_error::AbsoluteTrajectoryError;
@@ -60,19 +60,40 @@ pub fn run(arguments: Arguments) -> super::Outcome {
             "truth": truth,
             "intrinsics": intrinsics_json(intrinsics),
             "projection_difference": projection_json(projection, verbose),
-            "trajectory": trajectory.as_ref().map(trajectory_json),
+            "trajectory": match trajectory {
+                ComparedTrajectories::Compared(figures) => Some(trajectory_json(figures)),
+                _ => None,
+            },
         }));
     }
     print::line(format!("first {}\nsecond {}\n{intrinsics}\n", truth.display(), calibration.display()))?;
     print::line(projection)?;
     match trajectory {
-        Some(figures) => print_trajectory(figures, verbose),
-        None => print::line(format!("\nno trajectories to compare: {TRAJECTORY_FILE} is not beside both files")),
+        ComparedTrajectories::Compared(figures) => print_trajectory(figures, verbose),
+        ComparedTrajectories::OtherTimes { estimate, truth } => print::line(format!(
+            "\nthe trajectories {} and {} have no times in common: they are of different recordings, and were not compared",
+            estimate.display(),
+            truth.display()
+        )),
+        _ => print::line(format!("\nno trajectories to compare: {TRAJECTORY_FILE} is not beside both files")),
     }
 }
 
 fn print_trajectory(figures: &TrajectoryComparison, verbose: bool) -> super::Outcome {
     let TrajectoryComparison { estimate, truth, direct, shifted } = figures;
+    if !figures.is_related() {
+        print::line(format!(
+            "\nthe trajectories {} and {} are not of the same recording: they are {:.0} mm apart where the camera moves by {:.0} mm. \
+             Compare with the trajectory of this recording: --true-trajectory FILE",
+            estimate.display(),
+            truth.display(),
+            1e3 * direct.aligned.rmse,
+            1e3 * direct.extent
+        ))?;
+        if !verbose {
+            return Ok(());
+        }
+    }
     print::line(format!("\ntrajectory {} against {}", estimate.display(), truth.display()))?;
     if verbose {
         print::line(direct)?;
@@ -131,6 +152,7 @@ fn trajectory_json(figures: &TrajectoryComparison) -> Value {
     json!({
         "estimate": figures.estimate,
         "truth": figures.truth,
+        "same_recording": figures.is_related(),
         "own_clock": error(&figures.direct),
         "best_time_shift": figures.shifted.as_ref().map(error),
     })

@@ -43,7 +43,24 @@ pub struct Comparison {
     /// Where both put the same point in the image.
     pub projection: ProjectionDifference,
     /// The trajectories, if both have one.
-    pub trajectory: Option<TrajectoryComparison>,
+    pub trajectory: ComparedTrajectories,
+}
+
+/// What became of the trajectories.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub enum ComparedTrajectories {
+    /// Not both have one.
+    Missing,
+    /// They lie beside the cameras, but not at the same times: they are of different recordings.
+    OtherTimes {
+        /// The estimated trajectory's file.
+        estimate: PathBuf,
+        /// The true trajectory's file.
+        truth: PathBuf,
+    },
+    /// They were compared.
+    Compared(Box<TrajectoryComparison>),
 }
 
 /// How far a trajectory is from the true one.
@@ -57,6 +74,13 @@ pub struct TrajectoryComparison {
     pub direct: AbsoluteTrajectoryError,
     /// With the times of the estimate shifted to fit best; `None` where too little is left.
     pub shifted: Option<AbsoluteTrajectoryError>,
+}
+
+impl TrajectoryComparison {
+    /// Whether both are of one recording: whether one follows the other at all.
+    pub fn is_related(&self) -> bool {
+        self.direct.is_related() || self.shifted.as_ref().is_some_and(AbsoluteTrajectoryError::is_related)
+    }
 }
 
 /// Why files cannot be compared.
@@ -133,9 +157,17 @@ pub fn compare(files: &ComparedFiles) -> Result<Comparison, CompareError> {
     }
     let intrinsics = compare_intrinsics(&true_camera, &camera);
     let projection = projection_difference(&true_camera, &camera, sensor)?;
+    let named = files.trajectory.is_some() || files.true_trajectory.is_some();
     let trajectory = match trajectories(files, &calibration, &truth)? {
-        Some((estimate, truth)) => Some(compare_trajectories(estimate, truth, files.time_shift)?),
-        None => None,
+        None => ComparedTrajectories::Missing,
+        Some((estimate, truth)) => match compare_trajectories(estimate, truth, files.time_shift) {
+            Ok(compared) => ComparedTrajectories::Compared(Box::new(compared)),
+            // Nobody asked for them.
+            Err(CompareError::FewPoses { estimate, truth, .. }) if !named => {
+                ComparedTrajectories::OtherTimes { estimate, truth }
+            }
+            Err(error) => return Err(error),
+        },
     };
     Ok(Comparison { calibration, truth, intrinsics, projection, trajectory })
 }

@@ -46,6 +46,18 @@ pub struct AbsoluteTrajectoryError {
     pub alignment_rotation: [f64; 3],
     /// Translation of the alignment in metres, after the rotation.
     pub alignment_translation: [f64; 3],
+    /// How far the true positions are from their mean, in metres (root mean square).
+    pub extent: f64,
+}
+
+/// Two trajectories of one recording are closer, after the alignment, than this part of their extent.
+const RELATED: f64 = 0.3;
+
+impl AbsoluteTrajectoryError {
+    /// Whether the estimate follows the truth at all, or is of another recording.
+    pub fn is_related(&self) -> bool {
+        self.aligned.rmse <= RELATED * self.extent
+    }
 }
 
 /// Why two trajectories cannot be compared.
@@ -102,7 +114,15 @@ pub fn trajectory_error(
         )?,
         alignment_rotation: alignment.rotation.scaled_axis().into(),
         alignment_translation: alignment.translation.vector.into(),
+        extent: extent(&positions),
     })
+}
+
+/// How far the first points are from their mean (root mean square).
+fn extent(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> f64 {
+    let count = pairs.len().max(1) as f64;
+    let mean = pairs.iter().map(|(real, _)| real).sum::<Vector3<f64>>() / count;
+    (pairs.iter().map(|(real, _)| (real - mean).norm_squared()).sum::<f64>() / count).sqrt()
 }
 
 /// The shift in seconds, at most `range` to either side, to add to the times of `estimate` such
@@ -246,6 +266,14 @@ mod tests {
         let spread =
             larger.iter().map(|p| (p.pose.translation.vector / 1.01 - mean).norm_squared()).sum::<f64>() / count;
         assert!((error.aligned.rmse - 0.01 * spread.sqrt()).abs() < 1e-9, "{error}");
+        assert!((error.extent * 1.01 - 1.01 * spread.sqrt()).abs() < 1e-9 && error.is_related());
+    }
+
+    #[test]
+    fn another_motion_is_not_related() {
+        let truth = path(1000.0, 2.0, 0.0);
+        let other: Vec<TimedPose> = truth.iter().map(|p| TimedPose { t: p.t, pose: pose(2.0 - p.t * 1.7) }).collect();
+        assert!(!trajectory_error(&truth, &other, Association::Interpolated, 0.0).unwrap().is_related());
     }
 
     #[test]
