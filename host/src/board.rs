@@ -1,6 +1,7 @@
 //! The printed circle grid: what the user types for it, and where its circles are.
 
 pub(crate) mod homography;
+pub mod request;
 pub mod sheet;
 
 use std::fmt;
@@ -57,6 +58,9 @@ pub enum BoardProblem {
     /// The radius cannot be read.
     #[error("radius {0:?} is not r and a length with a unit")]
     Radius(String),
+    /// A board to recognise, described in too many or too few words.
+    #[error("a board to recognise is auto:SPACING:rRADIUS")]
+    Auto,
     /// Circles of this radius do not fit into this spacing.
     #[error("the circles overlap: is the radius a diameter?")]
     Overlap,
@@ -67,6 +71,7 @@ impl BoardProblem {
     fn form(&self) -> String {
         match self {
             Self::NoCircles(_) => String::new(),
+            Self::Auto => "; write for example auto:55mm:r17.5mm, or auto alone to be told rows and columns".to_owned(),
             _ => format!("; write {BOARD_FORM}"),
         }
     }
@@ -142,6 +147,15 @@ impl Board {
     }
 }
 
+/// Layout, rows and columns as in `acircles:9x4`.
+pub fn layout_name(pattern: &Pattern) -> String {
+    let layout = match pattern.layout {
+        Layout::Asymmetric => "acircles",
+        Layout::Symmetric => "circles",
+    };
+    format!("{layout}:{}x{}", pattern.rows, pattern.columns)
+}
+
 fn length(text: &str) -> Option<f64> {
     // "mm" and "cm" end in "m" too, so the longer units are tried first.
     let (number, factor) = [("mm", 1e-3), ("cm", 1e-2), ("in", 0.0254), ("m", 1.0)]
@@ -149,6 +163,16 @@ fn length(text: &str) -> Option<f64> {
         .find_map(|(unit, factor)| text.strip_suffix(unit).map(|number| (number, *factor)))?;
     let value: f64 = number.trim().parse().ok()?;
     (value.is_finite() && value > 0.0).then_some(value * factor)
+}
+
+/// The radius in `r17.5mm`, in metres.
+fn radius_of(text: &str) -> Option<f64> {
+    text.strip_prefix('r').and_then(length)
+}
+
+/// Metres in millimetres, as they are written.
+fn millimetres(metres: f64) -> f64 {
+    (metres * 1e9).round() / 1e6
 }
 
 impl FromStr for Board {
@@ -175,8 +199,7 @@ impl FromStr for Board {
             .and_then(|(rows, columns)| Some((count(rows)?, count(columns)?)))
             .ok_or_else(|| error(BoardProblem::Size(size.to_owned())))?;
         let spacing = length(spacing).ok_or_else(|| error(BoardProblem::Spacing(spacing.to_owned())))?;
-        let radius =
-            radius.strip_prefix('r').and_then(length).ok_or_else(|| error(BoardProblem::Radius(radius.to_owned())))?;
+        let radius = radius_of(radius).ok_or_else(|| error(BoardProblem::Radius(radius.to_owned())))?;
         let board = Self { pattern: Pattern { layout, rows, columns }, spacing, radius };
         if 2.0 * radius >= board.neighbour_distance() {
             return Err(error(BoardProblem::Overlap));
@@ -187,19 +210,8 @@ impl FromStr for Board {
 
 impl fmt::Display for Board {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let layout = match self.pattern.layout {
-            Layout::Asymmetric => "acircles",
-            Layout::Symmetric => "circles",
-        };
-        let millimetres = |metres: f64| (metres * 1e9).round() / 1e6;
-        write!(
-            f,
-            "{layout}:{}x{}:{}mm:r{}mm",
-            self.pattern.rows,
-            self.pattern.columns,
-            millimetres(self.spacing),
-            millimetres(self.radius)
-        )
+        let (spacing, radius) = (millimetres(self.spacing), millimetres(self.radius));
+        write!(f, "{}:{spacing}mm:r{radius}mm", layout_name(&self.pattern))
     }
 }
 

@@ -9,13 +9,14 @@ use std::fmt;
 use std::ops::ControlFlow;
 
 use evcal_core::sensor::Sensor;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use self::advice::next_step;
 use self::flicker::{Flicker, RateBins};
 use self::units::{OtherUnit, other_unit};
-use crate::board::Board;
+use crate::board::{Board, layout_name};
 use crate::detection::LARGEST_SENSOR;
+use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::other_board::OtherBoard;
 use crate::detection::search::{FoundContent, SearchFor, search_events};
 use crate::detection::settings::DetectionSettings;
@@ -56,6 +57,9 @@ pub struct Checked {
 pub struct Seen {
     /// The board that was looked for; without it, windows with at least 8 circles.
     pub board: Option<String>,
+    /// The layout that was recognised where no board was looked for.
+    #[serde(serialize_with = "in_words")]
+    pub recognised: Option<RecognisedLayout>,
     /// Windows in which it was found.
     pub found: u64,
     /// Windows tried, and those with too few events to be tried.
@@ -135,7 +139,12 @@ fn look(
         }
         _ => None,
     };
+    let recognised = match board {
+        None if found.report.found > 0 => find_layout(recording, sensor, settings)?,
+        _ => None,
+    };
     Ok(Seen {
+        recognised,
         board: board.map(ToString::to_string),
         found: found.report.found,
         windows: found.report.windows + found.report.too_few_events,
@@ -143,6 +152,11 @@ fn look(
         covered: covered(&centers, sensor),
         failure,
     })
+}
+
+/// The name of a layout, such as `acircles:9x4`.
+fn in_words<S: Serializer>(layout: &Option<RecognisedLayout>, serializer: S) -> Result<S::Ok, S::Error> {
+    layout.map(|layout| layout_name(&layout.pattern)).serialize(serializer)
 }
 
 /// The share of cells of the sensor that hold one of these places.

@@ -5,6 +5,7 @@
 //! number of threads.
 
 mod board_finder;
+pub mod layout;
 pub mod no_board;
 mod ordering;
 pub mod other_board;

@@ -75,6 +75,7 @@ mod tests {
                 sigma: None,
                 covariance: None,
                 residual_rms: None,
+                verdict: String::new(),
                 board: None,
             };
             for format in FORMATS {

@@ -82,7 +82,7 @@ fn recordings_are_described_in_the_same_words_everywhere() {
         let errors = fail(1, &[&subcommand, &["--stream", "7", text(&events)][..]].concat());
         assert!(errors.contains("stream"), "{errors}");
     }
-    assert!(!output.exists(), "nothing is written");
+    assert_eq!(names(&output), ["failure.txt"], "no result is written");
 }
 
 #[test]
@@ -328,7 +328,8 @@ fn check_leads_to_the_calibration() {
     let checked = succeed(&["check", &fixture(), "--board", "acircles:4x9:55mm:r17.5mm"]);
     assert!(checked.ends_with(&format!("windows fit --board {BOARD} instead\n")), "{checked}");
     let checked = succeed(&["check", &fixture()]);
-    assert!(checked.contains("next: circles were seen: add --board"), "{checked}");
+    assert!(checked.contains("next: the board is acircles:9x4, which fits"), "{checked}");
+    assert!(checked.contains("measure the spacing (half the distance of neighbours in a row)"), "{checked}");
     let checked: serde_json::Value = serde_json::from_str(&succeed(&["check", &fixture(), "--json"])).unwrap();
     assert_eq!((&checked["events"], &checked["whole"]), (&1_947_221.into(), &true.into()));
 }
@@ -359,4 +360,49 @@ fn two_calibrations_are_compared_in_words() {
     succeed(&["simulate", "-o", text(&other), "--duration", "20ms", "--sensor", "320x240"]);
     let errors = fail(1, &["compare", text(&folder), text(&other)]);
     assert!(errors.contains("different cameras"), "{errors}");
+}
+
+#[test]
+fn what_was_exported_is_a_camera_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = calibration(&directory);
+    for format in ["opencv-yaml", "ros", "kalibr"] {
+        let file = directory.path().join(format!("{format}.yaml"));
+        succeed(&["export", text(&folder), "--format", format, "-o", text(&file)]);
+        let figures = succeed(&["evaluate", text(&file), "--truth", text(&folder), "--json"]);
+        let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
+        let difference = figures["projection_difference"]["max_px"].as_f64().unwrap();
+        assert!(difference < 1e-3, "{format}: {difference} px");
+    }
+}
+
+#[test]
+fn trajectories_of_different_recordings_are_told_apart() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    let simulate = |name: &str, options: &[&str]| {
+        succeed(&[&["simulate", "-o", text(&at(name)), "--duration", "300ms"][..], options].concat());
+    };
+    simulate("one", &["--seed", "1"]);
+    simulate("two", &["--seed", "2", "--motion", "fast"]);
+    let figures = succeed(&["evaluate", text(&at("one")), "--truth", text(&at("two"))]);
+    assert!(figures.contains("are not of the same recording") && !figures.contains("aligned mm"), "{figures}");
+    let figures = succeed(&["evaluate", text(&at("one")), "--truth", text(&at("two")), "--json"]);
+    let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
+    assert_eq!(figures["trajectory"]["same_recording"], false);
+    let figures = succeed(&["evaluate", text(&at("one")), "--truth", text(&at("one"))]);
+    assert!(figures.contains("aligned mm"), "{figures}");
+    // Of another day: the cameras are compared all the same.
+    let path = at("two/trajectory.txt");
+    let later: String = fs::read_to_string(&path)
+        .unwrap()
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(|line| {
+            line.split_once(' ').map(|(t, pose)| format!("{} {pose}\n", t.parse::<f64>().unwrap() + 1e6)).unwrap()
+        })
+        .collect();
+    fs::write(&path, later).unwrap();
+    let figures = succeed(&["evaluate", text(&at("one")), "--truth", text(&at("two"))]);
+    assert!(figures.contains("no times in common") && figures.contains("fx"), "{figures}");
 }

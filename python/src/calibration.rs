@@ -4,14 +4,17 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
+use evcal::board::request::BoardRequest;
 use evcal::calibrate::PictureUse;
+use evcal::calibrate::board_choice::{BoardChoiceError, choose_board};
 use evcal::calibrate::error::CalibrateError;
 use evcal::files::folder::OutputFolder;
 use evcal::initial::model_choice::ModelRequest;
 use evcal::output::folder::{is_result, write_folder};
 use evcal::result::calibration_file::CalibrationFile;
 use evcal::settings::Settings;
-use evcal::{Board, Calibrated, Input, Task};
+use evcal::{Board, Calibrated, Input, Recording, Task};
+use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -141,6 +144,28 @@ fn inputs_of(given: &Bound<'_, PyAny>, said: &Said, board: &Board) -> PyResult<V
         .collect()
 }
 
+/// The inputs, and the board that was named or is recognised in them.
+fn inputs_and_board(
+    given: &Bound<'_, PyAny>,
+    said: &Said,
+    request: &BoardRequest,
+    settings: &Settings,
+) -> PyResult<(Vec<Input>, Board)> {
+    if let BoardRequest::Given(board) = request {
+        return Ok((inputs_of(given, said, board)?, *board));
+    }
+    // Of events the board does not matter; circles are put in its order, and nothing is recognised in them.
+    let any = Board { pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 }, spacing: 1.0, radius: 0.3 };
+    let inputs = inputs_of(given, said, &any)?;
+    let recordings = inputs.iter().map(|input| match input {
+        Input::Events(recording) => Ok(recording),
+        Input::Circles { .. } => Err(failed(BoardChoiceError::NoEvents)),
+    });
+    let recordings = recordings.collect::<PyResult<Vec<&Recording>>>()?;
+    let board = given.py().detach(|| choose_board(request, &recordings, &settings.detection)).map_err(failed)?;
+    Ok((inputs, board))
+}
+
 fn picture_use(name: &str) -> PyResult<PictureUse> {
     match name {
         "witness" => Ok(PictureUse::Witness),
@@ -155,7 +180,7 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 ///
 /// events: a file, a structured array of events, or a list of them, all of one camera.
 /// board: such as "acircles:9x4:55mm:r17.5mm": layout, rows x columns, spacing (acircles: half the distance in a row),
-/// radius.
+/// radius. "auto:55mm:r17.5mm" recognises layout, rows and columns.
 /// model: the lens model, or "auto".
 /// sensor: (width, height) in pixels; needed for arrays, and for files that do not say it.
 /// columns, time_unit, stream: as read has them.
@@ -178,16 +203,18 @@ pub fn calibrate(
     frames: &str,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Calibration> {
-    let board: Board =
+    let request: BoardRequest =
         board.parse().map_err(|error: evcal::board::BoardError| PyValueError::new_err(error.to_string()))?;
     let said = Said { sensor, columns, time_unit, stream };
+    let settings = settings.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default();
+    let (inputs, board) = inputs_and_board(events, &said, &request, &settings)?;
     let asked = Asked {
-        inputs: inputs_of(events, &said, &board)?,
+        inputs,
         board,
         model: model.parse().map_err(|error| PyValueError::new_err(format!("{error} auto: not {model:?}")))?,
         sensor: said.options()?.sensor,
         pictures: picture_use(frames)?,
-        settings: settings.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default(),
+        settings,
     };
     let mut raised = None;
     let calibrated = interruptible(py, |stop| {

@@ -87,8 +87,8 @@ impl Camera {
         Ok(Self::of(camera, to_sensor(sensor)?, None))
     }
 
-    /// Read calibration.json, truth.json of a simulation, NAME.camera.json of an undistorted recording, or the folder
-    /// that holds one of the first two.
+    /// Read calibration.json, truth.json of a simulation, NAME.camera.json of an undistorted recording, the folder
+    /// that holds one of the first two, or the YAML of OpenCV, ROS or Kalibr.
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         let CalibratedCamera { camera, sensor, sigma, .. } = CalibratedCamera::read(&path).map_err(failed)?;

@@ -89,6 +89,22 @@ def test_a_camera_is_kept_in_a_file(tmp_path):
     assert eval(repr(one), {"Camera": evcal.Camera}) == one
 
 
+def test_files_of_other_programs_are_cameras(tmp_path):
+    matrix = np.array([[330.0, 0.0, 172.0], [0.0, 331.0, 130.0], [0.0, 0.0, 1.0]])
+    distortion = np.array([[-0.35, 0.12, 0.001, -0.002, 0.04]])
+    storage = cv2.FileStorage(str(tmp_path / "camera.yaml"), cv2.FILE_STORAGE_WRITE)
+    for name, value in [("image_width", 346), ("image_height", 260), ("camera_matrix", matrix)]:
+        storage.write(name, value)
+    storage.write("distortion_coefficients", distortion)
+    storage.release()
+    loaded = evcal.Camera.load(tmp_path / "camera.yaml")
+    assert loaded.model == "radtan" and loaded.sensor == (346, 260)
+    np.testing.assert_array_equal(loaded.matrix, matrix)
+    points = np.array([[0.1, -0.2, 1.0], [-0.3, 0.15, 0.9]])
+    theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, distortion)
+    np.testing.assert_allclose(loaded.project(points), theirs[:, 0], atol=1e-9)
+
+
 def test_mistakes_are_named():
     with pytest.raises(ValueError, match="known are.*radtan"):
         evcal.Camera("pinhole", [1.0] * 9, SENSOR)

@@ -39,13 +39,17 @@ fn calibrate_text(directory: &TempDir, name: &str, content: &str) -> (Finished, 
 
 /// The run failed for a reason that has these words in it, and wrote nothing.
 fn assert_refused(finished: &Finished, output: &Path, words: &[&str]) {
+    assert_failed(finished, words);
+    assert!(!output.exists(), "{} was written", output.display());
+}
+
+fn assert_failed(finished: &Finished, words: &[&str]) {
     assert_eq!(finished.code, Some(1), "{finished:?}");
     for word in words {
         assert!(finished.stderr.contains(word), "{word:?} is not in {}", finished.stderr);
     }
     assert!(!finished.stderr.contains("panicked"), "{}", finished.stderr);
     assert_eq!(finished.stdout, "");
-    assert!(!output.exists(), "{} was written", output.display());
 }
 
 /// The camera and what it was before the joint solve.
@@ -151,7 +155,8 @@ fn a_board_that_is_not_there_is_not_found() {
     let output = directory.path().join("never");
     for board in ["circles:9x4:55mm:r17.5mm", "acircles:7x3:55mm:r17.5mm", "acircles:11x5:55mm:r17.5mm"] {
         let finished = calibrate(&recording(), board, &output);
-        assert_refused(&finished, &output, &["no pattern found", "--board"]);
+        assert_failed(&finished, &["no pattern found", "--board", "failure.txt", "failure.png"]);
+        assert!(output.join("failure.txt").exists() && !output.join("calibration.json").exists());
     }
 }
 

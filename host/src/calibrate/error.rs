@@ -123,6 +123,22 @@ pub enum CalibrateError {
     JointPictures(NoJointPoints),
 }
 
+impl CalibrateError {
+    /// Whether the recordings could be read, and what was seen in them tells why it failed.
+    pub fn is_of_what_was_seen(&self) -> bool {
+        matches!(
+            self,
+            Self::NoPattern(_)
+                | Self::OtherRadius(_)
+                | Self::Initial(_)
+                | Self::FirstTrajectories(_)
+                | Self::Solve(_)
+                | Self::Pictures(_)
+                | Self::JointPictures(_)
+        )
+    }
+}
+
 /// Which boards may be meant instead.
 fn radius_advice(other: &OtherRadius) -> String {
     let meant: Vec<String> =

@@ -4,6 +4,7 @@ use evcal_core::pattern::Layout;
 
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::layout::radius_ratios;
 use crate::numerics::statistics::median;
 
 /// The stated radius, for the stated spacing, may be off by so many times before it is told. The circles found in events are
@@ -25,7 +26,7 @@ pub struct OtherRadius {
 
 /// What the circles of `frames` look like, if not like those of `board`.
 pub fn other_radius(frames: &[ReferenceFrame], board: &Board) -> Option<OtherRadius> {
-    let mut ratios: Vec<f64> = frames.iter().flat_map(|frame| ratios(frame, board)).collect();
+    let mut ratios: Vec<f64> = frames.iter().flat_map(|frame| radius_ratios(frame, board)).collect();
     let seen = median(&mut ratios, f64::total_cmp)? * board.neighbour_distance();
     let times = board.radius / seen;
     if (1.0 / DISAGREES..DISAGREES).contains(&times) {
@@ -42,22 +43,6 @@ pub fn other_radius(frames: &[ReferenceFrame], board: &Board) -> Option<OtherRad
         ));
     }
     Some(OtherRadius { seen, stated: board.radius, meant })
-}
-
-/// Radius over the distance of neighbouring centres, for each circle with a neighbour.
-fn ratios(frame: &ReferenceFrame, board: &Board) -> Vec<f64> {
-    let nearest = board.neighbour_distance() * 1.01;
-    let circles = &frame.circles;
-    let ratio = |(index, circle): (usize, &crate::circles::reference_frame::ObservedCircle)| {
-        let place = board.circle_center(circle.index);
-        let neighbours = circles.iter().enumerate().filter(|(other, neighbour)| {
-            *other != index && (board.circle_center(neighbour.index) - place).norm() < nearest
-        });
-        let distances: Vec<f64> = neighbours.map(|(_, neighbour)| (neighbour.center - circle.center).norm()).collect();
-        let mean = distances.iter().sum::<f64>() / distances.len() as f64;
-        (!distances.is_empty() && mean > 0.0).then(|| circle.radius.map(|radius| radius / mean)).flatten()
-    };
-    circles.iter().enumerate().filter_map(ratio).collect()
 }
 
 #[cfg(test)]

@@ -41,7 +41,7 @@ pub fn next_step(checked: &Checked, path: &Path) -> String {
 
 /// What to do about the board.
 fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> String {
-    let Seen { board, found, time_share: share, covered, failure, .. } = seen;
+    let Seen { board, found, time_share: share, covered, failure, recognised, .. } = seen;
     if let Some(failure) = failure {
         return failure.clone();
     }
@@ -56,9 +56,12 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> String {
         return "hot pixels send much of what there is: raise the camera's thresholds, and record again".to_owned();
     }
     let Some(board) = board else {
-        return match found {
-            0 => "no circles were seen: is the board in view, in focus and moving?".to_owned(),
-            _ => "circles were seen: add --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS to look for your board".to_owned(),
+        return match (found, recognised) {
+            (0, _) => "no circles were seen: is the board in view, in focus and moving?".to_owned(),
+            (_, Some(layout)) => format!("the board is {layout}: {}", layout.advice()),
+            (_, None) => {
+                "circles were seen: add --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS to look for your board".to_owned()
+            }
         };
     };
     if *share < ENOUGH {

@@ -1,21 +1,26 @@
 //! `evcal calibrate`.
 
 use std::error::Error;
+use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use evcal::board::Board;
+use evcal::board::request::BoardRequest;
+use evcal::calibrate::board_choice::choose_board;
+use evcal::calibrate::error::CalibrateError;
 use evcal::calibrate::input::Input;
 use evcal::calibrate::{PictureUse, Task, calibrate};
 use evcal::circles::serial::{SerialAddress, SerialError};
-use evcal::detection::settings::Grid;
+use evcal::detection::settings::{DetectionSettings, Grid};
 use evcal::files::folder::{FolderError, OutputFolder};
 use evcal::initial::model_choice::ModelRequest;
+use evcal::output::failure::{Failure, write_failure};
 use evcal::output::folder::{is_result, write_folder};
-use evcal::recording::RecordingOptions;
+use evcal::recording::{Recording, RecordingKind, RecordingOptions, sniff};
 use evcal::settings::{Settings, SettingsError};
 use evcal::trajectory::RotationSpline;
-use evcal::trust::verdict::Grade;
+use evcal::trust::verdict::{Grade, Verdict};
 use evcal_core::circle::Extraction;
 
 use super::progress::spinner;
@@ -66,9 +71,10 @@ pub struct CalibrationArguments {
 /// What is calibrated, and how; whatever the events come from.
 #[derive(clap::Args)]
 pub struct MethodArguments {
-    /// Board, for example acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius)
+    /// Board, for example acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius); auto:55mm:r17.5mm
+    /// recognises layout, rows and columns
     #[arg(long)]
-    pub board: Board,
+    pub board: BoardRequest,
     /// Camera model, or auto: the simplest one that predicts held-out circles as well as any
     #[arg(long, default_value = "radtan", value_parser = super::value::model_request())]
     pub model: ModelRequest,
@@ -95,6 +101,38 @@ impl MethodArguments {
         settings.spline.rotation = self.rotation.unwrap_or(settings.spline.rotation);
         Ok(settings)
     }
+
+    /// The board that was named, or the one that is recognised in those of the files that hold events.
+    pub fn choose_board(
+        &self,
+        files: &[PathBuf],
+        options: &RecordingOptions,
+        settings: &DetectionSettings,
+    ) -> Result<Board, Box<dyn Error>> {
+        board_in(&self.board, files, options, settings)
+    }
+}
+
+/// The board that is asked for, or the one that is recognised in those of the files that hold events, which is told.
+pub(super) fn board_in(
+    request: &BoardRequest,
+    files: &[PathBuf],
+    options: &RecordingOptions,
+    settings: &DetectionSettings,
+) -> Result<Board, Box<dyn Error>> {
+    if let BoardRequest::Given(board) = request {
+        return Ok(*board);
+    }
+    let mut recordings = Vec::new();
+    for file in files.iter().filter(|file| !SerialAddress::is_address(file)) {
+        if let RecordingKind::Events { .. } = sniff(file)? {
+            recordings.push(Recording::new(file, options.clone())?);
+        }
+    }
+    let recordings: Vec<&Recording> = recordings.iter().collect();
+    let board = choose_board(request, &recordings, settings)?;
+    print::aside(format!("the board is {board}, as far as it was recognised"));
+    Ok(board)
 }
 
 pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
@@ -115,8 +153,35 @@ impl CalibrationArguments {
     }
 }
 
+/// A calibration that failed, and what it left.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}{}", files_of(.failure))]
+struct Failed {
+    #[source]
+    error: CalibrateError,
+    failure: Failure,
+}
+
+fn files_of(failure: &Failure) -> String {
+    let files: Vec<String> = failure.files.iter().map(|file| file.display().to_string()).collect();
+    if files.is_empty() { String::new() } else { format!("\n  what was seen: {}", files.join(", ")) }
+}
+
 /// Runs `evcal calibrate`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
+    let outcome = open_and_calibrate(arguments);
+    match &outcome {
+        // Its calibration was printed.
+        Err(error) if arguments.calibration.json && !error.is::<NotGoodEnough>() => match error.downcast_ref() {
+            Some(Failed { failure, .. }) => print::json(failure)?,
+            None => print::json(&serde_json::json!({ "error": error.to_string() }))?,
+        },
+        _ => {}
+    }
+    outcome
+}
+
+fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     // Before the work, not after it.
     let folder = arguments.calibration.open_folder()?;
     calibrate_recordings(&arguments.recordings, &arguments.source.options(), &arguments.calibration, &folder)
@@ -133,9 +198,10 @@ pub fn calibrate_recordings(
     let settings = method.settings()?;
     let bar = spinner(arguments.json);
     let progress = |message: &str| bar.set_message(message.to_owned());
+    let board = method.choose_board(recordings, options, &settings.detection)?;
     let inputs = recordings
         .iter()
-        .map(|path| open_input(path, options, &method.board, folder.path(), progress))
+        .map(|path| open_input(path, options, &board, folder.path(), progress))
         .collect::<Result<Vec<Input>, _>>()?;
     let pictures = match (arguments.frames_only, arguments.joint_frames) {
         (true, _) => PictureUse::Only,
@@ -144,33 +210,63 @@ pub fn calibrate_recordings(
     };
     let task = Task {
         inputs: &inputs,
-        board: &method.board,
+        board: &board,
         model: method.model,
         sensor: options.sensor,
         pictures,
         settings: &settings,
         command_line: &super::command_line(),
     };
+    let mut stages: Vec<String> = Vec::new();
     let calibrated = calibrate(&task, |message| {
         progress(message);
+        if stages.last().is_none_or(|last| last != message) {
+            stages.push(message.to_owned());
+        }
         ControlFlow::Continue(())
-    })?;
+    });
+    let calibrated = match calibrated {
+        Ok(calibrated) => calibrated,
+        Err(error) => {
+            bar.finish_and_clear();
+            let failure = write_failure(folder.path(), &task, &error, stages)?;
+            return Err(Failed { error, failure }.into());
+        }
+    };
     bar.set_message("writing results");
     let written = write_folder(folder, &calibrated, &task)?;
     bar.finish_and_clear();
     if arguments.json {
         print::line(written.json)?;
     } else {
-        print::line(written.summary)?;
+        print::line(coloured(&written.summary, &calibrated.verdict))?;
         if arguments.verbose {
             print::line(format!("\n{}", written.stage_report))?;
         }
-        print::line(format!("\nwritten to {}", folder.path().display()))?;
+        let folder = folder.path();
+        print::line(format!(
+            "\nopen {} first; all results are in {}",
+            folder.join("report.html").display(),
+            folder.display()
+        ))?;
     }
     match calibrated.verdict.grade {
         Grade::NotGood if !arguments.accept_any => Err(NotGoodEnough.into()),
         _ => Ok(()),
     }
+}
+
+/// The summary with its verdict in green, yellow or red, where someone looks at it.
+fn coloured(summary: &str, verdict: &Verdict) -> String {
+    if !std::io::stdout().is_terminal() || std::env::var_os("NO_COLOR").is_some() {
+        return summary.to_owned();
+    }
+    let colour = match verdict.grade {
+        Grade::Good => 32,
+        Grade::Usable => 33,
+        Grade::NotGood => 31,
+    };
+    summary.replacen(&verdict.sentence, &format!("\x1b[{colour}m{}\x1b[0m", verdict.sentence), 1)
 }
 
 /// Opens a recording, or listens to a serial port. What comes from a port is saved to `folder` unless its

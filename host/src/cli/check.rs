@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
-use evcal::board::Board;
+use evcal::board::request::BoardRequest;
 use evcal::check::check;
 use evcal::recording::Recording;
 use evcal::settings::Settings;
 
+use super::calibrate::board_in;
 use super::print;
 use super::progress::spinner;
 use super::source_arguments::SourceArguments;
@@ -16,9 +17,9 @@ use super::source_arguments::SourceArguments;
 pub struct Arguments {
     /// A recording of events
     recording: PathBuf,
-    /// Board to look for, for example acircles:9x4:55mm:r17.5mm; without it, circles of any kind
+    /// Board to look for, for example acircles:9x4:55mm:r17.5mm; without it, or with auto, rows and columns are recognised
     #[arg(long)]
-    board: Option<Board>,
+    board: Option<BoardRequest>,
     #[command(flatten)]
     source: SourceArguments,
     /// Print what was seen as JSON
@@ -31,7 +32,16 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let recording = Recording::new(&arguments.recording, arguments.source.options())?;
     let bar = spinner(arguments.json);
     bar.set_message(format!("looking at {}", arguments.recording.display()));
-    let checked = check(&recording, arguments.board.as_ref(), &Settings::default().detection)?;
+    let settings = Settings::default().detection;
+    let board = match &arguments.board {
+        // What is to be measured is said with everything else.
+        None | Some(BoardRequest::Recognise(None)) => None,
+        Some(request) => {
+            let files = std::slice::from_ref(&arguments.recording);
+            Some(board_in(request, files, recording.options(), &settings)?)
+        }
+    };
+    let checked = check(&recording, board.as_ref(), &settings)?;
     bar.finish_and_clear();
     if arguments.json { print::json(&checked) } else { print::line(checked) }
 }

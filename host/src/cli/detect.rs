@@ -2,10 +2,12 @@
 
 use std::path::PathBuf;
 
-use evcal::board::Board;
+use evcal::board::request::BoardRequest;
+use evcal::calibrate::board_choice::{BoardChoiceError, recognise_layout};
 use evcal::circles::serial::SerialAddress;
 use evcal::circles::stream::{self, CircleStream};
 use evcal::detection::search::{FoundCircles, SearchFor, search_events, search_stream, sensor_of};
+use evcal::detection::settings::DetectionSettings;
 use evcal::recording::{Recording, RecordingKind, sniff};
 use evcal::report::drawing::circle_picture;
 use evcal::settings::Settings;
@@ -21,9 +23,9 @@ pub struct Arguments {
     /// Recording of events, circle stream of a detector, or its serial port,
     /// serial:PORT?baud=921600&seconds=10&save=FILE
     recording: PathBuf,
-    /// Board to look for, for example acircles:9x4:55mm:r17.5mm; without it, circles of any kind
+    /// Board to look for, for example acircles:9x4:55mm:r17.5mm, or auto; without it, circles of any kind
     #[arg(long)]
-    board: Option<Board>,
+    board: Option<BoardRequest>,
     /// Circle extraction: hard or soft [default: hard]
     #[arg(long, value_parser = super::calibrate::extraction)]
     extraction: Option<Extraction>,
@@ -48,11 +50,8 @@ pub struct Arguments {
 
 /// Runs `evcal detect`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    let wanted = match &arguments.board {
-        Some(board) => SearchFor::Board(board.pattern),
-        None => SearchFor::Circles(arguments.fewest),
-    };
     if let Some(stream) = open_stream(arguments)? {
+        let wanted = wanted(arguments, &[], &DetectionSettings::default())?;
         if arguments.picture.is_some() {
             return Err(UsageError("a circle stream holds no events to paint: leave out --picture".to_owned()).into());
         }
@@ -66,6 +65,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let sensor = sensor_of(&recording)?;
     let bar = spinner(arguments.json);
     bar.set_message(format!("searching {}", arguments.recording.display()));
+    let wanted = wanted(arguments, &[&recording], &settings.detection)?;
     let found = search_events(&recording, sensor, wanted, &settings.detection)?;
     bar.finish_and_clear();
     write(arguments, &found)?;
@@ -76,6 +76,23 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let tried = format!("{} events, {} windows tried", report.events, report.windows);
     let idle = format!("{} windows had too few events to be tried", report.too_few_events);
     tell(arguments, &found, tried, Some(idle))
+}
+
+/// What to look for, of which the layout of the board alone counts.
+fn wanted(
+    arguments: &Arguments,
+    recordings: &[&Recording],
+    settings: &DetectionSettings,
+) -> Result<SearchFor, BoardChoiceError> {
+    Ok(match &arguments.board {
+        Some(BoardRequest::Given(board)) => SearchFor::Board(board.pattern),
+        Some(BoardRequest::Recognise(_)) => {
+            let found = recognise_layout(recordings, settings)?;
+            print::aside(format!("the board is {found}"));
+            SearchFor::Board(found.pattern)
+        }
+        None => SearchFor::Circles(arguments.fewest),
+    })
 }
 
 /// The circle stream that the recording is, or that comes from its serial port.

@@ -13,6 +13,8 @@ pub const CALIBRATE: &str = "\
 Examples:
   A recording and the board in it (half the distance in a row, and the radius):
     evcal calibrate recording.aedat4 --board acircles:9x4:55mm:r17.5mm -o calibration
+  A board of which only the size is known, half the distance in a row and the radius:
+    evcal calibrate recording.aedat4 --board auto:55mm:r17.5mm -o calibration
   Text in columns of its own, times in milliseconds:
     evcal calibrate events.txt --columns x,y,p,t --time-unit ms --board circles:6x3:40mm:r9mm -o out
   A fisheye, or whichever model fits best:
@@ -24,6 +26,8 @@ The exit code is 3 where the verdict is \"not good enough\", unless --accept-any
 pub const DETECT: &str = "\
 Examples:
   evcal detect recording.dvraw --board acircles:9x4:55mm:r17.5mm -o circles.csv
+  A board of which rows and columns are not known:
+    evcal detect recording.dvraw --board auto -o circles.csv
   Any circles, and a picture of the window with most of them:
     evcal detect recording.dvraw --picture circles.png
   What a detector sends over a serial port:
@@ -58,6 +62,8 @@ Examples:
 pub const CHECK: &str = "\
 Examples:
   evcal check recording.aedat4 --board acircles:9x4:55mm:r17.5mm
+  Which board is it?
+    evcal check recording.aedat4
   evcal check events.txt --time-unit ms --sensor 346x260";
 
 pub const COMPARE: &str = "\

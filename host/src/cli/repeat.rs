@@ -41,7 +41,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let options = arguments.source.options();
     let sensor = options.sensor;
     let recording = Recording::new(&arguments.recording, options)?;
-    let (board, model) = (&arguments.method.board, arguments.method.model);
+    let files = std::slice::from_ref(&arguments.recording);
+    let board = &arguments.method.choose_board(files, recording.options(), &settings.detection)?;
+    let model = arguments.method.model;
     let task =
         Task { inputs: &[], board, model, sensor, pictures: PictureUse::Ignore, settings: &settings, command_line: "" };
     let parts = RepeatSettings { runs: arguments.runs.into(), seconds: arguments.seconds, seed: arguments.seed };

@@ -1,7 +1,7 @@
 //! When the board is not found: is it another one than stated?
 //!
 //! The circles of the first seconds are read as what users mix up: rows and columns exchanged, the other
-//! layout. A reading that fits many windows is told. (A mirrored print is no such thing: the circles of one
+//! layout. A reading that fits many windows is told; else any layout that does ([`super::layout`]). (A mirrored print is no such thing: the circles of one
 //! are where those of a good one are, and give the same camera.)
 
 use std::fmt;
@@ -10,13 +10,11 @@ use evcal_core::event::Event;
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 
+use super::layout::{FEWEST_CIRCLES, RecognisedLayout, beginning, recognise};
 use super::settings::DetectionSettings;
 use crate::board::Board;
 use crate::circles::reference_frame::UnorderedFrame;
 use crate::detection::{CircleWindow, DetectionStage, order_frames};
-
-/// So much of a recording is looked at (µs).
-const LONGEST: i64 = 4_000_000;
 
 /// A reading must fit at least this share of the windows that hold as many circles as half the board.
 const FEWEST_FITS: f64 = 0.2;
@@ -49,20 +47,21 @@ pub struct OtherBoard<'a> {
 impl<'a> OtherBoard<'a> {
     /// For a recording in which `board` was not found.
     pub fn new(settings: &'a DetectionSettings, board: &Board, sensor: Sensor) -> Self {
-        let fewest = board.circle_count().div_ceil(2);
+        let fewest = FEWEST_CIRCLES.min(half(board));
         Self { stage: DetectionStage::for_circles(settings, sensor, fewest), board: *board, sensor }
     }
 
     /// Takes the next events; their times count from the start of the recording.
     pub fn push(&mut self, events: &[Event]) {
-        let end = events.partition_point(|event| event.t <= LONGEST);
-        self.stage.push(events.get(..end).unwrap_or_default());
+        self.stage.push(beginning(events));
     }
 
     /// What the circles look like instead; `None` when no reading fits.
     pub fn finish(self) -> Option<OtherReading> {
         let (windows, _) = self.stage.into_circles();
-        let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
+        let all: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
+        let frames: Vec<UnorderedFrame> =
+            all.iter().filter(|frame| frame.circles.len() >= half(&self.board)).cloned().collect();
         let pattern = self.board.pattern;
         let exchanged = Pattern { rows: pattern.columns, columns: pattern.rows, ..pattern };
         let layout = match pattern.layout {
@@ -73,10 +72,16 @@ impl<'a> OtherBoard<'a> {
             let (found, _) = order_frames(&frames, &pattern, Some(self.sensor));
             (found.len(), pattern)
         });
-        let (count, pattern) = readings.into_iter().max_by_key(|(count, _)| *count)?;
-        if count == 0 || (count as f64) < FEWEST_FITS * frames.len() as f64 {
-            return None;
+        let (fitting, pattern) = readings.into_iter().max_by_key(|(count, _)| *count)?;
+        if fitting > 0 && fitting as f64 >= FEWEST_FITS * frames.len() as f64 {
+            return Some(OtherReading { fitting, windows: frames.len(), board: Board { pattern, ..self.board } });
         }
-        Some(OtherReading { fitting: count, windows: frames.len(), board: Board { pattern, ..self.board } })
+        let RecognisedLayout { pattern, fitting, windows, .. } = recognise(&all, self.sensor)?;
+        Some(OtherReading { fitting, windows, board: Board { pattern, ..self.board } })
     }
+}
+
+/// Half of a board's circles.
+fn half(board: &Board) -> usize {
+    board.circle_count().div_ceil(2)
 }

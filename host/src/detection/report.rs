@@ -90,10 +90,14 @@ impl DetectionReport {
     /// Why no window held the board: what most of them lacked. `max_interval` is that of the window policy,
     /// `other` the board that the circles fit instead.
     pub fn no_pattern(&self, max_interval: u16, other: Option<OtherReading>) -> NoPattern {
+        NoPattern { report: Box::new(self.clone()), max_interval, other }
+    }
+
+    /// What most windows lacked, and how many.
+    fn main_reason(&self) -> Option<(NoBoard, u64)> {
         let reasons = self.grids_refused.iter().map(|(reason, count)| (*reason, *count));
         let reasons = reasons.chain([(NoBoard::TooFewEvents, self.too_few_events)]).filter(|(_, count)| *count > 0);
-        let main = reasons.min_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
-        NoPattern { windows: self.windows + self.too_few_events, main, max_interval, other }
+        reasons.min_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)))
     }
 
     pub(super) fn count_pairs(&mut self, counts: &CircleCounts) {
@@ -117,21 +121,26 @@ impl DetectionReport {
 /// Why no window held the board, and what to do about it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub struct NoPattern {
-    windows: u64,
-    /// What most windows lacked, and how many.
-    main: Option<(NoBoard, u64)>,
+    report: Box<DetectionReport>,
     max_interval: u16,
     other: Option<OtherReading>,
 }
 
+impl NoPattern {
+    /// What was found in place of the board.
+    pub fn report(&self) -> &DetectionReport {
+        &self.report
+    }
+}
+
 impl fmt::Display for NoPattern {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "no pattern found in {} windows", self.windows)?;
+        write!(f, "no pattern found in {} windows", self.report.windows + self.report.too_few_events)?;
         // One advice: what fits.
         if let Some(other) = &self.other {
             return write!(f, "; {other}");
         }
-        if let Some((reason, count)) = self.main {
+        if let Some((reason, count)) = self.report.main_reason() {
             write!(f, ": {count} had {reason}: {}", reason.advice(self.max_interval))?;
         }
         Ok(())

@@ -34,10 +34,13 @@ pub struct Content<'a> {
 }
 
 impl Content<'_> {
-    /// Where the file comes from, where pixel (0, 0) is and what a refit costs, in sentences for comments.
+    /// Where the file comes from, where pixel (0, 0) is, how good the calibration is and what a refit costs, in sentences for comments.
     pub fn remarks(&self) -> Vec<String> {
         let from = format!("written by evcal {}; pixel (0, 0) is the centre of the top-left pixel", crate::VERSION);
-        [from].into_iter().chain(self.refit.map(ToString::to_string)).collect()
+        // Some readers take ASCII only.
+        let verdict = self.calibrated.verdict.replace('±', "+-");
+        let verdict = Some(verdict).filter(|verdict| !verdict.is_empty());
+        [from].into_iter().chain(verdict).chain(self.refit.map(ToString::to_string)).collect()
     }
 
     /// The camera matrix, row by row.

@@ -59,7 +59,7 @@ fn entries(content: &Content) -> Vec<Entry> {
     ];
     entries.extend(xi.map(|xi| entry("xi", Value::Real(xi))));
     if let Some(rms) = content.calibrated.residual_rms {
-        entries.push(entry("avg_reprojection_error", Value::Real(rms)));
+        entries.push(entry("residual_rms", Value::Real(rms)));
     }
     if let Some(refit) = content.refit {
         entries.push(entry("refit_from", Value::Word(refit.from.to_string())));

@@ -1,6 +1,8 @@
-//! A camera as JSON: the part of `calibration.json` and `truth.json` that describes the lens.
+//! A camera as JSON: the part of `calibration.json` and `truth.json` that describes the lens. The YAML of other programs is
+//! read as well ([`yaml`]).
 
 mod parameters;
+pub mod yaml;
 
 use std::path::{Path, PathBuf};
 
@@ -33,6 +35,9 @@ pub struct CameraFile {
 /// Version of the layout that is written, and the latest that can be read.
 pub const LATEST_VERSION: u32 = 1;
 
+/// The form of a camera file, shown where another is met.
+pub const CAMERA_FORM: &str = r#"{"sensor": {"width": 346, "height": 260}, "camera": {"model": "radtan4", "parameters": {"fx": 250.1, "fy": 250.3, "cx": 172.5, "cy": 129.8, "k1": -0.35, "k2": 0.12, "p1": 0.0, "p2": 0.0}}}"#;
+
 /// Files of a folder that describe its camera, the best first.
 const CAMERA_FILES: [&str; 2] = ["calibration.json", "truth.json"];
 
@@ -59,14 +64,20 @@ pub enum CameraFileError {
         error: std::io::Error,
     },
     /// The text is not JSON of the expected shape.
-    #[error(
-        "{file}: {error}; a camera file is JSON with \"sensor\": {{\"width\", \"height\"}} and \"camera\": {{\"model\", \"parameters\"}}, such as calibration.json"
-    )]
+    #[error("{file} is no camera file ({error}): write it as {}", CAMERA_FORM)]
     Parse {
         /// The file.
         file: String,
         /// What is wrong, with line and column.
         error: serde_json::Error,
+    },
+    /// The text is not JSON, and no camera in YAML.
+    #[error("{file} is no camera file: {error}; write one as {}", CAMERA_FORM)]
+    Yaml {
+        /// The file.
+        file: String,
+        /// What is wrong.
+        error: yaml::YamlError,
     },
     /// The model is unknown or its parameters are incomplete.
     #[error("{file}: {error}")]
@@ -172,7 +183,12 @@ pub fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
 fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
-    serde_json::from_str(&text).map_err(|error| CameraFileError::Parse { file, error })
+    if text.trim_start().starts_with('{') {
+        return serde_json::from_str(&text).map_err(|error| CameraFileError::Parse { file, error });
+    }
+    let camera = yaml::parse(&text).map_err(|error| CameraFileError::Yaml { file: file.clone(), error })?;
+    let json = serde_json::to_value(camera).and_then(serde_json::from_value);
+    json.map_err(|error| CameraFileError::Parse { file, error })
 }
 
 /// The error for a camera that is none.

@@ -53,8 +53,8 @@ impl fmt::Display for Replacement {
         let Self { from, to, covered, sensor } = self;
         write!(
             f,
-            "this format has no model {from}; {to} was fitted to it where the board was seen, and is {:.6} px rms, \
-             {:.6} px at most, away from it there ({:.6} px at most on the whole sensor)",
+            "this format has no model {from}; exported as {to}, which differs by {:.6} px rms, {:.6} px at most, where the board \
+             was seen ({:.6} px at most on the whole sensor)",
             covered.rms, covered.largest, sensor.largest
         )?;
         if sensor.unseen > 0.0 {

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use super::failure::is_failure;
 use super::summary::summary;
 use crate::board::Board;
 use crate::calibrate::Task;
@@ -92,7 +93,7 @@ impl Calibrated {
 
 /// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `trajectory.csv`,
 /// `settings.toml`, `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, from
-/// which earlier results are removed. Of several recordings, each has its own clock: those after the first have their own
+/// which earlier results and what earlier failures left are removed. Of several recordings, each has its own clock: those after the first have their own
 /// `trajectory-2.txt`, `circles-2.csv` and so on.
 ///
 /// # Errors
@@ -104,13 +105,14 @@ pub fn write_folder(folder: &OutputFolder, calibrated: &Calibrated, task: &Task)
         .map_err(|error| FileError::new(&folder.path().join("calibration.json"), error.into()))?;
     let stage_report = stage_report(calibrated);
     let mut summary = summary(&calibration);
-    folder.remove_results(is_result)?;
+    folder.remove_results(|file| is_result(file) || is_failure(file))?;
     let folder = folder.path();
     put(folder.join("calibration.json"), json.as_bytes())?;
     put(folder.join("settings.toml"), task.settings.to_commented_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
     put(folder.join("report.html"), report(calibrated, task).as_bytes())?;
     let mut text = Vec::new();
+    let mut distances = None;
     for (recording, start) in calibrated.starts.iter().enumerate() {
         let of_recording = |(name, extension): (&str, &str)| match recording {
             0 => format!("{name}.{extension}"),
@@ -121,6 +123,7 @@ pub fn write_folder(folder: &OutputFolder, calibrated: &Calibrated, task: &Task)
             Evidence::Events(_) => determined(&poses, &task.settings.poses).collect(),
             Evidence::Pictures(_) => poses.iter().map(|pose| pose.pose).collect(),
         };
+        distances = determined.iter().map(|pose| distance(pose, task.board)).fold(distances, nearest_and_farthest);
         text.clear();
         let path = folder.join(of_recording(TRAJECTORY));
         tum::write(&mut text, &determined).map_err(|error| FileError::new(&path, error))?;
@@ -137,6 +140,10 @@ pub fn write_folder(folder: &OutputFolder, calibrated: &Calibrated, task: &Task)
         track::write(&mut text, frames, &task.board.pattern, (start * 1e6).round() as i64)
             .map_err(|error| FileError::new(&path, error))?;
         put(path, &text)?;
+    }
+    if let Some((nearest, farthest)) = distances {
+        // A mistake in the unit of the board shows here.
+        let _ = write!(summary, "\nboard: {nearest:.2} to {farthest:.2} m away from the camera");
     }
     let pictures = match &calibrated.evidence {
         Evidence::Events(_) => window_examples(calibrated, task.board),
@@ -164,6 +171,16 @@ pub fn write_folder(folder: &OutputFolder, calibrated: &Calibrated, task: &Task)
         }
     }
     Ok(Written { json, summary, stage_report })
+}
+
+/// How far the camera is from the middle of the board, in metres.
+fn distance(pose: &TimedPose, board: &Board) -> f64 {
+    (pose.pose.translation.vector - board.middle().push(0.0)).norm()
+}
+
+fn nearest_and_farthest(known: Option<(f64, f64)>, distance: f64) -> Option<(f64, f64)> {
+    let (nearest, farthest) = known.unwrap_or((distance, distance));
+    Some((nearest.min(distance), farthest.max(distance)))
 }
 
 /// The reference frames with the smallest and the largest error of the initial model.

@@ -11,17 +11,20 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     let mut text = String::new();
     let sensor = calibration.sensor;
     let _ = writeln!(text, "camera {} on {} x {} pixels", calibration.camera.model, sensor.width, sensor.height);
-    for name in parameter_names(&calibration.camera.model) {
+    for (index, name) in parameter_names(&calibration.camera.model).iter().enumerate() {
+        // Focal lengths and principal point; the rest has no unit.
+        let unit = if index < 4 { " px" } else { "" };
         let value = calibration.camera.parameters.get(name).unwrap_or(f64::NAN);
         let sigma = calibration.sigma.parameters.get(name).unwrap_or(f64::NAN);
-        let _ = writeln!(text, "  {name:<3} {value:>12.5} ± {sigma:.5}");
+        let _ = writeln!(text, "  {name:<3} {value:>12.5} ± {sigma:.5}{unit}");
     }
     let _ = writeln!(text, "{}", calibration.verdict);
     if let Some(halves) = &calibration.split_half {
         let _ = writeln!(
             text,
-            "halves differ by {:.4} px (expected {:.4}); held-out residual {:.4} px, own {:.4} px",
-            halves.difference_rms, halves.expected_rms, halves.held_out.rms, halves.held_out.own_rms
+            "two halves, calibrated apart, differ by {:.4} px ({:.4} px expected); residual {:.4} px on the half that a camera is from, \
+             {:.4} px on the other",
+            halves.difference_rms, halves.expected_rms, halves.held_out.own_rms, halves.held_out.rms
         );
     }
     let residuals = calibration.residuals;

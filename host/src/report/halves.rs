@@ -26,7 +26,7 @@ fn compared(calibrated: &Calibrated, halves: &SplitHalf) -> Markup {
     html! {
         p {
             "Every other slice of time makes one half, the rest the other; each is calibrated by itself. The two cameras differ by "
-            strong { (signed(difference.rms, 3)) " px" } " over the sensor (at most " (signed(difference.max, 3)) " px). The stated uncertainty lets expect "
+            strong { (signed(difference.rms, 3)) " px" } " over the sensor (at most " (signed(difference.max, 3)) " px). By the stated uncertainty one expects "
             (signed(halves.expected_rms, 3)) " px, and in 95 of 100 cases no more than " (signed(halves.bound, 3)) " px: "
             @if halves.consistent() { "it can be believed." } @else { "it is too small, or the lens changed." }
         }

@@ -37,6 +37,8 @@ pub struct CalibratedCamera {
     pub covariance: Option<Vec<Vec<f64>>>,
     /// Root mean square of the residuals in pixels, if known.
     pub residual_rms: Option<f64>,
+    /// What the calibration says of itself: its verdict; empty where there is none.
+    pub verdict: String,
     /// The board, if known.
     pub board: Option<Board>,
 }
@@ -78,6 +80,7 @@ impl CalibratedCamera {
             sigma: Some(uncertainty.sigma()),
             covariance: Some(covariance),
             residual_rms: Some(calibrated.residuals().rms),
+            verdict: calibrated.verdict.sentence.clone(),
             board: Some(*board),
         }
     }
@@ -103,6 +106,7 @@ impl CalibratedCamera {
             sigma: names.iter().map(|name| file.sigma.parameters.get(name)).collect(),
             covariance: Some(file.uncertainty.covariance),
             residual_rms: Some(file.residuals.rms),
+            verdict: file.verdict.sentence,
             board: file.board.parse().ok(),
             ..Self::seen_everywhere(camera, file.sensor)
         })
@@ -136,6 +140,7 @@ impl CalibratedCamera {
             sigma: None,
             covariance: None,
             residual_rms: None,
+            verdict: String::new(),
             board: None,
         }
     }

@@ -139,7 +139,10 @@ pub fn verdict(
 fn sentence(grade: Grade, camera: &Camera<f64>, trust: &Trust, findings: &[Finding]) -> String {
     let focal = focal_length(camera, trust)
         .map_or_else(String::new, |(what, value, sigma)| format!(", {what} {value:.2} ± {sigma:.2} px"));
-    let known = format!("pixels are known to {:.3} px over the sensor (95 %){focal}", trust.projection.rms_95);
+    let known = format!(
+        "expected projection error below {:.3} px over the sensor (95 % confidence){focal}",
+        trust.projection.rms_95
+    );
     let grave = || findings.iter().filter(|finding| finding.severity > Severity::Note);
     // How well the projection is known is told anyway: here the causes count, if there are any.
     let causes: Vec<&str> =

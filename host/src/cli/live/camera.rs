@@ -25,11 +25,12 @@ pub fn run(
     interrupt: &Interrupt,
 ) -> super::super::Outcome {
     let CalibrationArguments { method, json, .. } = &arguments.calibration;
+    let board = method.choose_board(&[], &RecordingOptions::default(), &settings.detection)?;
     let mut camera = arguments.camera.open()?;
     let header = camera.header();
     let sensor: Sensor = header.registers.layout().dvs.size().into();
     let path = folder.path().join(RECORDING);
-    let mut watcher = Watcher::start(&settings.detection, &settings.initial, &settings.live, &method.board, &header);
+    let mut watcher = Watcher::start(&settings.detection, &settings.initial, &settings.live, &board, &header);
     let window = open_window(arguments)?;
     let feed = window.as_ref().map(|window| {
         let (mut screen, latest) = (window.screen(), watcher.latest());

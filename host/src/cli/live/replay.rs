@@ -29,7 +29,8 @@ pub fn run(
     let options = arguments.source.options();
     let recording = Recording::new(path, options.clone())?;
     let sensor = sensor_of(&recording)?;
-    let board = &arguments.calibration.method.board;
+    let method = &arguments.calibration.method;
+    let board = &method.choose_board(&[path.to_owned()], &options, &settings.detection)?;
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor);
     let latest = Latest::new(observer.seen());
     let window = open_window(arguments)?;

@@ -246,7 +246,7 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
     (!lost.is_empty()).then(|| Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,
-        reason: format!("{} cannot be told from zero", lost.join(", ")),
+        reason: format!("{} may as well be zero", lost.join(", ")),
         advice: "a model with fewer coefficients may do as well".to_owned(),
     })
 }

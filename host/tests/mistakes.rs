@@ -1,0 +1,269 @@
+//! The mistakes that newcomers make, one a line: what the program answers, how it ends, what it leaves behind.
+//!
+//! Every answer names the cause and what to do next, is not a dump of the insides, and leaves no result.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
+/// The recorded session, with [`BOARD`] in it.
+const FIXTURE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/board/events.dvraw");
+
+/// One mistake: the command line, in which `DIR` stands for a folder with the files of [`prepare`], `FIXTURE` and `BOARD`
+/// for those above; the exit code; what the answer says of the cause, and of what to do.
+struct Mistake {
+    command: &'static str,
+    code: i32,
+    cause: &'static str,
+    next: &'static str,
+}
+
+const fn mistake(command: &'static str, code: i32, cause: &'static str, next: &'static str) -> Mistake {
+    Mistake { command, code, cause, next }
+}
+
+/// Mistakes on the command line, which nothing is read for.
+const USAGE: &[Mistake] = &[
+    mistake("calibrate a.csv -o DIR/out", 2, "--board", "--help"),
+    mistake("calibrate a.csv --board BOARD", 2, "--output", "--help"),
+    mistake("calibrate --board BOARD -o DIR/out", 2, "RECORDINGS", "--help"),
+    mistake("calibrate a.csv --board 9x4 -o DIR/out", 2, "1 part", "acircles:9x4:55mm:r17.5mm"),
+    mistake(
+        "calibrate a.csv --board acircles:9x4:55:r17.5 -o DIR/out",
+        2,
+        "not a length with a unit",
+        "acircles:9x4:55mm:r17.5mm",
+    ),
+    mistake(
+        "calibrate a.csv --board acircles:9x4:55mm:17.5mm -o DIR/out",
+        2,
+        "radius \"17.5mm\"",
+        "acircles:9x4:55mm:r17.5mm",
+    ),
+    mistake(
+        "calibrate a.csv --board acircles:9:55mm:r17.5mm -o DIR/out",
+        2,
+        "ROWSxCOLUMNS",
+        "acircles:9x4:55mm:r17.5mm",
+    ),
+    mistake(
+        "calibrate a.csv --board asymmetric:9x4:55mm:r17.5mm -o DIR/out",
+        2,
+        "unknown layout",
+        "acircles or circles",
+    ),
+    mistake("calibrate a.csv --board acircles:9x4:55mm:r45mm -o DIR/out", 2, "overlap", "is the radius a diameter?"),
+    mistake("calibrate a.csv --board checkerboard:9x6:25mm -o DIR/out", 2, "only boards of circles", "evcal board"),
+    mistake("calibrate a.csv --board charuco:5x7:30mm:r20mm -o DIR/out", 2, "ChArUco", "evcal board"),
+    mistake("calibrate a.csv --board auto:55mm -o DIR/out", 2, "auto:SPACING:rRADIUS", "auto:55mm:r17.5mm"),
+    mistake("calibrate a.csv --board BOARD --model pinhole -o DIR/out", 2, "pinhole", "radtan"),
+    mistake("calibrate a.csv --board BOARD --model fisheye -o DIR/out", 2, "fisheye", "kannala-brandt"),
+    mistake("calibrate a.csv --board BOARD --model radtan5 -o DIR/out", 2, "radtan5", "radtan"),
+    mistake("calibrate a.csv --board BOARD --sensor 346 -o DIR/out", 2, "346", "346x260"),
+    mistake("calibrate a.csv --board BOARD --time-unit h -o DIR/out", 2, "--time-unit", "ms"),
+    mistake("calibrate a.csv --board BOARD --columns x,y,t -o DIR/out", 2, "x,y,t", "x,y,p,t"),
+    mistake("calibrate a.csv --board BOARD --threads 0 -o DIR/out", 2, "--threads", "1..=1024"),
+    mistake("calibrate a.csv --board BOARD --frame-only -o DIR/out", 2, "--frame-only", "--frames-only"),
+    mistake("calibrat a.csv", 2, "calibrat", "calibrate"),
+    mistake("evaluate DIR/camera", 2, "--truth", "--help"),
+    mistake("repeat a.csv --board BOARD --seconds 4", 2, "--seconds", "6s"),
+    mistake("live --board auto -o DIR/out", 1, "recognised in events only", "--board acircles:9x4:55mm:r17.5mm"),
+    mistake("live --sensor 346x260 --board BOARD -o DIR/out", 2, "needs one", "--replay RECORDING"),
+];
+
+/// Mistakes with files.
+const FILES: &[Mistake] = &[
+    mistake(
+        "calibrate DIR/missing.dvraw --board BOARD -o DIR/out",
+        1,
+        "missing.dvraw: cannot be read: No such file",
+        "",
+    ),
+    mistake("calibrate DIR/camera --board BOARD -o DIR/out", 1, "is a folder", "name"),
+    mistake("calibrate DIR/empty.csv --board BOARD -o DIR/out", 1, "empty.csv", "empty"),
+    mistake("calibrate DIR/picture.png --board BOARD -o DIR/out", 1, "picture.png", "PNG"),
+    mistake("calibrate DIR/recording.h5 --board BOARD -o DIR/out", 1, "HDF5", "numpy.savez"),
+    mistake("calibrate DIR/words.txt --board BOARD -o DIR/out", 1, "in no format known here", "known: AEDAT4"),
+    mistake("calibrate DIR/camera/calibration.json --board BOARD -o DIR/out", 1, "is a JSON file", "evcal export"),
+    mistake(
+        "calibrate DIR/sizeless.csv --board BOARD -o DIR/out",
+        1,
+        "does not say how many pixels",
+        "--sensor 346x260",
+    ),
+    mistake(
+        "calibrate DIR/sizeless.csv --sensor 240x180 --board BOARD -o DIR/out",
+        1,
+        "lie outside of 240",
+        "true size",
+    ),
+    mistake("calibrate DIR/milliseconds.csv --board BOARD -o DIR/out", 1, "events a second", "--time-unit ms"),
+    mistake("calibrate DIR/shuffled.csv --sensor 346x260 --board BOARD -o DIR/out", 1, "order of time", "sort"),
+    mistake("calibrate FIXTURE --board BOARD -o DIR/camera", 1, "is there already", "--force"),
+    mistake("calibrate FIXTURE --board BOARD -o /proc/evcal", 1, "/proc/evcal", "-o"),
+    mistake("calibrate FIXTURE FIXTURE --board BOARD -o DIR/out", 1, "same events", "give each recording once"),
+    mistake("calibrate FIXTURE --settings DIR/settings.toml --board BOARD -o DIR/out", 1, "epsilonn", "epsilon"),
+    mistake("calibrate FIXTURE --settings DIR/missing.toml --board BOARD -o DIR/out", 1, "missing.toml", ""),
+    mistake(
+        "calibrate DIR/sizeless.csv --sensor 346x260 --frames-only --board BOARD -o DIR/out",
+        1,
+        "holds no frames",
+        "record with --frames",
+    ),
+    mistake("evaluate DIR/camera --truth DIR/foreign.json", 1, "no camera file", "\"parameters\": {\"fx\""),
+    mistake("evaluate DIR/camera --truth DIR/foreign.yaml", 1, "no camera file", "\"model\": \"radtan4\""),
+    mistake("export DIR --format ros", 1, "calibration.json", ""),
+    mistake("export DIR/camera --format rospy", 2, "rospy", "ros"),
+    mistake("undistort DIR/camera -c FIXTURE -o DIR/new.csv", 1, "events.dvraw", ""),
+    mistake("convert FIXTURE DIR/events.xyz", 1, "events.xyz", "csv"),
+    mistake("repeat FIXTURE --board BOARD", 1, "3.0 s long", "--seconds 1.4s"),
+];
+
+/// Mistakes that only the circles in the recording show.
+const BOARDS: &[Mistake] = &[
+    mistake(
+        "calibrate FIXTURE --board acircles:9x4:55mm:r35mm -o DIR/out",
+        1,
+        "circles look like",
+        "--board acircles:9x4:55mm:r17.5mm",
+    ),
+    mistake(
+        "calibrate FIXTURE --board acircles:9x4:110mm:r17.5mm -o DIR/out",
+        1,
+        "half is asked for?",
+        "--board acircles:9x4:55mm:r17.5mm",
+    ),
+    mistake(
+        "calibrate FIXTURE --board acircles:4x9:55mm:r17.5mm -o DIR/out",
+        1,
+        "no pattern found",
+        "--board acircles:9x4:55mm:r17.5mm",
+    ),
+    mistake(
+        "calibrate FIXTURE --board circles:9x4:55mm:r17.5mm -o DIR/out",
+        1,
+        "no pattern found",
+        "--board acircles:9x4:55mm:r17.5mm",
+    ),
+    mistake(
+        "calibrate FIXTURE --board acircles:11x5:55mm:r17.5mm -o DIR/out",
+        1,
+        "no pattern found",
+        "--board acircles:9x4:55mm:r17.5mm",
+    ),
+    mistake(
+        "calibrate FIXTURE --board circles:20x20:55mm:r17.5mm -o DIR/out",
+        1,
+        "no pattern found",
+        "--board acircles:9x4:55mm:r17.5mm",
+    ),
+    mistake("calibrate FIXTURE --board auto -o DIR/out", 1, "the board is acircles:9x4", "--board acircles:9x4:"),
+];
+
+/// Files that a newcomer may have.
+fn prepare() -> TempDir {
+    let directory = tempfile::tempdir().unwrap();
+    let put = |name: &str, content: &[u8]| fs::write(directory.path().join(name), content).unwrap();
+    put("empty.csv", b"");
+    put("picture.png", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01\x08\x02\0\0\0");
+    put("recording.h5", b"\x89HDF\r\n\x1a\n\0\0\0\0\0\x08\x08\0");
+    put("words.txt", b"These are my events.\nThey were recorded on Monday.\n");
+    let line = |index: u32| format!("{},{},{},1\n", index * 4, index % 346, index * 7 % 260);
+    put("sizeless.csv", format!("t_us,x,y,p\n{}", (0..20_000).map(line).collect::<String>()).as_bytes());
+    let slow = |index: u32| format!("{:.3},{},{},1\n", f64::from(index) * 0.004, index % 346, index * 7 % 260);
+    let head = "# sensor 346 x 260\nt,x,y,p\n";
+    put("milliseconds.csv", format!("{head}{}", (0..50_000).map(slow).collect::<String>()).as_bytes());
+    let shuffled: String = (0..20_000_u32).map(|index| line(index * 7919 % 20_011 * 1000)).collect();
+    put("shuffled.csv", format!("t_us,x,y,p\n{shuffled}").as_bytes());
+    put("settings.toml", b"[detection.cluster]\nepsilonn = 3.0\n");
+    put("foreign.json", br#"{"K": [[300, 0, 172], [0, 300, 129], [0, 0, 1]], "dist": [0, 0, 0, 0, 0]}"#);
+    put("foreign.yaml", b"image_width: 346\nimage_height: 260\ncamera_name: dvs\n");
+    let camera = serde_json::json!({
+        "sensor": { "width": 346, "height": 260 },
+        "camera": { "model": "radtan4", "parameters": {
+            "fx": 300.0, "fy": 300.0, "cx": 172.5, "cy": 129.5, "k1": -0.3, "k2": 0.1, "p1": 0.0, "p2": 0.0
+        } },
+    });
+    fs::create_dir(directory.path().join("camera")).unwrap();
+    put("camera/calibration.json", camera.to_string().as_bytes());
+    directory
+}
+
+fn run(command: &str, directory: &Path) -> Output {
+    let words = command.replace("FIXTURE", FIXTURE).replace("BOARD", BOARD).replace("DIR", directory.to_str().unwrap());
+    Command::new(env!("CARGO_BIN_EXE_evcal")).args(words.split(' ')).output().unwrap()
+}
+
+/// Runs each and tells all that is wrong at once.
+fn check(mistakes: &[Mistake]) {
+    let directory = prepare();
+    let path = directory.path();
+    let before = fs::read(path.join("camera/calibration.json")).unwrap();
+    let mut wrong = String::new();
+    for Mistake { command, code, cause, next } in mistakes {
+        let output = run(command, path);
+        let errors = String::from_utf8(output.stderr).unwrap();
+        let left = fs::read_dir(path.join("out")).into_iter().flatten().flatten().map(|entry| entry.file_name());
+        let results: Vec<_> =
+            left.filter(|name| !name.to_str().is_some_and(|name| name.starts_with("failure."))).collect();
+        let good = output.status.code() == Some(*code)
+            && errors.contains(cause)
+            && errors.contains(next)
+            && output.stdout.is_empty()
+            && results.is_empty()
+            && !["panicked", "Os {", "Error(", "RUST_BACKTRACE"].iter().any(|word| errors.contains(word));
+        if !good {
+            wrong += &format!("{command}\n  {:?} {errors}  left {results:?}\n", output.status.code());
+        }
+        let _ = fs::remove_dir_all(path.join("out"));
+    }
+    assert!(wrong.is_empty(), "{wrong}");
+    assert_eq!(fs::read(path.join("camera/calibration.json")).unwrap(), before, "nothing old is touched");
+}
+
+#[test]
+fn mistakes_on_the_command_line() {
+    check(USAGE);
+}
+
+#[test]
+fn mistakes_with_files() {
+    check(FILES);
+}
+
+#[test]
+fn mistakes_with_boards() {
+    check(BOARDS);
+}
+
+#[test]
+fn a_failure_leaves_what_was_seen() {
+    let directory = prepare();
+    let failed = run("calibrate FIXTURE --board acircles:9x4:55mm:r35mm --json -o DIR/out", directory.path());
+    let told: serde_json::Value = serde_json::from_slice(&failed.stdout).unwrap();
+    assert!(told["error"].as_str().unwrap().contains("circles look like"), "{told}");
+    assert!(told["stages"].as_array().unwrap().len() >= 2, "{told}");
+    assert!(told["seen"]["windows"]["found"].as_u64().unwrap() > 300, "{told}");
+    let text = fs::read_to_string(directory.path().join("out/failure.txt")).unwrap();
+    for part in
+        ["circles look like", "looking for the board in", "initial model from", "windows tried", "--board acircles"]
+    {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let picture = fs::read(directory.path().join("out/failure.png")).unwrap();
+    assert!(picture.starts_with(b"\x89PNG") && picture.ends_with(b"IEND\xaeB`\x82"));
+    // Where nothing could be read nothing is left, and the error is JSON all the same.
+    let failed = run("calibrate DIR/empty.csv --board BOARD --json -o DIR/nothing", directory.path());
+    let told: serde_json::Value = serde_json::from_slice(&failed.stdout).unwrap();
+    assert!(told["error"].as_str().unwrap().contains("is empty"), "{told}");
+    assert!(!directory.path().join("nothing").exists());
+    // The next try needs no --force, and a success leaves nothing of the failure.
+    let good = run("calibrate FIXTURE --board auto:55mm:r17.5mm -o DIR/out", directory.path());
+    assert_eq!(good.status.code(), Some(0), "{}", String::from_utf8_lossy(&good.stderr));
+    assert!(String::from_utf8_lossy(&good.stderr).contains("the board is acircles:9x4:55mm:r17.5mm"));
+    assert!(directory.path().join("out/calibration.json").exists());
+    assert!(!directory.path().join("out/failure.txt").exists() && !directory.path().join("out/failure.png").exists());
+}
