@@ -2,13 +2,13 @@
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test test-times test-workspace test-report test-python test-usb-guest test-embedded test-embedded-slow \
-    compatibility setup readers build programs rooms bench check check-format check-lints check-documentation check-no-std \
-    check-dependencies check-oldest-rust
+.PHONY: demo test test-times test-workspace test-report test-python test-packages test-usb-guest test-embedded \
+    test-embedded-slow compatibility setup readers build programs packages rooms bench check check-format check-lints \
+    check-documentation check-no-std check-dependencies check-oldest-rust check-crates
 
 # What `make test` runs, in this order.
-CHECKS = check-format check-lints check-documentation check-no-std check-dependencies check-oldest-rust
-TESTS = setup readers $(CHECKS) test-workspace test-report test-python test-usb-guest test-embedded
+CHECKS = check-format check-lints check-documentation check-no-std check-dependencies check-oldest-rust check-crates
+TESTS = setup readers $(CHECKS) test-workspace test-report test-python test-packages test-usb-guest test-embedded
 
 demo: build
 	@sh tools/demo.sh
@@ -32,6 +32,14 @@ test-report: programs
 # The Python package: its wheel, built, installed and tested; installs what it needs below target.
 test-python: setup
 	@sh tools/python/test.sh
+
+# What people get who do not build evcal: a static program in a tarball, and a .deb; in target/packages.
+packages:
+	@sh tools/package/build.sh
+
+# The same, installed in a bare Debian root and used there for a calibration.
+test-packages:
+	@sh tools/package/test.sh
 
 # The emulated camera on a real kernel, in a virtual machine; says so where there cannot be one.
 test-usb-guest: setup
@@ -73,12 +81,17 @@ check-no-std: setup
 check-dependencies: setup
 	@sh tools/check/dependencies.sh
 
+# The packages for crates.io: what is in them, and whether they can be published together.
+check-crates: setup
+	@sh tools/check/crates.sh
+
 # The oldest Rust that is promised, where it is installed.
 check-oldest-rust: setup
 	@sh tools/check/oldest-rust.sh
 
 build: setup
-	cargo build --release --locked
+	@echo "evcal is being built: 5 to 15 minutes the first time, most of them for OpenCV's bindings and for evcal itself"
+	cargo build --release --locked -p evcal
 
 # The programs as the tests have them: their dependencies have features that only tests ask for, and another build
 # would compile most of evcal a second time.

@@ -15,6 +15,11 @@ if cargo metadata --offline --locked --format-version 1 --manifest-path firmware
 else
     echo "dependencies: those of the firmware are not here yet; make test-embedded fetches them"
 fi
+if cargo metadata --offline --locked --format-version 1 --manifest-path python/Cargo.toml >/dev/null 2>&1; then
+    cargo deny --offline --manifest-path python/Cargo.toml check --hide-inclusion-graph licenses bans sources
+else
+    echo "dependencies: those of the Python package are not here yet; make test-python fetches them"
+fi
 if ls "${CARGO_HOME:-$HOME/.cargo}"/advisory-db*/*/ >/dev/null 2>&1; then
     cargo deny --offline check advisories
 else

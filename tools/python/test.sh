@@ -20,6 +20,7 @@ PATH="$environment/bin:$PATH"
 export PATH
 
 cargo fmt --manifest-path python/Cargo.toml --check
+LIBUDEV_NO_PKG_CONFIG=1 CARGO_TARGET_DIR="$target" cargo clippy --quiet --release --locked --manifest-path python/Cargo.toml -- -D warnings
 
 # libusb comes with the wheel, and speaks to the kernel itself.
 rm -rf "$target/wheels"

@@ -1,0 +1,25 @@
+#!/bin/sh
+# The packages for crates.io: every one holds its licences, its README and nothing that is large or of the tests, and cargo
+# would publish all of them together. They are not built here from what is in them: that takes as long as evcal itself; with
+# --build they are.
+set -eu
+cd "$(dirname "$0")/../.."
+verify=--no-verify
+[ "${1:-}" != --build ] || verify=
+
+for package in evcal-core evcal-link usb-davis evcal; do
+    files=$(cargo package --list --allow-dirty --locked --offline -p "$package")
+    for file in LICENSE-MIT LICENSE-APACHE README.md src/lib.rs; do
+        echo "$files" | grep -qx "$file" || { echo "crates: $package has no $file" >&2; exit 1; }
+    done
+    if echo "$files" | grep -E '^(tests|benches|fixtures)/|\.(dvraw|aedat4)$' >&2; then
+        echo "crates: $package holds what only tests need" >&2
+        exit 1
+    fi
+done
+# shellcheck disable=SC2086 # none or one word
+if cargo publish --help | grep -q -- --workspace; then
+    cargo publish --workspace --dry-run --allow-dirty --locked $verify
+else
+    cargo package --workspace --exclude evcal-tests --allow-dirty --locked $verify
+fi
