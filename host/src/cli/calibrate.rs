@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use evcal::board::Board;
 use evcal::board::request::BoardRequest;
-use evcal::calibrate::board_choice::choose_board;
+use evcal::calibrate::board_choice::{choose_board, recognise_layout};
 use evcal::calibrate::error::CalibrateError;
 use evcal::calibrate::input::Input;
 use evcal::calibrate::{PictureUse, Task, calibrate};
@@ -250,9 +250,27 @@ pub fn calibrate_recordings(
             folder.display()
         ))?;
     }
+    if calibrated.verdict.grade == Grade::NotGood {
+        tell_other_board(&inputs, &board, &settings.detection);
+    }
     match calibrated.verdict.grade {
         Grade::NotGood if !arguments.accept_any => Err(NotGoodEnough.into()),
         _ => Ok(()),
+    }
+}
+
+/// A board that is smaller than the printed one is found here and there in it: says which one fits.
+fn tell_other_board(inputs: &[Input], board: &Board, settings: &DetectionSettings) {
+    let recordings = inputs.iter().filter_map(|input| match input {
+        Input::Events(recording) => Some(recording),
+        Input::Circles { .. } => None,
+    });
+    // Where none is recognised there is nothing to tell.
+    if let Ok(found) = recognise_layout(&recordings.collect::<Vec<_>>(), settings)
+        && found.pattern.circle_count() > board.circle_count()
+    {
+        let fitting = Board { pattern: found.pattern, ..*board };
+        print::aside(format!("is the board right? It looks like {found}: --board {fitting}"));
     }
 }
 
