@@ -44,9 +44,9 @@ pub struct BetterModel {
     pub difference: ProjectionDifference,
 }
 
-/// Beyond this difference of two models (rms, px) the events at the rim of the image were not found, and what is known
-/// there is a guess: then the largest difference counts.
-const GROSS: f64 = 1.0;
+/// Where two models differ by more than this (px), the wrong one did not find its events, and what is known there is a
+/// guess: there the largest difference counts.
+const LOST: f64 = 1.0;
 
 /// How far a lens model is from the lens.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -61,10 +61,19 @@ pub struct Misfit {
 /// `inflation` the variance of the estimate over that of independent events.
 pub fn misfit(problem: &Problem, state: &State, pattern: &ResidualPattern, inflation: f64) -> Misfit {
     let better = better_model(problem, state, inflation);
-    let of_difference =
-        |difference: &ProjectionDifference| if difference.rms > GROSS { difference.max } else { difference.rms };
-    let rms = better.as_ref().map_or(0.0, |better| of_difference(&better.difference)).max(pattern.shift);
+    let rms = better.as_ref().map_or(0.0, |better| cautious_rms(&better.difference)).max(pattern.shift);
     Misfit { rms, better }
+}
+
+/// The root mean square of a difference over the sensor, in which places beyond [`LOST`] count as much as the worst.
+fn cautious_rms(difference: &ProjectionDifference) -> f64 {
+    let squares = difference.grid.iter().filter_map(|place| {
+        let [x, y] = place.difference?;
+        let size = x.hypot(y);
+        Some(if size > LOST { difference.max } else { size }.powi(2))
+    });
+    let (count, sum) = squares.fold((0_usize, 0.0), |(count, sum), square| (count + 1, sum + square));
+    (sum / count.max(1) as f64).sqrt()
 }
 
 fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<BetterModel> {
