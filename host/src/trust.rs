@@ -1,6 +1,7 @@
 //! How far a calibration can be trusted: uncertainty, coverage, comparison of halves, verdict.
 
 pub mod coverage;
+pub mod misfit;
 pub mod poses;
 pub mod residual_map;
 pub mod split_half;
@@ -20,10 +21,12 @@ use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::Refined;
 use crate::trust::coverage::{Coverage, coverage, coverage_of};
+use crate::trust::misfit::{Misfit, misfit, with_misfit};
 use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
 use crate::trust::split_half::{SplitHalf, SplitHalfSettings, split_half};
 use crate::trust::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
 use crate::trust::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
+use crate::trust::verdict::VerdictSettings;
 
 /// What speaks for and against a calibration, whatever it was made from.
 #[derive(Clone, Debug)]
@@ -45,6 +48,8 @@ pub struct EventTrust {
     pub split_half: Option<SplitHalf>,
     /// The residuals over the sensor.
     pub residuals: ResidualMap,
+    /// How far the lens model is from the lens; `None` when the residuals say nothing against it.
+    pub misfit: Option<Misfit>,
     /// What the events say of the circles' radius; `None` where the input is circle centres.
     pub radius: Option<ObservedRadius>,
     /// How sure each pose is.
@@ -70,6 +75,17 @@ pub struct ObservedRadius {
 /// blurred edge changes, which is on its dark side.
 const USUAL_OFFSET: f64 = -0.45;
 
+/// How [`examine`] looks at a calibration.
+#[derive(Clone, Copy)]
+pub struct ExamineSettings<'a> {
+    /// The two halves.
+    pub halves: &'a SplitHalfSettings,
+    /// The residuals over the sensor.
+    pub map: &'a ResidualMapSettings,
+    /// When residuals speak against the lens model.
+    pub verdict: &'a VerdictSettings,
+}
+
 /// Examines `refined`, whose uncertainty is known. `saturated` are stretches with a saturated readout that are in the solve.
 ///
 /// # Errors
@@ -79,21 +95,35 @@ pub fn examine(
     uncertainty: SolveUncertainty,
     board: &Board,
     saturated: &[LeftOut],
-    halves: &SplitHalfSettings,
-    map: &ResidualMapSettings,
+    settings: ExamineSettings,
 ) -> Result<(Trust, EventTrust), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
     let SolveUncertainty { intrinsics: uncertainty, bias_sigma } = uncertainty;
-    let projection = projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor)
-        .map_err(|_| SolveError::Singular)?;
+    let in_the_image = |uncertainty: &Uncertainty| {
+        projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
+    };
+    // The halves have the same misfit: they cannot tell it.
+    let split_half = split_half(problem, state, uncertainty.inflation, settings.halves);
+    let residuals = residual_map(problem, state, settings.map);
+    let misfit = residuals
+        .pattern
+        .is_suspicious(settings.verdict)
+        .then(|| misfit(problem, state, &residuals.pattern, uncertainty.inflation));
+    let poses = PoseCovariance::new(problem, state, uncertainty.inflation)?;
+    let uncertainty = match &misfit {
+        Some(misfit) => with_misfit(uncertainty.clone(), &in_the_image(&uncertainty)?, misfit),
+        None => uncertainty,
+    };
+    let projection = in_the_image(&uncertainty)?;
     let events = EventTrust {
         bias_sigma,
-        split_half: split_half(problem, state, uncertainty.inflation, halves),
-        residuals: residual_map(problem, state, map),
+        split_half,
+        residuals,
+        misfit,
         radius: observed_radius(refined, board),
         left_out: refined.left_out.clone(),
         saturated: saturated.to_vec(),
-        poses: PoseCovariance::new(problem, state, uncertainty.inflation)?,
+        poses,
     };
     Ok((Trust { uncertainty, projection, coverage: coverage(problem, state, board) }, events))
 }

@@ -58,6 +58,33 @@ fn a_board_in_one_corner() {
     assert!(verdict["sentence"].as_str().unwrap().contains("at the lower right"), "{verdict:#}");
 }
 
+/// A lens with a model that is not its own: the verdict names one that follows it, and the bound holds the error.
+#[test]
+fn a_model_that_cannot_follow_the_lens() {
+    for (lens, model, right) in [
+        (lens::KANNALA_BRANDT, "radtan", &["kannala-brandt", "radtan8", "eucm", "double-sphere"][..]),
+        (lens::RADTAN, "fov", &["radtan", "radtan8"][..]),
+    ] {
+        let simulation = lens.simulation("wrong-model", &["--motion", "fast", "--duration", "4s", "--seed", "7"]);
+        let events = simulation.join("events.aedat4");
+        let options = ["--board", BOARD, "--model", model, "--accept-any"];
+        let name = format!("wrong-model-{model}");
+        let folder = made(&name, &[&["calibrate", text(&events)][..], &options].concat());
+        let calibration = read_json(&folder.join("calibration.json"));
+        let verdict = &calibration["verdict"];
+        assert_eq!(verdict["grade"], "not-good", "{model}: {verdict:#}");
+        assert!(names(verdict, "model-too-poor"), "{model}: {verdict:#}");
+        let better = calibration["misfit"]["better_model"].as_str().expect("a better model");
+        assert!(right.contains(&better), "{model}: {better}");
+        let sentence = verdict["sentence"].as_str().expect("a sentence");
+        assert!(sentence.contains(&format!("--model {better}")), "{model}: {sentence}");
+        let evaluation = json(&["evaluate", text(&folder), "--truth", text(&simulation), "--json"]);
+        let error = evaluation["projection_difference"]["rms_px"].as_f64().expect("a number");
+        let bound = calibration["uncertainty"]["projection_rms_95"].as_f64().expect("a number");
+        assert!(error <= bound, "{model}: {error} px beyond the stated {bound} px");
+    }
+}
+
 #[test]
 fn two_seconds() {
     let events = RADTAN.simulation("short", &["--motion", "fast", "--duration", "2s"]).join("events.aedat4");

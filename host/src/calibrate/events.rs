@@ -17,10 +17,10 @@ use crate::solve::State;
 use crate::solve::event_bias::unknown;
 use crate::solve::refinement::{EventInput, Refined, RefinementInput, SMALLEST_POINT_SIGMA, StageSettings, refine};
 use crate::trajectory::first::{FirstTrajectories, first_trajectories};
-use crate::trust::examine;
 use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
 use crate::trust::verdict::verdict;
 use crate::trust::witness::WitnessOutcome;
+use crate::trust::{ExamineSettings, examine};
 
 /// Stretches with a saturated readout are left out unless they are a larger part of the recordings than this.
 const MOST_LEFT_OUT: f64 = 0.5;
@@ -85,9 +85,10 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     }
 
     progress.tell("examination")?;
+    let looks =
+        ExamineSettings { halves: &settings.split_half, map: &settings.residual_map, verdict: &settings.verdict };
     let (trust, event_trust) =
-        examine(&refined, certainty, task.board, &saturated, &settings.split_half, &settings.residual_map)
-            .map_err(CalibrateError::Solve)?;
+        examine(&refined, certainty, task.board, &saturated, looks).map_err(CalibrateError::Solve)?;
     let findings = witness.as_ref().and_then(WitnessOutcome::finding).into_iter().collect();
     let camera = &refined.state.camera;
     let verdict = verdict(camera, &trust, Some(&event_trust), task.board, sensor, findings, &settings.verdict);

@@ -5,7 +5,7 @@
 //! provides the circles on which all are compared, frame by frame held out of the calibration
 //! ([`crate::initial::held_out`]). The best has the smallest mean cost. Of the candidates whose cost
 //! exceeds the best one's by no more than so many standard errors of the difference, the one with the
-//! fewest parameters is chosen: the one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and
+//! fewest parameters is chosen, if possible of those that OpenCV and ROS hold: the one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and
 //! Friedman, *The Elements of Statistical Learning*, section 7.10). The standard error is that of the
 //! difference block by block, for what makes a block hard makes it hard for all models.
 
@@ -35,6 +35,10 @@ pub const CANDIDATES: [ModelKind; 9] = [
     ModelKind::Fov,
     ModelKind::Omni,
 ];
+
+/// Models that OpenCV and ROS hold as they are: plumb bob, rational polynomial and equidistant.
+pub const WIDELY_HELD: [ModelKind; 4] =
+    [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt];
 
 /// The camera model wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,6 +103,8 @@ pub struct Standing {
 pub struct Candidate {
     /// Number of the model's parameters.
     pub parameters: usize,
+    /// Whether OpenCV and ROS hold it.
+    pub widely_held: bool,
     /// Its held-out statistics, on the same blocks for all candidates.
     pub held_out: HeldOutCost,
 }
@@ -114,7 +120,8 @@ fn mean_and_error(values: &[f64]) -> (f64, f64) {
 
 /// Where each candidate stands, and the position of the chosen one; `None` without candidates.
 ///
-/// Of candidates with equally many parameters, the one with the smaller cost is simpler.
+/// A model that is widely held goes before one that is not. Of candidates with equally many parameters, the one with the
+/// smaller cost is simpler.
 pub fn choose(candidates: &[Candidate], standard_errors: f64) -> Option<(usize, Vec<Standing>)> {
     let cost = |candidate: &Candidate| candidate.held_out.mean();
     let best = candidates.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))?;
@@ -128,8 +135,10 @@ pub fn choose(candidates: &[Candidate], standard_errors: f64) -> Option<(usize, 
         })
         .collect();
     let good = candidates.iter().zip(&standings).enumerate().filter(|(_, (_, standing))| standing.as_good);
-    let simplest =
-        good.min_by(|(_, (a, _)), (_, (b, _))| a.parameters.cmp(&b.parameters).then(cost(a).total_cmp(&cost(b))))?;
+    let simplest = good.min_by(|(_, (a, _)), (_, (b, _))| {
+        let held = b.widely_held.cmp(&a.widely_held);
+        held.then(a.parameters.cmp(&b.parameters)).then(cost(a).total_cmp(&cost(b)))
+    })?;
     Some((simplest.0, standings))
 }
 
@@ -183,6 +192,24 @@ impl fmt::Display for ModelChoice {
     }
 }
 
+impl ModelChoice {
+    /// Why the chosen model was, in one sentence.
+    pub fn reason(&self) -> String {
+        let others = self.candidates.iter().filter(|candidate| candidate.as_good && candidate.model != self.chosen);
+        let others: Vec<&str> = others.map(|candidate| candidate.model.as_str()).collect();
+        if others.is_empty() {
+            return format!("{} chosen: no other model predicts unseen circles as well", self.chosen);
+        }
+        let held = WIDELY_HELD.iter().any(|kind| kind.name() == self.chosen);
+        let why = if held { "OpenCV and ROS hold it, and of such models" } else { "of these" };
+        format!(
+            "{} chosen: it predicts unseen circles as well as {}; {why} it has the fewest parameters",
+            self.chosen,
+            others.join(", ")
+        )
+    }
+}
+
 /// Tries every one of `models` on `frames` and gives the initial model of the one that suits them.
 ///
 /// `sensor` is (width, height) in pixels; `progress` is told which model is tried.
@@ -226,7 +253,8 @@ pub fn choose_model(
         .zip(&held)
         .filter_map(|((kind, _), held_out)| {
             let parameters = kind.parameter_names().len();
-            held_out.clone().map(|held_out| Candidate { parameters, held_out })
+            let widely_held = WIDELY_HELD.contains(kind);
+            held_out.clone().map(|held_out| Candidate { parameters, widely_held, held_out })
         })
         .collect();
     let (chosen, standings) = match choose(&candidates, settings.standard_errors) {
@@ -272,7 +300,11 @@ mod tests {
     use super::*;
 
     fn candidate(parameters: usize, block_costs: &[f64]) -> Candidate {
-        Candidate { parameters, held_out: HeldOutCost { count: 100, block_costs: block_costs.to_vec() } }
+        Candidate {
+            parameters,
+            widely_held: true,
+            held_out: HeldOutCost { count: 100, block_costs: block_costs.to_vec() },
+        }
     }
 
     #[test]
@@ -306,6 +338,16 @@ mod tests {
         let (chosen, _) = choose(&[candidate(8, &[1.1, 0.9]), candidate(8, &[0.9, 1.0])], 1.0).unwrap();
         assert_eq!(chosen, 1);
         assert_eq!(choose(&[], 1.0), None);
+    }
+
+    #[test]
+    fn a_model_that_others_hold_goes_before_one_that_they_do_not() {
+        let rare = Candidate { widely_held: false, ..candidate(6, &[1.0, 1.2, 0.9]) };
+        let held = candidate(8, &[1.01, 1.19, 0.91]);
+        let (chosen, standings) = choose(&[rare.clone(), held], 1.0).unwrap();
+        assert_eq!((chosen, standings[1].as_good), (1, true), "{standings:?}");
+        let (chosen, _) = choose(&[rare, candidate(8, &[1.5, 1.7, 1.4])], 1.0).unwrap();
+        assert_eq!(chosen, 0);
     }
 
     #[test]

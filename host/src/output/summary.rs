@@ -18,6 +18,9 @@ pub fn summary(calibration: &CalibrationFile) -> String {
         let sigma = calibration.sigma.parameters.get(name).unwrap_or(f64::NAN);
         let _ = writeln!(text, "  {name:<3} {value:>12.5} ± {sigma:.5}{unit}");
     }
+    if let Some(choice) = &calibration.stages.model_choice {
+        let _ = writeln!(text, "{}", choice.reason());
+    }
     let _ = writeln!(text, "{}", calibration.verdict);
     if let Some(halves) = &calibration.split_half {
         let _ = writeln!(

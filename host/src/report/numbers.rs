@@ -8,7 +8,7 @@ use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use crate::calibrate::calibrated::Calibrated;
-use crate::initial::model_choice::ModelChoice;
+use crate::initial::model_choice::{ModelChoice, WIDELY_HELD};
 use evcal_core::sensor::Sensor;
 
 /// The parameters with their standard deviations.
@@ -68,7 +68,9 @@ fn chosen(choice: &ModelChoice) -> Markup {
     html! {
         h3 { "Choice of the model" }
         p {
-            code { (choice.chosen) } " was chosen: of the models that predict circles which they have not seen as well as the best does, it has the fewest parameters."
+            code { (choice.chosen) } " was chosen: of the models that predict circles which they have not seen as well as the best does, it has the fewest parameters"
+            @if WIDELY_HELD.iter().any(|kind| kind.name() == choice.chosen) { ", among those that OpenCV and ROS hold" }
+            "."
         }
         (scrolling("Camera models compared", &html! {
             table.short {

@@ -23,6 +23,7 @@ use crate::solve::refinement::RoundReport;
 use crate::solve::residual_statistics::ResidualStatistics;
 use crate::trajectory::segment::SegmentReport;
 use crate::trust::coverage::Coverage;
+use crate::trust::misfit::Misfit;
 use crate::trust::residual_map::ResidualPattern;
 use crate::trust::split_half::{HeldOutResidual, SplitHalf};
 use crate::trust::uncertainty::BiasSigma;
@@ -62,6 +63,9 @@ pub struct CalibrationFile {
     /// Whether residuals stay in the same places of the image; absent for pictures alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub residual_pattern: Option<ResidualPattern>,
+    /// How far the lens model is from the lens; absent when the residuals say nothing against it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub misfit: Option<MisfitSummary>,
     /// The circles' radius as the events see it.
     pub observed_radius: Option<ObservedRadius>,
     /// The lens before the joint solve.
@@ -291,6 +295,23 @@ impl From<&SplitHalf> for SplitHalfSummary {
     }
 }
 
+/// How far the lens model is from the lens.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MisfitSummary {
+    /// Error of the projection over the sensor that the model brings (rms, px). It is part of the stated uncertainty.
+    pub rms: f64,
+    /// Name of a model that follows the lens better, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub better_model: Option<String>,
+}
+
+impl From<&Misfit> for MisfitSummary {
+    fn from(misfit: &Misfit) -> Self {
+        let better_model = misfit.better.as_ref().map(|better| better.kind.name().to_owned());
+        Self { rms: misfit.rms, better_model }
+    }
+}
+
 /// One trajectory segment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SegmentSummary {
@@ -340,6 +361,7 @@ impl CalibrationFile {
             coverage: trust.coverage.clone(),
             split_half: events.and_then(|events| events.trust.split_half.as_ref().map(SplitHalfSummary::from)),
             residual_pattern: events.map(|events| events.trust.residuals.pattern),
+            misfit: events.and_then(|events| events.trust.misfit.as_ref().map(MisfitSummary::from)),
             observed_radius: events.and_then(|events| events.trust.radius),
             sigma: CameraDescription { model: camera.kind().name().to_owned(), parameters: sigma },
             initial_camera: CameraDescription::new(&calibrated.initial().camera),

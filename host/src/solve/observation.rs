@@ -56,4 +56,38 @@ impl SegmentObservations {
         part.points.extend(self.points.iter().filter(|point| wanted(point.t)));
         part
     }
+
+    /// Every `step`-th event, with all circle centres, without the times in [`far`](Self::far).
+    pub fn every(&self, step: usize) -> Self {
+        let mut part = Self { points: self.points.clone(), ..Self::default() };
+        let kept = |index: &usize| index.is_multiple_of(step.max(1));
+        for bin in &self.bins {
+            let first = part.events.len();
+            part.events.extend((bin.first..bin.end).filter(kept).filter_map(|index| self.events.get(index)));
+            if part.events.len() > first {
+                part.bins.push(EventBin { t: bin.t, first, end: part.events.len() });
+            }
+        }
+        part
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_third_event_stays_in_its_bin() {
+        let event = |x| EventObservation { dt: 0.0, x, y: 0, circle: 0, class: 0, speed_range: 0 };
+        let bin = |t, first, end| EventBin { t, first, end };
+        let all = SegmentObservations {
+            bins: vec![bin(0.1, 0, 4), bin(0.2, 4, 6), bin(0.3, 6, 8)],
+            events: (0..8).map(event).collect(),
+            ..SegmentObservations::default()
+        };
+        let part = all.every(3);
+        assert_eq!(part.events.iter().map(|event| event.x).collect::<Vec<_>>(), [0, 3, 6]);
+        assert_eq!(part.bins, [bin(0.1, 0, 2), bin(0.3, 2, 3)]);
+        assert_eq!(all.every(1), all);
+    }
 }

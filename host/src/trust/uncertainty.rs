@@ -10,6 +10,10 @@
 //! of all its shape. From a few to some tens of blocks that shape is noisy; the formal one is not, but it knows
 //! nothing of what correlates errors. What is stated is three parts of the former and one of the latter, blown up to the
 //! same size by one number, [`Uncertainty::inflation`].
+//!
+//! What drifts over the whole recording (focus, temperature, the board's place) shows only between long parts, up to its
+//! halves. There are few of them, so that their scatter is chance to a good part: they count by the lower end of what
+//! it may be, one standard deviation below.
 
 pub mod blocks;
 pub mod projection;
@@ -95,9 +99,21 @@ impl Uncertainty {
 
 /// Lengths of blocks that are looked at, as multiples of the one in the settings.
 const BLOCK_LENGTHS: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
+/// The longest of them.
+const LAST_LENGTH: usize = BLOCK_LENGTHS.len() - 1;
 
 /// Part of the stated covariance whose shape is that of the scatter of blocks; the rest has that of the formal one.
 const SCATTER_PART: f64 = 0.75;
+
+/// Long parts of the recordings that are looked at for drifts, as shares of all.
+const LONG_PARTS: [f64; 3] = [0.125, 0.25, 0.5];
+
+/// The lower end of what the inflation may be that was found from few blocks: their scatter in each of `directions` is χ²
+/// distributed.
+fn lower_end(scatter: &Scatter, directions: usize) -> f64 {
+    let freedom = (scatter.blocks.max(2) - 1) * directions.max(1);
+    scatter.inflation / (1.0 + (2.0 / freedom as f64).sqrt())
+}
 
 /// The covariance that is stated, its inflation, and the number of blocks that the inflation was found with, from the formal
 /// one and from the `scatters` of blocks.
@@ -141,6 +157,12 @@ pub fn uncertainty(
     let lengths = BLOCK_LENGTHS.map(|factor| (factor * settings.block).min(longest));
     let scatters = lengths.map(|length| scatter(&formal, &sum_by_block(&times, &contributions, length), intrinsics));
     let (stated, inflation, blocks) = combined(&formal_intrinsics, scatters.into_iter().flatten());
+    let long = LONG_PARTS.map(|share| share * total).into_iter().filter(|&length| length > lengths[LAST_LENGTH]);
+    let drift = long
+        .filter_map(|length| scatter(&formal, &sum_by_block(&times, &contributions, length), intrinsics))
+        .map(|scatter| lower_end(&scatter, intrinsics))
+        .fold(inflation, f64::max);
+    let (stated, inflation) = (stated * (drift / inflation), drift);
 
     let count = state.camera.parameters().len();
     let mut variances = [0.0; GLOBAL_COUNT];
@@ -172,6 +194,13 @@ mod tests {
         assert!((&stated - DMatrix::from_diagonal_element(2, 2, 4.0)).norm() < 1e-12, "{stated}");
         let (stated, ..) = combined(&formal, std::iter::once(of(6.0, 2.0, 5)));
         assert!((stated[(0, 0)] - 4.0 * (0.75 * 1.5 + 0.25)).abs() < 1e-12, "{stated}");
+    }
+
+    #[test]
+    fn few_blocks_count_by_the_lower_end_of_what_they_say() {
+        let of = |blocks: usize| Scatter { covariance: DMatrix::zeros(0, 0), inflation: 6.0, blocks };
+        assert!((lower_end(&of(3), 1) - 3.0).abs() < 1e-12);
+        assert!(lower_end(&of(2), 9) < lower_end(&of(8), 9) && lower_end(&of(8), 9) < 6.0);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::board::Board;
 use crate::solve::left_out::{LeftOut, Reason};
 use crate::trust::coverage::Coverage;
-use crate::trust::residual_map::ResidualPattern;
+use crate::trust::misfit::BetterModel;
 use crate::trust::split_half::SplitHalf;
 use crate::trust::{EventTrust, ObservedRadius, Trust};
 
@@ -28,7 +28,7 @@ pub(super) fn findings_on(
     findings.extend(pixels_not_square(camera, trust, settings));
     findings.extend(not_one_to_one(camera, sensor));
     findings.extend(undetermined(camera, trust));
-    findings.extend(events.and_then(|events| too_poor(camera, &events.residuals.pattern, settings)));
+    findings.extend(events.and_then(|events| too_poor(camera, events, settings)));
     findings.extend(events.and_then(|events| halves(events.split_half.as_ref()?)));
     findings.extend(events.and_then(|events| unexplained(&events.left_out)));
     findings.extend(events.and_then(saturated));
@@ -251,16 +251,29 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
     })
 }
 
-fn too_poor(camera: &Camera<f64>, pattern: &ResidualPattern, settings: &VerdictSettings) -> Option<Finding> {
-    (pattern.shift > settings.pattern && pattern.shift_ratio > settings.pattern_ratio).then(|| Finding {
+fn too_poor(camera: &Camera<f64>, events: &EventTrust, settings: &VerdictSettings) -> Option<Finding> {
+    let misfit = events.misfit.as_ref()?;
+    let own = camera.kind();
+    let Some(BetterModel { kind, difference }) = &misfit.better else {
+        let pattern = &events.residuals.pattern;
+        return pattern.speaks_against_model(settings).then(|| Finding {
+            cause: Cause::ModelTooPoor,
+            severity: Severity::Warning,
+            reason: format!(
+                "residuals of {:.3} px stay in the same places of the image, and no other model explains them better",
+                pattern.shift
+            ),
+            advice: "is the board flat, and the print true to scale? Its measures are taken for exact".to_owned(),
+        });
+    };
+    Some(Finding {
         cause: Cause::ModelTooPoor,
-        severity: Severity::Warning,
+        severity: if misfit.rms > settings.misfit { Severity::Failure } else { Severity::Warning },
         reason: format!(
-            "{} cannot follow this lens: residuals of {:.3} px stay in the same places of the image",
-            camera.kind(),
-            pattern.shift
+            "{own} cannot follow this lens: take --model {kind}, which differs by {:.2} px over the sensor ({:.1} px at most)",
+            difference.rms, difference.max
         ),
-        advice: "try --model auto, or a model with more coefficients; is the board flat?".to_owned(),
+        advice: format!("calibrate again with --model {kind}"),
     })
 }
 

@@ -37,11 +37,17 @@ settings! {
         pub coverage: f64 = 0.7, "", from_to(0.0, 1.0);
         /// Largest difference between the circles' radius as the events see it and the stated one.
         pub radius: f64 = 0.06, "", at_least(0.0);
-        /// Displacements that stay in the same places of the image, beyond what noise explains, and are larger than
-        /// this (rms) speak against the lens model.
+        /// Displacements that stay in the same places of the image, beyond what noise explains: from this size on (rms)
+        /// other lens models are asked.
+        pub suspicious_pattern: f64 = 0.004, "px", at_least(0.0);
+        /// They must also be so many times what noise makes of them.
+        pub suspicious_ratio: f64 = 1.2, "", at_least(1.0);
+        /// Such displacements larger than this (rms) speak against the calibration although no other model is better.
         pub pattern: f64 = 0.008, "px", at_least(0.0);
         /// They must also be so many times what noise makes of them.
         pub pattern_ratio: f64 = 1.5, "", at_least(1.0);
+        /// A model that another one contradicts by more than this over the sensor (rms) is not good enough.
+        pub misfit: f64 = 0.03, "px", at_least(0.0);
         /// Largest difference of fx and fy, if it is beyond four σ too.
         pub square_pixels: f64 = 0.01, "", at_least(0.0);
     }
