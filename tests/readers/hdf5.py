@@ -42,7 +42,7 @@ def write_mvsec(path, events, size):
     with h5py.File(path, "w") as file:
         group = file.create_group("davis/left")
         rows = np.array([(x, y, t * 1e-6, 1 if p else -1) for t, x, y, p in events])
-        group.create_dataset("events", data=rows, chunks=(1000, 4), compression="gzip", shuffle=True)
+        group.create_dataset("events", data=rows, chunks=(min(1000, len(rows)), 4), compression="gzip", shuffle=True)
         group.create_dataset("image_raw", data=np.zeros((2, size[1], size[0]), dtype="u1"), chunks=True)
 
 

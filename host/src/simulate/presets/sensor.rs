@@ -155,12 +155,11 @@ impl SensorPreset {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::presets::LightPreset;
 
     #[test]
     fn a_davis346_by_name_is_the_one_without_a_name() {
-        for light in LightPreset::ALL {
-            assert_eq!(SensorPreset::Davis346.pixels(light.sensor()), light.sensor());
+        for pixels in [SensorModel::default(), SensorModel::low_light(), SensorModel::ideal()] {
+            assert_eq!(SensorPreset::Davis346.pixels(pixels.clone()), pixels);
         }
         assert_eq!(SensorPreset::Davis346.motion(MotionSettings::fast()), MotionSettings::fast());
     }
