@@ -3,7 +3,7 @@
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
 .PHONY: demo test test-times test-workspace test-report test-python test-packages test-usb-guest test-embedded \
-    test-embedded-slow compatibility setup readers build programs packages rooms bench check check-format check-lints \
+    test-embedded-slow compatibility setup readers build programs packages rooms bench fuzz check check-format check-lints \
     check-documentation check-no-std check-dependencies check-oldest-rust check-crates
 
 # What `make test` runs, in this order.
@@ -100,6 +100,12 @@ programs: setup
 
 bench: setup
 	cargo bench --workspace
+
+# Everything that reads bytes of others, each for SECONDS; what is found stands below target/fuzz/findings. `make test` reads the
+# corpus in fuzz/corpus again.
+SECONDS = 60
+fuzz: setup
+	@SECONDS_EACH=$(SECONDS) sh tools/fuzz.sh
 
 setup:
 	@sh tools/setup/build.sh

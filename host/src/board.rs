@@ -5,6 +5,7 @@ pub mod request;
 pub mod sheet;
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use evcal_core::pattern::{Layout, Pattern};
@@ -53,10 +54,10 @@ pub enum BoardProblem {
     #[error("{0:?} is not ROWSxCOLUMNS with numbers from 2 to 64")]
     Size(String),
     /// The spacing cannot be read.
-    #[error("spacing {0:?} is not a length with a unit")]
+    #[error("spacing {0:?} is not a length with a unit, from 0.001mm to 1000m")]
     Spacing(String),
     /// The radius cannot be read.
-    #[error("radius {0:?} is not r and a length with a unit")]
+    #[error("radius {0:?} is not r and a length with a unit, from 0.001mm to 1000m")]
     Radius(String),
     /// A board to recognise, described in too many or too few words.
     #[error("a board to recognise is auto:SPACING:rRADIUS")]
@@ -147,6 +148,9 @@ impl Board {
     }
 }
 
+/// What is printed of a board is rounded to nanometres; with these bounds (in metres) it is read back as the same.
+const LENGTHS: RangeInclusive<f64> = 1e-6..=1e3;
+
 /// Layout, rows and columns as in `acircles:9x4`.
 pub fn layout_name(pattern: &Pattern) -> String {
     let layout = match pattern.layout {
@@ -162,7 +166,7 @@ fn length(text: &str) -> Option<f64> {
         .iter()
         .find_map(|(unit, factor)| text.strip_suffix(unit).map(|number| (number, *factor)))?;
     let value: f64 = number.trim().parse().ok()?;
-    (value.is_finite() && value > 0.0).then_some(value * factor)
+    Some(value * factor).filter(|metres| LENGTHS.contains(metres))
 }
 
 /// The radius in `r17.5mm`, in metres.
@@ -241,6 +245,8 @@ mod tests {
             "acircles:9x4:-5mm:r1mm",
             "circles:1x4:5mm:r1mm",
             "circles:3x4:nanmm:r1mm",
+            "circles:3x4:1e-9m:r1e-10m",
+            "circles:3x4:1e300m:r1m",
         ] {
             let message = text.parse::<Board>().unwrap_err().to_string();
             assert!(message.contains("acircles:9x4:55mm:r17.5mm"), "{message}");

@@ -15,6 +15,8 @@ pub mod search;
 mod second_pass;
 pub mod settings;
 
+use std::borrow::Cow;
+
 use evcal_core::cluster::{row_bytes, row_count};
 
 use evcal_core::detector::Detector;
@@ -122,19 +124,22 @@ type Searched = (Vec<Found>, Vec<Uncertain>, DetectionReport);
 
 /// Searches a recording, batch by batch, for the board or for circles.
 pub struct DetectionStage<'a> {
-    settings: &'a DetectionSettings,
+    settings: Cow<'a, DetectionSettings>,
     sensor: Sensor,
     wanted: Wanted,
     recording: usize,
     chunk: Vec<Event>,
     chunk_index: i64,
     waiting: Vec<(i64, Vec<Event>)>,
+    waiting_events: usize,
     findings: Vec<Found>,
     report: DetectionReport,
 }
 
 /// Chunks that are searched in one go.
 const CHUNKS_TOGETHER: usize = 16;
+/// Fewer chunks than that are searched in one go once they hold this many events: what waits takes 128 MiB, and one chunk.
+const EVENTS_TOGETHER: usize = 8 << 20;
 
 impl<'a> DetectionStage<'a> {
     /// Looks for a board of `pattern`.
@@ -149,13 +154,14 @@ impl<'a> DetectionStage<'a> {
 
     fn new(settings: &'a DetectionSettings, sensor: Sensor, wanted: Wanted, recording: usize) -> Self {
         Self {
-            settings,
+            settings: settings.for_sensor(sensor),
             sensor,
             wanted,
             recording,
             chunk: Vec::new(),
             chunk_index: 0,
             waiting: Vec::new(),
+            waiting_events: 0,
             findings: Vec::new(),
             report: DetectionReport::default(),
         }
@@ -185,15 +191,17 @@ impl<'a> DetectionStage<'a> {
 
     fn close_chunk(&mut self) {
         if !self.chunk.is_empty() {
+            self.waiting_events += self.chunk.len();
             self.waiting.push((self.chunk_index, std::mem::take(&mut self.chunk)));
         }
-        if self.waiting.len() >= CHUNKS_TOGETHER {
+        if self.waiting.len() >= CHUNKS_TOGETHER || self.waiting_events >= EVENTS_TOGETHER {
             self.search();
         }
     }
 
     fn search(&mut self) {
         let waiting = std::mem::take(&mut self.waiting);
+        self.waiting_events = 0;
         let length = self.chunk_length();
         let parts: Vec<Searched> = waiting
             .par_iter()

@@ -35,6 +35,8 @@ pub mod extras;
 pub mod fingerprint;
 mod foreign;
 mod format;
+#[cfg(feature = "hdf5")]
+mod hdf5;
 pub mod information;
 mod memory;
 mod numbers;
@@ -73,6 +75,8 @@ pub const FORMATS: &[&FileFormat] = &[
     &ros::MCAP_FORMAT,
     &ros::DB3_FORMAT,
     &event_stream::FORMAT,
+    #[cfg(feature = "hdf5")]
+    &hdf5::FORMAT,
     &numpy::ARRAY_FORMAT,
     &numpy::ARCHIVE_FORMAT,
     &text::FORMAT,

@@ -163,6 +163,9 @@ impl Simulation {
             if let Some(bus) = &mut bus {
                 bus.read(&mut events);
             }
+            if let Some(scan) = self.settings.sensor.scan {
+                wait_for_scan(&mut events, scan);
+            }
             let on = events.iter().map(|event| event.polarity.index() as u64).sum::<u64>();
             counts.on += on;
             counts.off += events.len() as u64 - on;
@@ -184,6 +187,14 @@ impl Simulation {
         rng.set_stream(HOT_PIXEL_STREAM);
         let mut draw = |size: u16| ((uniform(&mut rng) * f64::from(size)) as u16).min(size.saturating_sub(1));
         (0..self.settings.sensor.hot_pixels).map(|_| (draw(width), draw(height))).collect()
+    }
+}
+
+/// Gives each event the time of the first scan that is not before it. Scans are `interval` seconds apart.
+fn wait_for_scan(events: &mut [Event], interval: f64) {
+    let interval = ((1e6 * interval).round() as i64).max(1);
+    for event in events {
+        event.t += (-event.t).rem_euclid(interval);
     }
 }
 

@@ -119,6 +119,14 @@ WRITERS = {
 }
 
 
+def writer(program):
+    if program.startswith("hdf5"):
+        import hdf5
+
+        return hdf5.WRITERS[program]
+    return WRITERS[program]
+
+
 def microseconds(stamp):
     return stamp.sec * 1_000_000 + stamp.nanosec // 1000
 
@@ -214,7 +222,7 @@ def main():
     answers = []
     for task in question["tasks"]:
         if task["action"] == "write":
-            WRITERS[task["program"]](task["path"], question["events"], question["size"])
+            writer(task["program"])(task["path"], question["events"], question["size"])
             answers.append({})
         else:
             answers.append(READERS[task["program"]](task["path"]))

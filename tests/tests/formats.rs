@@ -80,6 +80,39 @@ fn bags_and_arrays_of_their_own_writers_are_read() {
 }
 
 #[test]
+fn hdf5_of_all_layouts_and_compressions_is_read() {
+    let programs = [
+        "dsec",
+        "m3ed",
+        "mvsec",
+        "metavision",
+        "plain",
+        "gzip",
+        "blosclz",
+        "blosclz-bits",
+        "lz4-bits",
+        "zlib",
+        "zstd-bits",
+        "lz4-filter",
+        "zstd-filter",
+    ]
+    .map(|program| format!("hdf5-{program}"));
+    let programs: Vec<(&str, &str)> = programs.iter().map(|program| (program.as_str(), "h5")).collect();
+    let expected = events(UNIX_TIME);
+    let (_folder, paths) = written_by(&programs, &expected);
+    for path in paths {
+        assert!(read(&path, RecordingOptions::default()) == expected, "{}", path.display());
+        let name = path.file_stem().unwrap().to_str().unwrap();
+        let sensor = Recording::new(&path, RecordingOptions::default()).unwrap().open().unwrap().information().sensor;
+        assert_eq!(sensor, Some(SENSOR).filter(|_| name != "hdf5-dsec"), "{name}");
+        if name == "hdf5-m3ed" {
+            let right = RecordingOptions { stream: Some("prophesee/right".to_owned()), ..RecordingOptions::default() };
+            assert!(read(&path, right) == expected[..100]);
+        }
+    }
+}
+
+#[test]
 fn files_of_faery_are_read() {
     // faery's files begin at 0.
     let expected = events(0);

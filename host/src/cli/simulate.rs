@@ -9,7 +9,7 @@ use evcal::lens::camera_file;
 use evcal::simulate::davis::DavisSettings;
 use evcal::simulate::folder::{SimulatedRecording, WrittenFolder, is_result, write_folder};
 use evcal::simulate::lens::{self, usual_lens};
-use evcal::simulate::presets::{LightPreset, MotionPreset};
+use evcal::simulate::presets::{LightPreset, MotionPreset, SensorPreset};
 use evcal::simulate::rays::Rays;
 use evcal::simulate::recording::{DAVIS346_SENSOR, RecordingFormat};
 use evcal::simulate::scene::SceneSettings;
@@ -38,9 +38,10 @@ pub struct Arguments {
     /// Take lens and sensor size from this calibration.json or truth.json, or from that of this folder
     #[arg(long, value_name = "FILE|DIR", conflicts_with_all = ["model", "parameters", "sensor"])]
     camera: Option<PathBuf>,
-    /// Size of the sensor in pixels [default: 346x260]
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = value::sensor)]
-    sensor: Option<Sensor>,
+    /// Size of the sensor in pixels, or a sensor with its pixels by name: dvs128, davis240, davis346, dvxplorer, gen31, genx320,
+    /// imx636. With a name, speeds of --motion grow with its width [default: 346x260]
+    #[arg(long, value_name = "WIDTHxHEIGHT|NAME", value_parser = sensor)]
+    sensor: Option<SensorChoice>,
     /// The board: layout, rows x columns, spacing (asymmetric: half the distance in a row), radius
     #[arg(long, default_value = "acircles:9x4:55mm:r17.5mm")]
     board: Board,
@@ -88,15 +89,47 @@ pub struct Arguments {
     verbose: bool,
 }
 
+/// What `--sensor` asks for.
+#[derive(Clone, Copy, Debug)]
+enum SensorChoice {
+    /// Pixels of a DAVIS346, so many of them.
+    Size(Sensor),
+    /// A sensor with its own pixels.
+    Preset(SensorPreset),
+}
+
+impl SensorChoice {
+    const fn size(self) -> Sensor {
+        match self {
+            Self::Size(size) => size,
+            Self::Preset(preset) => preset.size(),
+        }
+    }
+}
+
+fn sensor(text: &str) -> Result<SensorChoice, String> {
+    let all = SensorPreset::ALL;
+    if let Some(preset) = all.iter().find(|preset| preset.name() == text) {
+        return Ok(SensorChoice::Preset(*preset));
+    }
+    let names: Vec<&str> = all.iter().map(|preset| preset.name()).collect();
+    value::sensor(text).map(SensorChoice::Size).map_err(|error| format!("{error}, or one of {}", names.join(", ")))
+}
+
 /// Runs `evcal simulate`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let (camera, sensor) = lens(arguments)?;
+    let (pixels, motion) = (arguments.light.sensor(), arguments.motion.settings(arguments.duration));
+    let (pixels, motion) = match arguments.sensor {
+        Some(SensorChoice::Preset(preset)) => (preset.pixels(pixels), preset.motion(motion)),
+        Some(SensorChoice::Size(_)) | None => (pixels, motion),
+    };
     let settings = SimulationSettings {
         duration: arguments.duration,
         seed: arguments.seed,
         scene: SceneSettings::default(),
-        sensor: arguments.light.sensor(),
-        motion: arguments.motion.settings(arguments.duration),
+        sensor: pixels,
+        motion,
     };
     let davis = davis_settings(arguments)?;
     let mut simulation = Simulation::new(Rays::new(&camera, sensor), arguments.board, settings)?;
@@ -166,7 +199,7 @@ fn lens(arguments: &Arguments) -> Result<(Camera<f64>, Sensor), Box<dyn Error>> 
     if let Some(file) = &arguments.camera {
         return Ok(camera_file::read(file)?);
     }
-    let sensor = arguments.sensor.unwrap_or(DAVIS346_SENSOR);
+    let sensor = arguments.sensor.map_or(DAVIS346_SENSOR, SensorChoice::size);
     let camera = match arguments.model {
         Some(kind) => of_model(kind, &arguments.parameters)?,
         None => usual_lens(sensor)?,

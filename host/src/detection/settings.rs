@@ -1,11 +1,13 @@
 //! Thresholds from events to reference frames.
 
+use std::borrow::Cow;
 use std::str::FromStr;
 
 use evcal_core::circle::{CircleSettings, Extraction};
 use evcal_core::cluster::ClusterSettings;
 use evcal_core::detector::DetectorSettings;
 use evcal_core::pattern::Pattern;
+use evcal_core::sensor::Sensor;
 use evcal_core::settings;
 use evcal_core::settings::{at_least, from_to};
 use evcal_core::window::WindowSettings;
@@ -58,7 +60,7 @@ impl TryFrom<String> for Grid {
 }
 
 settings! {
-    /// From events to reference frames (stages 2 to 5).
+    /// From events to reference frames (stages 2 to 5). `max_radius` and `most_events` are for 346 columns and grow with the sensor.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct DetectionSettings {
@@ -87,8 +89,22 @@ settings! {
 
 /// No frame has fewer circles, however small the board.
 const FEWEST_CIRCLES: usize = 6;
+/// Longer side of the sensor that the defaults are for, in pixels.
+const USUAL_SIDE: f64 = 346.0;
 
 impl DetectionSettings {
+    /// The same for this sensor: on one with more pixels the same board has larger circles, and their edges more pixels.
+    pub fn for_sensor(&self, sensor: Sensor) -> Cow<'_, Self> {
+        let scale = f64::from(sensor.width.max(sensor.height)) / USUAL_SIDE;
+        if scale <= 1.0 {
+            return Cow::Borrowed(self);
+        }
+        let mut settings = self.clone();
+        settings.circle.max_radius = (f64::from(self.circle.max_radius) * scale) as f32;
+        settings.window.most_events = (f64::from(self.window.most_events) * scale) as u32;
+        Cow::Owned(settings)
+    }
+
     /// The part that the core's detector takes.
     pub fn detector(&self) -> DetectorSettings {
         DetectorSettings { extraction: self.extraction, cluster: self.cluster, circle: self.circle }
@@ -97,5 +113,23 @@ impl DetectionSettings {
     /// Fewest circles of a board that make a reference frame.
     pub fn fewest_circles(&self, pattern: &Pattern) -> usize {
         ((self.fewest_circles * pattern.circle_count() as f64).ceil() as usize).max(FEWEST_CIRCLES)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn larger_sensors_have_larger_circles_and_no_other_sensor_changes_anything() {
+        let settings = DetectionSettings::default();
+        for sensor in [Sensor::new(346, 260), Sensor::new(128, 128), Sensor::new(240, 180)] {
+            assert_eq!(*settings.for_sensor(sensor), settings);
+        }
+        let large = settings.for_sensor(Sensor::new(1280, 720)).into_owned();
+        assert!((large.circle.max_radius - 32.0 * 1280.0 / 346.0).abs() < 0.01);
+        assert_eq!(large.window.most_events, 29_595);
+        let same = DetectionSettings { circle: settings.circle, window: settings.window, ..large };
+        assert_eq!(same, settings);
     }
 }

@@ -6,7 +6,12 @@ const JSON: &str = "a calibration is read by evcal export, evaluate, compare and
 const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"#!AER-DAT1", "AEDAT 1", "open it in jAER and save it as AEDAT 2"),
     (b"#ROSBAG V1", "ROS bag of version 1", "bring it to version 2 with rosbag fix"),
-    (b"\x89HDF", "HDF5", "save its arrays t, x, y and p with h5py and numpy.savez first"),
+    #[cfg(not(feature = "hdf5"))]
+    (
+        b"\x89HDF",
+        "HDF5",
+        "build evcal with --features hdf5, or save its arrays t, x, y and p with h5py and numpy.savez",
+    ),
     (b"\x1f\x8b", "gzip", "unpack it with gunzip first"),
     (b"\xfd7zXZ", "xz", "unpack it with unxz first"),
     (b"\x28\xb5\x2f\xfd", "Zstandard", "unpack it with unzstd first"),

@@ -1,4 +1,8 @@
-//! Motions and lights by name.
+//! Motions, lights and sensors by name.
+
+mod sensor;
+
+pub use sensor::SensorPreset;
 
 use super::frame::ExposureModel;
 use super::inertia::InertialSettings;

@@ -42,6 +42,10 @@ pub struct SensorModel {
     pub hot_rate: [f64; 2],
     /// The read-out that puts events of all pixels in a row; `None` for one without delay.
     pub arbiter: Option<Arbiter>,
+    /// Time between two scans of the whole sensor, in seconds: an event waits for the next one and has its time. `None` for
+    /// sensors that read pixels when they ask for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scan: Option<f64>,
 }
 
 /// First-order low-pass of log intensity with cut-off `bandwidth · (I + offset) / (1 + offset)`.
@@ -89,6 +93,7 @@ impl Default for SensorModel {
             hot_pixels: 12,
             hot_rate: [60.0, 400.0],
             arbiter: Some(Arbiter { latency: 4e-6, jitter: 3e-6, event_time: 45e-9, row_time: 65e-9 }),
+            scan: None,
         }
     }
 }
@@ -128,6 +133,7 @@ impl SensorModel {
             hot_pixels: 0,
             hot_rate: [60.0, 400.0],
             arbiter: None,
+            scan: None,
         }
     }
 }

@@ -52,6 +52,7 @@ impl SimulationSettings {
         let [slowest, fastest] = sensor.hot_rate;
         let photoreceptor = sensor.photoreceptor.map_or((1.0, 1.0), |low_pass| (low_pass.bandwidth, low_pass.offset));
         let arbiter = sensor.arbiter.unwrap_or(Arbiter { latency: 0.0, jitter: 0.0, event_time: 0.0, row_time: 0.0 });
+        let scan = sensor.scan.unwrap_or(1e-6);
         const POSITIVE: &str = "above 0";
         const NOT_NEGATIVE: &str = "0 or above";
         const SHARE: &str = "at least 0 and below 1";
@@ -90,6 +91,7 @@ impl SimulationSettings {
             ("sensor.arbiter.jitter", arbiter.jitter, not_negative(arbiter.jitter), NOT_NEGATIVE),
             ("sensor.arbiter.event_time", arbiter.event_time, not_negative(arbiter.event_time), NOT_NEGATIVE),
             ("sensor.arbiter.row_time", arbiter.row_time, not_negative(arbiter.row_time), NOT_NEGATIVE),
+            ("sensor.scan", scan, (1e-6..=0.01).contains(&scan), "from 1 to 10000 us"),
             ("motion.mean_speed", motion.mean_speed, positive(motion.mean_speed), POSITIVE),
             (
                 "motion.speed_variation",

@@ -284,6 +284,22 @@ fn events_are_in_the_order_of_time_and_the_bus_limits_their_rate() {
 }
 
 #[test]
+fn a_scanned_sensor_gives_times_of_its_scans() {
+    let (events, _) = run(&simulation(quiet(SensorModel::default()), MotionSettings::fast(), 0.1));
+    let scanned = SensorModel { scan: Some(200e-6), ..quiet(SensorModel::default()) };
+    let (scanned, _) = run(&simulation(scanned, MotionSettings::fast(), 0.1));
+    assert!(scanned.is_sorted_by_key(|event| event.t));
+    let key = |event: &Event| (event.t, event.y, event.x);
+    let mut expected: Vec<Event> =
+        events.iter().map(|event| Event { t: (event.t + 199) / 200 * 200, ..*event }).collect();
+    let mut seen = scanned;
+    expected.sort_by_key(key);
+    seen.sort_by_key(key);
+    assert!(expected.len() > 10_000);
+    assert_eq!(seen.iter().map(key).collect::<Vec<_>>(), expected.iter().map(key).collect::<Vec<_>>());
+}
+
+#[test]
 fn few_looks_see_what_all_looks_see() {
     for (sensor, name) in [(SensorModel::ideal(), "ideal"), (quiet(SensorModel::default()), "default")] {
         let mut simulation = simulation(sensor, MotionSettings::fast(), 0.05);

@@ -1,0 +1,272 @@
+//! What is fuzzed: everything that reads bytes of others. A target must neither panic nor hang nor take memory that its input does
+//! not justify, and what it hands out must keep the promises of the reader.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use evcal::board::{Board, BoardProblem};
+use evcal::circles::{stream, track};
+use evcal::recording::{Damage, FORMATS, Recording, RecordingErrorKind, RecordingOptions, pictures};
+use evcal::result::calibrated_camera::CalibratedCamera;
+use evcal::settings::Settings;
+use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt21Decoder};
+use evcal_core::sensor::Sensor;
+use usb_davis::protocol::{Decoder, Layout};
+
+/// Something that reads bytes.
+pub struct Target {
+    /// Its name, and that of its folder in the corpus.
+    pub name: &'static str,
+    read: Read,
+}
+
+/// How bytes are read.
+enum Read {
+    /// As a file of this format ([`evcal::recording::FileFormat::name`]).
+    Recording(&'static str),
+    /// As a file of another kind.
+    File(fn(&Path)),
+    /// In memory.
+    Bytes(fn(&[u8])),
+}
+
+const fn recording(name: &'static str, format: &'static str) -> Target {
+    Target { name, read: Read::Recording(format) }
+}
+
+const fn file(name: &'static str, read: fn(&Path)) -> Target {
+    Target { name, read: Read::File(read) }
+}
+
+const fn bytes(name: &'static str, read: fn(&[u8])) -> Target {
+    Target { name, read: Read::Bytes(read) }
+}
+
+/// All of them.
+pub const TARGETS: &[Target] = &[
+    recording("aedat4", "AEDAT4"),
+    recording("aedat2", "AEDAT 2.0"),
+    recording("aedat3", "AEDAT 3"),
+    recording("davis", "DAVIS USB recording"),
+    recording("raw", "Prophesee RAW"),
+    recording("dat", "Prophesee DAT"),
+    recording("bag", "ROS bag"),
+    recording("mcap", "MCAP"),
+    recording("db3", "ROS 2 bag (SQLite)"),
+    recording("hdf5", "HDF5"),
+    recording("event-stream", "Event Stream"),
+    recording("npy", "NumPy array"),
+    recording("npz", "NumPy archive"),
+    recording("text", "text"),
+    recording("event-calib", "EventCalib binary"),
+    file("circle-track", read_circle_track),
+    file("circle-stream", read_circle_stream),
+    file("settings", read_settings),
+    file("calibration", read_calibration),
+    bytes("board", read_board),
+    bytes("wire", read_wire),
+    bytes("evt", read_evt),
+];
+
+/// More events than any input of a fuzzer can hold.
+const MOST_EVENTS: usize = 1 << 24;
+
+impl Target {
+    /// Reads `bytes`, and tells whether they are worth keeping: not if they are of another format.
+    pub fn run(&self, bytes: &[u8]) -> bool {
+        match self.read {
+            Read::Bytes(read) => {
+                read(bytes);
+                true
+            }
+            Read::File(read) => with_file(bytes, |path| {
+                read(path);
+                true
+            }),
+            Read::Recording(format) => with_file(bytes, |path| read_recording(format, path)),
+        }
+    }
+}
+
+/// Hands a file with this content to `read`.
+fn with_file(bytes: &[u8], read: impl FnOnce(&Path) -> bool) -> bool {
+    let path = scratch(bytes);
+    let kept = read(&path);
+    let _ = fs::remove_file(path);
+    kept
+}
+
+/// A file with this content, one for each thread; in memory where the system has such a folder.
+fn scratch(bytes: &[u8]) -> PathBuf {
+    let memory = Path::new("/dev/shm");
+    let folder = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
+    let path = folder.join(format!("evcal-fuzz-{}-{:?}", std::process::id(), std::thread::current().id()));
+    fs::write(&path, bytes).expect("the scratch file can be written");
+    path
+}
+
+fn read_recording(format: &str, path: &Path) -> bool {
+    assert!(FORMATS.iter().any(|known| known.name == format), "there is no format {format:?}");
+    let options = RecordingOptions::default();
+    let Ok(recording) = Recording::new(path, options.clone()) else { return false };
+    if recording.format().name != format {
+        return false;
+    }
+    let needs_sensor = recording.open().is_err_and(|error| matches!(error.kind, RecordingErrorKind::ChipUnknown));
+    let options = RecordingOptions { sensor: needs_sensor.then_some(Sensor::new(346, 260)), ..options };
+    for damage in [Damage::Refuse, Damage::Skip] {
+        let options = RecordingOptions { damage, ..options.clone() };
+        let Ok(recording) = Recording::new(path, options) else { return false };
+        read_events(&recording);
+        // Other streams do not ask for it.
+        if damage == Damage::Refuse {
+            read_others(&recording);
+        }
+    }
+    true
+}
+
+fn read_events(recording: &Recording) {
+    let Ok(mut reader) = recording.open() else { return };
+    let sensor = reader.information().sensor;
+    let (mut count, mut latest, mut batch) = (0, i64::MIN, Vec::new());
+    while let Ok(true) = reader.next_batch(&mut batch) {
+        for event in &batch {
+            assert!(event.t >= latest, "times go back");
+            latest = event.t;
+            assert!(sensor.is_none_or(|sensor| sensor.contains(event.x, event.y)), "an event outside the sensor");
+        }
+        count += batch.len();
+        assert!(count < MOST_EVENTS, "the reader does not end");
+    }
+    assert!(reader.report().events >= count as u64);
+}
+
+fn read_others(recording: &Recording) {
+    let _ = recording.streams();
+    let _ = pictures::visit_frames(recording, |_| {});
+    if let Some(open) = recording.format().extras
+        && let Ok(mut extras) = open(recording.path(), recording.options())
+    {
+        let (mut lost, mut count) = (Vec::new(), 0);
+        while extras.next_until(i64::MAX, &mut lost).is_some() {
+            count += 1;
+            assert!(count < MOST_EVENTS, "the reader does not end");
+        }
+    }
+    if let Some(open) = recording.format().transfers
+        && let Ok(mut capture) = open(recording.path(), recording.options())
+    {
+        while let Ok(Some(_)) = capture.next_transfer() {}
+    }
+}
+
+#[cfg(test)]
+#[test]
+fn frames_are_those_of_the_description() {
+    let frame = [0, 0, 1, 0, 0xC0, 0x84, 0x3D, 0, 0, 0x80, 0x3F, 0, 0, 0, 0x40, 0, 0, 0x40, 0x40, 0, 0, 0, 0, 5, 6];
+    let sum = crc32(&frame);
+    assert_eq!(sum.to_le_bytes(), [0xEE, 0x32, 0x07, 0x78]);
+    let coded = cobs(&[frame.as_slice(), &sum.to_le_bytes()].concat());
+    let expected = [
+        0x01, 0x01, 0x02, 0x01, 0x04, 0xC0, 0x84, 0x3D, 0x01, 0x03, 0x80, 0x3F, 0x01, 0x01, 0x02, 0x40, 0x01, 0x03,
+        0x40, 0x40, 0x01, 0x01, 0x01, 0x07, 0x05, 0x06, 0xEE, 0x32, 0x07, 0x78, 0x00,
+    ];
+    assert_eq!(coded, expected);
+}
+
+fn read_circle_track(path: &Path) {
+    let board: Board = "acircles:9x4:55mm:r17.5mm".parse().expect("a board");
+    let _ = track::read(path, &board.pattern, 0);
+}
+
+/// As it is, and as frames with true checksums: each a byte with its length, then its kind and body.
+fn read_circle_stream(path: &Path) {
+    let _ = stream::read(path);
+    let mut rest = fs::read(path).expect("the scratch file can be read").into_iter();
+    let (mut framed, mut number) = (Vec::new(), 0u16);
+    while let Some(length) = rest.next() {
+        let body: Vec<u8> = rest.by_ref().take(length.min(243).into()).collect();
+        let mut frame = [number.to_le_bytes().as_slice(), &body].concat();
+        frame.extend(crc32(&frame).to_le_bytes());
+        framed.extend(cobs(&frame));
+        number = number.wrapping_add(1);
+    }
+    fs::write(path, framed).expect("the scratch file can be written");
+    let _ = stream::read(path);
+}
+
+/// That of zlib.
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(u32::MAX, |sum, byte| {
+        (0..8).fold(sum ^ u32::from(*byte), |sum, _| (sum >> 1) ^ (0xEDB8_8320 & (sum & 1).wrapping_neg()))
+    })
+}
+
+/// Of frames below 254 bytes, with the zero at the end.
+fn cobs(frame: &[u8]) -> Vec<u8> {
+    let parts = frame.split(|byte| *byte == 0);
+    let mut coded: Vec<u8> =
+        parts.flat_map(|part| std::iter::once(part.len() as u8 + 1).chain(part.to_vec())).collect();
+    coded.push(0);
+    coded
+}
+
+fn read_settings(path: &Path) {
+    if let Ok(settings) = Settings::read(path) {
+        let written = settings.to_toml();
+        fs::write(path, &written).expect("the scratch file can be written");
+        let again = Settings::read(path).expect("what was written is read");
+        assert_eq!(again.to_toml(), written);
+    }
+}
+
+fn read_calibration(path: &Path) {
+    let _ = CalibratedCamera::read(path);
+    let _ = evcal::lens::camera_file::read(path);
+}
+
+fn read_board(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    if let Ok(board) = text.parse::<Board>() {
+        // Lengths are written to the nanometre: circles that nearly touch may touch then.
+        match board.to_string().parse::<Board>() {
+            Ok(again) => assert_eq!(again.to_string(), board.to_string()),
+            Err(error) => assert_eq!(error.problem, BoardProblem::Overlap),
+        }
+    }
+}
+
+/// The first byte says in what pieces the rest comes; the pieces must not matter.
+fn read_wire(bytes: &[u8]) {
+    let [piece, bytes @ ..] = bytes else { return };
+    let messages = |size: usize| {
+        let mut decoder = Decoder::with_frames(Layout::DAVIS346, vec![0; 346 * 260]);
+        let mut seen = Vec::new();
+        for part in bytes.chunks(size) {
+            decoder.decode(part, |message| match message {
+                usb_davis::protocol::Message::Events(events) => {
+                    seen.extend(events.iter().map(|event| format!("{event:?}")));
+                }
+                other => seen.push(format!("{other:?}")),
+            });
+        }
+        seen
+    };
+    assert_eq!(messages(usize::from(*piece).max(1)), messages(bytes.len().max(1)));
+}
+
+fn read_evt(bytes: &[u8]) {
+    let mut evt2 = Evt2Decoder::default();
+    let mut evt21 = Evt21Decoder::default();
+    let mut evt3 = Evt3Decoder::default();
+    for word in bytes.as_chunks().0 {
+        let _ = evt2.push(u32::from_le_bytes(*word));
+    }
+    for word in bytes.as_chunks().0 {
+        let _ = evt21.push(u64::from_le_bytes(*word)).count();
+    }
+    for word in bytes.as_chunks().0 {
+        let _ = evt3.push(u16::from_le_bytes(*word)).count();
+    }
+}

@@ -1,0 +1,80 @@
+//! Compressions of HDF5 that its library gets from plugins.
+
+use std::path::Path;
+
+use hdf5_reader::error::Error;
+use hdf5_reader::{FilterRegistry, Hdf5File, OpenOptions};
+
+use super::{blosc, ecf};
+
+/// Numbers of the filters, as registered with the HDF Group; the one of ECF is Prophesee's own.
+const LZF: u16 = 32000;
+const BLOSC: u16 = 32001;
+const LZ4: u16 = 32004;
+const ZSTD: u16 = 32015;
+const ECF: u16 = 0x8ECF;
+
+/// Chunks above this many bytes are refused.
+const LARGEST_CHUNK: usize = 64 << 20;
+
+/// What the chunks of a stream need.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Limits {
+    /// Bytes of its largest chunk, unpacked.
+    largest: usize,
+    /// Bytes of one chunk of each of its columns, unpacked.
+    together: usize,
+}
+
+impl Limits {
+    /// Makes room for another column with chunks of `bytes`.
+    pub fn hold(&mut self, bytes: usize) {
+        self.largest = self.largest.max(bytes);
+        self.together = self.together.saturating_add(bytes);
+    }
+}
+
+/// Opens the file at `path` to read chunks of the stream that `limits` are for.
+pub fn open(path: &Path, limits: Limits) -> Result<Hdf5File, Error> {
+    let most = if limits.largest == 0 { LARGEST_CHUNK } else { limits.largest.min(LARGEST_CHUNK) };
+    let damaged = |name: &str, what: String| Error::InvalidData(format!("{name}: {what}"));
+    let mut registry = FilterRegistry::new();
+    registry.register(
+        LZF,
+        Box::new(move |filter, data, _| {
+            let size = filter.client_data.get(2).map_or(most, |size| (*size as usize).min(most));
+            lzf::decompress(data, size).map_err(|error| damaged("LZF", error.to_string()))
+        }),
+    );
+    registry.register(
+        BLOSC,
+        Box::new(move |_, data, _| blosc::decompress(data, most).map_err(|error| damaged("Blosc", error.to_string()))),
+    );
+    registry.register(
+        LZ4,
+        Box::new(move |_, data, _| blosc::lz4_blocks(data, most).map_err(|error| damaged("LZ4", error.to_string()))),
+    );
+    registry.register(
+        ZSTD,
+        Box::new(move |_, data, _| {
+            zstd::bulk::decompress(data, most).map_err(|error| damaged("Zstandard", error.to_string()))
+        }),
+    );
+    registry.register(
+        ECF,
+        Box::new(move |_, data, _| {
+            let mut records = ecf::decompress(data).map_err(|error| damaged("ECF", error.to_string()))?;
+            // The last chunk is stored short, and HDF5 wants it whole.
+            if limits.largest > 0 {
+                records.resize(limits.largest, 0);
+            }
+            Ok(records)
+        }),
+    );
+    let options = OpenOptions::default()
+        .with_filter_registry(registry)
+        .with_max_chunk_bytes(LARGEST_CHUNK)
+        .with_chunk_cache_bytes(limits.together.clamp(1 << 20, 4 * LARGEST_CHUNK));
+    let storage = hdf5_reader::FileStorage::open(path)?;
+    Hdf5File::from_storage_with_options(std::sync::Arc::new(storage), options)
+}

@@ -1,0 +1,67 @@
+//! What is fuzzed (`fuzz/src/targets.rs`) reads the corpus again: as it is, cut off, and with changed bytes.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+#[path = "../../fuzz/src/targets.rs"]
+mod targets;
+
+use targets::{TARGETS, Target};
+
+/// Places at which a file is cut, and at which a byte is changed; all where it has no more bytes.
+const PLACES: usize = 400;
+
+fn files(target: &Target) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(target.name);
+    let mut files: Vec<PathBuf> = fs::read_dir(&folder)
+        .unwrap_or_else(|error| panic!("{}: {error}", folder.display()))
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    files.sort();
+    assert!(!files.is_empty(), "{} has no corpus", target.name);
+    files
+}
+
+fn places(length: usize) -> impl Iterator<Item = usize> {
+    (0..length).step_by(length.div_ceil(PLACES).max(1))
+}
+
+#[test]
+fn the_corpus_is_read_as_it_is() {
+    for target in TARGETS {
+        // Of another format is only what a fuzzer found.
+        for file in files(target) {
+            let read = target.run(&fs::read(&file).unwrap());
+            let is_seed = file.file_name().unwrap().to_str().unwrap().starts_with("seed");
+            assert!(read || !is_seed, "{} is no {}", file.display(), target.name);
+        }
+    }
+}
+
+#[test]
+fn the_corpus_is_read_cut_off() {
+    for target in TARGETS {
+        for file in files(target) {
+            let bytes = fs::read(&file).unwrap();
+            for end in places(bytes.len()) {
+                target.run(&bytes[..end]);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_corpus_is_read_with_changed_bytes() {
+    for target in TARGETS {
+        for file in files(target) {
+            let mut bytes = fs::read(&file).unwrap();
+            for place in places(bytes.len()) {
+                for change in [0x01, 0x80, 0xFF] {
+                    bytes[place] ^= change;
+                    target.run(&bytes);
+                    bytes[place] ^= change;
+                }
+            }
+        }
+    }
+}
