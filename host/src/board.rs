@@ -148,9 +148,6 @@ impl Board {
     }
 }
 
-/// What is printed of a board is rounded to nanometres; with these bounds (in metres) it is read back as the same.
-const LENGTHS: RangeInclusive<f64> = 1e-6..=1e3;
-
 /// Layout, rows and columns as in `acircles:9x4`.
 pub fn layout_name(pattern: &Pattern) -> String {
     let layout = match pattern.layout {
@@ -159,6 +156,9 @@ pub fn layout_name(pattern: &Pattern) -> String {
     };
     format!("{layout}:{}x{}", pattern.rows, pattern.columns)
 }
+
+/// What is printed of a board is rounded to nanometres; with these bounds (in metres) it is read back as the same.
+const LENGTHS: RangeInclusive<f64> = 1e-6..=1e3;
 
 fn length(text: &str) -> Option<f64> {
     // "mm" and "cm" end in "m" too, so the longer units are tried first.
