@@ -26,7 +26,7 @@ CARGO_INCREMENTAL=0 PKG_CONFIG=false RUSTFLAGS="-C target-feature=+crt-static" \
 rm -rf "$packages"
 root=$packages/$name
 mkdir -p "$root/bin" "$root/share/udev" "$root/share/doc/evcal"
-strip -o "$root/bin/evcal" "target/$target/release/evcal"
+strip -o "$root/bin/evcal" "$target_folder/$target/release/evcal"
 "$root/bin/evcal" man "$root/share/man/man1"
 for completion in bash:bash-completion/completions/evcal zsh:zsh/site-functions/_evcal \
     fish:fish/vendor_completions.d/evcal.fish; do
