@@ -9,7 +9,7 @@ script=packages
 suite=bookworm
 session=fixtures/board
 board=acircles:9x4:55mm:r17.5mm
-largest=10000000
+largest=15000000
 
 sh tools/package/build.sh
 [ -f "$deb" ] || exit 0
