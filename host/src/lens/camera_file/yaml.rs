@@ -8,6 +8,8 @@ use super::{CameraDescription, CameraFile};
 
 /// Bytes of the largest file that is read.
 const LARGEST: usize = 1 << 16;
+/// Levels of lists in each other, and columns before the first word of a line.
+const DEEPEST: usize = 64;
 
 /// Why a YAML file is no camera.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -42,7 +44,7 @@ pub fn parse(text: &str) -> Result<CameraFile, YamlError> {
     // OpenCV's `%YAML:1.0` is no directive of YAML.
     let body: String = text.lines().filter(|line| !line.starts_with("%YAML")).flat_map(|line| [line, "\n"]).collect();
     // No camera has more; and what refers to itself many times over would fill the memory.
-    if body.len() > LARGEST || body.lines().any(|line| !line.starts_with('#') && line.contains('&')) {
+    if body.len() > LARGEST || body.lines().any(|line| !line.starts_with('#') && line.contains('&')) || nests(&body) {
         return Err(YamlError::NoCamera);
     }
     let documents = YamlLoader::load_from_str(&body).map_err(|error| YamlError::NoYaml(error.to_string()))?;
@@ -54,6 +56,21 @@ pub fn parse(text: &str) -> Result<CameraFile, YamlError> {
     } else {
         Err(YamlError::NoCamera)
     }
+}
+
+/// Whether lists are nested deeper than any camera needs: the reader's stack is as deep.
+fn nests(body: &str) -> bool {
+    let indent = |line: &str| line.chars().take_while(|letter| " \t-?:".contains(*letter)).count();
+    let mut depth = 0_usize;
+    let opens = body.chars().any(|letter| {
+        match letter {
+            '[' | '{' => depth += 1,
+            ']' | '}' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        depth > DEEPEST
+    });
+    opens || body.lines().any(|line| indent(line) > DEEPEST)
 }
 
 /// As OpenCV and ROS write it.
