@@ -109,9 +109,16 @@ export function show(state, mirrored) {
     ["time", `${state.t.toFixed(1)} s`],
   ]);
   const [fx, fy, cx, cy] = state.camera ?? [];
+  const { checkpoint } = state;
+  const pixels = (value) => (value === null || value === undefined ? "–" : `± ${value.toFixed(3)} px`);
   setPairs(byId("estimate"), [
-    ["expected error", state.sigma === null ? "–" : `± ${state.sigma.toFixed(3)} px`],
+    [checkpoint ? `stated after ${checkpoint.t.toFixed(0)} s` : "stated", checkpoint?.failed ? "no calibration" : pixels(checkpoint?.stated)],
+    ["largest stated", pixels(checkpoint?.largest)],
+    ["two halves agree", !checkpoint || checkpoint.failed ? "–" : checkpoint.halves_agree ? "yes" : "no"],
+    ["now, about", pixels(state.about)],
     ["wanted", `± ${state.target} px`],
+    ["calibrating now", state.checkpoint_under_way === null ? "–" : `the first ${state.checkpoint_under_way.toFixed(0)} s`],
+    ["from windows alone", pixels(state.sigma)],
     ["focal lengths", state.camera ? `${fx.toFixed(1)}, ${fy.toFixed(1)} px` : "–"],
     ["principal point", state.camera ? `${cx.toFixed(1)}, ${cy.toFixed(1)} px` : "–"],
   ]);

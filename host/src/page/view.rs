@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::Vector2;
 use serde::Serialize;
 
+use crate::live::checkpoint::Checkpoint;
 use crate::live::picture::EventPicture;
 use crate::live::{DISTANCES, Seen, Tilt};
 
@@ -103,6 +104,28 @@ struct Health {
     not_shown: u64,
 }
 
+#[derive(Serialize)]
+struct CheckpointView<'a> {
+    t: f64,
+    stated: Option<f64>,
+    largest: Option<f64>,
+    halves_agree: Option<bool>,
+    failed: Option<&'a str>,
+}
+
+impl<'a> CheckpointView<'a> {
+    fn new(checkpoint: &'a Checkpoint) -> Self {
+        let stated = checkpoint.stated.as_ref().ok();
+        Self {
+            t: checkpoint.t,
+            stated: stated.map(|stated| stated.rms),
+            largest: stated.map(|stated| stated.max),
+            halves_agree: stated.map(|stated| stated.halves_agree),
+            failed: checkpoint.stated.as_ref().err().map(String::as_str),
+        }
+    }
+}
+
 /// A whole state.
 #[derive(Serialize)]
 pub struct View<'a> {
@@ -118,8 +141,15 @@ pub struct View<'a> {
     ghost: Option<Ghost>,
     coverage: Coverage<'a>,
     health: Health,
-    /// Expected error of the first estimate, and what is wanted (px).
+    /// Expected error of the first estimate, from windows alone (px).
     sigma: Option<f64>,
+    /// What a calibration would state now, about (px).
+    about: Option<f64>,
+    /// What the latest checkpoint stated.
+    checkpoint: Option<CheckpointView<'a>>,
+    /// End of the beginning that is being calibrated now (s).
+    checkpoint_under_way: Option<f64>,
+    /// What is wanted (px).
     target: f64,
     /// Focal lengths and principal point of the first estimate (px).
     camera: Option<[f64; 4]>,
@@ -221,6 +251,9 @@ fn state<'a>(
         },
         health,
         sigma: seen.sigma,
+        about: seen.about,
+        checkpoint: seen.checkpoint.as_ref().map(CheckpointView::new),
+        checkpoint_under_way: seen.checkpoint_under_way,
         target: seen.target,
         camera: seen.camera,
         outcome,

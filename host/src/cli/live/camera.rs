@@ -1,6 +1,7 @@
 //! `evcal live` with a camera.
 
 use evcal::files::folder::OutputFolder;
+use evcal::live::checkpoint::Telling;
 use evcal::live::picture::PictureFeed;
 use evcal::live::{Watcher, record_board};
 use evcal::page::view::Losses;
@@ -12,7 +13,7 @@ use super::super::calibrate::{CalibrationArguments, calibrate_recordings};
 use super::super::interrupt::Interrupt;
 use super::super::{NotGoodEnough, print, record as recording};
 use super::lines::Lines;
-use super::{Arguments, open_window};
+use super::{Arguments, checkpoint, open_window};
 
 /// Name of the recording in the folder of the results.
 const RECORDING: &str = "recording.dvraw";
@@ -30,7 +31,10 @@ pub fn run(
     let header = camera.header();
     let sensor: Sensor = header.registers.layout().dvs.size().into();
     let path = folder.path().join(RECORDING);
-    let mut watcher = Watcher::start(&settings.detection, &settings.initial, &settings.live, &board, &header);
+    let checkpoints =
+        checkpoint::start(arguments, settings, &board, &path, &RecordingOptions::default(), Telling::WhenReady)?;
+    let mut watcher =
+        Watcher::start(&settings.detection, &settings.initial, &settings.live, &board, &header, checkpoints);
     let window = open_window(arguments)?;
     let feed = window.as_ref().map(|window| {
         let (mut screen, latest) = (window.screen(), watcher.latest());
@@ -70,7 +74,7 @@ pub fn run(
         }
     }
     drop(camera);
-    let calibrated = calibrate_recordings(&[path], &RecordingOptions::default(), &arguments.calibration, folder);
+    let calibrated = calibrate_recordings(&[path], &RecordingOptions::default(), &arguments.calibration, settings, folder);
     if let Some(window) = window {
         window.finish(sensor, &seen, folder, &calibrated);
     }

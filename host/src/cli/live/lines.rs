@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal;
 
+use evcal::live::checkpoint::Checkpoint;
 use evcal::live::recorder::RecordingStatus;
 use evcal::live::{DISTANCES, Seen, Tilt};
 use indicatif::ProgressBar;
@@ -56,20 +57,36 @@ fn as_text(seen: &Seen, status: Option<&RecordingStatus>) -> String {
     let tilts: Vec<String> =
         Tilt::ALL.iter().zip(coverage.tilts).map(|(tilt, count)| format!("{} {count}", tilt.name())).collect();
     let seconds = status.map_or(seen.t, |status| status.seconds);
-    let sigma = seen.sigma.map_or_else(String::new, |sigma| format!(", ±{sigma:.3} px"));
+    let error = error_as_text(seen);
     let missing = seen.missing();
     let wanted = if missing.is_empty() { String::new() } else { format!("; still wanted: {}", missing.join(", ")) };
     let recording = status.map_or_else(String::new, |status| {
         format!("; {}; {} transfers not displayed", record::as_text(status), seen.left_out)
     });
     format!(
-        "{seconds:.0} s: {}; {:.0} % done; {} boards, {:.0} % of the sensor, tilts {}{sigma}{wanted}{recording}",
+        "{seconds:.0} s: {}; {:.0} % done; {} boards, {:.0} % of the sensor, tilts {}{error}{wanted}{recording}",
         seen.hint.words(false),
         100.0 * seen.progress(),
         coverage.boards,
         100.0 * coverage.covered,
         tilts.join(" "),
     )
+}
+
+/// What is known of the camera's error: stated by a calibration, estimated since, or from windows alone.
+fn error_as_text(seen: &Seen) -> String {
+    let mut text = match (&seen.checkpoint, seen.about, seen.sigma) {
+        (Some(Checkpoint { t, stated: Ok(stated) }), about, _) => {
+            let about = about.map_or_else(String::new, |about| format!(", now about ±{about:.3}"));
+            format!(", stated after {t:.0} s ±{:.3} px{about}", stated.rms)
+        }
+        (_, _, Some(sigma)) => format!(", ±{sigma:.3} px from windows alone"),
+        _ => String::new(),
+    };
+    if let Some(t) = seen.checkpoint_under_way {
+        text += &format!(", calibrating the first {t:.0} s");
+    }
+    text
 }
 
 /// One object with the same.
@@ -92,6 +109,10 @@ fn as_json(seen: &Seen, status: Option<&RecordingStatus>) -> Value {
     put("tilts", named(&Tilt::ALL.map(Tilt::name), &coverage.tilts));
     put("distances", named(&DISTANCES, &coverage.distances));
     put("sigma", json!(seen.sigma));
+    put("about", json!(seen.about));
+    put("checkpoint", json!(seen.checkpoint.as_ref().map(checkpoint_as_json)));
+    put("checkpoint_under_way", json!(seen.checkpoint_under_way));
+    put("target", json!(seen.target));
     put("camera", json!(seen.camera));
     put("board", json!(seen.board.as_ref().map(|board| corners(&board.corners))));
     put("ghost", json!(seen.ghost.as_ref().map(|ghost| corners(&ghost.corners))));
@@ -100,4 +121,16 @@ fn as_json(seen: &Seen, status: Option<&RecordingStatus>) -> Value {
         put("transfers_not_displayed", json!(seen.left_out));
     }
     Value::Object(object)
+}
+
+fn checkpoint_as_json(checkpoint: &Checkpoint) -> Value {
+    match &checkpoint.stated {
+        Ok(stated) => json!({
+            "t": checkpoint.t,
+            "stated": stated.rms,
+            "largest": stated.max,
+            "halves_agree": stated.halves_agree,
+        }),
+        Err(reason) => json!({ "t": checkpoint.t, "failed": reason }),
+    }
 }
