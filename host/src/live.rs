@@ -8,8 +8,10 @@
 pub mod checkpoint;
 mod coverage;
 pub mod guidance;
+pub mod health;
 pub mod latest;
 pub mod observer;
+pub mod obstacle;
 pub mod picture;
 pub mod recorder;
 pub mod replay;

@@ -8,6 +8,8 @@ use nalgebra::Vector2;
 
 use super::checkpoint::{Checkpoint, Checkpoints};
 use super::guidance::{GhostOutline, Guidance, Hint, corners};
+use super::health::{Health, HealthMonitor};
+use super::obstacle::{Explainer, Explanation};
 use super::{CoverageSummary, LiveCoverage, LiveSettings};
 use crate::board::Board;
 use crate::board::homography::homography;
@@ -71,6 +73,10 @@ pub struct Seen {
     pub shortest: f64,
     /// The provisional camera's focal lengths and principal point (px).
     pub camera: Option<[f64; 4]>,
+    /// How the camera does.
+    pub health: Health,
+    /// Why the board is not found, while it is not.
+    pub explanation: Option<Explanation>,
     /// Transfers that were left out because the detector was busy.
     pub left_out: u64,
 }
@@ -113,7 +119,11 @@ impl Seen {
 
 /// Looks for the board in events as they come.
 pub struct Observer<'a> {
+    detection: &'a DetectionSettings,
+    sensor: Sensor,
     stage: DetectionStage<'a>,
+    health: HealthMonitor,
+    explainer: Explainer,
     coverage: LiveCoverage,
     /// What was last said of it, and when.
     summary: (CoverageSummary, f64),
@@ -141,6 +151,10 @@ impl<'a> Observer<'a> {
     ) -> Self {
         let coverage = LiveCoverage::new(live, board, sensor);
         Self {
+            detection,
+            sensor,
+            health: HealthMonitor::new(sensor),
+            explainer: Explainer::default(),
             summary: (coverage.summary(), 0.0),
             stage: DetectionStage::for_board(detection, sensor, board.pattern, 0),
             coverage,
@@ -166,6 +180,8 @@ impl<'a> Observer<'a> {
         if let Some(event) = events.last() {
             self.latest = event.t as f64 * 1e-6;
         }
+        self.health.push(events);
+        self.explainer.push(events, &self.board, self.sensor, self.detection);
         self.stage.push(events);
         let is_due = self.stage.waiting_chunks() >= CHUNKS_TOGETHER;
         if is_due {
@@ -177,6 +193,8 @@ impl<'a> Observer<'a> {
     fn search(&mut self) {
         for frame in self.stage.take_frames() {
             self.first_seen.get_or_insert(frame.start);
+            self.health.see(&frame);
+            self.explainer.found(frame.t());
             self.coverage.add(&frame);
             self.outline = self.outline_of(&frame);
             if let Some(guidance) = &mut self.guidance {
@@ -232,6 +250,8 @@ impl<'a> Observer<'a> {
                 let parameters = camera.parameters();
                 parameters.get(..4).and_then(|first| first.try_into().ok())
             }),
+            health: self.health.health(),
+            explanation: self.explainer.explanation().cloned(),
             left_out: 0,
         };
         if seen.is_enough() {

@@ -100,14 +100,20 @@ export function show(state, mirrored) {
   setPairs(byId("tilts"), state.coverage.tilts.map(({ name, count }) => [`${name} nearer`, String(count)]));
   setPairs(byId("distances"), state.coverage.distances.map(({ name, count }) => [name, String(count)]));
   const { health } = state;
-  const lost = health.dropped === null ? "–" : String(health.dropped);
+  const known = (value, text) => (value === null ? "–" : text(value));
   setPairs(byId("health"), [
     ["event rate", `${(health.rate / 1e6).toFixed(2)} Mev/s`],
-    ["ON events", health.on_share === null ? "–" : percent(health.on_share)],
-    ["lost by the camera", lost],
+    ["busiest, of the camera's limit", known(health.load, percent)],
+    ["ON events", known(health.on_share, percent)],
+    ["noise of a pixel at rest", known(health.noise, (rate) => `${rate.toFixed(1)} Hz`)],
+    ["hot pixels", known(health.hot_pixels, String)],
+    ["flicker", known(health.flicker, (frequency) => (frequency ? `${frequency} Hz` : "none"))],
+    ["edges, sharpest", known(health.focus, ([width, sharpest]) => `${width.toFixed(1)}, ${sharpest.toFixed(1)} px`)],
+    ["lost by the camera", known(health.dropped, String)],
     ["transfers not displayed", String(health.not_shown)],
     ["time", `${state.t.toFixed(1)} s`],
   ]);
+  setText(byId("nothing"), !isOver && state.nothing ? state.nothing.reason : "");
   const [fx, fy, cx, cy] = state.camera ?? [];
   const { checkpoint } = state;
   const pixels = (value) => (value === null || value === undefined ? "–" : `± ${value.toFixed(3)} px`);

@@ -11,7 +11,7 @@ use evcal::files::folder::OutputFolder;
 use evcal::live::Seen;
 use evcal::live::latest::Latest;
 use evcal::live::picture::EventPicture;
-use evcal::page::view::{Losses, Outcome, Phase, Viewer, ended};
+use evcal::page::view::{Losses, Outcome, Phase, ended, looking};
 use evcal::page::{Page, PageError, Publisher};
 use evcal::result::calibration_file::CalibrationFile;
 use evcal_core::sensor::Sensor;
@@ -40,7 +40,7 @@ impl Window {
 
     /// Something that shows pictures, for the thread that has them.
     pub fn screen(&self) -> Screen {
-        Screen { publisher: self.page.publisher(), losses: Arc::clone(&self.losses), viewer: Viewer::default() }
+        Screen { publisher: self.page.publisher(), losses: Arc::clone(&self.losses) }
     }
 
     /// Whether the person asked to end the recording.
@@ -107,7 +107,6 @@ impl Window {
 pub struct Screen {
     publisher: Publisher,
     losses: Arc<Mutex<Losses>>,
-    viewer: Viewer,
 }
 
 impl Screen {
@@ -115,6 +114,6 @@ impl Screen {
     pub fn show(&mut self, picture: &EventPicture, latest: &Latest) {
         let losses = *self.losses.lock().unwrap_or_else(PoisonError::into_inner);
         let seen = latest.get();
-        self.publisher.publish(&self.viewer.view(picture, &seen, losses), picture.pixels());
+        self.publisher.publish(&looking(picture, &seen, losses), picture.pixels());
     }
 }
