@@ -280,13 +280,13 @@ fn what_an_earlier_recording_lost_is_not_told_again() {
 }
 
 /// A simulated recording of the board and what the camera sends of it.
-fn board_recording(directory: &Path) -> Vec<Piece> {
+fn board_recording(directory: &Path, seed: &str) -> Vec<Piece> {
     let evcal = |arguments: &[&str]| {
         let output = Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     };
-    let (folder, dump) = (directory.join("simulated"), directory.join("simulated.dvraw"));
-    let options = ["--board", BOARD, "--duration", "3s", "--motion", "fast", "--seed", "7"];
+    let (folder, dump) = (directory.join(format!("simulated-{seed}")), directory.join(format!("simulated-{seed}.dvraw")));
+    let options = ["--board", BOARD, "--duration", "3s", "--motion", "fast", "--seed", seed];
     evcal(&[["simulate", "-o", text(&folder)].as_slice(), &options].concat());
     evcal(&["convert", text(&folder.join("events.aedat4")), text(&dump)]);
     let mut capture = Capture::open(&dump).unwrap();
@@ -323,7 +323,7 @@ fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
 #[test]
 fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
     let directory = tempfile::tempdir().unwrap();
-    let pieces = board_recording(directory.path());
+    let pieces = board_recording(directory.path(), "7");
     let sent: u64 = pieces.iter().map(|piece| piece.bytes.len() as u64).sum();
     let unplug = Faults { unplug_at: Some(sent - 1000), ..Faults::default() };
     // At full pace nothing is dropped, so that the byte at which it is unplugged comes.
@@ -488,5 +488,53 @@ fn no_page_loses_events_of_a_fast_camera() {
         let model = Model::new("00000042", source).with_pace(Pace::Real);
         let (bytes, _) = recorded(model, watching, "11s");
         assert_eq!(bytes.len() as u64, total(EVENTS), "{watching:?}");
+    }
+}
+
+/// After the result the page can ask for another recording: beside the first, or in its place.
+#[test]
+fn another_recording_is_added_or_takes_the_place() {
+    let directory = tempfile::tempdir().unwrap();
+    // The same events twice would be refused.
+    let both = ["7", "8"].map(|seed| board_recording(directory.path(), seed));
+    let mut starts = 0;
+    let model = Model::new("00000042", move || {
+        starts += 1;
+        both[starts % 2].clone().into_iter()
+    });
+    let bus = EmulatedBus::start(model).unwrap();
+    let (out, settings) = (directory.path().join("live"), easy_settings(directory.path()));
+    let arguments = ["live", "--board", BOARD, "-o", text(&out), "--settings", text(&settings), "--accept-any"];
+    let mut child = start(&bus, &[arguments.as_slice(), &["--port", "0", "--duration", "4s"]].concat());
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    errors.read_line(&mut line).unwrap();
+    let (address, rest) = line.split_once("http://").unwrap().1.split_once("/#").unwrap();
+    let ask = |request: &str| {
+        let mut stream = TcpStream::connect(address).unwrap();
+        let token = &rest[..32];
+        write!(stream, "{request} HTTP/1.1\r\nHost: {address}\r\nX-Evcal-Token: {token}\r\nConnection: close\r\n\r\n")
+            .unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        String::from_utf8_lossy(&answer).into_owned()
+    };
+    let recordings = || {
+        wait_for("the result", || ask("GET /live?after=0").contains("\"phase\":\"done\""));
+        let calibration = json(&fs::read_to_string(out.join("calibration.json")).unwrap());
+        calibration["recordings"].as_array().unwrap().len()
+    };
+    assert_eq!(recordings(), 1);
+    for (wish, count) in [("add", 2), ("again", 1)] {
+        ask(&format!("POST /{wish}"));
+        wait_for("the next recording", || !ask("GET /live?after=0").contains("\"phase\":\"done\""));
+        assert_eq!(recordings(), count);
+    }
+    ask("POST /close");
+    let mut left = String::new();
+    errors.read_to_string(&mut left).unwrap();
+    assert!(child.wait().unwrap().success(), "{left}");
+    for number in ["", "-2", "-3"] {
+        assert!(count(&out.join(format!("recording{number}.dvraw"))) > 100_000);
     }
 }

@@ -107,7 +107,7 @@ byId("finish").addEventListener("click", () => command("finish"));
 byId("mirror").addEventListener("click", toggleMirror);
 byId("sound").addEventListener("click", toggleSound);
 byId("copy").addEventListener("click", copy);
-byId("close").addEventListener("click", () => command("close"));
+for (const name of ["close", "again", "add"]) byId(name).addEventListener("click", () => command(name));
 addEventListener("keydown", (event) => {
   // A key that a focused button takes is that button's.
   if (event.repeat || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("button, a, iframe")) return;

@@ -62,8 +62,14 @@ export function kAndD(outcome) {
 function showOutcome(state) {
   const { outcome } = state;
   byId("result").hidden = !outcome;
-  if (!outcome || byId("result").dataset.shown === outcome.verdict) return;
-  byId("result").dataset.shown = outcome.verdict;
+  // An outcome comes in many states, and after another recording there is none for a while.
+  const key = outcome ? JSON.stringify(outcome) : "";
+  if (byId("result").dataset.shown === key) return;
+  byId("result").dataset.shown = key;
+  byId("copied").textContent = "";
+  if (!outcome) return;
+  byId("again").hidden = !outcome.can_record;
+  byId("add").hidden = !outcome.can_record;
   setText(byId("verdict"), outcome.verdict);
   const sigma = outcome.sigma === null ? "" : `, projection ± ${outcome.sigma.toFixed(3)} px`;
   const hasCamera = outcome.distortion.length + outcome.matrix[0][0] > 0;

@@ -43,6 +43,8 @@ pub struct Outcome {
     pub folder: String,
     /// Path of the report on this server.
     pub report: Option<String>,
+    /// Whether another recording can be made.
+    pub can_record: bool,
 }
 
 /// What a camera says of itself.

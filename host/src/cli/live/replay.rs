@@ -74,7 +74,7 @@ pub fn run(
     }
     let calibrated = calibrate_recordings(&[path.to_owned()], &options, &arguments.calibration, settings, folder);
     if let Some(window) = window {
-        window.finish(sensor, seen, folder, &calibrated);
+        window.finish(sensor, seen, folder, &calibrated, false);
     }
     calibrated
 }
