@@ -45,17 +45,16 @@ fn recording(path: &Path) -> Recording {
 fn stated(calibrated: &Calibrated) -> Stated {
     let projection = &calibrated.trust.projection;
     let halves = calibrated.events().and_then(|events| events.trust.split_half.as_ref());
-    Stated {
-        rms: projection.rms,
-        max: projection.max,
-        halves_agree: halves.is_some_and(|halves| halves.consistent()),
-    }
+    Stated { rms: projection.rms, max: projection.max, halves_agree: halves.is_some_and(|halves| halves.consistent()) }
 }
 
 /// What a calibration of the first `seconds` states.
 fn state(path: &Path, seconds: f64) -> Stated {
     let board = board();
-    stated(&calibrate_beginning(&recording(path), seconds, &Task::new(&[], &board), |_| ControlFlow::Continue(())).unwrap())
+    stated(
+        &calibrate_beginning(&recording(path), seconds, &Task::new(&[], &board), |_| ControlFlow::Continue(()))
+            .unwrap(),
+    )
 }
 
 /// What is told, each second, of the recording played at `speed`, with a checkpoint after a second.
@@ -103,8 +102,7 @@ fn a_checkpoint_is_a_calibration_of_the_beginning() {
 
 /// The events of a simulated second or two.
 fn simulated(board: &str, sensor: SensorModel, motion: MotionSettings, duration: f64) -> Vec<Event> {
-    let camera =
-        lens(ModelKind::Radtan, &[331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -0.0004, 0.0005, -0.03]).unwrap();
+    let camera = lens(ModelKind::Radtan, &[331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -0.0004, 0.0005, -0.03]).unwrap();
     let settings = SimulationSettings { duration, seed: 5, scene: SceneSettings::default(), sensor, motion };
     let simulation = Simulation::new(Rays::new(&camera, SENSOR), board.parse().unwrap(), settings).unwrap();
     let mut events = Vec::new();
@@ -180,7 +178,7 @@ fn why_nothing_is_found_is_told() {
     assert_eq!(why(&[]), Obstacle::NoEvents);
     let still = MotionSettings { mean_speed: 2.0, tremor: 0.0, ..MotionSettings::slow() };
     assert_eq!(why(&simulated(BOARD, model(), still, 0.4)), Obstacle::TooSlow);
-    let far = MotionSettings { distance_scale: 7.0, ..MotionSettings::fast() };
+    let far = MotionSettings { distance_scale: 5.0, ..MotionSettings::fast() };
     assert_eq!(why(&simulated(BOARD, model(), far, 0.4)), Obstacle::TooFar);
 }
 

@@ -1,6 +1,7 @@
 """Figures of `evcal live` for docs/live.md. For a computer that does nothing else meanwhile.
 
-    python3 tools/measure/live.py checkpoints EVCAL FOLDER [SEEDS]    stop, stated and true error, "about" against stated
+    python3 tools/measure/live.py checkpoints EVCAL FOLDER [SEEDS]    when it stops, stated and true error
+    python3 tools/measure/live.py about EVCAL FOLDER [SEEDS]          "about" against what is stated afterwards
     python3 tools/measure/live.py page EVCAL FOLDER BROWSER           age of what is drawn, CPU and memory of the page
 
 Simulates the recordings in FOLDER first, unless they are there.
@@ -48,27 +49,53 @@ def whole_objects(text):
 
 
 def checkpoints(evcal, folder, seeds):
-    """Recordings in which the board is everywhere, followed to the end, and one in which it is held frontally."""
-    print("| recording | ended by itself | checkpoints: stated, about just before they were told | result: stated 95 % | true |")
+    """Recordings in which the board is everywhere, and one in which it is held frontally."""
+    print("| recording | ended by itself | stated at the last checkpoint | result: stated 95 % | true |")
     print("|---|---|---|---|---|")
     for motion, seed in [*(("slow", seed) for seed in range(1, seeds + 1)), ("head-on", 1)]:
         recording = simulated(evcal, folder, seed, motion)
         out = folder / f"{motion}-{seed}-live"
         *hints, result = whole_objects(run(*live(evcal, recording / "events.dvraw", out, "--speed", "max", "--no-page", "--json")))
-        told, parts = None, []
-        for hint in hints:
-            point = hint["checkpoint"]
-            if point and point["t"] != told:
-                told = point["t"]
-                # What was said at that length, before it was known.
-                said = [earlier["about"] for earlier in hints if earlier["t"] <= told and earlier["about"]]
-                about = f"{said[-1]:.4f}" if said else "–"
-                parts.append(f"{told:.1f} s: {point.get('stated', float('nan')):.4f}, {about}")
         stop = hints[-1]
-        ended = f"{stop['t']:.1f} s" if not stop["missing"] else "no: " + ", ".join(stop["missing"])
+        point = stop["checkpoint"] or {}
+        ended = "no: " + ", ".join(stop["missing"])
+        # The last hint is of a whole second; what ended it came after.
+        if not stop["missing"] or stop["t"] < 24:
+            ended = f"after {stop['t']:.0f} s"
         error = json.loads(run(evcal, "evaluate", str(out), "--truth", str(recording), "--json"))["projection"]["rms_px"]
         bound = result["uncertainty"]["projection_rms_95"]
-        print(f"| {motion}, seed {seed} | {ended} | {'; '.join(parts)} | {bound:.4f} px | {error:.4f} px |", flush=True)
+        print(f"| {motion}, seed {seed} | {ended} | {point.get('stated', '–')} | {bound:.4f} px | {error:.4f} px |", flush=True)
+
+
+def about(evcal, folder, seeds):
+    """Checkpoints after 4, 8 and 16 s, and what was said for about these times beforehand."""
+    settings = folder / "early.toml"
+    settings.write_text("[live]\nfirst_checkpoint = 4.0\ntarget = 0.0001\n")
+    print("| recording | at | about | stated | ratio |")
+    print("|---|---|---|---|---|")
+    for seed in range(1, seeds + 1):
+        recording = simulated(evcal, folder, seed, "slow") / "events.dvraw"
+        options = ["--settings", str(settings), "--speed", "max", "--no-page", "--json"]
+        process = subprocess.Popen(live(evcal, recording, folder / "about-live", *options), stdout=subprocess.PIPE, text=True)
+        text, said, told = "", [], None
+        for line in process.stdout:
+            text += line
+            try:
+                hint = json.loads(text)
+            except json.JSONDecodeError:
+                continue
+            text, point = "", hint["checkpoint"]
+            if point and point["t"] != told:
+                told = point["t"]
+                before = [about for t, about in said if t <= told and about]
+                if before:
+                    row = f"{before[-1]:.4f} px | {point['stated']:.4f} px | {before[-1] / point['stated']:.2f}"
+                    print(f"| slow, seed {seed} | {told:.1f} s | {row} |", flush=True)
+                if told > 15:
+                    break
+            said.append((hint["t"], hint["about"]))
+        process.kill()
+        process.wait()
 
 
 def usage(process):
@@ -130,7 +157,7 @@ def page(evcal, folder, browser_program):
 if __name__ == "__main__":
     what, evcal, folder, *rest = sys.argv[1:]
     Path(folder).mkdir(parents=True, exist_ok=True)
-    if what == "checkpoints":
-        checkpoints(evcal, Path(folder), int(rest[0]) if rest else 5)
+    if what in ("checkpoints", "about"):
+        {"checkpoints": checkpoints, "about": about}[what](evcal, Path(folder), int(rest[0]) if rest else 5)
     else:
         page(evcal, Path(folder), rest[0])

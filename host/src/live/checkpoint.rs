@@ -1,6 +1,6 @@
 //! Checkpoints: real calibrations of what was recorded so far, while the recording goes on.
 //!
-//! A thread of the lowest priority makes them, with workers of its own, so that neither the recording nor the display
+//! A thread of low priority makes them, with workers of its own, so that neither the recording nor the display
 //! waits for one. What a checkpoint states is what `evcal calibrate` states of the same part of the recording. Between
 //! two of them the error is only estimated, from the windows that came since.
 
@@ -16,6 +16,10 @@ const LARGEST: f64 = 3.0;
 const GROWTH: [f64; 2] = [1.3, 2.0];
 /// The same after a calibration that failed.
 const GROWTH_AFTER_FAILURE: f64 = 1.5;
+
+/// Niceness of its threads: beside others they get a tenth of the time, and still come to an end on a busy computer.
+#[cfg(target_os = "linux")]
+const NICE: i32 = 10;
 
 /// What a calibration states of itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -179,10 +183,10 @@ impl Drop for Checkpoints {
     }
 }
 
-/// From now on this thread runs when no other wants to. Where that is not possible it runs as others do.
+/// From now on others go before this thread. Where that is not possible it runs as they do.
 fn give_way() {
     #[cfg(target_os = "linux")]
-    let _ = rustix::process::nice(19);
+    let _ = rustix::process::nice(NICE);
 }
 
 #[cfg(test)]

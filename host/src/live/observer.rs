@@ -91,7 +91,7 @@ impl Seen {
     pub fn missing(&self) -> Vec<String> {
         let mut missing = self.coverage.missing.clone();
         if self.watched < self.shortest {
-            missing.push(format!("{:.0} more seconds", (self.shortest - self.watched).ceil()));
+            missing.push(format!("{:.0} s more of it", (self.shortest - self.watched).ceil()));
         }
         match &self.checkpoint {
             Some(checkpoint) => missing.extend(checkpoint.missing(self.target)),

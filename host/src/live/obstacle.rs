@@ -11,6 +11,8 @@ use crate::circles::reference_frame::UnorderedFrame;
 use crate::detection::other_board::{OtherReading, other_reading};
 use crate::detection::settings::DetectionSettings;
 use crate::detection::{CircleWindow, DetectionReport, DetectionStage, NoCircle};
+use crate::live::health::noise::NoiseMeter;
+use crate::numerics::statistics::median;
 
 /// A board that was not seen for so long is explained (s), and again after the same time.
 const PATIENCE: f64 = 1.0;
@@ -19,12 +21,16 @@ const MOMENT: f64 = 0.3;
 const MOST_EVENTS: usize = 1_000_000;
 /// Fewer events a second are none.
 const FEWEST_EVENTS: f64 = 1000.0;
-/// Windows that hold so few circles hold none.
+/// Windows with fewer circles hold none.
 const FEWEST_CIRCLES: usize = 4;
-/// Fewest windows to take for another board.
+/// Fewest windows that count.
 const FEWEST_WINDOWS: usize = 3;
-/// Circles with a smaller radius are far away (px).
-const FAR: f64 = 3.0;
+/// More than this share of the events of a scene at rest are noise.
+const MOSTLY: f64 = 0.5;
+/// Circles with a smaller radius are far away (px); where dots are still smaller, the edges of two make one about as large.
+const FAR: f64 = 5.0;
+/// So many pairs of clusters for each circle are refused for the size that they would have: a tenth is usual.
+const MANY_REFUSED: f64 = 1.0 / 3.0;
 /// Circles whose middles are nearer to the edge of the sensor, in radii, stand at it.
 const AT_EDGE: f64 = 3.0;
 
@@ -34,7 +40,7 @@ const AT_EDGE: f64 = 3.0;
 pub enum Obstacle {
     /// There are hardly any events.
     NoEvents,
-    /// There are too few for the time that a window may take.
+    /// Most of them are noise.
     TooSlow,
     /// Nothing looks like a circle.
     NoCircles,
@@ -52,7 +58,7 @@ impl fmt::Display for Obstacle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoEvents => f.write_str("hardly any events: is the lens cap off, and is there light?"),
-            Self::TooSlow => f.write_str("too few events: move the board faster"),
+            Self::TooSlow => f.write_str("hardly anything moves: is the board in view? Move it faster"),
             Self::NoCircles => f.write_str("no circles: is the board in view, in focus and lit?"),
             Self::TooFar => f.write_str("the circles are too small: bring the board closer"),
             Self::CutOff => f.write_str("only a part of the board is in view: move it to the middle"),
@@ -77,42 +83,65 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
     if (events.len() as f64) < FEWEST_EVENTS * duration.max(MOMENT) {
         return Explanation { obstacle: Obstacle::NoEvents, circles: Vec::new() };
     }
-    let mut stage = DetectionStage::for_circles(settings, sensor, 1);
-    stage.push(events);
-    let (windows, report) = stage.into_circles();
-    let obstacle = obstacle(&windows, &report, board, sensor);
-    let fullest = windows.into_iter().max_by_key(|window| window.circles.len());
-    Explanation { obstacle, circles: fullest.map_or_else(Vec::new, |window| window.circles) }
+    let look = |fewest: usize| {
+        let mut stage = DetectionStage::for_circles(settings, sensor, fewest);
+        stage.push(events);
+        stage.into_circles()
+    };
+    let (whole, report) = look(board.circle_count().div_ceil(2));
+    if whole.len() >= FEWEST_WINDOWS {
+        return Explanation { obstacle: of_whole(&whole, &report, board, sensor), circles: fullest(whole) };
+    }
+    let (parts, report) = look(FEWEST_CIRCLES);
+    let obstacle = match parts.len() >= FEWEST_WINDOWS {
+        true => of_parts(&parts, &report, sensor),
+        false if share_at_rest(events, duration, sensor) > MOSTLY => Obstacle::TooSlow,
+        false if are_small(&parts, &report) => Obstacle::TooFar,
+        false => Obstacle::NoCircles,
+    };
+    Explanation { obstacle, circles: fullest(parts) }
 }
 
-/// What these windows, all with circles, lack of the board.
-fn obstacle(windows: &[CircleWindow], report: &DetectionReport, board: &Board, sensor: Sensor) -> Obstacle {
-    let many: Vec<&CircleWindow> = windows.iter().filter(|window| window.circles.len() >= FEWEST_CIRCLES).collect();
-    let too_small = report.pairs_refused.get(&NoCircle::RadiusOutOfBounds).copied().unwrap_or(0);
+/// What windows with as many circles as half a board are.
+fn of_whole(windows: &[CircleWindow], report: &DetectionReport, board: &Board, sensor: Sensor) -> Obstacle {
+    let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
+    match other_reading(&frames, board, sensor) {
+        Some(other) => Obstacle::OtherBoard(other),
+        None if are_small(windows, report) => Obstacle::TooFar,
+        None => Obstacle::NoBoard,
+    }
+}
+
+/// What windows with fewer circles are.
+fn of_parts(windows: &[CircleWindow], report: &DetectionReport, sensor: Sensor) -> Obstacle {
+    let at_edge = windows.iter().filter(|window| stands_at_edge(window, sensor)).count();
+    match at_edge * 2 > windows.len() {
+        _ if are_small(windows, report) => Obstacle::TooFar,
+        true => Obstacle::CutOff,
+        false => Obstacle::NoBoard,
+    }
+}
+
+/// Circles of the window with the most.
+fn fullest(windows: Vec<CircleWindow>) -> Vec<(Vector2<f64>, f64)> {
+    let fullest = windows.into_iter().max_by_key(|window| window.circles.len());
+    fullest.map_or_else(Vec::new, |window| window.circles)
+}
+
+/// Whether circles are small, or many more would be but for their size.
+fn are_small(windows: &[CircleWindow], report: &DetectionReport) -> bool {
     let mut radii: Vec<f64> = windows.iter().flat_map(|window| &window.circles).map(|(_, radius)| *radius).collect();
-    let radius = crate::numerics::statistics::median(&mut radii, f64::total_cmp);
-    if many.len() as u64 * 2 <= report.windows {
-        return match radius {
-            _ if report.too_few_events > report.windows => Obstacle::TooSlow,
-            _ if too_small > report.circles => Obstacle::TooFar,
-            Some(radius) if radius < FAR => Obstacle::TooFar,
-            _ => Obstacle::NoCircles,
-        };
-    }
-    let half = board.circle_count().div_ceil(2);
-    let whole: Vec<UnorderedFrame> =
-        many.iter().filter(|window| window.circles.len() >= half).map(|window| window.to_frame()).collect();
-    if whole.len() >= FEWEST_WINDOWS
-        && let Some(other) = other_reading(&whole, board, sensor)
-    {
-        return Obstacle::OtherBoard(other);
-    }
-    let at_edge = many.iter().filter(|window| stands_at_edge(window, sensor)).count();
-    match radius {
-        _ if at_edge * 2 > many.len() && whole.len() * 2 <= many.len() => Obstacle::CutOff,
-        Some(radius) if radius < FAR => Obstacle::TooFar,
-        _ => Obstacle::NoBoard,
-    }
+    let refused = report.pairs_refused.get(&NoCircle::RadiusOutOfBounds).copied().unwrap_or(0);
+    median(&mut radii, f64::total_cmp).is_some_and(|radius| radius < FAR)
+        || refused as f64 > MANY_REFUSED * report.circles as f64
+}
+
+/// Share of the events that would come if nothing moved.
+fn share_at_rest(events: &[Event], duration: f64, sensor: Sensor) -> f64 {
+    let mut meter = NoiseMeter::new(sensor);
+    meter.push(events);
+    let pixels = f64::from(sensor.width) * f64::from(sensor.height);
+    meter.rate_so_far().map_or(0.0, |rate| rate * pixels * duration / events.len() as f64)
 }
 
 fn stands_at_edge(window: &CircleWindow, sensor: Sensor) -> bool {

@@ -75,8 +75,7 @@ impl Watcher {
         let (of_thread, latest_of_thread) = (Arc::clone(&shared), latest.clone());
         let (detection, initial, live, board) = (detection.clone(), initial.clone(), live.clone(), *board);
         let thread = thread::spawn(move || {
-            let observer =
-                Observer::new(&detection, &initial, &live, &board, sensor).with_checkpoints(checkpoints);
+            let observer = Observer::new(&detection, &initial, &live, &board, sensor).with_checkpoints(checkpoints);
             look(&of_thread, decoder, observer, &latest_of_thread);
         });
         Self { shared, latest, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }

@@ -63,7 +63,16 @@ fn data_and_commands_need_the_token() {
     let page = page();
     page.publisher().publish(&"secret", &[7, 8]);
     let (token, own) = (token(&page), host(&page));
-    for request in ["GET /live?after=0", "POST /finish", "POST /close", "POST /again", "POST /add", "GET /report/0", "GET /nothing", "PUT /"] {
+    for request in [
+        "GET /live?after=0",
+        "POST /finish",
+        "POST /close",
+        "POST /again",
+        "POST /add",
+        "GET /report/0",
+        "GET /nothing",
+        "PUT /",
+    ] {
         for wrong in ["", "0", &token[1..], &token.replace(|letter: char| letter.is_ascii_digit(), "a")] {
             assert_eq!(status(&page, request, &[("Host", &own), ("X-Evcal-Token", wrong)]), 403, "{request} {wrong}");
         }

@@ -47,8 +47,7 @@ pub fn start(
 impl Work {
     /// What a calibration of the first `seconds` states, or why there is none.
     fn state(&self, seconds: f64, stop: &AtomicBool) -> Result<Stated, String> {
-        let recording =
-            Recording::new(&self.recording, self.options.clone()).map_err(|error| error.to_string())?;
+        let recording = Recording::new(&self.recording, self.options.clone()).map_err(|error| error.to_string())?;
         let task = Task {
             model: self.model,
             sensor: self.options.sensor,
@@ -59,8 +58,7 @@ impl Work {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };
-        let calibrated =
-            calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| error.to_string())?;
+        let calibrated = calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| error.to_string())?;
         let split_half = calibrated.events().and_then(|events| events.trust.split_half.as_ref());
         let projection = &calibrated.trust.projection;
         Ok(Stated {

@@ -8,7 +8,7 @@ const SLOT: i64 = 50_000;
 /// Slots that are looked at together: 2 s.
 const SLOTS: i64 = 40;
 /// A pixel that fires in so many of them is hot.
-const FEWEST: u8 = 34;
+const FEWEST: u8 = 37;
 
 /// Looks for hot pixels.
 #[derive(Clone, Debug)]

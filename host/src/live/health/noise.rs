@@ -26,7 +26,8 @@ pub struct NoiseMeter {
     /// Counts of all cells in the slots since the figure before.
     counts: Vec<u32>,
     slots: u32,
-    current: i64,
+    /// The slot that is being filled; `None` before the first event.
+    current: Option<i64>,
     rate: Option<f64>,
 }
 
@@ -34,17 +35,17 @@ impl NoiseMeter {
     /// For this sensor; what is left over at its right and lower edge is not looked at.
     pub fn new(sensor: Sensor) -> Self {
         let (columns, rows) = (usize::from(sensor.width / CELL), usize::from(sensor.height / CELL));
-        Self { columns, cells: vec![0; columns * rows], counts: Vec::new(), slots: 0, current: 0, rate: None }
+        Self { columns, cells: vec![0; columns * rows], counts: Vec::new(), slots: 0, current: None, rate: None }
     }
 
     /// Takes the next events, in order of time (µs).
     pub fn push(&mut self, events: &[Event]) {
         for event in events {
             let slot = event.t.div_euclid(SLOT);
-            if slot > self.current {
+            if self.current.is_some_and(|current| slot > current) {
                 self.close_slot();
-                self.current = slot;
             }
+            self.current = Some(slot);
             let column = usize::from(event.x / CELL);
             if column < self.columns
                 && let Some(cell) = self.cells.get_mut(usize::from(event.y / CELL) * self.columns + column)
@@ -59,15 +60,21 @@ impl NoiseMeter {
         self.cells.fill(0);
         self.slots += 1;
         if self.slots >= SLOTS {
-            let at = (SHARE * self.counts.len() as f64) as usize;
-            if at < self.counts.len() {
-                let (_, count, _) = self.counts.select_nth_unstable(at);
-                let pixel_seconds = f64::from(CELL) * f64::from(CELL) * SLOT as f64 * 1e-6;
-                self.rate = Some(mean_of_quantile(f64::from(*count)) / pixel_seconds);
-            }
+            self.rate = self.rate_so_far();
             self.counts.clear();
             self.slots = 0;
         }
+    }
+
+    /// Events a second of a pixel at rest in the whole slots since the figure before; `None` without any.
+    pub fn rate_so_far(&mut self) -> Option<f64> {
+        let at = (SHARE * self.counts.len() as f64) as usize;
+        if at >= self.counts.len() {
+            return None;
+        }
+        let (_, count, _) = self.counts.select_nth_unstable(at);
+        let pixel_seconds = f64::from(CELL) * f64::from(CELL) * SLOT as f64 * 1e-6;
+        Some(mean_of_quantile(f64::from(*count)) / pixel_seconds)
     }
 
     /// Events a second of a pixel at rest in the last whole 2 s; `None` before.
