@@ -106,9 +106,9 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
 fn of_whole(windows: &[CircleWindow], report: &DetectionReport, board: &Board, sensor: Sensor) -> Obstacle {
     let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
     match other_reading(&frames, board, sensor) {
-        Some(other) => Obstacle::OtherBoard(other),
-        None if are_small(windows, report) => Obstacle::TooFar,
-        None => Obstacle::NoBoard,
+        Some(other) if other.board.pattern != board.pattern => Obstacle::OtherBoard(other),
+        _ if are_small(windows, report) => Obstacle::TooFar,
+        _ => Obstacle::NoBoard,
     }
 }
 

@@ -37,8 +37,7 @@ pub fn run(
     folder: &OutputFolder,
     interrupt: &Interrupt,
 ) -> super::super::Outcome {
-    let board =
-        arguments.calibration.method.choose_board(&[], &RecordingOptions::default(), &settings.detection)?;
+    let board = arguments.calibration.method.choose_board(&[], &RecordingOptions::default(), &settings.detection)?;
     let window = open_window(arguments)?;
     // Those that are calibrated together.
     let mut recordings = Vec::new();
