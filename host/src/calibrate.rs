@@ -1,5 +1,6 @@
 //! The whole calibration: stages 1 to 11 in their order.
 
+pub mod beginning;
 pub mod board_choice;
 pub mod calibrated;
 mod detected;

@@ -33,7 +33,7 @@ use self::board_finder::find_with_opencv;
 use self::board_finder::{BoardFinder, PlacedCircle, within_capacity};
 use self::no_board::NoBoard;
 pub use self::ordering::order_frames;
-pub use self::report::{DetectionReport, NoPattern};
+pub use self::report::{DetectionReport, NoCircle, NoPattern};
 use self::second_pass::{Spacing, Uncertain, second_pass};
 use self::settings::{DetectionSettings, Grid};
 use crate::circles::event_pixel::EventPixel;

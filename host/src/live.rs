@@ -5,10 +5,13 @@
 //! transfers that they have no time for are left out of the display, and counted. [`replay`](mod@replay) does the same
 //! with a recording.
 
+pub mod checkpoint;
 mod coverage;
 pub mod guidance;
+pub mod health;
 pub mod latest;
 pub mod observer;
+pub mod obstacle;
 pub mod picture;
 pub mod recorder;
 pub mod replay;
@@ -48,9 +51,13 @@ settings! {
         pub tilt: f64 = 15.0, "°", from_to(0.0, 90.0);
         /// Fewest windows with the board tilted to the left, to the right, upwards and downwards each.
         pub boards_per_tilt: u64 = 10, "windows", at_least(0.0);
-        /// Largest expected error of the first estimate of the camera, root mean square over the sensor, from windows
-        /// alone; the calibration of the same recording is several times as good.
-        pub sigma: f64 = 0.1, "px", above(0.0);
+        /// Shortest time from the first sight of the board on.
+        pub shortest: f64 = 15.0, "s", at_least(0.0);
+        /// Largest error of the projection that a calibration of the recording so far may state: root mean square over
+        /// the sensor; the largest anywhere on it may be three times this. The option `--target` sets it.
+        pub target: f64 = 0.05, "px", above(0.0);
+        /// When the first such calibration is made, after the first sight of the board.
+        pub first_checkpoint: f64 = 10.0, "s", at_least(0.0);
         /// Transfers that wait longer for the display's detector are left out of the display. The recording has
         /// them.
         pub longest_wait: f64 = 1.0, "s", at_least(0.0);

@@ -47,9 +47,20 @@ struct Shared {
     report: Mutex<Option<Bytes>>,
     report_path: String,
     finish: AtomicBool,
-    close: AtomicBool,
+    next: Mutex<Option<Next>>,
     /// When a page last asked.
     asked: Mutex<Option<Instant>>,
+}
+
+/// What comes after a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Next {
+    /// The end of the program.
+    Close,
+    /// Another recording in place of those so far.
+    Again,
+    /// Another recording beside those so far.
+    Add,
 }
 
 /// Why the page cannot be served.
@@ -95,7 +106,7 @@ impl Page {
             report: Mutex::default(),
             report_path: format!("/report/{report}"),
             finish: AtomicBool::new(false),
-            close: AtomicBool::new(false),
+            next: Mutex::default(),
             asked: Mutex::default(),
         });
         let (end, ended) = oneshot::channel();
@@ -130,9 +141,15 @@ impl Page {
         self.shared.finish.load(Ordering::Relaxed)
     }
 
-    /// Whether the person asked to end the program.
-    pub fn is_close_asked(&self) -> bool {
-        self.shared.close.load(Ordering::Relaxed)
+    /// What the person asked for after the recording; told once.
+    pub fn take_next(&self) -> Option<Next> {
+        self.shared.next.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// A recording begins: what was asked before does not count for it.
+    pub fn begin(&self) {
+        self.shared.finish.store(false, Ordering::Relaxed);
+        self.take_next();
     }
 
     /// Whether a page asked for something in the last `time`.

@@ -2,56 +2,24 @@
 //! preload library (Debian package `umockdev`).
 #![cfg(target_os = "linux")]
 
+#[path = "emulated/helpers.rs"]
+mod helpers;
+
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::path::Path;
+use std::process::{Child, Command, Output};
 
 use evcal::recording::{Recording, RecordingOptions};
-use serde_json::Value;
 use usb_davis::capture::Capture;
 use usb_davis::emulator::umockdev::{Access, EmulatedBus};
-use usb_davis::emulator::{Failures, Faults, Model, Pace, Piece};
-use usb_davis::protocol::{Encoder, Layout, Polarity, PolarityEvent};
+use usb_davis::emulator::{Failures, Faults, Model, Pace};
 use usb_davis::registers::mux;
 
-const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
+use helpers::{BOARD, board_recording, camera, command, count, easy_settings, json, start, text, total, wait_for};
+
 const NOBODY: u32 = 65_534;
-/// Long enough for a computer that has other things to do.
-const PATIENCE: Duration = Duration::from_secs(120);
-
-/// `count` events as pieces of some 16 KiB.
-fn events(count: u64) -> impl Iterator<Item = Piece> + Send + 'static {
-    let mut encoder = Encoder::new(Layout::DAVIS346);
-    (0..count).step_by(3000).map(move |first| {
-        let mut bytes = Vec::new();
-        for index in first..(first + 3000).min(count) {
-            let mixed = index.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
-            let (x, y) = ((mixed % 346) as u16, (mixed / 346 % 260) as u16);
-            let event = PolarityEvent { time: index / 3, x, y, polarity: Polarity::On };
-            encoder.event(&event, &mut bytes).unwrap();
-        }
-        Piece { time: first / 3, bytes }
-    })
-}
-
-fn camera(count: u64) -> Model {
-    Model::new("00000042", move || events(count))
-}
-
-fn total(count: u64) -> u64 {
-    events(count).map(|piece| piece.bytes.len() as u64).sum()
-}
-
-fn command(bus: &EmulatedBus, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
-    command.args(arguments).envs(bus.environment());
-    command
-}
-
 fn run(bus: &EmulatedBus, arguments: &[&str]) -> (Option<i32>, String, String) {
     ended(command(bus, arguments).output().unwrap())
 }
@@ -61,40 +29,10 @@ fn ended(output: Output) -> (Option<i32>, String, String) {
     (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
-/// Starts it in the background.
-fn start(bus: &EmulatedBus, arguments: &[&str]) -> Child {
-    command(bus, arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
-/// Waits for something to become true.
-fn wait_for(what: &str, mut is_true: impl FnMut() -> bool) {
-    let end = Instant::now() + PATIENCE;
-    while !is_true() {
-        assert!(Instant::now() < end, "{what} did not happen (is the package umockdev installed?)");
-        sleep(Duration::from_millis(20));
-    }
-}
-
 fn interrupt(child: Child) -> (Option<i32>, String, String) {
     let status = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(status.success());
     ended(child.wait_with_output().unwrap())
-}
-
-fn count(path: &Path) -> u64 {
-    let mut reader = Recording::new(path, RecordingOptions::default()).unwrap().open().unwrap();
-    let mut batch = Vec::new();
-    while reader.next_batch(&mut batch).unwrap() {}
-    assert!(reader.report().stream.faults.is_empty());
-    reader.report().events
-}
-
-fn json(text: &str) -> Value {
-    serde_json::from_str(text).unwrap_or_else(|_| panic!("{text}"))
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
 }
 
 #[test]
@@ -276,32 +214,6 @@ fn what_an_earlier_recording_lost_is_not_told_again() {
     assert_eq!(reader.report().stream.dropped, 0);
 }
 
-/// A simulated recording of the board and what the camera sends of it.
-fn board_recording(directory: &Path) -> Vec<Piece> {
-    let evcal = |arguments: &[&str]| {
-        let output = Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    };
-    let (folder, dump) = (directory.join("simulated"), directory.join("simulated.dvraw"));
-    let options = ["--board", BOARD, "--duration", "3s", "--motion", "fast", "--seed", "7"];
-    evcal(&[["simulate", "-o", text(&folder)].as_slice(), &options].concat());
-    evcal(&["convert", text(&folder.join("events.aedat4")), text(&dump)]);
-    let mut capture = Capture::open(&dump).unwrap();
-    let mut pieces = Vec::new();
-    while let Some(transfer) = capture.next_transfer().unwrap() {
-        pieces.push(Piece { time: transfer.host_ns.unwrap() / 1000, bytes: transfer.payload.to_vec() });
-    }
-    pieces
-}
-
-/// Settings with which 100 boards are enough and the display leaves nothing out.
-fn easy_settings(directory: &Path) -> PathBuf {
-    let path = directory.join("easy.toml");
-    let text = "[live]\nboards = 100\ncoverage = 0.1\nboards_per_tilt = 0\nlongest_wait = 1000.0\nsigma = 10.0\n";
-    fs::write(&path, text).unwrap();
-    path
-}
-
 /// All files of results with their content but for the report, which tells the command line.
 fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let mut files = Vec::new();
@@ -320,7 +232,7 @@ fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
 #[test]
 fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
     let directory = tempfile::tempdir().unwrap();
-    let pieces = board_recording(directory.path());
+    let pieces = board_recording(directory.path(), "7");
     let sent: u64 = pieces.iter().map(|piece| piece.bytes.len() as u64).sum();
     let unplug = Faults { unplug_at: Some(sent - 1000), ..Faults::default() };
     // At full pace nothing is dropped, so that the byte at which it is unplugged comes.

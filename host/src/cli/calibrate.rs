@@ -184,7 +184,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     // Before the work, not after it.
     let folder = arguments.calibration.open_folder()?;
-    calibrate_recordings(&arguments.recordings, &arguments.source.options(), &arguments.calibration, &folder)
+    let settings = arguments.calibration.method.settings()?;
+    calibrate_recordings(&arguments.recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
 }
 
 /// Calibrates from `recordings` and writes the results.
@@ -192,10 +193,10 @@ pub fn calibrate_recordings(
     recordings: &[PathBuf],
     options: &RecordingOptions,
     arguments: &CalibrationArguments,
+    settings: &Settings,
     folder: &OutputFolder,
 ) -> super::Outcome {
     let method = &arguments.method;
-    let settings = method.settings()?;
     let bar = spinner(arguments.json);
     let progress = |message: &str| bar.set_message(message.to_owned());
     let board = method.choose_board(recordings, options, &settings.detection)?;
@@ -214,7 +215,7 @@ pub fn calibrate_recordings(
         model: method.model,
         sensor: options.sensor,
         pictures,
-        settings: &settings,
+        settings,
         command_line: &super::command_line(),
     };
     let mut stages: Vec<String> = Vec::new();

@@ -31,6 +31,11 @@ impl Interrupt {
         self.0.load(Ordering::Relaxed)
     }
 
+    /// From now on the first signal asks again for a good end.
+    pub fn hold(&self) {
+        self.0.store(false, Ordering::Relaxed);
+    }
+
     /// From now on the first signal ends the program.
     pub fn release(&self) {
         self.0.store(true, Ordering::Relaxed);

@@ -1,6 +1,7 @@
 //! `evcal live`.
 
 mod camera;
+mod checkpoint;
 mod lines;
 mod replay;
 mod window;
@@ -9,12 +10,14 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use evcal::recording::RecordingOptions;
+use evcal::settings::{Settings, SettingsError};
 
 use super::UsageError;
 use super::calibrate::CalibrationArguments;
 use super::camera_arguments::CameraArguments;
 use super::interrupt::Interrupt;
 use super::source_arguments::SourceArguments;
+use super::value;
 
 use self::window::Window;
 
@@ -33,12 +36,25 @@ pub struct Arguments {
     speed: Speed,
     #[command(flatten)]
     source: SourceArguments,
+    /// Stop once a calibration states this error of the projection or a smaller one, root mean square over the sensor
+    /// [default: 0.05px]
+    #[arg(long, value_name = "ERROR", value_parser = value::pixels)]
+    target: Option<f64>,
     /// Hints as lines of text only, no page
     #[arg(long)]
     no_page: bool,
     /// Port of the page [default: the first free one from 8346 on]
     #[arg(long, conflicts_with = "no_page")]
     port: Option<u16>,
+}
+
+impl Arguments {
+    /// All thresholds.
+    fn settings(&self) -> Result<Settings, SettingsError> {
+        let mut settings = self.calibration.method.settings()?;
+        settings.live.target = self.target.unwrap_or(settings.live.target);
+        Ok(settings)
+    }
 }
 
 /// How fast a recording is played.
@@ -73,7 +89,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     if arguments.replay.is_none() && arguments.source.options() != RecordingOptions::default() {
         return Err(UsageError("what is said of a recording needs one: add --replay RECORDING".to_owned()).into());
     }
-    let settings = arguments.calibration.method.settings()?;
+    let settings = arguments.settings()?;
     let interrupt = Interrupt::catch()?;
     let folder = arguments.calibration.open_folder()?;
     match &arguments.replay {

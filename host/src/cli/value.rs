@@ -117,6 +117,14 @@ pub fn seconds(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "write a time above 0 with its unit us, ms, s or min, for example 6s".to_owned())
 }
 
+/// Reads a distance in the image with its unit; the result is in pixels.
+pub fn pixels(text: &str) -> Result<f64, String> {
+    let number = text.strip_suffix("px").and_then(|number| number.trim().parse::<f64>().ok());
+    number
+        .filter(|pixels| pixels.is_finite() && *pixels > 0.0)
+        .ok_or_else(|| "write pixels above 0 with their unit, for example 0.05px".to_owned())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -145,6 +153,14 @@ mod tests {
             assert_eq!(ModelKind::from_name(name), None, "{name}");
             let known = ModelKind::ALL.iter().any(|kind| meaning.contains(kind.name()));
             assert!(known, "{name}: {meaning}");
+        }
+    }
+
+    #[test]
+    fn pixels_need_their_unit() {
+        assert_eq!((pixels("0.05px"), pixels("1 px")), (Ok(0.05), Ok(1.0)));
+        for wrong in ["0.05", "px", "0px", "-1px", "infpx", "5mm"] {
+            assert!(pixels(wrong).unwrap_err().contains("0.05px"), "{wrong}");
         }
     }
 }

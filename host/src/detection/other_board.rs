@@ -59,26 +59,31 @@ impl<'a> OtherBoard<'a> {
     /// What the circles look like instead; `None` when no reading fits.
     pub fn finish(self) -> Option<OtherReading> {
         let (windows, _) = self.stage.into_circles();
-        let all: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
-        let frames: Vec<UnorderedFrame> =
-            all.iter().filter(|frame| frame.circles.len() >= half(&self.board)).cloned().collect();
-        let pattern = self.board.pattern;
-        let exchanged = Pattern { rows: pattern.columns, columns: pattern.rows, ..pattern };
-        let layout = match pattern.layout {
-            Layout::Asymmetric => Layout::Symmetric,
-            Layout::Symmetric => Layout::Asymmetric,
-        };
-        let readings = [exchanged, Pattern { layout, ..pattern }, Pattern { layout, ..exchanged }].map(|pattern| {
-            let (found, _) = order_frames(&frames, &pattern, Some(self.sensor));
-            (found.len(), pattern)
-        });
-        let (fitting, pattern) = readings.into_iter().max_by_key(|(count, _)| *count)?;
-        if fitting > 0 && fitting as f64 >= FEWEST_FITS * frames.len() as f64 {
-            return Some(OtherReading { fitting, windows: frames.len(), board: Board { pattern, ..self.board } });
-        }
-        let RecognisedLayout { pattern, fitting, windows, .. } = recognise(&all, self.sensor)?;
-        Some(OtherReading { fitting, windows, board: Board { pattern, ..self.board } })
+        let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
+        other_reading(&frames, &self.board, self.sensor)
     }
+}
+
+/// The board that the circles of all frames fit instead of `board`: one of those that users take for it, else any layout
+/// that is recognised; `None` when they fit none.
+pub fn other_reading(all: &[UnorderedFrame], board: &Board, sensor: Sensor) -> Option<OtherReading> {
+    let frames: Vec<UnorderedFrame> = all.iter().filter(|frame| frame.circles.len() >= half(board)).cloned().collect();
+    let pattern = board.pattern;
+    let exchanged = Pattern { rows: pattern.columns, columns: pattern.rows, ..pattern };
+    let layout = match pattern.layout {
+        Layout::Asymmetric => Layout::Symmetric,
+        Layout::Symmetric => Layout::Asymmetric,
+    };
+    let readings = [exchanged, Pattern { layout, ..pattern }, Pattern { layout, ..exchanged }].map(|pattern| {
+        let (found, _) = order_frames(&frames, &pattern, Some(sensor));
+        (found.len(), pattern)
+    });
+    let (fitting, pattern) = readings.into_iter().max_by_key(|(count, _)| *count)?;
+    if fitting > 0 && fitting as f64 >= FEWEST_FITS * frames.len() as f64 {
+        return Some(OtherReading { fitting, windows: frames.len(), board: Board { pattern, ..*board } });
+    }
+    let RecognisedLayout { pattern, fitting, windows, .. } = recognise(all, sensor)?;
+    Some(OtherReading { fitting, windows, board: Board { pattern, ..*board } })
 }
 
 /// Half of a board's circles.

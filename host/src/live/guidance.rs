@@ -60,6 +60,7 @@ const POINTS_A_SIDE: usize = 6;
 
 /// One window with the board.
 struct View {
+    t: f64,
     circles: Vec<ObservedCircle>,
     weight: f64,
 }
@@ -103,6 +104,8 @@ pub struct Guidance {
     is_estimated: bool,
     measure: Option<ProjectionMeasure>,
     information: Information,
+    /// A time that was marked, and the information up to it.
+    mark: Option<(f64, Information)>,
     candidates: Vec<Candidate>,
     latest: Option<(f64, Isometry3<f64>)>,
     thought: Option<f64>,
@@ -128,6 +131,7 @@ impl Guidance {
             is_estimated: false,
             measure: None,
             information: Information::zeros(),
+            mark: None,
             candidates: Vec::new(),
             latest: None,
             thought: None,
@@ -148,6 +152,17 @@ impl Guidance {
     pub fn sigma(&self) -> Option<f64> {
         self.camera()?;
         self.measure.as_ref()?.sigma(&self.information)
+    }
+
+    /// Marks a time: [`Guidance::ratio_since_mark`] counts from it.
+    pub fn mark(&mut self, t: f64) {
+        self.mark = Some((t, self.information_until(t)));
+    }
+
+    /// [`Guidance::sigma`] now over what it was at the marked time, by the camera of now: at most 1.
+    pub fn ratio_since_mark(&self) -> Option<f64> {
+        let (_, before) = self.mark.as_ref()?;
+        Some((self.sigma()? / self.measure.as_ref()?.sigma(before)?).min(1.0))
     }
 
     /// What to do with the board.
@@ -180,7 +195,8 @@ impl Guidance {
     /// Takes a window with the board.
     pub fn add(&mut self, frame: &ReferenceFrame) {
         let since = self.latest.map_or(WINDOW, |(t, _)| frame.t() - t);
-        let view = View { circles: frame.circles.clone(), weight: (since / WINDOW).clamp(0.0, 1.0) };
+        let weight = (since / WINDOW).clamp(0.0, 1.0);
+        let view = View { t: frame.t(), circles: frame.circles.clone(), weight };
         let Some(pose) = provisional_pose(&self.camera, &view.circles, &self.board, &self.settings) else { return };
         self.latest = Some((frame.t(), pose));
         self.seen += 1;
@@ -249,12 +265,9 @@ impl Guidance {
     fn rebuild(&mut self) {
         self.measure = ProjectionMeasure::new(&self.camera, self.sensor);
         self.candidates = candidates(&self.camera, &self.board, self.sensor);
-        self.information = prior(&self.camera);
-        for view in &self.views {
-            let pose = provisional_pose(&self.camera, &view.circles, &self.board, &self.settings);
-            if let Some(information) = pose.and_then(|pose| self.information_of(view, &pose)) {
-                self.information += information;
-            }
+        self.information = self.information_until(f64::INFINITY);
+        if let Some((t, _)) = self.mark {
+            self.mark(t);
         }
         if let Some(place) = self.place() {
             let information = expected_information(&self.camera, &self.board, self.sensor, &place);
@@ -263,6 +276,18 @@ impl Guidance {
                 (ghost.information, ghost.variance) = (information, (before, after));
             }
         }
+    }
+
+    /// The information of the windows up to `t`.
+    fn information_until(&self, t: f64) -> Information {
+        let mut sum = prior(&self.camera);
+        for view in self.views.iter().filter(|view| view.t <= t) {
+            let pose = provisional_pose(&self.camera, &view.circles, &self.board, &self.settings);
+            if let Some(information) = pose.and_then(|pose| self.information_of(view, &pose)) {
+                sum += information;
+            }
+        }
+        sum
     }
 
     /// Mean variance of the projection (px²), now or after a stay at a place that tells this.

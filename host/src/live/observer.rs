@@ -6,7 +6,10 @@ use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
+use super::checkpoint::{Checkpoint, Checkpoints};
 use super::guidance::{GhostOutline, Guidance, Hint, corners};
+use super::health::{Health, HealthMonitor};
+use super::obstacle::{Explainer, Explanation};
 use super::{CoverageSummary, LiveCoverage, LiveSettings};
 use crate::board::Board;
 use crate::board::homography::homography;
@@ -21,6 +24,10 @@ const CHUNKS_TOGETHER: usize = 2;
 const SUMMARY: f64 = 0.5;
 /// Time over which the board's motion is taken as straight (s): long enough that the noise of its outline does not count.
 const STRAIGHT: f64 = 0.1;
+
+/// Progress that is told at most before the first checkpoint, and before enough was seen.
+const BEFORE_CHECKPOINT: f64 = 0.5;
+const ALMOST: f64 = 0.99;
 
 /// The board in the image, and how it moves.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,18 +56,33 @@ pub struct Seen {
     /// What to do with it.
     pub hint: Hint,
     /// Expected error of the camera from windows alone (px, root mean square over the sensor); `None` before there is a
-    /// camera.
+    /// camera. The calibration's own error is several times smaller.
     pub sigma: Option<f64>,
-    /// Largest such error that is good enough.
+    /// The latest calibration of the recording so far.
+    pub checkpoint: Option<Checkpoint>,
+    /// End of the beginning that is being calibrated right now (s since the first event).
+    pub checkpoint_under_way: Option<f64>,
+    /// What a calibration would state now (px, root mean square over the sensor), estimated from the latest checkpoint
+    /// and the windows since.
+    pub about: Option<f64>,
+    /// Largest stated error that is good enough (px).
     pub target: f64,
+    /// Time from the first sight of the board on (s), and how long it must be.
+    pub watched: f64,
+    /// See there.
+    pub shortest: f64,
     /// The provisional camera's focal lengths and principal point (px).
     pub camera: Option<[f64; 4]>,
+    /// How the camera does.
+    pub health: Health,
+    /// Why the board is not found, while it is not.
+    pub explanation: Option<Explanation>,
     /// Transfers that were left out because the detector was busy.
     pub left_out: u64,
 }
 
 impl Seen {
-    /// Whether enough was seen for a calibration.
+    /// Whether enough was seen for a calibration: a checkpoint states it, and the board was everywhere.
     pub fn is_enough(&self) -> bool {
         self.missing().is_empty()
     }
@@ -68,33 +90,50 @@ impl Seen {
     /// What is still to be done, in words; nothing when enough was seen.
     pub fn missing(&self) -> Vec<String> {
         let mut missing = self.coverage.missing.clone();
-        match self.sigma {
-            Some(sigma) if sigma <= self.target => {}
-            Some(sigma) => {
-                missing.push(format!("more views (first estimate ±{sigma:.2} px, wanted {:.2})", self.target));
-            }
-            None => missing.push("views from different sides".to_owned()),
+        if self.watched < self.shortest {
+            missing.push(format!("{:.0} s more of it", (self.shortest - self.watched).ceil()));
+        }
+        match &self.checkpoint {
+            Some(checkpoint) => missing.extend(checkpoint.missing(self.target)),
+            None if self.sigma.is_none() => missing.push("views from different sides".to_owned()),
+            None => missing.push("a first calibration of what was recorded".to_owned()),
         }
         missing
     }
 
-    /// How far the recording is on its way to enough, 0 to 1: the least of all criteria.
+    /// How far the recording is on its way to enough, 0 to 1: the least of all criteria. All of it only with
+    /// [`Seen::is_enough`].
     pub fn progress(&self) -> f64 {
+        if self.is_enough() {
+            return 1.0;
+        }
+        let of_time = if self.shortest > 0.0 { self.watched / self.shortest } else { 1.0 };
         // The error falls with the square root of time.
-        let of_sigma = self.sigma.map_or(0.0, |sigma| (self.target / sigma).powi(2));
-        self.coverage.progress.min(of_sigma).clamp(0.0, 1.0)
+        let of_error = match self.about {
+            Some(about) => (self.target / about).powi(2),
+            None => BEFORE_CHECKPOINT,
+        };
+        self.coverage.progress.min(of_time).min(of_error).clamp(0.0, ALMOST)
     }
 }
 
 /// Looks for the board in events as they come.
 pub struct Observer<'a> {
+    detection: &'a DetectionSettings,
+    sensor: Sensor,
     stage: DetectionStage<'a>,
+    health: HealthMonitor,
+    explainer: Explainer,
     coverage: LiveCoverage,
     /// What was last said of it, and when.
     summary: (CoverageSummary, f64),
     guidance: Option<Guidance>,
+    checkpoints: Option<Checkpoints>,
     board: Board,
     target: f64,
+    shortest: f64,
+    /// When the board was seen first (s).
+    first_seen: Option<f64>,
     latest: f64,
     outline: Option<BoardOutline>,
     /// Where its corners were in the last [`STRAIGHT`] seconds.
@@ -102,7 +141,7 @@ pub struct Observer<'a> {
 }
 
 impl<'a> Observer<'a> {
-    /// Nothing seen yet by this sensor.
+    /// Nothing seen yet by this sensor. Without [`Observer::with_checkpoints`] it never sees enough.
     pub fn new(
         detection: &'a DetectionSettings,
         initial: &InitialSettings,
@@ -112,16 +151,28 @@ impl<'a> Observer<'a> {
     ) -> Self {
         let coverage = LiveCoverage::new(live, board, sensor);
         Self {
+            detection,
+            sensor,
+            health: HealthMonitor::new(sensor),
+            explainer: Explainer::default(),
             summary: (coverage.summary(), 0.0),
             stage: DetectionStage::for_board(detection, sensor, board.pattern, 0),
             coverage,
             guidance: Guidance::new(board, sensor, initial),
+            checkpoints: None,
             board: *board,
-            target: live.sigma,
+            target: live.target,
+            shortest: live.shortest,
+            first_seen: None,
             latest: 0.0,
             outline: None,
             path: VecDeque::new(),
         }
+    }
+
+    /// Calibrations of what was recorded so far say when it is enough.
+    pub fn with_checkpoints(self, checkpoints: Checkpoints) -> Self {
+        Self { checkpoints: Some(checkpoints), ..self }
     }
 
     /// Takes the next events, with times from the first (µs) that never go back. Whether something new is known.
@@ -129,6 +180,8 @@ impl<'a> Observer<'a> {
         if let Some(event) = events.last() {
             self.latest = event.t as f64 * 1e-6;
         }
+        self.health.push(events);
+        self.explainer.push(events, &self.board, self.sensor, self.detection);
         self.stage.push(events);
         let is_due = self.stage.waiting_chunks() >= CHUNKS_TOGETHER;
         if is_due {
@@ -139,6 +192,9 @@ impl<'a> Observer<'a> {
 
     fn search(&mut self) {
         for frame in self.stage.take_frames() {
+            self.first_seen.get_or_insert(frame.start);
+            self.health.see(&frame);
+            self.explainer.found(frame.t());
             self.coverage.add(&frame);
             self.outline = self.outline_of(&frame);
             if let Some(guidance) = &mut self.guidance {
@@ -155,6 +211,17 @@ impl<'a> Observer<'a> {
         if self.latest - self.summary.1 >= SUMMARY {
             self.summary = (self.coverage.summary(), self.latest);
         }
+        self.check();
+    }
+
+    /// Looks after checkpoints, also while no events come. Whether one was told.
+    pub fn check(&mut self) -> bool {
+        let told = self.checkpoints.as_mut().and_then(|checkpoints| checkpoints.advance(self.latest, self.first_seen));
+        let told = told.map(|checkpoint| checkpoint.t);
+        if let (Some(t), Some(guidance)) = (told, &mut self.guidance) {
+            guidance.mark(t);
+        }
+        told.is_some()
     }
 
     /// Looks at all events that wait, and tells coverage as of now.
@@ -173,17 +240,30 @@ impl<'a> Observer<'a> {
             ghost: guidance.and_then(Guidance::ghost),
             hint: guidance.map_or(Hint::Show, Guidance::hint),
             sigma: guidance.and_then(Guidance::sigma),
+            about: self.about(),
+            checkpoint: self.checkpoints.as_ref().and_then(Checkpoints::latest).cloned(),
+            checkpoint_under_way: self.checkpoints.as_ref().and_then(Checkpoints::under_way),
             target: self.target,
+            watched: self.first_seen.map_or(0.0, |first| self.latest - first),
+            shortest: self.shortest,
             camera: guidance.and_then(Guidance::camera).and_then(|camera| {
                 let parameters = camera.parameters();
                 parameters.get(..4).and_then(|first| first.try_into().ok())
             }),
+            health: self.health.health(),
+            explanation: self.explainer.explanation().cloned(),
             left_out: 0,
         };
         if seen.is_enough() {
             (seen.hint, seen.ghost) = (Hint::Done, None);
         }
         seen
+    }
+
+    /// What a calibration would state now.
+    fn about(&self) -> Option<f64> {
+        let stated = self.checkpoints.as_ref()?.latest()?.stated.as_ref().ok()?;
+        Some(stated.rms * self.guidance.as_ref()?.ratio_since_mark()?)
     }
 
     fn outline_of(&mut self, frame: &ReferenceFrame) -> Option<BoardOutline> {

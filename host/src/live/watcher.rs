@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 use evcal_core::event::Event;
 use usb_davis::capture::GapRepair;
@@ -10,12 +11,16 @@ use usb_davis::dump::{DumpHeader, Transfer, TransferStatus};
 use usb_davis::protocol::{Decoder, Message};
 
 use super::LiveSettings;
+use super::checkpoint::Checkpoints;
 use super::latest::Latest;
 use super::observer::{Observer, Seen};
 use crate::board::Board;
 use crate::detection::settings::DetectionSettings;
 use crate::initial::InitialSettings;
 use crate::recording::davis::{CameraClock, event};
+
+/// How often checkpoints are looked after while nothing comes.
+const PATIENCE: Duration = Duration::from_millis(100);
 
 /// A transfer on its way to the detector.
 struct Piece {
@@ -52,13 +57,15 @@ pub struct Watcher {
 }
 
 impl Watcher {
-    /// Starts a detector with these settings for the camera that `header` describes.
+    /// Starts a detector with these settings for the camera that `header` describes; `checkpoints` calibrate what it
+    /// records.
     pub fn start(
         detection: &DetectionSettings,
         initial: &InitialSettings,
         live: &LiveSettings,
         board: &Board,
         header: &DumpHeader,
+        checkpoints: Checkpoints,
     ) -> Self {
         let sensor = header.registers.layout().dvs.size().into();
         let shared = Arc::new(Shared::default());
@@ -68,7 +75,7 @@ impl Watcher {
         let (of_thread, latest_of_thread) = (Arc::clone(&shared), latest.clone());
         let (detection, initial, live, board) = (detection.clone(), initial.clone(), live.clone(), *board);
         let thread = thread::spawn(move || {
-            let observer = Observer::new(&detection, &initial, &live, &board, sensor);
+            let observer = Observer::new(&detection, &initial, &live, &board, sensor).with_checkpoints(checkpoints);
             look(&of_thread, decoder, observer, &latest_of_thread);
         });
         Self { shared, latest, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }
@@ -129,6 +136,12 @@ fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen:
     let mut events: Vec<Event> = Vec::new();
     let (mut first, mut latest) = (None, i64::MIN);
     while let Some(piece) = next(shared) {
+        let Some(piece) = piece else {
+            if observer.check() {
+                seen.set(observer.seen());
+            }
+            continue;
+        };
         let transfer = Transfer {
             host_ns: Some(piece.host_ns),
             gap_before: piece.gap_before,
@@ -154,16 +167,14 @@ fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen:
     seen.set(observer.seen());
 }
 
-/// The next piece; `None` when there will be no more.
-fn next(shared: &Shared) -> Option<Piece> {
+/// The next piece, or none for a while; `None` when there will be no more.
+fn next(shared: &Shared) -> Option<Option<Piece>> {
     let mut queue = lock(&shared.queue);
-    loop {
-        if let Some(piece) = queue.waiting.pop_front() {
-            return Some(piece);
-        }
-        if queue.ended {
-            return None;
-        }
-        queue = shared.filled.wait(queue).unwrap_or_else(PoisonError::into_inner);
+    if queue.waiting.is_empty() && !queue.ended {
+        queue = shared.filled.wait_timeout(queue, PATIENCE).unwrap_or_else(PoisonError::into_inner).0;
+    }
+    match queue.waiting.pop_front() {
+        None if queue.ended => None,
+        piece => Some(piece),
     }
 }

@@ -11,7 +11,8 @@ const decoder = new TextDecoder();
 const pause = (seconds) => new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
 
 // For tests, and for whoever wants to look.
-const page = { number: 0, shown: 0, skipped: 0, phase: "", hint: "", state: null };
+const page = { number: 0, shown: 0, skipped: 0, phase: "", hint: "", state: null, ages: [] };
+const MOST_AGES = 1000;
 window.evcal = page;
 
 function command(name) {
@@ -55,6 +56,9 @@ function take(buffer) {
   show(state, picture.mirrored);
   page.hint = byId("hint").textContent;
   page.shown += 1;
+  // How old the state was when it was drawn (ms), by the computer's clock, which server and page share.
+  page.ages.push(Date.now() - state.made);
+  if (page.ages.length > MOST_AGES) page.ages.shift();
 }
 
 function tell(text) {
@@ -103,7 +107,7 @@ byId("finish").addEventListener("click", () => command("finish"));
 byId("mirror").addEventListener("click", toggleMirror);
 byId("sound").addEventListener("click", toggleSound);
 byId("copy").addEventListener("click", copy);
-byId("close").addEventListener("click", () => command("close"));
+for (const name of ["close", "again", "add"]) byId(name).addEventListener("click", () => command(name));
 addEventListener("keydown", (event) => {
   // A key that a focused button takes is that button's.
   if (event.repeat || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("button, a, iframe")) return;

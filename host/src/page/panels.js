@@ -62,8 +62,14 @@ export function kAndD(outcome) {
 function showOutcome(state) {
   const { outcome } = state;
   byId("result").hidden = !outcome;
-  if (!outcome || byId("result").dataset.shown === outcome.verdict) return;
-  byId("result").dataset.shown = outcome.verdict;
+  // An outcome comes in many states, and after another recording there is none for a while.
+  const key = outcome ? JSON.stringify(outcome) : "";
+  if (byId("result").dataset.shown === key) return;
+  byId("result").dataset.shown = key;
+  byId("copied").textContent = "";
+  if (!outcome) return;
+  byId("again").hidden = !outcome.can_record;
+  byId("add").hidden = !outcome.can_record;
   setText(byId("verdict"), outcome.verdict);
   const sigma = outcome.sigma === null ? "" : `, projection ± ${outcome.sigma.toFixed(3)} px`;
   const hasCamera = outcome.distortion.length + outcome.matrix[0][0] > 0;
@@ -100,18 +106,31 @@ export function show(state, mirrored) {
   setPairs(byId("tilts"), state.coverage.tilts.map(({ name, count }) => [`${name} nearer`, String(count)]));
   setPairs(byId("distances"), state.coverage.distances.map(({ name, count }) => [name, String(count)]));
   const { health } = state;
-  const lost = health.dropped === null ? "–" : String(health.dropped);
+  const known = (value, text) => (value === null ? "–" : text(value));
   setPairs(byId("health"), [
     ["event rate", `${(health.rate / 1e6).toFixed(2)} Mev/s`],
-    ["ON events", health.on_share === null ? "–" : percent(health.on_share)],
-    ["lost by the camera", lost],
+    ["busiest, of the camera's limit", known(health.load, percent)],
+    ["ON events", known(health.on_share, percent)],
+    ["noise of a pixel at rest", known(health.noise, (rate) => `${rate.toFixed(1)} Hz`)],
+    ["hot pixels", known(health.hot_pixels, String)],
+    ["flicker", known(health.flicker, (frequency) => (frequency ? `${frequency} Hz` : "none"))],
+    ["edges, sharpest", known(health.focus, ([width, sharpest]) => `${width.toFixed(1)}, ${sharpest.toFixed(1)} px`)],
+    ["lost by the camera", known(health.dropped, String)],
     ["transfers not displayed", String(health.not_shown)],
     ["time", `${state.t.toFixed(1)} s`],
   ]);
+  setText(byId("nothing"), !isOver && state.nothing ? state.nothing.reason : "");
   const [fx, fy, cx, cy] = state.camera ?? [];
+  const { checkpoint } = state;
+  const pixels = (value) => (value === null || value === undefined ? "–" : `± ${value.toFixed(3)} px`);
   setPairs(byId("estimate"), [
-    ["expected error", state.sigma === null ? "–" : `± ${state.sigma.toFixed(3)} px`],
+    [checkpoint ? `stated after ${checkpoint.t.toFixed(0)} s` : "stated", checkpoint?.failed ? "no calibration" : pixels(checkpoint?.stated)],
+    ["largest stated", pixels(checkpoint?.largest)],
+    ["two halves agree", !checkpoint || checkpoint.failed ? "–" : checkpoint.halves_agree ? "yes" : "no"],
+    ["now, about", pixels(state.about)],
     ["wanted", `± ${state.target} px`],
+    ["calibrating now", state.checkpoint_under_way === null ? "–" : `the first ${state.checkpoint_under_way.toFixed(0)} s`],
+    ["from windows alone", pixels(state.sigma)],
     ["focal lengths", state.camera ? `${fx.toFixed(1)}, ${fy.toFixed(1)} px` : "–"],
     ["principal point", state.camera ? `${cx.toFixed(1)}, ${cy.toFixed(1)} px` : "–"],
   ]);

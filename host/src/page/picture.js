@@ -54,6 +54,7 @@ export class Picture {
     // A pixel's coordinates are those of its centre.
     context.translate(0.5, 0.5);
     const line = Math.max(1.6, width / 180);
+    if (state.nothing) this.drawCircles(context, state.nothing.circles, [0, 0], line);
     if (state.phase !== "recording") return;
     if (state.ghost) this.drawGhost(context, state.ghost, line);
     if (state.board) this.drawBoard(context, state, line);
@@ -117,13 +118,18 @@ export class Picture {
     context.lineWidth = line;
     this.path(context, moved);
     context.stroke();
+    this.drawCircles(context, board.circles, shift, line);
+    this.drawCorners(context, moved, this.colors.board, line);
+  }
+
+  drawCircles(context, circles, [right, down], line) {
+    context.strokeStyle = this.colors.board;
     context.lineWidth = 0.6 * line;
-    for (const [x, y, radius] of board.circles) {
+    for (const [x, y, radius] of circles) {
       context.beginPath();
-      context.arc(x + shift[0], y + shift[1], radius, 0, 2 * Math.PI);
+      context.arc(x + right, y + down, radius, 0, 2 * Math.PI);
       context.stroke();
     }
-    this.drawCorners(context, moved, this.colors.board, line);
   }
 
   // The same numbers on the board and on its ghost: which corner goes where.

@@ -19,9 +19,9 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::{sleep, timeout};
 
-use super::Shared;
 use super::assets::ASSETS;
 use super::gate::Need;
+use super::{Next, Shared};
 
 /// Connections at a time; more are refused.
 const MOST_CONNECTIONS: usize = 16;
@@ -108,13 +108,17 @@ async fn answer(shared: &Shared, request: &Request<Incoming>) -> Answer {
             shared.finish.store(true, Ordering::Relaxed);
             plain(StatusCode::NO_CONTENT)
         }
-        (&Method::POST, "/close") => {
-            shared.close.store(true, Ordering::Relaxed);
-            plain(StatusCode::NO_CONTENT)
-        }
+        (&Method::POST, "/close") => set_next(shared, Next::Close),
+        (&Method::POST, "/again") => set_next(shared, Next::Again),
+        (&Method::POST, "/add") => set_next(shared, Next::Add),
         (&Method::GET | &Method::POST, _) => plain(StatusCode::NOT_FOUND),
         _ => plain(StatusCode::METHOD_NOT_ALLOWED),
     }
+}
+
+fn set_next(shared: &Shared, next: Next) -> Answer {
+    *shared.next.lock().unwrap_or_else(PoisonError::into_inner) = Some(next);
+    plain(StatusCode::NO_CONTENT)
 }
 
 fn report(shared: &Shared) -> Answer {

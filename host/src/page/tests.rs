@@ -63,13 +63,22 @@ fn data_and_commands_need_the_token() {
     let page = page();
     page.publisher().publish(&"secret", &[7, 8]);
     let (token, own) = (token(&page), host(&page));
-    for request in ["GET /live?after=0", "POST /finish", "POST /close", "GET /report/0", "GET /nothing", "PUT /"] {
+    for request in [
+        "GET /live?after=0",
+        "POST /finish",
+        "POST /close",
+        "POST /again",
+        "POST /add",
+        "GET /report/0",
+        "GET /nothing",
+        "PUT /",
+    ] {
         for wrong in ["", "0", &token[1..], &token.replace(|letter: char| letter.is_ascii_digit(), "a")] {
             assert_eq!(status(&page, request, &[("Host", &own), ("X-Evcal-Token", wrong)]), 403, "{request} {wrong}");
         }
         assert_eq!(status(&page, request, &[("Host", &own)]), 403, "{request}");
     }
-    assert!(!page.is_finish_asked() && !page.is_close_asked() && !page.is_watched(Duration::MAX));
+    assert!(!page.is_finish_asked() && page.take_next().is_none() && !page.is_watched(Duration::MAX));
     let good = [("Host", own.as_str()), ("X-Evcal-Token", token.as_str())];
     let (status, answer) = ask(&page, "GET /live?after=0", &good);
     assert_eq!(status, 200);
@@ -80,9 +89,13 @@ fn data_and_commands_need_the_token() {
     assert_eq!(ask(&page, "GET /nothing", &good).0, 404);
     assert_eq!(ask(&page, "PUT /live", &good).0, 405);
     assert_eq!(ask(&page, "POST /finish", &good).0, 204);
-    assert!(page.is_finish_asked() && !page.is_close_asked());
-    assert_eq!(ask(&page, "POST /close", &good).0, 204);
-    assert!(page.is_close_asked());
+    assert!(page.is_finish_asked() && page.take_next().is_none());
+    for (command, next) in [("close", Next::Close), ("again", Next::Again), ("add", Next::Add)] {
+        assert_eq!(ask(&page, &format!("POST /{command}"), &good).0, 204);
+        assert_eq!((page.take_next(), page.take_next()), (Some(next), None));
+    }
+    page.begin();
+    assert!(!page.is_finish_asked());
 }
 
 #[test]

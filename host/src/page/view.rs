@@ -1,15 +1,14 @@
 //! What the page is told.
 
-use std::collections::VecDeque;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use nalgebra::Vector2;
 use serde::Serialize;
 
+use crate::live::checkpoint::Checkpoint;
+use crate::live::health;
 use crate::live::picture::EventPicture;
 use crate::live::{DISTANCES, Seen, Tilt};
-
-/// Events are counted over so many seconds of the sensor.
-const RATE_SPAN: f64 = 1.0;
 
 /// How far things are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -44,6 +43,8 @@ pub struct Outcome {
     pub folder: String,
     /// Path of the report on this server.
     pub report: Option<String>,
+    /// Whether another recording can be made.
+    pub can_record: bool,
 }
 
 /// What a camera says of itself.
@@ -97,16 +98,73 @@ struct Coverage<'a> {
 struct Health {
     /// Events a second.
     rate: f64,
+    /// The busiest hundredth of a second as a share of what the camera reads at most.
+    load: Option<f64>,
     /// Share of ON events; `None` without events.
     on_share: Option<f64>,
+    /// Events a second of a pixel at rest.
+    noise: Option<f64>,
+    hot_pixels: Option<u32>,
+    /// Frequency (Hz), 0 for none; `None` until it is known.
+    flicker: Option<f64>,
+    /// Width of the circles' edges, and the smallest of the last seconds (px).
+    focus: Option<[f64; 2]>,
     dropped: Option<u64>,
     not_shown: u64,
+}
+
+impl Health {
+    fn new(health: &health::Health, losses: Losses) -> Self {
+        Self {
+            rate: health.rates.map_or(0.0, |rates| rates.mean),
+            load: health.rates.and_then(|rates| rates.load),
+            on_share: health.rates.map(|rates| rates.on_share),
+            noise: health.noise,
+            hot_pixels: health.hot_pixels,
+            flicker: health.flicker.map(|flicker| flicker.map_or(0.0, |flicker| flicker.frequency)),
+            focus: health.focus.map(|focus| [focus.width, focus.sharpest]),
+            dropped: losses.dropped,
+            not_shown: losses.not_shown,
+        }
+    }
+}
+
+/// Why nothing is found.
+#[derive(Serialize)]
+struct Nothing {
+    reason: String,
+    /// Circles without a place on the board: centre and radius (px).
+    circles: Vec<[f64; 3]>,
+}
+
+#[derive(Serialize)]
+struct CheckpointView<'a> {
+    t: f64,
+    stated: Option<f64>,
+    largest: Option<f64>,
+    halves_agree: Option<bool>,
+    failed: Option<&'a str>,
+}
+
+impl<'a> CheckpointView<'a> {
+    fn new(checkpoint: &'a Checkpoint) -> Self {
+        let stated = checkpoint.stated.as_ref().ok();
+        Self {
+            t: checkpoint.t,
+            stated: stated.map(|stated| stated.rms),
+            largest: stated.map(|stated| stated.max),
+            halves_agree: stated.map(|stated| stated.halves_agree),
+            failed: checkpoint.stated.as_ref().err().map(String::as_str),
+        }
+    }
 }
 
 /// A whole state.
 #[derive(Serialize)]
 pub struct View<'a> {
     phase: Phase,
+    /// When the state was made (ms since 1970 by the computer's clock).
+    made: u64,
     /// Sensor time of the picture (s since the first event).
     t: f64,
     sensor: [u16; 2],
@@ -118,8 +176,16 @@ pub struct View<'a> {
     ghost: Option<Ghost>,
     coverage: Coverage<'a>,
     health: Health,
-    /// Expected error of the first estimate, and what is wanted (px).
+    nothing: Option<Nothing>,
+    /// Expected error of the first estimate, from windows alone (px).
     sigma: Option<f64>,
+    /// What a calibration would state now, about (px).
+    about: Option<f64>,
+    /// What the latest checkpoint stated.
+    checkpoint: Option<CheckpointView<'a>>,
+    /// End of the beginning that is being calibrated now (s).
+    checkpoint_under_way: Option<f64>,
+    /// What is wanted (px).
     target: f64,
     /// Focal lengths and principal point of the first estimate (px).
     camera: Option<[f64; 4]>,
@@ -131,38 +197,19 @@ fn pairs(points: &[Vector2<f64>]) -> Vec<[f64; 2]> {
     points.iter().map(|point| [rounded(point.x), rounded(point.y)]).collect()
 }
 
+fn circles(found: impl Iterator<Item = (Vector2<f64>, Option<f64>)>) -> Vec<[f64; 3]> {
+    found.map(|(center, radius)| [rounded(center.x), rounded(center.y), rounded(radius.unwrap_or(3.0))]).collect()
+}
+
 fn rounded(value: f64) -> f64 {
     (value * 10.0).round() / 10.0
 }
 
-/// Makes states, and counts events while doing so.
-#[derive(Clone, Debug, Default)]
-pub struct Viewer {
-    /// Sensor time, ON and OFF events of the pictures of the last second.
-    recent: VecDeque<(f64, [u64; 2])>,
-}
-
-impl Viewer {
-    /// The state while the board is looked at.
-    pub fn view<'a>(&mut self, picture: &EventPicture, seen: &'a Seen, losses: Losses) -> View<'a> {
-        let phase = if seen.coverage.boards == 0 && seen.board.is_none() { Phase::Waiting } else { Phase::Recording };
-        let (t, sensor) = (picture.seconds(), picture.sensor());
-        self.recent.push_back((t, picture.counts()));
-        while self.recent.front().is_some_and(|(past, _)| t - past > RATE_SPAN) {
-            self.recent.pop_front();
-        }
-        let sum =
-            |polarity: usize| self.recent.iter().filter_map(|(_, counts)| counts.get(polarity)).sum::<u64>() as f64;
-        let (on, all) = (sum(0), sum(0) + sum(1));
-        let span = self.recent.front().map_or(0.0, |(past, _)| t - past).max(0.1);
-        let health = Health {
-            rate: all / span,
-            on_share: (all > 0.0).then(|| on / all),
-            dropped: losses.dropped,
-            not_shown: losses.not_shown,
-        };
-        state(phase, t, [sensor.width, sensor.height], seen, health, None)
-    }
+/// The state while the board is looked at.
+pub fn looking<'a>(picture: &EventPicture, seen: &'a Seen, losses: Losses) -> View<'a> {
+    let phase = if seen.coverage.boards == 0 && seen.board.is_none() { Phase::Waiting } else { Phase::Recording };
+    let sensor = picture.sensor();
+    state(phase, picture.seconds(), [sensor.width, sensor.height], seen, losses, None)
 }
 
 /// The state after the recording.
@@ -173,8 +220,7 @@ pub fn ended<'a>(
     losses: Losses,
     outcome: Option<&'a Outcome>,
 ) -> View<'a> {
-    let health = Health { rate: 0.0, on_share: None, dropped: losses.dropped, not_shown: losses.not_shown };
-    state(phase, seen.t, sensor, seen, health, outcome)
+    state(phase, seen.t, sensor, seen, losses, outcome)
 }
 
 fn state<'a>(
@@ -182,14 +228,16 @@ fn state<'a>(
     t: f64,
     sensor: [u16; 2],
     seen: &'a Seen,
-    health: Health,
+    losses: Losses,
     outcome: Option<&'a Outcome>,
 ) -> View<'a> {
     let coverage = &seen.coverage;
     let tilts = Tilt::ALL.iter().zip(coverage.tilts).map(|(tilt, count)| Named { name: tilt.name(), count });
     let distances = DISTANCES.iter().zip(coverage.distances).map(|(name, count)| Named { name, count });
+    let made = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64);
     View {
         phase,
+        made,
         t,
         sensor,
         hint: Hint { plain: seen.hint.words(false), mirrored: seen.hint.words(true) },
@@ -199,11 +247,7 @@ fn state<'a>(
             t: board.t,
             corners: pairs(&board.corners),
             velocity: pairs(&board.velocity),
-            circles: board
-                .circles
-                .iter()
-                .map(|(center, radius)| [rounded(center.x), rounded(center.y), rounded(radius.unwrap_or(3.0))])
-                .collect(),
+            circles: circles(board.circles.iter().copied()),
         }),
         ghost: seen.ghost.as_ref().map(|ghost| Ghost {
             outline: pairs(&ghost.outline),
@@ -219,8 +263,15 @@ fn state<'a>(
             tilts: tilts.collect(),
             distances: distances.collect(),
         },
-        health,
+        health: Health::new(&seen.health, losses),
+        nothing: seen.explanation.as_ref().map(|explanation| Nothing {
+            reason: explanation.obstacle.to_string(),
+            circles: circles(explanation.circles.iter().map(|(center, radius)| (*center, Some(*radius)))),
+        }),
         sigma: seen.sigma,
+        about: seen.about,
+        checkpoint: seen.checkpoint.as_ref().map(CheckpointView::new),
+        checkpoint_under_way: seen.checkpoint_under_way,
         target: seen.target,
         camera: seen.camera,
         outcome,

@@ -1,55 +1,115 @@
 //! `evcal live` with a camera.
 
+use std::error::Error;
+use std::path::Path;
+
+use evcal::board::Board;
 use evcal::files::folder::OutputFolder;
+use evcal::live::checkpoint::Telling;
 use evcal::live::picture::PictureFeed;
-use evcal::live::{Watcher, record_board};
+use evcal::live::recorder::RecorderReport;
+use evcal::live::{Seen, Watcher, record_board};
+use evcal::page::Next;
 use evcal::page::view::Losses;
 use evcal::recording::RecordingOptions;
 use evcal::settings::Settings;
 use evcal_core::sensor::Sensor;
 
-use super::super::calibrate::{CalibrationArguments, calibrate_recordings};
+use super::super::calibrate::calibrate_recordings;
 use super::super::interrupt::Interrupt;
 use super::super::{NotGoodEnough, print, record as recording};
 use super::lines::Lines;
-use super::{Arguments, open_window};
+use super::window::Window;
+use super::{Arguments, checkpoint, open_window};
 
-/// Name of the recording in the folder of the results.
-const RECORDING: &str = "recording.dvraw";
+/// Name of a recording in the folder of the results; those after the first have a number.
+fn name(number: usize) -> String {
+    match number {
+        1 => "recording.dvraw".to_owned(),
+        _ => format!("recording-{number}.dvraw"),
+    }
+}
 
-/// Records until enough was seen, then calibrates.
+/// Records until enough was seen, then calibrates; as often as the person wants.
 pub fn run(
     arguments: &Arguments,
     settings: &Settings,
     folder: &OutputFolder,
     interrupt: &Interrupt,
 ) -> super::super::Outcome {
-    let CalibrationArguments { method, json, .. } = &arguments.calibration;
-    let board = method.choose_board(&[], &RecordingOptions::default(), &settings.detection)?;
+    let board = arguments.calibration.method.choose_board(&[], &RecordingOptions::default(), &settings.detection)?;
+    let window = open_window(arguments)?;
+    // Those that are calibrated together.
+    let mut recordings = Vec::new();
+    for number in 1.. {
+        let path = folder.path().join(name(number));
+        let Recorded { sensor, seen, report } =
+            record_one(arguments, settings, &board, &path, interrupt, window.as_ref())?;
+        recordings.push(path);
+        let options = RecordingOptions::default();
+        let calibrated = calibrate_recordings(&recordings, &options, &arguments.calibration, settings, folder);
+        let next = window.as_ref().map(|window| window.finish(sensor, &seen, folder, &calibrated, true));
+        match next {
+            Some(Next::Again) => recordings.clear(),
+            Some(Next::Add) => {}
+            // That the camera was unplugged does not keep what it sent from being used.
+            Some(Next::Close) | None => {
+                return match calibrated {
+                    Err(error) if !error.is::<NotGoodEnough>() => Err(error),
+                    calibrated => recording::good_end(&report).and(calibrated),
+                };
+            }
+        }
+        interrupt.hold();
+    }
+    Ok(())
+}
+
+/// What came of one recording.
+struct Recorded {
+    sensor: Sensor,
+    seen: Seen,
+    report: RecorderReport,
+}
+
+/// Records into `path` until enough was seen.
+fn record_one(
+    arguments: &Arguments,
+    settings: &Settings,
+    board: &Board,
+    path: &Path,
+    interrupt: &Interrupt,
+    window: Option<&Window>,
+) -> Result<Recorded, Box<dyn Error>> {
+    let json = arguments.calibration.json;
     let mut camera = arguments.camera.open()?;
     let header = camera.header();
     let sensor: Sensor = header.registers.layout().dvs.size().into();
-    let path = folder.path().join(RECORDING);
-    let mut watcher = Watcher::start(&settings.detection, &settings.initial, &settings.live, &board, &header);
-    let window = open_window(arguments)?;
-    let feed = window.as_ref().map(|window| {
+    let checkpoints =
+        checkpoint::start(arguments, settings, board, path, &RecordingOptions::default(), Telling::WhenReady)?;
+    let mut watcher =
+        Watcher::start(&settings.detection, &settings.initial, &settings.live, board, &header, checkpoints);
+    if let Some(window) = window {
+        window.begin();
+    }
+    let feed = window.map(|window| {
         let (mut screen, latest) = (window.screen(), watcher.latest());
         PictureFeed::start(&header, move |picture| screen.show(picture, &latest))
     });
-    let mut lines = Lines::new(*json);
+    let mut lines = Lines::new(json);
     let report = record_board(
         &mut camera,
-        &path,
+        path,
         &arguments.camera.plan(),
         &mut watcher,
-        || interrupt.is_asked() || window.as_ref().is_some_and(super::Window::is_finish_asked),
+        || interrupt.is_asked() || window.is_some_and(Window::is_finish_asked),
         |transfer| {
             if let Some(feed) = &feed {
                 feed.take(transfer);
             }
         },
         |status, seen| {
-            if let Some(window) = &window {
+            if let Some(window) = window {
                 window.set_losses(Losses { dropped: Some(status.dropped), not_shown: seen.left_out });
             }
             lines.tell(seen, Some(status));
@@ -59,7 +119,7 @@ pub fn run(
     drop(feed);
     lines.finish()?;
     let seen = watcher.finish();
-    if let Some(window) = &window {
+    if let Some(window) = window {
         window.calibrating(sensor, &seen);
     }
     if !json {
@@ -69,14 +129,5 @@ pub fn run(
             print::line(format!("still wanted: {}", missing.join(", ")))?;
         }
     }
-    drop(camera);
-    let calibrated = calibrate_recordings(&[path], &RecordingOptions::default(), &arguments.calibration, folder);
-    if let Some(window) = window {
-        window.finish(sensor, &seen, folder, &calibrated);
-    }
-    // That the camera was unplugged does not keep what it sent from being used.
-    match calibrated {
-        Err(error) if !error.is::<NotGoodEnough>() => Err(error),
-        calibrated => recording::good_end(&report).and(calibrated),
-    }
+    Ok(Recorded { sensor, seen, report })
 }

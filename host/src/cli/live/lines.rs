@@ -2,6 +2,8 @@
 
 use std::io::IsTerminal;
 
+use evcal::live::checkpoint::Checkpoint;
+use evcal::live::health::Health;
 use evcal::live::recorder::RecordingStatus;
 use evcal::live::{DISTANCES, Seen, Tilt};
 use indicatif::ProgressBar;
@@ -55,21 +57,75 @@ fn as_text(seen: &Seen, status: Option<&RecordingStatus>) -> String {
     let coverage = &seen.coverage;
     let tilts: Vec<String> =
         Tilt::ALL.iter().zip(coverage.tilts).map(|(tilt, count)| format!("{} {count}", tilt.name())).collect();
+    let nothing = seen.explanation.as_ref().map_or_else(String::new, |found| format!(" ({})", found.obstacle));
+    let health = health_as_text(&seen.health);
     let seconds = status.map_or(seen.t, |status| status.seconds);
-    let sigma = seen.sigma.map_or_else(String::new, |sigma| format!(", ±{sigma:.3} px"));
+    let error = error_as_text(seen);
     let missing = seen.missing();
     let wanted = if missing.is_empty() { String::new() } else { format!("; still wanted: {}", missing.join(", ")) };
     let recording = status.map_or_else(String::new, |status| {
         format!("; {}; {} transfers not displayed", record::as_text(status), seen.left_out)
     });
     format!(
-        "{seconds:.0} s: {}; {:.0} % done; {} boards, {:.0} % of the sensor, tilts {}{sigma}{wanted}{recording}",
+        "{seconds:.0} s: {}{nothing}; {:.0} % done; {} boards, {:.0} % of the sensor, tilts {}{error}{wanted}{health}{recording}",
         seen.hint.words(false),
         100.0 * seen.progress(),
         coverage.boards,
         100.0 * coverage.covered,
         tilts.join(" "),
     )
+}
+
+/// How the camera does, as far as it is known.
+fn health_as_text(health: &Health) -> String {
+    let mut parts = Vec::new();
+    if let Some(rates) = health.rates {
+        let load = rates.load.map_or_else(String::new, |load| format!(" (busiest {:.0} % of the limit)", 100.0 * load));
+        parts.push(format!("{:.2} Mev/s{load}, {:.0} % ON", 1e-6 * rates.mean, 100.0 * rates.on_share));
+    }
+    if let Some(noise) = health.noise {
+        parts.push(format!("noise {noise:.1} Hz a pixel"));
+    }
+    if let Some(count) = health.hot_pixels {
+        parts.push(format!("{count} hot pixels"));
+    }
+    if let Some(Some(flicker)) = health.flicker {
+        parts.push(format!("light flickers at {} Hz", flicker.frequency));
+    }
+    if let Some(focus) = health.focus {
+        parts.push(format!("edges {:.1} px wide (sharpest {:.1})", focus.width, focus.sharpest));
+    }
+    if parts.is_empty() { String::new() } else { format!("; {}", parts.join(", ")) }
+}
+
+fn health_as_json(health: &Health) -> Value {
+    json!({
+        "rate": health.rates.map(|rates| rates.mean),
+        "peak_rate": health.rates.map(|rates| rates.peak),
+        "load": health.rates.and_then(|rates| rates.load),
+        "on_share": health.rates.map(|rates| rates.on_share),
+        "noise": health.noise,
+        "hot_pixels": health.hot_pixels,
+        "flicker": health.flicker.flatten(),
+        "edge_width": health.focus.map(|focus| focus.width),
+        "sharpest_edge_width": health.focus.map(|focus| focus.sharpest),
+    })
+}
+
+/// What is known of the camera's error: stated by a calibration, estimated since, or from windows alone.
+fn error_as_text(seen: &Seen) -> String {
+    let mut text = match (&seen.checkpoint, seen.about, seen.sigma) {
+        (Some(Checkpoint { t, stated: Ok(stated) }), about, _) => {
+            let about = about.map_or_else(String::new, |about| format!(", now about ±{about:.3}"));
+            format!(", stated after {t:.0} s ±{:.3} px{about}", stated.rms)
+        }
+        (_, _, Some(sigma)) => format!(", ±{sigma:.3} px from windows alone"),
+        _ => String::new(),
+    };
+    if let Some(t) = seen.checkpoint_under_way {
+        text += &format!(", calibrating the first {t:.0} s");
+    }
+    text
 }
 
 /// One object with the same.
@@ -92,6 +148,12 @@ fn as_json(seen: &Seen, status: Option<&RecordingStatus>) -> Value {
     put("tilts", named(&Tilt::ALL.map(Tilt::name), &coverage.tilts));
     put("distances", named(&DISTANCES, &coverage.distances));
     put("sigma", json!(seen.sigma));
+    put("about", json!(seen.about));
+    put("checkpoint", json!(seen.checkpoint.as_ref().map(checkpoint_as_json)));
+    put("checkpoint_under_way", json!(seen.checkpoint_under_way));
+    put("target", json!(seen.target));
+    put("nothing_found", json!(seen.explanation.as_ref().map(|found| found.obstacle.to_string())));
+    put("health", health_as_json(&seen.health));
     put("camera", json!(seen.camera));
     put("board", json!(seen.board.as_ref().map(|board| corners(&board.corners))));
     put("ghost", json!(seen.ghost.as_ref().map(|ghost| corners(&ghost.corners))));
@@ -100,4 +162,16 @@ fn as_json(seen: &Seen, status: Option<&RecordingStatus>) -> Value {
         put("transfers_not_displayed", json!(seen.left_out));
     }
     Value::Object(object)
+}
+
+fn checkpoint_as_json(checkpoint: &Checkpoint) -> Value {
+    match &checkpoint.stated {
+        Ok(stated) => json!({
+            "t": checkpoint.t,
+            "stated": stated.rms,
+            "largest": stated.max,
+            "halves_agree": stated.halves_agree,
+        }),
+        Err(reason) => json!({ "t": checkpoint.t, "failed": reason }),
+    }
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use evcal::detection::search::sensor_of;
 use evcal::files::folder::OutputFolder;
+use evcal::live::checkpoint::Telling;
 use evcal::live::latest::Latest;
 use evcal::live::observer::Observer;
 use evcal::live::replay::replay;
@@ -15,7 +16,10 @@ use super::super::calibrate::calibrate_recordings;
 use super::super::interrupt::Interrupt;
 use super::super::print;
 use super::lines::Lines;
-use super::{Arguments, open_window};
+use super::{Arguments, checkpoint, open_window};
+
+/// The result of a checkpoint is told when the recording is so many times as long: about the time that it takes.
+const TOLD_AT_LENGTH: f64 = 1.5;
 
 /// Plays a recording until enough was seen, then calibrates from all of it.
 pub fn run(
@@ -31,7 +35,9 @@ pub fn run(
     let sensor = sensor_of(&recording)?;
     let method = &arguments.calibration.method;
     let board = &method.choose_board(&[path.to_owned()], &options, &settings.detection)?;
-    let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor);
+    let checkpoints = checkpoint::start(arguments, settings, board, path, &options, Telling::AtLength(TOLD_AT_LENGTH))?;
+    let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor)
+        .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());
     let window = open_window(arguments)?;
     let mut screen = window.as_ref().map(super::Window::screen);
@@ -66,9 +72,9 @@ pub fn run(
     if let Some(damage) = &report.damage {
         print::aside(damage);
     }
-    let calibrated = calibrate_recordings(&[path.to_owned()], &options, &arguments.calibration, folder);
+    let calibrated = calibrate_recordings(&[path.to_owned()], &options, &arguments.calibration, settings, folder);
     if let Some(window) = window {
-        window.finish(sensor, seen, folder, &calibrated);
+        window.finish(sensor, seen, folder, &calibrated, false);
     }
     calibrated
 }

@@ -11,8 +11,8 @@ use evcal::files::folder::OutputFolder;
 use evcal::live::Seen;
 use evcal::live::latest::Latest;
 use evcal::live::picture::EventPicture;
-use evcal::page::view::{Losses, Outcome, Phase, Viewer, ended};
-use evcal::page::{Page, PageError, Publisher};
+use evcal::page::view::{Losses, Outcome, Phase, ended, looking};
+use evcal::page::{Next, Page, PageError, Publisher};
 use evcal::result::calibration_file::CalibrationFile;
 use evcal_core::sensor::Sensor;
 
@@ -40,7 +40,7 @@ impl Window {
 
     /// Something that shows pictures, for the thread that has them.
     pub fn screen(&self) -> Screen {
-        Screen { publisher: self.page.publisher(), losses: Arc::clone(&self.losses), viewer: Viewer::default() }
+        Screen { publisher: self.page.publisher(), losses: Arc::clone(&self.losses) }
     }
 
     /// Whether the person asked to end the recording.
@@ -64,8 +64,21 @@ impl Window {
         self.publish(Phase::Calibrating, sensor, seen, None);
     }
 
-    /// Shows how the calibration ended, until the person closes the page or the program.
-    pub fn finish(self, sensor: Sensor, seen: &Seen, folder: &OutputFolder, calibrated: &super::super::Outcome) {
+    /// A recording begins.
+    pub fn begin(&self) {
+        self.page.begin();
+    }
+
+    /// Shows how the calibration ended, until the person closes the page or the program, or wants another recording where
+    /// that `is_possible`.
+    pub fn finish(
+        &self,
+        sensor: Sensor,
+        seen: &Seen,
+        folder: &OutputFolder,
+        calibrated: &super::super::Outcome,
+        is_possible: bool,
+    ) -> Next {
         let failure = calibrated.as_ref().err().filter(|error| !error.is::<NotGoodEnough>());
         let outcome = match failure {
             Some(error) => Err(error.to_string()),
@@ -75,13 +88,18 @@ impl Window {
             Ok(outcome) => (Phase::Done, outcome),
             Err(verdict) => (Phase::Failed, Outcome { verdict, ..Outcome::default() }),
         };
-        self.publish(phase, sensor, seen, Some(&outcome));
+        self.publish(phase, sensor, seen, Some(&Outcome { can_record: is_possible, ..outcome }));
         if self.page.is_watched(GONE) {
             print::aside("the page shows the result; it ends with \"Close evcal\", with its tab, or with Ctrl-C");
         }
-        while self.page.is_watched(GONE) && !self.page.is_close_asked() {
-            thread::sleep(PATIENCE);
+        while self.page.is_watched(GONE) {
+            match self.page.take_next() {
+                Some(Next::Again | Next::Add) if !is_possible => {}
+                Some(next) => return next,
+                None => thread::sleep(PATIENCE),
+            }
         }
+        Next::Close
     }
 
     /// What is in the folder of the results.
@@ -99,6 +117,7 @@ impl Window {
             sigma: Some(calibration.uncertainty.projection_rms),
             folder: folder.display().to_string(),
             report: Some(self.page.set_report(report)),
+            can_record: false,
         })
     }
 }
@@ -107,7 +126,6 @@ impl Window {
 pub struct Screen {
     publisher: Publisher,
     losses: Arc<Mutex<Losses>>,
-    viewer: Viewer,
 }
 
 impl Screen {
@@ -115,6 +133,6 @@ impl Screen {
     pub fn show(&mut self, picture: &EventPicture, latest: &Latest) {
         let losses = *self.losses.lock().unwrap_or_else(PoisonError::into_inner);
         let seen = latest.get();
-        self.publisher.publish(&self.viewer.view(picture, &seen, losses), picture.pixels());
+        self.publisher.publish(&looking(picture, &seen, losses), picture.pixels());
     }
 }

@@ -322,9 +322,8 @@ fn the_provisional_camera_comes_near_the_true_one() {
 fn a_board_held_frontally_is_never_enough() {
     let Session { coverage, guidance, .. } = session(Follows::Nobody, 0.001, 90.0, 1);
     assert!(coverage.boards() > 2 * LiveSettings::default().boards, "{}", coverage.boards());
-    let is_sure = guidance.sigma().is_some_and(|sigma| sigma <= LiveSettings::default().sigma);
     println!("frontal: {:?}, {:?} px", coverage.missing(), guidance.sigma());
-    assert!(!is_sure && !coverage.missing().is_empty());
+    assert!(!coverage.missing().is_empty());
 }
 
 #[test]

@@ -1,0 +1,265 @@
+//! Checkpoints: real calibrations of what was recorded so far, while the recording goes on.
+//!
+//! A thread of low priority makes them, with workers of its own, so that neither the recording nor the display
+//! waits for one. What a checkpoint states is what `evcal calibrate` states of the same part of the recording. Between
+//! two of them the error is only estimated, from the windows that came since.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread;
+
+/// The largest error anywhere on the sensor may be so many times the target.
+const LARGEST: f64 = 3.0;
+/// The next checkpoint comes when the recording is so many times as long: at least, and at most.
+const GROWTH: [f64; 2] = [1.3, 2.0];
+/// The same after a calibration that failed.
+const GROWTH_AFTER_FAILURE: f64 = 1.5;
+
+/// Niceness of its threads: beside others they get a tenth of the time, and still come to an end on a busy computer.
+#[cfg(target_os = "linux")]
+const NICE: i32 = 10;
+
+/// What a calibration states of itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stated {
+    /// Error of the projection to be expected, root mean square over the sensor (px).
+    pub rms: f64,
+    /// Greatest standard deviation of the projection anywhere on the sensor (px).
+    pub max: f64,
+    /// Whether two halves of the recording, calibrated apart, differ by no more than stated.
+    pub halves_agree: bool,
+}
+
+/// A calibration of the beginning of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// End of that beginning (s since the first event).
+    pub t: f64,
+    /// What it states, or why there is none.
+    pub stated: Result<Stated, String>,
+}
+
+impl Checkpoint {
+    /// What keeps it from being good enough, in words; nothing where it is.
+    pub fn missing(&self, target: f64) -> Option<String> {
+        match &self.stated {
+            Err(reason) => Some(format!("a calibration; that of the first {:.0} s failed: {reason}", self.t)),
+            Ok(stated) if stated.rms > target => {
+                Some(format!("more views (stated ±{:.3} px, wanted {target})", stated.rms))
+            }
+            Ok(stated) if stated.max > LARGEST * target => Some(format!(
+                "more views where the camera is known least (stated ±{:.3} px there, wanted {:.3})",
+                stated.max,
+                LARGEST * target
+            )),
+            Ok(stated) if !stated.halves_agree => {
+                Some("more views: two halves of the recording differ by more than stated".to_owned())
+            }
+            Ok(_) => None,
+        }
+    }
+
+    /// When the next one is worth its time (s since the first event): errors fall with the square root of time.
+    fn next(&self, target: f64) -> f64 {
+        let growth = match &self.stated {
+            Err(_) => GROWTH_AFTER_FAILURE,
+            Ok(_) if self.missing(target).is_none() => GROWTH[1],
+            Ok(stated) => {
+                let excess = (stated.rms / target).max(stated.max / (LARGEST * target));
+                (excess * excess).clamp(GROWTH[0], GROWTH[1])
+            }
+        };
+        self.t * growth
+    }
+}
+
+/// When the result of a checkpoint is told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Telling {
+    /// As soon as it is there.
+    WhenReady,
+    /// When the recording is so many times as long, and it is waited for then: the same at every speed of a replay.
+    AtLength(f64),
+}
+
+/// Makes checkpoints in the background, one at a time.
+pub struct Checkpoints {
+    requests: Sender<f64>,
+    results: Receiver<Checkpoint>,
+    telling: Telling,
+    target: f64,
+    /// The first one is made so long after the board was first seen (s).
+    first: f64,
+    /// When the one under way began.
+    begun: Option<f64>,
+    /// When the next one begins; `None` before the board was seen.
+    next: Option<f64>,
+    latest: Option<Checkpoint>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Checkpoints {
+    /// `calibrate` gets the length of the beginning to calibrate (s) and should end early once the other is true. The
+    /// first is made `first` seconds after the board was first seen; later ones are as far apart as the way to `target`
+    /// (px) demands.
+    ///
+    /// # Errors
+    /// When the system gives no threads.
+    pub fn start(
+        telling: Telling,
+        target: f64,
+        first: f64,
+        mut calibrate: impl FnMut(f64, &AtomicBool) -> Result<Stated, String> + Send + 'static,
+    ) -> io::Result<Self> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .thread_name(|_| "checkpoint".to_owned())
+            .start_handler(|_| give_way())
+            .build()
+            .map_err(io::Error::other)?;
+        let (requests, wanted) = channel::<f64>();
+        let (sender, results) = channel();
+        let stop = Arc::new(AtomicBool::new(false));
+        let of_thread = Arc::clone(&stop);
+        thread::Builder::new().name("checkpoints".to_owned()).spawn(move || {
+            give_way();
+            for t in wanted {
+                let stated = pool.install(|| calibrate(t, &of_thread));
+                if sender.send(Checkpoint { t, stated }).is_err() {
+                    break;
+                }
+            }
+        })?;
+        Ok(Self { requests, results, telling, target, first, begun: None, next: None, latest: None, stop })
+    }
+
+    /// The latest result that was told.
+    pub fn latest(&self) -> Option<&Checkpoint> {
+        self.latest.as_ref()
+    }
+
+    /// End of the beginning that is being calibrated (s since the first event).
+    pub fn under_way(&self) -> Option<f64> {
+        self.begun
+    }
+
+    /// Begins what is due at `now` (s since the first event); `first_seen` is when the board was seen first. A result that
+    /// is to be told now, once.
+    pub fn advance(&mut self, now: f64, first_seen: Option<f64>) -> Option<&Checkpoint> {
+        let Some(begun) = self.begun else {
+            self.next = self.next.or(first_seen.map(|seen| seen + self.first));
+            if self.next.is_some_and(|next| now >= next) {
+                // A thread that has ended makes no more of them.
+                self.begun = self.requests.send(now).ok().map(|()| now);
+            }
+            return None;
+        };
+        let result = match self.telling {
+            Telling::WhenReady => self.results.try_recv(),
+            Telling::AtLength(growth) if now < growth * begun => Err(TryRecvError::Empty),
+            Telling::AtLength(_) => self.results.recv().map_err(TryRecvError::from),
+        };
+        match result {
+            Ok(checkpoint) => {
+                self.begun = None;
+                self.next = Some(checkpoint.next(self.target).max(now));
+                self.latest = Some(checkpoint);
+                self.latest.as_ref()
+            }
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => {
+                (self.begun, self.next) = (None, Some(f64::INFINITY));
+                None
+            }
+        }
+    }
+}
+
+impl Drop for Checkpoints {
+    fn drop(&mut self) {
+        // It is not waited for: the calibration that follows has the higher priority.
+        self.stop.store(true, Ordering::Relaxed);
+    }
+}
+
+/// From now on others go before this thread. Where that is not possible it runs as they do.
+fn give_way() {
+    #[cfg(target_os = "linux")]
+    let _ = rustix::process::nice(NICE);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: Stated = Stated { rms: 0.04, max: 0.1, halves_agree: true };
+
+    fn missing(stated: Stated) -> Option<String> {
+        Checkpoint { t: 10.0, stated: Ok(stated) }.missing(0.05)
+    }
+
+    #[test]
+    fn each_criterion_counts_by_itself() {
+        assert_eq!(missing(GOOD), None);
+        assert!(missing(Stated { rms: 0.051, ..GOOD }).unwrap().contains("±0.051 px, wanted 0.05"));
+        assert!(missing(Stated { max: 0.151, ..GOOD }).unwrap().contains("known least"));
+        assert!(missing(Stated { halves_agree: false, ..GOOD }).unwrap().contains("halves"));
+        let failed = Checkpoint { t: 10.0, stated: Err("no board".to_owned()) };
+        assert!(failed.missing(0.05).unwrap().contains("no board"));
+    }
+
+    #[test]
+    fn the_next_one_comes_when_the_target_may_be_reached() {
+        let next = |stated| Checkpoint { t: 10.0, stated }.next(0.05);
+        assert!((next(Ok(Stated { rms: 0.06, ..GOOD })) - 14.4).abs() < 1e-9);
+        assert!((next(Ok(Stated { max: 0.18, ..GOOD })) - 14.4).abs() < 1e-9);
+        assert_eq!(next(Ok(Stated { rms: 1.0, ..GOOD })), 20.0);
+        assert_eq!(next(Ok(Stated { halves_agree: false, ..GOOD })), 13.0);
+        assert_eq!(next(Err(String::new())), 15.0);
+    }
+
+    /// The sensor's times at which checkpoints began, and those at which they were told.
+    fn told(telling: Telling) -> Vec<(f64, f64)> {
+        let work = |t: f64, _: &AtomicBool| Ok(Stated { rms: 0.2 / t.sqrt(), ..GOOD });
+        let mut checkpoints = Checkpoints::start(telling, 0.05, 4.0, work).unwrap();
+        let mut told = Vec::new();
+        for step in 0..300 {
+            let now = f64::from(step) * 0.1;
+            if let Some(checkpoint) = checkpoints.advance(now, (now >= 2.0).then_some(2.0)) {
+                assert_eq!(checkpoint.stated, Ok(Stated { rms: 0.2 / checkpoint.t.sqrt(), ..GOOD }));
+                told.push((checkpoint.t, now));
+            }
+        }
+        told
+    }
+
+    #[test]
+    fn in_a_replay_they_are_told_at_definite_times() {
+        let first = told(Telling::AtLength(1.5));
+        assert_eq!(first, told(Telling::AtLength(1.5)));
+        assert_eq!(first.first(), Some(&(6.0, 9.0)));
+        assert!(first.iter().all(|(begun, told)| *told >= 1.5 * begun && *told < 1.5 * begun + 0.11), "{first:?}");
+        assert!(first.len() >= 2);
+    }
+
+    /// Whatever a calibration does, who asks goes on at once.
+    #[test]
+    fn a_calibration_under_way_is_not_waited_for_and_told_to_end() {
+        let (ended, end) = channel();
+        let work = move |_: f64, stop: &AtomicBool| {
+            while !stop.load(Ordering::Relaxed) {
+                thread::yield_now();
+            }
+            let _ = ended.send(());
+            Err("ended".to_owned())
+        };
+        let mut checkpoints = Checkpoints::start(Telling::WhenReady, 0.05, 1.0, work).unwrap();
+        for step in 0..100 {
+            assert_eq!(checkpoints.advance(f64::from(step), Some(0.0)), None);
+        }
+        assert_eq!(checkpoints.under_way(), Some(1.0));
+        drop(checkpoints);
+        assert_eq!(end.recv(), Ok(()));
+    }
+}

@@ -1,0 +1,119 @@
+//! How sharp the circles are: the width of the band of events about their rims.
+//!
+//! Motion widens the band too, so that the sharpest windows of the last seconds count.
+
+use std::collections::VecDeque;
+
+use nalgebra::Vector2;
+
+use crate::circles::event_pixel::EventPixel;
+use crate::circles::reference_frame::ReferenceFrame;
+
+/// Time between two windows that are measured (s).
+const INTERVAL: f64 = 0.1;
+/// Time over which the sharpest is held (s).
+const HELD: f64 = 5.0;
+/// Pixels farther from a rim, as a share of its radius, belong to something else.
+const REACH: f64 = 0.6;
+/// Fewest pixels that make a width.
+const FEWEST_PIXELS: usize = 100;
+
+/// How sharp circles are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Focus {
+    /// Width of the band about the rims in the latest window (px): twice the median distance from the rim.
+    pub width: f64,
+    /// The smallest of the last 5 s (px).
+    pub sharpest: f64,
+}
+
+/// Measures windows with the board.
+#[derive(Clone, Debug, Default)]
+pub struct FocusMeter {
+    /// Time and width of those of the last [`HELD`] seconds.
+    recent: VecDeque<(f64, f64)>,
+}
+
+impl FocusMeter {
+    /// Takes a window with the board.
+    pub fn see(&mut self, frame: &ReferenceFrame) {
+        let now = frame.t();
+        if self.recent.back().is_some_and(|(t, _)| (0.0..INTERVAL).contains(&(now - t))) {
+            return;
+        }
+        if let Some(width) = frame.events().and_then(|pixels| band_width(frame, pixels)) {
+            self.recent.retain(|(t, _)| (0.0..=HELD).contains(&(now - t)));
+            self.recent.push_back((now, width));
+        }
+    }
+
+    /// How sharp they are; `None` before the board was seen.
+    pub fn focus(&self) -> Option<Focus> {
+        let &(_, width) = self.recent.back()?;
+        Some(Focus { width, sharpest: self.recent.iter().map(|(_, width)| *width).fold(width, f64::min) })
+    }
+}
+
+/// Twice the median distance of pixels from the rim of their circle, after the rim was moved to the middle of them.
+fn band_width(frame: &ReferenceFrame, pixels: &[EventPixel]) -> Option<f64> {
+    let circles: Vec<(Vector2<f64>, f64)> =
+        frame.circles.iter().filter_map(|circle| Some((circle.center, circle.radius?))).collect();
+    let mut offsets: Vec<f64> = pixels
+        .iter()
+        .filter_map(|pixel| {
+            let at = Vector2::new(f64::from(pixel.x()), f64::from(pixel.y()));
+            let of = |&(center, radius): &(Vector2<f64>, f64)| ((at - center).norm() - radius, radius);
+            let (offset, radius) = circles.iter().map(of).min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
+            (offset.abs() < REACH * radius).then_some(offset)
+        })
+        .collect();
+    if offsets.len() < FEWEST_PIXELS {
+        return None;
+    }
+    let middle = median(&mut offsets);
+    offsets.iter_mut().for_each(|offset| *offset = (*offset - middle).abs());
+    Some(2.0 * median(&mut offsets))
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    crate::numerics::statistics::median(values, f64::total_cmp).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::{Event, Polarity};
+
+    use super::*;
+    use crate::circles::reference_frame::{ObservedCircle, SeenIn};
+
+    /// One circle whose pixels lie up to `half` px to both sides of its rim.
+    fn frame(t: f64, half: f64) -> ReferenceFrame {
+        let center = Vector2::new(50.0, 40.0);
+        let mut pixels = Vec::new();
+        for (x, y) in (0..100).flat_map(|x| (0..80).map(move |y| (x, y))) {
+            let offset = (Vector2::new(f64::from(x), f64::from(y)) - center).norm() - 20.0;
+            if offset.abs() <= half || x == 0 {
+                pixels.push(EventPixel::new(&Event { t: 0, x, y, polarity: Polarity::On }));
+            }
+        }
+        let circles = vec![ObservedCircle { index: 0, t, center, radius: Some(20.0), velocity: None }];
+        ReferenceFrame { recording: 0, start: t, end: t, circles, seen_in: SeenIn::Events(pixels) }
+    }
+
+    #[test]
+    fn the_width_is_that_of_the_band_and_the_sharpest_is_held() {
+        let mut meter = FocusMeter::default();
+        assert_eq!(meter.focus(), None);
+        meter.see(&frame(0.0, 1.5));
+        let sharp = meter.focus().unwrap().width;
+        // Half of the pixels of a band of 3 px lie within 1.5 px.
+        assert!((sharp - 1.5).abs() < 0.2, "{sharp}");
+        meter.see(&frame(0.01, 6.0));
+        assert_eq!(meter.focus().unwrap().width, sharp, "too soon");
+        meter.see(&frame(1.0, 6.0));
+        let Focus { width, sharpest } = meter.focus().unwrap();
+        assert!((width - 6.0).abs() < 0.5 && sharpest == sharp, "{width}");
+        meter.see(&frame(5.5, 6.0));
+        assert!(meter.focus().unwrap().sharpest > 5.0);
+    }
+}

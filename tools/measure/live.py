@@ -1,0 +1,165 @@
+"""Figures of `evcal live` for docs/live.md. For a computer that does nothing else meanwhile.
+
+    python3 tools/measure/live.py checkpoints EVCAL FOLDER [SEEDS]    when it stops, stated and true error
+    python3 tools/measure/live.py about EVCAL FOLDER [SEEDS]          "about" against what is stated afterwards
+    python3 tools/measure/live.py page EVCAL FOLDER BROWSER           age of what is drawn, CPU and memory of the page
+
+Simulates the recordings in FOLDER first, unless they are there.
+"""
+
+import json
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "report"))
+from browser import Browser, Tab
+
+BOARD = "acircles:9x4:55mm:r17.5mm"
+# Pages measured for so long (s).
+WATCHED = 15
+TICKS = 100
+
+
+def run(*command):
+    return subprocess.run(command, stdout=subprocess.PIPE, check=True, text=True).stdout
+
+
+def simulated(evcal, folder, seed, motion):
+    out = folder / f"{motion}-{seed}"
+    if not out.exists():
+        run(evcal, "simulate", "-o", str(out), "--format", "dvraw", "--motion", motion, "--duration", "26s", "--seed", str(seed))
+    return out
+
+
+def live(evcal, recording, out, *options):
+    command = [evcal, "live", "--replay", str(recording), "--board", BOARD, "-o", str(out), "--force", "--accept-any"]
+    return [*command, *options]
+
+
+def whole_objects(text):
+    decoder, at, objects = json.JSONDecoder(), 0, []
+    while text[at:].strip():
+        at += len(text[at:]) - len(text[at:].lstrip())
+        found, at = decoder.raw_decode(text, at)
+        objects.append(found)
+    return objects
+
+
+def checkpoints(evcal, folder, seeds):
+    """Recordings in which the board is everywhere, and one in which it is held frontally."""
+    print("| recording | ended by itself | result: stated 95 % | true |")
+    print("|---|---|---|---|")
+    for motion, seed in [*(("slow", seed) for seed in range(1, seeds + 1)), ("head-on", 1)]:
+        recording = simulated(evcal, folder, seed, motion)
+        out = folder / f"{motion}-{seed}-live"
+        *hints, result = whole_objects(run(*live(evcal, recording / "events.dvraw", out, "--speed", "max", "--no-page", "--json")))
+        stop = hints[-1]
+        ended = "no: " + ", ".join(stop["missing"])
+        # The last hint is of a whole second; what ended it came after.
+        if not stop["missing"] or stop["t"] < 24:
+            ended = f"after {stop['t']:.0f} s"
+        error = json.loads(run(evcal, "evaluate", str(out), "--truth", str(recording), "--json"))["projection_difference"]["rms_px"]
+        bound = result["uncertainty"]["projection_rms_95"]
+        print(f"| {motion}, seed {seed} | {ended} | {bound:.4f} px | {error:.4f} px |", flush=True)
+
+
+def about(evcal, folder, seeds):
+    """Checkpoints after 4, 8 and 16 s, and what was said for about these times beforehand."""
+    settings = folder / "early.toml"
+    settings.write_text("[live]\nfirst_checkpoint = 4.0\ntarget = 0.0001\n")
+    print("| recording | at | about | stated | ratio |")
+    print("|---|---|---|---|---|")
+    for seed in range(1, seeds + 1):
+        recording = simulated(evcal, folder, seed, "slow") / "events.dvraw"
+        options = ["--settings", str(settings), "--speed", "max", "--no-page", "--json"]
+        process = subprocess.Popen(live(evcal, recording, folder / "about-live", *options), stdout=subprocess.PIPE, text=True)
+        text, said, told = "", [], None
+        for line in process.stdout:
+            text += line
+            try:
+                hint = json.loads(text)
+            except json.JSONDecodeError:
+                continue
+            if "checkpoint" not in hint:
+                # The recording is over, and this is the calibration.
+                break
+            text, point = "", hint["checkpoint"]
+            if point and point["t"] != told:
+                told = point["t"]
+                before = [about for t, about in said if t <= told and about]
+                if before:
+                    row = f"{before[-1]:.4f} px | {point['stated']:.4f} px | {before[-1] / point['stated']:.2f}"
+                    print(f"| slow, seed {seed} | {told:.1f} s | {row} |", flush=True)
+                if told > 15:
+                    break
+            said.append((hint["t"], hint["about"]))
+        process.kill()
+        process.wait()
+
+
+def usage(process):
+    """Seconds of CPU by name of thread, and memory (MB)."""
+    seconds = {}
+    for task in Path(f"/proc/{process}/task").iterdir():
+        try:
+            name, rest = (task / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
+        except OSError:
+            continue
+        fields = rest.split()
+        seconds[name] = seconds.get(name, 0.0) + (int(fields[11]) + int(fields[12])) / TICKS
+    memory = re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{process}/status").read_text())[1]
+    return seconds, int(memory) / 1000
+
+
+def measure(command, browser_program):
+    """CPU (shares of a core) and memory over some seconds; ages of what a page drew."""
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    browser = tab = None
+    try:
+        if browser_program:
+            url = re.search(r"http://\S+", process.stderr.readline())[0]
+            browser = Browser(browser_program)
+            tab = Tab(browser, url, 1440, 900, "light")
+            tab.wait("window.evcal && evcal.shown > 20")
+            tab.script("evcal.ages.length = 0")
+        else:
+            time.sleep(3)
+        (before, _), began = usage(process.pid), time.monotonic()
+        time.sleep(WATCHED)
+        (after, memory), span = usage(process.pid), time.monotonic() - began
+        shares = {name: (seconds - before.get(name, 0.0)) / span for name, seconds in after.items()}
+        ages = sorted(tab.script("evcal.ages")) if tab else []
+        return shares, memory, ages
+    finally:
+        if browser:
+            browser.close()
+        process.kill()
+        process.wait()
+
+
+def page(evcal, folder, browser_program):
+    recording = simulated(evcal, folder, 1, "fast") / "events.dvraw"
+    # Checkpoints have a row of their own, and would begin in the middle.
+    settings = folder / "no-checkpoints.toml"
+    settings.write_text("[live]\nfirst_checkpoint = 1000.0\n")
+    command = live(evcal, recording, folder / "page-live", "--settings", str(settings))
+    without, alone, _ = measure([*command, "--no-page"], None)
+    with_page, served, ages = measure([*command, "--port", "0"], browser_program)
+    print(f"all of evcal: {100 * sum(without.values()):.1f} % of a core without a page, {100 * sum(with_page.values()):.1f} % with one")
+    print(f"thread of the server: {100 * with_page.get('page', 0.0):.1f} % of a core")
+    print(f"memory: {alone:.1f} MB without a page, {served:.1f} MB with one")
+    if ages:
+        print(f"state made -> drawn: median {ages[len(ages) // 2]} ms, 95 % {ages[len(ages) * 95 // 100]} ms, {len(ages) / WATCHED:.0f} a second")
+        print("an event waits up to 33 ms more for the state that it is in")
+
+
+if __name__ == "__main__":
+    what, evcal, folder, *rest = sys.argv[1:]
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    if what in ("checkpoints", "about"):
+        {"checkpoints": checkpoints, "about": about}[what](evcal, Path(folder), int(rest[0]) if rest else 5)
+    else:
+        page(evcal, Path(folder), rest[0])
