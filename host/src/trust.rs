@@ -105,9 +105,9 @@ pub fn examine(
     // The halves have the same misfit: they cannot tell it.
     let split_half = split_half(problem, state, uncertainty.inflation, settings.halves);
     let residuals = residual_map(problem, state, settings.map);
-    let misfit = residuals
-        .pattern
-        .is_suspicious(settings.verdict)
+    let misfit = settings
+        .verdict
+        .suspects(&residuals.pattern)
         .then(|| misfit(problem, state, &residuals.pattern, uncertainty.inflation));
     let poses = PoseCovariance::new(problem, state, uncertainty.inflation)?;
     let uncertainty = match &misfit {

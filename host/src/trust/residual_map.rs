@@ -21,7 +21,6 @@ use crate::numerics::huber::huber;
 use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
 use crate::solve::stretch::{EventResidual, PointResidual, point_residuals, residuals_at};
 use crate::solve::{Problem, State};
-use crate::trust::verdict::VerdictSettings;
 
 settings! {
     /// Where on the sensor the final residuals are more than noise.
@@ -113,18 +112,6 @@ pub struct ResidualPattern {
     pub outward: f64,
     /// The same in units of its standard error.
     pub outward_ratio: f64,
-}
-
-impl ResidualPattern {
-    /// Whether displacements that stay in the same places are larger than noise explains.
-    pub fn speaks_against_model(&self, settings: &VerdictSettings) -> bool {
-        self.shift > settings.pattern && self.shift_ratio > settings.pattern_ratio
-    }
-
-    /// Whether they are large enough to ask other models.
-    pub fn is_suspicious(&self, settings: &VerdictSettings) -> bool {
-        self.shift > settings.suspicious_pattern && self.shift_ratio > settings.suspicious_ratio
-    }
 }
 
 /// The residuals of `problem` at `state` over the sensor.

@@ -256,7 +256,7 @@ fn too_poor(camera: &Camera<f64>, events: &EventTrust, settings: &VerdictSetting
     let own = camera.kind();
     let Some(BetterModel { kind, difference }) = &misfit.better else {
         let pattern = &events.residuals.pattern;
-        return pattern.speaks_against_model(settings).then(|| Finding {
+        return settings.condemns(pattern).then(|| Finding {
             cause: Cause::ModelTooPoor,
             severity: Severity::Warning,
             reason: format!(

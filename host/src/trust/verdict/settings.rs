@@ -4,6 +4,8 @@ use evcal_core::settings;
 use evcal_core::settings::{at_least, from_to};
 use serde::{Deserialize, Serialize};
 
+use crate::trust::residual_map::ResidualPattern;
+
 /// fx and fy differ where their difference is beyond this many of its standard deviations: that is chance in one
 /// calibration of 16 000.
 pub(super) const CERTAIN_DIFFERENCE: f64 = 4.0;
@@ -50,5 +52,17 @@ settings! {
         pub misfit: f64 = 0.03, "px", at_least(0.0);
         /// Largest difference of fx and fy, if it is beyond four σ too.
         pub square_pixels: f64 = 0.01, "", at_least(0.0);
+    }
+}
+
+impl VerdictSettings {
+    /// Whether displacements that stay in the same places are large enough to ask other models.
+    pub fn suspects(&self, pattern: &ResidualPattern) -> bool {
+        pattern.shift > self.suspicious_pattern && pattern.shift_ratio > self.suspicious_ratio
+    }
+
+    /// Whether they speak against the calibration although no other model is better.
+    pub(super) fn condemns(&self, pattern: &ResidualPattern) -> bool {
+        pattern.shift > self.pattern && pattern.shift_ratio > self.pattern_ratio
     }
 }
