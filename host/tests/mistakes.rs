@@ -85,7 +85,12 @@ const FILES: &[Mistake] = &[
     mistake("calibrate DIR/camera --board BOARD -o DIR/out", 1, "is a folder", "name"),
     mistake("calibrate DIR/empty.csv --board BOARD -o DIR/out", 1, "empty.csv", "empty"),
     mistake("calibrate DIR/picture.png --board BOARD -o DIR/out", 1, "picture.png", "PNG"),
-    mistake("calibrate DIR/recording.h5 --board BOARD -o DIR/out", 1, "HDF5", "numpy.savez"),
+    mistake(
+        "calibrate DIR/recording.h5 --board BOARD -o DIR/out",
+        1,
+        "structure of the HDF5 file",
+        "copied as a whole",
+    ),
     mistake("calibrate DIR/words.txt --board BOARD -o DIR/out", 1, "in no format known here", "known: AEDAT4"),
     mistake("calibrate DIR/camera/calibration.json --board BOARD -o DIR/out", 1, "is a JSON file", "evcal export"),
     mistake(
