@@ -13,8 +13,27 @@ pub struct Ray {
     pub along_x: Vector3<f64>,
     /// Derivative of the bearing by y, per pixel.
     pub along_y: Vector3<f64>,
+    /// Second derivatives of the bearing by xx, xy and yy, per squared pixel. Single precision is
+    /// plenty: they matter within a few pixels only.
+    bends: [Vector3<f32>; 3],
     /// Largest turn of the bearing in any direction of the image, in radians per pixel.
     pub turn: f64,
+}
+
+impl Ray {
+    /// The ray `step` pixels beside the pixel centre, right to second order in `step`.
+    #[inline]
+    pub fn beside(&self, step: &Vector2<f64>) -> Self {
+        let [xx, xy, yy] = self.bends.map(|bend| bend.cast::<f64>());
+        let turn_x = xx * step.x + xy * step.y;
+        let turn_y = xy * step.x + yy * step.y;
+        Self {
+            bearing: self.bearing + (self.along_x + turn_x * 0.5) * step.x + (self.along_y + turn_y * 0.5) * step.y,
+            along_x: self.along_x + turn_x,
+            along_y: self.along_y + turn_y,
+            ..*self
+        }
+    }
 }
 
 /// The rays of all pixels of a sensor.
@@ -35,7 +54,7 @@ impl Rays {
             // The larger singular value of the 3×2 Jacobian.
             let (xx, yy, xy) = (along_x.norm_squared(), along_y.norm_squared(), along_x.dot(&along_y));
             let turn = (0.5 * (xx + yy + libm::hypot(xx - yy, 2.0 * xy))).sqrt();
-            Some(Ray { bearing: seen.bearing, along_x, along_y, turn })
+            Some(Ray { bearing: seen.bearing, along_x, along_y, bends: bends(camera, x, y), turn })
         };
         let rays =
             (0..sensor.height).flat_map(|y| (0..sensor.width).map(move |x| (x, y))).map(|(x, y)| ray(x, y)).collect();
@@ -64,4 +83,19 @@ impl Rays {
             self.get(position(column, columns, self.sensor.width), position(row, rows, self.sensor.height))
         })
     }
+}
+
+/// Second derivatives of the bearing at a pixel, by differences of the first ones; zero where the lens
+/// ends within half a pixel.
+fn bends(camera: &Camera<f64>, x: u16, y: u16) -> [Vector3<f32>; 3] {
+    let by_pixel = |u: f64, v: f64| {
+        Some(camera.unproject_with_jacobians(&Vector2::new(f64::from(x) + u, f64::from(y) + v))?.by_pixel)
+    };
+    let second = || {
+        let by_x = by_pixel(0.5, 0.0)? - by_pixel(-0.5, 0.0)?;
+        let by_y = by_pixel(0.0, 0.5)? - by_pixel(0.0, -0.5)?;
+        let single = |column: Vector3<f64>| column.cast::<f32>();
+        Some([by_x.column(0), by_x.column(1), by_y.column(1)].map(|column| single(column.into_owned())))
+    };
+    second().unwrap_or_default()
 }
