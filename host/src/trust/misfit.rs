@@ -45,8 +45,11 @@ pub struct BetterModel {
 }
 
 /// Where two models differ by more than this (px), the wrong one did not find its events, and what is known there is a
-/// guess: there the largest difference counts.
+/// guess.
 const LOST: f64 = 1.0;
+
+/// Such places count as so many times the largest difference: the other model did not see events there either.
+const GUESS: f64 = 2.0;
 
 /// How far a lens model is from the lens.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -65,12 +68,13 @@ pub fn misfit(problem: &Problem, state: &State, pattern: &ResidualPattern, infla
     Misfit { rms, better }
 }
 
-/// The root mean square of a difference over the sensor, in which places beyond [`LOST`] count as much as the worst.
+/// The root mean square of a difference over the sensor, in which places beyond [`LOST`] count
+/// [`GUESS`] times as much as the worst.
 fn cautious_rms(difference: &ProjectionDifference) -> f64 {
     let squares = difference.grid.iter().filter_map(|place| {
         let [x, y] = place.difference?;
         let size = x.hypot(y);
-        Some(if size > LOST { difference.max } else { size }.powi(2))
+        Some(if size > LOST { GUESS * difference.max } else { size }.powi(2))
     });
     let (count, sum) = squares.fold((0_usize, 0.0), |(count, sum), square| (count + 1, sum + square));
     (sum / count.max(1) as f64).sqrt()
