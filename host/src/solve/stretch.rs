@@ -6,18 +6,19 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
-use super::board_ray::EdgeDistance;
 use super::edge_batch::{BatchEvent, EdgeBatch, LANES};
-use super::event_row::{EventEdge, ROW, ROW_RESIDUAL};
-use super::normal::{BinEquations, RowProduct, StretchEquations, add_outer_products};
+use super::event_row::{ROW, ROW_RESIDUAL};
+use super::normal::StretchEquations;
 use super::observation::{EventObservation, SegmentObservations};
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
-use super::{Problem, ResidualMeasure, State};
+use super::row_batch::RowBatch;
+use super::row_products::{RowProducts, STEP};
+use super::{Problem, State};
 use crate::circles::reference_frame::PointObservation;
 use crate::numerics::huber::huber;
 use crate::solve::event_bias::bias::Bias;
-use crate::solve::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
+use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
 
 /// A run of bins (and of circle centres) of one segment, small enough to be a unit of work.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,85 +78,70 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
     };
     let count = last_pose.first + last_pose.order - first_pose.first;
     let mut equations = StretchEquations::new(first_pose.first, count, first_pose.order);
-    let mut product: RowProduct = [[0.0; ROW]; ROW];
-    let mut bin_equations = BinEquations::default();
+    let mut products = RowProducts::default();
     let mut batch = EdgeBatch::default();
-    let mut rows = [[0.0; ROW]; LANES];
+    let mut rows = RowBatch::default();
 
     for bin in bins {
         let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
         let events = observations.events.get(bin.first..bin.end).unwrap_or_default();
-        for group in events.chunk_by(|a, b| a.class == b.class) {
-            let class = group.first().map_or(0, |event| usize::from(event.class)).min(CLASS_COUNT - 1);
-            for part in group.chunks(LANES) {
-                let mut filled = 0;
-                visit_edges(problem, state, bearings, (&pose, part), &mut batch, |event, edge, bias| {
-                    let residual = edge.from_expected(bias);
-                    let inverse_sigma = 1.0 / bias.sigma[usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1)];
-                    let (cost, root_weight) = huber(residual * inverse_sigma, problem.settings.huber);
-                    equations.cost += cost;
-                    equations.count += 1;
-                    if let Some(row) = rows.get_mut(filled) {
-                        edge.fill_row(row, residual, root_weight * inverse_sigma, scale_of(problem, edge));
-                        filled += 1;
-                    }
-                });
-                add_outer_products(&mut product, rows.get(..filled).unwrap_or_default());
+        for part in events.chunks(LANES) {
+            find_edges(problem, state, bearings, (&pose, part), &mut batch);
+            for (lane, event) in part.iter().enumerate() {
+                let bias = &state.bias[class_of(event)];
+                rows.set_class(lane, bias, bias.sigma[usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1)]);
             }
-            bin_equations.add_class(&mut product, class, &mut equations);
+            rows.weigh(batch.edges(), problem.settings.huber, problem.residual_scale(), part.len());
+            let (count, cost) = rows.collect(batch.cells(), part.iter().map(|event| class_of(event) as u8));
+            equations.count += count;
+            equations.cost += cost;
+            let (steps, classes) = rows.steps();
+            products.add(steps, classes);
         }
-        bin_equations.expand(&pose, &mut equations);
+        equations.add_bin(&pose, &mut products);
     }
 
     let inverse_sigma = 1.0 / problem.point_sigma;
     for point in points {
         let Some(pose) = PoseBin::new(trajectory, point.t) else { continue };
         let Some(&center) = problem.circle_centers.get(point.circle) else { continue };
-        let Some(mut rows) = point_rows(&state.camera, &pose, Vector2::from(center), point.pixel) else { continue };
+        let Some(rows) = point_rows(&state.camera, &pose, Vector2::from(center), point.pixel) else { continue };
         let error = rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]) * inverse_sigma;
         let (cost, root_weight) = huber(error, problem.settings.huber);
         equations.cost += cost;
         equations.count += 1;
-        for value in rows.iter_mut().flatten() {
-            *value *= root_weight * inverse_sigma;
+        let mut weighed = [[0.0; ROW]; STEP];
+        for (to, value) in weighed.iter_mut().flatten().zip(rows.iter().flatten()) {
+            *to = (value * root_weight * inverse_sigma) as f32;
         }
-        add_outer_products(&mut product, &rows);
-        bin_equations.add_class(&mut product, 0, &mut equations);
-        bin_equations.expand(&pose, &mut equations);
+        products.add_without_biases(&weighed);
+        equations.add_bin(&pose, &mut products);
     }
+    equations.add_globals(&products);
     equations
 }
 
-/// Metres on the board for each unit of the residual.
 #[inline(always)]
-fn scale_of(problem: &Problem, edge: &EventEdge) -> f64 {
-    match problem.settings.residual {
-        ResidualMeasure::Pixel => edge.distance.scale,
-        ResidualMeasure::Plane => problem.mean_scale,
-    }
+fn class_of(event: &EventObservation) -> usize {
+    usize::from(event.class).min(CLASS_COUNT - 1)
 }
 
-/// Visits the edges of at most [`LANES`] events of one bin.
+/// Finds the edges of at most [`LANES`] events of one bin.
 #[inline(always)]
-fn visit_edges<'a>(
+fn find_edges<'a>(
     problem: &Problem,
     state: &State,
     bearings: &'a BearingTable,
     (pose, events): (&PoseBin, &[EventObservation]),
     batch: &mut EdgeBatch<'a>,
-    mut visit: impl FnMut(&EventObservation, &EventEdge, &ClassBias),
 ) {
-    let class_of = |event: &EventObservation| usize::from(event.class).min(CLASS_COUNT - 1);
     let batched = events.iter().map(|event| {
         let class = class_of(event);
         let later = problem.associated_latencies[class] - state.bias[class].biases[Bias::Latency];
-        BatchEvent { pixel: (event.x, event.y), dt: f64::from(event.dt) + later, circle: event.circle }
+        let pixel = [f64::from(event.x), f64::from(event.y)];
+        BatchEvent { pixel, dt: f64::from(event.dt) + later, circle: event.circle }
     });
-    batch.visit(problem, bearings, pose, batched, |index, edge| {
-        if let Some(event) = events.get(index) {
-            visit(event, edge, &state.bias[class_of(event)]);
-        }
-    });
+    batch.find(problem, bearings, pose, batched);
 }
 
 /// The residual of one event.
@@ -197,19 +183,23 @@ pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> V
         for bin in observations.bins.get(stretch.bins.clone()).unwrap_or_default() {
             let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
             for part in observations.events.get(bin.first..bin.end).unwrap_or_default().chunks(LANES) {
-                visit_edges(problem, state, bearings, (&pose, part), &mut batch, |event, edge, bias| {
-                    let EdgeDistance { by_pixel, scale, .. } = edge.distance;
+                find_edges(problem, state, bearings, (&pose, part), &mut batch);
+                let edges = batch.edges();
+                let in_view = part.iter().zip(batch.cells()).enumerate().filter(|(_, (_, cell))| cell.is_some());
+                for (lane, (event, _)) in in_view {
+                    let scale = edges.scale[lane];
+                    let bias = &state.bias[class_of(event)];
                     found.push(EventResidual {
                         segment: stretch.segment,
                         t: bin.t + f64::from(event.dt),
                         pixel: [event.x, event.y],
-                        normal: by_pixel.map(|slope| (slope / scale) as f32),
+                        normal: [0, 1].map(|axis| (edges.by_pixel[axis][lane] / scale) as f32),
                         class: event.class,
                         speed_range: event.speed_range,
-                        residual: edge.from_expected(bias) as f32,
+                        residual: (edges.pixels[lane] - bias.distance(&edges.passage(lane))) as f32,
                         scale: scale as f32,
                     });
-                });
+                }
             }
         }
         found

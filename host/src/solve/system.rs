@@ -84,7 +84,7 @@ impl System {
                 SegmentSystem {
                     order,
                     blocks: vec![Block::zeros(); count * order],
-                    border: vec![BorderBlock::zeros(); count],
+                    border: vec![[[0.0; GLOBAL_COUNT]; 6]; count],
                     gradient: vec![[0.0; 6]; count],
                 }
             })
@@ -98,7 +98,10 @@ impl System {
             let blocks = segment.blocks.iter_mut().skip(equations.first * order);
             blocks.zip(&equations.blocks).for_each(|(sum, block)| *sum += block);
             let border = segment.border.iter_mut().skip(equations.first);
-            border.zip(&equations.border).for_each(|(sum, block)| *sum += block);
+            for (sum, part) in border.zip(&equations.border) {
+                let pairs = sum.iter_mut().flatten().zip(part.iter().flatten());
+                pairs.for_each(|(sum, part)| *sum += part);
+            }
             let gradient = segment.gradient.iter_mut().skip(equations.first);
             for (sum, part) in gradient.zip(&equations.gradient) {
                 sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
@@ -212,7 +215,7 @@ impl System {
             let gradient = DVector::from_iterator(rows, equations.gradient.iter().flatten().copied());
             let own = DVector::from_fn(free.len(), |row, _| equations.corner_gradient[free[row]]);
             let border =
-                DMatrix::from_fn(rows, free.len(), |row, column| equations.border[row / 6][(row % 6, free[column])]);
+                DMatrix::from_fn(rows, free.len(), |row, column| equations.border[row / 6][row % 6][free[column]]);
             let corner = DMatrix::from_fn(free.len(), free.len(), |row, column| {
                 equations.corner[(free[row.max(column)], free[row.min(column)])]
             });
@@ -359,12 +362,8 @@ impl SegmentSystem {
         let mut gradient: Vec<f64> = self.gradient.iter().flatten().copied().collect();
         let original = gradient.clone();
         band.solve_in_place(&mut gradient);
-        let border: Vec<Vec<f64>> = free
-            .iter()
-            .map(|&global| {
-                self.border.iter().flat_map(|block| block.column(global).iter().copied().collect::<Vec<_>>()).collect()
-            })
-            .collect();
+        let border: Vec<Vec<f64>> =
+            free.iter().map(|&global| self.border.iter().flatten().map(|line| line[global]).collect()).collect();
         let mut columns = border.clone();
         for column in &mut columns {
             band.solve_in_place(column);
