@@ -203,22 +203,20 @@ impl<'a> EdgeBatch<'a> {
         let (Some(place), Some(center)) = (place, center) else { return };
         self.cells[lane] = Some(place.cell);
         rays.dt[lane] = event.dt;
-        for axis in 0..2 {
-            rays.pixel[axis][lane] = event.pixel[axis];
-            rays.center[axis][lane] = center[axis];
-            rays.beside_pixel[axis][lane] = place.beside_pixel[axis];
-            rays.beside_cell[axis][lane] = place.beside_cell[axis];
+        let put = |lanes: &mut [Lane; 2], values: &[f64; 2]| {
+            lanes.iter_mut().zip(values).for_each(|(lanes, value)| lanes[lane] = *value);
+        };
+        put(&mut rays.pixel, &event.pixel);
+        put(&mut rays.center, center);
+        put(&mut rays.beside_pixel, &place.beside_pixel);
+        put(&mut rays.beside_cell, &place.beside_cell);
+        for (lanes, value) in rays.bearing.iter_mut().zip(place.pixel_bearing) {
+            lanes[lane] = *value;
         }
         let BearingSlopes { by_pixel, by_pixel_twice } = &place.cell.slopes;
-        for axis in 0..3 {
-            rays.bearing[axis][lane] = place.pixel_bearing[axis];
-            for column in 0..2 {
-                rays.by_pixel[column][axis][lane] = by_pixel[column][axis];
-            }
-            for column in 0..3 {
-                rays.by_pixel_twice[column][axis][lane] = by_pixel_twice[column][axis];
-            }
-        }
+        let slopes = by_pixel.as_flattened().iter().chain(by_pixel_twice.as_flattened());
+        let lanes = rays.by_pixel.as_flattened_mut().iter_mut().chain(rays.by_pixel_twice.as_flattened_mut());
+        lanes.zip(slopes).for_each(|(lanes, slope)| lanes[lane] = *slope);
     }
 }
 

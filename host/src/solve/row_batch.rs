@@ -179,9 +179,9 @@ fn weigh(
             weighed.by_pixel[axis][lane] = by_pixel as f32;
             weighed.beside_cell[axis][lane] = edges.beside_cell[axis][lane] as f32;
         }
-        let derivatives = *passage.derivatives().as_array();
-        for bias in 0..Bias::COUNT {
-            weighed.parts[11 + bias][lane] = (-derivatives[bias] * weight) as f32;
+        let derivatives = passage.derivatives();
+        for (lanes, derivative) in weighed.parts[11..].iter_mut().zip(derivatives.as_array()) {
+            lanes[lane] = (-derivative * weight) as f32;
         }
     }
 }
