@@ -118,7 +118,7 @@ pub fn system_of(problem: &Problem, state: &State, equations: &[(Stretch, Stretc
 }
 
 /// `state` moved by a step; `None` when the camera model refuses the parameters.
-fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<State> {
+pub fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<State> {
     let mut parameters = state.camera.parameters();
     parameters.iter_mut().zip(globals).for_each(|(parameter, step)| *parameter += step);
     let camera = evcal_core::camera::Camera::from_parameters(state.camera.kind(), &parameters)?;

@@ -9,8 +9,8 @@ use super::event_row::{ROW, ROW_BIASES};
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
 
-/// Columns that concern the pose and the residual: at the beginning of a row.
-pub const POSE_COLUMNS: usize = 8;
+/// Columns that concern the pose: at the beginning of a row.
+const POSE_COLUMNS: usize = 6;
 /// Lines that are summed for all classes alike: pose, residual, intrinsics.
 const COMMON: usize = ROW_BIASES;
 /// Rows that are added in one step: those of a class begin at a multiple of it, and empty rows fill the gaps.
@@ -160,7 +160,9 @@ mod tests {
         }
         assert_eq!(products.classes[3], [[0.0; ROW]; Bias::COUNT]);
         products.clear_pose();
-        assert_eq!(products.common[8][7], 0.0);
-        assert_eq!(products.classes[2][0][POSE_COLUMNS], sum(ROW_BIASES, POSE_COLUMNS, Some(2)));
+        assert_eq!((products.common[8][5], products.classes[2][0][5]), (0.0, 0.0));
+        // What the residual says of the global parameters stays.
+        assert_eq!(products.common[8][6], sum(8, 6, None));
+        assert_eq!(products.classes[2][0][6], sum(ROW_BIASES, 6, Some(2)));
     }
 }

@@ -234,3 +234,127 @@ pub fn point_residuals(problem: &Problem, state: &State) -> Vec<PointResidual> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+    use evcal_core::sensor::Sensor;
+    use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+    use super::*;
+    use crate::solve::event_bias::bias::Biases;
+    use crate::solve::event_bias::unknown;
+    use crate::solve::levenberg::{linearised, moved};
+    use crate::solve::observation::EventBin;
+    use crate::solve::{FreeParameters, GLOBAL_COUNT, SolveSettings, bias_index};
+    use crate::trajectory::fit::{TrajectoryShape, fit};
+    use crate::trajectory::timed_pose::TimedPose;
+    use crate::trajectory::{RotationSpline, Trajectory};
+
+    const CENTERS: [[f64; 2]; 2] = [[0.11, 0.165], [0.165, 0.11]];
+    const RADIUS: f64 = 0.0175;
+    const BINS: usize = 9;
+
+    fn trajectory() -> Trajectory {
+        let pose = |t: f64| {
+            let turn = Rotation3::from_euler_angles(0.25 + 0.7 * t, -0.3 - t, 0.8 + 2.0 * t);
+            let camera = Vector3::new(0.2 + 0.3 * t, 0.4 - 0.2 * t, -0.7 + 0.4 * t);
+            Isometry3::from_parts(Translation3::from(camera), UnitQuaternion::from_rotation_matrix(&turn))
+        };
+        let times = (0..=40).map(|index| 0.0025 * f64::from(index));
+        let poses: Vec<TimedPose> = times.map(|t| TimedPose { t, pose: pose(t) }).collect();
+        let shape = TrajectoryShape { degree: 3, rotation: RotationSpline::Quaternion, knot_spacing: 0.0175 };
+        fit(0, &poses, 0.0, 0.1, &shape).unwrap()
+    }
+
+    /// Events of three classes beside the rims of two dots.
+    fn observations(camera: &Camera<f64>, trajectory: &Trajectory) -> SegmentObservations {
+        let mut observations = SegmentObservations::default();
+        for bin in 0..BINS {
+            let t = 0.01 * (bin as f64 + 1.0);
+            let pose = trajectory.pose(t).unwrap();
+            let first = observations.events.len();
+            for event in 0..75 {
+                let (circle, angle) = (event % 2, 0.35 * event as f64 + bin as f64);
+                let [x, y] = CENTERS[circle];
+                let rim = Vector3::new(x + RADIUS * angle.cos(), y + RADIUS * angle.sin(), 0.0);
+                let pixel = camera.project(&pose.inverse_transform_point(&rim.into()).coords).unwrap();
+                observations.events.push(EventObservation {
+                    dt: 1e-6 * event as f32,
+                    x: pixel.x.round() as u16,
+                    y: pixel.y.round() as u16,
+                    circle: circle as u16,
+                    class: [0, 2, 5][event / 25],
+                    speed_range: 1,
+                });
+            }
+            observations.bins.push(EventBin { t, first, end: observations.events.len() });
+        }
+        observations
+    }
+
+    fn cost_and_gradient(problem: &Problem, state: &State) -> (f64, StretchEquations) {
+        let mut equations = linearised(problem, state, &stretches(&problem.segments));
+        assert_eq!(equations.len(), 1);
+        let (_, equations) = equations.remove(0);
+        assert_eq!(equations.count, problem.segments[0].events.len());
+        (equations.cost, equations)
+    }
+
+    /// The gradient is that of the cost: by each global parameter and by each control point.
+    #[test]
+    fn the_gradient_is_the_slope_of_the_cost() {
+        let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
+        let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
+        let trajectory = trajectory();
+        let control_points = trajectory.control_point_count();
+        let problem = Problem {
+            sensor: Sensor::new(346, 260),
+            circle_centers: CENTERS.to_vec(),
+            radius: RADIUS,
+            mean_scale: 1.0,
+            point_sigma: 1.0,
+            associated_latencies: [0.0; CLASS_COUNT],
+            segments: vec![observations(&camera, &trajectory)],
+            stiffness: Vec::new(),
+            free: FreeParameters { intrinsics: [true; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
+            settings: SolveSettings { huber: 1e6, ..SolveSettings::default() },
+        };
+        let mut bias = unknown(0.3);
+        bias.iter_mut().for_each(|class| class.biases[Bias::Offset] = -0.3);
+        let state = State { camera, bias, trajectories: vec![trajectory] };
+        let (_, equations) = cost_and_gradient(&problem, &state);
+        let slope = |globals: &[f64], points: &[f64]| {
+            let cost = |sign: f64| {
+                let scaled = |values: &[f64]| values.iter().map(|value| sign * value).collect::<Vec<_>>();
+                let state = moved(&state, &[scaled(points)], &scaled(globals)).unwrap();
+                cost_and_gradient(&problem, &state).0
+            };
+            0.5 * (cost(1.0) - cost(-1.0))
+        };
+        // How far the cost is from a parabola: second order in the distance from the edge.
+        let assert_close = |found: f64, wanted: f64, scale: f64, what: &str| {
+            assert!((found - wanted).abs() < 0.02 * (wanted.abs() + scale), "{what}: {found} against {wanted}");
+        };
+        let step = |index: usize, size: f64, count: usize| {
+            let mut step = vec![0.0; count];
+            step[index] = size;
+            step
+        };
+        let still = vec![0.0; 6 * control_points];
+        let globals = [(0, 0.01), (2, 0.01), (4, 1e-4), (8, 1e-3)]
+            .into_iter()
+            .chain([0, 2, 5].map(|class| (bias_index(class, Bias::Offset), 1e-3)))
+            .chain([(bias_index(2, Bias::Latency), 1e-6), (bias_index(5, Bias::Curvature), 1e-3)]);
+        for (global, size) in globals {
+            let numeric = slope(&step(global, size, GLOBAL_COUNT), &still) / size;
+            assert_close(equations.corner_gradient[global], numeric, 0.05 / size, &format!("global {global}"));
+        }
+        for number in 0..6 * control_points {
+            let size = 1e-5;
+            let numeric = slope(&[0.0; GLOBAL_COUNT], &step(number, size, 6 * control_points)) / size;
+            let found = equations.gradient[number / 6][number % 6];
+            assert_close(found, numeric, 0.05 / size, &format!("control point {number}"));
+        }
+    }
+}
