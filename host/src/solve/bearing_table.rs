@@ -134,25 +134,9 @@ impl BearingTable {
         let extent = |length: u16| (usize::from(length) + 2 * MARGIN).next_multiple_of(CELL);
         let size = (extent(sensor.width), extent(sensor.height));
         let middle = [f64::from(sensor.width) / 2.0 - 0.5, f64::from(sensor.height) / 2.0 - 0.5];
-        let position = |index: usize| index as f64 - MARGIN as f64;
-        let bearings = (0..size.0 * size.1)
-            .into_par_iter()
-            .with_min_len(1024)
-            .map(|index| {
-                let pixel = Vector2::new(position(index % size.0), position(index / size.0));
-                camera.unproject(&pixel).map_or([f64::NAN; 3], Into::into)
-            })
-            .collect();
         let (cell_columns, cell_rows) = (size.0 / CELL, size.1 / CELL);
-        let cells = (0..cell_columns * cell_rows)
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|index| {
-                let center = |cell: usize| position(CELL * cell) + CELL_CENTER;
-                let center = Vector2::new(center(index % cell_columns), center(index / cell_columns));
-                Cell::new(camera, center).unwrap_or_default()
-            })
-            .collect();
+        let bearings = bearings(camera, size);
+        let cells = cells(camera, (cell_columns, cell_rows));
         let parameters = camera.parameters();
         let parameter = |index: usize| parameters.get(index).copied().unwrap_or(1.0);
         let plane = ImagePlane {
@@ -190,6 +174,101 @@ impl BearingTable {
     }
 }
 
+/// From the index of a column or row of the table to its pixel coordinate.
+fn position(index: usize) -> f64 {
+    index as f64 - MARGIN as f64
+}
+
+/// Nodes between which a bearing is interpolated, in each direction.
+const NODES: usize = 4;
+
+/// Unit vectors of all pixels of a table of `size`. One of sixteen is computed, the others are interpolated (error below a
+/// hundred-thousandth of a pixel); at the border of the model's domain all are computed.
+fn bearings(camera: &Camera<f64>, size: (usize, usize)) -> Vec<[f64; 3]> {
+    let exact = |x: f64, y: f64| camera.unproject(&Vector2::new(x, y)).map_or([f64::NAN; 3], Into::into);
+    // From one before the first pixel to two beyond the last.
+    let (columns, rows) = (size.0 / CELL + NODES - 1, size.1 / CELL + NODES - 1);
+    let node = |index: usize| (CELL * index) as f64 - (CELL + MARGIN) as f64;
+    let nodes: Vec<[f64; 3]> = (0..columns * rows)
+        .into_par_iter()
+        .with_min_len(256)
+        .map(|index| exact(node(index % columns), node(index / columns)))
+        .collect();
+    let weights: [[f64; NODES]; CELL] = std::array::from_fn(|step| cubic_weights(step as f64 / CELL as f64));
+    let between = |step: usize, nodes: [[f64; 3]; NODES]| -> [f64; 3] {
+        let weights = &weights[step];
+        std::array::from_fn(|axis| nodes.iter().zip(weights).map(|(node, weight)| weight * node[axis]).sum())
+    };
+    let of_row = |row: usize| {
+        let at_height = |column: usize| {
+            let nodes = std::array::from_fn(|index| nodes[(row / CELL + index) * columns + column]);
+            between(row % CELL, nodes)
+        };
+        let line: Vec<[f64; 3]> = (0..columns).map(at_height).collect();
+        let pixel = move |column: usize| {
+            let found = between(column % CELL, std::array::from_fn(|index| line[column / CELL + index]));
+            if found[0].is_nan() { exact(position(column), position(row)) } else { found }
+        };
+        (0..size.0).map(pixel).collect::<Vec<_>>()
+    };
+    (0..size.1).into_par_iter().flat_map_iter(of_row).collect()
+}
+
+/// Lagrange's weights of the values at −1, 0, 1 and 2 for the one at `t`, between 0 and 1.
+fn cubic_weights(t: f64) -> [f64; NODES] {
+    let (before, after, last) = (t + 1.0, t - 1.0, t - 2.0);
+    [-t * after * last / 6.0, before * after * last / 2.0, -before * t * last / 2.0, before * t * after / 6.0]
+}
+
+/// The cells of a table of `columns` × `rows` cells.
+fn cells(camera: &Camera<f64>, (columns, rows): (usize, usize)) -> Vec<Cell> {
+    let center = |column: usize, row: usize| {
+        Vector2::new(position(CELL * column) + CELL_CENTER, position(CELL * row) + CELL_CENTER)
+    };
+    let centers: Vec<Option<Slopes>> = (0..columns * rows)
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|index| Slopes::new(camera, center(index % columns, index / columns)))
+        .collect();
+    let at = |column: usize, row: usize| {
+        let is_inside = column < columns && row < rows;
+        centers.get(row * columns + column).filter(|_| is_inside)?.as_ref()
+    };
+    let cell = |column: usize, row: usize| {
+        let here = at(column, row)?;
+        let neighbours = || {
+            let (left, above) = (at(column.checked_sub(1)?, row)?, at(column, row.checked_sub(1)?)?);
+            Some(Cell::new(here, [left, at(column + 1, row)?], [above, at(column, row + 1)?], CELL as f64))
+        };
+        // At the border of the table or of the model's domain one is missing.
+        neighbours().or_else(|| {
+            let beside = |x: f64, y: f64| Slopes::new(camera, center(column, row) + Vector2::new(x, y));
+            let (left, right) = (beside(-1.0, 0.0)?, beside(1.0, 0.0)?);
+            let (above, below) = (beside(0.0, -1.0)?, beside(0.0, 1.0)?);
+            Some(Cell::new(here, [&left, &right], [&above, &below], 1.0))
+        })
+    };
+    (0..columns * rows)
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|index| cell(index % columns, index / columns).unwrap_or_default())
+        .collect()
+}
+
+/// Derivatives at one place.
+struct Slopes {
+    by_pixel: [[f64; 3]; 2],
+    by_coefficient: ByCoefficient,
+}
+
+impl Slopes {
+    fn new(camera: &Camera<f64>, pixel: Vector2<f64>) -> Option<Self> {
+        let unprojection = camera.unproject_with_jacobians(&pixel)?;
+        let by_pixel = std::array::from_fn(|column| std::array::from_fn(|axis| unprojection.by_pixel[(axis, column)]));
+        Some(Self { by_pixel, by_coefficient: by_coefficient(&unprojection)? })
+    }
+}
+
 impl Cell {
     /// Derivative of a distance on the image by the coefficients, `beside` the centre of the cell, where `gradient` is its
     /// derivative by the pixel of a fixed bearing.
@@ -206,36 +285,29 @@ impl Cell {
         coefficients
     }
 
-    /// The cell around `center`; `None` where it reaches outside the model's domain.
-    fn new(camera: &Camera<f64>, center: Vector2<f64>) -> Option<Self> {
-        /// Half the distance of the central differences (px).
-        const STEP: f64 = 1.0;
-        let at = |x: f64, y: f64| camera.unproject_with_jacobians(&(center + Vector2::new(x, y)));
-        let (here, left, right) = (at(0.0, 0.0)?, at(-STEP, 0.0)?, at(STEP, 0.0)?);
-        let (above, below) = (at(0.0, -STEP)?, at(0.0, STEP)?);
-        let turn = |before: &Unprojection<f64>, after: &Unprojection<f64>, column: usize| -> [f32; 3] {
+    /// The cell around `here`, from what is `distance` pixels left and right, above and below.
+    fn new(here: &Slopes, [left, right]: [&Slopes; 2], [above, below]: [&Slopes; 2], distance: f64) -> Self {
+        let turn = |before: &Slopes, after: &Slopes, column: usize| -> [f32; 3] {
             std::array::from_fn(|axis| {
-                ((after.by_pixel[(axis, column)] - before.by_pixel[(axis, column)]) / (2.0 * STEP)) as f32
+                ((after.by_pixel[column][axis] - before.by_pixel[column][axis]) / (2.0 * distance)) as f32
             })
         };
-        let (by_left, by_right) = (by_coefficient(&left)?, by_coefficient(&right)?);
-        let (by_above, by_below) = (by_coefficient(&above)?, by_coefficient(&below)?);
-        let slope = |before: &ByCoefficient, after: &ByCoefficient| -> ByCoefficient {
+        let slope = |before: &Slopes, after: &Slopes| -> ByCoefficient {
             std::array::from_fn(|row| {
-                std::array::from_fn(|index| (after[row][index] - before[row][index]) / (2.0 * STEP as f32))
+                std::array::from_fn(|index| {
+                    (after.by_coefficient[row][index] - before.by_coefficient[row][index]) / (2.0 * distance as f32)
+                })
             })
         };
-        Some(Self {
+        Self {
             slopes: BearingSlopes {
-                by_pixel: std::array::from_fn(|column| {
-                    std::array::from_fn(|axis| here.by_pixel[(axis, column)] as f32)
-                }),
-                by_pixel_twice: [turn(&left, &right, 0), turn(&left, &right, 1), turn(&above, &below, 1)],
+                by_pixel: here.by_pixel.map(|column| column.map(|value| value as f32)),
+                by_pixel_twice: [turn(left, right, 0), turn(left, right, 1), turn(above, below, 1)],
             },
             is_known: true,
-            by_coefficient: by_coefficient(&here)?,
-            by_coefficient_slope: [slope(&by_left, &by_right), slope(&by_above, &by_below)],
-        })
+            by_coefficient: here.by_coefficient,
+            by_coefficient_slope: [slope(left, right), slope(above, below)],
+        }
     }
 }
 

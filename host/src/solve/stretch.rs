@@ -44,6 +44,8 @@ impl Stretch {
 /// Bins in a stretch: long enough that merging costs little, short enough to share among threads.
 const STRETCH_BINS: usize = 128;
 const STRETCH_POINTS: usize = 512;
+/// Stretches whose results are held at one time.
+pub const STRETCHES_TOGETHER: usize = 64;
 
 /// Cuts all segments into stretches.
 pub fn stretches(segments: &[SegmentObservations]) -> Vec<Stretch> {
@@ -204,7 +206,12 @@ pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> V
         }
         found
     };
-    stretches(&problem.segments).par_iter().map(of_stretch).collect::<Vec<_>>().concat()
+    let mut found = Vec::with_capacity(problem.segments.iter().map(|segment| segment.events.len()).sum());
+    // A few at a time, so that they are not held twice.
+    for group in stretches(&problem.segments).chunks(STRETCHES_TOGETHER) {
+        group.par_iter().map(of_stretch).collect::<Vec<_>>().into_iter().for_each(|part| found.extend(part));
+    }
+    found
 }
 
 /// The residual of one circle centre.
@@ -294,7 +301,8 @@ mod tests {
     }
 
     fn cost_and_gradient(problem: &Problem, state: &State) -> (f64, StretchEquations) {
-        let mut equations = linearised(problem, state, &stretches(&problem.segments));
+        let bearings = BearingTable::new(&state.camera, problem.sensor);
+        let mut equations = linearised(problem, state, &bearings, &stretches(&problem.segments));
         assert_eq!(equations.len(), 1);
         let (_, equations) = equations.remove(0);
         assert_eq!(equations.count, problem.segments[0].events.len());
