@@ -24,6 +24,8 @@ pub mod pose_bin;
 pub mod pose_covariance;
 pub mod refinement;
 pub mod residual_statistics;
+pub mod row_batch;
+pub mod row_products;
 pub mod smoothness;
 pub mod stiffness;
 pub mod stretch;
@@ -132,6 +134,16 @@ pub struct Problem {
     pub free: FreeParameters,
     /// Thresholds.
     pub settings: SolveSettings,
+}
+
+impl Problem {
+    /// Metres on the board for each unit of the residual, where that is the same everywhere.
+    pub fn residual_scale(&self) -> Option<f64> {
+        match self.settings.residual {
+            ResidualMeasure::Pixel => None,
+            ResidualMeasure::Plane => Some(self.mean_scale),
+        }
+    }
 }
 
 /// The parameters: camera, biases of the event classes, one trajectory a segment.

@@ -242,7 +242,7 @@ impl<'a> Associator<'a> {
             report.off_board += 1;
             return None;
         };
-        let speed_range = speed_range(edge.normal_speed);
+        let speed_range = speed_range(edge.passage.normal_speed);
         let band = if self.context.sigma_known {
             (settings.band * bias.sigma[speed_range]).min(settings.widest_band)
         } else {
@@ -254,7 +254,7 @@ impl<'a> Associator<'a> {
             far.push((segment, time as f32));
             return None;
         }
-        let normal_speed = edge.normal_speed;
+        let normal_speed = edge.passage.normal_speed;
         let sliding = edge.distance.sliding / edge.distance.scale;
         let speed = (normal_speed * normal_speed + sliding * sliding).sqrt();
         if normal_speed.abs() < settings.slowest_edge || normal_speed.abs() < settings.tangent * speed {

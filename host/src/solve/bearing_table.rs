@@ -11,17 +11,52 @@ use rayon::prelude::*;
 /// A row for x and one for y: derivatives of the pixel of a fixed bearing by the coefficients.
 type ByCoefficient = [[f32; MAX_COEFFICIENTS]; 2];
 
-/// Derivatives at the centre of a cell, and how they change over it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Cell {
-    /// Derivative of the bearing by pixel x and pixel y.
-    by_pixel: [[f32; 3]; 2],
-    /// Second derivatives of the bearing by pixel: xx, xy, yy.
-    by_pixel_twice: [[f32; 3]; 3],
+/// Derivatives at the centre of a cell, and how they change over it. It begins with a cache line, for cells are read at random.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C, align(64))]
+pub struct Cell {
+    /// How the bearing changes over the cell.
+    pub slopes: BearingSlopes,
+    /// Whether all of it is in the model's domain.
+    is_known: bool,
     /// Derivative of the pixel of a fixed bearing by each coefficient of the camera model.
     by_coefficient: ByCoefficient,
     /// Slope of `by_coefficient` along pixel x and pixel y.
     by_coefficient_slope: [ByCoefficient; 2],
+}
+
+/// How a bearing changes about the centre of a cell.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+pub struct BearingSlopes {
+    /// Derivative of the bearing by pixel x and pixel y.
+    pub by_pixel: [[f32; 3]; 2],
+    /// Second derivatives of the bearing by pixel: xx, xy, yy.
+    pub by_pixel_twice: [[f32; 3]; 3],
+}
+
+/// What of the camera and the sensor counts at every place of the image.
+#[derive(Clone, Copy, Debug)]
+pub struct ImagePlane {
+    inverse_focal_length: [f64; 2],
+    principal_point: [f64; 2],
+    middle: [f64; 2],
+    inverse_corner: f64,
+}
+
+impl ImagePlane {
+    /// Distance from the principal point in focal lengths: derivative of the pixel by fx and fy.
+    #[inline(always)]
+    pub fn by_focal_length(&self, pixel: [f64; 2]) -> [f64; 2] {
+        std::array::from_fn(|axis| (pixel[axis] - self.principal_point[axis]) * self.inverse_focal_length[axis])
+    }
+
+    /// Squared distance from the middle of the sensor, 1 at its corners.
+    #[inline(always)]
+    pub fn corner_share(&self, pixel: [f64; 2]) -> f64 {
+        let [x, y] = [pixel[0] - self.middle[0], pixel[1] - self.middle[1]];
+        (x * x + y * y) * self.inverse_corner
+    }
 }
 
 /// Bearings of a whole sensor and of a margin around it: the edge that an event on the rim of the
@@ -29,28 +64,23 @@ struct Cell {
 pub struct BearingTable {
     size: (usize, usize),
     cell_columns: usize,
-    focal_length: [f64; 2],
-    principal_point: [f64; 2],
-    middle: [f64; 2],
+    plane: ImagePlane,
     /// Unit vectors in the camera frame; not numbers outside the model's domain.
     bearings: Vec<[f64; 3]>,
-    cells: Vec<Option<Cell>>,
+    cells: Vec<Cell>,
 }
 
 /// A place on the image.
 #[derive(Clone, Copy, Debug)]
 pub struct Place<'a> {
     /// Bearing of the nearest pixel.
-    bearing: &'a [f64; 3],
-    cell: &'a Cell,
+    pub pixel_bearing: &'a [f64; 3],
+    /// The cell around that pixel.
+    pub cell: &'a Cell,
     /// Where the place lies from the nearest pixel, in pixels.
-    beside_pixel: [f64; 2],
+    pub beside_pixel: [f64; 2],
     /// Where the place lies from the centre of the cell, in pixels.
-    beside_cell: [f64; 2],
-    /// Distance from the principal point in focal lengths: derivative of the pixel by fx and fy.
-    by_focal_length: [f64; 2],
-    /// Squared distance from the middle of the sensor, 1 at its corners.
-    pub corner_share: f64,
+    pub beside_cell: [f64; 2],
 }
 
 /// Pixels beyond the sensor on each side.
@@ -66,37 +96,33 @@ impl Place<'_> {
     /// The bearing, to second order, and its derivative by pixel x and y.
     #[inline(always)]
     pub fn bearing(&self) -> ([f64; 3], [[f64; 3]; 2]) {
-        let [x, y] = self.beside_pixel;
+        self.cell.slopes.bearing(*self.pixel_bearing, self.beside_pixel, self.beside_cell)
+    }
+}
+
+impl BearingSlopes {
+    /// The bearing, to second order, and its derivative by pixel x and y, `beside_pixel` from the pixel of `bearing` and
+    /// `beside_cell` from the centre of the cell.
+    #[inline(always)]
+    pub fn bearing(
+        &self,
+        mut bearing: [f64; 3],
+        beside_pixel: [f64; 2],
+        beside_cell: [f64; 2],
+    ) -> ([f64; 3], [[f64; 3]; 2]) {
+        let [x, y] = beside_pixel;
         // The derivative half-way to the pixel makes the step exact to second order.
-        let [half_x, half_y] = [self.beside_cell[0] - 0.5 * x, self.beside_cell[1] - 0.5 * y];
-        let mut bearing = *self.bearing;
+        let [half_x, half_y] = [beside_cell[0] - 0.5 * x, beside_cell[1] - 0.5 * y];
         let mut by_pixel = [[0.0; 3]; 2];
         for axis in 0..3 {
-            let [by_x, by_y] = self.cell.by_pixel.map(|column| f64::from(column[axis]));
-            let [xx, xy, yy] = self.cell.by_pixel_twice.map(|column| f64::from(column[axis]));
+            let (by_x, by_y) = (f64::from(self.by_pixel[0][axis]), f64::from(self.by_pixel[1][axis]));
+            let [xx, xy, yy] = &self.by_pixel_twice;
+            let (xx, xy, yy) = (f64::from(xx[axis]), f64::from(xy[axis]), f64::from(yy[axis]));
             bearing[axis] += x * (by_x + half_x * xx + half_y * xy) + y * (by_y + half_x * xy + half_y * yy);
-            by_pixel[0][axis] = by_x + self.beside_cell[0] * xx + self.beside_cell[1] * xy;
-            by_pixel[1][axis] = by_y + self.beside_cell[0] * xy + self.beside_cell[1] * yy;
+            by_pixel[0][axis] = by_x + beside_cell[0] * xx + beside_cell[1] * xy;
+            by_pixel[1][axis] = by_y + beside_cell[0] * xy + beside_cell[1] * yy;
         }
         (bearing, by_pixel)
-    }
-
-    /// Derivative of a distance on the image by fx, fy, cx, cy and by the coefficients, where `gradient`
-    /// is its derivative by the pixel of a fixed bearing.
-    #[inline(always)]
-    pub fn by_intrinsics(&self, gradient: [f64; 2]) -> ([f64; LINEAR_PARAMETERS], [f64; MAX_COEFFICIENTS]) {
-        let linear =
-            [gradient[0] * self.by_focal_length[0], gradient[1] * self.by_focal_length[1], gradient[0], gradient[1]];
-        let [gradient_x, gradient_y] = gradient.map(|value| value as f32);
-        let [x, y] = self.beside_cell.map(|value| value as f32);
-        let [slope_x, slope_y] = &self.cell.by_coefficient_slope;
-        let mut coefficients = [0.0; MAX_COEFFICIENTS];
-        for (index, coefficient) in coefficients.iter_mut().enumerate() {
-            let at =
-                |row: usize| self.cell.by_coefficient[row][index] + x * slope_x[row][index] + y * slope_y[row][index];
-            *coefficient = f64::from(gradient_x * at(0) + gradient_y * at(1));
-        }
-        (linear, coefficients)
     }
 }
 
@@ -108,35 +134,23 @@ impl BearingTable {
         let extent = |length: u16| (usize::from(length) + 2 * MARGIN).next_multiple_of(CELL);
         let size = (extent(sensor.width), extent(sensor.height));
         let middle = [f64::from(sensor.width) / 2.0 - 0.5, f64::from(sensor.height) / 2.0 - 0.5];
-        let position = |index: usize| index as f64 - MARGIN as f64;
-        let bearings = (0..size.0 * size.1)
-            .into_par_iter()
-            .with_min_len(1024)
-            .map(|index| {
-                let pixel = Vector2::new(position(index % size.0), position(index / size.0));
-                camera.unproject(&pixel).map_or([f64::NAN; 3], Into::into)
-            })
-            .collect();
         let (cell_columns, cell_rows) = (size.0 / CELL, size.1 / CELL);
-        let cells = (0..cell_columns * cell_rows)
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|index| {
-                let center = |cell: usize| position(CELL * cell) + CELL_CENTER;
-                Cell::new(camera, Vector2::new(center(index % cell_columns), center(index / cell_columns)))
-            })
-            .collect();
+        let bearings = bearings(camera, size);
+        let cells = cells(camera, (cell_columns, cell_rows));
         let parameters = camera.parameters();
         let parameter = |index: usize| parameters.get(index).copied().unwrap_or(1.0);
-        Self {
-            size,
-            cell_columns,
-            focal_length: [parameter(0), parameter(1)],
+        let plane = ImagePlane {
+            inverse_focal_length: [1.0 / parameter(0), 1.0 / parameter(1)],
             principal_point: [parameter(2), parameter(3)],
             middle,
-            bearings,
-            cells,
-        }
+            inverse_corner: 1.0 / (middle[0] * middle[0] + middle[1] * middle[1]),
+        };
+        Self { size, cell_columns, plane, bearings, cells }
+    }
+
+    /// What counts at every place of the image.
+    pub fn plane(&self) -> &ImagePlane {
+        &self.plane
     }
 
     /// The place (x, y) in pixels; `None` far outside the sensor or outside the camera model's domain.
@@ -148,51 +162,152 @@ impl BearingTable {
             (shifted >= 0.0 && shifted < length as f64).then_some(shifted as usize)
         };
         let (column, row) = (index(x, self.size.0)?, index(y, self.size.1)?);
-        let cell = self.cells.get(row / CELL * self.cell_columns + column / CELL)?.as_ref()?;
+        let cell = self.cells.get(row / CELL * self.cell_columns + column / CELL).filter(|cell| cell.is_known)?;
         let position = |index: usize| index as f64 - MARGIN as f64;
         let center = |index: usize| position(index / CELL * CELL) + CELL_CENTER;
-        let from_middle = [x - self.middle[0], y - self.middle[1]];
-        let corner = self.middle[0] * self.middle[0] + self.middle[1] * self.middle[1];
         Some(Place {
-            bearing: self.bearings.get(row * self.size.0 + column)?,
+            pixel_bearing: self.bearings.get(row * self.size.0 + column)?,
             cell,
             beside_pixel: [x - position(column), y - position(row)],
             beside_cell: [x - center(column), y - center(row)],
-            by_focal_length: [
-                (x - self.principal_point[0]) / self.focal_length[0],
-                (y - self.principal_point[1]) / self.focal_length[1],
-            ],
-            corner_share: (from_middle[0] * from_middle[0] + from_middle[1] * from_middle[1]) / corner,
         })
     }
 }
 
-impl Cell {
-    /// The cell around `center`; `None` where it reaches outside the model's domain.
-    fn new(camera: &Camera<f64>, center: Vector2<f64>) -> Option<Self> {
-        /// Half the distance of the central differences (px).
-        const STEP: f64 = 1.0;
-        let at = |x: f64, y: f64| camera.unproject_with_jacobians(&(center + Vector2::new(x, y)));
-        let (here, left, right) = (at(0.0, 0.0)?, at(-STEP, 0.0)?, at(STEP, 0.0)?);
-        let (above, below) = (at(0.0, -STEP)?, at(0.0, STEP)?);
-        let turn = |before: &Unprojection<f64>, after: &Unprojection<f64>, column: usize| -> [f32; 3] {
-            std::array::from_fn(|axis| {
-                ((after.by_pixel[(axis, column)] - before.by_pixel[(axis, column)]) / (2.0 * STEP)) as f32
-            })
+/// From the index of a column or row of the table to its pixel coordinate.
+fn position(index: usize) -> f64 {
+    index as f64 - MARGIN as f64
+}
+
+/// Nodes between which a bearing is interpolated, in each direction.
+const NODES: usize = 4;
+
+/// Unit vectors of all pixels of a table of `size`. One of sixteen is computed, the others are interpolated (error below a
+/// hundred-thousandth of a pixel); at the border of the model's domain all are computed.
+fn bearings(camera: &Camera<f64>, size: (usize, usize)) -> Vec<[f64; 3]> {
+    let exact = |x: f64, y: f64| camera.unproject(&Vector2::new(x, y)).map_or([f64::NAN; 3], Into::into);
+    // From one before the first pixel to two beyond the last.
+    let (columns, rows) = (size.0 / CELL + NODES - 1, size.1 / CELL + NODES - 1);
+    let node = |index: usize| (CELL * index) as f64 - (CELL + MARGIN) as f64;
+    let nodes: Vec<[f64; 3]> = (0..columns * rows)
+        .into_par_iter()
+        .with_min_len(256)
+        .map(|index| exact(node(index % columns), node(index / columns)))
+        .collect();
+    let weights: [[f64; NODES]; CELL] = std::array::from_fn(|step| cubic_weights(step as f64 / CELL as f64));
+    let between = |step: usize, nodes: [[f64; 3]; NODES]| -> [f64; 3] {
+        let weights = &weights[step];
+        std::array::from_fn(|axis| nodes.iter().zip(weights).map(|(node, weight)| weight * node[axis]).sum())
+    };
+    let of_row = |row: usize| {
+        let at_height = |column: usize| {
+            let nodes = std::array::from_fn(|index| nodes[(row / CELL + index) * columns + column]);
+            between(row % CELL, nodes)
         };
-        let (by_left, by_right) = (by_coefficient(&left)?, by_coefficient(&right)?);
-        let (by_above, by_below) = (by_coefficient(&above)?, by_coefficient(&below)?);
-        let slope = |before: &ByCoefficient, after: &ByCoefficient| -> ByCoefficient {
-            std::array::from_fn(|row| {
-                std::array::from_fn(|index| (after[row][index] - before[row][index]) / (2.0 * STEP as f32))
-            })
+        let line: Vec<[f64; 3]> = (0..columns).map(at_height).collect();
+        let pixel = move |column: usize| {
+            let found = between(column % CELL, std::array::from_fn(|index| line[column / CELL + index]));
+            if found[0].is_nan() { exact(position(column), position(row)) } else { found }
         };
-        Some(Self {
-            by_pixel: std::array::from_fn(|column| std::array::from_fn(|axis| here.by_pixel[(axis, column)] as f32)),
-            by_pixel_twice: [turn(&left, &right, 0), turn(&left, &right, 1), turn(&above, &below, 1)],
-            by_coefficient: by_coefficient(&here)?,
-            by_coefficient_slope: [slope(&by_left, &by_right), slope(&by_above, &by_below)],
+        (0..size.0).map(pixel).collect::<Vec<_>>()
+    };
+    (0..size.1).into_par_iter().flat_map_iter(of_row).collect()
+}
+
+/// Lagrange's weights of the values at −1, 0, 1 and 2 for the one at `t`, between 0 and 1.
+fn cubic_weights(t: f64) -> [f64; NODES] {
+    let (before, after, last) = (t + 1.0, t - 1.0, t - 2.0);
+    [-t * after * last / 6.0, before * after * last / 2.0, -before * t * last / 2.0, before * t * after / 6.0]
+}
+
+/// The cells of a table of `columns` × `rows` cells.
+fn cells(camera: &Camera<f64>, (columns, rows): (usize, usize)) -> Vec<Cell> {
+    let center = |column: usize, row: usize| {
+        Vector2::new(position(CELL * column) + CELL_CENTER, position(CELL * row) + CELL_CENTER)
+    };
+    let centers: Vec<Option<Slopes>> = (0..columns * rows)
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|index| Slopes::new(camera, center(index % columns, index / columns)))
+        .collect();
+    let at = |column: usize, row: usize| {
+        let is_inside = column < columns && row < rows;
+        centers.get(row * columns + column).filter(|_| is_inside)?.as_ref()
+    };
+    let cell = |column: usize, row: usize| {
+        let here = at(column, row)?;
+        let neighbours = || {
+            let (left, above) = (at(column.checked_sub(1)?, row)?, at(column, row.checked_sub(1)?)?);
+            Some(Cell::new(here, [left, at(column + 1, row)?], [above, at(column, row + 1)?], CELL as f64))
+        };
+        // At the border of the table or of the model's domain one is missing.
+        neighbours().or_else(|| {
+            let beside = |x: f64, y: f64| Slopes::new(camera, center(column, row) + Vector2::new(x, y));
+            let (left, right) = (beside(-1.0, 0.0)?, beside(1.0, 0.0)?);
+            let (above, below) = (beside(0.0, -1.0)?, beside(0.0, 1.0)?);
+            Some(Cell::new(here, [&left, &right], [&above, &below], 1.0))
         })
+    };
+    (0..columns * rows)
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|index| cell(index % columns, index / columns).unwrap_or_default())
+        .collect()
+}
+
+/// Derivatives at one place.
+struct Slopes {
+    by_pixel: [[f64; 3]; 2],
+    by_coefficient: ByCoefficient,
+}
+
+impl Slopes {
+    fn new(camera: &Camera<f64>, pixel: Vector2<f64>) -> Option<Self> {
+        let unprojection = camera.unproject_with_jacobians(&pixel)?;
+        let by_pixel = std::array::from_fn(|column| std::array::from_fn(|axis| unprojection.by_pixel[(axis, column)]));
+        Some(Self { by_pixel, by_coefficient: by_coefficient(&unprojection)? })
+    }
+}
+
+impl Cell {
+    /// Derivative of a distance on the image by the coefficients, `beside` the centre of the cell, where `gradient` is its
+    /// derivative by the pixel of a fixed bearing.
+    #[inline(always)]
+    pub fn by_coefficients(&self, beside: [f32; 2], gradient: [f32; 2]) -> [f32; MAX_COEFFICIENTS] {
+        let [slope_x, slope_y] = &self.by_coefficient_slope;
+        let mut coefficients = [0.0; MAX_COEFFICIENTS];
+        for (index, coefficient) in coefficients.iter_mut().enumerate() {
+            let at = |row: usize| {
+                self.by_coefficient[row][index] + beside[0] * slope_x[row][index] + beside[1] * slope_y[row][index]
+            };
+            *coefficient = gradient[0] * at(0) + gradient[1] * at(1);
+        }
+        coefficients
+    }
+
+    /// The cell around `here`, from what is `distance` pixels left and right, above and below.
+    fn new(here: &Slopes, [left, right]: [&Slopes; 2], [above, below]: [&Slopes; 2], distance: f64) -> Self {
+        let turn = |before: &Slopes, after: &Slopes, column: usize| -> [f32; 3] {
+            std::array::from_fn(|axis| {
+                ((after.by_pixel[column][axis] - before.by_pixel[column][axis]) / (2.0 * distance)) as f32
+            })
+        };
+        let slope = |before: &Slopes, after: &Slopes| -> ByCoefficient {
+            std::array::from_fn(|row| {
+                std::array::from_fn(|index| {
+                    (after.by_coefficient[row][index] - before.by_coefficient[row][index]) / (2.0 * distance as f32)
+                })
+            })
+        };
+        Self {
+            slopes: BearingSlopes {
+                by_pixel: here.by_pixel.map(|column| column.map(|value| value as f32)),
+                by_pixel_twice: [turn(left, right, 0), turn(left, right, 1), turn(above, below, 1)],
+            },
+            is_known: true,
+            by_coefficient: here.by_coefficient,
+            by_coefficient_slope: [slope(left, right), slope(above, below)],
+        }
     }
 }
 
@@ -233,10 +348,16 @@ mod tests {
                 }
                 let projected = camera.project_with_jacobians(&exact.bearing).unwrap();
                 for row in 0..2 {
-                    let mut gradient = [0.0; 2];
+                    let mut gradient = [0.0_f64; 2];
                     gradient[row] = 1.0;
-                    let (linear, coefficients) = place.by_intrinsics(gradient);
-                    let found = linear.iter().chain(&coefficients).enumerate().take(parameters.len());
+                    let by_focal_length = table.plane().by_focal_length([x, y]);
+                    let linear = [0, 1].map(|axis| gradient[axis] * by_focal_length[axis]);
+                    let coefficients = place.cell.by_coefficients(
+                        place.beside_cell.map(|value| value as f32),
+                        gradient.map(|value| value as f32),
+                    );
+                    let linear = linear.into_iter().chain(gradient);
+                    let found = linear.chain(coefficients.map(f64::from)).enumerate().take(parameters.len());
                     for (parameter, value) in found {
                         let exact = projected.by_parameters[(row, parameter)];
                         // Second order in the distance from the cell's centre: f (2 px / f)².

@@ -96,7 +96,8 @@ impl BoardRay {
         let (normal_x, normal_y) = (x * inverse, y * inverse);
         let along = normal_x * self.direction[0] + normal_y * self.direction[1];
         let by_translation = [normal_x, normal_y, -along * self.inverse];
-        let by_bearing = pose.to_camera(&by_translation.map(|value| self.depth * value));
+        let [x, y, z] = by_translation;
+        let by_bearing = pose.to_camera(&[self.depth * x, self.depth * y, self.depth * z]);
         let by_rotation = cross(&self.bearing, &by_bearing);
         let by_pixel = [dot(&by_bearing, &by_pixel[0]), dot(&by_bearing, &by_pixel[1])];
         let scale = (by_pixel[0] * by_pixel[0] + by_pixel[1] * by_pixel[1]).sqrt();

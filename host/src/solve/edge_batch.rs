@@ -1,26 +1,33 @@
 //! The edges of many events of one time bin at once.
 //!
-//! The same formulas as for one event ([`EventEdge`]), in steps that alternate between looking up
-//! bearings, event by event, and arithmetic on all of them, which the compiler vectorises.
+//! The same formulas as for one event ([`EventEdge`](super::event_row::EventEdge)), in steps over all events of the batch, which
+//! the compiler vectorises. What a table says of each event's place is fetched once: the edge is so near that
+//! the same slopes tell the bearing there.
 
 use multiversion::multiversion;
 
-use super::bearing_table::{BearingTable, Place};
-use super::board_ray::{BoardRay, EdgeDistance, is_in_front};
-use super::event_row::{EventEdge, step_to_edge};
+use super::bearing_table::{BearingSlopes, BearingTable, Cell, ImagePlane};
+use super::board_ray::{BoardRay, is_in_front};
+use super::event_row::step_to_edge;
 use super::pose_bin::PoseBin;
 use super::{Problem, ResidualMeasure};
+use crate::solve::event_bias::EdgePassage;
 
-/// Most events in a batch.
-pub const LANES: usize = 64;
+/// Most events in a batch: with all that is computed of them they fit into the nearest cache.
+pub const LANES: usize = 32;
+/// Lanes are worked on in groups of this many, so that vectors are full.
+pub const GROUP: usize = 8;
 
-type Lane = [f64; LANES];
+/// A number for each event.
+pub type Lane = [f64; LANES];
+/// The same in single precision.
+pub type SingleLane = [f32; LANES];
 
 /// An event as the batch takes it.
 #[derive(Clone, Copy, Debug)]
 pub struct BatchEvent {
     /// Column and row in pixels.
-    pub pixel: (u16, u16),
+    pub pixel: [f64; 2],
     /// Seconds after the centre of the bin.
     pub dt: f64,
     /// Index of the circle on the board.
@@ -30,146 +37,232 @@ pub struct BatchEvent {
 /// Room for a batch.
 pub struct EdgeBatch<'a> {
     rays: Rays,
+    to_edge: StepsToEdge,
     edges: Edges,
-    places: [Option<Place<'a>>; LANES],
+    cells: [Option<&'a Cell>; LANES],
+    count: usize,
 }
 
-/// What goes into a pass of arithmetic.
+/// What is fetched of each event.
 struct Rays {
     dt: Lane,
+    pixel: [Lane; 2],
     center: [Lane; 2],
     bearing: [Lane; 3],
-    by_pixel: [[Lane; 3]; 2],
+    beside_pixel: [Lane; 2],
+    beside_cell: [Lane; 2],
+    by_pixel: [[SingleLane; 3]; 2],
+    by_pixel_twice: [[SingleLane; 3]; 3],
 }
 
-/// What comes out of it. Apart from what goes in, so that the compiler sees that they do not overlap.
-struct Edges {
+/// The way from the events to their edges.
+struct StepsToEdge {
     depth: Lane,
-    step: [Lane; 2],
-    metres: Lane,
-    scale: Lane,
-    gradient: [Lane; 2],
-    by_translation: [Lane; 3],
-    by_rotation: [Lane; 3],
-    sliding: Lane,
+    pixels: [Lane; 2],
 }
+
+/// The edges of the events of a batch; see [`EventEdge`](super::event_row::EventEdge).
+pub struct Edges {
+    depth: Lane,
+    /// Signed distance in pixels, positive outside the circle.
+    pub pixels: Lane,
+    /// Metres on the board for each pixel across the edge.
+    pub scale: Lane,
+    /// Derivative of the distance on the board by pixel x and y (metres per pixel).
+    pub by_pixel: [Lane; 2],
+    /// Derivative of it by the camera centre in the world frame.
+    pub by_translation: [Lane; 3],
+    /// Derivative of it by a rotation perturbation in the camera frame (metres per radian).
+    pub by_rotation: [Lane; 3],
+    /// Where the edge is from the centre of the cell, in pixels.
+    pub beside_cell: [Lane; 2],
+    /// Derivative of the pixel by fx and fy.
+    pub by_focal_length: [Lane; 2],
+    normal_speed: Lane,
+    inverse_radius: Lane,
+    corner_share: Lane,
+    acceleration: Lane,
+}
+
+const NOTHING: Lane = [0.0; LANES];
+const NOTHING_SINGLE: SingleLane = [0.0; LANES];
 
 impl Edges {
+    const EMPTY: Self = Self {
+        depth: NOTHING,
+        pixels: NOTHING,
+        scale: NOTHING,
+        by_pixel: [NOTHING; 2],
+        by_translation: [NOTHING; 3],
+        by_rotation: [NOTHING; 3],
+        beside_cell: [NOTHING; 2],
+        by_focal_length: [NOTHING; 2],
+        normal_speed: NOTHING,
+        inverse_radius: NOTHING,
+        corner_share: NOTHING,
+        acceleration: NOTHING,
+    };
+
+    /// How the edge of an event passes its pixel.
     #[inline(always)]
-    fn distance(&self, lane: usize) -> EdgeDistance {
-        EdgeDistance {
-            metres: self.metres[lane],
-            scale: self.scale[lane],
-            by_pixel: [self.gradient[0][lane], self.gradient[1][lane]],
-            by_translation: std::array::from_fn(|axis| self.by_translation[axis][lane]),
-            by_rotation: std::array::from_fn(|axis| self.by_rotation[axis][lane]),
-            sliding: self.sliding[lane],
+    pub fn passage(&self, lane: usize) -> EdgePassage {
+        EdgePassage {
+            normal_speed: self.normal_speed[lane],
+            inverse_radius: self.inverse_radius[lane],
+            corner_share: self.corner_share[lane],
+            acceleration: self.acceleration[lane],
         }
+    }
+}
+
+impl Rays {
+    const EMPTY: Self = Self {
+        dt: NOTHING,
+        pixel: [NOTHING; 2],
+        center: [NOTHING; 2],
+        bearing: [NOTHING; 3],
+        beside_pixel: [NOTHING; 2],
+        beside_cell: [NOTHING; 2],
+        by_pixel: [[NOTHING_SINGLE; 3]; 2],
+        by_pixel_twice: [[NOTHING_SINGLE; 3]; 3],
+    };
+
+    /// The ray of an event's pixel moved by `offset` pixels, and the derivative of its bearing by pixel x and y.
+    #[inline(always)]
+    fn ray(&self, pose: &PoseBin, lane: usize, offset: [f64; 2]) -> (BoardRay, [[f64; 3]; 2]) {
+        let vector = |lanes: &[SingleLane; 3]| [lanes[0][lane], lanes[1][lane], lanes[2][lane]];
+        let [x, y] = &self.by_pixel;
+        let [xx, xy, yy] = &self.by_pixel_twice;
+        let slopes =
+            BearingSlopes { by_pixel: [vector(x), vector(y)], by_pixel_twice: [vector(xx), vector(xy), vector(yy)] };
+        let moved = |beside: &[Lane; 2]| [beside[0][lane] + offset[0], beside[1][lane] + offset[1]];
+        let bearing = [self.bearing[0][lane], self.bearing[1][lane], self.bearing[2][lane]];
+        let (bearing, by_pixel) = slopes.bearing(bearing, moved(&self.beside_pixel), moved(&self.beside_cell));
+        (BoardRay::new(pose, self.dt[lane], &bearing), by_pixel)
     }
 }
 
 impl Default for EdgeBatch<'_> {
     fn default() -> Self {
-        let lane = [0.0; LANES];
         Self {
-            rays: Rays { dt: lane, center: [lane; 2], bearing: [lane; 3], by_pixel: [[lane; 3]; 2] },
-            edges: Edges {
-                depth: lane,
-                step: [lane; 2],
-                metres: lane,
-                scale: lane,
-                gradient: [lane; 2],
-                by_translation: [lane; 3],
-                by_rotation: [lane; 3],
-                sliding: lane,
-            },
-            places: [None; LANES],
+            rays: Rays::EMPTY,
+            to_edge: StepsToEdge { depth: NOTHING, pixels: [NOTHING; 2] },
+            edges: Edges::EMPTY,
+            cells: [None; LANES],
+            count: 0,
         }
     }
 }
 
 impl<'a> EdgeBatch<'a> {
-    /// Visits the edge of each of the first [`LANES`] of `events`, in their order; events whose edge is
-    /// not in view are left out. The visitor is told the event's index.
+    /// Finds the edges of the first [`LANES`] of `events`.
     #[inline(always)]
-    pub fn visit(
+    pub fn find(
         &mut self,
         problem: &Problem,
         bearings: &'a BearingTable,
         pose: &PoseBin,
-        events: impl ExactSizeIterator<Item = BatchEvent> + Clone,
-        mut visit: impl FnMut(usize, &EventEdge<'a>),
+        events: impl Iterator<Item = BatchEvent>,
     ) {
-        let count = events.len().min(LANES);
-        for (lane, event) in events.clone().take(LANES).enumerate() {
-            let center = problem.circle_centers.get(usize::from(event.circle));
-            let place = bearings.place(f64::from(event.pixel.0), f64::from(event.pixel.1));
-            self.rays.dt[lane] = event.dt;
-            self.take(lane, center.and(place));
-            let center = center.copied().unwrap_or_default();
-            self.rays.center[0][lane] = center[0];
-            self.rays.center[1][lane] = center[1];
+        self.count = 0;
+        for (lane, event) in events.take(LANES).enumerate() {
+            self.take(lane, problem, bearings, &event);
+            self.count = lane + 1;
         }
-        meet(&self.rays, pose, problem.radius, count, &mut self.edges);
-        // The second pass overwrites the step.
-        let step = self.edges.step;
-        if problem.settings.residual == ResidualMeasure::Pixel {
-            for (lane, event) in events.take(LANES).enumerate() {
-                let (x, y) = (f64::from(event.pixel.0), f64::from(event.pixel.1));
-                let met = self.places[lane].is_some() && is_in_front(self.edges.depth[lane]);
-                let place = bearings.place(x - step[0][lane], y - step[1][lane]);
-                self.take(lane, place.filter(|_| met));
-            }
-            meet(&self.rays, pose, problem.radius, count, &mut self.edges);
+        let lanes = self.count.next_multiple_of(GROUP);
+        match problem.settings.residual {
+            ResidualMeasure::Pixel => steps_to_edge(&self.rays, (pose, problem.radius), lanes, &mut self.to_edge),
+            ResidualMeasure::Plane => self.to_edge = StepsToEdge { depth: [1.0; LANES], pixels: [NOTHING; 2] },
         }
-        for lane in 0..count {
-            let Some(place) = self.places[lane].filter(|_| is_in_front(self.edges.depth[lane])) else { continue };
-            let step = [step[0][lane], step[1][lane]];
-            let residual = problem.settings.residual;
-            let at_edge = self.edges.distance(lane);
-            let edge = EventEdge::new(pose, at_edge, place, step, problem.radius, residual, problem.mean_scale);
-            if edge.pixels.is_finite() {
-                visit(lane, &edge);
-            }
+        let (plane, radius, mean_scale) = (bearings.plane(), problem.radius, problem.residual_scale());
+        edges(&self.rays, (pose, radius, plane, mean_scale), &self.to_edge, lanes, &mut self.edges);
+        for (lane, cell) in self.cells.iter_mut().take(self.count).enumerate() {
+            let is_in_view = is_in_front(self.to_edge.depth[lane])
+                && is_in_front(self.edges.depth[lane])
+                && self.edges.pixels[lane].is_finite();
+            *cell = cell.filter(|_| is_in_view);
         }
+    }
+
+    /// The edges that were found last.
+    pub fn edges(&self) -> &Edges {
+        &self.edges
+    }
+
+    /// For each event the cell of the bearing table where it is; `None` when its edge is not in view.
+    pub fn cells(&self) -> &[Option<&'a Cell>] {
+        self.cells.get(..self.count).unwrap_or_default()
     }
 
     #[inline(always)]
-    fn take(&mut self, lane: usize, place: Option<Place<'a>>) {
-        self.places[lane] = place;
-        let Some(place) = place else { return };
-        let (bearing, by_pixel) = place.bearing();
-        let store = |lanes: &mut [Lane; 3], values: [f64; 3]| {
-            lanes.iter_mut().zip(values).for_each(|(to, value)| to[lane] = value);
+    fn take(&mut self, lane: usize, problem: &Problem, bearings: &'a BearingTable, event: &BatchEvent) {
+        let rays = &mut self.rays;
+        let place = bearings.place(event.pixel[0], event.pixel[1]);
+        let center = problem.circle_centers.get(usize::from(event.circle));
+        self.cells[lane] = None;
+        let (Some(place), Some(center)) = (place, center) else { return };
+        self.cells[lane] = Some(place.cell);
+        rays.dt[lane] = event.dt;
+        let put = |lanes: &mut [Lane; 2], values: &[f64; 2]| {
+            lanes.iter_mut().zip(values).for_each(|(lanes, value)| lanes[lane] = *value);
         };
-        store(&mut self.rays.bearing, bearing);
-        self.rays.by_pixel.iter_mut().zip(by_pixel).for_each(|(lanes, values)| store(lanes, values));
+        put(&mut rays.pixel, &event.pixel);
+        put(&mut rays.center, center);
+        put(&mut rays.beside_pixel, &place.beside_pixel);
+        put(&mut rays.beside_cell, &place.beside_cell);
+        for (lanes, value) in rays.bearing.iter_mut().zip(place.pixel_bearing) {
+            lanes[lane] = *value;
+        }
+        let BearingSlopes { by_pixel, by_pixel_twice } = &place.cell.slopes;
+        let slopes = by_pixel.as_flattened().iter().chain(by_pixel_twice.as_flattened());
+        let lanes = rays.by_pixel.as_flattened_mut().iter_mut().chain(rays.by_pixel_twice.as_flattened_mut());
+        lanes.zip(slopes).for_each(|(lanes, slope)| lanes[lane] = *slope);
     }
 }
 
-/// Board distance of the first `count` lanes, and the step to the edge.
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-fn meet(rays: &Rays, pose: &PoseBin, radius: f64, count: usize, edges: &mut Edges) {
-    for lane in 0..count.min(LANES) {
-        let bearing = [rays.bearing[0][lane], rays.bearing[1][lane], rays.bearing[2][lane]];
-        let column = |pixel: usize| {
-            [rays.by_pixel[pixel][0][lane], rays.by_pixel[pixel][1][lane], rays.by_pixel[pixel][2][lane]]
-        };
-        let by_pixel = [column(0), column(1)];
+fn steps_to_edge(rays: &Rays, (pose, radius): (&PoseBin, f64), lanes: usize, found: &mut StepsToEdge) {
+    for lane in 0..lanes.min(LANES) {
+        let (ray, by_pixel) = rays.ray(pose, lane, [0.0; 2]);
         let center = [rays.center[0][lane], rays.center[1][lane]];
-        let ray = BoardRay::new(pose, rays.dt[lane], &bearing);
+        let [x, y] = step_to_edge(&ray.edge_distance(pose, &by_pixel, center, radius));
+        found.depth[lane] = ray.depth();
+        found.pixels[0][lane] = x;
+        found.pixels[1][lane] = y;
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
+fn edges(
+    rays: &Rays,
+    (pose, radius, plane, mean_scale): (&PoseBin, f64, &ImagePlane, Option<f64>),
+    to_edge: &StepsToEdge,
+    lanes: usize,
+    found: &mut Edges,
+) {
+    for lane in 0..lanes.min(LANES) {
+        let step = [to_edge.pixels[0][lane], to_edge.pixels[1][lane]];
+        let (ray, by_pixel) = rays.ray(pose, lane, [-step[0], -step[1]]);
+        let center = [rays.center[0][lane], rays.center[1][lane]];
         let distance = ray.edge_distance(pose, &by_pixel, center, radius);
-        let step = step_to_edge(&distance);
-        edges.depth[lane] = ray.depth();
-        edges.metres[lane] = distance.metres;
-        edges.scale[lane] = distance.scale;
-        edges.sliding[lane] = distance.sliding;
-        let store = |lanes: &mut [Lane], values: &[f64]| {
-            lanes.iter_mut().zip(values).for_each(|(to, value)| to[lane] = *value);
-        };
-        store(&mut edges.gradient, &distance.by_pixel);
-        store(&mut edges.step, &step);
-        store(&mut edges.by_translation, &distance.by_translation);
-        store(&mut edges.by_rotation, &distance.by_rotation);
+        let at = [rays.pixel[0][lane] - step[0], rays.pixel[1][lane] - step[1]];
+        let passage = EdgePassage::new(pose, &distance, plane.corner_share(at), radius);
+        let by_focal_length = plane.by_focal_length(at);
+        found.depth[lane] = ray.depth();
+        found.pixels[lane] = distance.beyond(step) / mean_scale.unwrap_or(distance.scale);
+        found.scale[lane] = distance.scale;
+        for axis in 0..2 {
+            found.by_pixel[axis][lane] = distance.by_pixel[axis];
+            found.beside_cell[axis][lane] = rays.beside_cell[axis][lane] - step[axis];
+            found.by_focal_length[axis][lane] = by_focal_length[axis];
+        }
+        for axis in 0..3 {
+            found.by_translation[axis][lane] = distance.by_translation[axis];
+            found.by_rotation[axis][lane] = distance.by_rotation[axis];
+        }
+        found.normal_speed[lane] = passage.normal_speed;
+        found.inverse_radius[lane] = passage.inverse_radius;
+        found.corner_share[lane] = passage.corner_share;
+        found.acceleration[lane] = passage.acceleration;
     }
 }

@@ -82,16 +82,21 @@ impl ClassBias {
     /// out: that one moves the pose.
     #[inline(always)]
     pub fn distance(&self, passage: &EdgePassage) -> f64 {
-        let EdgePassage { normal_speed, inverse_radius, corner_share, acceleration } = *passage;
-        let biases = &self.biases;
-        let latency = biases[Bias::Bend] * normal_speed
-            + biases[Bias::CornerLatency] * corner_share
-            + biases[Bias::CurvatureLatency] * inverse_radius;
-        biases[Bias::Offset]
-            + biases[Bias::Curvature] * inverse_radius
-            + biases[Bias::Memory] * acceleration
-            + normal_speed * latency
+        expected_distance(&self.biases, passage)
     }
+}
+
+/// Distance in pixels from the edge at which an event with these biases is expected, the latency left out.
+#[inline(always)]
+pub fn expected_distance(biases: &Biases<f64>, passage: &EdgePassage) -> f64 {
+    let EdgePassage { normal_speed, inverse_radius, corner_share, acceleration } = *passage;
+    let latency = biases[Bias::Bend] * normal_speed
+        + biases[Bias::CornerLatency] * corner_share
+        + biases[Bias::CurvatureLatency] * inverse_radius;
+    biases[Bias::Offset]
+        + biases[Bias::Curvature] * inverse_radius
+        + biases[Bias::Memory] * acceleration
+        + normal_speed * latency
 }
 
 /// Biases of all event classes.

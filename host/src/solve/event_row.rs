@@ -13,56 +13,49 @@
 //! v = dr/dt, the dot's radius ρ in pixels, the distance s from the middle of the sensor and the edge's
 //! acceleration a (see [`crate::solve::event_bias`]).
 
-use evcal_core::camera::{MAX_COEFFICIENTS, MAX_PARAMETERS};
+use evcal_core::camera::MAX_PARAMETERS;
 
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{ClassBias, EdgePassage};
 
-use super::ResidualMeasure;
-use super::bearing_table::{BearingTable, Place};
+use super::bearing_table::BearingTable;
 use super::board_ray::{BoardRay, EdgeDistance, is_in_front};
 use super::pose_bin::PoseBin;
 
-/// Length of a row: pose (rotation 3, translation 3), intrinsics, biases of the class, residual, and
-/// padding to a multiple of the vector width.
+/// Length of a row: pose (rotation 3, translation 3), residual, intrinsics and biases of the class, each part at a multiple
+/// of the vector width. Single precision is enough: the rows are weights of sums over many events.
 pub const ROW: usize = 32;
+/// Where the residual stands in a row.
+pub const ROW_RESIDUAL: usize = 6;
 /// Where the intrinsics begin in a row.
-pub const ROW_INTRINSICS: usize = 6;
+pub const ROW_INTRINSICS: usize = 8;
 /// Where the coefficients of the camera model begin in a row, after fx, fy, cx and cy.
-const ROW_COEFFICIENTS: usize = ROW_INTRINSICS + 4;
+pub const ROW_COEFFICIENTS: usize = ROW_INTRINSICS + 4;
 /// Where the biases of the class begin in a row.
-const ROW_BIASES: usize = ROW_INTRINSICS + MAX_PARAMETERS;
+pub const ROW_BIASES: usize = 24;
 /// Where a bias of the class stands in a row.
 pub const fn row_bias(bias: Bias) -> usize {
     ROW_BIASES + bias.index()
 }
-/// Where the residual stands in a row.
-pub const ROW_RESIDUAL: usize = ROW_BIASES + Bias::COUNT;
+const _: () = assert!(ROW_INTRINSICS + MAX_PARAMETERS <= ROW_BIASES && ROW_BIASES + Bias::COUNT <= ROW);
 
 /// An event's distance from the projected edge.
 #[derive(Clone, Copy)]
-pub struct EventEdge<'a> {
+pub struct EventEdge {
     /// Signed distance in pixels, positive outside the circle.
     pub pixels: f64,
     /// The board distance where derivatives are taken.
     pub distance: EdgeDistance,
-    /// Where derivatives are taken.
-    pub place: Place<'a>,
-    /// Normal speed of the edge in pixels per second, positive where pixels leave the dot.
-    pub normal_speed: f64,
-    /// One over the radius of the dot in pixels.
-    pub inverse_radius: f64,
-    /// Second derivative of the distance by time at a fixed pixel, as far as it comes from the dot being
-    /// round (px/s²).
-    pub acceleration: f64,
+    /// How the edge passes the pixel.
+    pub passage: EdgePassage,
 }
 
-impl<'a> EventEdge<'a> {
+impl EventEdge {
     /// The edge of the circle at `center` (metres) for the event at `pixel`, `dt` seconds after the
     /// centre of the bin, whose ray is `ray` and whose bearing changes `by_pixel`; `None` when the edge is
     /// not in view there.
     pub fn of_event(
-        bearings: &'a BearingTable,
+        bearings: &BearingTable,
         pose: &PoseBin,
         (pixel, dt): ([f64; 2], f64),
         (ray, by_pixel): (&BoardRay, &[[f64; 3]; 2]),
@@ -70,76 +63,41 @@ impl<'a> EventEdge<'a> {
         radius: f64,
     ) -> Option<Self> {
         let step = step_to_edge(&ray.edge_distance(pose, by_pixel, center, radius));
-        let place = bearings.place(pixel[0] - step[0], pixel[1] - step[1])?;
-        let (bearing, by_pixel) = place.bearing();
+        let at = [pixel[0] - step[0], pixel[1] - step[1]];
+        let (bearing, by_pixel) = bearings.place(at[0], at[1])?.bearing();
         let ray = BoardRay::new(pose, dt, &bearing);
-        let at_edge = ray.edge_distance(pose, &by_pixel, center, radius);
-        let edge = Self::new(pose, at_edge, place, step, radius, ResidualMeasure::Pixel, 1.0);
-        (is_in_front(ray.depth()) && edge.pixels.is_finite()).then_some(edge)
-    }
-
-    /// From the board distance at the edge, `step` pixels from the event.
-    #[inline(always)]
-    pub fn new(
-        pose: &PoseBin,
-        at_edge: EdgeDistance,
-        place: Place<'a>,
-        step: [f64; 2],
-        radius: f64,
-        residual: ResidualMeasure,
-        mean_scale: f64,
-    ) -> Self {
-        let along = at_edge.by_pixel[0] * step[0] + at_edge.by_pixel[1] * step[1];
-        let pixels = match residual {
-            ResidualMeasure::Pixel => (along + at_edge.metres) / at_edge.scale,
-            ResidualMeasure::Plane => at_edge.metres / mean_scale,
-        };
-        let normal_speed = at_edge.normal_speed(pose);
-        Self {
-            pixels,
-            normal_speed,
-            inverse_radius: at_edge.scale / radius,
-            acceleration: at_edge.sliding * at_edge.sliding / (radius * at_edge.scale),
-            distance: at_edge,
-            place,
-        }
-    }
-
-    /// What the expected distance depends on.
-    #[inline(always)]
-    pub fn passage(&self) -> EdgePassage {
-        EdgePassage {
-            normal_speed: self.normal_speed,
-            inverse_radius: self.inverse_radius,
-            corner_share: self.place.corner_share,
-            acceleration: self.acceleration,
-        }
+        let distance = ray.edge_distance(pose, &by_pixel, center, radius);
+        let pixels = distance.beyond(step) / distance.scale;
+        let passage = EdgePassage::new(pose, &distance, bearings.plane().corner_share(at), radius);
+        (is_in_front(ray.depth()) && pixels.is_finite()).then_some(Self { pixels, distance, passage })
     }
 
     /// Distance in pixels from where the class's events are expected.
     #[inline(always)]
     pub fn from_expected(&self, bias: &ClassBias) -> f64 {
-        self.pixels - bias.distance(&self.passage())
+        self.pixels - bias.distance(&self.passage)
     }
+}
 
-    /// Fills the row of the event: derivatives and `residual` (its distance from where its class is
-    /// expected, in pixels), all times `weight`. `scale` is metres on the board for each unit of the
-    /// residual.
+impl EdgeDistance {
+    /// Distance in metres of the event that is `step` pixels from here, to first order.
     #[inline(always)]
-    pub fn fill_row(&self, row: &mut [f64; ROW], residual: f64, weight: f64, scale: f64) {
-        let factor = weight / scale;
-        let distance = &self.distance;
-        for axis in 0..3 {
-            row[axis] = distance.by_rotation[axis] * factor;
-            row[3 + axis] = distance.by_translation[axis] * factor;
+    pub fn beyond(&self, step: [f64; 2]) -> f64 {
+        self.by_pixel[0] * step[0] + self.by_pixel[1] * step[1] + self.metres
+    }
+}
+
+impl EdgePassage {
+    /// How the edge at `distance` passes, in whose place `corner_share` is the squared distance from the middle of the
+    /// sensor.
+    #[inline(always)]
+    pub fn new(pose: &PoseBin, distance: &EdgeDistance, corner_share: f64, radius: f64) -> Self {
+        Self {
+            normal_speed: distance.normal_speed(pose),
+            inverse_radius: distance.scale / radius,
+            corner_share,
+            acceleration: distance.sliding * distance.sliding / (radius * distance.scale),
         }
-        let (linear, coefficients) = self.place.by_intrinsics(distance.by_pixel.map(|value| -value * factor));
-        row[ROW_INTRINSICS..ROW_COEFFICIENTS].copy_from_slice(&linear);
-        row[ROW_COEFFICIENTS..ROW_COEFFICIENTS + MAX_COEFFICIENTS].copy_from_slice(&coefficients);
-        for (entry, derivative) in row[ROW_BIASES..].iter_mut().zip(self.passage().derivatives().as_array()) {
-            *entry = -derivative * weight;
-        }
-        row[ROW_RESIDUAL] = residual * weight;
     }
 }
 
@@ -147,7 +105,7 @@ impl<'a> EventEdge<'a> {
 #[inline(always)]
 pub fn step_to_edge(at_event: &EdgeDistance) -> [f64; 2] {
     let step = at_event.metres / (at_event.scale * at_event.scale);
-    at_event.by_pixel.map(|by_pixel| step * by_pixel)
+    [step * at_event.by_pixel[0], step * at_event.by_pixel[1]]
 }
 
 #[cfg(test)]
@@ -155,6 +113,11 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
+    use crate::solve::edge_batch::{BatchEvent, EdgeBatch};
+    use crate::solve::event_bias::bias::Biases;
+    use crate::solve::event_bias::{CLASS_COUNT, unknown};
+    use crate::solve::row_batch::RowBatch;
+    use crate::solve::{FreeParameters, Problem, SolveSettings};
     use evcal_core::camera::{Camera, ModelKind};
     use evcal_core::spline::MAX_ORDER;
     use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -195,15 +158,34 @@ mod tests {
         camera.project(&(rotation.inverse() * (rim - translation))).unwrap()
     }
 
-    fn residual(camera: &Camera<f64>, pose: &PoseBin, dt: f64, [x, y]: [f64; 2]) -> (f64, [f64; ROW]) {
-        let table = BearingTable::new(camera, Sensor::new(346, 260));
-        let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
-        let ray = BoardRay::new(pose, dt, &bearing);
-        let edge = EventEdge::of_event(&table, pose, ([x, y], dt), (&ray, &by_pixel), CENTER, RADIUS).unwrap();
-        let residual = edge.pixels - OFFSET;
-        let mut row = [0.0; ROW];
-        edge.fill_row(&mut row, residual, 1.0, edge.distance.scale);
-        (residual, row)
+    fn problem() -> Problem {
+        Problem {
+            sensor: Sensor::new(346, 260),
+            circle_centers: vec![CENTER],
+            radius: RADIUS,
+            mean_scale: 1.0,
+            point_sigma: 1.0,
+            associated_latencies: [0.0; CLASS_COUNT],
+            segments: Vec::new(),
+            stiffness: Vec::new(),
+            free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
+            settings: SolveSettings { huber: 1e6, ..SolveSettings::default() },
+        }
+    }
+
+    /// The residual of the event at `pixel`, and its row.
+    fn residual(camera: &Camera<f64>, pose: &PoseBin, dt: f64, pixel: [f64; 2]) -> (f64, [f64; ROW]) {
+        let problem = problem();
+        let table = BearingTable::new(camera, problem.sensor);
+        let mut batch = EdgeBatch::default();
+        batch.find(&problem, &table, pose, std::iter::once(BatchEvent { pixel, dt, circle: 0 }));
+        let mut bias = unknown(1.0)[0];
+        bias.biases[Bias::Offset] = OFFSET;
+        let mut rows = RowBatch::default();
+        rows.set_class(0, &bias, 1.0);
+        rows.weigh(batch.edges(), problem.settings.huber, None, 1);
+        assert_eq!(rows.collect(batch.cells(), std::iter::once(0)).0, 1);
+        (rows.residual(0), rows.steps().0[0][0].map(f64::from))
     }
 
     /// Compares the row of an event `beside` pixels from the rim with central differences.
@@ -255,6 +237,33 @@ mod tests {
         // What is left after one step towards a curved edge is of second order in the distance.
         assert_derivatives([0.4, 0.3], 2e-3);
         assert_derivatives([-0.7, 0.2], 2e-3);
+    }
+
+    #[test]
+    fn a_batch_finds_the_edges_of_its_events_one_by_one() {
+        let (rotation, translation) = reference_pose();
+        let reference = camera(&PARAMETERS);
+        let (bin, rim, problem) = (pose(rotation, translation), rim(&reference), problem());
+        let table = BearingTable::new(&reference, problem.sensor);
+        let pixel = |index: u32| [rim.x + f64::from(index % 5) * 0.7 - 1.4, rim.y + f64::from(index % 7) * 0.5 - 1.5];
+        let dt = |index: u32| f64::from(index) * 1e-5;
+        let events = (0..27).map(|index| BatchEvent { pixel: pixel(index), dt: dt(index), circle: 0 });
+        let mut batch = EdgeBatch::default();
+        batch.find(&problem, &table, &bin, events);
+        for index in 0..27 {
+            let [x, y] = pixel(index);
+            let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
+            let ray = BoardRay::new(&bin, dt(index), &bearing);
+            let at = ([x, y], dt(index));
+            let edge = EventEdge::of_event(&table, &bin, at, (&ray, &by_pixel), CENTER, RADIUS).unwrap();
+            let lane = index as usize;
+            assert!(batch.cells()[lane].is_some());
+            let (edges, passage) = (batch.edges(), batch.edges().passage(lane));
+            assert!((edges.pixels[lane] - edge.pixels).abs() < 1e-4, "{} {}", edges.pixels[lane], edge.pixels);
+            assert_close(edges.scale[lane] / edge.distance.scale, 1.0, "scale");
+            assert_close(passage.normal_speed / edge.passage.normal_speed, 1.0, "speed");
+            assert_close(passage.acceleration / edge.passage.acceleration, 1.0, "acceleration");
+        }
     }
 
     fn assert_close(analytic: f64, numeric: f64, what: &str) {

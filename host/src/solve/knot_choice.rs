@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::knot_fit::{Displacement, KnotFit};
-use super::levenberg::{linearised, system_of};
+use super::levenberg::assemble;
 use super::stiffness::Stiffness;
 use super::stretch::stretches;
 use super::system::SegmentSystem;
@@ -71,8 +71,7 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
             *trajectory = fit.trajectory.clone();
         }
     }
-    let equations = linearised(problem, &fine, &stretches(&problem.segments));
-    let system = system_of(problem, &fine, &equations);
+    let system = assemble(problem, &fine, &stretches(&problem.segments));
     let costs: Vec<Option<Vec<Vec<f64>>>> = on_finest
         .par_iter()
         .zip(&system.segments)

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::bearing_table::BearingTable;
 use super::normal::StretchEquations;
 use super::smoothness::{Acceleration, accelerations};
-use super::stretch::{Stretch, linearise, stretches};
-use super::system::System;
+use super::stretch::{STRETCHES_TOGETHER, Stretch, linearise, stretches};
+use super::system::{Contribution, System};
 use super::{GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
@@ -94,20 +94,15 @@ pub fn intrinsics_of(matrix: &DMatrix<f64>, free: &[bool; GLOBAL_COUNT], count: 
     part
 }
 
-fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> System {
-    system_of(problem, state, &linearised(problem, state, stretches))
-}
-
-/// The normal equations of each of `stretches` at `state`.
-pub fn linearised(problem: &Problem, state: &State, stretches: &[Stretch]) -> Vec<(Stretch, StretchEquations)> {
-    let bearings = BearingTable::new(&state.camera, problem.sensor);
-    stretches.par_iter().map(|stretch| (stretch.clone(), linearise(problem, state, &bearings, stretch))).collect()
-}
-
-/// The system of `equations`, which cover all observations, with what holds the trajectories.
-pub fn system_of(problem: &Problem, state: &State, equations: &[(Stretch, StretchEquations)]) -> System {
+/// The system of all observations of `problem` at `state`, with what holds the trajectories; `stretches` are all of them.
+pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> System {
     let control_points: Vec<usize> = state.trajectories.iter().map(|t| t.control_point_count()).collect();
-    let mut system = System::merge(&control_points, equations);
+    let bearings = BearingTable::new(&state.camera, problem.sensor);
+    let mut system = System::new(&control_points);
+    for group in stretches.chunks(STRETCHES_TOGETHER) {
+        system.add(&linearised(problem, state, &bearings, group));
+    }
+    system.close();
     let smoothness: Vec<Vec<Acceleration>> =
         state.trajectories.iter().map(|trajectory| accelerations(trajectory, &problem.settings)).collect();
     system.add_smoothness(&smoothness);
@@ -117,8 +112,35 @@ pub fn system_of(problem: &Problem, state: &State, equations: &[(Stretch, Stretc
     system
 }
 
+/// What each of `stretches` says of the free global parameters of `system`, which is that of `problem` at `state`.
+///
+/// # Errors
+/// [`SolveError::Singular`] when the observations do not determine the trajectories.
+pub fn contributions(
+    problem: &Problem,
+    state: &State,
+    system: &System,
+    stretches: &[Stretch],
+) -> Result<Vec<Contribution>, SolveError> {
+    let free = problem.free.mask();
+    let follows = system.follows(&free).map_err(|_| SolveError::Singular)?;
+    let bearings = BearingTable::new(&state.camera, problem.sensor);
+    let of_group = |group| follows.contributions(&linearised(problem, state, &bearings, group));
+    Ok(stretches.chunks(STRETCHES_TOGETHER).flat_map(of_group).collect())
+}
+
+/// The normal equations of each of `stretches` at `state`, whose camera's bearings are given.
+pub fn linearised(
+    problem: &Problem,
+    state: &State,
+    bearings: &BearingTable,
+    stretches: &[Stretch],
+) -> Vec<(Stretch, StretchEquations)> {
+    stretches.par_iter().map(|stretch| (stretch.clone(), linearise(problem, state, bearings, stretch))).collect()
+}
+
 /// `state` moved by a step; `None` when the camera model refuses the parameters.
-fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<State> {
+pub fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<State> {
     let mut parameters = state.camera.parameters();
     parameters.iter_mut().zip(globals).for_each(|(parameter, step)| *parameter += step);
     let camera = evcal_core::camera::Camera::from_parameters(state.camera.kind(), &parameters)?;

@@ -1,70 +1,26 @@
 //! The normal equations of a stretch of trajectory, and their assembly.
 //!
 //! Events of one time bin share the pose and the basis weights. A bin therefore only sums the outer
-//! products of short rows (pose, intrinsics, offset, latency, residual) and expands them to the
+//! products of short rows ([`row_products`](super::row_products)) and expands them to the
 //! control points once. Stretches of bins are independent, so they run in parallel and are merged
 //! in a fixed order: the result does not depend on the number of threads.
 
 use evcal_core::camera::MAX_PARAMETERS;
 use multiversion::multiversion;
-use nalgebra::{DMatrix, Matrix3, SMatrix};
+use nalgebra::{DMatrix, Matrix3, SMatrix, Vector3};
 
+use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
 
-use super::event_row::{ROW, ROW_INTRINSICS, ROW_RESIDUAL, row_bias};
+use super::event_row::{ROW_INTRINSICS, ROW_RESIDUAL, row_bias};
 use super::pose_bin::PoseBin;
+use super::row_products::RowProducts;
 use super::{GLOBAL_COUNT, bias_index};
-
-/// Sum of outer products of rows; only the part at and left of the diagonal's block of eight
-/// columns is filled.
-pub type RowProduct = [[f64; ROW]; ROW];
-
-/// One past the last line that is used.
-const END: usize = ROW_RESIDUAL + 1;
-
-/// Adds the outer products of `rows` to `product`.
-///
-/// Each element is a sum in the order of the rows, whatever the vector width, so that all machines
-/// get the same bits.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-pub fn add_outer_products(product: &mut RowProduct, rows: &[[f64; ROW]]) {
-    let (quads, rest) = rows.as_chunks::<4>();
-    for quad in quads {
-        add_columns::<8, 0, 8, 4>(product, quad);
-        add_columns::<16, 8, 16, 4>(product, quad);
-        add_columns::<24, 16, 24, 4>(product, quad);
-        add_columns::<32, 24, END, 4>(product, quad);
-    }
-    for row in rest {
-        let single = std::array::from_ref(row);
-        add_columns::<8, 0, 8, 1>(product, single);
-        add_columns::<16, 8, 16, 1>(product, single);
-        add_columns::<24, 16, 24, 1>(product, single);
-        add_columns::<32, 24, END, 1>(product, single);
-    }
-}
-
-#[inline(always)]
-fn add_columns<const COLUMNS: usize, const FIRST: usize, const END: usize, const COUNT: usize>(
-    product: &mut RowProduct,
-    rows: &[[f64; ROW]; COUNT],
-) {
-    for line in FIRST..END {
-        let target = &mut product[line];
-        for column in 0..COLUMNS {
-            let mut sum = target[column];
-            for row in rows {
-                sum += row[line] * row[column];
-            }
-            target[column] = sum;
-        }
-    }
-}
 
 /// 6×6 block of two control points: rotation first, then translation.
 pub type Block = SMatrix<f64, 6, 6>;
-/// 6 × globals block of a control point.
-pub type BorderBlock = SMatrix<f64, 6, GLOBAL_COUNT>;
+/// 6 × globals block of a control point, line by line.
+pub type BorderBlock = [[f64; GLOBAL_COUNT]; 6];
 
 /// Normal equations of a stretch of one segment.
 #[derive(Clone, Debug)]
@@ -96,7 +52,7 @@ impl StretchEquations {
             first,
             order,
             blocks: vec![Block::zeros(); count * order],
-            border: vec![BorderBlock::zeros(); count],
+            border: vec![[[0.0; GLOBAL_COUNT]; 6]; count],
             gradient: vec![[0.0; 6]; count],
             corner: Box::new(SMatrix::zeros()),
             corner_gradient: [0.0; GLOBAL_COUNT],
@@ -133,84 +89,35 @@ impl StretchEquations {
     }
 }
 
-/// The rows of one time bin, summed, before they are expanded to control points.
-pub struct BinEquations {
-    pose: Block,
-    border: BorderBlock,
-    gradient: [f64; 6],
-    empty: bool,
-}
-
-impl Default for BinEquations {
-    fn default() -> Self {
-        Self { pose: Block::zeros(), border: BorderBlock::zeros(), gradient: [0.0; 6], empty: true }
-    }
-}
-
-impl BinEquations {
-    /// Adds the rows of one event class; `product` is cleared.
-    pub fn add_class(&mut self, product: &mut RowProduct, class: usize, equations: &mut StretchEquations) {
-        self.empty = false;
-        let at =
-            |line: usize, column: usize| if line >= column { product[line][column] } else { product[column][line] };
-        for line in 0..6 {
-            for column in 0..=line {
-                self.pose[(line, column)] += at(line, column);
-            }
-            for parameter in 0..MAX_PARAMETERS {
-                self.border[(line, parameter)] += at(ROW_INTRINSICS + parameter, line);
-            }
-            for bias in Bias::ALL {
-                self.border[(line, bias_index(class, bias))] += at(row_bias(bias), line);
-            }
-            self.gradient[line] += at(ROW_RESIDUAL, line);
-        }
-        let corner = &mut equations.corner;
-        for parameter in 0..MAX_PARAMETERS {
-            let line = ROW_INTRINSICS + parameter;
-            for other in 0..=parameter {
-                corner[(parameter, other)] += at(line, ROW_INTRINSICS + other);
-            }
-            equations.corner_gradient[parameter] += at(ROW_RESIDUAL, line);
-        }
-        for bias in Bias::ALL {
-            let (global, line) = (bias_index(class, bias), row_bias(bias));
-            for parameter in 0..MAX_PARAMETERS {
-                corner[(global, parameter)] += at(line, ROW_INTRINSICS + parameter);
-            }
-            for other in Bias::ALL.into_iter().take_while(|other| other.index() <= bias.index()) {
-                corner[(global, bias_index(class, other))] += at(line, row_bias(other));
-            }
-            equations.corner_gradient[global] += at(ROW_RESIDUAL, line);
-        }
-        *product = [[0.0; ROW]; ROW];
-    }
-
-    /// Expands the bin to the control points of `pose` and clears it.
-    pub fn expand(&mut self, pose: &PoseBin, equations: &mut StretchEquations) {
-        if std::mem::replace(&mut self.empty, true) {
+impl StretchEquations {
+    /// Expands what `products` say of the pose to the control points of `pose`, and clears it there.
+    pub fn add_bin(&mut self, pose: &PoseBin, products: &mut RowProducts) {
+        if !products.is_touched {
             return;
         }
-        self.pose.fill_upper_triangle_with_lower_triangle();
-        let rotation: Matrix3<f64> = self.pose.fixed_view::<3, 3>(0, 0).into();
-        let mixed: Matrix3<f64> = self.pose.fixed_view::<3, 3>(0, 3).into();
-        let translation: Matrix3<f64> = self.pose.fixed_view::<3, 3>(3, 3).into();
-        let border_rotation: SMatrix<f64, 3, GLOBAL_COUNT> = self.border.fixed_view::<3, GLOBAL_COUNT>(0, 0).into();
-        let border_translation: SMatrix<f64, 3, GLOBAL_COUNT> = self.border.fixed_view::<3, GLOBAL_COUNT>(3, 0).into();
-        let gradient_rotation = nalgebra::Vector3::new(self.gradient[0], self.gradient[1], self.gradient[2]);
-        let order = equations.order;
+        let common = &products.common;
+        let block = |row: usize, column: usize| {
+            Matrix3::from_fn(|i, j| {
+                let (line, other) = (row + i, column + j);
+                common[line.max(other)][line.min(other)]
+            })
+        };
+        let (rotation, mixed, translation) = (block(0, 0), block(0, 3), block(3, 3));
+        let gradient = &common[ROW_RESIDUAL];
+        let turning = Vector3::new(gradient[0], gradient[1], gradient[2]);
+        let border = border_of(products);
+        let order = self.order;
         for (a, (jacobian, &weight)) in pose.rotation_jacobians.iter().zip(&pose.weights).take(order).enumerate() {
-            let Some(index) = (pose.first + a).checked_sub(equations.first) else { continue };
-            if index >= equations.border.len() {
+            let Some(index) = (pose.first + a).checked_sub(self.first) else { continue };
+            if index >= self.border.len() {
                 continue;
             }
             let transposed = jacobian.transpose();
-            let rotation_a = transposed * rotation;
-            let mixed_a = transposed * mixed;
+            let (rotation_a, mixed_a) = (transposed * rotation, transposed * mixed);
             for (b, (jacobian_b, &weight_b)) in
                 pose.rotation_jacobians.iter().zip(&pose.weights).take(a + 1).enumerate()
             {
-                let block = &mut equations.blocks[index * order + (a - b)];
+                let block = &mut self.blocks[index * order + (a - b)];
                 let mut add = |row: usize, column: usize, part: Matrix3<f64>| {
                     let mut view = block.fixed_view_mut::<3, 3>(row, column);
                     view += part;
@@ -220,18 +127,74 @@ impl BinEquations {
                 add(3, 0, (mixed.transpose() * jacobian_b) * weight);
                 add(3, 3, translation * (weight * weight_b));
             }
-            let border = &mut equations.border[index];
-            let mut view = border.fixed_view_mut::<3, GLOBAL_COUNT>(0, 0);
-            view += transposed * border_rotation;
-            let mut view = border.fixed_view_mut::<3, GLOBAL_COUNT>(3, 0);
-            view += border_translation * weight;
-            let gradient = &mut equations.gradient[index];
-            let turned = transposed * gradient_rotation;
+            add_border(&mut self.border[index], &border, jacobian, weight);
+            let sum = &mut self.gradient[index];
+            let turned = transposed * turning;
             for axis in 0..3 {
-                gradient[axis] += turned[axis];
-                gradient[3 + axis] += self.gradient[3 + axis] * weight;
+                sum[axis] += turned[axis];
+                sum[3 + axis] += gradient[3 + axis] * weight;
             }
         }
-        *self = Self::default();
+        products.clear_pose();
+    }
+
+    /// Adds what `products` say of the global parameters.
+    pub fn add_globals(&mut self, products: &RowProducts) {
+        let corner = &mut self.corner;
+        for parameter in 0..MAX_PARAMETERS {
+            let line = &products.common[ROW_INTRINSICS + parameter];
+            for other in 0..=parameter {
+                corner[(parameter, other)] += line[ROW_INTRINSICS + other];
+            }
+            self.corner_gradient[parameter] += line[ROW_RESIDUAL];
+        }
+        for (class, lines) in products.classes.iter().enumerate() {
+            for (bias, line) in Bias::ALL.into_iter().zip(lines) {
+                let global = bias_index(class, bias);
+                for parameter in 0..MAX_PARAMETERS {
+                    corner[(global, parameter)] += line[ROW_INTRINSICS + parameter];
+                }
+                for other in Bias::ALL.into_iter().take_while(|other| other.index() <= bias.index()) {
+                    corner[(global, bias_index(class, other))] += line[row_bias(other)];
+                }
+                self.corner_gradient[global] += line[ROW_RESIDUAL];
+            }
+        }
+    }
+}
+
+/// Products of the pose with the global parameters.
+fn border_of(products: &RowProducts) -> BorderBlock {
+    let mut border = [[0.0; GLOBAL_COUNT]; 6];
+    for (axis, line) in border.iter_mut().enumerate() {
+        for (parameter, entry) in line.iter_mut().take(MAX_PARAMETERS).enumerate() {
+            *entry = products.common[ROW_INTRINSICS + parameter][axis];
+        }
+    }
+    for class in (0..CLASS_COUNT).filter(|&class| products.touched[class]) {
+        for (bias, from) in Bias::ALL.into_iter().zip(&products.classes[class]) {
+            for (line, value) in border.iter_mut().zip(from) {
+                line[bias_index(class, bias)] = *value;
+            }
+        }
+    }
+    border
+}
+
+/// Adds the part of a control point on which the rotation depends by `jacobian` and the translation by `weight`.
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
+fn add_border(sum: &mut BorderBlock, border: &BorderBlock, jacobian: &Matrix3<f64>, weight: f64) {
+    let [x, y, z, moving @ ..] = border;
+    let (turning, moved) = sum.split_at_mut(3);
+    for (axis, line) in turning.iter_mut().enumerate() {
+        let [by_x, by_y, by_z] = [jacobian[(0, axis)], jacobian[(1, axis)], jacobian[(2, axis)]];
+        for (global, sum) in line.iter_mut().enumerate() {
+            *sum += by_x * x[global] + by_y * y[global] + by_z * z[global];
+        }
+    }
+    for (line, moving) in moved.iter_mut().zip(moving) {
+        for (sum, value) in line.iter_mut().zip(moving) {
+            *sum += weight * value;
+        }
     }
 }

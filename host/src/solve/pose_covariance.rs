@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, Matrix3, SMatrix};
 
-use super::levenberg::{linearised, system_of};
+use super::levenberg::assemble;
 use super::stretch::stretches;
 use super::system::ControlCovariance;
 use super::{Problem, SolveError, State};
@@ -36,8 +36,7 @@ impl PoseCovariance {
     /// # Errors
     /// [`SolveError::Singular`] when the observations do not determine the free parameters.
     pub fn new(problem: &Problem, state: &State, inflation: f64) -> Result<Self, SolveError> {
-        let equations = linearised(problem, state, &stretches(&problem.segments));
-        let system = system_of(problem, state, &equations);
+        let system = assemble(problem, state, &stretches(&problem.segments));
         let free = problem.free.mask();
         let globals = system.global_covariance(&free).map_err(|_| SolveError::Singular)?;
         Ok(Self { segments: system.control_covariances(&free), globals, inflation })

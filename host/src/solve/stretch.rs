@@ -6,18 +6,19 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
-use super::board_ray::EdgeDistance;
 use super::edge_batch::{BatchEvent, EdgeBatch, LANES};
-use super::event_row::{EventEdge, ROW, ROW_RESIDUAL};
-use super::normal::{BinEquations, RowProduct, StretchEquations, add_outer_products};
+use super::event_row::{ROW, ROW_RESIDUAL};
+use super::normal::StretchEquations;
 use super::observation::{EventObservation, SegmentObservations};
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
-use super::{Problem, ResidualMeasure, State};
+use super::row_batch::RowBatch;
+use super::row_products::{RowProducts, STEP};
+use super::{Problem, State};
 use crate::circles::reference_frame::PointObservation;
 use crate::numerics::huber::huber;
 use crate::solve::event_bias::bias::Bias;
-use crate::solve::event_bias::{CLASS_COUNT, ClassBias, SPEED_RANGE_COUNT};
+use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
 
 /// A run of bins (and of circle centres) of one segment, small enough to be a unit of work.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,6 +44,8 @@ impl Stretch {
 /// Bins in a stretch: long enough that merging costs little, short enough to share among threads.
 const STRETCH_BINS: usize = 128;
 const STRETCH_POINTS: usize = 512;
+/// Stretches whose results are held at one time.
+pub const STRETCHES_TOGETHER: usize = 64;
 
 /// Cuts all segments into stretches.
 pub fn stretches(segments: &[SegmentObservations]) -> Vec<Stretch> {
@@ -77,85 +80,70 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
     };
     let count = last_pose.first + last_pose.order - first_pose.first;
     let mut equations = StretchEquations::new(first_pose.first, count, first_pose.order);
-    let mut product: RowProduct = [[0.0; ROW]; ROW];
-    let mut bin_equations = BinEquations::default();
+    let mut products = RowProducts::default();
     let mut batch = EdgeBatch::default();
-    let mut rows = [[0.0; ROW]; LANES];
+    let mut rows = RowBatch::default();
 
     for bin in bins {
         let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
         let events = observations.events.get(bin.first..bin.end).unwrap_or_default();
-        for group in events.chunk_by(|a, b| a.class == b.class) {
-            let class = group.first().map_or(0, |event| usize::from(event.class)).min(CLASS_COUNT - 1);
-            for part in group.chunks(LANES) {
-                let mut filled = 0;
-                visit_edges(problem, state, bearings, (&pose, part), &mut batch, |event, edge, bias| {
-                    let residual = edge.from_expected(bias);
-                    let inverse_sigma = 1.0 / bias.sigma[usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1)];
-                    let (cost, root_weight) = huber(residual * inverse_sigma, problem.settings.huber);
-                    equations.cost += cost;
-                    equations.count += 1;
-                    if let Some(row) = rows.get_mut(filled) {
-                        edge.fill_row(row, residual, root_weight * inverse_sigma, scale_of(problem, edge));
-                        filled += 1;
-                    }
-                });
-                add_outer_products(&mut product, rows.get(..filled).unwrap_or_default());
+        for part in events.chunks(LANES) {
+            find_edges(problem, state, bearings, (&pose, part), &mut batch);
+            for (lane, event) in part.iter().enumerate() {
+                let bias = &state.bias[class_of(event)];
+                rows.set_class(lane, bias, bias.sigma[usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1)]);
             }
-            bin_equations.add_class(&mut product, class, &mut equations);
+            rows.weigh(batch.edges(), problem.settings.huber, problem.residual_scale(), part.len());
+            let (count, cost) = rows.collect(batch.cells(), part.iter().map(|event| class_of(event) as u8));
+            equations.count += count;
+            equations.cost += cost;
+            let (steps, classes) = rows.steps();
+            products.add(steps, classes);
         }
-        bin_equations.expand(&pose, &mut equations);
+        equations.add_bin(&pose, &mut products);
     }
 
     let inverse_sigma = 1.0 / problem.point_sigma;
     for point in points {
         let Some(pose) = PoseBin::new(trajectory, point.t) else { continue };
         let Some(&center) = problem.circle_centers.get(point.circle) else { continue };
-        let Some(mut rows) = point_rows(&state.camera, &pose, Vector2::from(center), point.pixel) else { continue };
+        let Some(rows) = point_rows(&state.camera, &pose, Vector2::from(center), point.pixel) else { continue };
         let error = rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]) * inverse_sigma;
         let (cost, root_weight) = huber(error, problem.settings.huber);
         equations.cost += cost;
         equations.count += 1;
-        for value in rows.iter_mut().flatten() {
-            *value *= root_weight * inverse_sigma;
+        let mut weighed = [[0.0; ROW]; STEP];
+        for (to, value) in weighed.iter_mut().flatten().zip(rows.iter().flatten()) {
+            *to = (value * root_weight * inverse_sigma) as f32;
         }
-        add_outer_products(&mut product, &rows);
-        bin_equations.add_class(&mut product, 0, &mut equations);
-        bin_equations.expand(&pose, &mut equations);
+        products.add_without_biases(&weighed);
+        equations.add_bin(&pose, &mut products);
     }
+    equations.add_globals(&products);
     equations
 }
 
-/// Metres on the board for each unit of the residual.
 #[inline(always)]
-fn scale_of(problem: &Problem, edge: &EventEdge) -> f64 {
-    match problem.settings.residual {
-        ResidualMeasure::Pixel => edge.distance.scale,
-        ResidualMeasure::Plane => problem.mean_scale,
-    }
+fn class_of(event: &EventObservation) -> usize {
+    usize::from(event.class).min(CLASS_COUNT - 1)
 }
 
-/// Visits the edges of at most [`LANES`] events of one bin.
+/// Finds the edges of at most [`LANES`] events of one bin.
 #[inline(always)]
-fn visit_edges<'a>(
+fn find_edges<'a>(
     problem: &Problem,
     state: &State,
     bearings: &'a BearingTable,
     (pose, events): (&PoseBin, &[EventObservation]),
     batch: &mut EdgeBatch<'a>,
-    mut visit: impl FnMut(&EventObservation, &EventEdge, &ClassBias),
 ) {
-    let class_of = |event: &EventObservation| usize::from(event.class).min(CLASS_COUNT - 1);
     let batched = events.iter().map(|event| {
         let class = class_of(event);
         let later = problem.associated_latencies[class] - state.bias[class].biases[Bias::Latency];
-        BatchEvent { pixel: (event.x, event.y), dt: f64::from(event.dt) + later, circle: event.circle }
+        let pixel = [f64::from(event.x), f64::from(event.y)];
+        BatchEvent { pixel, dt: f64::from(event.dt) + later, circle: event.circle }
     });
-    batch.visit(problem, bearings, pose, batched, |index, edge| {
-        if let Some(event) = events.get(index) {
-            visit(event, edge, &state.bias[class_of(event)]);
-        }
-    });
+    batch.find(problem, bearings, pose, batched);
 }
 
 /// The residual of one event.
@@ -197,24 +185,33 @@ pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> V
         for bin in observations.bins.get(stretch.bins.clone()).unwrap_or_default() {
             let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
             for part in observations.events.get(bin.first..bin.end).unwrap_or_default().chunks(LANES) {
-                visit_edges(problem, state, bearings, (&pose, part), &mut batch, |event, edge, bias| {
-                    let EdgeDistance { by_pixel, scale, .. } = edge.distance;
+                find_edges(problem, state, bearings, (&pose, part), &mut batch);
+                let edges = batch.edges();
+                let in_view = part.iter().zip(batch.cells()).enumerate().filter(|(_, (_, cell))| cell.is_some());
+                for (lane, (event, _)) in in_view {
+                    let scale = edges.scale[lane];
+                    let bias = &state.bias[class_of(event)];
                     found.push(EventResidual {
                         segment: stretch.segment,
                         t: bin.t + f64::from(event.dt),
                         pixel: [event.x, event.y],
-                        normal: by_pixel.map(|slope| (slope / scale) as f32),
+                        normal: [0, 1].map(|axis| (edges.by_pixel[axis][lane] / scale) as f32),
                         class: event.class,
                         speed_range: event.speed_range,
-                        residual: edge.from_expected(bias) as f32,
+                        residual: (edges.pixels[lane] - bias.distance(&edges.passage(lane))) as f32,
                         scale: scale as f32,
                     });
-                });
+                }
             }
         }
         found
     };
-    stretches(&problem.segments).par_iter().map(of_stretch).collect::<Vec<_>>().concat()
+    let mut found = Vec::with_capacity(problem.segments.iter().map(|segment| segment.events.len()).sum());
+    // A few at a time, so that they are not held twice.
+    for group in stretches(&problem.segments).chunks(STRETCHES_TOGETHER) {
+        group.par_iter().map(of_stretch).collect::<Vec<_>>().into_iter().for_each(|part| found.extend(part));
+    }
+    found
 }
 
 /// The residual of one circle centre.
@@ -243,4 +240,129 @@ pub fn point_residuals(problem: &Problem, state: &State) -> Vec<PointResidual> {
             observations.points.iter().filter_map(move |point| residual(trajectory, point))
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+    use evcal_core::sensor::Sensor;
+    use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+    use super::*;
+    use crate::solve::event_bias::bias::Biases;
+    use crate::solve::event_bias::unknown;
+    use crate::solve::levenberg::{linearised, moved};
+    use crate::solve::observation::EventBin;
+    use crate::solve::{FreeParameters, GLOBAL_COUNT, SolveSettings, bias_index};
+    use crate::trajectory::fit::{TrajectoryShape, fit};
+    use crate::trajectory::timed_pose::TimedPose;
+    use crate::trajectory::{RotationSpline, Trajectory};
+
+    const CENTERS: [[f64; 2]; 2] = [[0.11, 0.165], [0.165, 0.11]];
+    const RADIUS: f64 = 0.0175;
+    const BINS: usize = 9;
+
+    fn trajectory() -> Trajectory {
+        let pose = |t: f64| {
+            let turn = Rotation3::from_euler_angles(0.25 + 0.7 * t, -0.3 - t, 0.8 + 2.0 * t);
+            let camera = Vector3::new(0.2 + 0.3 * t, 0.4 - 0.2 * t, -0.7 + 0.4 * t);
+            Isometry3::from_parts(Translation3::from(camera), UnitQuaternion::from_rotation_matrix(&turn))
+        };
+        let times = (0..=40).map(|index| 0.0025 * f64::from(index));
+        let poses: Vec<TimedPose> = times.map(|t| TimedPose { t, pose: pose(t) }).collect();
+        let shape = TrajectoryShape { degree: 3, rotation: RotationSpline::Quaternion, knot_spacing: 0.0175 };
+        fit(0, &poses, 0.0, 0.1, &shape).unwrap()
+    }
+
+    /// Events of three classes beside the rims of two dots.
+    fn observations(camera: &Camera<f64>, trajectory: &Trajectory) -> SegmentObservations {
+        let mut observations = SegmentObservations::default();
+        for bin in 0..BINS {
+            let t = 0.01 * (bin as f64 + 1.0);
+            let pose = trajectory.pose(t).unwrap();
+            let first = observations.events.len();
+            for event in 0..75 {
+                let (circle, angle) = (event % 2, 0.35 * event as f64 + bin as f64);
+                let [x, y] = CENTERS[circle];
+                let rim = Vector3::new(x + RADIUS * angle.cos(), y + RADIUS * angle.sin(), 0.0);
+                let pixel = camera.project(&pose.inverse_transform_point(&rim.into()).coords).unwrap();
+                observations.events.push(EventObservation {
+                    dt: 1e-6 * event as f32,
+                    x: pixel.x.round() as u16,
+                    y: pixel.y.round() as u16,
+                    circle: circle as u16,
+                    class: [0, 2, 5][event / 25],
+                    speed_range: 1,
+                });
+            }
+            observations.bins.push(EventBin { t, first, end: observations.events.len() });
+        }
+        observations
+    }
+
+    fn cost_and_gradient(problem: &Problem, state: &State) -> (f64, StretchEquations) {
+        let bearings = BearingTable::new(&state.camera, problem.sensor);
+        let mut equations = linearised(problem, state, &bearings, &stretches(&problem.segments));
+        assert_eq!(equations.len(), 1);
+        let (_, equations) = equations.remove(0);
+        assert_eq!(equations.count, problem.segments[0].events.len());
+        (equations.cost, equations)
+    }
+
+    /// The gradient is that of the cost: by each global parameter and by each control point.
+    #[test]
+    fn the_gradient_is_the_slope_of_the_cost() {
+        let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
+        let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
+        let trajectory = trajectory();
+        let control_points = trajectory.control_point_count();
+        let problem = Problem {
+            sensor: Sensor::new(346, 260),
+            circle_centers: CENTERS.to_vec(),
+            radius: RADIUS,
+            mean_scale: 1.0,
+            point_sigma: 1.0,
+            associated_latencies: [0.0; CLASS_COUNT],
+            segments: vec![observations(&camera, &trajectory)],
+            stiffness: Vec::new(),
+            free: FreeParameters { intrinsics: [true; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
+            settings: SolveSettings { huber: 1e6, ..SolveSettings::default() },
+        };
+        let mut bias = unknown(0.3);
+        bias.iter_mut().for_each(|class| class.biases[Bias::Offset] = -0.3);
+        let state = State { camera, bias, trajectories: vec![trajectory] };
+        let (_, equations) = cost_and_gradient(&problem, &state);
+        let slope = |globals: &[f64], points: &[f64]| {
+            let cost = |sign: f64| {
+                let scaled = |values: &[f64]| values.iter().map(|value| sign * value).collect::<Vec<_>>();
+                let state = moved(&state, &[scaled(points)], &scaled(globals)).unwrap();
+                cost_and_gradient(&problem, &state).0
+            };
+            0.5 * (cost(1.0) - cost(-1.0))
+        };
+        // How far the cost is from a parabola: second order in the distance from the edge.
+        let assert_close = |found: f64, wanted: f64, scale: f64, what: &str| {
+            assert!((found - wanted).abs() < 0.02 * (wanted.abs() + scale), "{what}: {found} against {wanted}");
+        };
+        let step = |index: usize, size: f64, count: usize| {
+            let mut step = vec![0.0; count];
+            step[index] = size;
+            step
+        };
+        let still = vec![0.0; 6 * control_points];
+        let globals = [(0, 0.01), (2, 0.01), (4, 1e-4), (8, 1e-3)]
+            .into_iter()
+            .chain([0, 2, 5].map(|class| (bias_index(class, Bias::Offset), 1e-3)))
+            .chain([(bias_index(2, Bias::Latency), 1e-6), (bias_index(5, Bias::Curvature), 1e-3)]);
+        for (global, size) in globals {
+            let numeric = slope(&step(global, size, GLOBAL_COUNT), &still) / size;
+            assert_close(equations.corner_gradient[global], numeric, 0.05 / size, &format!("global {global}"));
+        }
+        for number in 0..6 * control_points {
+            let size = 1e-5;
+            let numeric = slope(&[0.0; GLOBAL_COUNT], &step(number, size, 6 * control_points)) / size;
+            let found = equations.gradient[number / 6][number % 6];
+            assert_close(found, numeric, 0.05 / size, &format!("control point {number}"));
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! The whole bordered block-banded system: merging of stretches, damping, Schur complement.
+//! The whole bordered block-banded system: sum of the stretches, damping, Schur complement.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
@@ -70,50 +70,57 @@ pub struct ControlCovariance {
 }
 
 impl System {
-    /// Merges stretches, in their order, into the system of segments with `control_points` control
-    /// points each.
-    pub fn merge(control_points: &[usize], stretches: &[(Stretch, StretchEquations)]) -> Self {
-        let mut segments: Vec<SegmentSystem> = control_points
-            .iter()
-            .enumerate()
-            .map(|(segment, &count)| {
-                let order = stretches
-                    .iter()
-                    .find(|(stretch, equations)| stretch.segment == segment && !equations.border.is_empty())
-                    .map_or(1, |(_, equations)| equations.order);
-                SegmentSystem {
-                    order,
-                    blocks: vec![Block::zeros(); count * order],
-                    border: vec![BorderBlock::zeros(); count],
-                    gradient: vec![[0.0; 6]; count],
-                }
-            })
-            .collect();
-        let mut corner = DMatrix::zeros(GLOBAL_COUNT, GLOBAL_COUNT);
-        let mut corner_gradient = DVector::zeros(GLOBAL_COUNT);
-        let (mut cost, mut count) = (0.0, 0);
+    /// An empty system of segments with `control_points` control points each.
+    pub fn new(control_points: &[usize]) -> Self {
+        let empty = |&count: &usize| SegmentSystem {
+            order: 1,
+            blocks: vec![Block::zeros(); count],
+            border: vec![[[0.0; GLOBAL_COUNT]; 6]; count],
+            gradient: vec![[0.0; 6]; count],
+        };
+        Self {
+            segments: control_points.iter().map(empty).collect(),
+            corner: DMatrix::zeros(GLOBAL_COUNT, GLOBAL_COUNT),
+            corner_gradient: DVector::zeros(GLOBAL_COUNT),
+            cost: 0.0,
+            count: 0,
+        }
+    }
+
+    /// Adds stretches, in their order.
+    pub fn add(&mut self, stretches: &[(Stretch, StretchEquations)]) {
         for (stretch, equations) in stretches {
-            let Some(segment) = segments.get_mut(stretch.segment) else { continue };
+            let Some(segment) = self.segments.get_mut(stretch.segment) else { continue };
             let order = equations.order;
+            if segment.order != order && !equations.border.is_empty() {
+                segment.order = order;
+                segment.blocks = vec![Block::zeros(); segment.border.len() * order];
+            }
             let blocks = segment.blocks.iter_mut().skip(equations.first * order);
             blocks.zip(&equations.blocks).for_each(|(sum, block)| *sum += block);
             let border = segment.border.iter_mut().skip(equations.first);
-            border.zip(&equations.border).for_each(|(sum, block)| *sum += block);
+            for (sum, part) in border.zip(&equations.border) {
+                let pairs = sum.iter_mut().flatten().zip(part.iter().flatten());
+                pairs.for_each(|(sum, part)| *sum += part);
+            }
             let gradient = segment.gradient.iter_mut().skip(equations.first);
             for (sum, part) in gradient.zip(&equations.gradient) {
                 sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
             }
             for column in 0..GLOBAL_COUNT {
                 for row in column..GLOBAL_COUNT {
-                    corner[(row, column)] += equations.corner[(row, column)];
+                    self.corner[(row, column)] += equations.corner[(row, column)];
                 }
-                corner_gradient[column] += equations.corner_gradient[column];
+                self.corner_gradient[column] += equations.corner_gradient[column];
             }
-            cost += equations.cost;
-            count += equations.count;
+            self.cost += equations.cost;
+            self.count += equations.count;
         }
-        corner.fill_upper_triangle_with_lower_triangle();
-        Self { segments, corner, corner_gradient, cost, count }
+    }
+
+    /// Ends the adding of stretches.
+    pub fn close(&mut self) {
+        self.corner.fill_upper_triangle_with_lower_triangle();
     }
 
     /// Adds the accelerations of the control points of each segment, in their order.
@@ -185,45 +192,15 @@ impl System {
         self.segments.par_iter().map(of_segment).collect()
     }
 
-    /// What each of `stretches` says of the free global parameters once the trajectories give way.
-    ///
-    /// With A⁻¹B the way the control points follow the global parameters, a stretch with the equations
-    /// (Aₖ, Bₖ, Cₖ) and the gradient (gₖ, hₖ) has the gradient hₖ − (A⁻¹B)ᵀgₖ and the information
-    /// Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B; over all stretches these add up to those of the system,
-    /// but for the share of what holds the trajectories.
-    pub fn contributions(
-        &self,
-        stretches: &[(Stretch, StretchEquations)],
-        free: &[bool; GLOBAL_COUNT],
-    ) -> Result<Vec<Contribution>, NotPositiveDefinite> {
+    /// How the control points follow the free global parameters.
+    pub fn follows(&self, free: &[bool; GLOBAL_COUNT]) -> Result<Follows, NotPositiveDefinite> {
         let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
-        let follows: Vec<DMatrix<f64>> = self
-            .segments
-            .par_iter()
-            .map(|segment| {
-                let columns = segment.eliminate(0.0, &free)?.columns;
-                Ok(DMatrix::from_fn(6 * segment.border.len(), free.len(), |row, column| columns[column][row]))
-            })
-            .collect::<Result<_, NotPositiveDefinite>>()?;
-        let of_stretch = |(stretch, equations): &(Stretch, StretchEquations)| {
-            let segment = follows.get(stretch.segment)?;
-            let rows = 6 * equations.control_point_count();
-            let follows = segment.rows(6 * equations.first, rows);
-            let gradient = DVector::from_iterator(rows, equations.gradient.iter().flatten().copied());
-            let own = DVector::from_fn(free.len(), |row, _| equations.corner_gradient[free[row]]);
-            let border =
-                DMatrix::from_fn(rows, free.len(), |row, column| equations.border[row / 6][(row % 6, free[column])]);
-            let corner = DMatrix::from_fn(free.len(), free.len(), |row, column| {
-                equations.corner[(free[row.max(column)], free[row.min(column)])]
-            });
-            let mixed = border.transpose() * follows;
-            let moved = equations.banded_times(&follows.into_owned());
-            Some(Contribution {
-                gradient: own - follows.transpose() * gradient,
-                information: corner - &mixed - mixed.transpose() + follows.transpose() * moved,
-            })
+        let of_segment = |segment: &SegmentSystem| {
+            let columns = segment.eliminate(0.0, &free)?.columns;
+            Ok(DMatrix::from_fn(6 * segment.border.len(), free.len(), |row, column| columns[column][row]))
         };
-        Ok(stretches.par_iter().filter_map(of_stretch).collect())
+        let segments = self.segments.par_iter().map(of_segment).collect::<Result<_, NotPositiveDefinite>>()?;
+        Ok(Follows { segments, free })
     }
 
     /// −gᵀδ − ½ δᵀHδ, using Hδ = −g − damping·Dδ: for small damping half of −gᵀδ.
@@ -234,6 +211,43 @@ impl System {
         }
         sum += self.corner_gradient.iter().zip(globals).map(|(g, s)| g * s).sum::<f64>();
         -0.5 * sum
+    }
+}
+
+/// How the control points of each segment follow the free global parameters.
+pub struct Follows {
+    segments: Vec<DMatrix<f64>>,
+    free: Vec<usize>,
+}
+
+impl Follows {
+    /// What each of `stretches` says of the free global parameters once the trajectories give way.
+    ///
+    /// With A⁻¹B the way the control points follow the global parameters, a stretch with the equations
+    /// (Aₖ, Bₖ, Cₖ) and the gradient (gₖ, hₖ) has the gradient hₖ − (A⁻¹B)ᵀgₖ and the information
+    /// Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B; over all stretches these add up to those of the system,
+    /// but for the share of what holds the trajectories.
+    pub fn contributions(&self, stretches: &[(Stretch, StretchEquations)]) -> Vec<Contribution> {
+        let free = &self.free;
+        let of_stretch = |(stretch, equations): &(Stretch, StretchEquations)| {
+            let segment = self.segments.get(stretch.segment)?;
+            let rows = 6 * equations.control_point_count();
+            let follows = segment.rows(6 * equations.first, rows);
+            let gradient = DVector::from_iterator(rows, equations.gradient.iter().flatten().copied());
+            let own = DVector::from_fn(free.len(), |row, _| equations.corner_gradient[free[row]]);
+            let border =
+                DMatrix::from_fn(rows, free.len(), |row, column| equations.border[row / 6][row % 6][free[column]]);
+            let corner = DMatrix::from_fn(free.len(), free.len(), |row, column| {
+                equations.corner[(free[row.max(column)], free[row.min(column)])]
+            });
+            let mixed = border.transpose() * follows;
+            let moved = equations.banded_times(&follows.into_owned());
+            Some(Contribution {
+                gradient: own - follows.transpose() * gradient,
+                information: corner - &mixed - mixed.transpose() + follows.transpose() * moved,
+            })
+        };
+        stretches.par_iter().filter_map(of_stretch).collect()
     }
 }
 
@@ -359,12 +373,8 @@ impl SegmentSystem {
         let mut gradient: Vec<f64> = self.gradient.iter().flatten().copied().collect();
         let original = gradient.clone();
         band.solve_in_place(&mut gradient);
-        let border: Vec<Vec<f64>> = free
-            .iter()
-            .map(|&global| {
-                self.border.iter().flat_map(|block| block.column(global).iter().copied().collect::<Vec<_>>()).collect()
-            })
-            .collect();
+        let border: Vec<Vec<f64>> =
+            free.iter().map(|&global| self.border.iter().flatten().map(|line| line[global]).collect()).collect();
         let mut columns = border.clone();
         for column in &mut columns {
             band.solve_in_place(column);

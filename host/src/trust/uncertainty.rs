@@ -29,7 +29,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Biases;
-use crate::solve::levenberg::{intrinsics_of, linearised, system_of};
+use crate::solve::levenberg::{assemble, contributions, intrinsics_of};
 use crate::solve::stretch::stretches;
 use crate::solve::{GLOBAL_COUNT, Problem, SolveError, State, bias_index};
 use blocks::{Scatter, scatter, sum_by_block};
@@ -148,11 +148,10 @@ pub fn uncertainty(
     settings: &UncertaintySettings,
 ) -> Result<SolveUncertainty, SolveError> {
     let stretches = stretches(&problem.segments);
-    let equations = linearised(problem, state, &stretches);
-    let system = system_of(problem, state, &equations);
+    let system = assemble(problem, state, &stretches);
     let free = problem.free.mask();
     let formal = system.global_covariance(&free).map_err(|_| SolveError::Singular)?;
-    let contributions = system.contributions(&equations, &free).map_err(|_| SolveError::Singular)?;
+    let contributions = contributions(problem, state, &system, &stretches)?;
     let times: Vec<(usize, f64)> =
         stretches.iter().map(|stretch| (stretch.segment, stretch.start(&problem.segments))).collect();
     let intrinsics = free.iter().take(MAX_PARAMETERS).filter(|&&free| free).count();

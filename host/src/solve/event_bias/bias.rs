@@ -76,6 +76,12 @@ impl<T> Biases<T> {
         Self(Bias::ALL.map(&mut of))
     }
 
+    /// These values, in the order of [`Bias::ALL`].
+    #[inline(always)]
+    pub fn from_array(values: [T; Bias::COUNT]) -> Self {
+        Self(values)
+    }
+
     /// All values, in the order of [`Bias::ALL`].
     #[inline(always)]
     pub fn as_array(&self) -> &[T; Bias::COUNT] {
