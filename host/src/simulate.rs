@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use self::arbiter::Bus;
 use self::motion::Motion;
 use self::rays::Rays;
-use self::row::{Row, STEPPING, Slice, Stage, TICK};
+use self::row::{BadPixels, Row, STEPPING, Slice, Stage, TICK};
 use self::scene::{Scene, View};
 use crate::board::Board;
 use crate::numerics::random::uniform;
@@ -34,10 +34,13 @@ use crate::trajectory::timed_pose::TimedPose;
 mod arbiter;
 mod clock;
 pub mod davis;
+pub mod dots;
+pub mod effects;
 pub mod folder;
 pub mod frame;
 pub mod inertia;
 pub mod lens;
+pub mod light;
 pub mod motion;
 mod pixel;
 pub mod presets;
@@ -47,6 +50,8 @@ mod row;
 pub mod scene;
 pub mod sensor;
 mod settings;
+pub mod smudges;
+pub mod surroundings;
 pub mod truth;
 
 #[cfg(test)]
@@ -150,7 +155,7 @@ impl Simulation {
         let ticks = self.tick_count();
         for first in (0..ticks).step_by(SLICE_TICKS) {
             let last = (first + SLICE_TICKS).min(ticks);
-            let slice = Slice::new(&self.motion, self.rays(), first, last);
+            let slice = Slice::new(&self.motion, self.scene(), self.rays(), first, last);
             rows.par_iter_mut().for_each(|row| row.advance(&self.stage, &slice));
             for row in &mut rows {
                 events.append(&mut row.events);
@@ -176,9 +181,9 @@ impl Simulation {
     }
 
     fn rows(&self) -> Vec<Row> {
-        let hot = self.hot_pixels();
+        let bad = BadPixels { hot: self.hot_pixels(), dead_columns: self.dead_columns() };
         let view = View::new(&self.motion.pose(0.0));
-        (0..self.rays().sensor().height).map(|y| Row::new(&self.stage, &view, y, &hot, self.settings.seed)).collect()
+        (0..self.rays().sensor().height).map(|y| Row::new(&self.stage, &view, y, &bad, self.settings.seed)).collect()
     }
 
     fn hot_pixels(&self) -> BTreeSet<(u16, u16)> {
@@ -187,6 +192,13 @@ impl Simulation {
         rng.set_stream(HOT_PIXEL_STREAM);
         let mut draw = |size: u16| ((uniform(&mut rng) * f64::from(size)) as u16).min(size.saturating_sub(1));
         (0..self.settings.sensor.hot_pixels).map(|_| (draw(width), draw(height))).collect()
+    }
+
+    fn dead_columns(&self) -> BTreeSet<u16> {
+        let width = self.rays().sensor().width;
+        let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
+        rng.set_stream(DEAD_COLUMN_STREAM);
+        (0..self.settings.sensor.dead_columns).map(|_| (uniform(&mut rng) * f64::from(width)) as u16).collect()
     }
 }
 
@@ -200,3 +212,5 @@ fn wait_for_scan(events: &mut [Event], interval: f64) {
 
 /// The stream of random numbers that places the hot pixels; rows of pixels use the streams from 0.
 const HOT_PIXEL_STREAM: u64 = u64::MAX - 1;
+/// The stream of random numbers that places the dead columns.
+const DEAD_COLUMN_STREAM: u64 = u64::MAX - 3;

@@ -7,6 +7,8 @@ use evcal::board::Board;
 use evcal::files::folder::OutputFolder;
 use evcal::lens::camera_file;
 use evcal::simulate::davis::DavisSettings;
+use evcal::simulate::dots::Dots;
+use evcal::simulate::effects::Effect;
 use evcal::simulate::folder::{SimulatedRecording, WrittenFolder, is_result, write_folder};
 use evcal::simulate::lens::{self, usual_lens};
 use evcal::simulate::presets::{LightPreset, MotionPreset, SensorPreset};
@@ -72,6 +74,17 @@ pub struct Arguments {
         value_parser = value::named(RecordingFormat::ALL, RecordingFormat::name, RecordingFormat::description)
     )]
     format: RecordingFormat,
+    /// What goes wrong in the room, separated by commas: flicker:100Hz:20% (of lamps), background (textured, moving), hand
+    /// (over part of the board), glare, smudges (on the lens), defocus:2px, hot-pixels:300, dead-columns:5
+    #[arg(long, value_name = "EFFECTS", value_delimiter = ',')]
+    effects: Vec<Effect>,
+    /// What is printed in place of the dots
+    #[arg(
+        long,
+        default_value = Dots::Circles.name(),
+        value_parser = value::named(Dots::ALL, Dots::name, Dots::description)
+    )]
+    dots: Dots,
     /// Frames too, with a global shutter, so many a second [default: 25] (aedat4 and dvraw)
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25")]
     frames: Option<f64>,
@@ -124,13 +137,13 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         Some(SensorChoice::Preset(preset)) => (preset.pixels(pixels), preset.motion(motion)),
         Some(SensorChoice::Size(_)) | None => (pixels, motion),
     };
-    let settings = SimulationSettings {
-        duration: arguments.duration,
-        seed: arguments.seed,
-        scene: SceneSettings::default(),
-        sensor: pixels,
-        motion,
-    };
+    let mut scene = SceneSettings { dots: arguments.dots, ..SceneSettings::default() };
+    let mut pixels = pixels;
+    for effect in &arguments.effects {
+        effect.apply(&mut scene, &mut pixels);
+    }
+    let settings =
+        SimulationSettings { duration: arguments.duration, seed: arguments.seed, scene, sensor: pixels, motion };
     let davis = davis_settings(arguments)?;
     let mut simulation = Simulation::new(Rays::new(&camera, sensor), arguments.board, settings)?;
     let frame_camera = match arguments.frame_lens.as_slice() {

@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use super::SimulationError;
 use super::row::Stage;
 use super::scene::View;
+use super::smudges::scattered;
 use crate::numerics::random::normal;
 
 /// Largest value of a pixel: 10 bits.
@@ -181,11 +182,11 @@ impl FrameSensor {
     pub fn expose(&self, stage: &Stage, pose: impl Fn(f64) -> Isometry3<f64>, number: u32) -> SimulatedFrame {
         let times = FrameTimes::new(&self.settings, number);
         let moments = f64::from(self.settings.moments);
-        let views: Vec<View> = (0..self.settings.moments)
+        let views: Vec<(View, f64)> = (0..self.settings.moments)
             .map(|moment| {
                 let share = (f64::from(moment) + 0.5) / moments;
                 let t = times.exposure_start as f64 + share * f64::from(self.settings.exposure);
-                View::new(&pose(t * 1e-6))
+                (View::new(&pose(t * 1e-6)).at(t * 1e-6), stage.scene.light(t))
             })
             .collect();
         let width = usize::from(stage.rays.sensor().width).max(1);
@@ -196,7 +197,10 @@ impl FrameSensor {
                 let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
                 rng.set_stream(FRAME_STREAM + (u64::from(number) << 16) + u64::from(y));
                 for (x, (pixel, &(offset, gain))) in (0..).zip(pixels.iter_mut().zip(pattern)) {
-                    let light = views.iter().map(|view| stage.look(view, x, y).radiance).sum::<f64>() / moments;
+                    let scatter = stage.scatter(x, y);
+                    let radiance =
+                        |(view, light): &(View, f64)| scattered(stage.look(view, x, y).radiance, scatter) * light;
+                    let light = views.iter().map(radiance).sum::<f64>() / moments;
                     let intensity = stage.gain(x, y) * light + stage.sensor.dark;
                     *pixel = self.value(gain * intensity, offset, &mut rng);
                 }

@@ -24,7 +24,7 @@ use crate::numerics::random::{uniform, uniform_in};
 /// |---|---|
 /// | [`MotionSettings::slow`] | 150 px/s |
 /// | [`MotionSettings::fast`] | 350 px/s |
-/// | [`MotionSettings::interrupted`] | 350 px/s while the camera moves |
+/// | [`MotionSettings::interrupted`], [`MotionSettings::paused`] | 350 px/s while the camera moves |
 /// | [`MotionSettings::blur`] | 700 px/s |
 /// | [`MotionSettings::violent`] | 850 px/s, with jerks |
 /// | [`MotionSettings::far`], [`MotionSettings::head_on`], [`MotionSettings::corner`] | 350 px/s |
@@ -96,6 +96,12 @@ impl MotionSettings {
             starts.map(|start| Interval { start, end: start + INTERRUPTION_LENGTH }).collect()
         };
         Self { pauses: spans(FIRST_PAUSE), absences: spans(FIRST_ABSENCE), ..Self::fast() }
+    }
+
+    /// Quick sweeps of 350 px/s with one pause of two seconds in the middle of `duration` seconds.
+    pub fn paused(duration: f64) -> Self {
+        let middle = 0.5 * duration;
+        Self { pauses: vec![Interval { start: middle - 1.0, end: middle + 1.0 }], ..Self::fast() }
     }
 
     /// Quick sweeps two and a half times as far away: the board fills a third of the image.

@@ -23,6 +23,8 @@ pub enum MotionPreset {
     Violent,
     /// 350 px/s, with pauses, and looks away from the board.
     Interrupted,
+    /// 350 px/s, with a pause of two seconds in the middle.
+    Paused,
     /// 350 px/s, the board far away.
     Far,
     /// 350 px/s, the board hardly tilted.
@@ -33,8 +35,17 @@ pub enum MotionPreset {
 
 impl MotionPreset {
     /// All of them.
-    pub const ALL: &[Self] =
-        &[Self::Slow, Self::Fast, Self::Blur, Self::Violent, Self::Interrupted, Self::Far, Self::HeadOn, Self::Corner];
+    pub const ALL: &[Self] = &[
+        Self::Slow,
+        Self::Fast,
+        Self::Blur,
+        Self::Violent,
+        Self::Interrupted,
+        Self::Paused,
+        Self::Far,
+        Self::HeadOn,
+        Self::Corner,
+    ];
 
     /// Its name.
     pub const fn name(self) -> &'static str {
@@ -44,6 +55,7 @@ impl MotionPreset {
             Self::Blur => "blur",
             Self::Violent => "violent",
             Self::Interrupted => "interrupted",
+            Self::Paused => "paused",
             Self::Far => "far",
             Self::HeadOn => "head-on",
             Self::Corner => "corner",
@@ -58,6 +70,7 @@ impl MotionPreset {
             Self::Blur => "700 px/s",
             Self::Violent => "850 px/s, with jerks",
             Self::Interrupted => "350 px/s, with pauses, and looks away from the board",
+            Self::Paused => "350 px/s, with a pause of two seconds in the middle",
             Self::Far => "350 px/s, the board far away",
             Self::HeadOn => "350 px/s, the board hardly tilted",
             Self::Corner => "350 px/s, in one corner of the image only",
@@ -72,6 +85,7 @@ impl MotionPreset {
             Self::Blur => MotionSettings::blur(),
             Self::Violent => MotionSettings::violent(),
             Self::Interrupted => MotionSettings::interrupted(duration),
+            Self::Paused => MotionSettings::paused(duration),
             Self::Far => MotionSettings::far(),
             Self::HeadOn => MotionSettings::head_on(),
             Self::Corner => MotionSettings::corner(),

@@ -7,6 +7,7 @@
 use std::collections::BTreeSet;
 
 use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -15,11 +16,14 @@ use super::pixel::{Pixel, RowOutput};
 use super::rays::Rays;
 use super::scene::{Sample, Scene, View};
 use super::sensor::SensorModel;
+use super::smudges::scattered;
 
 /// Time between two ticks, in microseconds.
 pub const TICK: f64 = 50.0;
 /// Distance in pixels up to which the pixel's linear map is trusted to tell how far an edge is.
 const TRUSTED_DISTANCE: f64 = 30.0;
+/// Longest time over which the light of lamps is taken to change in a straight line (µs).
+const LAMP_STEP: f64 = 500.0;
 /// What the linear map and the sampled speeds may be wrong by, as a factor on a skip.
 const SKIP_SAFETY: f64 = 0.75;
 
@@ -62,6 +66,15 @@ impl Stage {
         }
     }
 
+    /// Share of the light at pixel (x, y) that dirt on the lens scatters.
+    pub fn scatter(&self, x: u16, y: u16) -> f64 {
+        let Sensor { width, height } = self.rays.sensor();
+        let (width, height) = (f64::from(width), f64::from(height));
+        self.sensor.smudges.map_or(0.0, |smudges| {
+            smudges.share((f64::from(x) + 0.5) / width, (f64::from(y) + 0.5) / height, height / width)
+        })
+    }
+
     /// Light at pixel (x, y) relative to the middle of the image.
     pub fn gain(&self, x: u16, y: u16) -> f64 {
         let middle = |size: u16| 0.5 * (f64::from(size) - 1.0);
@@ -72,6 +85,9 @@ impl Stage {
     }
 }
 
+/// Turn of the bearing from pixel to pixel of a usual lens, in radians.
+const USUAL_TURN: f64 = 3e-3;
+
 /// The views at all ticks of a slice, its first and last tick included.
 pub struct Slice {
     first_tick: usize,
@@ -81,11 +97,18 @@ pub struct Slice {
 }
 
 impl Slice {
-    /// The slice from tick `first` to tick `last`.
-    pub fn new(motion: &Motion, rays: &Rays, first: usize, last: usize) -> Self {
+    /// The slice from tick `first` to tick `last` of `motion` before the `scene`.
+    pub fn new(motion: &Motion, scene: &Scene, rays: &Rays, first: usize, last: usize) -> Self {
         const LOOKS: usize = 5;
         let seconds = |tick: usize| tick as f64 * TICK * 1e-6;
-        let views = (first..=last).map(|tick| View::new(&motion.pose(seconds(tick)))).collect();
+        let view = |tick: usize| View::new(&motion.pose(seconds(tick))).at(seconds(tick));
+        let views: Vec<View> = (first..=last).map(view).collect();
+        let Sensor { width, height } = rays.sensor();
+        let turn = rays.get(width / 2, height / 2).map_or(USUAL_TURN, |ray| ray.turn);
+        let own_speed = match (views.first(), views.last()) {
+            (Some(from), Some(to)) => scene.own_speed(from, to, turn) * TICK * 1e-6,
+            _ => 0.0,
+        };
         let mut fastest: Vec<f64> = Vec::new();
         for look in 0..=LOOKS {
             let speeds = motion.image_speeds(rays, seconds(first + (last - first) * look / LOOKS));
@@ -104,6 +127,7 @@ impl Slice {
                 })
                 .filter_map(|(row, column)| fastest.get(row * columns + column))
                 .fold(1e-9, |most: f64, &speed| most.max(speed))
+                + own_speed
         };
         let speeds = (0..columns * rows).map(around).collect();
         Self { first_tick: first, views, speeds }
@@ -127,6 +151,12 @@ impl Slice {
 #[derive(Clone, Debug)]
 struct Site {
     pixel: Pixel,
+    /// Share of its light that dirt on the lens scatters.
+    scatter: f64,
+    /// Radiance at the last look in steady light.
+    radiance: f64,
+    /// Whether its column sends nothing.
+    dead: bool,
     /// Signed distance of the nearest edge in pixels.
     edge: f64,
     /// How fast the edge moved, in pixels per tick.
@@ -134,6 +164,26 @@ struct Site {
 }
 
 impl Site {
+    /// Lets the pixel see the light go to `radiance` in steady light, in the light that `scene` has.
+    #[inline]
+    fn see(&mut self, stage: &Stage, (start, end): (f64, f64), radiance: f64, out: &mut RowOutput<'_>) {
+        let radiance = scattered(radiance, self.scatter);
+        let from = std::mem::replace(&mut self.radiance, radiance);
+        if stage.scene.settings().lamp.is_none() {
+            self.pixel.see(&stage.sensor, start, end, radiance, out);
+            return;
+        }
+        let steps = ((end - start) / LAMP_STEP).ceil().max(1.0);
+        let mut time = start;
+        for step in 1..=steps as usize {
+            let share = step as f64 / steps;
+            let next = start + share * (end - start);
+            let light = (from + share * (radiance - from)) * stage.scene.light(next);
+            self.pixel.see(&stage.sensor, time, next, light, out);
+            time = next;
+        }
+    }
+
     /// Ticks until the next look.
     fn step(&self, reach: f64, fastest: f64, stepping: Stepping) -> usize {
         let distance = self.edge.abs();
@@ -149,6 +199,15 @@ impl Site {
     }
 }
 
+/// Pixels that do not do what they should.
+#[derive(Clone, Debug)]
+pub struct BadPixels {
+    /// They fire on their own: column, row.
+    pub hot: BTreeSet<(u16, u16)>,
+    /// Columns that send nothing.
+    pub dead_columns: BTreeSet<u16>,
+}
+
 /// A row of pixels.
 #[derive(Clone, Debug)]
 pub struct Row {
@@ -161,15 +220,19 @@ pub struct Row {
 
 impl Row {
     /// Row `y` of the sensor at rest before `view`, with its own stream of the random numbers of
-    /// `seed`. `hot` holds the pixels that fire on their own.
-    pub fn new(stage: &Stage, view: &View, y: u16, hot: &BTreeSet<(u16, u16)>, seed: u64) -> Self {
+    /// `seed`. `bad` holds the pixels that fire on their own, and the columns that send nothing.
+    pub fn new(stage: &Stage, view: &View, y: u16, bad: &BadPixels, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(u64::from(y));
         let site = |x: u16| {
             let sample = stage.look(view, x, y);
-            let hot = hot.contains(&(x, y));
-            let pixel = Pixel::new((x, y), &stage.sensor, stage.gain(x, y), hot, sample.radiance, &mut rng);
-            Site { pixel, edge: sample.edge, speed: f64::INFINITY }
+            let hot = bad.hot.contains(&(x, y));
+            let scatter = stage.scatter(x, y);
+            let radiance = scattered(sample.radiance, scatter);
+            let light = radiance * stage.scene.light(0.0);
+            let pixel = Pixel::new((x, y), &stage.sensor, stage.gain(x, y), hot, light, &mut rng);
+            let dead = bad.dead_columns.contains(&x);
+            Site { pixel, scatter, radiance, dead, edge: sample.edge, speed: f64::INFINITY }
         };
         let sites = (0..stage.rays.sensor().width).map(site).collect();
         Self { y, sites, rng, events: Vec::new() }
@@ -181,6 +244,9 @@ impl Row {
         let last = slice.views.len().saturating_sub(1);
         let mut out = RowOutput { rng: &mut self.rng, events: &mut self.events };
         for (x, site) in (0..).zip(&mut self.sites) {
+            if site.dead {
+                continue;
+            }
             let fastest = slice.speed(&stage.rays, x, self.y);
             let mut index = 0;
             let mut longest = usize::MAX;
@@ -188,7 +254,7 @@ impl Row {
                 let next = (index + site.step(reach, fastest, stage.stepping).min(longest)).min(last);
                 let Some(view) = slice.views.get(next) else { break };
                 let sample = stage.look(view, x, self.y);
-                site.pixel.see(&stage.sensor, slice.time(index), slice.time(next), sample.radiance, &mut out);
+                site.see(stage, (slice.time(index), slice.time(next)), sample.radiance, &mut out);
                 if site.edge.abs() <= reach && sample.edge.abs() <= reach {
                     site.speed = (sample.edge - site.edge).abs() / (next - index) as f64;
                     longest = 2 * (next - index);

@@ -1,4 +1,4 @@
-//! The light that a pixel gets from the board: exact rendering, no texture, no pixel grid.
+//! The light that a pixel gets from the board: exact rendering, no pixel grid.
 //!
 //! The scene is a white sheet with black circles on a grey background. All edges lie in the plane
 //! z = 0, so a pixel's radiance is a sum of edge profiles: the sheet and the circles, each blurred
@@ -11,12 +11,18 @@
 //! A test compares every kind of view with a numeric integral of the point-spread function over the
 //! true scene. It matters: a focal length that is to be known to 0.01 % asks for rims that are
 //! right to 0.002 px.
+//!
+//! What a room adds ([`super::effects`]) is there to be coped with, not to be measured by: a hand, glare, a texture behind the
+//! board, and dots of other shapes, whose edges are blurred as straight ones.
 
 use evcal_core::pattern::Layout;
 use nalgebra::{Isometry3, Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::dots::Dots;
+use super::light::{Glare, Lamp};
 use super::rays::Ray;
+use super::surroundings::{Hand, Texture};
 use crate::board::Board;
 
 /// Radiance of the parts of the scene, and the size of the sheet. White is 1 by convention.
@@ -31,11 +37,36 @@ pub struct SceneSettings {
     pub background: f64,
     /// Distance from the outermost circle centres to the sheet's edge, in lattice spacings.
     pub margin: f64,
+    /// Shape of the dots.
+    #[serde(default, skip_serializing_if = "Dots::are_circles")]
+    pub dots: Dots,
+    /// A lamp that flickers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lamp: Option<Lamp>,
+    /// A textured room in place of the even background.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture: Option<Texture>,
+    /// A hand over the board.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hand: Option<Hand>,
+    /// The mirror image of a lamp.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub glare: Option<Glare>,
 }
 
 impl Default for SceneSettings {
     fn default() -> Self {
-        Self { white: 1.0, black: 0.08, background: 0.35, margin: 1.3 }
+        Self {
+            white: 1.0,
+            black: 0.08,
+            background: 0.35,
+            margin: 1.3,
+            dots: Dots::Circles,
+            lamp: None,
+            texture: None,
+            hand: None,
+            glare: None,
+        }
     }
 }
 
@@ -44,6 +75,8 @@ impl Default for SceneSettings {
 pub struct View {
     rotation: Matrix3<f64>,
     position: Vector3<f64>,
+    /// Seconds since the start of the recording.
+    time: f64,
 }
 
 impl View {
@@ -52,7 +85,13 @@ impl View {
         Self {
             rotation: *world_from_camera.rotation.to_rotation_matrix().matrix(),
             position: world_from_camera.translation.vector,
+            time: 0.0,
         }
+    }
+
+    /// The same at time `t` (s), which matters where something else than the camera moves.
+    pub fn at(self, t: f64) -> Self {
+        Self { time: t, ..self }
     }
 
     /// Where a ray meets the board plane; `None` when it looks along it or away from it.
@@ -125,6 +164,8 @@ pub struct Scene {
     per_spacing: f64,
     per_radius: f64,
     free_distance: f64,
+    middle: Vector2<f64>,
+    half_height: f64,
 }
 
 impl Scene {
@@ -134,7 +175,11 @@ impl Scene {
         let centers = (0..board.circle_count()).map(|index| board.circle_center(index));
         let corner = centers.fold(Vector2::zeros(), |corner: Vector2<f64>, center| corner.sup(&center));
         let margin = Vector2::repeat((settings.margin * board.spacing).max(board.radius));
+        // Shapes that are not round reach further than the radius.
+        let extent = if settings.dots.are_circles() { board.radius } else { board.radius * std::f64::consts::SQRT_2 };
         Self {
+            middle: 0.5 * corner,
+            half_height: 0.5 * corner.min() + board.radius,
             board,
             settings,
             lower: -margin,
@@ -144,7 +189,7 @@ impl Scene {
             per_point_spread: 1.0 / point_spread,
             per_spacing: 1.0 / board.spacing,
             per_radius: 1.0 / board.radius,
-            free_distance: 0.5 * board.neighbour_distance() - board.radius,
+            free_distance: 0.5 * board.neighbour_distance() - extent,
         }
     }
 
@@ -163,11 +208,83 @@ impl Scene {
         EdgeProfile::REACH * self.point_spread + 1e-3
     }
 
-    /// What a pixel sees from `view`. A pixel that does not look at the board plane sees the
-    /// background.
+    /// The light of the lamps at time `t` (µs), 1 on average.
+    #[inline]
+    pub fn light(&self, t: f64) -> f64 {
+        self.settings.lamp.map_or(1.0, |lamp| lamp.light(t))
+    }
+
+    /// How fast things that move on their own pass the image between two views, in pixels a second, for a pixel of about
+    /// `turn` radians.
+    pub fn own_speed(&self, from: &View, to: &View, turn: f64) -> f64 {
+        let hand = self.settings.hand.map_or(0.0, |hand| {
+            let nearest = from.position.z.abs().min(to.position.z.abs()).max(1e-3);
+            hand.top_speed(self.half_height) / (nearest * turn)
+        });
+        let room = self.settings.texture.map_or(0.0, |texture| {
+            let turned = (from.rotation.transpose() * to.rotation).trace();
+            let angle = libm::acos((0.5 * (turned - 1.0)).clamp(-1.0, 1.0));
+            (texture.drift + angle / (to.time - from.time).max(1e-9)) / turn
+        });
+        hand + room
+    }
+
+    /// What a pixel sees from `view`.
     #[inline]
     pub fn sample(&self, view: &View, ray: &Ray) -> Sample {
-        let SceneSettings { white, black, background, .. } = self.settings;
+        let SceneSettings { texture, hand, glare, .. } = self.settings;
+        let background = match texture {
+            Some(texture) => texture.radiance(&(view.rotation * ray.bearing), view.time),
+            None => self.settings.background,
+        };
+        let mut sample = self.print(view, ray, background);
+        if texture.is_some() && sample.edge < -self.reach() {
+            // There is always a patch of the room close by.
+            sample.edge = -self.reach() - CLOSE;
+        }
+        if hand.is_none() && glare.is_none() {
+            return sample;
+        }
+        let Some(gaze) = view.gaze(ray) else { return sample };
+        if let Some(glare) = glare {
+            self.add_glare(&glare, view, &gaze, &mut sample);
+        }
+        if let Some(hand) = hand {
+            self.cover(&hand, view, ray, &gaze, &mut sample);
+        }
+        sample
+    }
+
+    fn add_glare(&self, glare: &Glare, view: &View, gaze: &Gaze, sample: &mut Sample) {
+        if self.sheet_depth(&gaze.point) <= 0.0 {
+            return;
+        }
+        let added = glare.radiance(&view.position, &self.middle, &gaze.point);
+        if added > 0.0 {
+            sample.radiance += added;
+            // The spot has no edge, but must be looked at often enough.
+            let nearer = sample.edge.abs().min(self.reach() + CLOSE);
+            sample.edge = nearer.copysign(sample.edge);
+        }
+    }
+
+    fn cover(&self, hand: &Hand, view: &View, ray: &Ray, gaze: &Gaze, sample: &mut Sample) {
+        let (depth, away) = hand.depth(&gaze.point, &self.middle, self.half_height, view.time);
+        let mut edge = depth / gaze.metres_per_pixel(ray);
+        if edge.abs() < self.reach() {
+            edge = depth / view.jacobian(ray, gaze).tr_mul(&away).norm();
+        }
+        let share = self.blurred(edge);
+        sample.radiance += share * (hand.radiance - sample.radiance);
+        if edge.abs() < sample.edge.abs() || edge > self.reach() {
+            sample.edge = edge;
+        }
+    }
+
+    /// The board before the `background`. A pixel that does not look at the board plane sees the background.
+    #[inline]
+    fn print(&self, view: &View, ray: &Ray, background: f64) -> Sample {
+        let SceneSettings { white, black, .. } = self.settings;
         let Some(gaze) = view.gaze(ray) else {
             return Sample { radiance: background, edge: f64::NEG_INFINITY };
         };
@@ -176,6 +293,9 @@ impl Scene {
         let sheet = self.sheet_depth(&gaze.point);
         if sheet < -reach {
             return Sample { radiance: background, edge: sheet / metres_per_pixel };
+        }
+        if !self.settings.dots.are_circles() {
+            return self.shape(view, ray, &gaze, background);
         }
         let nearest = self.nearest_center(&gaze.point).map(|center| gaze.point - center);
         let distance = nearest.map(|offset| offset.norm());
@@ -196,6 +316,27 @@ impl Scene {
         Sample {
             radiance: background + (white - background) * white_share - (white - black) * black_share,
             edge: if circle_edge.abs() < sheet_edge.abs() { circle_edge } else { sheet_edge },
+        }
+    }
+
+    /// The board with dots that are no circles, on or near the sheet.
+    fn shape(&self, view: &View, ray: &Ray, gaze: &Gaze, background: f64) -> Sample {
+        let SceneSettings { white, black, dots, .. } = self.settings;
+        let jacobian = view.jacobian(ray, gaze);
+        let (white_share, sheet_edge) = self.sheet(&gaze.point, &jacobian);
+        let metres_per_pixel = gaze.metres_per_pixel(ray);
+        let (black_share, edge) = match self.nearest_center(&gaze.point) {
+            Some(center) => {
+                let (depth, normal) = dots.depth(&(gaze.point - center), self.board.radius);
+                let bound = depth / metres_per_pixel;
+                let edge = if bound.abs() < self.reach() { depth / jacobian.tr_mul(&normal).norm() } else { bound };
+                (self.blurred(edge), edge)
+            }
+            None => (0.0, -self.free_distance.max(0.0) / metres_per_pixel),
+        };
+        Sample {
+            radiance: background + (white - background) * white_share - (white - black) * black_share,
+            edge: if edge.abs() < sheet_edge.abs() { edge } else { sheet_edge },
         }
     }
 
@@ -280,6 +421,9 @@ impl Scene {
         self.profile.share(edge * self.per_point_spread)
     }
 }
+
+/// Where light changes without an edge, an edge is taken to be this many pixels out of reach.
+const CLOSE: f64 = 1.0;
 
 /// The integer nearest to `value`, without the call that rounding takes on older processors.
 #[inline]

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::smudges::Smudges;
+
 /// Pixels of an event camera. Intensities are in units of a white sheet at the image centre.
 ///
 /// | preset | for |
@@ -40,6 +42,12 @@ pub struct SensorModel {
     pub hot_pixels: u32,
     /// Lowest and highest rate of a hot pixel in events per second.
     pub hot_rate: [f64; 2],
+    /// Number of columns that send nothing.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub dead_columns: u32,
+    /// Dirt on the lens.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub smudges: Option<Smudges>,
     /// The read-out that puts events of all pixels in a row; `None` for one without delay.
     pub arbiter: Option<Arbiter>,
     /// Time between two scans of the whole sensor, in seconds: an event waits for the next one and has its time. `None` for
@@ -75,6 +83,11 @@ pub struct Arbiter {
     pub row_time: f64,
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(count: &u32) -> bool {
+    *count == 0
+}
+
 impl Default for SensorModel {
     fn default() -> Self {
         Self {
@@ -92,6 +105,8 @@ impl Default for SensorModel {
             noise_spread: 0.15,
             hot_pixels: 12,
             hot_rate: [60.0, 400.0],
+            dead_columns: 0,
+            smudges: None,
             arbiter: Some(Arbiter { latency: 4e-6, jitter: 3e-6, event_time: 45e-9, row_time: 65e-9 }),
             scan: None,
         }
@@ -132,6 +147,8 @@ impl SensorModel {
             noise_spread: 0.0,
             hot_pixels: 0,
             hot_rate: [60.0, 400.0],
+            dead_columns: 0,
+            smudges: None,
             arbiter: None,
             scan: None,
         }

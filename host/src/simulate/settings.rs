@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::light::Lamp;
 use super::motion::MotionSettings;
 use super::scene::SceneSettings;
 use super::sensor::{Arbiter, SensorModel};
@@ -52,6 +53,7 @@ impl SimulationSettings {
         let [slowest, fastest] = sensor.hot_rate;
         let photoreceptor = sensor.photoreceptor.map_or((1.0, 1.0), |low_pass| (low_pass.bandwidth, low_pass.offset));
         let arbiter = sensor.arbiter.unwrap_or(Arbiter { latency: 0.0, jitter: 0.0, event_time: 0.0, row_time: 0.0 });
+        let lamp = scene.lamp.unwrap_or(Lamp { frequency: 1.0, depth: 0.0 });
         let scan = sensor.scan.unwrap_or(1e-6);
         const POSITIVE: &str = "above 0";
         const NOT_NEGATIVE: &str = "0 or above";
@@ -62,7 +64,14 @@ impl SimulationSettings {
             ("scene.black", scene.black, positive(scene.black), POSITIVE),
             ("scene.background", scene.background, positive(scene.background), POSITIVE),
             ("scene.margin", scene.margin, not_negative(scene.margin), NOT_NEGATIVE),
-            ("sensor.point_spread", sensor.point_spread, positive(sensor.point_spread), POSITIVE),
+            ("scene.lamp.frequency", lamp.frequency, (0.1..=1000.0).contains(&lamp.frequency), "from 0.1 to 1000 Hz"),
+            ("scene.lamp.depth", lamp.depth, share(lamp.depth), SHARE),
+            (
+                "sensor.point_spread",
+                sensor.point_spread,
+                positive(sensor.point_spread) && sensor.point_spread <= 10.0,
+                "above 0 and at most 10 px",
+            ),
             ("sensor.threshold_on", sensor.threshold_on, sensor.threshold_on >= 0.05, "0.05 or above"),
             ("sensor.threshold_off", sensor.threshold_off, sensor.threshold_off >= 0.05, "0.05 or above"),
             (
