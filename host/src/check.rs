@@ -1,7 +1,6 @@
 //! What a recording is good for, before a calibration is made of it: a look at its beginning that takes seconds.
 
 mod advice;
-pub mod flicker;
 pub mod units;
 
 use std::collections::BTreeSet;
@@ -12,7 +11,6 @@ use evcal_core::sensor::Sensor;
 use serde::{Serialize, Serializer};
 
 use self::advice::next_step;
-use self::flicker::{Flicker, RateBins};
 use self::units::{OtherUnit, other_unit};
 use crate::board::{Board, layout_name};
 use crate::detection::LARGEST_SENSOR;
@@ -43,8 +41,6 @@ pub struct Checked {
     pub whole: bool,
     /// The unit that the times are more likely in.
     pub other_unit: Option<OtherUnit>,
-    /// Whether the light flickers.
-    pub flicker: Option<Flicker>,
     /// Where the board was seen, or circles; `None` where the sensor is not known or too large, or times are in another
     /// unit.
     pub seen: Option<Seen>,
@@ -81,10 +77,8 @@ pub fn check(
     board: Option<&Board>,
     settings: &DetectionSettings,
 ) -> Result<Checked, RecordingError> {
-    let mut bins = RateBins::default();
     let (mut count, mut end) = (0, 0);
     let pass = read_while(recording, &mut |events| {
-        events.iter().for_each(|event| bins.add(event.t));
         count += events.len() as u64;
         end = events.last().map_or(end, |event| event.t);
         if count < MOST_EVENTS { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
@@ -101,7 +95,7 @@ pub fn check(
         }
         _ => None,
     };
-    let mut checked = Checked { information, whole, other_unit, flicker: bins.flicker(), seen, next: String::new() };
+    let mut checked = Checked { information, whole, other_unit, seen, next: String::new() };
     checked.next = next_step(&checked, recording.path());
     Ok(checked)
 }
@@ -184,13 +178,9 @@ impl fmt::Display for Checked {
         if let Some(other) = &self.other_unit {
             writeln!(f, "{:<12}{other}", "time unit")?;
         }
-        let flicker = match self.flicker {
-            Some(Flicker { frequency, share }) => {
-                format!("the rate of events swings by {:.0} % at {frequency} Hz", 100.0 * share)
-            }
-            None => "none seen".to_owned(),
-        };
-        writeln!(f, "{:<12}{flicker}", "flicker")?;
+        if self.information.flicker.is_none() {
+            writeln!(f, "{:<12}none seen", "flicker")?;
+        }
         if let Some(seen) = &self.seen {
             let what = match &seen.board {
                 Some(board) => format!("{board} seen"),

@@ -5,6 +5,8 @@
 //! number of threads.
 
 mod board_finder;
+pub mod dot_shape;
+pub mod focus;
 pub mod layout;
 pub mod no_board;
 mod ordering;
@@ -31,6 +33,7 @@ use rayon::prelude::*;
 #[cfg(feature = "opencv")]
 use self::board_finder::find_with_opencv;
 use self::board_finder::{BoardFinder, PlacedCircle, within_capacity};
+use self::dot_shape::DotShape;
 use self::no_board::NoBoard;
 pub use self::ordering::order_frames;
 pub use self::report::{DetectionReport, NoCircle, NoPattern};
@@ -120,7 +123,14 @@ enum Seeker {
 }
 
 /// What a chunk gave.
-type Searched = (Vec<Found>, Vec<Uncertain>, DetectionReport);
+#[derive(Default)]
+struct Searched {
+    findings: Vec<Found>,
+    uncertain: Vec<Uncertain>,
+    report: DetectionReport,
+    /// What all windows with a board say of its dots, those that were refused for it too.
+    shape: DotShape,
+}
 
 /// Searches a recording, batch by batch, for the board or for circles.
 pub struct DetectionStage<'a> {
@@ -134,6 +144,7 @@ pub struct DetectionStage<'a> {
     waiting_events: usize,
     findings: Vec<Found>,
     report: DetectionReport,
+    shape: DotShape,
 }
 
 /// Chunks that are searched in one go.
@@ -164,6 +175,7 @@ impl<'a> DetectionStage<'a> {
             waiting_events: 0,
             findings: Vec::new(),
             report: DetectionReport::default(),
+            shape: DotShape::default(),
         }
     }
 
@@ -215,10 +227,11 @@ impl<'a> DetectionStage<'a> {
             )
             .collect();
         let (mut found, mut uncertain) = (Vec::new(), Vec::new());
-        for (findings, windows, report) in parts {
-            self.report.add(&report);
-            found.extend(findings);
-            uncertain.extend(windows);
+        for part in parts {
+            self.report.add(&part.report);
+            self.shape.add(&part.shape);
+            found.extend(part.findings);
+            uncertain.extend(part.uncertain);
         }
         match self.wanted {
             Wanted::Board(pattern) => self.place_uncertain(&waiting, found, uncertain, pattern),
@@ -245,7 +258,9 @@ impl<'a> DetectionStage<'a> {
             let placed = finder.find_near(&window.candidates, &options, expected).ok()?;
             let events = &waiting.get(window.chunk)?.1;
             let events = events.get(window.window.first..window.window.last)?;
-            Some(self.frame(&window.window, events, board_circles(&placed, &window.candidates)))
+            let frame = self.frame(&window.window, events, board_circles(&placed, &window.candidates));
+            let shape = DotShape::of_frame(&frame, &pattern)?;
+            self.settings.may_be_discs_in_window(&shape).then_some(frame)
         };
         let mut latest = self.findings.iter().rev().filter_map(Found::frame);
         let before = [latest.next(), latest.next()];
@@ -269,9 +284,7 @@ impl<'a> DetectionStage<'a> {
         events: &[Event],
         span: (i64, i64),
     ) -> Searched {
-        let mut findings = Vec::new();
-        let mut uncertain = Vec::new();
-        let mut report = DetectionReport::default();
+        let Searched { mut findings, mut uncertain, mut report, mut shape } = Searched::default();
         let start = events.first().map_or(span.0, |event| event.t);
         let mut planner = WindowPlanner::new(self.settings.window, start, span.1);
         let detector_settings = self.settings.detector();
@@ -287,7 +300,7 @@ impl<'a> DetectionStage<'a> {
                 .iter()
                 .map(|circle| GridCandidate { center: circle.center, radius: circle.radius })
                 .collect();
-            match self.find(seeker, &circles, &window, inside) {
+            match self.find(seeker, &circles, &window, inside, &mut shape) {
                 Ok(finding) => {
                     report.found += 1;
                     findings.push(finding);
@@ -305,7 +318,7 @@ impl<'a> DetectionStage<'a> {
             }
         }
         report.too_few_events += u64::from(planner.too_few_events());
-        (findings, uncertain, report)
+        Searched { findings, uncertain, report, shape }
     }
 
     fn seeker(&self) -> Seeker {
@@ -322,13 +335,14 @@ impl<'a> DetectionStage<'a> {
         }
     }
 
-    /// What is wanted of a window with these circles and events.
+    /// What is wanted of a window with these circles and events. What they say of the dots of a board is added to `all`.
     fn find(
         &self,
         seeker: &mut Seeker,
         circles: &[GridCandidate<f32>],
         window: &Window,
         events: &[Event],
+        all: &mut DotShape,
     ) -> Result<Found, NoBoard> {
         match seeker {
             Seeker::Board(pattern, finder) => {
@@ -337,7 +351,14 @@ impl<'a> DetectionStage<'a> {
                     #[cfg(feature = "opencv")]
                     Grid::Opencv => find_with_opencv(circles, pattern)?,
                 };
-                Ok(Found::Frame(self.frame(window, events, board_circles(&placed, circles))))
+                let frame = self.frame(window, events, board_circles(&placed, circles));
+                let shape = DotShape::of_frame(&frame, pattern).unwrap_or_default();
+                all.add(&shape);
+                if self.settings.may_be_discs_in_window(&shape) {
+                    Ok(Found::Frame(frame))
+                } else {
+                    Err(NoBoard::NotRound)
+                }
             }
             Seeker::Circles(fewest) if circles.len() >= *fewest => Ok(Found::Circles(CircleWindow {
                 start: window.start_us as f64 * 1e-6,
@@ -373,7 +394,23 @@ impl<'a> DetectionStage<'a> {
     fn finish(mut self) -> (Vec<Found>, DetectionReport) {
         self.close_chunk();
         self.search();
+        self.drop_what_is_not_round();
         (self.findings, self.report)
+    }
+
+    /// Drops what was found if all windows together tell that the dots are not round, which one alone may not.
+    fn drop_what_is_not_round(&mut self) {
+        if self.findings.is_empty() || self.settings.may_be_discs(&self.shape) {
+            return;
+        }
+        let frames = self.findings.iter().filter_map(Found::frame);
+        let (dropped, circles) =
+            frames.fold((0, 0), |(frames, circles), frame| (frames + 1, circles + frame.circles.len() as u64));
+        self.findings.clear();
+        self.report.found -= dropped.min(self.report.found);
+        self.report.board_circles -= circles.min(self.report.board_circles);
+        self.report.found_by_neighbours = self.report.found_by_neighbours.min(self.report.found);
+        *self.report.grids_refused.entry(NoBoard::NotRound).or_default() += dropped;
     }
 
     /// Whole chunks that wait to be searched.
@@ -385,6 +422,7 @@ impl<'a> DetectionStage<'a> {
     /// in order of time: for those who cannot wait for the end.
     pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
         self.search();
+        self.drop_what_is_not_round();
         std::mem::take(&mut self.findings).into_iter().filter_map(Found::into_frame).collect()
     }
 

@@ -23,6 +23,7 @@ use evcal_core::sensor::Sensor;
 mod aedat2;
 mod aedat3;
 pub mod aedat4;
+pub mod bad_pixels;
 mod bytes;
 mod columns;
 pub mod convert;
@@ -33,6 +34,7 @@ pub mod event_calib;
 mod event_stream;
 pub mod extras;
 pub mod fingerprint;
+pub mod flicker;
 mod foreign;
 mod format;
 #[cfg(feature = "hdf5")]

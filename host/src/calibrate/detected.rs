@@ -2,14 +2,18 @@
 
 use super::Task;
 use super::error::CalibrateError;
+use super::health::Health;
 use super::progress::Progress;
 use crate::calibrate::input::Input;
 use crate::check::units::other_unit;
 use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::focus::sharpness;
 use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::Recording;
+use crate::recording::bad_pixels::PixelCounter;
 use crate::recording::fingerprint::Fingerprint;
+use crate::recording::flicker::RateBins;
 use crate::recording::information::likely_sensor_of;
 use crate::recording::pass::{Pass, RecordingReport};
 use crate::recording::saturation::SaturationDetector;
@@ -27,6 +31,8 @@ pub(super) struct Detected {
     pub(super) events: Option<u64>,
     /// Stretches in which the readout was saturated.
     pub(super) saturated: Vec<LeftOut>,
+    /// How the light and the pixels were, one entry for each recording.
+    pub(super) health: Vec<Health>,
 }
 
 /// Recordings that share more than this part of their events are of the same time.
@@ -46,6 +52,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
         detection: DetectionReport::default(),
         events: None,
         saturated: Vec::new(),
+        health: Vec::new(),
     };
     let mut fingerprints: Vec<(String, Fingerprint)> = Vec::new();
     // What the first damaged recording broke off with.
@@ -56,9 +63,12 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
             Input::Events(recording) => {
                 let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
                 let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
+                let (mut bins, mut pixels) = (RateBins::default(), PixelCounter::new(sensor));
                 let pass = progress.read(task.inputs, index, &mut |events| {
                     fingerprint.push(events);
                     saturation.push(events);
+                    events.iter().for_each(|event| bins.add(event.t, event.polarity));
+                    pixels.push(events);
                     stage.push(events);
                 })?;
                 check_sensor(recording, &pass)?;
@@ -77,6 +87,11 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                     reason: Reason::Saturated,
                 }));
                 let (frames, report) = stage.into_frames();
+                all.health.push(Health {
+                    flicker: bins.flicker(),
+                    pixels: pixels.finish(),
+                    sharpness: sharpness(&frames),
+                });
                 all.frames.extend(frames);
                 all.detection.add(&report);
                 all.events = Some(all.events.unwrap_or(0) + pass.count);

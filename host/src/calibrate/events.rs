@@ -6,6 +6,7 @@ use evcal_core::sensor::Sensor;
 use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
+use super::health::findings_on;
 use super::progress::Progress;
 use super::radius::other_radius;
 use super::{PictureUse, Task, pictures};
@@ -31,7 +32,8 @@ const MOST_LEFT_OUT: f64 = 0.5;
 /// [`CalibrateError`].
 pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let settings = task.settings;
-    let Detected { sensor, frames, starts, recordings, detection, events, saturated } = detect_all(task, progress)?;
+    let Detected { sensor, frames, starts, recordings, detection, events, saturated, health } =
+        detect_all(task, progress)?;
     let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
     let (left_out, saturated) =
         if saturated.iter().map(|stretch| stretch.end - stretch.start).sum::<f64>() <= MOST_LEFT_OUT * duration {
@@ -89,7 +91,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         ExamineSettings { halves: &settings.split_half, map: &settings.residual_map, verdict: &settings.verdict };
     let (trust, event_trust) =
         examine(&refined, certainty, task.board, &saturated, looks).map_err(CalibrateError::Solve)?;
-    let findings = witness.as_ref().and_then(WitnessOutcome::finding).into_iter().collect();
+    let mut findings = findings_on(&health);
+    findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
     let camera = &refined.state.camera;
     let verdict = verdict(camera, &trust, Some(&event_trust), task.board, sensor, findings, &settings.verdict);
     let calibration = EventCalibration {

@@ -45,7 +45,7 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> String {
     if let Some(failure) = failure {
         return failure.clone();
     }
-    if let (Some(flicker), true) = (checked.flicker, *share < ENOUGH) {
+    if let (Some(flicker), true) = (checked.information.flicker, *share < ENOUGH) {
         return format!(
             "the light flickers at {} Hz and hides the board: use daylight or a lamp on direct current",
             flicker.frequency

@@ -31,6 +31,9 @@ pub enum NoBoard {
     /// The circles are not where those of a smooth lattice are.
     #[serde(rename = "circles scatter too much")]
     Scattered,
+    /// The dots of the lattice have corners, or holes.
+    #[serde(rename = "dots that are not round")]
+    NotRound,
     /// Columns of a picture were lost on the way.
     #[serde(rename = "lost columns")]
     LostColumns,
@@ -76,6 +79,10 @@ impl NoBoard {
             Self::BesideBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
                 "is --board right: rows and columns, acircles or circles?".to_owned()
             }
+            Self::NotRound => {
+                "they have corners or holes, as tags, keys, nuts or panes: is the board with round dots in view?"
+                    .to_owned()
+            }
             _ => "is the board in view and flat, and is --board right?".to_owned(),
         }
     }
@@ -113,6 +120,7 @@ mod tests {
             BesideBoard,
             NoLattice,
             Scattered,
+            NotRound,
             LostColumns,
             Unknown,
             NoDots,

@@ -14,8 +14,8 @@ use self::focus::{Focus, FocusMeter};
 use self::hot_pixels::HotPixels;
 use self::noise::NoiseMeter;
 use self::rates::{RateMeter, Rates};
-use crate::check::flicker::Flicker;
 use crate::circles::reference_frame::ReferenceFrame;
+use crate::recording::flicker::Flicker;
 
 /// The figures; `None` until there is enough to tell.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -7,6 +7,8 @@ use std::fmt;
 use evcal_core::event::{Event, Polarity};
 use serde::Serialize;
 
+use crate::recording::bad_pixels::dead_lines;
+use crate::recording::flicker::{Flicker, RateBins};
 use crate::recording::saturation::SaturationDetector;
 use crate::recording::{ReadReport, Recording, RecordingError, StreamSummary};
 
@@ -56,6 +58,8 @@ pub struct Information {
     pub peak: Option<Peak>,
     /// When the readout had more events than it can read; `None` where it never had.
     pub saturation: Option<SaturatedReadout>,
+    /// Whether the light flickers.
+    pub flicker: Option<Flicker>,
     /// Number of times without events for more than 0.1 s.
     pub gap_count: u64,
     /// The longest of them, in the order of time.
@@ -66,6 +70,8 @@ pub struct Information {
     pub hot_pixel_count: u64,
     /// Those with the most events.
     pub hottest_pixels: Vec<HotPixel>,
+    /// Columns without a single event among those that send many.
+    pub dead_columns: Vec<u16>,
     /// Everything in the file, by stream; empty for formats with one stream of events.
     pub streams: Vec<StreamSummary>,
     /// What the reader met.
@@ -161,11 +167,13 @@ pub fn gather_events(recording: &Recording) -> Result<Information, RecordingErro
         mean_rate: if duration_s > 0.0 { statistics.events as f64 / duration_s } else { 0.0 },
         peak: statistics.peak(),
         saturation: statistics.saturation(),
+        flicker: statistics.bins.flicker(),
         gap_count: statistics.gap_count,
         longest_gaps: statistics.gaps(),
         active_pixels: statistics.pixels.len() as u64,
         hot_pixel_count,
         hottest_pixels,
+        dead_columns: statistics.dead_columns(),
         streams: Vec::new(),
         report: reader.report().clone(),
         notes: known.notes.clone(),
@@ -218,6 +226,7 @@ struct Statistics {
     longest_gaps: Vec<(i64, i64)>,
     pixels: HashMap<(u16, u16), u64>,
     saturation: SaturationDetector,
+    bins: RateBins,
 }
 
 impl Statistics {
@@ -247,6 +256,7 @@ impl Statistics {
         }
         self.bin.1 += 1;
         self.saturation.add(event.t - self.first.unwrap_or(event.t));
+        self.bins.add(event.t - self.first.unwrap_or(event.t), event.polarity);
         *self.pixels.entry((event.x, event.y)).or_default() += 1;
     }
 
@@ -279,6 +289,17 @@ impl Statistics {
         let first = self.first.unwrap_or_default();
         let gap = |&(duration, start): &(i64, i64)| Gap { t_s: seconds(start - first), duration_s: seconds(duration) };
         self.longest_gaps.iter().map(gap).collect()
+    }
+
+    /// Columns that send nothing while most send many events.
+    fn dead_columns(&self) -> Vec<u16> {
+        let mut columns = vec![0; if self.events > 0 { usize::from(self.largest.0) + 1 } else { 0 }];
+        for ((x, _), events) in &self.pixels {
+            if let Some(column) = columns.get_mut(usize::from(*x)) {
+                *column += events;
+            }
+        }
+        dead_lines(&columns)
     }
 
     /// The number of hot pixels, and the hottest of them.
@@ -342,6 +363,12 @@ impl fmt::Display for Information {
                 ),
             )?;
         }
+        if let Some(Flicker { frequency, share }) = self.flicker {
+            let share = 100.0 * share;
+            let value =
+                format!("the light flickers at {frequency} Hz: ON and OFF events take turns by {share:.0} % of all");
+            line(f, "flicker", value)?;
+        }
         if self.gap_count > 0 {
             let shown = self.longest_gaps.iter().map(|gap| format!("{:.3} s at {:.3} s", gap.duration_s, gap.t_s));
             let shown = shown.collect::<Vec<_>>().join(", ");
@@ -356,6 +383,12 @@ impl fmt::Display for Information {
                 "hot pixels",
                 format!("{count} with over {HOT_FACTOR} times the median; events of the hottest: {shown}"),
             )?;
+        }
+        if !self.dead_columns.is_empty() {
+            let columns: Vec<String> = self.dead_columns.iter().take(LISTED).map(ToString::to_string).collect();
+            let more = if self.dead_columns.len() > LISTED { " …" } else { "" };
+            let value = format!("{} send nothing: {}{more}", self.dead_columns.len(), columns.join(", "));
+            line(f, "columns", value)?;
         }
         for stream in self.streams.iter().filter(|stream| stream.packets > 0) {
             let seconds = stream.times_us.map_or(0.0, |(first, last)| seconds(last.saturating_sub(first)));

@@ -70,6 +70,14 @@ pub enum Cause {
     Unexplained,
     /// The camera had more events than it could read.
     Saturated,
+    /// The light flickers.
+    Flicker,
+    /// Hot pixels send much of what there is.
+    HotPixels,
+    /// Columns of the sensor send nothing.
+    DeadColumns,
+    /// The lens is out of focus, or dirty.
+    Defocused,
     /// The camera's own frames give another camera.
     FramesDisagree,
 }

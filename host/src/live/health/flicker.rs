@@ -2,7 +2,7 @@
 
 use evcal_core::event::Event;
 
-use crate::check::flicker::{Flicker, RateBins};
+use crate::recording::flicker::{Flicker, RateBins};
 
 /// Time that is looked at together (µs).
 const PERIOD: i64 = 3_000_000;
@@ -21,11 +21,11 @@ impl RecentFlicker {
         for event in events {
             if event.t - self.start >= PERIOD {
                 // The event that comes after the last whole second closes it.
-                self.bins.add(event.t - self.start);
+                self.bins.add(event.t - self.start, event.polarity);
                 self.latest = Some(self.bins.flicker());
                 (self.bins, self.start) = (RateBins::default(), event.t);
             }
-            self.bins.add(event.t - self.start);
+            self.bins.add(event.t - self.start, event.polarity);
         }
     }
 

@@ -4,19 +4,13 @@
 
 use std::collections::VecDeque;
 
-use nalgebra::Vector2;
-
-use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::focus::band_width;
 
 /// Time between two windows that are measured (s).
 const INTERVAL: f64 = 0.1;
 /// Time over which the sharpest is held (s).
 const HELD: f64 = 5.0;
-/// Pixels farther from a rim, as a share of its radius, belong to something else.
-const REACH: f64 = 0.6;
-/// Fewest pixels that make a width.
-const FEWEST_PIXELS: usize = 100;
 
 /// How sharp circles are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,36 +48,13 @@ impl FocusMeter {
     }
 }
 
-/// Twice the median distance of pixels from the rim of their circle, after the rim was moved to the middle of them.
-fn band_width(frame: &ReferenceFrame, pixels: &[EventPixel]) -> Option<f64> {
-    let circles: Vec<(Vector2<f64>, f64)> =
-        frame.circles.iter().filter_map(|circle| Some((circle.center, circle.radius?))).collect();
-    let mut offsets: Vec<f64> = pixels
-        .iter()
-        .filter_map(|pixel| {
-            let at = Vector2::new(f64::from(pixel.x()), f64::from(pixel.y()));
-            let of = |&(center, radius): &(Vector2<f64>, f64)| ((at - center).norm() - radius, radius);
-            let (offset, radius) = circles.iter().map(of).min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
-            (offset.abs() < REACH * radius).then_some(offset)
-        })
-        .collect();
-    if offsets.len() < FEWEST_PIXELS {
-        return None;
-    }
-    let middle = median(&mut offsets);
-    offsets.iter_mut().for_each(|offset| *offset = (*offset - middle).abs());
-    Some(2.0 * median(&mut offsets))
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    crate::numerics::statistics::median(values, f64::total_cmp).unwrap_or(0.0)
-}
-
 #[cfg(test)]
 mod tests {
     use evcal_core::event::{Event, Polarity};
+    use nalgebra::Vector2;
 
     use super::*;
+    use crate::circles::event_pixel::EventPixel;
     use crate::circles::reference_frame::{ObservedCircle, SeenIn};
 
     /// One circle whose pixels lie up to `half` px to both sides of its rim.

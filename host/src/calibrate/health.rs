@@ -1,0 +1,104 @@
+//! What the light, the lens and the pixels were like, as findings for the verdict.
+
+use crate::recording::bad_pixels::BadPixels;
+use crate::recording::flicker::Flicker;
+use crate::trust::verdict::{Cause, Finding, Severity};
+
+/// How a recording was made.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Health {
+    pub(super) flicker: Option<Flicker>,
+    pub(super) pixels: BadPixels,
+    /// Width of the sharpest circles' edges (px).
+    pub(super) sharpness: Option<f64>,
+}
+
+/// Flicker by which ON and OFF take turns by more than this share of all events fills the readout with bursts of even areas.
+const STRONG_FLICKER: f64 = 0.75;
+/// Hot pixels that send a larger share of all events are told.
+const MANY_HOT: f64 = 0.02;
+/// Edges wider than this (px) are blurred: those of a lens in focus are 0.8 px wide.
+const BLURRED: f64 = 1.6;
+/// Columns that are named.
+const NAMED: usize = 8;
+
+/// What is to be said of all recordings, each thing once: the worst case.
+pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
+    let flicker = recordings.iter().filter_map(|health| health.flicker).max_by(|a, b| a.share.total_cmp(&b.share));
+    let hottest = recordings.iter().map(|health| &health.pixels).max_by(|a, b| a.hot_share.total_cmp(&b.hot_share));
+    let deadest = recordings.iter().map(|health| &health.pixels).max_by_key(|pixels| pixels.dead_columns.len());
+    let blurred = recordings.iter().filter_map(|health| health.sharpness).max_by(f64::total_cmp);
+    let mut findings = Vec::from_iter(flicker.map(flickering));
+    findings.extend(hottest.and_then(hot));
+    findings.extend(deadest.and_then(dead));
+    findings.extend(blurred.and_then(out_of_focus));
+    findings
+}
+
+fn flickering(Flicker { frequency, share }: Flicker) -> Finding {
+    Finding {
+        cause: Cause::Flicker,
+        severity: if share > STRONG_FLICKER { Severity::Warning } else { Severity::Note },
+        reason: format!(
+            "the light flickers at {frequency} Hz, by which ON and OFF events take turns by {:.0} % of all",
+            100.0 * share
+        ),
+        advice: "use daylight or a lamp on direct current".to_owned(),
+    }
+}
+
+fn hot(pixels: &BadPixels) -> Option<Finding> {
+    (pixels.hot_share > MANY_HOT).then(|| Finding {
+        cause: Cause::HotPixels,
+        severity: Severity::Note,
+        reason: format!("{} hot pixels send {:.0} % of all events", pixels.hot, 100.0 * pixels.hot_share),
+        advice: "raise the contrast thresholds of the camera's pixels".to_owned(),
+    })
+}
+
+fn dead(pixels: &BadPixels) -> Option<Finding> {
+    let columns = &pixels.dead_columns;
+    let named: Vec<String> = columns.iter().take(NAMED).map(ToString::to_string).collect();
+    let more = if columns.len() > NAMED { " and more" } else { "" };
+    (!columns.is_empty()).then(|| Finding {
+        cause: Cause::DeadColumns,
+        severity: Severity::Note,
+        reason: format!("{} columns of the sensor send nothing ({}{more})", columns.len(), named.join(", ")),
+        advice: "is a region of interest set, or the sensor broken?".to_owned(),
+    })
+}
+
+fn out_of_focus(width: f64) -> Option<Finding> {
+    (width > BLURRED).then(|| Finding {
+        cause: Cause::Defocused,
+        severity: Severity::Warning,
+        reason: format!("the circles' edges are blurred over {width:.1} px"),
+        advice: "focus the lens on the distance of the board, and clean it".to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn causes(recordings: &[Health]) -> Vec<(Cause, Severity)> {
+        findings_on(recordings).iter().map(|finding| (finding.cause, finding.severity)).collect()
+    }
+
+    #[test]
+    fn the_worst_of_all_recordings_is_told_once() {
+        let calm = Health { sharpness: Some(1.0), ..Health::default() };
+        assert_eq!(causes(&[]), []);
+        assert_eq!(causes(&[calm.clone(), calm.clone()]), []);
+        let flickers = |share: f64| Health { flicker: Some(Flicker { frequency: 100.0, share }), ..calm.clone() };
+        assert_eq!(causes(&[flickers(0.1), calm.clone()]), [(Cause::Flicker, Severity::Note)]);
+        assert_eq!(causes(&[flickers(0.1), flickers(0.9)]), [(Cause::Flicker, Severity::Warning)]);
+        let pixels = BadPixels { hot: 5, hot_share: 0.3, dead_columns: vec![7] };
+        let bad = Health { pixels, sharpness: Some(4.0), ..calm };
+        let found = causes(&[bad.clone(), bad]);
+        assert_eq!(
+            found.iter().map(|(cause, _)| *cause).collect::<Vec<_>>(),
+            [Cause::HotPixels, Cause::DeadColumns, Cause::Defocused]
+        );
+    }
+}

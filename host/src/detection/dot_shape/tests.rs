@@ -1,0 +1,142 @@
+//! Against pixels that a shape darkens or leaves when it moves, by its definition.
+
+use evcal_core::event::Event;
+use nalgebra::{Matrix3, Vector3};
+
+use super::*;
+
+const PATTERN: Pattern = Pattern { layout: Layout::Symmetric, rows: 4, columns: 5 };
+const RADIUS: f64 = 0.3;
+
+/// Whether a place, in radii from the centre of a dot, is dark.
+type Form = fn(f64, f64) -> bool;
+
+fn disc(x: f64, y: f64) -> bool {
+    x * x + y * y < 1.0
+}
+
+fn square(x: f64, y: f64) -> bool {
+    x.abs().max(y.abs()) < 0.9
+}
+
+fn key(x: f64, y: f64) -> bool {
+    let corner = |value: f64| (value.abs() - 0.45).max(0.0);
+    square(x, y) && corner(x) * corner(x) + corner(y) * corner(y) < 0.45 * 0.45
+}
+
+fn ring(x: f64, y: f64) -> bool {
+    disc(x, y) && !disc(2.0 * x, 2.0 * y)
+}
+
+/// A tilted view of the lattice with dots of `pixels` radius in the middle, turned by `turn`.
+fn view(pixels: f64, turn: f64) -> Matrix3<f64> {
+    let scale = pixels / RADIUS;
+    let (sin, cos) = turn.sin_cos();
+    let slant = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.8, 0.0, 0.0006, -0.0008, 1.0);
+    let turned = Matrix3::new(scale * cos, -scale * sin, 0.0, scale * sin, scale * cos, 0.0, 0.0, 0.0, 1.0);
+    let centred = Matrix3::new(1.0, 0.0, -2.0, 0.0, 1.0, -1.5, 0.0, 0.0, 1.0);
+    Matrix3::new(1.0, 0.0, 170.0, 0.0, 1.0, 130.0, 0.0, 0.0, 1.0) * slant * turned * centred
+}
+
+fn through(map: &Matrix3<f64>, x: f64, y: f64) -> Vector2<f64> {
+    let seen = map * Vector3::new(x, y, 1.0);
+    seen.xy() / seen.z
+}
+
+/// The dots, `share` of their radius large, and the pixels that change when the board moves by `shift` radii towards `heading`.
+fn window(form: Form, map: &Matrix3<f64>, share: f64, heading: f64, shift: f64) -> (Vec<Dot>, Vec<EventPixel>) {
+    let back = map.try_inverse().unwrap();
+    let step = Vector2::new(heading.cos(), heading.sin()) * (0.5 * shift);
+    let dark = |place: Vector2<f64>| {
+        let (x, y) = (place.x.round(), place.y.round());
+        let on_board = (0.0..5.0).contains(&x) && (0.0..4.0).contains(&y);
+        on_board && form((place.x - x) / RADIUS, (place.y - y) / RADIUS)
+    };
+    let mut pixels = Vec::new();
+    for (x, y) in (0..260).flat_map(|y| (0..346).map(move |x| (x, y))) {
+        let place = through(&back, f64::from(x), f64::from(y));
+        let (before, after) = (dark(place + step * RADIUS), dark(place - step * RADIUS));
+        if before != after {
+            let polarity = if after { Polarity::Off } else { Polarity::On };
+            pixels.push(EventPixel::new(&Event { t: 0, x, y, polarity }));
+        }
+    }
+    let dots = (0..PATTERN.circle_count()).map(|index| {
+        let (x, y) = PATTERN.lattice_position(index);
+        let (x, y) = (f64::from(x), f64::from(y));
+        let center = through(map, x, y);
+        let right = through(map, x + 0.01, y) - center;
+        let down = through(map, x, y + 0.01) - center;
+        (index, center, share * RADIUS * (right.perp(&down).abs() * 1e4).sqrt())
+    });
+    (dots.collect(), pixels)
+}
+
+fn shape(form: Form, pixels: f64, share: f64, heading: f64) -> DotShape {
+    let (dots, events) = window(form, &view(pixels, 0.4), share, heading, 0.25);
+    DotShape::of_dots(&dots, &events, &PATTERN)
+}
+
+const HEADINGS: [f64; 5] = [0.0, 0.5, 0.785, 2.4, 4.0];
+
+#[test]
+fn discs_are_round_and_full_in_every_direction_of_motion() {
+    for pixels in [4.0, 8.0, 14.0] {
+        for heading in HEADINGS {
+            let shape = shape(disc, pixels, 1.0, heading);
+            let (amplitude, sigma) = shape.corners().unwrap();
+            assert!(amplitude < 3.5 * sigma.max(0.004), "{pixels} px, {heading}: {amplitude} ± {sigma}");
+            assert!(shape.hollowness() < 0.02, "{pixels} px, {heading}: {}", shape.hollowness());
+        }
+    }
+}
+
+/// The amplitude of four corners of a square of half side 1 is 0.12, over its mean radius of 1.12.
+#[test]
+fn squares_and_keys_have_corners_in_every_direction_of_motion() {
+    for pixels in [4.0, 8.0, 14.0] {
+        for heading in HEADINGS {
+            let (amplitude, sigma) = shape(square, pixels, 1.0, heading).corners().unwrap();
+            assert!((0.08..0.16).contains(&amplitude) && amplitude > 5.0 * sigma, "{amplitude} ± {sigma}");
+            let (amplitude, sigma) = shape(key, pixels, 1.0, heading).corners().unwrap();
+            assert!((0.025..0.09).contains(&amplitude), "{pixels} px, {heading}: {amplitude} ± {sigma}");
+        }
+    }
+}
+
+#[test]
+fn rings_are_hollow_whichever_rim_was_found() {
+    for pixels in [7.0, 10.0, 14.0] {
+        for heading in HEADINGS {
+            for share in [1.0, 0.5] {
+                let hollowness = shape(ring, pixels, share, heading).hollowness();
+                assert!(hollowness > 0.25, "{pixels} px, {share}, {heading}: {hollowness}");
+            }
+        }
+    }
+}
+
+#[test]
+fn windows_add_up() {
+    let mut all = DotShape::default();
+    assert_eq!(all.corners(), None);
+    let single = shape(key, 8.0, 1.0, 0.5);
+    for heading in [0.5, 1.1, 2.2, 3.3] {
+        all.add(&shape(key, 8.0, 1.0, heading));
+    }
+    let ((_, one), (amplitude, four)) = (single.corners().unwrap(), all.corners().unwrap());
+    assert!(four < 0.7 * one && amplitude > 10.0 * four, "{amplitude} ± {four}, one {one}");
+}
+
+#[test]
+fn odd_dots_tell_nothing_and_do_no_harm() {
+    let (dots, events) = window(disc, &view(8.0, 0.0), 1.0, 0.0, 0.2);
+    assert_eq!(DotShape::of_dots(&dots[..2], &events, &PATTERN).corners(), None);
+    assert_eq!(DotShape::of_dots(&dots, &[], &PATTERN).corners(), None);
+    let same: Vec<Dot> = dots.iter().map(|dot| (dot.0, dots[0].1, dot.2)).collect();
+    let off: Vec<Dot> = dots.iter().map(|dot| (dot.0, Vector2::repeat(f64::NAN), f64::INFINITY)).collect();
+    for odd in [same, off] {
+        let shape = DotShape::of_dots(&odd, &events, &PATTERN);
+        assert!(shape.corners().is_none() && shape.hollowness() == 0.0, "{shape:?}");
+    }
+}

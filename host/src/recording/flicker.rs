@@ -1,0 +1,189 @@
+//! Does the light flicker? Lamps on mains do, at twice its frequency, and every pixel sees it.
+//!
+//! While the light grows, edges send more ON events and fewer OFF events, and while it falls, the other way round, long before
+//! even areas send any. So the number of ON events less that of OFF events has a line at the lamps' frequency; with strong flicker
+//! the number of all events has one too.
+
+use evcal_core::event::Polarity;
+use serde::{Deserialize, Serialize};
+
+/// Length of a bin in which events are counted (µs).
+const BIN: i64 = 1000;
+/// Bins of a stretch, whose spectrum is taken: 1 s, so that its lines are 1 Hz apart.
+const STRETCH: usize = 1000;
+/// Frequencies of lamps and of mains (Hz).
+const LAMPS: [f64; 4] = [100.0, 120.0, 50.0, 60.0];
+/// Shortest recording that tells anything, in bins.
+const SHORTEST: usize = 250;
+/// Lines beside a lamp's to compare it with (Hz, for a whole stretch).
+const BESIDE: std::ops::RangeInclusive<i32> = 3..=15;
+/// A lamp's line is so many times as strong as those beside it.
+const STRONGER: f64 = 8.0;
+/// ON and OFF take turns by at least this share.
+const SMALLEST_SHARE: f64 = 0.05;
+
+/// The light seems to flicker.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Flicker {
+    /// Frequency in hertz.
+    pub frequency: f64,
+    /// By what share of all events ON outweighs OFF in turn, or by what share their rate swings, if that is more: 0 to about 1.
+    pub share: f64,
+}
+
+/// Counts ON and OFF events in bins of a millisecond.
+#[derive(Clone, Debug, Default)]
+pub struct RateBins {
+    stretch: Vec<[i32; 2]>,
+    /// For the sum of both polarities and their difference, and each lamp, the sums over stretches of the powers of its line
+    /// and of those beside it.
+    powers: [[(f64, f64); LAMPS.len()]; 2],
+    /// Bins, and events in them, that were looked at.
+    bins: usize,
+    events: u64,
+    /// The bin that is being filled.
+    current: i64,
+}
+
+impl RateBins {
+    /// Takes the next event; `t` counts from the first one (µs).
+    pub fn add(&mut self, t: i64, polarity: Polarity) {
+        let bin = t.div_euclid(BIN);
+        let index = bin - self.current;
+        if index >= STRETCH as i64 {
+            self.close(index < 2 * STRETCH as i64);
+            // Over times without events nothing is to be learned.
+            self.current = bin - index % STRETCH as i64;
+        }
+        if self.stretch.is_empty() {
+            self.stretch.resize(STRETCH, [0; 2]);
+        }
+        let counts = usize::try_from(bin - self.current).ok().and_then(|index| self.stretch.get_mut(index));
+        if let Some(count) = counts.and_then(|counts| counts.get_mut(polarity.index())) {
+            *count += 1;
+        }
+    }
+
+    /// Adds the spectrum of the stretch that ended, if it is `whole`.
+    fn close(&mut self, whole: bool) {
+        if whole {
+            self.look(STRETCH);
+        }
+        self.stretch.clear();
+    }
+
+    /// Adds the spectrum of the first `length` bins of the stretch.
+    fn look(&mut self, length: usize) {
+        let stretch = self.stretch.get(..length).unwrap_or_default();
+        let events: u64 = stretch.iter().flatten().map(|count| u64::from(count.unsigned_abs())).sum();
+        if events == 0 {
+            return;
+        }
+        self.events += events;
+        self.bins += length;
+        let between = STRETCH as f64 / length as f64;
+        let signals: [Vec<i32>; 2] = [1, -1].map(|sign| stretch.iter().map(|[off, on]| on + sign * off).collect());
+        for (signal, powers) in signals.iter().zip(&mut self.powers) {
+            for (frequency, (line, beside)) in LAMPS.iter().zip(powers) {
+                *line += power(signal, *frequency);
+                let others = BESIDE.flat_map(|distance| [-distance, distance]);
+                let others = others.map(|distance| power(signal, frequency + between * f64::from(distance)));
+                let powers: Vec<f64> = others.collect();
+                *beside += powers.iter().sum::<f64>() / powers.len().max(1) as f64;
+            }
+        }
+    }
+
+    /// What the whole stretches show, or of a recording that has none its beginning; `None` where no lamp does.
+    pub fn flicker(&self) -> Option<Flicker> {
+        if self.bins > 0 {
+            return self.strongest();
+        }
+        let last = self.stretch.iter().rposition(|counts| *counts != [0; 2])?;
+        let mut beginning = self.clone();
+        beginning.look(last);
+        if last < SHORTEST { None } else { beginning.strongest() }
+    }
+
+    fn strongest(&self) -> Option<Flicker> {
+        let mean = self.events as f64 / self.bins.max(1) as f64;
+        let candidates = self.powers.iter().flat_map(|powers| LAMPS.iter().zip(powers));
+        let candidates = candidates.filter_map(|(frequency, (line, beside))| {
+            // The amplitude of a wave whose line has this power, in stretches of one length.
+            let stretches = self.bins.div_ceil(STRETCH) as f64;
+            let amplitude = 2.0 * (line * stretches).sqrt() / self.bins.max(1) as f64;
+            let share = amplitude / mean;
+            let stands_out = *line > STRONGER * beside && share > SMALLEST_SHARE;
+            stands_out.then_some(Flicker { frequency: *frequency, share })
+        });
+        candidates.max_by(|a, b| a.share.total_cmp(&b.share))
+    }
+}
+
+/// Power of the line of `frequency` (Hz) in counts of a second.
+fn power(counts: &[i32], frequency: f64) -> f64 {
+    let step = std::f64::consts::TAU * frequency * BIN as f64 * 1e-6;
+    let (mut cosine, mut sine) = (0.0, 0.0);
+    for (index, count) in counts.iter().enumerate() {
+        let angle = step * index as f64;
+        cosine += f64::from(*count) * libm::cos(angle);
+        sine += f64::from(*count) * libm::sin(angle);
+    }
+    cosine * cosine + sine * sine
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    /// What events at random times show, of which ON has a share that swings by `share` at `frequency`, at a rate that swings slowly.
+    fn seen(frequency: f64, share: f64, seconds: f64) -> Option<Flicker> {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut random = || (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        let mut bins = RateBins::default();
+        let mut t: f64 = 0.0;
+        while t < seconds {
+            t += 1e-5 * -random().max(1e-9).ln();
+            let slow = 0.6 + 0.4 * (7.0 * t).sin() * (3.1 * t).cos();
+            let on = 0.5 + 0.5 * share * (std::f64::consts::TAU * frequency * t).cos();
+            if random() < slow {
+                bins.add((t * 1e6) as i64, if random() < on { Polarity::On } else { Polarity::Off });
+            }
+        }
+        bins.flicker()
+    }
+
+    #[test]
+    fn lamps_on_mains_are_seen_and_nothing_else() {
+        for frequency in [100.0, 120.0, 50.0, 60.0] {
+            // Mains is never exact.
+            let found = seen(frequency + 0.05, 0.3, 4.0).unwrap();
+            assert_eq!(found.frequency, frequency);
+            assert!((found.share - 0.3).abs() < 0.05, "{found:?}");
+        }
+        for frequency in [0.0, 10.0, 83.0, 300.0] {
+            assert_eq!(seen(frequency, 0.3, 4.0), None, "{frequency}");
+        }
+        assert_eq!(seen(100.0, 0.01, 4.0), None);
+    }
+
+    #[test]
+    fn a_short_recording_shows_what_its_length_allows() {
+        assert_eq!(seen(100.0, 0.5, 0.2), None);
+        let seen = [seen(100.0, 0.5, 0.4), seen(120.0, 0.5, 0.4)].map(|found| found.map(|flicker| flicker.frequency));
+        assert_eq!(seen, [Some(100.0), Some(120.0)]);
+        assert_eq!(RateBins::default().flicker(), None);
+    }
+
+    #[test]
+    fn long_times_without_events_are_passed_over() {
+        let mut bins = RateBins::default();
+        for t in [0, 10, 1_000_000_000_000, 1_000_000_000_500, i64::MAX / 2] {
+            bins.add(t, Polarity::On);
+        }
+        assert_eq!(bins.flicker(), None);
+    }
+}
