@@ -14,6 +14,7 @@ use self::advice::next_step;
 use self::units::{OtherUnit, other_unit};
 use crate::board::{Board, layout_name};
 use crate::detection::LARGEST_SENSOR;
+use crate::detection::focus::{EdgeWidth, edge_width};
 use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::other_board::OtherBoard;
 use crate::detection::search::{FoundContent, SearchFor, search_events};
@@ -64,6 +65,8 @@ pub struct Seen {
     pub time_share: f64,
     /// Share of the sensor in which there was a circle, in cells of an eighth by a sixth of it.
     pub covered: f64,
+    /// Width of the circles' edges in the sharpest windows with the board.
+    pub edges: Option<EdgeWidth>,
     /// Why it was nowhere, with what to do.
     pub failure: Option<String>,
 }
@@ -111,11 +114,13 @@ fn look(
     let wanted = board.map_or(SearchFor::Circles(FEWEST_CIRCLES), |board| SearchFor::Board(board.pattern));
     let found = search_events(recording, sensor, wanted, settings)?;
     let (mut centers, mut times): (Vec<[f64; 2]>, Vec<f64>) = (Vec::new(), Vec::new());
+    let mut edges = None;
     match &found.content {
         FoundContent::Boards(_, frames) => {
             centers
                 .extend(frames.iter().flat_map(|frame| &frame.circles).map(|circle| <[f64; 2]>::from(circle.center)));
             times.extend(frames.iter().map(|frame| frame.start));
+            edges = edge_width(frames);
         }
         FoundContent::Windows(windows) => {
             let circles = windows.iter().flat_map(|window| &window.circles);
@@ -144,6 +149,7 @@ fn look(
         windows: found.report.windows + found.report.too_few_events,
         time_share: (slots.len() as f64 * SLOT / duration.max(SLOT)).min(1.0),
         covered: covered(&centers, sensor),
+        edges,
         failure,
     })
 }
@@ -193,6 +199,9 @@ impl fmt::Display for Checked {
                 "{:<12}{what} in {found} of {windows} windows, {time:.0} % of the time, over {covered:.0} % of the sensor",
                 "board"
             )?;
+            if let Some(edges) = seen.edges {
+                writeln!(f, "{:<12}the circles' edges are {:.1} px wide", "focus", edges.pixels)?;
+            }
         }
         write!(f, "\nnext: {}", self.next)
     }

@@ -68,7 +68,7 @@ fn trial(effect: &str, seed: u64) -> Result<Trial, String> {
         "none" | "pause" => Vec::new(),
         effect => vec!["--effects", effect],
     };
-    let options = ["--motion", motion, "--duration", "4s", "--seed", &seed, "-o", text(&simulation)];
+    let options = ["--motion", motion, "--duration", "3s", "--seed", &seed, "-o", text(&simulation)];
     succeed(&[&["simulate"][..], &lens, &effects, &options].concat());
     let events = simulation.join("events.aedat4");
     let options = ["--board", BOARD, "--model", RADTAN.model, "--accept-any", "-o", text(&calibration)];

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use evcal::board::Board;
 use evcal::detection::dot_shape::DotShape;
-use evcal::detection::focus::sharpness;
+use evcal::detection::focus::edge_width;
 use evcal::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal::detection::settings::DetectionSettings;
 use evcal::recording::{Recording, RecordingOptions};
@@ -94,7 +94,7 @@ fn windows(path: &Path, board: &Board) -> Windows {
     let found = search_events(&recording, sensor, wanted, &any_form).expect("events");
     let mut windows = Windows { accepted, placed: found.report.found, ..Windows::default() };
     let FoundContent::Boards(pattern, frames) = &found.content else { return windows };
-    windows.sharpness = sharpness(frames);
+    windows.sharpness = edge_width(frames).map(|edges| edges.pixels);
     for shape in frames.iter().filter_map(|frame| DotShape::of_frame(frame, pattern)) {
         windows.all.add(&shape);
         if let Some((amplitude, sigma)) = shape.corners() {

@@ -7,7 +7,7 @@ use super::progress::Progress;
 use crate::calibrate::input::Input;
 use crate::check::units::other_unit;
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::detection::focus::sharpness;
+use crate::detection::focus::edge_width;
 use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::Recording;
@@ -90,7 +90,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                 all.health.push(Health {
                     flicker: bins.flicker(),
                     pixels: pixels.finish(),
-                    sharpness: sharpness(&frames),
+                    edges: edge_width(&frames),
                 });
                 all.frames.extend(frames);
                 all.detection.add(&report);

@@ -1,5 +1,6 @@
 //! What the light, the lens and the pixels were like, as findings for the verdict.
 
+use crate::detection::focus::EdgeWidth;
 use crate::recording::bad_pixels::BadPixels;
 use crate::recording::flicker::Flicker;
 use crate::trust::verdict::{Cause, Finding, Severity};
@@ -9,16 +10,14 @@ use crate::trust::verdict::{Cause, Finding, Severity};
 pub(super) struct Health {
     pub(super) flicker: Option<Flicker>,
     pub(super) pixels: BadPixels,
-    /// Width of the sharpest circles' edges (px).
-    pub(super) sharpness: Option<f64>,
+    /// Width of the sharpest circles' edges.
+    pub(super) edges: Option<EdgeWidth>,
 }
 
 /// Flicker by which ON and OFF take turns by more than this share of all events fills the readout with bursts of even areas.
 const STRONG_FLICKER: f64 = 0.75;
 /// Hot pixels that send a larger share of all events are told.
 const MANY_HOT: f64 = 0.02;
-/// Edges wider than this (px) are blurred: those of a lens in focus are 0.8 px wide.
-const BLURRED: f64 = 1.6;
 /// Columns that are named.
 const NAMED: usize = 8;
 
@@ -27,15 +26,22 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     let flicker = recordings.iter().filter_map(|health| health.flicker).max_by(|a, b| a.share.total_cmp(&b.share));
     let hottest = recordings.iter().map(|health| &health.pixels).max_by(|a, b| a.hot_share.total_cmp(&b.hot_share));
     let deadest = recordings.iter().map(|health| &health.pixels).max_by_key(|pixels| pixels.dead_columns.len());
-    let blurred = recordings.iter().filter_map(|health| health.sharpness).max_by(f64::total_cmp);
+    let widths = recordings.iter().filter_map(|health| health.edges);
+    let widest = widths.max_by(|a, b| a.pixels.total_cmp(&b.pixels));
     let mut findings = Vec::from_iter(flicker.map(flickering));
     findings.extend(hottest.and_then(hot));
     findings.extend(deadest.and_then(dead));
-    findings.extend(blurred.and_then(out_of_focus));
+    findings.extend(widest.and_then(out_of_focus));
     findings
 }
 
-fn flickering(Flicker { frequency, share }: Flicker) -> Finding {
+fn flickering(Flicker { frequency, share, fills_readout }: Flicker) -> Finding {
+    let advice = "use daylight or a lamp on direct current".to_owned();
+    if fills_readout {
+        let reason =
+            format!("the light flickers at {frequency} Hz or more, and sends all that can be read: events are late");
+        return Finding { cause: Cause::Flicker, severity: Severity::Failure, reason, advice };
+    }
     Finding {
         cause: Cause::Flicker,
         severity: if share > STRONG_FLICKER { Severity::Warning } else { Severity::Note },
@@ -43,7 +49,7 @@ fn flickering(Flicker { frequency, share }: Flicker) -> Finding {
             "the light flickers at {frequency} Hz, by which ON and OFF events take turns by {:.0} % of all",
             100.0 * share
         ),
-        advice: "use daylight or a lamp on direct current".to_owned(),
+        advice,
     }
 }
 
@@ -68,11 +74,11 @@ fn dead(pixels: &BadPixels) -> Option<Finding> {
     })
 }
 
-fn out_of_focus(width: f64) -> Option<Finding> {
-    (width > BLURRED).then(|| Finding {
+fn out_of_focus(edges: EdgeWidth) -> Option<Finding> {
+    edges.is_blurred().then(|| Finding {
         cause: Cause::Defocused,
         severity: Severity::Warning,
-        reason: format!("the circles' edges are blurred over {width:.1} px"),
+        reason: format!("the circles' edges are blurred over {:.1} px", edges.pixels),
         advice: "focus the lens on the distance of the board, and clean it".to_owned(),
     })
 }
@@ -87,14 +93,18 @@ mod tests {
 
     #[test]
     fn the_worst_of_all_recordings_is_told_once() {
-        let calm = Health { sharpness: Some(1.0), ..Health::default() };
+        let calm = Health { edges: Some(EdgeWidth { pixels: 1.0, radii: 0.3 }), ..Health::default() };
         assert_eq!(causes(&[]), []);
         assert_eq!(causes(&[calm.clone(), calm.clone()]), []);
-        let flickers = |share: f64| Health { flicker: Some(Flicker { frequency: 100.0, share }), ..calm.clone() };
+        let flickers = |share: f64| Health {
+            flicker: Some(Flicker { frequency: 100.0, share, fills_readout: share > 0.95 }),
+            ..calm.clone()
+        };
         assert_eq!(causes(&[flickers(0.1), calm.clone()]), [(Cause::Flicker, Severity::Note)]);
         assert_eq!(causes(&[flickers(0.1), flickers(0.9)]), [(Cause::Flicker, Severity::Warning)]);
+        assert_eq!(causes(&[flickers(1.0)]), [(Cause::Flicker, Severity::Failure)]);
         let pixels = BadPixels { hot: 5, hot_share: 0.3, dead_columns: vec![7] };
-        let bad = Health { pixels, sharpness: Some(4.0), ..calm };
+        let bad = Health { pixels, edges: Some(EdgeWidth { pixels: 4.0, radii: 0.3 }), ..calm };
         let found = causes(&[bad.clone(), bad]);
         assert_eq!(
             found.iter().map(|(cause, _)| *cause).collect::<Vec<_>>(),

@@ -41,7 +41,7 @@ pub fn next_step(checked: &Checked, path: &Path) -> String {
 
 /// What to do about the board.
 fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> String {
-    let Seen { board, found, time_share: share, covered, failure, recognised, .. } = seen;
+    let Seen { board, found, time_share: share, covered, failure, recognised, edges, .. } = seen;
     if let Some(failure) = failure {
         return failure.clone();
     }
@@ -75,6 +75,9 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> String {
             "the board was in {:.0} % of the image only: move it into the corners and closer, and record again",
             100.0 * covered
         );
+    }
+    if edges.is_some_and(|edges| edges.is_blurred()) {
+        return "the circles are blurred: focus the lens on the distance of the board, and clean it".to_owned();
     }
     if checked.whole && checked.information.duration_s < SHORT {
         return "the recording is short: record 10 seconds".to_owned();

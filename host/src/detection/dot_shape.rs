@@ -51,6 +51,8 @@ const RIM: f64 = 0.2;
 const RIM_PIXELS: f64 = 1.3;
 /// Fewest events of a dot.
 const FEWEST: usize = 8;
+/// About so many dots of a window are looked at, and every other or third one where there are more.
+const MOST_DOTS: usize = 18;
 /// Fewest dots with which the map from the board is curved.
 const CURVED: usize = 9;
 
@@ -68,7 +70,7 @@ impl DotShape {
         let mut sums = RimSums::default();
         let mut shape = Self::default();
         let mut around: Vec<(Vector2<f64>, Polarity)> = Vec::new();
-        for dot in dots {
+        for dot in dots.iter().step_by(dots.len().div_ceil(MOST_DOTS).max(1)) {
             let Some(to_board) = map.inverse_jacobian_at(pattern.lattice_position(dot.0)) else { continue };
             let unit = map.radius;
             let cell = cell_of(pattern.layout, unit);

@@ -1,11 +1,15 @@
 //! How sharp the circles of a window are: the width of the band of events about their rims.
 
 use nalgebra::Vector2;
+use serde::Serialize;
 
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::numerics::statistics;
 
+/// Edges wider than this, in pixels and in radii of the circle, are blurred. Those of a lens in focus are 0.8 px wide; motion
+/// across many pixels widens them on sensors that have many.
+const BLURRED: [f64; 2] = [1.6, 0.18];
 /// Pixels farther from a rim, as a share of its radius, belong to something else.
 const REACH: f64 = 0.6;
 /// Fewest pixels that make a width.
@@ -15,13 +19,34 @@ const WINDOWS: usize = 100;
 /// The sharpest of so many tells how sharp a recording is: motion widens the band of the others.
 const SHARPEST: usize = 10;
 
-/// How sharp the circles of a recording are: the width of the band (px) that a tenth of its windows is below; `None` where too
-/// few have events.
-pub fn sharpness(frames: &[ReferenceFrame]) -> Option<f64> {
+/// Width of circles' edges.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct EdgeWidth {
+    /// In pixels.
+    pub pixels: f64,
+    /// In radii of the circles.
+    pub radii: f64,
+}
+
+impl EdgeWidth {
+    /// Whether the circles are blurred.
+    pub fn is_blurred(&self) -> bool {
+        let [pixels, radii] = BLURRED;
+        self.pixels > pixels && self.radii > radii
+    }
+}
+
+/// How sharp the circles of a recording are: the width of the band that a tenth of its windows is below; `None` where too few have
+/// events.
+pub fn edge_width(frames: &[ReferenceFrame]) -> Option<EdgeWidth> {
     let step = frames.len().div_ceil(WINDOWS).max(1);
-    let widths = frames.iter().step_by(step).filter_map(|frame| band_width(frame, frame.events()?));
-    let mut widths: Vec<f64> = widths.collect();
-    widths.sort_by(f64::total_cmp);
+    let widths = frames.iter().step_by(step).filter_map(|frame| {
+        let pixels = band_width(frame, frame.events()?)?;
+        let mut radii: Vec<f64> = frame.circles.iter().filter_map(|circle| circle.radius).collect();
+        Some(EdgeWidth { pixels, radii: pixels / median(&mut radii).max(1.0) })
+    });
+    let mut widths: Vec<EdgeWidth> = widths.collect();
+    widths.sort_by(|a, b| a.pixels.total_cmp(&b.pixels));
     widths.get(widths.len() / SHARPEST).copied()
 }
 

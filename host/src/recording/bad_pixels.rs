@@ -8,7 +8,7 @@ const HOT_FACTOR: u32 = 10;
 /// Fewest events of a hot pixel.
 const FEWEST_OF_HOT: u32 = 50;
 /// A column without events is dead if the median column has so many.
-const FEWEST_OF_COLUMN: u64 = 100;
+const FEWEST_OF_COLUMN: u64 = 1000;
 
 /// Counts the events of each pixel.
 #[derive(Clone, Debug)]
@@ -81,7 +81,7 @@ mod tests {
     fn hot_pixels_and_dead_columns_are_found() {
         let mut counter = PixelCounter::new(Sensor::new(20, 15));
         let event = |x: u16, y: u16| Event { t: 0, x, y, polarity: Polarity::On };
-        for round in 0..10 {
+        for round in 0..150 {
             for (x, y) in (0..15).flat_map(|y| (0..20).map(move |x| (x, y))) {
                 if x != 4 && x != 17 && (round + x + y) % 3 != 0 {
                     counter.push(&[event(x, y)]);
@@ -89,8 +89,8 @@ mod tests {
             }
         }
         assert_eq!(counter.finish(), BadPixels { hot: 0, hot_share: 0.0, dead_columns: vec![4, 17] });
-        counter.push(&vec![event(3, 3); 1800]);
-        // Two thirds of 10 rounds of 18 columns and 15 rows, and what was added.
+        counter.push(&vec![event(3, 3); 27_000]);
+        // Two thirds of 150 rounds of 18 columns and 15 rows, and what was added.
         let found = counter.finish();
         assert_eq!(found.hot, 1);
         assert!((found.hot_share - 0.5).abs() < 0.01, "{found:?}");
@@ -98,8 +98,8 @@ mod tests {
 
     #[test]
     fn few_events_make_no_column_dead() {
-        assert_eq!(dead_lines(&[0, 99, 99]), [0_u16; 0]);
-        assert_eq!(dead_lines(&[0, 100, 100]), [0]);
+        assert_eq!(dead_lines(&[0, 999, 999]), [0_u16; 0]);
+        assert_eq!(dead_lines(&[0, 1000, 1000]), [0]);
         assert_eq!(dead_lines(&[]), [0_u16; 0]);
     }
 }

