@@ -68,13 +68,13 @@ fn trial(effect: &str, seed: u64) -> Result<Trial, String> {
         "none" | "pause" => Vec::new(),
         effect => vec!["--effects", effect],
     };
-    let options = ["--motion", motion, "--duration", "3s", "--seed", &seed, "-o", text(&simulation)];
+    let options = ["--motion", motion, "--duration", "4s", "--seed", &seed, "-o", text(&simulation)];
     succeed(&[&["simulate"][..], &lens, &effects, &options].concat());
     let events = simulation.join("events.aedat4");
     let options = ["--board", BOARD, "--model", RADTAN.model, "--accept-any", "-o", text(&calibration)];
     let finished = evcal(&[&["calibrate", text(&events)][..], &options].concat());
     if finished.code != Some(0) {
-        return Err(finished.stderr.trim().to_owned());
+        return Err(finished.stderr.lines().next().unwrap_or_default().to_owned());
     }
     let result = read_json(&calibration.join("calibration.json"));
     let evaluation = json(&["evaluate", text(&calibration), "--truth", text(&simulation), "--json"]);
@@ -106,6 +106,10 @@ fn print_row(effect: &str, outcomes: &[Result<Trial, String>]) {
         counted(trials.iter().map(|trial| trial.grade.clone()).chain(
             outcomes.iter().filter_map(|outcome| outcome.as_ref().err()).map(|error| format!("refused: {error}")),
         ));
+    if trials.is_empty() {
+        println!("| {effect} | – | – | – | – | {verdicts} | |");
+        return;
+    }
     let causes = counted(trials.iter().flat_map(|trial| trial.causes.iter().cloned()));
     println!(
         "| {effect} | {:.3} | {:.3}, {largest:.3} | {:.3} | {inside} of {} | {verdicts} | {causes} |",

@@ -89,6 +89,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                 let (frames, report) = stage.into_frames();
                 all.health.push(Health {
                     flicker: bins.flicker(),
+                    always_full: bins.is_even(),
                     pixels: pixels.finish(),
                     edges: edge_width(&frames),
                 });

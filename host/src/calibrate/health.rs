@@ -9,6 +9,8 @@ use crate::trust::verdict::{Cause, Finding, Severity};
 #[derive(Clone, Debug, Default)]
 pub(super) struct Health {
     pub(super) flicker: Option<Flicker>,
+    /// Whether there are as many events at any time.
+    pub(super) always_full: bool,
     pub(super) pixels: BadPixels,
     /// Width of the sharpest circles' edges.
     pub(super) edges: Option<EdgeWidth>,
@@ -29,6 +31,9 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     let widths = recordings.iter().filter_map(|health| health.edges);
     let widest = widths.max_by(|a, b| a.pixels.total_cmp(&b.pixels));
     let mut findings = Vec::from_iter(flicker.map(flickering));
+    if recordings.iter().any(|health| health.always_full) {
+        findings.push(always_full());
+    }
     findings.extend(hottest.and_then(hot));
     findings.extend(deadest.and_then(dead));
     findings.extend(widest.and_then(out_of_focus));
@@ -50,6 +55,16 @@ fn flickering(Flicker { frequency, share, fills_readout }: Flicker) -> Finding {
             100.0 * share
         ),
         advice,
+    }
+}
+
+fn always_full() -> Finding {
+    Finding {
+        cause: Cause::Saturated,
+        severity: Severity::Failure,
+        reason: "the camera sends as many events at any time, all that it can read: they are late by an unknown time".to_owned(),
+        advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels"
+            .to_owned(),
     }
 }
 
@@ -103,6 +118,8 @@ mod tests {
         assert_eq!(causes(&[flickers(0.1), calm.clone()]), [(Cause::Flicker, Severity::Note)]);
         assert_eq!(causes(&[flickers(0.1), flickers(0.9)]), [(Cause::Flicker, Severity::Warning)]);
         assert_eq!(causes(&[flickers(1.0)]), [(Cause::Flicker, Severity::Failure)]);
+        let full = Health { always_full: true, ..calm.clone() };
+        assert_eq!(causes(&[full]), [(Cause::Saturated, Severity::Failure)]);
         let pixels = BadPixels { hot: 5, hot_share: 0.3, dead_columns: vec![7] };
         let bad = Health { pixels, edges: Some(EdgeWidth { pixels: 4.0, radii: 0.3 }), ..calm };
         let found = causes(&[bad.clone(), bad]);

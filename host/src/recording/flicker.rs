@@ -117,9 +117,16 @@ impl RateBins {
         if last < SHORTEST { None } else { beginning.strongest() }
     }
 
+    /// Whether there were as many events at any time: what moves before a camera never does that, but a readout that is full all the
+    /// time does.
+    pub fn is_even(&self) -> bool {
+        let mean = self.events as f64 / self.bins.max(1) as f64;
+        self.bins > 0 && mean * LONG_BIN as f64 >= EVEN * self.fullest as f64
+    }
+
     fn strongest(&self) -> Option<Flicker> {
         let mean = self.events as f64 / self.bins.max(1) as f64;
-        let fills_readout = mean * LONG_BIN as f64 >= EVEN * self.fullest as f64;
+        let fills_readout = self.is_even();
         let candidates = self.powers.iter().flat_map(|powers| LAMPS.iter().zip(powers));
         let candidates = candidates.filter_map(|(frequency, (line, beside))| {
             // The amplitude of a wave whose line has this power, in stretches of one length.
@@ -192,6 +199,7 @@ mod tests {
         }
         let found = bins.flicker().unwrap();
         assert!(found.fills_readout && found.frequency == 100.0, "{found:?}");
+        assert!(bins.is_even() && !RateBins::default().is_even());
         assert!(!seen(100.0, 0.5, 3.1).unwrap().fills_readout);
     }
 
