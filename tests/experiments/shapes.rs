@@ -18,10 +18,20 @@ use evcal_tests::lens::{KANNALA_BRANDT, Lens, RADTAN};
 use evcal_tests::{succeed, text};
 
 /// Boards from large dots to small ones, dense and wide.
-const BOARDS: [&str; 3] = ["acircles:9x4:55mm:r17.5mm", "circles:3x4:90mm:r35mm", "acircles:11x4:45mm:r8mm"];
+const BOARDS: [&str; 5] = [
+    "acircles:9x4:55mm:r17.5mm",
+    "circles:3x4:90mm:r35mm",
+    "circles:6x8:50mm:r15mm",
+    "circles:5x7:60mm:r27mm",
+    "acircles:11x4:45mm:r8mm",
+];
 const DOTS: [&str; 4] = ["circles", "squares", "rings", "keys"];
-const SCENES: [(Lens, &str, &str); 3] =
-    [(RADTAN, "fast", "default"), (KANNALA_BRANDT, "violent", "default"), (RADTAN, "blur", "low")];
+const SCENES: [(Lens, &str, &str); 4] = [
+    (RADTAN, "fast", "default"),
+    (RADTAN, "slow", "default"),
+    (KANNALA_BRANDT, "violent", "default"),
+    (RADTAN, "blur", "low"),
+];
 
 /// Windows of a recording.
 #[derive(Default)]
