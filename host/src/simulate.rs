@@ -39,6 +39,7 @@ pub mod frame;
 pub mod inertia;
 pub mod lens;
 pub mod motion;
+pub mod mount;
 mod pixel;
 pub mod presets;
 pub mod rays;
