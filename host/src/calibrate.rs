@@ -6,6 +6,7 @@ pub mod calibrated;
 mod detected;
 pub mod error;
 mod events;
+pub mod inertia;
 pub mod input;
 mod pictures;
 mod progress;

@@ -83,8 +83,7 @@ pub fn motion<T: RealField + Copy>(basis: &Basis<T>, control: &[Quaternion<T>]) 
     let mut velocity_jacobians = [Matrix3::zeros(); MAX_ORDER];
     let mut acceleration_jacobians = [Matrix3::zeros(); MAX_ORDER];
     let jacobians = velocity_jacobians.iter_mut().zip(&mut acceleration_jacobians);
-    for (((of_velocity, of_acceleration), point), ((&value, &slope), &curvature)) in
-        jacobians.zip(control).zip(weights)
+    for (((of_velocity, of_acceleration), point), ((&value, &slope), &curvature)) in jacobians.zip(control).zip(weights)
     {
         // A turn δ of the control point changes the sum by N_i q_i (0, δ/2). Multiplied from the left by the conjugate
         // of the sum or of one of its derivatives, that is a matrix times δ.

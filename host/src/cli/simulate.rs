@@ -203,7 +203,9 @@ fn inertial_unit(unit: &str, light: LightPreset) -> Result<InertialSettings, Box
         "perfect" => Ok(light.inertia()),
         "davis346" => Ok(InertialSettings::davis346()),
         file => {
-            let wrong = |error: &dyn std::fmt::Display| UsageError(format!("--imu {file}: {error}: write perfect, davis346 or a JSON file"));
+            let wrong = |error: &dyn std::fmt::Display| {
+                UsageError(format!("--imu {file}: {error}: write perfect, davis346 or a JSON file"))
+            };
             let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
             Ok(serde_json::from_str(&text).map_err(|error| wrong(&error))?)
         }

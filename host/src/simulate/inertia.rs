@@ -180,11 +180,7 @@ impl InertialUnit {
 
     /// What it should feel at `time` µs along `pose` (`T_world_camera` at a time in seconds), and what it reads; `None` where
     /// the sample gets lost. Times must increase.
-    pub fn sample(
-        &mut self,
-        pose: impl Fn(f64) -> Isometry3<f64>,
-        time: u64,
-    ) -> Option<(InertialTruth, ImuSample)> {
+    pub fn sample(&mut self, pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> Option<(InertialTruth, ImuSample)> {
         let Some(mount) = &mut self.mount else {
             let felt = InertialTruth::new(pose, time);
             return Some((felt, self.read(&felt)));

@@ -221,7 +221,10 @@ impl Mount {
         std::array::from_fn(|sensor| {
             let mut noise = |size: f64| Vector3::from_fn(|_, _| size * normal(&mut self.rng));
             self.walks[sensor] += noise(walks[sensor] * length.sqrt());
-            let input = (before[sensor] + now[sensor]) * 0.5 + noise(noises[sensor] / length.sqrt());
+            // A filter is given the mean over the step; without one, the reading is that of the moment.
+            let smooth =
+                if self.filters[sensor].kept > 0.0 { (before[sensor] + now[sensor]) * 0.5 } else { now[sensor] };
+            let input = smooth + noise(noises[sensor] / length.sqrt());
             self.filters[sensor].push(input + self.walks[sensor])
         })
     }
@@ -285,8 +288,7 @@ mod tests {
     /// White noise has the stated density: over 50 ms, long against the filters, the mean has the variance density² / T.
     #[test]
     fn noise_has_the_stated_density() {
-        let settings =
-            MountSettings { accelerometer_noise_density: 0.001, gyroscope_noise_density: 0.01, ..quiet() };
+        let settings = MountSettings { accelerometer_noise_density: 0.001, gyroscope_noise_density: 0.01, ..quiet() };
         let still = |_| Isometry3::identity();
         let mut mount = Mount::new(settings, 7);
         let truth = mount.felt(still, 0);
