@@ -24,6 +24,7 @@ use parameters::{COUNT, InertialParameters};
 use solve::{Estimate, Joint, Noise, Residual, Solved};
 use stream::{STANDARD_GRAVITY, Sample, StreamReport};
 
+use crate::solve::left_out::covers;
 use crate::solve::refinement::Refined;
 use crate::trajectory::Trajectory;
 use crate::trust::uncertainty::Uncertainty;
@@ -31,13 +32,18 @@ use crate::trust::uncertainty::Uncertainty;
 /// Fewest seconds of samples along trajectories.
 const FEWEST_SECONDS: f64 = 3.0;
 
+/// Nearest and farthest knots (s), and samples between them.
+const NEAREST_KNOTS: f64 = 0.01;
+const FARTHEST_KNOTS: f64 = 0.0225;
+const SAMPLES_A_KNOT: f64 = 2.5;
+
 /// What is known beforehand, and how the solve is made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InertialSettings {
     /// Size of gravity at the place of the recording in m/s².
     pub gravity: f64,
-    /// Distance of the knots of the inertial solve in seconds.
-    pub knot_spacing: f64,
+    /// Distance of the knots of the inertial solve in seconds; without it, it suits the rate of the samples.
+    pub knot_spacing: Option<f64>,
     /// σ of scale errors before any measurement.
     pub scale: f64,
     /// σ of misalignments before any measurement, in radians.
@@ -46,7 +52,7 @@ pub struct InertialSettings {
 
 impl Default for InertialSettings {
     fn default() -> Self {
-        Self { gravity: STANDARD_GRAVITY, knot_spacing: 0.0225, scale: 0.03, misalignment: 0.03 }
+        Self { gravity: STANDARD_GRAVITY, knot_spacing: None, scale: 0.03, misalignment: 0.03 }
     }
 }
 
@@ -119,20 +125,22 @@ pub fn calibrate_unit(
     camera: &Uncertainty,
     settings: &InertialSettings,
 ) -> Result<InertialCalibration, InertialError> {
-    let trajectories = solve::smooth_trajectories(&refined.state.trajectories, settings.knot_spacing)?;
     let recordings = recorded.iter().map(|one| one.recording + 1).max().unwrap_or(0);
     let mut samples = vec![Vec::new(); recordings];
     let (mut streams, mut clock_origin) = (Vec::new(), 0.0);
     for one in recorded {
         let (kept, report) = stream::check(one.samples)?;
         streams.push(report);
-        let of_recording = trajectories.iter().filter(|trajectory| trajectory.recording == one.recording);
+        let of_recording = refined.state.trajectories.iter().filter(|trajectory| trajectory.recording == one.recording);
         let (kept, moved) = on_events_clock(kept, one.start, of_recording);
         clock_origin += moved;
         if let Some(place) = samples.get_mut(one.recording) {
             *place = kept;
         }
     }
+    let rate = streams.iter().map(|stream| stream.rate).fold(0.0, f64::max);
+    let knot_spacing = settings.knot_spacing.unwrap_or((SAMPLES_A_KNOT / rate).clamp(NEAREST_KNOTS, FARTHEST_KNOTS));
+    let trajectories = solve::smooth_trajectories(&refined.state.trajectories, knot_spacing)?;
     let longest = |recording: &usize| {
         let of_recording = trajectories.iter().filter(|one| one.recording == *recording);
         (1e3 * of_recording.map(|one| one.end() - one.start()).sum::<f64>()) as u64
@@ -146,14 +154,25 @@ pub fn calibrate_unit(
     }
     let start = start::start(&seen, samples.get(first).map(Vec::as_slice).unwrap_or_default(), settings.gravity)?;
 
+    // Where no curve explains the events the trajectory is not known.
+    for (recording, samples) in samples.iter_mut().enumerate() {
+        let delay = start.parameters.gyroscope_delay;
+        samples.retain(|sample| !covers(&refined.left_out, recording, sample.t - delay));
+    }
     let used = solve::samples_within(&trajectories, &samples, &start.parameters);
-    let rate = streams.iter().map(|stream| stream.rate).fold(0.0, f64::max);
     let seconds = used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / rate;
     if seconds < FEWEST_SECONDS {
         return Err(InertialError::TooShort { seconds, needed: FEWEST_SECONDS });
     }
-    let joint =
-        Joint { problem: &refined.problem, inflation: camera.inflation, samples: &samples, used, rate, settings };
+    let joint = Joint {
+        problem: &refined.problem,
+        inflation: camera.inflation,
+        samples: &samples,
+        used,
+        rate,
+        knot_spacing,
+        settings,
+    };
     let mut state = refined.state.clone();
     state.trajectories = trajectories;
     let estimate = Estimate { state, parameters: start.parameters, noise: solve::first_noise() };

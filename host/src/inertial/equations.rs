@@ -113,6 +113,24 @@ impl Part {
         }
     }
 
+    /// After a step of all parameters, if it were a quadratic function of them.
+    pub fn moved(&self, step: &Step) -> Self {
+        let mut moved = self.clone();
+        let rows = POINT * self.control_point_count();
+        let points = step.segments.get(self.segment).and_then(|step| step.get(POINT * self.first..)?.get(..rows));
+        let (Some(points), Some(globals)) = (points, step.globals.get(self.globals.clone())) else { return moved };
+        let points = DMatrix::from_column_slice(rows, 1, points);
+        let globals = DVector::from_column_slice(globals);
+        let of_points = self.banded_times(&points).column(0) + &self.border * &globals;
+        let of_globals = self.border.tr_mul(&points).column(0) + &self.corner * &globals;
+        let points = points.column(0);
+        moved.cost += self.gradient.dot(&points) + self.corner_gradient.dot(&globals);
+        moved.cost += 0.5 * (points.dot(&of_points) + globals.dot(&of_globals));
+        moved.gradient += of_points;
+        moved.corner_gradient += of_globals;
+        moved
+    }
+
     fn control_point_count(&self) -> usize {
         self.border.nrows() / POINT
     }
@@ -175,7 +193,12 @@ struct Eliminated {
 
 impl System {
     /// Of segments with `control_points` control points each and `globals` border parameters.
-    pub fn new(control_points: &[usize], order: usize, globals: usize, parts: &[Part]) -> Self {
+    pub fn new<'a>(
+        control_points: &[usize],
+        order: usize,
+        globals: usize,
+        parts: impl Iterator<Item = &'a Part>,
+    ) -> Self {
         let mut segments: Vec<Segment> = control_points
             .iter()
             .map(|&count| Segment {

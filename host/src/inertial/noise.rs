@@ -1,13 +1,17 @@
 //! The noise of a sensor from the spectrum of its residuals.
 //!
-//! Below some 25 Hz the trajectory follows the sensors, so that their noise does not show. Above, what is left is noise behind
+//! At low frequencies the trajectory follows the sensors, so that their noise does not show. Above, what is left is noise behind
 //! the sensor's own low-pass filter. With two equal poles of that filter the density behind it falls as
 //! S(f) = S₀ / (1 + (f/f_c)²)², so that 1/√S is a straight line in f²; where it meets f = 0 is the density before the filter.
 
 use std::f64::consts::TAU;
 
-/// Where the band begins and ends (Hz).
-const BAND: [f64; 2] = [35.0, 160.0];
+use crate::numerics::statistics::median;
+
+/// Where the band ends (Hz).
+const BAND_END: f64 = 220.0;
+/// Where it begins, times the distance of the trajectory's knots: half as much again as what those can follow.
+const BAND_START: f64 = 0.75;
 /// End of the band as a share of the sampling rate.
 const LARGEST_SHARE: f64 = 0.4;
 /// Length of a piece of the residuals (s).
@@ -43,8 +47,7 @@ pub fn spectrum(residuals: &[(f64, f64)], rate: f64) -> Vec<Line> {
         let step = TAU * number as f64 / length as f64;
         let (cosines, sines): (Vec<f64>, Vec<f64>) =
             (0..length).map(|index| (libm::cos(step * index as f64), libm::sin(step * index as f64))).unzip();
-        let mut sum = 0.0;
-        for piece in &pieces {
+        let power_of = |piece: &&[(f64, f64)]| {
             let mean = piece.iter().map(|one| one.1).sum::<f64>() / length as f64;
             let weighted = |wave: &[f64]| {
                 piece
@@ -55,19 +58,23 @@ pub fn spectrum(residuals: &[(f64, f64)], rate: f64) -> Vec<Line> {
                     .sum::<f64>()
             };
             let (real, imaginary) = (weighted(&cosines), weighted(&sines));
-            sum += real * real + imaginary * imaginary;
-        }
-        let density = sum / (pieces.len() as f64 * power * rate);
+            real * real + imaginary * imaginary
+        };
+        // The middle one, for a knock in one piece is no noise; that of an exponential distribution is ln 2 of its mean.
+        let mut powers: Vec<f64> = pieces.iter().map(power_of).collect();
+        let middle = median(&mut powers, f64::total_cmp).unwrap_or(0.0);
+        let density = middle / (std::f64::consts::LN_2 * power * rate);
         Line { frequency: number as f64 * rate / length as f64, density: density.sqrt() }
     };
     (1..=length / 2).map(line).collect()
 }
 
-/// The density of white noise before the sensor's filter; `None` where the sampling is too slow or the recording too short.
-pub fn density(spectrum: &[Line], rate: f64) -> Option<f64> {
-    let end = BAND[1].min(LARGEST_SHARE * rate);
+/// The density of white noise before the sensor's filter from residuals of a trajectory with knots `spacing` seconds apart;
+/// `None` where the sampling is too slow or the recording too short.
+pub fn density(spectrum: &[Line], rate: f64, spacing: f64) -> Option<f64> {
+    let (start, end) = (BAND_START / spacing, BAND_END.min(LARGEST_SHARE * rate));
     let band: Vec<&Line> =
-        spectrum.iter().filter(|line| (BAND[0]..=end).contains(&line.frequency) && line.density > 0.0).collect();
+        spectrum.iter().filter(|line| (start..=end).contains(&line.frequency) && line.density > 0.0).collect();
     if band.len() < FEWEST {
         return None;
     }
@@ -111,7 +118,7 @@ mod tests {
                 }
             }
             let rate = 8000.0 / f64::from(step);
-            let found = density(&spectrum(&residuals, rate), rate).unwrap();
+            let found = density(&spectrum(&residuals, rate), rate, 0.01).unwrap();
             // Without a filter, noise beyond half of the rate folds back: there it is not the density before sampling.
             let expected = if corner > 1e6 { 0.01 * f64::from(step).sqrt() } else { 0.01 };
             assert!((found / expected - 1.0).abs() < 0.1, "{corner} {rate}: {found}");
@@ -121,6 +128,6 @@ mod tests {
     #[test]
     fn slow_sampling_measures_no_noise() {
         let residuals: Vec<(f64, f64)> = (0..600).map(|index| (f64::from(index) * 0.05, 1.0)).collect();
-        assert_eq!(density(&spectrum(&residuals, 20.0), 20.0), None);
+        assert_eq!(density(&spectrum(&residuals, 20.0), 20.0, 0.01), None);
     }
 }

@@ -8,6 +8,10 @@
 //! its accelerometer reads M_a f + b_a, its gyroscope M_g C R_imu_camera ω + b_g, each at the time t − d of the trajectory for a
 //! sample stamped t. M are lower triangular, C turns the unit's axes, which are the accelerometer's, to the gyroscope's: the
 //! model that Kalibr calls `scale-misalignment`. s is the true over the stated spacing of the board.
+//!
+//! Each sensor has a low-pass filter. Beside the delay it lowers amplitudes by c (2π f)² to first order, which adds c times the
+//! second derivative to what is felt. A gyroscope that reads 0.5 % too little of a tremor at 8 Hz would otherwise have the
+//! trajectory turn too little and move instead, and at the board's distance that is a lever arm millimetres too long.
 
 use evcal_core::spline::rotation::{exp, skew};
 use evcal_core::spline::{Basis, Knots};
@@ -17,7 +21,7 @@ use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use crate::trajectory::{RotationControl, Trajectory};
 
 /// Number of parameters.
-pub const COUNT: usize = 33;
+pub const COUNT: usize = 35;
 /// First of the three of R_imu_camera, turned on the right, about the axes of the camera (rad).
 pub const ROTATION: usize = 0;
 /// First of the three of r (m).
@@ -42,6 +46,13 @@ pub const GYROSCOPE_TURN: usize = 28;
 pub const BOARD_SCALE: usize = 31;
 /// Drift of the unit's clock (s/s).
 pub const CLOCK_DRIFT: usize = 32;
+
+/// c of the gyroscope (s²).
+pub const GYROSCOPE_FILTER: usize = 33;
+/// c of the accelerometer (s²).
+pub const ACCELEROMETER_FILTER: usize = 34;
+/// Half the time over which rates and readings are differentiated (s): far below the distance of knots.
+const STEP: f64 = 3e-4;
 
 /// Rows and columns of a lower triangle, in the order of its parameters.
 pub const TRIANGLE: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
@@ -73,6 +84,10 @@ pub struct InertialParameters {
     pub board_scale: f64,
     /// Seconds that the unit's clock gains on that of the events in a second.
     pub clock_drift: f64,
+    /// c of the gyroscope's filter (s²).
+    pub gyroscope_filter: f64,
+    /// c of the accelerometer's filter (s²).
+    pub accelerometer_filter: f64,
     /// Time of the trajectory at which the delays are stated (s).
     pub middle: f64,
 }
@@ -116,6 +131,8 @@ impl InertialParameters {
             gyroscope_from_imu: self.gyroscope_from_imu * exp(&three(GYROSCOPE_TURN)),
             board_scale: self.board_scale + at(BOARD_SCALE),
             clock_drift: self.clock_drift + at(CLOCK_DRIFT),
+            gyroscope_filter: self.gyroscope_filter + at(GYROSCOPE_FILTER),
+            accelerometer_filter: self.accelerometer_filter + at(ACCELEROMETER_FILTER),
             middle: self.middle,
         }
     }
@@ -206,10 +223,13 @@ impl Prediction {
 
 /// What the gyroscope should read (rad/s) in a sample stamped `t`; `None` outside the trajectory.
 pub fn gyroscope(trajectory: &Trajectory, parameters: &InertialParameters, t: f64) -> Option<Prediction> {
-    let motion = Motion::new(trajectory, parameters.gyroscope_time(t))?;
+    let time = parameters.gyroscope_time(t);
+    let motion = Motion::new(trajectory, time)?;
+    let [before, after] = [time - STEP, time + STEP].map(|t| Motion::new(trajectory, t));
+    let bend = (after?.rotation.angular_acceleration - before?.rotation.angular_acceleration) / (2.0 * STEP);
     let turn = parameters.rotation.to_rotation_matrix().into_inner();
     let to_gyroscope = parameters.gyroscope_from_imu.to_rotation_matrix().into_inner();
-    let w = motion.angular_velocity();
+    let w = motion.angular_velocity() + bend * parameters.gyroscope_filter;
     let in_imu = turn * w;
     let in_gyroscope = to_gyroscope * in_imu;
     let outer = parameters.gyroscope_matrix * to_gyroscope;
@@ -220,6 +240,7 @@ pub fn gyroscope(trajectory: &Trajectory, parameters: &InertialParameters, t: f6
     let by_time = -(all * motion.rotation.angular_acceleration);
     prediction.by_parameters[GYROSCOPE_DELAY] = by_time;
     prediction.by_parameters[CLOCK_DRIFT] = by_time * (t - parameters.middle);
+    prediction.by_parameters[GYROSCOPE_FILTER] = all * bend;
     prediction.set(GYROSCOPE_BIAS, &Matrix3::identity());
     prediction.set_triangle(GYROSCOPE_MATRIX, &in_gyroscope);
     prediction.set(GYROSCOPE_TURN, &(-outer * skew(&in_imu)));
@@ -231,14 +252,14 @@ pub fn gyroscope(trajectory: &Trajectory, parameters: &InertialParameters, t: f6
 
 /// What the accelerometer should read (m/s²) in a sample stamped `t`; `None` outside the trajectory.
 pub fn accelerometer(trajectory: &Trajectory, parameters: &InertialParameters, t: f64) -> Option<Prediction> {
-    /// Half the time over which the reading is differentiated (s): far below the distance of knots.
-    const STEP: f64 = 2e-4;
     let time = parameters.accelerometer_time(t);
     let motion = Motion::new(trajectory, time)?;
     let [before, after] = [time - STEP, time + STEP].map(|t| Motion::new(trajectory, t));
-    let rate = (after?.felt(parameters) - before?.felt(parameters)) / (2.0 * STEP);
+    let (before, after, now) = (before?.felt(parameters), after?.felt(parameters), motion.felt(parameters));
+    let rate = (after - before) / (2.0 * STEP);
+    let bend = (after - now * 2.0 + before) / (STEP * STEP);
     let turn = parameters.rotation.to_rotation_matrix().into_inner();
-    let felt = motion.felt(parameters);
+    let felt = now + bend * parameters.accelerometer_filter;
     let in_imu = turn * felt;
     let all = parameters.accelerometer_matrix * turn;
     let rotation = &motion.rotation.sample.rotation;
@@ -253,6 +274,7 @@ pub fn accelerometer(trajectory: &Trajectory, parameters: &InertialParameters, t
     let by_time = -(all * rate);
     prediction.by_parameters[ACCELEROMETER_DELAY] = by_time;
     prediction.by_parameters[CLOCK_DRIFT] = by_time * (t - parameters.middle);
+    prediction.by_parameters[ACCELEROMETER_FILTER] = all * bend;
     prediction.set(ACCELEROMETER_BIAS, &Matrix3::identity());
     for (index, direction) in parameters.gravity_directions().iter().enumerate() {
         prediction.by_parameters[GRAVITY + index] = -(all * (to_camera * direction));
@@ -314,6 +336,8 @@ mod tests {
             gyroscope_from_imu: exp(&Vector3::new(0.01, 0.02, -0.03)),
             board_scale: 1.02,
             clock_drift: 1e-4,
+            gyroscope_filter: 2e-6,
+            accelerometer_filter: 1e-6,
             middle: 0.05,
         }
     }
@@ -339,9 +363,11 @@ mod tests {
         }
     }
 
+    /// But for what the filters add, which is left out of them.
     #[test]
     fn derivatives_by_control_points_agree_with_differences() {
-        let (trajectory, parameters) = (trajectory(), parameters());
+        let trajectory = trajectory();
+        let parameters = InertialParameters { gyroscope_filter: 0.0, accelerometer_filter: 0.0, ..parameters() };
         for sensor in [gyroscope as Sensor, accelerometer] {
             let here = sensor(&trajectory, &parameters, 0.09).unwrap();
             for place in 0..MAX_ORDER {

@@ -14,8 +14,9 @@ use super::stream::Sample;
 use super::{InertialError, InertialSettings};
 use crate::numerics::huber::huber;
 use crate::solve::levenberg::{linearised, moved};
+use crate::solve::normal::StretchEquations;
 use crate::solve::smoothness::accelerations;
-use crate::solve::stretch::stretches;
+use crate::solve::stretch::{Stretch, stretches};
 use crate::solve::{Problem, State};
 use crate::trajectory::fit::fit_on_knots;
 use crate::trajectory::timed_pose::TimedPose;
@@ -34,6 +35,8 @@ const MARGIN: f64 = 0.02;
 const ROUNDS: usize = 3;
 /// Most iterations in a round.
 const ITERATIONS: usize = 15;
+/// Iterations of the first round that linearise the events anew.
+const RELINEARISED: usize = 5;
 /// Iterations end when the cost falls by less.
 const SETTLED: f64 = 0.02;
 /// Noise densities of data sheets: °/s/√Hz and g/√Hz, doubled.
@@ -107,6 +110,8 @@ pub struct Joint<'a> {
     pub used: Vec<std::ops::Range<usize>>,
     /// Sampling rate in Hz.
     pub rate: f64,
+    /// Distance of the trajectories' knots (s).
+    pub knot_spacing: f64,
     /// Thresholds.
     pub settings: &'a InertialSettings,
 }
@@ -187,11 +192,13 @@ pub fn first_noise() -> [Noise; 2] {
 /// [`InertialError::Singular`] when events and samples do not determine the parameters.
 pub fn solve(joint: &Joint, mut estimate: Estimate) -> Result<Solved, InertialError> {
     for round in 0..ROUNDS {
-        let (solved, parts, system) = minimise(joint, estimate)?;
+        let (solved, Linearised { events, parts, system }) =
+            minimise(joint, estimate, if round == 0 { RELINEARISED } else { 0 })?;
         estimate = solved;
+        let parts = [events, parts].concat();
         let residuals = SENSORS.map(|sensor| residuals(joint, &estimate, sensor));
         let spectra = residuals.each_ref().map(|residuals| spectra_of(residuals, joint.rate));
-        let noise = measured_noise(&spectra, joint.rate, &estimate.noise);
+        let noise = measured_noise(&spectra, joint, &estimate.noise);
         if round + 1 == ROUNDS {
             return Ok(Solved { estimate, parts, system, residuals, spectra });
         }
@@ -200,9 +207,10 @@ pub fn solve(joint: &Joint, mut estimate: Estimate) -> Result<Solved, InertialEr
     Err(InertialError::Singular)
 }
 
-fn measured_noise(spectra: &[Vec<Vec<Line>>; 2], rate: f64, before: &[Noise; 2]) -> [Noise; 2] {
+fn measured_noise(spectra: &[Vec<Vec<Line>>; 2], joint: &Joint, before: &[Noise; 2]) -> [Noise; 2] {
     std::array::from_fn(|sensor| {
-        let found: Vec<f64> = spectra[sensor].iter().filter_map(|axis| density(axis, rate)).collect();
+        let found: Vec<f64> =
+            spectra[sensor].iter().filter_map(|axis| density(axis, joint.rate, joint.knot_spacing)).collect();
         match *found.as_slice() {
             [x, y, z] => Noise { density: [x, y, z], measured: true },
             _ => before[sensor],
@@ -218,25 +226,40 @@ fn spectra_of(residuals: &[Residual], rate: f64) -> Vec<Vec<Line>> {
     (0..3).map(axis).collect()
 }
 
-type Linearised = (Vec<Part>, System);
+/// The equations at an estimate: those of the events, then those of the samples, and all together.
+struct Linearised {
+    events: Vec<Part>,
+    parts: Vec<Part>,
+    system: System,
+}
 
-fn minimise(joint: &Joint, mut estimate: Estimate) -> Result<(Estimate, Vec<Part>, System), InertialError> {
-    let (mut parts, mut system) = linearise(joint, &estimate);
+/// The events are linearised anew `relinearised` times; their cost is nearly quadratic.
+fn minimise(
+    joint: &Joint,
+    mut estimate: Estimate,
+    relinearised: usize,
+) -> Result<(Estimate, Linearised), InertialError> {
+    let events = event_parts(joint, &estimate);
+    let mut now = with_samples(joint, &estimate, events);
     let mut damping = 1e-9;
-    for _ in 0..ITERATIONS {
-        let step = system.solve(damping)?;
+    for iteration in 0..ITERATIONS {
+        let step = now.system.solve(damping)?;
         if step.predicted < SETTLED {
             break;
         }
-        let trial = moved_by(joint, &estimate, &step);
-        let better = trial.map(|trial| {
-            let linearised: Linearised = linearise(joint, &trial);
+        let trial = moved_by(joint, &estimate, &step).map(|trial| {
+            let events = if iteration < relinearised {
+                event_parts(joint, &trial)
+            } else {
+                now.events.par_iter().map(|part| part.moved(&step)).collect()
+            };
+            let linearised = with_samples(joint, &trial, events);
             (trial, linearised)
         });
-        match better {
-            Some((trial, (trial_parts, trial_system))) if trial_system.cost < system.cost => {
-                let decrease = system.cost - trial_system.cost;
-                (estimate, parts, system) = (trial, trial_parts, trial_system);
+        match trial {
+            Some((trial, linearised)) if linearised.system.cost < now.system.cost => {
+                let decrease = now.system.cost - linearised.system.cost;
+                (estimate, now) = (trial, linearised);
                 damping = (damping * 0.1).max(1e-9);
                 if decrease < SETTLED {
                     break;
@@ -246,7 +269,7 @@ fn minimise(joint: &Joint, mut estimate: Estimate) -> Result<(Estimate, Vec<Part
             _ => damping = (damping * 30.0).max(1e-5),
         }
     }
-    Ok((estimate, parts, system))
+    Ok((estimate, now))
 }
 
 fn moved_by(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate> {
@@ -258,28 +281,34 @@ fn moved_by(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate>
     Some(Estimate { state, parameters: estimate.parameters.moved(&step.globals), noise: estimate.noise })
 }
 
-fn linearise(joint: &Joint, estimate: &Estimate) -> Linearised {
-    let Joint { problem, inflation, .. } = joint;
-    let mask = problem.free.mask();
-    let free: Vec<usize> = (0..mask.len()).filter(|&global| mask[global]).collect();
+fn event_parts(joint: &Joint, estimate: &Estimate) -> Vec<Part> {
+    let problem = joint.problem;
+    let free = free_globals(problem);
     let events = linearised(problem, &estimate.state, &stretches(&problem.segments));
-    let mut parts: Vec<Part> = events
-        .par_iter()
-        .map(|(stretch, equations)| {
-            let place = (stretch.segment, stretch.start(&problem.segments));
-            Part::from_events(place, equations, &free, COUNT, 1.0 / inflation)
-        })
-        .collect();
-    parts.extend(inertial_parts(joint, estimate));
-    let counts: Vec<usize> = estimate.state.trajectories.iter().map(Trajectory::control_point_count).collect();
-    let mut system = System::new(&counts, ORDER, COUNT + free.len(), &parts);
-    let smoothness: Vec<_> =
-        estimate.state.trajectories.iter().map(|one| accelerations(one, &problem.settings)).collect();
+    let part = |(stretch, equations): &(Stretch, StretchEquations)| {
+        let place = (stretch.segment, stretch.start(&problem.segments));
+        Part::from_events(place, equations, &free, COUNT, 1.0 / joint.inflation)
+    };
+    events.par_iter().map(part).collect()
+}
+
+fn free_globals(problem: &Problem) -> Vec<usize> {
+    let mask = problem.free.mask();
+    (0..mask.len()).filter(|&global| mask[global]).collect()
+}
+
+fn with_samples(joint: &Joint, estimate: &Estimate, events: Vec<Part>) -> Linearised {
+    let trajectories = &estimate.state.trajectories;
+    let parts = inertial_parts(joint, estimate);
+    let counts: Vec<usize> = trajectories.iter().map(Trajectory::control_point_count).collect();
+    let globals = COUNT + free_globals(joint.problem).len();
+    let mut system = System::new(&counts, ORDER, globals, events.iter().chain(&parts));
+    let smoothness: Vec<_> = trajectories.iter().map(|one| accelerations(one, &joint.problem.settings)).collect();
     system.add_smoothness(&smoothness);
     for (index, (distance, sigma)) in priors(&estimate.parameters, joint.settings).into_iter().enumerate() {
         system.add_prior(index, distance, sigma);
     }
-    (parts, system)
+    Linearised { events, parts, system }
 }
 
 /// For each parameter how far it is from what is expected before any measurement, and the σ of that expectation.
@@ -304,6 +333,9 @@ pub fn priors(parameters: &InertialParameters, settings: &InertialSettings) -> [
     }
     priors[at::BOARD_SCALE] = (parameters.board_scale - 1.0, 0.05);
     priors[at::CLOCK_DRIFT] = (parameters.clock_drift, 1e-3);
+    // A filter of two poles at 184 Hz has 0.7e-6 s², one at 44 Hz 13e-6 s².
+    priors[at::GYROSCOPE_FILTER] = (parameters.gyroscope_filter, 5e-6);
+    priors[at::ACCELEROMETER_FILTER] = (parameters.accelerometer_filter, 5e-6);
     priors
 }
 

@@ -290,6 +290,8 @@ fn lever_arm(
         gyroscope_from_imu: UnitQuaternion::identity(),
         board_scale: 1.0,
         clock_drift: 0.0,
+        gyroscope_filter: 0.0,
+        accelerometer_filter: 0.0,
         middle,
     })
 }
