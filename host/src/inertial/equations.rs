@@ -183,6 +183,14 @@ pub struct Step {
     pub predicted: f64,
 }
 
+/// What blocks of time say of the border parameters.
+pub struct Blocks {
+    /// For each its segment and a time in it.
+    pub times: Vec<(usize, f64)>,
+    /// For each what it says.
+    pub contributions: Vec<Contribution>,
+}
+
 /// A segment whose control points are eliminated.
 struct Eliminated {
     /// A⁻¹g.
@@ -305,11 +313,7 @@ impl System {
     ///
     /// # Errors
     /// [`InertialError::Singular`].
-    pub fn contributions(
-        &self,
-        parts: &[Part],
-        length: f64,
-    ) -> Result<(Vec<(usize, f64)>, Vec<Contribution>), InertialError> {
+    pub fn contributions(&self, parts: &[Part], length: f64) -> Result<Blocks, InertialError> {
         let eliminated = self.eliminated(0.0)?;
         let mut groups: BTreeMap<(usize, i64), Vec<&Part>> = BTreeMap::new();
         for part in parts.iter().filter(|part| part.control_point_count() > 0) {
@@ -326,7 +330,7 @@ impl System {
         });
         let sums = sums.collect();
         let times = groups.iter().map(|((segment, block), _)| (*segment, (*block as f64 + 0.5) * length)).collect();
-        Ok((times, sums))
+        Ok(Blocks { times, contributions: sums })
     }
 }
 

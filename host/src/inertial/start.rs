@@ -307,3 +307,6 @@ fn row(motion: &Motion, reading: Vector3<f64>) -> (SMatrix<f64, 3, UNKNOWNS>, Ve
     by.fixed_view_mut::<3, 3>(0, 6).copy_from(&Matrix3::identity());
     (by, reading - to_camera * motion.acceleration)
 }
+
+#[cfg(test)]
+mod tests;

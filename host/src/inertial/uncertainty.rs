@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::InertialError;
-use super::equations::{Part, System};
+use super::equations::{Blocks, Part, System};
 use super::parameters::{COUNT, GRAVITY};
 use crate::trust::uncertainty::blocks::{scatter, sum_by_block};
 
@@ -19,7 +19,7 @@ const FEWEST: f64 = 10.0;
 /// [`InertialError::Singular`].
 pub fn covariance(system: &System, parts: &[Part], total: f64) -> Result<(DMatrix<f64>, f64), InertialError> {
     let formal = system.covariance()?;
-    let (times, contributions) = system.contributions(parts, LENGTHS[0])?;
+    let Blocks { times, contributions } = system.contributions(parts, LENGTHS[0])?;
     let lengths = LENGTHS.iter().filter(|&&length| length == LENGTHS[0] || length * FEWEST <= total);
     let scatters: Vec<DMatrix<f64>> = lengths
         .filter_map(|&length| scatter(&formal, &sum_by_block(&times, &contributions, length), COUNT))
