@@ -16,7 +16,7 @@ use evcal::inertial::{InertialCalibration, InertialError, InertialSettings, Reco
 use evcal::recording::RecordingOptions;
 use evcal_tests::lens::{Lens, RADTAN4};
 use evcal_tests::{BOARD, read_json};
-use nalgebra::{Matrix3, Matrix4, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
 const LENS: Lens = RADTAN4;
@@ -53,7 +53,9 @@ impl Truth {
 
     /// Errors of rotation (rad, axes of the camera) and place (m, camera frame).
     fn errors(&self, found: &InertialCalibration) -> (Vector3<f64>, Vector3<f64>) {
-        let rotation = UnitQuaternion::from_matrix(&self.imu_from_camera.fixed_view::<3, 3>(0, 0).into_owned());
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
+            self.imu_from_camera.fixed_view::<3, 3>(0, 0).into_owned(),
+        ));
         let place = -(rotation.inverse() * self.imu_from_camera.fixed_view::<3, 1>(0, 3).into_owned());
         ((rotation.inverse() * found.parameters.rotation).scaled_axis(), found.parameters.position - place)
     }

@@ -7,7 +7,7 @@
 
 use std::fmt::Write as _;
 
-use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, Matrix4, Rotation3, Translation3, UnitQuaternion};
 
 use super::number::{decimal, decimals, quoted};
 use crate::result::inertial_result::{InertialResult, SensorResult};
@@ -21,7 +21,9 @@ const TOPIC: &str = "/dvs/imu";
 pub fn camchain(camchain: &str, inertial: &InertialResult) -> Option<String> {
     let rows = inertial.imu_from_camera?;
     let matrix = Matrix4::from(rows).transpose();
-    let rotation = UnitQuaternion::from_matrix(&matrix.fixed_view::<3, 3>(0, 0).into_owned());
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
+        matrix.fixed_view::<3, 3>(0, 0).into_owned(),
+    ));
     let place = matrix.fixed_view::<3, 1>(0, 3).into_owned();
     let camera_from_imu = Isometry3::from_parts(Translation3::from(place), rotation).inverse().to_homogeneous();
     let mut text = camchain.to_owned();

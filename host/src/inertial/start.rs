@@ -6,7 +6,7 @@
 //!    one: where that is better, the axes are left-handed.
 //! 3. **Lever arm, gravity, accelerometer bias**: linear least squares; gravity must come out in its size.
 
-use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::InertialError;
 use super::parameters::{InertialParameters, Motion};
@@ -229,7 +229,7 @@ fn rotation(camera: &Grid, unit: &Grid, delay: f64) -> Result<UnitQuaternion<f64
         return Err(InertialError::LeftHanded);
     }
     let matrix = left * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, determinant)) * right;
-    Ok(UnitQuaternion::from_matrix(&matrix))
+    Ok(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix)))
 }
 
 /// Unknowns of the linear step: gravity, lever arm, bias in camera axes.

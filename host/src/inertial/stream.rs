@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::InertialError;
-use crate::numerics::statistics::median;
+use crate::numerics::statistics::{median, quantile};
 use crate::recording::convert::open_extras;
 use crate::recording::extras::Extra;
 use crate::recording::{Recording, RecordingError};
@@ -14,7 +14,9 @@ pub const STANDARD_GRAVITY: f64 = 9.806_65;
 /// Largest share of samples at the end of their scale.
 const MOST_SATURATED: f64 = 0.1;
 /// Samples of equal extreme value in a row that tell the end of the scale.
-const RUN: usize = 3;
+const RUN: usize = 5;
+/// Share of the median size of the acceleration that nearly every one keeps above, where gravity is in it.
+const STEADY: f64 = 0.6;
 
 /// One reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,8 +84,12 @@ pub fn check(samples: Vec<Sample>) -> Result<(Vec<Sample>, StreamReport), Inerti
     let missing: f64 = intervals.iter().map(|one| (one / interval).round() - 1.0).filter(|&one| one > 0.0).sum();
     let mut sizes: Vec<f64> = kept.iter().map(|sample| sample.acceleration.norm() / STANDARD_GRAVITY).collect();
     let reading = median(&mut sizes, f64::total_cmp).unwrap_or(1.0);
+    sizes.sort_by(f64::total_cmp);
+    let steady = quantile(&sizes, 0.05).is_some_and(|low| low > STEADY * reading);
     match reading {
-        0.08..0.13 => return Err(InertialError::AccelerationUnit { reading, unit: "g, and were read as m/s²" }),
+        0.08..0.13 if steady => {
+            return Err(InertialError::AccelerationUnit { reading, unit: "g, and were read as m/s²" });
+        }
         7.0..14.0 => return Err(InertialError::AccelerationUnit { reading, unit: "m/s², and were read as g" }),
         ..0.6 => return Err(InertialError::GravityRemoved { reading }),
         1.7.. => return Err(InertialError::AccelerationUnit { reading, unit: "another unit than stated" }),
@@ -115,9 +121,9 @@ fn at_end_of_scale(samples: &[Sample]) -> Vec<bool> {
         };
         for sign in [-1.0, 1.0] {
             let end = samples.iter().map(|sample| sign * value(sample)).fold(f64::NEG_INFINITY, f64::max);
-            // The two ends of a scale differ by a step.
-            let is_end: Vec<bool> = samples.iter().map(|sample| sign * value(sample) >= end * (1.0 - 1e-4)).collect();
-            if end > 0.0 && is_end.windows(RUN).any(|run| run.iter().all(|end| *end)) {
+            let is_end: Vec<bool> = samples.iter().map(|sample| sign * value(sample) >= end).collect();
+            if end > 0.0 && !is_end.iter().all(|end| *end) && is_end.windows(RUN).any(|run| run.iter().all(|end| *end))
+            {
                 at_end.iter_mut().zip(is_end).for_each(|(all, this)| *all |= this);
             }
         }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use nalgebra::{Matrix3, Matrix4, Vector3};
+use nalgebra::{Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::inertial::InertialCalibration;
@@ -214,7 +214,9 @@ impl InertialResult {
     fn place(&self, text: &mut String) {
         if let Some(rows) = &self.imu_from_camera {
             let matrix = Matrix4::from(*rows).transpose();
-            let turn = nalgebra::UnitQuaternion::from_matrix(&matrix.fixed_view::<3, 3>(0, 0).into_owned());
+            let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
+                matrix.fixed_view::<3, 3>(0, 0).into_owned(),
+            ));
             let vector = turn.scaled_axis().map(f64::to_degrees);
             let sigma = self.rotation_sigma.map(f64::to_degrees);
             let _ = writeln!(
