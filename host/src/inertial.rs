@@ -4,25 +4,28 @@
 //! are read and looked at ([`stream`], [`csv`]), a [`start`] is found, and [`solve`] fits trajectories, camera and unit to events
 //! and samples at once. [`findings`] are what speaks against the result.
 
+pub mod calibration;
 pub mod csv;
 mod equations;
 pub mod error;
+pub mod finding;
 pub mod findings;
 pub mod noise;
 pub mod parameters;
+pub mod sample;
+pub mod settings;
 pub mod solve;
 mod start;
 pub mod stream;
 mod uncertainty;
 
-use nalgebra::DMatrix;
-
-pub use error::InertialError;
-use findings::{Finding, findings};
-use noise::Line;
-use parameters::{COUNT, InertialParameters};
-use solve::{Estimate, Joint, Noise, Residual, Solved};
-use stream::{STANDARD_GRAVITY, Sample, StreamReport};
+use calibration::InertialCalibration;
+use error::InertialError;
+use findings::findings;
+use sample::Sample;
+use settings::InertialSettings;
+use solve::{Estimate, Joint, Solved};
+use stream::StreamReport;
 
 use crate::solve::left_out::covers;
 use crate::solve::refinement::Refined;
@@ -37,25 +40,6 @@ const NEAREST_KNOTS: f64 = 0.01;
 const FARTHEST_KNOTS: f64 = 0.0225;
 const SAMPLES_A_KNOT: f64 = 2.5;
 
-/// What is known beforehand, and how the solve is made.
-#[derive(Clone, Debug, PartialEq)]
-pub struct InertialSettings {
-    /// Size of gravity at the place of the recording in m/s².
-    pub gravity: f64,
-    /// Distance of the knots of the inertial solve in seconds; without it, it suits the rate of the samples.
-    pub knot_spacing: Option<f64>,
-    /// σ of scale errors before any measurement.
-    pub scale: f64,
-    /// σ of misalignments before any measurement, in radians.
-    pub misalignment: f64,
-}
-
-impl Default for InertialSettings {
-    fn default() -> Self {
-        Self { gravity: STANDARD_GRAVITY, knot_spacing: None, scale: 0.03, misalignment: 0.03 }
-    }
-}
-
 /// The samples of one recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedSamples {
@@ -65,54 +49,6 @@ pub struct RecordedSamples {
     pub samples: Vec<Sample>,
     /// Time of the first event in the file (s).
     pub start: f64,
-}
-
-/// A calibrated inertial unit.
-#[derive(Clone, Debug)]
-pub struct InertialCalibration {
-    /// What was found.
-    pub parameters: InertialParameters,
-    /// Covariance of all parameters, in their order.
-    pub covariance: DMatrix<f64>,
-    /// σ of each parameter before any measurement.
-    pub prior_sigma: [f64; COUNT],
-    /// Noise of gyroscope (rad/s/√Hz) and accelerometer (m/s²/√Hz).
-    pub noise: [Noise; 2],
-    /// Correlation of the turns of camera and unit at the start.
-    pub correlation: f64,
-    /// What was found in the streams, one a recording.
-    pub streams: Vec<StreamReport>,
-    /// Samples used.
-    pub used: usize,
-    /// By how much stamps of the unit were moved before all else because the clocks have different origins (s).
-    pub clock_origin: f64,
-    /// Largest change of an intrinsic parameter by the solve with the unit, in its σ.
-    pub camera_moved: f64,
-    /// Scatter of blocks over the formal variance, the mean over rotation, place and delays.
-    pub block_scatter: f64,
-    /// Residuals of gyroscope (rad/s) and accelerometer (m/s²).
-    pub residuals: [Vec<Residual>; 2],
-    /// Their spectra, for each axis.
-    pub spectra: [Vec<Vec<Line>>; 2],
-    /// What speaks against it.
-    pub findings: Vec<Finding>,
-}
-
-impl InertialCalibration {
-    /// Standard deviation of a parameter.
-    pub fn sigma(&self, parameter: usize) -> f64 {
-        self.covariance[(parameter, parameter)].max(0.0).sqrt()
-    }
-
-    /// Root mean square of the residuals of gyroscope (rad/s) and accelerometer (m/s²), over all axes.
-    pub fn residual_rms(&self) -> [f64; 2] {
-        self.residuals.each_ref().map(|residuals| rms(residuals))
-    }
-}
-
-fn rms(residuals: &[Residual]) -> f64 {
-    let sum: f64 = residuals.iter().map(|residual| residual.value.norm_squared()).sum();
-    (sum / (3 * residuals.len().max(1)) as f64).sqrt()
 }
 
 /// Calibrates the inertial unit that gave `recorded` while `refined` was seen, whose camera is as sure as `camera` says.

@@ -6,13 +6,17 @@ use evcal::calibrate::calibrated::{Calibrated, Evidence};
 use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
 use evcal::calibrate::input::Input;
 use evcal::calibrate::{PictureUse, Task, calibrate};
-use evcal::inertial::findings::Finding;
+use evcal::inertial::calibration::InertialCalibration;
+use evcal::inertial::error::InertialError;
+use evcal::inertial::finding::Finding;
 use evcal::inertial::parameters::{
     ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, GYROSCOPE_BIAS, GYROSCOPE_DELAY, GYROSCOPE_MATRIX,
     POSITION, ROTATION, TRIANGLE,
 };
-use evcal::inertial::stream::{STANDARD_GRAVITY, Sample, read};
-use evcal::inertial::{InertialCalibration, InertialError, InertialSettings, RecordedSamples, calibrate_unit};
+use evcal::inertial::sample::{STANDARD_GRAVITY, Sample};
+use evcal::inertial::settings::InertialSettings;
+use evcal::inertial::stream::read;
+use evcal::inertial::{RecordedSamples, calibrate_unit};
 use evcal::recording::RecordingOptions;
 use evcal_tests::lens::{Lens, RADTAN4};
 use evcal_tests::{BOARD, read_json};

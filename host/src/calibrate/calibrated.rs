@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::DetectionReport;
-use crate::inertial::InertialCalibration;
+use crate::inertial::calibration::InertialCalibration;
 use crate::initial::model_choice::ModelChoice;
 use crate::initial::{InitialModel, PosedFrame};
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};

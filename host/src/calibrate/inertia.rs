@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use super::calibrated::{Calibrated, Evidence};
 use super::input::Input;
-use crate::inertial::{
-    InertialCalibration, InertialError, InertialSettings, RecordedSamples, calibrate_unit, csv, stream,
-};
+use crate::inertial::calibration::InertialCalibration;
+use crate::inertial::error::InertialError;
+use crate::inertial::settings::InertialSettings;
+use crate::inertial::{RecordedSamples, calibrate_unit, csv, stream};
 
 /// Which inertial unit is calibrated, and what is known of it.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
-use super::stream::{STANDARD_GRAVITY, Sample};
+use super::sample::{STANDARD_GRAVITY, Sample};
 
 /// Why a file of samples could not be read.
 #[derive(Debug, thiserror::Error)]

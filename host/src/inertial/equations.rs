@@ -9,7 +9,7 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::InertialError;
+use super::error::InertialError;
 use crate::numerics::banded::BandedCholesky;
 use crate::solve::normal::{Block, StretchEquations};
 use crate::solve::smoothness::Acceleration;

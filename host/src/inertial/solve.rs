@@ -8,10 +8,11 @@ use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
 use super::equations::{Part, Step, System};
+use super::error::InertialError;
 use super::noise::{Line, density, spectrum};
 use super::parameters::{self as at, COUNT, InertialParameters, Prediction, accelerometer, gyroscope};
-use super::stream::Sample;
-use super::{InertialError, InertialSettings};
+use super::sample::Sample;
+use super::settings::InertialSettings;
 use crate::numerics::huber::huber;
 use crate::solve::levenberg::{linearised, moved};
 use crate::solve::normal::StretchEquations;
@@ -41,7 +42,7 @@ const RELINEARISED: usize = 5;
 const SETTLED: f64 = 0.02;
 /// Noise densities of data sheets: °/s/√Hz and g/√Hz, doubled.
 const FIRST_GYROSCOPE: f64 = 0.02 * std::f64::consts::PI / 180.0;
-const FIRST_ACCELEROMETER: f64 = 600e-6 * super::stream::STANDARD_GRAVITY;
+const FIRST_ACCELEROMETER: f64 = 600e-6 * super::sample::STANDARD_GRAVITY;
 
 /// The two sensors, in the order of pairs of them.
 pub const SENSORS: [Sensor; 2] = [Sensor::Gyroscope, Sensor::Accelerometer];

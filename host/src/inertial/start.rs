@@ -8,9 +8,9 @@
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::InertialError;
+use super::error::InertialError;
 use super::parameters::{InertialParameters, Motion};
-use super::stream::Sample;
+use super::sample::Sample;
 use crate::trajectory::Trajectory;
 
 /// Step of the grid on which rates are compared (s).

@@ -3,31 +3,19 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::InertialError;
+use super::error::InertialError;
+use super::sample::{STANDARD_GRAVITY, Sample};
 use crate::numerics::statistics::{median, quantile};
 use crate::recording::convert::open_extras;
 use crate::recording::extras::Extra;
 use crate::recording::{Recording, RecordingError};
 
-/// One g in m/s².
-pub const STANDARD_GRAVITY: f64 = 9.806_65;
 /// Largest share of samples at the end of their scale.
 const MOST_SATURATED: f64 = 0.1;
 /// Samples of equal extreme value in a row that tell the end of the scale.
 const RUN: usize = 5;
 /// Share of the median size of the acceleration that nearly every one keeps above, where gravity is in it.
 const STEADY: f64 = 0.6;
-
-/// One reading.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
-    /// Time stamp (s).
-    pub t: f64,
-    /// Acceleration less gravity (m/s²).
-    pub acceleration: Vector3<f64>,
-    /// Angular velocity (rad/s).
-    pub angular_velocity: Vector3<f64>,
-}
 
 /// What was found in the stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -2,8 +2,8 @@
 
 use nalgebra::DMatrix;
 
-use super::InertialError;
 use super::equations::{Blocks, Part, System};
+use super::error::InertialError;
 use super::parameters::{COUNT, GRAVITY};
 use crate::trust::uncertainty::blocks::{scatter, sum_by_block};
 

@@ -5,10 +5,10 @@ use maud::{Markup, html};
 use super::chart::{Chart, Color, Series, range_of};
 use super::page::Section;
 use crate::calibrate::calibrated::Calibrated;
-use crate::inertial::InertialCalibration;
+use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::noise::Line;
+use crate::inertial::sample::STANDARD_GRAVITY;
 use crate::inertial::solve::Residual;
-use crate::inertial::stream::STANDARD_GRAVITY;
 use crate::result::inertial_result::InertialResult;
 
 /// Points of a curve.

@@ -5,14 +5,16 @@ use std::fmt::Write as _;
 use nalgebra::{Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::inertial::InertialCalibration;
-use crate::inertial::findings::{Finding, LINEARITY};
+use crate::inertial::calibration::InertialCalibration;
+use crate::inertial::finding::Finding;
+use crate::inertial::findings::LINEARITY;
 use crate::inertial::parameters::{
     ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, BOARD_SCALE, CLOCK_DRIFT, GRAVITY, GYROSCOPE_BIAS,
     GYROSCOPE_DELAY, GYROSCOPE_MATRIX, POSITION, ROTATION, TRIANGLE,
 };
+use crate::inertial::sample::STANDARD_GRAVITY;
 use crate::inertial::solve::Noise;
-use crate::inertial::stream::{STANDARD_GRAVITY, StreamReport};
+use crate::inertial::stream::StreamReport;
 
 /// A number with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
