@@ -66,7 +66,7 @@ impl Part {
             blocks: equations.blocks.iter().map(|block| block * weight).collect(),
             globals: offset..offset + free.len(),
             border: DMatrix::from_fn(POINT * count, free.len(), |row, column| {
-                weight * equations.border[row / POINT][(row % POINT, free[column])]
+                weight * equations.border[row / POINT][row % POINT][free[column]]
             }),
             gradient: DVector::from_iterator(
                 POINT * count,

@@ -14,6 +14,7 @@ use super::parameters::{self as at, COUNT, InertialParameters, Prediction, accel
 use super::sample::Sample;
 use super::settings::InertialSettings;
 use crate::numerics::huber::huber;
+use crate::solve::bearing_table::BearingTable;
 use crate::solve::levenberg::{linearised, moved};
 use crate::solve::normal::StretchEquations;
 use crate::solve::smoothness::accelerations;
@@ -36,6 +37,8 @@ const MARGIN: f64 = 0.02;
 const ROUNDS: usize = 3;
 /// Most iterations in a round.
 const ITERATIONS: usize = 15;
+/// Stretches of events that are linearised together.
+const STRETCHES_TOGETHER: usize = 64;
 /// Iterations of the first round that linearise the events anew.
 const RELINEARISED: usize = 5;
 /// Iterations end when the cost falls by less.
@@ -285,12 +288,16 @@ fn moved_by(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate>
 fn event_parts(joint: &Joint, estimate: &Estimate) -> Vec<Part> {
     let problem = joint.problem;
     let free = free_globals(problem);
-    let events = linearised(problem, &estimate.state, &stretches(&problem.segments));
+    let bearings = BearingTable::new(&estimate.state.camera, problem.sensor);
     let part = |(stretch, equations): &(Stretch, StretchEquations)| {
         let place = (stretch.segment, stretch.start(&problem.segments));
         Part::from_events(place, equations, &free, COUNT, 1.0 / joint.inflation)
     };
-    events.par_iter().map(part).collect()
+    // Their equations are large, and needed no longer than it takes to pick what is free.
+    let of_group = |group: &[Stretch]| -> Vec<Part> {
+        linearised(problem, &estimate.state, &bearings, group).par_iter().map(part).collect()
+    };
+    stretches(&problem.segments).chunks(STRETCHES_TOGETHER).flat_map(of_group).collect()
 }
 
 fn free_globals(problem: &Problem) -> Vec<usize> {
