@@ -4,13 +4,23 @@ use nalgebra::DMatrix;
 
 use super::equations::{Blocks, Part, System};
 use super::error::InertialError;
-use super::parameters::{COUNT, GRAVITY};
+use super::parameters::{COUNT, GRAVITY, POSITION};
 use crate::trust::uncertainty::blocks::{scatter, sum_by_block};
 
 /// Lengths of blocks (s).
 const LENGTHS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Fewest blocks of a length.
 const FEWEST: f64 = 10.0;
+
+/// How far trajectories are too long or too short as a whole, as a share of the distance to the board: what makes them longer
+/// puts the unit further along the line of sight, and all blocks agree on it. From simulated recordings.
+const TRAJECTORY_SCALE: f64 = 4e-4;
+
+/// Adds to `covariance` what blocks of time cannot tell, for a board that is `distance` metres away.
+pub fn add_systematic(covariance: &mut DMatrix<f64>, distance: f64) {
+    let place = POSITION + 2;
+    covariance[(place, place)] += (TRAJECTORY_SCALE * distance).powi(2);
+}
 
 /// The covariance of the inertial parameters from `total` seconds of samples, and how much more rotation, place and delays
 /// scatter from block to block than the formal covariance says.
