@@ -258,6 +258,20 @@ pub struct RotationSample<T: RealField> {
     pub jacobians: [Matrix3<T>; MAX_ORDER],
 }
 
+/// One point of a rotation curve with its angular acceleration: what an inertial sensor feels of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RotationMotion<T: RealField> {
+    /// Rotation, angular velocity and the Jacobians of the rotation.
+    pub sample: RotationSample<T>,
+    /// Derivative of the angular velocity in the body (camera) frame, in radians per squared unit of `u`.
+    pub angular_acceleration: Vector3<T>,
+    /// Entry `i`: derivative of the angular velocity by the body-frame perturbation `δ` of control point
+    /// `Basis::first + i` (`q_i exp(δ)`). Entries from `Basis::order` on are zero.
+    pub velocity_jacobians: [Matrix3<T>; MAX_ORDER],
+    /// The same for the angular acceleration.
+    pub acceleration_jacobians: [Matrix3<T>; MAX_ORDER],
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use std::vec::Vec;

@@ -7,6 +7,7 @@ mod detected;
 pub mod error;
 mod events;
 mod health;
+pub mod inertia;
 pub mod input;
 mod pictures;
 mod progress;

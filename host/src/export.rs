@@ -13,6 +13,7 @@ mod dv_processing;
 mod dv_xml;
 mod file_storage;
 pub(crate) mod kalibr;
+pub(crate) mod kalibr_imu;
 mod mrcal;
 mod number;
 pub(crate) mod opencv;

@@ -38,6 +38,7 @@ pub mod detection;
 pub mod evaluate;
 pub mod export;
 pub mod files;
+pub mod inertial;
 pub mod initial;
 pub mod lens;
 pub mod live;

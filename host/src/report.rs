@@ -10,6 +10,7 @@ mod chart;
 pub mod drawing;
 mod example_frames;
 mod halves;
+mod inertial;
 mod number;
 mod numbers;
 mod overview;
@@ -38,6 +39,7 @@ pub fn report(calibrated: &Calibrated, task: &Task) -> String {
         example_frames::section(calibrated, task.board),
         accumulation::section(calibrated, task),
         trajectory::section(calibrated),
+        inertial::section(calibrated),
         stages::section(calibrated),
         provenance::section(calibrated, task),
     ];

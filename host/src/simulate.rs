@@ -42,6 +42,7 @@ pub mod inertia;
 pub mod lens;
 pub mod light;
 pub mod motion;
+pub mod mount;
 mod pixel;
 pub mod presets;
 pub mod rays;

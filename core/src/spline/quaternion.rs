@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, convert};
 
 use super::rotation::skew;
-use super::{Basis, MAX_ORDER, RotationSample};
+use super::{Basis, MAX_ORDER, RotationMotion, RotationSample};
 
 /// Flips the sign of quaternions so that each has an angle of at most 90° in R⁴ to the one before.
 /// The rotations stay the same.
@@ -55,6 +55,56 @@ pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[Quaternion<T>]
         *jacobian = skew(&relative.imag()) + Matrix3::from_diagonal_element(relative.w);
     }
     Some(RotationSample { rotation: UnitQuaternion::new_unchecked(rotation), angular_velocity, jacobians })
+}
+
+/// As [`evaluate`], with the angular acceleration and the Jacobians of angular velocity and angular acceleration.
+///
+/// With the sum q and n = q·q: ω = 2 vec(q* q')/n and ω' = 2 vec(q* q'')/n − 2 (q·q') ω/n, for q'* q' has no
+/// imaginary part.
+pub fn motion<T: RealField + Copy>(basis: &Basis<T>, control: &[Quaternion<T>]) -> Option<RotationMotion<T>> {
+    let sample = evaluate(basis, control)?;
+    let control = basis.select(control)?;
+    let zero = Quaternion::new(T::zero(), T::zero(), T::zero(), T::zero());
+    let (mut sum, mut first, mut second) = (zero, zero, zero);
+    let weights = basis.value.iter().zip(&basis.first_derivative).zip(&basis.second_derivative);
+    for (point, ((&value, &slope), &curvature)) in control.iter().zip(weights.clone()) {
+        sum += *point * value;
+        first += *point * slope;
+        second += *point * curvature;
+    }
+    let two = convert::<f64, T>(2.0);
+    let half = convert::<f64, T>(0.5);
+    let reciprocal = sum.norm_squared().recip();
+    let velocity = sample.angular_velocity;
+    // Twice vec(q* q'')/n, and how fast the length of the sum grows.
+    let bend = (sum.conjugate() * second).imag() * (two * reciprocal);
+    let growth = sum.dot(&first) * reciprocal;
+
+    let mut velocity_jacobians = [Matrix3::zeros(); MAX_ORDER];
+    let mut acceleration_jacobians = [Matrix3::zeros(); MAX_ORDER];
+    let jacobians = velocity_jacobians.iter_mut().zip(&mut acceleration_jacobians);
+    for (((of_velocity, of_acceleration), point), ((&value, &slope), &curvature)) in jacobians.zip(control).zip(weights)
+    {
+        // A turn δ of the control point changes the sum by N_i q_i (0, δ/2). Multiplied from the left by the conjugate
+        // of the sum or of one of its derivatives, that is a matrix times δ.
+        let turned = |left: &Quaternion<T>| {
+            let relative = left.conjugate() * *point * reciprocal;
+            (skew(&relative.imag()) + Matrix3::from_diagonal_element(relative.w), relative.imag())
+        };
+        let (by_sum, along_sum) = turned(&sum);
+        let (by_first, along_first) = turned(&first);
+        let (by_second, _) = turned(&second);
+        *of_velocity = by_sum * slope - by_first * value + velocity * along_sum.transpose() * value;
+        let of_bend = by_sum * curvature - by_second * value + bend * along_sum.transpose() * value;
+        let of_growth = along_sum * (growth * value - half * slope) - along_first * (half * value);
+        *of_acceleration = of_bend - *of_velocity * (two * growth) - velocity * of_growth.transpose() * two;
+    }
+    Some(RotationMotion {
+        sample,
+        angular_acceleration: bend - velocity * (two * growth),
+        velocity_jacobians,
+        acceleration_jacobians,
+    })
 }
 
 #[cfg(test)]
@@ -109,6 +159,46 @@ mod tests {
                 evaluate(&basis, &control).unwrap().rotation
             };
             prop_assert!(jacobians_agree(&sample.jacobians, turned));
+        }
+
+        /// Also where the curve's degree is too low for its derivatives to be smooth: between knots they are.
+        #[test]
+        fn angular_acceleration_and_its_jacobians_agree_with_differences(
+            (knots, degree, u) in knots_and_parameter(),
+            walk in rotation_walk(48),
+        ) {
+            let u = away_from_knots(&knots, u, 2e-5);
+            let knots = Knots::new(&knots, degree).unwrap();
+            let control = control_points(&walk);
+            let at = |u| motion(&knots.basis(u).unwrap(), &control).unwrap();
+            let (here, step) = (at(u), 1e-5);
+            prop_assert_eq!(here.sample, evaluate(&knots.basis(u).unwrap(), &control).unwrap());
+            let before_and_after = [u - step, u + step].map(|u| at(u).sample.angular_velocity);
+            let numeric = (before_and_after[1] - before_and_after[0]) / (2.0 * step);
+            prop_assert!((here.angular_acceleration - numeric).norm() < 1e-3 * (1.0 + numeric.norm()));
+
+            let basis = knots.basis(u).unwrap();
+            let step = 1e-6;
+            for index in 0..MAX_ORDER {
+                for axis in 0..3 {
+                    let turned = |angle: f64| {
+                        let mut turn = Vector3::zeros();
+                        turn[axis] = angle;
+                        let mut control = control.clone();
+                        if index < basis.order {
+                            control[basis.first + index] *= exp(&turn).into_inner();
+                        }
+                        motion(&basis, &control).unwrap()
+                    };
+                    let (before, after) = (turned(-step), turned(step));
+                    let of_velocity = (after.sample.angular_velocity - before.sample.angular_velocity) / (2.0 * step);
+                    let of_acceleration = (after.angular_acceleration - before.angular_acceleration) / (2.0 * step);
+                    let scale = 1.0 + of_velocity.norm() + here.sample.angular_velocity.norm();
+                    prop_assert!((here.velocity_jacobians[index].column(axis) - of_velocity).norm() < 1e-7 * scale);
+                    let scale = 1.0 + of_acceleration.norm() + here.angular_acceleration.norm();
+                    prop_assert!((here.acceleration_jacobians[index].column(axis) - of_acceleration).norm() < 1e-7 * scale);
+                }
+            }
         }
 
         #[test]

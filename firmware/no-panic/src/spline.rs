@@ -29,6 +29,7 @@ pub fn curves<T: RealField + Copy>() {
     let mut quaternions = [Quaternion::new(any::<T>(), any(), any(), any()); 4];
     quaternion::align_signs(black_box(quaternions.as_mut_slice()));
     black_box(quaternion::evaluate(&basis, black_box(quaternions.as_slice())));
+    black_box(quaternion::motion(&basis, black_box(quaternions.as_slice())));
     let rotations = quaternions.map(UnitQuaternion::new_unchecked);
     black_box(so3::evaluate(&basis, black_box(rotations.as_slice())));
 }

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::DetectionReport;
+use crate::inertial::calibration::InertialCalibration;
 use crate::initial::model_choice::ModelChoice;
 use crate::initial::{InitialModel, PosedFrame};
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
@@ -87,6 +88,8 @@ pub struct EventCalibration {
     pub witness: Option<WitnessOutcome>,
     /// How pictures and events were solved together, if they were.
     pub joint: Option<JointReport>,
+    /// The inertial unit, where it was asked for.
+    pub inertial: Option<InertialCalibration>,
 }
 
 impl Calibrated {

@@ -8,12 +8,17 @@ use std::path::{Path, PathBuf};
 use evcal::board::Board;
 use evcal::board::request::BoardRequest;
 use evcal::calibrate::board_choice::{choose_board, recognise_layout};
+use evcal::calibrate::calibrated::{Calibrated, Evidence};
 use evcal::calibrate::error::CalibrateError;
+use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
 use evcal::calibrate::input::Input;
 use evcal::calibrate::{PictureUse, Task, calibrate};
 use evcal::circles::serial::{SerialAddress, SerialError};
 use evcal::detection::settings::{DetectionSettings, Grid};
 use evcal::files::folder::{FolderError, OutputFolder};
+use evcal::inertial::error::InertialError;
+use evcal::inertial::sample::STANDARD_GRAVITY;
+use evcal::inertial::settings::InertialSettings;
 use evcal::initial::model_choice::ModelRequest;
 use evcal::output::failure::{Failure, write_failure};
 use evcal::output::folder::{is_result, write_folder};
@@ -51,6 +56,13 @@ pub struct CalibrationArguments {
     /// Solve the camera's own frames and its events together
     #[arg(long)]
     joint_frames: bool,
+    /// Calibrate the inertial unit too, from the samples in the recording, or from a CSV file whose first line names
+    /// columns with their units: t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s (docs/imu.md)
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    imu: Option<Option<PathBuf>>,
+    /// Size of gravity where the recording was made, for --imu
+    #[arg(long, value_name = "M/S²", default_value_t = STANDARD_GRAVITY, requires = "imu")]
+    gravity: f64,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
@@ -144,6 +156,15 @@ pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
 }
 
 impl CalibrationArguments {
+    /// The inertial unit that is asked for.
+    fn inertial_request(&self) -> Option<InertialRequest> {
+        let file = self.imu.clone()?;
+        Some(InertialRequest {
+            file,
+            settings: InertialSettings { gravity: self.gravity, ..InertialSettings::default() },
+        })
+    }
+
     /// The folder for the results, which holds none yet unless they may be replaced.
     pub fn open_folder(&self) -> Result<OutputFolder, FolderError> {
         match self.force {
@@ -234,6 +255,14 @@ pub fn calibrate_recordings(
             return Err(Failed { error, failure }.into());
         }
     };
+    let mut calibrated = calibrated;
+    let inertial = match arguments.inertial_request() {
+        Some(request) => {
+            bar.set_message("inertial unit");
+            add_inertial(&mut calibrated, &inputs, &request)
+        }
+        None => Ok(()),
+    };
     bar.set_message("writing results");
     let written = write_folder(folder, &calibrated, &task)?;
     bar.finish_and_clear();
@@ -254,10 +283,21 @@ pub fn calibrate_recordings(
     if calibrated.verdict.grade == Grade::NotGood {
         tell_other_board(&inputs, &board, &settings.detection);
     }
+    // The camera is written all the same.
+    inertial?;
     match calibrated.verdict.grade {
         Grade::NotGood if !arguments.accept_any => Err(NotGoodEnough.into()),
         _ => Ok(()),
     }
+}
+
+/// Calibrates the inertial unit of `inputs`, and keeps it with the camera.
+fn add_inertial(calibrated: &mut Calibrated, inputs: &[Input], request: &InertialRequest) -> Result<(), InertialError> {
+    let inertial = calibrate_inertial(calibrated, inputs, request)?;
+    if let Evidence::Events(events) = &mut calibrated.evidence {
+        events.inertial = Some(inertial);
+    }
+    Ok(())
 }
 
 /// A board that is smaller than the printed one is found here and there in it: says which one fits.

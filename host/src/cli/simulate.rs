@@ -10,6 +10,7 @@ use evcal::simulate::davis::DavisSettings;
 use evcal::simulate::dots::Dots;
 use evcal::simulate::effects::Effect;
 use evcal::simulate::folder::{SimulatedRecording, WrittenFolder, is_result, write_folder};
+use evcal::simulate::inertia::InertialSettings;
 use evcal::simulate::lens::{self, usual_lens};
 use evcal::simulate::presets::{LightPreset, MotionPreset, SensorPreset};
 use evcal::simulate::rays::Rays;
@@ -91,9 +92,11 @@ pub struct Arguments {
     /// Another lens for the frames, to see a calibration notice: parameters of the same model
     #[arg(long, value_name = "NUMBERS", requires = "frames", value_delimiter = ',', allow_hyphen_values = true)]
     frame_lens: Vec<f64>,
-    /// Inertial samples too, 1000 a second (aedat4 and dvraw)
-    #[arg(long)]
-    imu: bool,
+    /// Inertial samples too, 1000 a second (aedat4 and dvraw): of a perfect unit in the camera, or, with davis346, of a
+    /// real one beside it with filters, scale and misalignment; or as a file says (the part "imu" of a truth.json's
+    /// "davis.settings")
+    #[arg(long, value_name = "UNIT", num_args = 0..=1, default_missing_value = "perfect")]
+    imu: Option<String>,
     /// Print the truth as JSON
     #[arg(long)]
     json: bool,
@@ -198,13 +201,28 @@ fn tell(arguments: &Arguments, written: &WrittenFolder) -> super::Outcome {
 fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>> {
     let settings = DavisSettings {
         frames: arguments.frames.map(|rate| arguments.light.frames(rate)),
-        imu: arguments.imu.then(|| arguments.light.inertia()),
+        imu: arguments.imu.as_deref().map(|unit| inertial_unit(unit, arguments.light)).transpose()?,
     };
     if settings != DavisSettings::default() && !arguments.format.holds_more_than_events() {
         return Err(UsageError("frames and inertial samples need --format aedat4 or dvraw".to_owned()).into());
     }
     settings.check()?;
     Ok(settings)
+}
+
+/// An inertial unit by name, or as a file says.
+fn inertial_unit(unit: &str, light: LightPreset) -> Result<InertialSettings, Box<dyn Error>> {
+    match unit {
+        "perfect" => Ok(light.inertia()),
+        "davis346" => Ok(InertialSettings::davis346()),
+        file => {
+            let wrong = |error: &dyn std::fmt::Display| {
+                UsageError(format!("--imu {file}: {error}: write perfect, davis346 or a JSON file"))
+            };
+            let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
+            Ok(serde_json::from_str(&text).map_err(|error| wrong(&error))?)
+        }
+    }
 }
 
 /// The lens and the size of the sensor.

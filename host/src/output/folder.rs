@@ -12,7 +12,7 @@ use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::track;
 use crate::export::content::ExportFormat;
-use crate::export::{kalibr, opencv, ros};
+use crate::export::{kalibr, kalibr_imu, opencv, ros};
 use crate::files::folder::{FolderError, OutputFolder};
 use crate::files::{self, FileError};
 use crate::initial::PosedFrame;
@@ -21,6 +21,7 @@ use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_pictur
 use crate::report::report;
 use crate::result::calibrated_camera::CalibratedCamera;
 use crate::result::calibration_file::CalibrationFile;
+use crate::result::inertial_result::InertialResult;
 use crate::result::stage_report::stage_report;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::tum;
@@ -31,6 +32,9 @@ const EXPORTS: &str = "exports";
 
 /// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
 const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
+
+/// Files of a camera with an inertial unit, in [`EXPORTS`].
+const INERTIAL: [&str; 2] = ["camchain-imucam.yaml", "imu.yaml"];
 
 /// Files of one name each.
 const FILES: [&str; 6] =
@@ -63,6 +67,7 @@ pub fn is_result(file: &Path) -> bool {
     };
     FILES.iter().any(|name| Path::new(name) == file)
         || FOR_OTHERS.iter().any(|(format, place)| Path::new(place).join(format.file) == file)
+        || INERTIAL.iter().any(|name| Path::new(EXPORTS).join(name) == file)
         || numbered(TRAJECTORY.0, TRAJECTORY.1)
         || numbered(POSES.0, POSES.1)
         || numbered(CIRCLES.0, CIRCLES.1)
@@ -161,6 +166,9 @@ pub fn write_folder(folder: &OutputFolder, calibrated: &Calibrated, task: &Task)
         match format.export(&camera) {
             Ok(exported) => {
                 put(folder.join(&name), exported.text.as_bytes())?;
+                if let (kalibr::FORMAT_NAME, Some(inertial)) = (format.name, &calibration.inertial) {
+                    put_inertial(&folder.join(EXPORTS), &exported.text, inertial)?;
+                }
                 if let Some(refit) = exported.refit {
                     let _ = write!(summary, "\n{}: {refit}", name.display());
                 }
@@ -171,6 +179,14 @@ pub fn write_folder(folder: &OutputFolder, calibrated: &Calibrated, task: &Task)
         }
     }
     Ok(Written { json, summary, stage_report })
+}
+
+/// Kalibr's files of the camera with its inertial unit; `camchain` is that of the camera alone.
+fn put_inertial(folder: &Path, camchain: &str, inertial: &InertialResult) -> Result<(), FileError> {
+    if let Some(text) = kalibr_imu::camchain(camchain, inertial) {
+        files::write(&folder.join(INERTIAL[0]), text.as_bytes())?;
+    }
+    files::write(&folder.join(INERTIAL[1]), kalibr_imu::imu(inertial).as_bytes())
 }
 
 /// How far the camera is from the middle of the board, in metres.

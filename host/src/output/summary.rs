@@ -61,6 +61,9 @@ pub fn summary(calibration: &CalibrationFile) -> String {
             1e3 * joint.time_offset_sigma
         );
     }
+    if let Some(inertial) = &calibration.inertial {
+        let _ = write!(text, "\n{}", inertial.sentences());
+    }
     for (index, recording) in calibration.stages.recordings.iter().enumerate() {
         for note in &recording.notes {
             let _ = write!(text, "\nnote on recording {}: {note}", index + 1);

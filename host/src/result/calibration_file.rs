@@ -16,6 +16,7 @@ use crate::lens::covered_region::CoveredRegion;
 use crate::picture_calibration::calibration::{PictureReport, PictureSummary};
 use crate::picture_calibration::joint::JointReport;
 use crate::recording::pass::RecordingReport;
+use crate::result::inertial_result::InertialResult;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{EventBias, SPEED_RANGE_COUNT};
@@ -86,6 +87,9 @@ pub struct CalibrationFile {
     /// How frames and events were solved together; absent where they were not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint_frames: Option<JointReport>,
+    /// The inertial unit, where it was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub inertial: Option<InertialResult>,
     /// What every stage took in and gave out.
     pub stages: StageReports,
 }
@@ -372,6 +376,7 @@ impl CalibrationFile {
             segments: events.map_or_else(Vec::new, SegmentSummary::of_calibration),
             frames: FramesResult::new(calibrated),
             joint_frames: events.and_then(|events| events.joint.clone()),
+            inertial: events.and_then(|events| events.inertial.as_ref()).map(InertialResult::new),
             stages: StageReports::new(calibrated),
         }
     }

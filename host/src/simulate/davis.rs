@@ -82,6 +82,7 @@ impl Simulation {
         let time_of = |tick: usize| (tick as f64 * TICK) as u64;
         let (ticks, mut tick) = (self.tick_count(), 0);
         let (mut frames, mut samples) = (Vec::new(), Vec::new());
+        let mut next_sample = settings.imu.map_or(0, |imu| 1000 * u64::from(imu.interval));
         let counts = self.run(|events| {
             tick = (tick + SLICE_TICKS).min(ticks);
             let end = time_of(tick);
@@ -98,12 +99,12 @@ impl Simulation {
             }
             if let Some((settings, unit)) = &mut unit {
                 let interval = 1000 * u64::from(settings.interval);
-                let mut time = interval * (truth.imu.len() as u64 + 1);
-                while time < end {
-                    let felt = InertialTruth::new(|t| self.pose(t), time);
-                    samples.push(unit.read(&felt));
-                    truth.imu.push(felt);
-                    time += interval;
+                while next_sample < end {
+                    if let Some((felt, read)) = unit.sample(|t| self.pose(t), next_sample) {
+                        samples.push(read);
+                        truth.imu.push(felt);
+                    }
+                    next_sample += interval;
                 }
             }
             sink(DavisSlice { events, frames: &frames, imu: &samples, end })

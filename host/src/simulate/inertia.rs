@@ -3,7 +3,8 @@
 //! It sits in the camera's projection centre, its axes are the camera's (x right, y down, z along
 //! the line of sight), and the board hangs upright: gravity points along the world's y. At rest
 //! with the image upright it reads −1 g on y, as a real one does. Noise and bias are those of an
-//! MPU-9250 on real cameras; its low-pass filters are left out.
+//! MPU-9250 on real cameras. With a [`mount`](super::mount) it sits beside the camera and has filters, scale and misalignment
+//! as well.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
@@ -12,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use usb_davis::protocol::{ImuModel, ImuSample, ImuScale};
 
 use super::SimulationError;
+use super::mount::{Mount, MountSettings, MountTruth};
 use crate::numerics::random::normal;
 
 /// One g in m/s².
@@ -41,6 +43,9 @@ pub struct InertialSettings {
     pub gyroscope_bias: f64,
     /// Temperature of the chip in °C.
     pub temperature: f64,
+    /// What a real unit adds; without it, a perfect one sits in the camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mount: Option<MountSettings>,
 }
 
 impl Default for InertialSettings {
@@ -54,6 +59,7 @@ impl Default for InertialSettings {
             accelerometer_bias: 0.02,
             gyroscope_bias: 1.0,
             temperature: 29.0,
+            mount: None,
         }
     }
 }
@@ -66,6 +72,17 @@ impl InertialSettings {
             gyroscope_noise: 0.0,
             accelerometer_bias: 0.0,
             gyroscope_bias: 0.0,
+            ..Self::default()
+        }
+    }
+
+    /// The unit of a DAVIS346: beside the camera, with its filters, scale and misalignment.
+    pub fn davis346() -> Self {
+        // Noise comes from the mount.
+        Self {
+            accelerometer_noise: 0.0,
+            gyroscope_noise: 0.0,
+            mount: Some(MountSettings::default()),
             ..Self::default()
         }
     }
@@ -87,12 +104,12 @@ impl InertialSettings {
         ];
         match checks.into_iter().find(|(.., right, _)| !right) {
             Some((name, value, _, range)) => Err(SimulationError::Setting { name, value, range }),
-            None => Ok(()),
+            None => self.mount.map_or(Ok(()), |mount| mount.check()),
         }
     }
 }
 
-/// What the unit would measure without bias and noise, in camera axes.
+/// What the unit would measure without bias, noise and filters, in its axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InertialTruth {
     /// Time in microseconds since the start of the recording.
@@ -128,6 +145,9 @@ pub struct InertialBias {
     pub acceleration: [f64; 3],
     /// Of the gyroscope, in °/s.
     pub angular_velocity: [f64; 3],
+    /// The other errors of a real unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mount: Option<MountTruth>,
 }
 
 /// An inertial measurement unit with its biases.
@@ -135,6 +155,7 @@ pub struct InertialBias {
 pub struct InertialUnit {
     settings: InertialSettings,
     bias: InertialBias,
+    mount: Option<Mount>,
     rng: ChaCha8Rng,
 }
 
@@ -143,11 +164,13 @@ impl InertialUnit {
     pub fn new(settings: InertialSettings, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(INERTIA_STREAM);
+        let mount = settings.mount.map(|mount| Mount::new(mount, seed));
         let bias = InertialBias {
             acceleration: [0; 3].map(|_| settings.accelerometer_bias * normal(&mut rng)),
             angular_velocity: [0; 3].map(|_| settings.gyroscope_bias * normal(&mut rng)),
+            mount: mount.as_ref().map(Mount::truth),
         };
-        Self { settings, bias, rng }
+        Self { settings, bias, mount, rng }
     }
 
     /// Its constant errors.
@@ -155,9 +178,21 @@ impl InertialUnit {
         self.bias
     }
 
+    /// What it should feel at `time` µs along `pose` (`T_world_camera` at a time in seconds), and what it reads; `None` where
+    /// the sample gets lost. Times must increase.
+    pub fn sample(&mut self, pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> Option<(InertialTruth, ImuSample)> {
+        let Some(mount) = &mut self.mount else {
+            let felt = InertialTruth::new(pose, time);
+            return Some((felt, self.read(&felt)));
+        };
+        let felt = mount.felt(&pose, time);
+        let [acceleration, angular_velocity] = mount.output(&pose, time)?;
+        Some((felt, self.read(&InertialTruth { time, acceleration, angular_velocity })))
+    }
+
     /// What it reads where `truth` is true. Each reading brings new noise.
     pub fn read(&mut self, truth: &InertialTruth) -> ImuSample {
-        let Self { settings, bias, rng } = self;
+        let Self { settings, bias, rng, .. } = self;
         let scale = ImuScale { accelerometer: settings.accelerometer_scale, gyroscope: settings.gyroscope_scale };
         let accelerometer_step = f64::from(2u16 << scale.accelerometer.min(3)) / 32768.0;
         let gyroscope_step = f64::from(250u16 << scale.gyroscope.min(3)) / 32768.0;

@@ -1,0 +1,62 @@
+//! The inertial unit, after the camera.
+
+use std::path::PathBuf;
+
+use super::calibrated::{Calibrated, Evidence};
+use super::input::Input;
+use crate::inertial::calibration::InertialCalibration;
+use crate::inertial::error::InertialError;
+use crate::inertial::settings::InertialSettings;
+use crate::inertial::{RecordedSamples, calibrate_unit, csv, stream};
+
+/// Which inertial unit is calibrated, and what is known of it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct InertialRequest {
+    /// A file of samples; without it they are those of the recordings.
+    pub file: Option<PathBuf>,
+    /// What is known beforehand.
+    pub settings: InertialSettings,
+}
+
+/// Calibrates the inertial unit of `inputs`, from which `calibrated` was made.
+///
+/// # Errors
+/// [`InertialError`] says what is wrong, and what to do; the camera is calibrated all the same.
+pub fn calibrate_inertial(
+    calibrated: &Calibrated,
+    inputs: &[Input],
+    request: &InertialRequest,
+) -> Result<InertialCalibration, InertialError> {
+    let Evidence::Events(events) = &calibrated.evidence else { return Err(InertialError::NoTrajectory) };
+    let recorded = recorded_samples(inputs, &calibrated.starts, request)?;
+    calibrate_unit(recorded, &events.refined, &calibrated.trust.uncertainty, &request.settings)
+}
+
+fn recorded_samples(
+    inputs: &[Input],
+    starts: &[f64],
+    request: &InertialRequest,
+) -> Result<Vec<RecordedSamples>, InertialError> {
+    let start = |recording: usize| starts.get(recording).copied().unwrap_or(0.0);
+    if let Some(file) = &request.file {
+        if inputs.len() > 1 {
+            return Err(InertialError::SeveralRecordings);
+        }
+        return Ok(vec![RecordedSamples { recording: 0, samples: csv::read(file)?, start: start(0) }]);
+    }
+    let mut recorded = Vec::new();
+    for (recording, input) in inputs.iter().enumerate() {
+        let samples = match input {
+            Input::Events(file) => stream::read(file)?,
+            Input::Circles { .. } => Vec::new(),
+        };
+        if !samples.is_empty() {
+            recorded.push(RecordedSamples { recording, samples, start: start(recording) });
+        }
+    }
+    if recorded.is_empty() {
+        let file = inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ");
+        return Err(InertialError::NoSamples { file });
+    }
+    Ok(recorded)
+}

@@ -1,0 +1,180 @@
+//! The inertial unit beside the camera: where it is, how it is turned, when its stamps are, and its own errors.
+//!
+//! After the camera is calibrated, its trajectories tell what an inertial unit fixed to it must feel ([`parameters`]). Samples
+//! are read and looked at ([`stream`], [`csv`]), a [`start`] is found, and [`solve`] fits trajectories, camera and unit to events
+//! and samples at once. [`findings`] are what speaks against the result.
+
+pub mod calibration;
+pub mod csv;
+mod equations;
+pub mod error;
+pub mod finding;
+pub mod findings;
+pub mod noise;
+pub mod parameters;
+pub mod sample;
+pub mod settings;
+pub mod solve;
+mod start;
+pub mod stream;
+mod uncertainty;
+
+use calibration::InertialCalibration;
+use error::InertialError;
+use findings::findings;
+use sample::Sample;
+use settings::InertialSettings;
+use solve::{Estimate, Joint, Solved};
+use stream::StreamReport;
+
+use crate::solve::left_out::covers;
+use crate::solve::refinement::Refined;
+use crate::trajectory::Trajectory;
+use crate::trust::uncertainty::Uncertainty;
+
+/// Fewest seconds of samples along trajectories.
+const FEWEST_SECONDS: f64 = 3.0;
+
+/// Nearest and farthest knots (s), and samples between them.
+const NEAREST_KNOTS: f64 = 0.01;
+const FARTHEST_KNOTS: f64 = 0.0225;
+const SAMPLES_A_KNOT: f64 = 2.5;
+
+/// The samples of one recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordedSamples {
+    /// Number of the recording.
+    pub recording: usize,
+    /// The samples, on the clock of the recording's file (s).
+    pub samples: Vec<Sample>,
+    /// Time of the first event in the file (s).
+    pub start: f64,
+}
+
+/// Calibrates the inertial unit that gave `recorded` while `refined` was seen, whose camera is as sure as `camera` says.
+///
+/// # Errors
+/// [`InertialError`] names what is wrong with the samples or the motion, and what to do.
+pub fn calibrate_unit(
+    recorded: Vec<RecordedSamples>,
+    refined: &Refined,
+    camera: &Uncertainty,
+    settings: &InertialSettings,
+) -> Result<InertialCalibration, InertialError> {
+    let recordings = recorded.iter().map(|one| one.recording + 1).max().unwrap_or(0);
+    let mut samples = vec![Vec::new(); recordings];
+    let (mut streams, mut clock_origin) = (Vec::new(), 0.0);
+    for one in recorded {
+        let (kept, report) = stream::check(one.samples)?;
+        streams.push(report);
+        let of_recording = refined.state.trajectories.iter().filter(|trajectory| trajectory.recording == one.recording);
+        let (kept, moved) = on_events_clock(kept, one.start, of_recording);
+        clock_origin += moved;
+        if let Some(place) = samples.get_mut(one.recording) {
+            *place = kept;
+        }
+    }
+    let rate = streams.iter().map(|stream| stream.rate).fold(0.0, f64::max);
+    let knot_spacing = settings.knot_spacing.unwrap_or((SAMPLES_A_KNOT / rate).clamp(NEAREST_KNOTS, FARTHEST_KNOTS));
+    let trajectories = solve::smooth_trajectories(&refined.state.trajectories, knot_spacing)?;
+    let longest = |recording: &usize| {
+        let of_recording = trajectories.iter().filter(|one| one.recording == *recording);
+        (1e3 * of_recording.map(|one| one.end() - one.start()).sum::<f64>()) as u64
+    };
+    let with_samples = (0..recordings).filter(|recording| samples.get(*recording).is_some_and(|one| !one.is_empty()));
+    let first = with_samples.max_by_key(longest).unwrap_or(0);
+    let seen: Vec<&Trajectory> = trajectories.iter().filter(|one| one.recording == first).collect();
+    let seconds: f64 = seen.iter().map(|one| one.end() - one.start()).sum();
+    if seconds < FEWEST_SECONDS {
+        return Err(InertialError::TooShort { seconds, needed: FEWEST_SECONDS });
+    }
+    let start = start::start(&seen, samples.get(first).map(Vec::as_slice).unwrap_or_default(), settings.gravity)?;
+
+    // Where no curve explains the events the trajectory is not known.
+    for (recording, samples) in samples.iter_mut().enumerate() {
+        let delay = start.parameters.gyroscope_delay;
+        samples.retain(|sample| !covers(&refined.left_out, recording, sample.t - delay));
+    }
+    let used = solve::samples_within(&trajectories, &samples, &start.parameters);
+    let seconds = used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / rate;
+    if seconds < FEWEST_SECONDS {
+        return Err(InertialError::TooShort { seconds, needed: FEWEST_SECONDS });
+    }
+    let joint = Joint {
+        problem: &refined.problem,
+        inflation: camera.inflation,
+        samples: &samples,
+        used,
+        rate,
+        knot_spacing,
+        settings,
+    };
+    let mut state = refined.state.clone();
+    state.trajectories = trajectories;
+    let estimate = Estimate { state, parameters: start.parameters, noise: solve::first_noise() };
+    let solved = solve::solve(&joint, estimate)?;
+    finish(&joint, solved, refined, camera, (start.correlation, streams, clock_origin))
+}
+
+fn finish(
+    joint: &Joint,
+    solved: Solved,
+    refined: &Refined,
+    camera: &Uncertainty,
+    (correlation, streams, clock_origin): (f64, Vec<StreamReport>, f64),
+) -> Result<InertialCalibration, InertialError> {
+    let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
+    let (mut covariance, block_scatter) = uncertainty::covariance(&solved.system, &solved.parts, total)?;
+    uncertainty::add_systematic(&mut covariance, distance(&refined.state.trajectories));
+    let Solved { estimate, residuals, spectra, .. } = solved;
+    let before = refined.state.camera.parameters();
+    let moved = before.iter().zip(estimate.state.camera.parameters().iter().copied().collect::<Vec<f64>>());
+    let camera_moved = moved
+        .zip(camera.sigma())
+        .filter(|(_, sigma)| *sigma > 0.0)
+        .map(|((before, after), sigma)| (after - before).abs() / sigma)
+        .fold(0.0, f64::max);
+    let mut calibration = InertialCalibration {
+        prior_sigma: solve::priors(&estimate.parameters, joint.settings).map(|(_, sigma)| sigma),
+        parameters: estimate.parameters,
+        covariance,
+        noise: estimate.noise,
+        correlation,
+        streams,
+        used: joint.used.iter().map(ExactSizeIterator::len).sum(),
+        clock_origin,
+        camera_moved,
+        block_scatter,
+        residuals,
+        spectra,
+        findings: Vec::new(),
+    };
+    findings::explained(&calibration, joint.samples)?;
+    calibration.findings = findings(&calibration);
+    Ok(calibration)
+}
+
+/// Mean distance of the camera from the plane of the board (m).
+fn distance(trajectories: &[Trajectory]) -> f64 {
+    let points = || trajectories.iter().flat_map(|trajectory| &trajectory.translation);
+    points().map(|point| point.z.abs()).sum::<f64>() / points().count().max(1) as f64
+}
+
+/// The samples with times from the first event, which is at `start` of the file; where they are of another time altogether, as
+/// clocks with different origins have it, they begin with the trajectories. Beside them, by how much they were moved for that.
+fn on_events_clock<'a>(
+    mut samples: Vec<Sample>,
+    start: f64,
+    trajectories: impl Iterator<Item = &'a Trajectory>,
+) -> (Vec<Sample>, f64) {
+    samples.iter_mut().for_each(|sample| sample.t -= start);
+    let (Some(first), Some(last)) = (samples.first().map(|one| one.t), samples.last().map(|one| one.t)) else {
+        return (samples, 0.0);
+    };
+    let (begin, end) =
+        trajectories.fold((f64::INFINITY, 0.0_f64), |range, one| (range.0.min(one.start()), range.1.max(one.end())));
+    // Clocks that are seconds apart are found by their turns.
+    let moved = if first > end + 10.0 || last < begin - 10.0 { first - begin.min(0.0) } else { 0.0 };
+    samples.iter_mut().for_each(|sample| sample.t -= moved);
+    (samples, moved)
+}

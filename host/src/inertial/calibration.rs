@@ -1,0 +1,57 @@
+//! What the calibration of an inertial unit gives.
+
+use nalgebra::DMatrix;
+
+use super::finding::Finding;
+use super::noise::Line;
+use super::parameters::{COUNT, InertialParameters};
+use super::solve::{Noise, Residual};
+use super::stream::StreamReport;
+
+/// A calibrated inertial unit.
+#[derive(Clone, Debug)]
+pub struct InertialCalibration {
+    /// What was found.
+    pub parameters: InertialParameters,
+    /// Covariance of all parameters, in their order.
+    pub covariance: DMatrix<f64>,
+    /// σ of each parameter before any measurement.
+    pub prior_sigma: [f64; COUNT],
+    /// Noise of gyroscope (rad/s/√Hz) and accelerometer (m/s²/√Hz).
+    pub noise: [Noise; 2],
+    /// Correlation of the turns of camera and unit at the start.
+    pub correlation: f64,
+    /// What was found in the streams, one a recording.
+    pub streams: Vec<StreamReport>,
+    /// Samples used.
+    pub used: usize,
+    /// By how much stamps of the unit were moved before all else because the clocks have different origins (s).
+    pub clock_origin: f64,
+    /// Largest change of an intrinsic parameter by the solve with the unit, in its σ.
+    pub camera_moved: f64,
+    /// Scatter of blocks over the formal variance, the mean over rotation, place and delays.
+    pub block_scatter: f64,
+    /// Residuals of gyroscope (rad/s) and accelerometer (m/s²).
+    pub residuals: [Vec<Residual>; 2],
+    /// Their spectra, for each axis.
+    pub spectra: [Vec<Vec<Line>>; 2],
+    /// What speaks against it.
+    pub findings: Vec<Finding>,
+}
+
+impl InertialCalibration {
+    /// Standard deviation of a parameter.
+    pub fn sigma(&self, parameter: usize) -> f64 {
+        self.covariance[(parameter, parameter)].max(0.0).sqrt()
+    }
+
+    /// Root mean square of the residuals of gyroscope (rad/s) and accelerometer (m/s²), over all axes.
+    pub fn residual_rms(&self) -> [f64; 2] {
+        self.residuals.each_ref().map(|residuals| rms(residuals))
+    }
+}
+
+fn rms(residuals: &[Residual]) -> f64 {
+    let sum: f64 = residuals.iter().map(|residual| residual.value.norm_squared()).sum();
+    (sum / (3 * residuals.len().max(1)) as f64).sqrt()
+}

@@ -1,0 +1,412 @@
+//! Normal equations of events and inertial samples together: bands of control points with a border that both share.
+//!
+//! They have the form of those of the [joint solve](crate::solve), with the inertial parameters before the global parameters
+//! of the events in the border.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::error::InertialError;
+use crate::numerics::banded::BandedCholesky;
+use crate::solve::normal::{Block, StretchEquations};
+use crate::solve::smoothness::Acceleration;
+use crate::solve::system::Contribution;
+
+/// Parameters of a control point.
+const POINT: usize = 6;
+/// Smallest weight of a control point that no observation touches, as a share of the mean of its segment.
+const FLOOR: f64 = 1e-9;
+
+/// What some observations of one segment say.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// Index of the segment.
+    pub segment: usize,
+    /// When they begin (s).
+    pub t: f64,
+    /// First control point.
+    pub first: usize,
+    /// Control points that act at one time.
+    pub order: usize,
+    /// For each control point its blocks with itself (lower triangle) and those before it.
+    pub blocks: Vec<Block>,
+    /// Border parameters that they depend on.
+    pub globals: Range<usize>,
+    /// Six rows a control point, one column for each of these.
+    pub border: DMatrix<f64>,
+    /// Six rows a control point.
+    pub gradient: DVector<f64>,
+    /// Of these border parameters.
+    pub corner: DMatrix<f64>,
+    /// Of these border parameters.
+    pub corner_gradient: DVector<f64>,
+    /// Sum of ρ.
+    pub cost: f64,
+}
+
+impl Part {
+    /// What events say, weighed by `weight`; `free` are their global parameters, which begin at `offset` of the border.
+    pub fn from_events(
+        (segment, t): (usize, f64),
+        equations: &StretchEquations,
+        free: &[usize],
+        offset: usize,
+        weight: f64,
+    ) -> Self {
+        let count = equations.control_point_count();
+        let corner = &equations.corner;
+        Self {
+            segment,
+            t,
+            first: equations.first,
+            order: equations.order,
+            blocks: equations.blocks.iter().map(|block| block * weight).collect(),
+            globals: offset..offset + free.len(),
+            border: DMatrix::from_fn(POINT * count, free.len(), |row, column| {
+                weight * equations.border[row / POINT][row % POINT][free[column]]
+            }),
+            gradient: DVector::from_iterator(
+                POINT * count,
+                equations.gradient.iter().flatten().map(|one| weight * one),
+            ),
+            corner: DMatrix::from_fn(free.len(), free.len(), |row, column| {
+                weight * corner[(free[row.max(column)], free[row.min(column)])]
+            }),
+            corner_gradient: DVector::from_fn(free.len(), |row, _| weight * equations.corner_gradient[free[row]]),
+            cost: weight * equations.cost,
+        }
+    }
+
+    /// What rows say whose products with each other are `product`: six columns for each of `order` control points, then
+    /// `globals` border parameters, then the residual.
+    pub fn from_product(
+        (segment, t): (usize, f64),
+        (first, order): (usize, usize),
+        globals: usize,
+        product: &DMatrix<f64>,
+        cost: f64,
+    ) -> Self {
+        let points = POINT * order;
+        let residual = points + globals;
+        let mut blocks = vec![Block::zeros(); order * order];
+        for row in 0..order {
+            for back in 0..=row {
+                blocks[row * order + back]
+                    .copy_from(&product.view((POINT * row, POINT * (row - back)), (POINT, POINT)));
+            }
+        }
+        Self {
+            segment,
+            t,
+            first,
+            order,
+            blocks,
+            globals: 0..globals,
+            border: product.view((0, points), (points, globals)).into_owned(),
+            gradient: DVector::from_fn(points, |row, _| product[(row, residual)]),
+            corner: product.view((points, points), (globals, globals)).into_owned(),
+            corner_gradient: DVector::from_fn(globals, |row, _| product[(points + row, residual)]),
+            cost,
+        }
+    }
+
+    /// After a step of all parameters, if it were a quadratic function of them.
+    pub fn moved(&self, step: &Step) -> Self {
+        let mut moved = self.clone();
+        let rows = POINT * self.control_point_count();
+        let points = step.segments.get(self.segment).and_then(|step| step.get(POINT * self.first..)?.get(..rows));
+        let (Some(points), Some(globals)) = (points, step.globals.get(self.globals.clone())) else { return moved };
+        let points = DMatrix::from_column_slice(rows, 1, points);
+        let globals = DVector::from_column_slice(globals);
+        let of_points = self.banded_times(&points).column(0) + &self.border * &globals;
+        let of_globals = self.border.tr_mul(&points).column(0) + &self.corner * &globals;
+        let points = points.column(0);
+        moved.cost += self.gradient.dot(&points) + self.corner_gradient.dot(&globals);
+        moved.cost += 0.5 * (points.dot(&of_points) + globals.dot(&of_globals));
+        moved.gradient += of_points;
+        moved.corner_gradient += of_globals;
+        moved
+    }
+
+    fn control_point_count(&self) -> usize {
+        self.border.nrows() / POINT
+    }
+
+    /// The matrix of the control points times `columns`.
+    fn banded_times(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut product = DMatrix::zeros(columns.nrows(), columns.ncols());
+        for index in 0..self.control_point_count() {
+            for back in 0..self.order.min(index + 1) {
+                let mut block = self.blocks[index * self.order + back];
+                if back == 0 {
+                    block.fill_upper_triangle_with_lower_triangle();
+                }
+                let (row, column) = (POINT * index, POINT * (index - back));
+                let mut target = product.rows_mut(row, POINT);
+                target += block * columns.rows(column, POINT);
+                if back > 0 {
+                    let mut target = product.rows_mut(column, POINT);
+                    target += block.transpose() * columns.rows(row, POINT);
+                }
+            }
+        }
+        product
+    }
+}
+
+struct Segment {
+    order: usize,
+    blocks: Vec<Block>,
+    border: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+/// All parts together.
+pub struct System {
+    segments: Vec<Segment>,
+    corner: DMatrix<f64>,
+    corner_gradient: DVector<f64>,
+    /// Sum of ρ of all observations.
+    pub cost: f64,
+}
+
+/// A step of all parameters.
+pub struct Step {
+    /// For each segment, six numbers a control point.
+    pub segments: Vec<Vec<f64>>,
+    /// Border parameters.
+    pub globals: Vec<f64>,
+    /// Decrease of the cost that the linear model promises.
+    pub predicted: f64,
+}
+
+/// What blocks of time say of the border parameters.
+pub struct Blocks {
+    /// For each its segment and a time in it.
+    pub times: Vec<(usize, f64)>,
+    /// For each what it says.
+    pub contributions: Vec<Contribution>,
+}
+
+/// A segment whose control points are eliminated.
+struct Eliminated {
+    /// A⁻¹g.
+    gradient: DVector<f64>,
+    /// A⁻¹B.
+    follows: DMatrix<f64>,
+}
+
+impl System {
+    /// Of segments with `control_points` control points each and `globals` border parameters.
+    pub fn new<'a>(
+        control_points: &[usize],
+        order: usize,
+        globals: usize,
+        parts: impl Iterator<Item = &'a Part>,
+    ) -> Self {
+        let mut segments: Vec<Segment> = control_points
+            .iter()
+            .map(|&count| Segment {
+                order,
+                blocks: vec![Block::zeros(); count * order],
+                border: DMatrix::zeros(POINT * count, globals),
+                gradient: DVector::zeros(POINT * count),
+            })
+            .collect();
+        let mut corner = DMatrix::zeros(globals, globals);
+        let mut corner_gradient = DVector::zeros(globals);
+        let mut cost = 0.0;
+        for part in parts {
+            let Some(segment) = segments.get_mut(part.segment) else { continue };
+            let count = part.control_point_count();
+            let (row, columns) = (POINT * part.first, part.globals.clone());
+            if part.order != order || row + POINT * count > segment.gradient.len() {
+                continue;
+            }
+            let sums = segment.blocks.iter_mut().skip(part.first * order);
+            sums.zip(&part.blocks).for_each(|(sum, block)| *sum += block);
+            let mut border = segment.border.view_mut((row, columns.start), (POINT * count, columns.len()));
+            border += &part.border;
+            let mut gradient = segment.gradient.rows_mut(row, POINT * count);
+            gradient += &part.gradient;
+            let mut sum = corner.view_mut((columns.start, columns.start), (columns.len(), columns.len()));
+            sum += &part.corner;
+            let mut sum = corner_gradient.rows_mut(columns.start, columns.len());
+            sum += &part.corner_gradient;
+            cost += part.cost;
+        }
+        Self { segments, corner, corner_gradient, cost }
+    }
+
+    /// Adds ½ (distance / σ)² for a border parameter that is `distance` above what is expected of it.
+    pub fn add_prior(&mut self, global: usize, distance: f64, sigma: f64) {
+        let weight = 1.0 / (sigma * sigma);
+        self.corner[(global, global)] += weight;
+        self.corner_gradient[global] += weight * distance;
+        self.cost += 0.5 * weight * distance * distance;
+    }
+
+    /// Adds the accelerations of the control points of each segment, in their order.
+    pub fn add_smoothness(&mut self, segments: &[Vec<Acceleration>]) {
+        for (segment, accelerations) in self.segments.iter_mut().zip(segments) {
+            for acceleration in accelerations {
+                segment.add(acceleration);
+                self.cost += 0.5 * acceleration.residual.iter().map(|value| value * value).sum::<f64>();
+            }
+        }
+    }
+
+    fn eliminated(&self, damping: f64) -> Result<Vec<Eliminated>, InertialError> {
+        self.segments.par_iter().map(|segment| segment.eliminate(damping)).collect()
+    }
+
+    fn schur(&self, eliminated: &[Eliminated], damping: f64) -> DMatrix<f64> {
+        let mut schur = self.corner.clone();
+        for index in 0..schur.nrows() {
+            schur[(index, index)] *= 1.0 + damping;
+        }
+        let products: Vec<DMatrix<f64>> = self
+            .segments
+            .par_iter()
+            .zip(eliminated)
+            .map(|(segment, eliminated)| segment.border.tr_mul(&eliminated.follows))
+            .collect();
+        products.iter().for_each(|product| schur -= product);
+        (&schur + schur.transpose()) * 0.5
+    }
+
+    /// The step to the least cost of the linear model.
+    ///
+    /// # Errors
+    /// [`InertialError::Singular`] when the observations do not determine it.
+    pub fn solve(&self, damping: f64) -> Result<Step, InertialError> {
+        let eliminated = self.eliminated(damping)?;
+        let schur = self.schur(&eliminated, damping);
+        let mut right = -self.corner_gradient.clone();
+        for (segment, eliminated) in self.segments.iter().zip(&eliminated) {
+            right += segment.border.tr_mul(&eliminated.gradient);
+        }
+        let globals = scaled_inverse(&schur)? * right;
+        let mut predicted = -0.5 * self.corner_gradient.dot(&globals);
+        let segments = self.segments.iter().zip(&eliminated).map(|(segment, eliminated)| {
+            let step = -(&eliminated.gradient + &eliminated.follows * &globals);
+            predicted -= 0.5 * segment.gradient.dot(&step);
+            step.as_slice().to_vec()
+        });
+        let segments = segments.collect();
+        Ok(Step { segments, globals: globals.as_slice().to_vec(), predicted })
+    }
+
+    /// The covariance of the border parameters if observations were independent.
+    ///
+    /// # Errors
+    /// [`InertialError::Singular`].
+    pub fn covariance(&self) -> Result<DMatrix<f64>, InertialError> {
+        scaled_inverse(&self.schur(&self.eliminated(0.0)?, 0.0))
+    }
+
+    /// What the parts of each block of `length` seconds say of the border parameters, the control points following them, and
+    /// where each block begins.
+    ///
+    /// # Errors
+    /// [`InertialError::Singular`].
+    pub fn contributions(&self, parts: &[Part], length: f64) -> Result<Blocks, InertialError> {
+        let eliminated = self.eliminated(0.0)?;
+        let mut groups: BTreeMap<(usize, i64), Vec<&Part>> = BTreeMap::new();
+        for part in parts.iter().filter(|part| part.control_point_count() > 0) {
+            groups.entry((part.segment, (part.t / length).floor() as i64)).or_default().push(part);
+        }
+        let groups: Vec<_> = groups.into_iter().collect();
+        let count = self.corner.nrows();
+        let sums = groups.par_iter().map(|((segment, _), parts)| {
+            let mut sum = Contribution { gradient: DVector::zeros(count), information: DMatrix::zeros(count, count) };
+            if let Some(eliminated) = eliminated.get(*segment) {
+                parts.iter().for_each(|part| add_contribution(&mut sum, part, &eliminated.follows));
+            }
+            sum
+        });
+        let sums = sums.collect();
+        let times = groups.iter().map(|((segment, block), _)| (*segment, (*block as f64 + 0.5) * length)).collect();
+        Ok(Blocks { times, contributions: sums })
+    }
+}
+
+/// hₖ − (A⁻¹B)ᵀgₖ and Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B of one part.
+fn add_contribution(sum: &mut Contribution, part: &Part, follows: &DMatrix<f64>) {
+    let rows = POINT * part.control_point_count();
+    let follows = follows.rows(POINT * part.first, rows).into_owned();
+    let (start, width) = (part.globals.start, part.globals.len());
+    sum.gradient -= follows.tr_mul(&part.gradient);
+    let mut gradient = sum.gradient.rows_mut(start, width);
+    gradient += &part.corner_gradient;
+    sum.information += follows.tr_mul(&part.banded_times(&follows));
+    let mixed = part.border.tr_mul(&follows);
+    let mut lines = sum.information.rows_mut(start, width);
+    lines -= &mixed;
+    let mut columns = sum.information.columns_mut(start, width);
+    columns -= mixed.transpose();
+    let mut corner = sum.information.view_mut((start, start), (width, width));
+    corner += &part.corner;
+}
+
+/// The inverse of a positive definite matrix whose rows have very different units.
+fn scaled_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, InertialError> {
+    let scale = matrix.diagonal().map(|value| if value > 0.0 { 1.0 / value.sqrt() } else { 1.0 });
+    let unit = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| {
+        matrix[(row, column)] * scale[row] * scale[column]
+    });
+    let inverse = unit.cholesky().ok_or(InertialError::Singular)?.inverse();
+    Ok(DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| {
+        inverse[(row, column)] * scale[row] * scale[column]
+    }))
+}
+
+impl Segment {
+    fn add(&mut self, acceleration: &Acceleration) {
+        let weight = |point: usize, axis: usize| {
+            if axis < 3 { acceleration.rotation[point] } else { acceleration.translation[point] }
+        };
+        for row in 0..3 {
+            let index = acceleration.first + row;
+            for (axis, residual) in acceleration.residual.iter().enumerate() {
+                if let Some(sum) = self.gradient.get_mut(POINT * index + axis) {
+                    *sum += weight(row, axis) * residual;
+                }
+            }
+            for column in 0..=row {
+                let Some(block) = self.blocks.get_mut(index * self.order + row - column) else { return };
+                for axis in 0..POINT {
+                    block[(axis, axis)] += weight(row, axis) * weight(column, axis);
+                }
+            }
+        }
+    }
+
+    fn eliminate(&self, damping: f64) -> Result<Eliminated, InertialError> {
+        let (dimension, count) = (self.gradient.len(), self.gradient.len() / POINT);
+        let mut band = BandedCholesky::zeros(dimension, (POINT * self.order - 1).min(dimension.saturating_sub(1)));
+        let trace: f64 = self.blocks.iter().step_by(self.order).map(|block| block.trace()).sum();
+        let floor = FLOOR * (trace / dimension.max(1) as f64).max(f64::MIN_POSITIVE);
+        for index in 0..count {
+            for back in 0..self.order.min(index + 1) {
+                let block = &self.blocks[index * self.order + back];
+                for row in 0..POINT {
+                    let last = if back == 0 { row } else { POINT - 1 };
+                    for column in 0..=last {
+                        let diagonal = back == 0 && row == column;
+                        let raised = if diagonal { damping * block[(row, column)] + floor } else { 0.0 };
+                        band.add(POINT * index + row, POINT * (index - back) + column, block[(row, column)] + raised);
+                    }
+                }
+            }
+        }
+        band.factor().map_err(|_| InertialError::Singular)?;
+        let (mut gradient, mut follows) = (self.gradient.clone(), self.border.clone());
+        band.solve_in_place(gradient.as_mut_slice());
+        band.solve_in_place(follows.as_mut_slice());
+        Ok(Eliminated { gradient, follows })
+    }
+}

@@ -1,0 +1,47 @@
+//! How sure the inertial parameters are: the formal covariance, enlarged to the scatter of blocks of time.
+
+use nalgebra::DMatrix;
+
+use super::equations::{Blocks, Part, System};
+use super::error::InertialError;
+use super::parameters::{COUNT, GRAVITY, POSITION};
+use crate::trust::uncertainty::blocks::{scatter, sum_by_block};
+
+/// Lengths of blocks (s).
+const LENGTHS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
+/// Fewest blocks of a length.
+const FEWEST: f64 = 10.0;
+
+/// How far trajectories are too long or too short as a whole, as a share of the distance to the board: what makes them longer
+/// puts the unit further along the line of sight, and all blocks agree on it. From simulated recordings.
+const TRAJECTORY_SCALE: f64 = 4e-4;
+
+/// Adds to `covariance` what blocks of time cannot tell, for a board that is `distance` metres away.
+pub fn add_systematic(covariance: &mut DMatrix<f64>, distance: f64) {
+    let place = POSITION + 2;
+    covariance[(place, place)] += (TRAJECTORY_SCALE * distance).powi(2);
+}
+
+/// The covariance of the inertial parameters from `total` seconds of samples, and how much more rotation, place and delays
+/// scatter from block to block than the formal covariance says.
+///
+/// # Errors
+/// [`InertialError::Singular`].
+pub fn covariance(system: &System, parts: &[Part], total: f64) -> Result<(DMatrix<f64>, f64), InertialError> {
+    let formal = system.covariance()?;
+    let Blocks { times, contributions } = system.contributions(parts, LENGTHS[0])?;
+    let lengths = LENGTHS.iter().filter(|&&length| length == LENGTHS[0] || length * FEWEST <= total);
+    let scatters: Vec<DMatrix<f64>> = lengths
+        .filter_map(|&length| scatter(&formal, &sum_by_block(&times, &contributions, length), COUNT))
+        .map(|scatter| scatter.covariance)
+        .collect();
+    let ratio = |index: usize| {
+        let of_blocks: f64 = scatters.iter().map(|scatter| scatter[(index, index)]).sum();
+        of_blocks / (scatters.len().max(1) as f64 * formal[(index, index)])
+    };
+    let ratios: Vec<f64> = (0..COUNT).map(ratio).collect();
+    let block_scatter = ratios.iter().take(GRAVITY).sum::<f64>() / GRAVITY as f64;
+    let factor = |index: usize| ratios[index].max(1.0).sqrt();
+    let covariance = DMatrix::from_fn(COUNT, COUNT, |row, column| formal[(row, column)] * factor(row) * factor(column));
+    Ok((covariance, block_scatter))
+}

@@ -1,0 +1,71 @@
+//! The inertial unit: what was found, and what is left of its readings.
+
+use maud::{Markup, html};
+
+use super::chart::{Chart, Color, Series, range_of};
+use super::page::Section;
+use crate::calibrate::calibrated::Calibrated;
+use crate::inertial::calibration::InertialCalibration;
+use crate::inertial::noise::Line;
+use crate::inertial::sample::STANDARD_GRAVITY;
+use crate::inertial::solve::Residual;
+use crate::result::inertial_result::InertialResult;
+
+/// Points of a curve.
+const POINTS: usize = 300;
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Result in words, residuals of both sensors over time, and their spectra.
+pub fn section(calibrated: &Calibrated) -> Option<Section> {
+    let inertial = calibrated.events()?.inertial.as_ref()?;
+    let sentences = InertialResult::new(inertial).sentences();
+    let names = ["Gyroscope", "Accelerometer"];
+    let units = [("°/s", 180.0 / std::f64::consts::PI), ("mg", 1e3 / STANDARD_GRAVITY)];
+    let content = html! {
+        @for sentence in sentences.lines() { p { (sentence.trim()) } }
+        p {
+            "What is left of each reading once the motion is taken off: its spread in each piece of the recording. It should be even over "
+            "time. Its spectrum should be flat up to the corner of the sensor's filter; below 25 Hz the trajectory follows the sensors."
+        }
+        @for (index, (name, (unit, factor))) in names.iter().zip(units).enumerate() {
+            div.pair {
+                figure { (over_time(&inertial.residuals[index], unit, factor)) figcaption { (name) ": spread of the residuals over time." } }
+                figure { (spectrum(inertial, index, unit, factor)) figcaption { (name) ": spectrum of the residuals." } }
+            }
+        }
+    };
+    Some(Section { id: "imu", title: "The inertial unit", content })
+}
+
+fn over_time(residuals: &[Residual], unit: &str, factor: f64) -> Markup {
+    let piece = residuals.len().div_ceil(POINTS).max(1);
+    let curve = |axis: usize| -> Vec<(f64, f64)> {
+        let spread = |piece: &[Residual]| {
+            let squares: f64 = piece.iter().map(|residual| residual.value[axis] * residual.value[axis]).sum();
+            let t = piece.first().map_or(0.0, |residual| residual.t);
+            (t, factor * (squares / piece.len().max(1) as f64).sqrt())
+        };
+        residuals.chunks(piece).map(spread).collect()
+    };
+    chart("Residuals over time.", "time (s)", &format!("rms ({unit})"), &[0, 1, 2].map(curve))
+}
+
+fn spectrum(inertial: &InertialCalibration, sensor: usize, unit: &str, factor: f64) -> Markup {
+    let curve = |axis: &Vec<Line>| axis.iter().map(|line| (line.frequency, factor * line.density)).collect();
+    let curves: Vec<Vec<(f64, f64)>> = inertial.spectra[sensor].iter().map(curve).collect();
+    chart("Spectrum of the residuals.", "frequency (Hz)", &format!("density ({unit}/√Hz)"), &curves)
+}
+
+fn chart(description: &str, x_label: &str, y_label: &str, curves: &[Vec<(f64, f64)>]) -> Markup {
+    let all = || curves.iter().flatten();
+    let x = range_of(all().map(|point| point.0), 1.0);
+    let top = range_of(all().map(|point| point.1).chain([0.0]), 1e-6).end;
+    let series = curves.iter().zip(AXES).zip(Color::ALL).map(|((curve, axis), color)| Series {
+        name: axis.to_owned(),
+        color,
+        curves: vec![curve.clone()],
+        points: Vec::new(),
+    });
+    let series = series.collect();
+    Chart { description: description.to_owned(), x_label, y_label, x, y: 0.0..top, series }.render()
+}
