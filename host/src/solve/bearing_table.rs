@@ -163,7 +163,6 @@ impl BearingTable {
         };
         let (column, row) = (index(x, self.size.0)?, index(y, self.size.1)?);
         let cell = self.cells.get(row / CELL * self.cell_columns + column / CELL).filter(|cell| cell.is_known)?;
-        let position = |index: usize| index as f64 - MARGIN as f64;
         let center = |index: usize| position(index / CELL * CELL) + CELL_CENTER;
         Some(Place {
             pixel_bearing: self.bearings.get(row * self.size.0 + column)?,
@@ -175,6 +174,7 @@ impl BearingTable {
 }
 
 /// From the index of a column or row of the table to its pixel coordinate.
+#[inline(always)]
 fn position(index: usize) -> f64 {
     index as f64 - MARGIN as f64
 }
