@@ -39,6 +39,7 @@ pub mod effects;
 pub mod folder;
 pub mod frame;
 pub mod inertia;
+pub mod inertial_truth;
 pub mod lens;
 pub mod light;
 pub mod motion;

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use usb_davis::protocol::ImuSample;
 
 use super::frame::{ExposureModel, FrameSensor, FrameTimes, SimulatedFrame};
-use super::inertia::{InertialBias, InertialSettings, InertialTruth, InertialUnit};
+use super::inertia::{InertialBias, InertialSettings, InertialUnit};
+use super::inertial_truth::InertialTruth;
 use super::row::TICK;
 use super::{EventCounts, SLICE_TICKS, Simulation, SimulationError};
 use crate::lens::camera_file::CameraDescription;

@@ -6,20 +6,17 @@
 //! MPU-9250 on real cameras. With a [`mount`](super::mount) it sits beside the camera and has filters, scale and misalignment
 //! as well.
 
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use usb_davis::protocol::{ImuModel, ImuSample, ImuScale};
 
 use super::SimulationError;
+use super::inertial_truth::InertialTruth;
 use super::mount::{Mount, MountSettings, MountTruth};
 use crate::numerics::random::normal;
 
-/// One g in m/s².
-pub const STANDARD_GRAVITY: f64 = 9.806_65;
-/// Half the time over which the motion is differentiated, in seconds.
-const STEP: f64 = 1e-4;
 /// The stream of random numbers that draws biases and noise.
 const INERTIA_STREAM: u64 = u64::MAX - 3;
 
@@ -105,34 +102,6 @@ impl InertialSettings {
         match checks.into_iter().find(|(.., right, _)| !right) {
             Some((name, value, _, range)) => Err(SimulationError::Setting { name, value, range }),
             None => self.mount.map_or(Ok(()), |mount| mount.check()),
-        }
-    }
-}
-
-/// What the unit would measure without bias, noise and filters, in its axes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InertialTruth {
-    /// Time in microseconds since the start of the recording.
-    pub time: u64,
-    /// Acceleration less gravity, in g.
-    pub acceleration: Vector3<f64>,
-    /// Angular velocity in °/s.
-    pub angular_velocity: Vector3<f64>,
-}
-
-impl InertialTruth {
-    /// Of a camera that moves along `pose` (`T_world_camera` at a time in seconds), at `time` µs.
-    pub fn new(pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> Self {
-        let t = time as f64 * 1e-6;
-        let [before, now, after] = [t - STEP, t, t + STEP].map(pose);
-        let position = |pose: &Isometry3<f64>| pose.translation.vector;
-        let acceleration = (position(&after) - 2.0 * position(&now) + position(&before)) / (STEP * STEP);
-        let gravity = Vector3::new(0.0, STANDARD_GRAVITY, 0.0);
-        let turn: UnitQuaternion<f64> = before.rotation.inverse() * after.rotation;
-        Self {
-            time,
-            acceleration: now.rotation.inverse() * (acceleration - gravity) / STANDARD_GRAVITY,
-            angular_velocity: (turn.scaled_axis() / (2.0 * STEP)).map(f64::to_degrees),
         }
     }
 }
@@ -227,10 +196,12 @@ fn quantise(value: f64) -> i16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulate::inertial_truth::STANDARD_GRAVITY;
     use crate::simulate::motion::{Motion, MotionSettings};
     use crate::simulate::rays::Rays;
     use crate::simulate::tests::{board, radtan};
     use evcal_core::sensor::Sensor;
+    use nalgebra::UnitQuaternion;
 
     #[test]
     fn at_rest_it_feels_one_g_upwards() {

@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::SimulationError;
-use super::inertia::InertialTruth;
+use super::inertial_truth::InertialTruth;
 use crate::numerics::random::{normal, uniform, uniform_in};
 
 /// The stream of random numbers that draws scales, misalignments, noise and losses.
@@ -264,7 +264,7 @@ mod tests {
         let (before, w, after) = (radians(time - 1000), radians(time), radians(time + 1000));
         let r = Vector3::from(settings.position);
         let lever = ((after - before) / 2e-3).cross(&r) + w.cross(&w.cross(&r));
-        let expected = turn * (camera(time).acceleration + lever / super::super::inertia::STANDARD_GRAVITY);
+        let expected = turn * (camera(time).acceleration + lever / super::super::inertial_truth::STANDARD_GRAVITY);
         assert!((felt.acceleration - expected).norm() < 1e-5, "{} {expected}", felt.acceleration);
         assert!((felt.angular_velocity - turn * camera(time).angular_velocity).norm() < 1e-6);
         assert!(lever.norm() > 0.05);
