@@ -9,17 +9,18 @@ pub mod uncertainty;
 pub mod verdict;
 pub mod witness;
 
+use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::picture_calibration::calibration::PictureCalibration;
-use crate::solve::SolveError;
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::Refined;
+use crate::solve::{Problem, SolveError, State};
 use crate::trust::coverage::{Coverage, coverage, coverage_of};
 use crate::trust::misfit::{Misfit, misfit, with_misfit};
 use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
@@ -86,6 +87,25 @@ pub struct ExamineSettings<'a> {
     pub verdict: &'a VerdictSettings,
 }
 
+/// A lens model that follows the lens of `refined` where its own cannot, by more than the verdict lets pass.
+pub fn better_model(refined: &Refined, inflation: f64, settings: ExamineSettings) -> Option<ModelKind> {
+    let (problem, state) = (&refined.problem, &refined.state);
+    let residuals = residual_map(problem, state, settings.map);
+    let misfit = misfit_of(problem, state, &residuals, inflation, settings)?;
+    misfit.better.filter(|_| misfit.rms > settings.verdict.misfit).map(|better| better.kind)
+}
+
+fn misfit_of(
+    problem: &Problem,
+    state: &State,
+    residuals: &ResidualMap,
+    inflation: f64,
+    settings: ExamineSettings,
+) -> Option<Misfit> {
+    let suspicious = settings.verdict.suspects(&residuals.pattern);
+    suspicious.then(|| misfit(problem, state, &residuals.pattern, inflation))
+}
+
 /// Examines `refined`, whose uncertainty is known. `saturated` are stretches with a saturated readout that are in the solve.
 ///
 /// # Errors
@@ -105,10 +125,7 @@ pub fn examine(
     // The halves have the same misfit: they cannot tell it.
     let split_half = split_half(problem, state, uncertainty.inflation, settings.halves);
     let residuals = residual_map(problem, state, settings.map);
-    let misfit = settings
-        .verdict
-        .suspects(&residuals.pattern)
-        .then(|| misfit(problem, state, &residuals.pattern, uncertainty.inflation));
+    let misfit = misfit_of(problem, state, &residuals, uncertainty.inflation, settings);
     let poses = PoseCovariance::new(problem, state, uncertainty.inflation)?;
     let uncertainty = match &misfit {
         Some(misfit) => with_misfit(uncertainty.clone(), &in_the_image(&uncertainty)?, misfit),

@@ -1,5 +1,6 @@
 //! The board of a calibration: the one that the user named, or the one that is recognised in the recordings.
 
+use super::input::Input;
 use crate::board::Board;
 use crate::board::request::{BoardRequest, CircleSize};
 use crate::detection::layout::{RecognisedLayout, find_layout};
@@ -73,4 +74,25 @@ pub fn recognise_layout(
         }
     }
     Err(error)
+}
+
+/// The board that was printed, where `board` is only a part of it: such a part is found here and there in the whole.
+#[derive(Clone, Debug)]
+pub struct LargerBoard {
+    /// The layout.
+    pub found: RecognisedLayout,
+    /// It with the stated spacing and radius.
+    pub board: Board,
+}
+
+/// The board with more circles than `board` that is recognised in `inputs`, if there is one.
+pub fn larger_board(inputs: &[Input], board: &Board, settings: &DetectionSettings) -> Option<LargerBoard> {
+    let recordings = inputs.iter().filter_map(|input| match input {
+        Input::Events(recording) => Some(recording),
+        Input::Circles { .. } => None,
+    });
+    // Where none is recognised there is nothing to tell.
+    let found = recognise_layout(&recordings.collect::<Vec<_>>(), settings).ok()?;
+    let fitting = Board { pattern: found.pattern, ..*board };
+    (found.pattern.circle_count() > board.circle_count()).then_some(LargerBoard { found, board: fitting })
 }

@@ -1,5 +1,6 @@
 //! Why a calibration fails.
 
+use super::board_choice::LargerBoard;
 use super::radius::OtherRadius;
 use crate::check::units::OtherUnit;
 use crate::detection::{LARGEST_SENSOR, NoPattern};
@@ -65,6 +66,9 @@ pub enum CalibrateError {
         1e3 * .0.seen, 1e3 * .0.stated, radius_advice(.0)
     )]
     OtherRadius(OtherRadius),
+    /// The board that was looked for is a part of another one.
+    #[error("too few views fit together: is the board right? It looks like {}: use --board {}", .0.found, .0.board)]
+    LargerBoard(Box<LargerBoard>),
     /// The sensor is too large.
     #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.width, .sensor.height, LARGEST_SENSOR.width, LARGEST_SENSOR.height)]
     SensorTooLarge {
@@ -130,6 +134,7 @@ impl CalibrateError {
             self,
             Self::NoPattern(_)
                 | Self::OtherRadius(_)
+                | Self::LargerBoard(_)
                 | Self::Initial(_)
                 | Self::FirstTrajectories(_)
                 | Self::Solve(_)

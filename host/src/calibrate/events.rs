@@ -1,8 +1,10 @@
 //! The calibration from events, or from circles that a detector found in them.
 
+use evcal_core::camera::refit::refit;
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
+use super::board_choice::larger_board;
 use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
@@ -21,7 +23,7 @@ use crate::trajectory::first::{FirstTrajectories, first_trajectories};
 use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
 use crate::trust::verdict::verdict;
 use crate::trust::witness::WitnessOutcome;
-use crate::trust::{ExamineSettings, examine};
+use crate::trust::{ExamineSettings, better_model, examine};
 
 /// Stretches with a saturated readout are left out unless they are a larger part of the recordings than this.
 const MOST_LEFT_OUT: f64 = 0.5;
@@ -32,6 +34,8 @@ const MOST_LEFT_OUT: f64 = 0.5;
 /// [`CalibrateError`].
 pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let settings = task.settings;
+    let looks =
+        ExamineSettings { halves: &settings.split_half, map: &settings.residual_map, verdict: &settings.verdict };
     let Detected { sensor, frames, starts, recordings, detection, events, saturated, health } =
         detect_all(task, progress)?;
     let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
@@ -41,9 +45,13 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         } else {
             (Vec::new(), saturated)
         };
-    let (initial, model_choice) = first_model(task, &frames, sensor, progress).map_err(|error| match error {
+    let (initial, mut model_choice) = first_model(task, &frames, sensor, progress).map_err(|error| match error {
         // A wrong radius keeps circles from being confirmed, whatever else is told of them.
-        CalibrateError::Initial(_) => other_radius(&frames, task.board).map_or(error, CalibrateError::OtherRadius),
+        CalibrateError::Initial(_) => match other_radius(&frames, task.board) {
+            Some(other) => CalibrateError::OtherRadius(other),
+            None => larger_board(task.inputs, task.board, &settings.detection)
+                .map_or(error, |larger| CalibrateError::LargerBoard(Box::new(larger))),
+        },
         error => error,
     })?;
 
@@ -74,6 +82,15 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     };
     let state = State { camera: initial.camera, bias: unknown(settings.refinement.first_sigma), trajectories };
     let (mut refined, mut certainty) = solve(task, &input, state, progress)?;
+    if let Some(choice) = model_choice.take() {
+        let better = better_model(&refined, certainty.intrinsics.inflation, looks);
+        let camera = better.and_then(|kind| refit(kind, &refined.state.camera, sensor));
+        if let Some(camera) = camera {
+            progress.tell(format!("joint solve with {}", camera.kind()))?;
+            (refined, certainty) = solve(task, &input, State { camera, ..refined.state }, progress)?;
+        }
+        model_choice = Some(camera.into_iter().fold(choice, |choice, camera| choice.instead(camera.kind())));
+    }
     let witness = from_pictures
         .as_ref()
         .map(|found| pictures::witness(task, &refined.state.camera, &certainty.intrinsics, sensor, found));
@@ -87,8 +104,6 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     }
 
     progress.tell("examination")?;
-    let looks =
-        ExamineSettings { halves: &settings.split_half, map: &settings.residual_map, verdict: &settings.verdict };
     let (trust, event_trust) =
         examine(&refined, certainty, task.board, &saturated, looks).map_err(CalibrateError::Solve)?;
     let mut findings = findings_on(&health);

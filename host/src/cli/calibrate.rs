@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use evcal::board::Board;
 use evcal::board::request::BoardRequest;
-use evcal::calibrate::board_choice::{choose_board, recognise_layout};
+use evcal::calibrate::board_choice::{LargerBoard, choose_board, larger_board};
 use evcal::calibrate::calibrated::{Calibrated, Evidence};
 use evcal::calibrate::error::CalibrateError;
 use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
@@ -280,8 +280,10 @@ pub fn calibrate_recordings(
             folder.display()
         ))?;
     }
-    if calibrated.verdict.grade == Grade::NotGood {
-        tell_other_board(&inputs, &board, &settings.detection);
+    if calibrated.verdict.grade == Grade::NotGood
+        && let Some(LargerBoard { found, board }) = larger_board(&inputs, &board, &settings.detection)
+    {
+        print::aside(format!("is the board right? It looks like {found}: --board {board}"));
     }
     // The camera is written all the same.
     inertial?;
@@ -298,21 +300,6 @@ fn add_inertial(calibrated: &mut Calibrated, inputs: &[Input], request: &Inertia
         events.inertial = Some(inertial);
     }
     Ok(())
-}
-
-/// A board that is smaller than the printed one is found here and there in it: says which one fits.
-fn tell_other_board(inputs: &[Input], board: &Board, settings: &DetectionSettings) {
-    let recordings = inputs.iter().filter_map(|input| match input {
-        Input::Events(recording) => Some(recording),
-        Input::Circles { .. } => None,
-    });
-    // Where none is recognised there is nothing to tell.
-    if let Ok(found) = recognise_layout(&recordings.collect::<Vec<_>>(), settings)
-        && found.pattern.circle_count() > board.circle_count()
-    {
-        let fitting = Board { pattern: found.pattern, ..*board };
-        print::aside(format!("is the board right? It looks like {found}: --board {fitting}"));
-    }
 }
 
 /// The summary with its verdict in green, yellow or red, where someone looks at it.

@@ -168,6 +168,9 @@ pub struct CandidateReport {
 pub struct ModelChoice {
     /// Name of the chosen model.
     pub chosen: String,
+    /// Name of the model that the circles chose, where the events showed that it cannot follow the lens.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instead_of: Option<String>,
     /// Name of the model whose circles all were compared on.
     pub circles_of: String,
     /// All candidates.
@@ -193,8 +196,19 @@ impl fmt::Display for ModelChoice {
 }
 
 impl ModelChoice {
+    /// The choice after the events showed that `better` can follow the lens, and the chosen model cannot.
+    pub fn instead(self, better: ModelKind) -> Self {
+        Self { chosen: better.name().to_owned(), instead_of: Some(self.chosen), ..self }
+    }
+
     /// Why the chosen model was, in one sentence.
     pub fn reason(&self) -> String {
+        if let Some(first) = &self.instead_of {
+            return format!(
+                "{} chosen: the circles speak for {first}, but the events show that it cannot follow this lens",
+                self.chosen
+            );
+        }
         let others = self.candidates.iter().filter(|candidate| candidate.as_good && candidate.model != self.chosen);
         let others: Vec<&str> = others.map(|candidate| candidate.model.as_str()).collect();
         if others.is_empty() {
@@ -292,7 +306,15 @@ pub fn choose_model(
     };
     let candidates = models.iter().map(|&kind| report(kind)).collect();
     let (kind, model) = found.swap_remove(chosen);
-    Ok((model, ModelChoice { chosen: kind.name().to_owned(), circles_of: circles_of.name().to_owned(), candidates }))
+    Ok((
+        model,
+        ModelChoice {
+            chosen: kind.name().to_owned(),
+            instead_of: None,
+            circles_of: circles_of.name().to_owned(),
+            candidates,
+        },
+    ))
 }
 
 #[cfg(test)]

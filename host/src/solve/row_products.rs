@@ -1,7 +1,8 @@
 //! Sums of outer products of rows.
 //!
 //! What concerns the pose is summed for each time bin, all else for a whole stretch; what concerns the biases of a class,
-//! for its events alone. Within a batch single precision is enough: what rounding adds is far below what one event says.
+//! for its events alone. Rows are in single precision, but not the sums: coefficients of a lens that hardly differ in what they do
+//! would be lost in their rounding.
 
 use multiversion::multiversion;
 
@@ -15,8 +16,6 @@ const POSE_COLUMNS: usize = 6;
 const COMMON: usize = ROW_BIASES;
 /// Rows that are added in one step: those of a class begin at a multiple of it, and empty rows fill the gaps.
 pub const STEP: usize = 4;
-/// Most steps that are summed in single precision.
-const STEPS: usize = 8;
 
 /// A row of an event or a circle centre.
 pub type Row = [f32; ROW];
@@ -54,7 +53,7 @@ impl RowProducts {
     /// Adds the rows of events; all rows of a step are of the class that stands in the same place in `classes`.
     pub fn add(&mut self, steps: &[[Row; STEP]], classes: &[u8]) {
         self.is_touched |= !steps.is_empty();
-        steps.chunks(STEPS).for_each(|steps| add_common(&mut self.common, steps));
+        add_common(&mut self.common, steps);
         let mut rest = steps;
         for run in classes.chunk_by(|a, b| a == b) {
             let (steps, later) = rest.split_at(run.len().min(rest.len()));
@@ -62,7 +61,7 @@ impl RowProducts {
             let class = run.first().map_or(0, |&class| usize::from(class));
             if let (Some(sums), Some(touched)) = (self.classes.get_mut(class), self.touched.get_mut(class)) {
                 *touched = true;
-                steps.chunks(STEPS).for_each(|steps| add_biases(sums, steps));
+                add_biases(sums, steps);
             }
         }
     }
@@ -83,21 +82,17 @@ impl RowProducts {
 
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
 fn add_common(sums: &mut [[f64; COMMON]; COMMON], steps: &[[Row; STEP]]) {
-    let mut part = [[0.0; COMMON]; COMMON];
     for rows in steps {
         // The part right of the diagonal is not needed, but shorter lines are not made vectors of.
-        add_lines::<0, COMMON, COMMON, COMMON>(&mut part, rows);
+        add_lines::<0, COMMON, COMMON, COMMON>(sums, rows);
     }
-    widen(sums, &part);
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
 fn add_biases(sums: &mut [[f64; ROW]; Bias::COUNT], steps: &[[Row; STEP]]) {
-    let mut part = [[0.0; ROW]; Bias::COUNT];
     for rows in steps {
-        add_lines::<ROW_BIASES, { ROW_BIASES + Bias::COUNT }, ROW, ROW>(&mut part, rows);
+        add_lines::<ROW_BIASES, { ROW_BIASES + Bias::COUNT }, ROW, ROW>(sums, rows);
     }
-    widen(sums, &part);
 }
 
 /// Adds the products of the lines from `FIRST` to `END` of `rows` with their first columns to `sums`.
@@ -105,24 +100,18 @@ fn add_biases(sums: &mut [[f64; ROW]; Bias::COUNT], steps: &[[Row; STEP]]) {
 /// Each element is a sum in the order of the rows, whatever the vector width, so that all machines get the same bits.
 #[inline(always)]
 fn add_lines<const FIRST: usize, const END: usize, const COLUMNS: usize, const WIDTH: usize>(
-    sums: &mut [[f32; WIDTH]],
+    sums: &mut [[f64; WIDTH]],
     rows: &[Row; STEP],
 ) {
+    let rows: [[f64; ROW]; STEP] = rows.map(|row| row.map(f64::from));
     for (line, target) in (FIRST..END).zip(sums) {
         for column in 0..COLUMNS {
             let mut sum = target[column];
-            for row in rows {
+            for row in &rows {
                 sum += row[line] * row[column];
             }
             target[column] = sum;
         }
-    }
-}
-
-#[inline(always)]
-fn widen<const WIDTH: usize>(sums: &mut [[f64; WIDTH]], part: &[[f32; WIDTH]]) {
-    for (sum, part) in sums.as_flattened_mut().iter_mut().zip(part.as_flattened()) {
-        *sum += f64::from(*part);
     }
 }
 
