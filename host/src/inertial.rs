@@ -1,8 +1,8 @@
 //! The inertial unit beside the camera: where it is, how it is turned, when its stamps are, and its own errors.
 //!
 //! After the camera is calibrated, its trajectories tell what an inertial unit fixed to it must feel ([`parameters`]). Samples
-//! are read and looked at ([`stream`], [`csv`]), a [`start`] is found, and [`solve`] fits trajectories, camera and unit to events
-//! and samples at once. [`findings`] are what speaks against the result.
+//! are read and looked at ([`stream`], [`csv`]), a `start` is found, and [`solve`] fits trajectories, camera and unit to events
+//! and samples at once. [`findings()`] are what speaks against the result.
 
 pub mod calibration;
 pub mod csv;
