@@ -82,14 +82,13 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     };
     let state = State { camera: initial.camera, bias: unknown(settings.refinement.first_sigma), trajectories };
     let (mut refined, mut certainty) = solve(task, &input, state, progress)?;
-    if let Some(choice) = model_choice.take() {
-        let better = better_model(&refined, certainty.intrinsics.inflation, looks);
-        let camera = better.and_then(|kind| refit(kind, &refined.state.camera, sensor));
-        if let Some(camera) = camera {
-            progress.tell(format!("joint solve with {}", camera.kind()))?;
-            (refined, certainty) = solve(task, &input, State { camera, ..refined.state }, progress)?;
-        }
-        model_choice = Some(camera.into_iter().fold(choice, |choice, camera| choice.instead(camera.kind())));
+    if model_choice.is_some()
+        && let Some(kind) = better_model(&refined, certainty.intrinsics.inflation, looks)
+        && let Some(camera) = refit(kind, &refined.state.camera, sensor)
+    {
+        progress.tell(format!("joint solve with {kind}"))?;
+        (refined, certainty) = solve(task, &input, State { camera, ..refined.state }, progress)?;
+        model_choice = model_choice.map(|choice| choice.instead(kind));
     }
     let witness = from_pictures
         .as_ref()

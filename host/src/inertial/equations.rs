@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::error::InertialError;
 use crate::numerics::banded::BandedCholesky;
-use crate::solve::normal::{Block, StretchEquations};
+use crate::solve::normal::{Block, StretchEquations, banded_times};
 use crate::solve::smoothness::Acceleration;
 use crate::solve::system::Contribution;
 
@@ -121,7 +121,7 @@ impl Part {
         let (Some(points), Some(globals)) = (points, step.globals.get(self.globals.clone())) else { return moved };
         let points = DMatrix::from_column_slice(rows, 1, points);
         let globals = DVector::from_column_slice(globals);
-        let of_points = self.banded_times(&points).column(0) + &self.border * &globals;
+        let of_points = banded_times(&self.blocks, self.order, &points).column(0) + &self.border * &globals;
         let of_globals = self.border.tr_mul(&points).column(0) + &self.corner * &globals;
         let points = points.column(0);
         moved.cost += self.gradient.dot(&points) + self.corner_gradient.dot(&globals);
@@ -133,27 +133,6 @@ impl Part {
 
     fn control_point_count(&self) -> usize {
         self.border.nrows() / POINT
-    }
-
-    /// The matrix of the control points times `columns`.
-    fn banded_times(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut product = DMatrix::zeros(columns.nrows(), columns.ncols());
-        for index in 0..self.control_point_count() {
-            for back in 0..self.order.min(index + 1) {
-                let mut block = self.blocks[index * self.order + back];
-                if back == 0 {
-                    block.fill_upper_triangle_with_lower_triangle();
-                }
-                let (row, column) = (POINT * index, POINT * (index - back));
-                let mut target = product.rows_mut(row, POINT);
-                target += block * columns.rows(column, POINT);
-                if back > 0 {
-                    let mut target = product.rows_mut(column, POINT);
-                    target += block.transpose() * columns.rows(row, POINT);
-                }
-            }
-        }
-        product
     }
 }
 
@@ -342,7 +321,7 @@ fn add_contribution(sum: &mut Contribution, part: &Part, follows: &DMatrix<f64>)
     sum.gradient -= follows.tr_mul(&part.gradient);
     let mut gradient = sum.gradient.rows_mut(start, width);
     gradient += &part.corner_gradient;
-    sum.information += follows.tr_mul(&part.banded_times(&follows));
+    sum.information += follows.tr_mul(&banded_times(&part.blocks, part.order, &follows));
     let mixed = part.border.tr_mul(&follows);
     let mut lines = sum.information.rows_mut(start, width);
     lines -= &mixed;

@@ -93,6 +93,27 @@ pub struct InertialParameters {
 }
 
 impl InertialParameters {
+    /// A unit at the camera that has its axes and no errors, where gravity is `gravity` (m/s²); delays are stated at `middle` (s).
+    pub fn perfect(gravity: Vector3<f64>, middle: f64) -> Self {
+        Self {
+            rotation: UnitQuaternion::identity(),
+            position: Vector3::zeros(),
+            gyroscope_delay: 0.0,
+            accelerometer_delay: 0.0,
+            gyroscope_bias: Vector3::zeros(),
+            accelerometer_bias: Vector3::zeros(),
+            gravity,
+            accelerometer_matrix: Matrix3::identity(),
+            gyroscope_matrix: Matrix3::identity(),
+            gyroscope_from_imu: UnitQuaternion::identity(),
+            board_scale: 1.0,
+            clock_drift: 0.0,
+            gyroscope_filter: 0.0,
+            accelerometer_filter: 0.0,
+            middle,
+        }
+    }
+
     /// T_imu_camera: from camera coordinates to the unit's.
     pub fn imu_from_camera(&self) -> Isometry3<f64> {
         Isometry3::from_parts(Translation3::from(-(self.rotation * self.position)), self.rotation)

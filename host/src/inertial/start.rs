@@ -282,17 +282,8 @@ fn lever_arm(
         position: solution.fixed_rows::<3>(3).into_owned(),
         gyroscope_delay: delay,
         accelerometer_delay: delay,
-        gyroscope_bias: Vector3::zeros(),
         accelerometer_bias: rotation * solution.fixed_rows::<3>(6).into_owned(),
-        gravity: down * (gravity / size),
-        accelerometer_matrix: Matrix3::identity(),
-        gyroscope_matrix: Matrix3::identity(),
-        gyroscope_from_imu: UnitQuaternion::identity(),
-        board_scale: 1.0,
-        clock_drift: 0.0,
-        gyroscope_filter: 0.0,
-        accelerometer_filter: 0.0,
-        middle,
+        ..InertialParameters::perfect(down * (gravity / size), middle)
     })
 }
 

@@ -65,28 +65,28 @@ impl StretchEquations {
     pub fn control_point_count(&self) -> usize {
         self.border.len()
     }
+}
 
-    /// The block-banded symmetric matrix of the control points times `columns`, which has six rows a
-    /// control point.
-    pub fn banded_times(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut product = DMatrix::zeros(columns.nrows(), columns.ncols());
-        for index in 0..self.control_point_count() {
-            for back in 0..self.order.min(index + 1) {
-                let mut block = self.blocks[index * self.order + back];
-                if back == 0 {
-                    block.fill_upper_triangle_with_lower_triangle();
-                }
-                let (row, column) = (6 * index, 6 * (index - back));
-                let mut target = product.rows_mut(row, 6);
-                target.gemm(1.0, &block, &columns.rows(column, 6), 1.0);
-                if back > 0 {
-                    let mut target = product.rows_mut(column, 6);
-                    target.gemm_tr(1.0, &block, &columns.rows(row, 6), 1.0);
-                }
+/// The symmetric matrix of control points that has the `blocks` of a banded lower triangle, `order` for each control point from
+/// the diagonal backwards, times `columns`, which has six rows a control point.
+pub fn banded_times(blocks: &[Block], order: usize, columns: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut product = DMatrix::zeros(columns.nrows(), columns.ncols());
+    for (index, lines) in blocks.chunks(order.max(1)).enumerate() {
+        for (back, block) in lines.iter().take(index + 1).enumerate() {
+            let mut block = *block;
+            if back == 0 {
+                block.fill_upper_triangle_with_lower_triangle();
+            }
+            let (row, column) = (6 * index, 6 * (index - back));
+            let mut target = product.rows_mut(row, 6);
+            target.gemm(1.0, &block, &columns.rows(column, 6), 1.0);
+            if back > 0 {
+                let mut target = product.rows_mut(column, 6);
+                target.gemm_tr(1.0, &block, &columns.rows(row, 6), 1.0);
             }
         }
-        product
     }
+    product
 }
 
 impl StretchEquations {

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
 use super::GLOBAL_COUNT;
-use super::normal::{Block, BorderBlock, StretchEquations};
+use super::normal::{Block, BorderBlock, StretchEquations, banded_times};
 use super::smoothness::Acceleration;
 use super::stretch::Stretch;
 use crate::numerics::banded::{BandedCholesky, SymmetricBand};
@@ -241,7 +241,7 @@ impl Follows {
                 equations.corner[(free[row.max(column)], free[row.min(column)])]
             });
             let mixed = border.transpose() * follows;
-            let moved = equations.banded_times(&follows.into_owned());
+            let moved = banded_times(&equations.blocks, equations.order, &follows.into_owned());
             Some(Contribution {
                 gradient: own - follows.transpose() * gradient,
                 information: corner - &mixed - mixed.transpose() + follows.transpose() * moved,

@@ -37,15 +37,7 @@ fn unit(rotation: UnitQuaternion<f64>, delay: f64) -> InertialParameters {
         accelerometer_delay: delay,
         gyroscope_bias: Vector3::new(0.05, -0.1, 0.02),
         accelerometer_bias: Vector3::new(0.1, 0.2, -0.1),
-        gravity: Vector3::new(0.3, 0.9, 0.1).normalize() * GRAVITY,
-        accelerometer_matrix: Matrix3::identity(),
-        gyroscope_matrix: Matrix3::identity(),
-        gyroscope_from_imu: UnitQuaternion::identity(),
-        board_scale: 1.0,
-        clock_drift: 0.0,
-        gyroscope_filter: 0.0,
-        accelerometer_filter: 0.0,
-        middle: 6.0,
+        ..InertialParameters::perfect(Vector3::new(0.3, 0.9, 0.1).normalize() * GRAVITY, 6.0)
     }
 }
 
