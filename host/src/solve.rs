@@ -13,6 +13,7 @@ pub mod burst;
 pub mod edge_batch;
 pub mod event_bias;
 pub mod event_row;
+pub mod event_sample;
 pub mod knot_choice;
 pub mod knot_fit;
 pub mod left_out;

@@ -17,6 +17,7 @@ use crate::recording::flicker::RateBins;
 use crate::recording::information::likely_sensor_of;
 use crate::recording::pass::{Pass, RecordingReport};
 use crate::recording::saturation::SaturationDetector;
+use crate::solve::event_sample::{EventSample, Thinning};
 use crate::solve::left_out::{LeftOut, Reason};
 use evcal_core::sensor::Sensor;
 
@@ -27,8 +28,10 @@ pub(super) struct Detected {
     pub(super) starts: Vec<f64>,
     pub(super) recordings: Vec<RecordingReport>,
     pub(super) detection: DetectionReport,
-    /// Events in all recordings; `None` where the input is circles alone.
-    pub(super) events: Option<u64>,
+    /// Events in each input, none in circles; `None` where the input is circles alone.
+    pub(super) events: Option<Vec<u64>>,
+    /// As many of them as fit into memory.
+    pub(super) sample: EventSample,
     /// Stretches in which the readout was saturated.
     pub(super) saturated: Vec<LeftOut>,
     /// How the light and the pixels were, one entry for each recording.
@@ -37,6 +40,10 @@ pub(super) struct Detected {
 
 /// Recordings that share more than this part of their events are of the same time.
 const SAME: f64 = 0.02;
+
+/// The joint solve uses so many events at most; about half of those that are looked at are on an edge of the board. The sample has
+/// as many times more. Where the board is seldom in view it is not enough, and the recordings are read again.
+const SAMPLE_TIMES: usize = 3;
 
 /// Looks for the board in all recordings.
 ///
@@ -51,6 +58,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
         recordings: Vec::new(),
         detection: DetectionReport::default(),
         events: None,
+        sample: EventSample::new(SAMPLE_TIMES * task.settings.association.most_events),
         saturated: Vec::new(),
         health: Vec::new(),
     };
@@ -63,6 +71,8 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
             Input::Events(recording) => {
                 let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
                 let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
+                let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
+                all.sample.begin(index);
                 let (mut bins, mut pixels) = (RateBins::default(), PixelCounter::new(sensor));
                 let pass = progress.read(task.inputs, index, &mut |events| {
                     fingerprint.push(events);
@@ -70,6 +80,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                     events.iter().for_each(|event| bins.add(event.t, event.polarity));
                     pixels.push(events);
                     stage.push(events);
+                    all.sample.push(events, &mut thinning);
                 })?;
                 check_sensor(recording, &pass)?;
                 if pass.count == 0 {
@@ -95,7 +106,8 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                 });
                 all.frames.extend(frames);
                 all.detection.add(&report);
-                all.events = Some(all.events.unwrap_or(0) + pass.count);
+                all.events.get_or_insert_default().resize(index, 0);
+                all.events.get_or_insert_default().push(pass.count);
                 all.starts.push(pass.first as f64 * 1e-6);
                 all.recordings.push(pass.to_report());
                 damage = damage.or(pass.damage);

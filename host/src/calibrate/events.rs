@@ -1,7 +1,6 @@
 //! The calibration from events, or from circles that a detector found in them.
 
 use evcal_core::camera::refit::refit;
-use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
 use super::board_choice::larger_board;
@@ -18,6 +17,7 @@ use crate::initial::{InitialModel, initial_model};
 use crate::picture_calibration::joint::JointPoints;
 use crate::solve::State;
 use crate::solve::event_bias::unknown;
+use crate::solve::event_sample::{RankedEvent, Thinning};
 use crate::solve::refinement::{EventInput, Refined, RefinementInput, SMALLEST_POINT_SIGMA, StageSettings, refine};
 use crate::trajectory::first::{FirstTrajectories, first_trajectories};
 use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
@@ -36,7 +36,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let settings = task.settings;
     let looks =
         ExamineSettings { halves: &settings.split_half, map: &settings.residual_map, verdict: &settings.verdict };
-    let Detected { sensor, frames, starts, recordings, detection, events, saturated, health } =
+    let Detected { sensor, frames, starts, recordings, detection, events, sample, saturated, health } =
         detect_all(task, progress)?;
     let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
     let (left_out, saturated) =
@@ -71,11 +71,24 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let FirstTrajectories { trajectories, points, segments, without_spline } =
         first_trajectories(&initial, &frames, &settings.segment, (&settings.spline, &settings.knots))?;
 
-    let read = |index: usize, visit: &mut dyn FnMut(&[Event])| progress.read(task.inputs, index, visit).map(|_| ());
+    let read = |index: usize, share: f64, visit: &mut dyn FnMut(&[RankedEvent])| {
+        progress.go_on()?;
+        if sample.read(index, share, visit) {
+            return Ok(());
+        }
+        let mut thinning = Thinning::new(sensor, settings.association.burst_pause);
+        let mut kept = Vec::new();
+        let pass = progress.read(task.inputs, index, &mut |events| {
+            kept.clear();
+            thinning.take(events, share, &mut kept);
+            visit(&kept);
+        });
+        pass.map(|_| ())
+    };
     let input = RefinementInput {
         board: task.board,
         sensor,
-        events: events.map(|count| EventInput { recordings: task.inputs.len(), count, read: &read }),
+        events: events.as_deref().map(|counts| EventInput { counts, read: &read }),
         points,
         point_sigma: initial.report.rms.max(SMALLEST_POINT_SIGMA),
         left_out: &left_out,
@@ -101,6 +114,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         (refined, certainty) = solve(task, &input, refined.state, progress)?;
         joint = Some(report);
     }
+
+    drop(sample);
 
     progress.tell("examination")?;
     let (trust, event_trust) =

@@ -137,8 +137,8 @@ fn initial_line(initial: &InitialReport) -> StageLine {
 fn association_line(round: usize, report: &RoundReport) -> StageLine {
     let association = &report.association;
     let dropped = [
-        (association.outside_segments, "outside segments"),
         (association.thinned, "left out by thinning"),
+        (association.outside_segments, "outside segments"),
         (association.off_board, "not on the board"),
         (association.far_from_edge, "far from an edge"),
         (association.edge_slides, "on a slow or sliding edge"),

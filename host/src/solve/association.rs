@@ -6,8 +6,7 @@
 //! along itself, where the distance says nothing), and the polarity is the one that the motion
 //! predicts.
 
-use evcal_core::event::{Event, Polarity};
-use evcal_core::sensor::Sensor;
+use evcal_core::event::Polarity;
 use evcal_core::settings;
 use evcal_core::settings::{above, at_least, from_to};
 use rayon::prelude::*;
@@ -17,10 +16,10 @@ use crate::board::Board;
 use crate::solve::State;
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_ray::{BoardRay, is_in_front};
-use crate::solve::burst::BurstTracker;
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{class, speed_range};
 use crate::solve::event_row::EventEdge;
+use crate::solve::event_sample::RankedEvent;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::pose_bin::PoseBin;
 use crate::trajectory::Trajectory;
@@ -52,10 +51,10 @@ settings! {
 pub struct AssociationReport {
     /// Events that came in.
     pub events: u64,
-    /// Events outside every segment.
-    pub outside_segments: u64,
     /// Events left out by thinning.
     pub thinned: u64,
+    /// Events outside every segment.
+    pub outside_segments: u64,
     /// Events whose ray meets no circle of the board.
     pub off_board: u64,
     /// Events too far from the edge of their circle.
@@ -72,8 +71,8 @@ impl AssociationReport {
     /// Adds the counts of another part.
     pub fn add(&mut self, other: &Self) {
         self.events += other.events;
-        self.outside_segments += other.outside_segments;
         self.thinned += other.thinned;
+        self.outside_segments += other.outside_segments;
         self.off_board += other.off_board;
         self.far_from_edge += other.far_from_edge;
         self.edge_slides += other.edge_slides;
@@ -88,16 +87,12 @@ pub struct AssociationContext<'a> {
     pub state: &'a State,
     /// Bearings of the current camera.
     pub bearings: &'a BearingTable,
-    /// Sensor size (width, height) in pixels.
-    pub sensor: Sensor,
     /// The board.
     pub board: &'a Board,
     /// Length of a time bin (s).
     pub bin: f64,
     /// Whether σ of the classes is known, so that [`AssociationSettings::band`] applies.
     pub sigma_known: bool,
-    /// Share of the events to use, 0 to 1.
-    pub share: f64,
     /// Thresholds.
     pub settings: &'a AssociationSettings,
 }
@@ -108,12 +103,9 @@ pub struct Associator<'a> {
     /// Index of the segment and its trajectory, in order of time.
     segments: Vec<(usize, &'a Trajectory)>,
     circle_centers: Vec<[f64; 2]>,
-    bursts: BurstTracker,
-    ranks: Vec<Option<u8>>,
     found: Vec<Vec<(u32, EventObservation)>>,
     /// Times of events that are too far from an edge, by segment.
     far: Vec<Vec<f32>>,
-    ordinal: u64,
     report: AssociationReport,
 }
 
@@ -140,14 +132,10 @@ impl<'a> Associator<'a> {
         segments.sort_by(|a, b| a.1.start().total_cmp(&b.1.start()));
         let board = context.board;
         let circle_centers = (0..board.circle_count()).map(|index| board.circle_center(index).into()).collect();
-        let pause = (context.settings.burst_pause * 1e6) as i64;
         Self {
-            bursts: BurstTracker::new(context.sensor, pause),
             found: vec![Vec::new(); segments.len()],
             far: vec![Vec::new(); segments.len()],
             circle_centers,
-            ranks: Vec::new(),
-            ordinal: 0,
             report: AssociationReport::default(),
             segments,
             context,
@@ -155,10 +143,7 @@ impl<'a> Associator<'a> {
     }
 
     /// Takes the next events of the recording; their times count from its start in microseconds.
-    pub fn push(&mut self, events: &[Event]) {
-        self.ranks.clear();
-        let bursts = &mut self.bursts;
-        self.ranks.extend(events.iter().map(|event| bursts.rank(event)));
+    pub fn push(&mut self, events: &[RankedEvent]) {
         let (Some(first), Some(last)) = (events.first(), events.last()) else { return };
         let latencies = self.context.state.bias.iter().map(|bias| bias.biases[Bias::Latency]);
         let margin = latencies.fold(0.0, |most: f64, latency| most.max(latency.abs())) + 1e-4;
@@ -167,16 +152,12 @@ impl<'a> Associator<'a> {
             self.segments.iter().map(|(_, trajectory)| SegmentBins::new(trajectory, self.context.bin, span)).collect();
         let parts: Vec<Part> = events
             .par_chunks(CHUNK)
-            .zip(self.ranks.par_chunks(CHUNK))
-            .enumerate()
-            .map(|(chunk, (events, ranks))| {
+            .map(|events| {
                 let (mut found, mut far) = (Vec::new(), Vec::new());
                 let mut report = AssociationReport::default();
-                for (position, (event, rank)) in events.iter().zip(ranks).enumerate() {
+                for event in events {
                     report.events += 1;
-                    let ordinal = self.ordinal + (chunk * CHUNK + position) as u64;
-                    let Some(rank) = rank else { continue };
-                    if let Some(observation) = self.associate(event, *rank, ordinal, &bins, (&mut far, &mut report)) {
+                    if let Some(observation) = self.associate(event, &bins, (&mut far, &mut report)) {
                         report.kept += 1;
                         found.push(observation);
                     }
@@ -184,7 +165,6 @@ impl<'a> Associator<'a> {
                 Part { found, far, report }
             })
             .collect();
-        self.ordinal += events.len() as u64;
         for Part { found, far, report } in parts {
             self.report.add(&report);
             for (segment, time) in far {
@@ -202,14 +182,12 @@ impl<'a> Associator<'a> {
 
     fn associate(
         &self,
-        event: &Event,
-        rank: u8,
-        ordinal: u64,
+        event: &RankedEvent,
         bins: &[SegmentBins],
         (far, report): (&mut Vec<(usize, f32)>, &mut AssociationReport),
     ) -> Option<Associated> {
         let settings = self.context.settings;
-        let class = class(event.polarity, rank);
+        let class = class(event.polarity, event.rank);
         let bias = self.context.state.bias.get(class)?;
         let time = event.t as f64 * 1e-6 - bias.biases[Bias::Latency];
         let Some((segment, bin, pose)) =
@@ -218,10 +196,6 @@ impl<'a> Associator<'a> {
             report.outside_segments += 1;
             return None;
         };
-        if !kept_by_thinning(ordinal, self.context.share) {
-            report.thinned += 1;
-            return None;
-        }
         let trajectory_bin = bins.get(segment)?;
         let dt = time - trajectory_bin.center(bin);
         let pixel = [f64::from(event.x), f64::from(event.y)];
@@ -343,25 +317,5 @@ impl SegmentBins {
         let bin = self.bin(time);
         let pose = self.poses.get(bin.checked_sub(self.first)? as usize)?.as_ref()?;
         Some((bin, pose))
-    }
-}
-
-/// Whether the event with this ordinal is among the `share` that is used: an even, fixed choice.
-fn kept_by_thinning(ordinal: u64, share: f64) -> bool {
-    // A multiple of the golden ratio spreads any share evenly over neighbouring ordinals.
-    let position = ordinal.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 11;
-    (position as f64) < share * (1_u64 << 53) as f64
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn thinning_keeps_the_share_that_is_asked_for() {
-        for share in [0.0, 0.1, 0.5, 0.9, 1.0] {
-            let kept = (0..100_000).filter(|&ordinal| kept_by_thinning(ordinal, share)).count();
-            assert!((kept as f64 / 100_000.0 - share).abs() < 1e-3, "{share}: {kept}");
-        }
     }
 }

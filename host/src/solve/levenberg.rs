@@ -69,6 +69,27 @@ pub fn solve(problem: &Problem, mut state: State) -> Result<(State, SolveReport)
     Ok((state, report))
 }
 
+/// What one Gauss-Newton step from a state gives.
+pub struct OneStep {
+    /// The state after the step.
+    pub state: State,
+    /// Covariance of the intrinsics before it, as [`formal_covariance`] states it.
+    pub formal_covariance: DMatrix<f64>,
+}
+
+/// One step from `state`, which solves a problem that is nearly `problem`, towards the solution of this one.
+///
+/// # Errors
+/// [`SolveError::Singular`] when the observations do not determine the free parameters, or the camera model refuses the step.
+pub fn one_step(problem: &Problem, state: &State) -> Result<OneStep, SolveError> {
+    let free = problem.free.mask();
+    let system = assemble(problem, state, &stretches(&problem.segments));
+    let step = system.solve(FIRST_DAMPING, &free).map_err(|_| SolveError::Singular)?;
+    let next = moved(state, &step.segments, &step.globals).ok_or(SolveError::Singular)?;
+    let formal_covariance = intrinsics_covariance(&system, &free, state.camera.parameters().len())?;
+    Ok(OneStep { state: next, formal_covariance })
+}
+
 /// Covariance of the intrinsics at `state`, in the order of the camera model, if observations were
 /// independent; rows and columns of parameters that are held are zero.
 ///
@@ -77,8 +98,16 @@ pub fn solve(problem: &Problem, mut state: State) -> Result<(State, SolveReport)
 pub fn formal_covariance(problem: &Problem, state: &State) -> Result<DMatrix<f64>, SolveError> {
     let free = problem.free.mask();
     let system = assemble(problem, state, &stretches(&problem.segments));
-    let covariance = system.global_covariance(&free).map_err(|_| SolveError::Singular)?;
-    Ok(intrinsics_of(&covariance, &free, state.camera.parameters().len()))
+    intrinsics_covariance(&system, &free, state.camera.parameters().len())
+}
+
+fn intrinsics_covariance(
+    system: &System,
+    free: &[bool; GLOBAL_COUNT],
+    count: usize,
+) -> Result<DMatrix<f64>, SolveError> {
+    let covariance = system.global_covariance(free).map_err(|_| SolveError::Singular)?;
+    Ok(intrinsics_of(&covariance, free, count))
 }
 
 /// A matrix over the free global parameters, or over the first of them, as one over the first `count`

@@ -3,7 +3,6 @@
 
 use evcal_core::camera::refit::difference;
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
-use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use evcal_core::settings;
 use evcal_core::settings::{above, at_least};
@@ -16,6 +15,7 @@ use crate::solve::bearing_table::BearingTable;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
 use crate::solve::event_bias::{CLASS_COUNT, EventBias, unknown};
+use crate::solve::event_sample::RankedEvent;
 use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::left_out::{LeftOut, leave_out};
 use crate::solve::levenberg::solve;
@@ -71,16 +71,13 @@ pub struct RoundReport {
     pub change: Option<f64>,
 }
 
-/// Hands all events of one recording, in batches in time order and with times from its start, to a
-/// visitor.
-pub type ReadRecording<'a, E> = dyn Fn(usize, &mut dyn FnMut(&[Event])) -> Result<(), E> + Sync + 'a;
+/// Hands the events of a share of 0 to 1 of one recording, in batches in time order and with times from its start, to a visitor.
+pub type ReadRecording<'a, E> = dyn Fn(usize, f64, &mut dyn FnMut(&[RankedEvent])) -> Result<(), E> + Sync + 'a;
 
 /// The events of all recordings.
 pub struct EventInput<'a, E> {
-    /// Number of recordings.
-    pub recordings: usize,
-    /// Number of events in all recordings.
-    pub count: u64,
+    /// Number of events in each recording.
+    pub counts: &'a [u64],
     /// Reads a recording.
     pub read: &'a ReadRecording<'a, E>,
 }
@@ -157,7 +154,7 @@ pub fn refine<E: Send>(
     state.bias = unknown(settings.refinement.first_sigma);
     // Circle centres stay as they are: without events to associate anew, one round is all.
     let total = if input.events.is_some() { settings.refinement.rounds.max(1) } else { 1 };
-    let count = input.events.as_ref().map_or(1, |events| events.count.max(1)) as f64;
+    let count = input.events.as_ref().map_or(1, |events| events.counts.iter().sum::<u64>().max(1)) as f64;
     let mut last_early = false;
     loop {
         progress(rounds.len());
@@ -217,23 +214,23 @@ fn associate_all<E: Send>(
 ) -> Result<(Vec<SegmentObservations>, AssociationReport), RefinementError<E>> {
     let mut segments = vec![SegmentObservations::default(); state.trajectories.len()];
     let mut report = AssociationReport::default();
-    for (recording, events) in
-        input.events.iter().flat_map(|events| (0..events.recordings).map(move |one| (one, events)))
+    for (recording, &count, events) in input
+        .events
+        .iter()
+        .flat_map(|events| events.counts.iter().enumerate().map(move |(one, count)| (one, count, events)))
     {
         let context = AssociationContext {
             state,
             bearings,
-            sensor: input.sensor,
             board: input.board,
             bin: settings.solve.bin,
             sigma_known,
-            share,
             settings: settings.association,
         };
         let mut associator = Associator::new(context, recording);
-        (events.read)(recording, &mut |batch| associator.push(batch)).map_err(RefinementError::Read)?;
+        (events.read)(recording, share, &mut |batch| associator.push(batch)).map_err(RefinementError::Read)?;
         let (found, part) = associator.finish();
-        report.add(&part);
+        report.add(&AssociationReport { events: count, thinned: count.saturating_sub(part.events), ..part });
         for (index, observations) in found {
             if let Some(segment) = segments.get_mut(index) {
                 *segment = observations;

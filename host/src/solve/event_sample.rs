@@ -1,0 +1,214 @@
+//! An even sample of the events of all recordings, held in memory.
+//!
+//! The rank of an event in its burst needs all events before it, so that the recording is followed once from its beginning to
+//! its end. The rounds of association use a part of the events only: as many as fit are kept with their ranks while
+//! the board is looked for, and the recording is not read again.
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+
+use super::burst::BurstTracker;
+
+/// An event and its rank in the burst of its pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RankedEvent {
+    /// Time in microseconds since the start of the recording.
+    pub t: i64,
+    /// Column in pixels.
+    pub x: u16,
+    /// Row in pixels.
+    pub y: u16,
+    /// Direction of the change.
+    pub polarity: Polarity,
+    /// Rank in the burst, 0 for the first event.
+    pub rank: u8,
+}
+
+/// Where an event stands in an even, fixed order of thinning: a share of events is those whose place is below it.
+///
+/// A multiple of the golden ratio spreads any share evenly over neighbouring ordinals.
+fn thinning_place(ordinal: u64) -> u32 {
+    (ordinal.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as u32
+}
+
+/// The places of a share of 0 to 1 are below this.
+fn places(share: f64) -> u64 {
+    (share * 2.0_f64.powi(32)).round().clamp(0.0, 2.0_f64.powi(32)) as u64
+}
+
+/// Follows one recording, and hands on the ranked events of a share.
+pub struct Thinning {
+    bursts: BurstTracker,
+    ordinal: u64,
+}
+
+impl Thinning {
+    /// For a recording of this sensor, whose pixels start a new burst after a pause of so many seconds.
+    pub fn new(sensor: Sensor, burst_pause: f64) -> Self {
+        Self { bursts: BurstTracker::new(sensor, (burst_pause * 1e6) as i64), ordinal: 0 }
+    }
+
+    /// Takes the next events of the recording; their times count from its start in microseconds. `keep` gets those whose
+    /// place is below `places`.
+    fn push(&mut self, events: &[Event], places: u64, mut keep: impl FnMut(RankedEvent, u32)) {
+        for event in events {
+            let place = thinning_place(self.ordinal);
+            self.ordinal += 1;
+            let Some(rank) = self.bursts.rank(event) else { continue };
+            if u64::from(place) < places {
+                let Event { t, x, y, polarity } = *event;
+                keep(RankedEvent { t, x, y, polarity, rank }, place);
+            }
+        }
+    }
+
+    /// Appends those of the next events to `kept` that belong to a share of 0 to 1.
+    pub fn take(&mut self, events: &[Event], share: f64, kept: &mut Vec<RankedEvent>) {
+        self.push(events, places(share), |event, _| kept.push(event));
+    }
+}
+
+/// Part of the sample that stays when it has become too large.
+const STAYS: f64 = 0.75;
+/// Events that are handed out in one batch.
+const BATCH: usize = 32_768;
+
+/// The ranked events of one recording that are kept.
+#[derive(Clone, Debug, Default)]
+struct Kept {
+    events: Vec<RankedEvent>,
+    places: Vec<u32>,
+}
+
+impl Kept {
+    fn thin_to(&mut self, places: u64) {
+        let mut to = 0;
+        for from in 0..self.events.len() {
+            if u64::from(self.places[from]) < places {
+                self.events[to] = self.events[from];
+                self.places[to] = self.places[from];
+                to += 1;
+            }
+        }
+        self.events.truncate(to);
+        self.places.truncate(to);
+    }
+}
+
+/// An even sample of the events of all recordings.
+#[derive(Clone, Debug)]
+pub struct EventSample {
+    recordings: Vec<Kept>,
+    most: usize,
+    share: f64,
+}
+
+impl EventSample {
+    /// Room for `most` events, at least one, of all recordings together; each takes 20 bytes.
+    pub fn new(most: usize) -> Self {
+        Self { recordings: Vec::new(), most: most.max(1), share: 1.0 }
+    }
+
+    /// The next events belong to recording number `recording`.
+    pub fn begin(&mut self, recording: usize) {
+        self.recordings.resize_with(self.recordings.len().max(recording + 1), Kept::default);
+    }
+
+    /// Takes the next events of the recording that began last, which `thinning` follows.
+    pub fn push(&mut self, events: &[Event], thinning: &mut Thinning) {
+        let places = places(self.share);
+        let Some(kept) = self.recordings.last_mut() else { return };
+        thinning.push(events, places, |event, place| {
+            kept.events.push(event);
+            kept.places.push(place);
+        });
+        while self.recordings.iter().map(|kept| kept.events.len()).sum::<usize>() > self.most {
+            self.share *= STAYS;
+            let places = self::places(self.share);
+            self.recordings.iter_mut().for_each(|kept| kept.thin_to(places));
+        }
+    }
+
+    /// Hands the events of a share of 0 to 1 of a recording to `visit`, batch by batch in the order of time. False, and
+    /// none are, if the sample has not all of them.
+    pub fn read(&self, recording: usize, share: f64, visit: &mut dyn FnMut(&[RankedEvent])) -> bool {
+        let (Some(kept), true) = (self.recordings.get(recording), share <= self.share) else { return false };
+        let places = places(share);
+        let mut batch = Vec::new();
+        for (events, at) in kept.events.chunks(BATCH).zip(kept.places.chunks(BATCH)) {
+            batch.clear();
+            let both = events.iter().zip(at).filter(|(_, place)| u64::from(**place) < places);
+            batch.extend(both.map(|(event, _)| *event));
+            visit(&batch);
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SENSOR: Sensor = Sensor::new(64, 48);
+
+    fn events(count: u64) -> Vec<Event> {
+        let of = |index: u64| {
+            let random = index.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 40;
+            let polarity = if random & 1 == 0 { Polarity::On } else { Polarity::Off };
+            Event { t: index as i64 * 7, x: (random >> 1) as u16 % 64, y: (random >> 8) as u16 % 48, polarity }
+        };
+        (0..count).map(of).collect()
+    }
+
+    fn streamed(events: &[Event], share: f64) -> Vec<RankedEvent> {
+        let (mut thinning, mut kept) = (Thinning::new(SENSOR, 0.1), Vec::new());
+        events.chunks(777).for_each(|batch| thinning.take(batch, share, &mut kept));
+        kept
+    }
+
+    fn sampled(recordings: &[Vec<Event>], most: usize) -> EventSample {
+        let mut sample = EventSample::new(most);
+        for (index, events) in recordings.iter().enumerate() {
+            sample.begin(index);
+            let mut thinning = Thinning::new(SENSOR, 0.1);
+            events.chunks(999).for_each(|batch| sample.push(batch, &mut thinning));
+        }
+        sample
+    }
+
+    #[test]
+    fn thinning_keeps_the_share_that_is_asked_for() {
+        let events = events(100_000);
+        for share in [0.0, 0.1, 0.5, 0.9, 1.0] {
+            let kept = streamed(&events, share).len();
+            assert!((kept as f64 / 100_000.0 - share).abs() < 1e-3, "{share}: {kept}");
+        }
+    }
+
+    #[test]
+    fn the_sample_gives_what_the_recording_gives() {
+        let recordings = [events(20_000), events(30_000)];
+        let sample = sampled(&recordings, 10_000);
+        let held: usize = sample.recordings.iter().map(|kept| kept.events.len()).sum();
+        assert!((7_000..=10_000).contains(&held), "{held}");
+        for (index, events) in recordings.iter().enumerate() {
+            for share in [0.0, 0.01, 0.1, sample.share] {
+                let mut read = Vec::new();
+                assert!(sample.read(index, share, &mut |batch| read.extend_from_slice(batch)));
+                assert_eq!(read, streamed(events, share), "{share}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_it_does_not_have_it_does_not_give() {
+        let sample = sampled(&[events(20_000)], 10_000);
+        let none = &mut |_: &[RankedEvent]| panic!("events");
+        assert!(!sample.read(0, 1.0, none));
+        assert!(!sample.read(1, 0.1, none));
+        let all = sampled(&[events(500)], 500);
+        let mut count = 0;
+        assert!(all.read(0, 1.0, &mut |batch| count += batch.len()));
+        assert_eq!(count, 500);
+    }
+}
