@@ -19,6 +19,7 @@ use std::sync::Arc;
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
+use usb_davis::dump::Growth;
 
 mod aedat2;
 mod aedat3;
@@ -162,6 +163,8 @@ enum Source {
     File(&'static FileFormat),
     /// Here, in the order in which they came.
     Memory(Arc<Vec<Event>>),
+    /// In a dump that is being written, or was.
+    Growing(Growth),
 }
 
 impl Recording {
@@ -185,6 +188,13 @@ impl Recording {
         Self { path: name.into(), options, source: Source::Memory(Arc::new(events)), span: None }
     }
 
+    /// A recording of a camera that goes on: the first pass through it waits for what is still to come, until `growth` says that
+    /// it ended. Waits for its beginning; `None` if it ended without one.
+    pub fn growing(path: impl Into<PathBuf>, options: RecordingOptions, growth: Growth) -> Option<Self> {
+        growth.wait_beyond(0)?;
+        Some(Self { path: path.into(), options, source: Source::Growing(growth), span: None })
+    }
+
     /// The part of the recording from the first of these times, in microseconds as in the file, up to the
     /// second, which is not part of it.
     pub fn section(&self, span: (i64, i64)) -> Self {
@@ -201,6 +211,7 @@ impl Recording {
         match &self.source {
             Source::File(format) => format,
             Source::Memory(_) => &memory::FORMAT,
+            Source::Growing(_) => &davis::FORMAT,
         }
     }
 
@@ -228,6 +239,7 @@ impl Recording {
     pub fn open(&self) -> Result<EventReader, RecordingError> {
         let decoder: Box<dyn Decode> = match &self.source {
             Source::File(format) => (format.events)(&self.path, &self.options)?,
+            Source::Growing(growth) => davis::follow(&self.path, growth)?,
             Source::Memory(events) => Box::new(MemoryDecoder::new(Arc::clone(events), self.options.sensor)),
         };
         Ok(EventReader::new(&self.path, decoder, &self.options)?.within(self.span))

@@ -21,7 +21,7 @@ use usb::{BULK, UsbPacket};
 pub use repair::{GapRepair, Repair, RepairCounts};
 pub use usb::{DeviceAddress, DeviceAddressError};
 
-use crate::dump::{Advanced, Damage, DumpError, DumpHeader, DumpReader, MAGIC, Transfer, TransferStatus};
+use crate::dump::{Advanced, Damage, DumpError, DumpHeader, DumpReader, Growth, MAGIC, Transfer, TransferStatus};
 use crate::protocol::{Decoder, Layout, Message};
 use crate::registers::RegisterSnapshot;
 
@@ -96,6 +96,18 @@ impl Capture {
     /// Opens a file.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CaptureError> {
         Self::open_device(path, None)
+    }
+
+    /// Opens a dump that is being written, and waits for what is still to come until `growth` says that it ended.
+    ///
+    /// # Errors
+    /// [`CaptureError::Dump`] when it is no dump, or has no header yet.
+    pub fn follow(path: impl AsRef<Path>, growth: Growth) -> Result<Self, CaptureError> {
+        let input = BufReader::with_capacity(1 << 18, File::open(path)?);
+        let reader = DumpReader::new(input)?.following(growth);
+        let header = reader.header().clone();
+        let registers = header.registers.clone();
+        Ok(Self { source: Source::Dump(Box::new(reader)), header, registers, repair: GapRepair::default() })
     }
 
     /// Opens a file; `device` chooses among the devices of a pcap or pcapng capture.

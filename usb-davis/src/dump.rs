@@ -24,11 +24,13 @@
 //! u32 that were read or written since (drop counters at the end, for one); of the index, pairs of
 //! u64 offset and u64 host time of transfers some megabytes apart.
 
+mod growth;
 mod header;
 mod reader;
 mod record;
 mod writer;
 
+pub use growth::Growth;
 pub use header::{DumpHeader, Identity};
 pub(crate) use reader::Advanced;
 pub use reader::{Damage, DumpReader, Record};

@@ -1,11 +1,13 @@
 //! `.dvraw` files: round trip, crash, damage, seeking.
 
-use std::fs;
-use std::io::Cursor;
+use std::fs::{self, File};
+use std::io::{BufReader, Cursor};
+use std::thread;
 
 use proptest::prelude::*;
 use usb_davis::dump::{
-    Compression, Damage, DumpError, DumpHeader, DumpReader, DumpWriter, Identity, Record, Transfer, TransferStatus,
+    Compression, Damage, DumpError, DumpHeader, DumpReader, DumpWriter, Growth, Identity, Record, Transfer,
+    TransferStatus,
 };
 use usb_davis::registers::{Register, RegisterSnapshot, mux, sysinfo};
 
@@ -194,4 +196,64 @@ proptest! {
         prop_assert_eq!(&read[before..], &rest[..]);
         prop_assert_eq!(damage.bytes, lost);
     }
+}
+
+/// The transfers that a reader gets which follows the file, and the damage.
+fn follow(path: &std::path::Path, growth: Growth) -> (Vec<Owned>, Damage) {
+    let input = BufReader::new(File::open(path).expect("it is there"));
+    let mut reader = DumpReader::new(input).expect("the header is whole").following(growth);
+    let mut transfers = Vec::new();
+    while let Some(record) = reader.next_record().expect("damage is no error") {
+        let Record::Transfer(transfer) = record else { continue };
+        let host_ns = transfer.host_ns.expect("always written");
+        transfers.push((host_ns, transfer.gap_before, transfer.status, transfer.payload.to_vec()));
+    }
+    (transfers, reader.damage())
+}
+
+#[test]
+fn a_reader_that_follows_gets_all_however_the_recording_ends() {
+    let expected = transfers(60);
+    let directory = tempfile::tempdir().expect("a directory can be made");
+    for (number, (finish, torn)) in [(true, false), (false, false), (false, true)].into_iter().enumerate() {
+        let path = directory.path().join(format!("{number}.dvraw"));
+        let growth = Growth::default();
+        let writer = DumpWriter::new(File::create_new(&path).expect("it is new"), &header(), Compression::None);
+        let mut writer = writer.expect("the file takes it").told_to(growth.clone());
+        let read = thread::scope(|scope| {
+            let reader = scope.spawn(|| follow(&path, growth.clone()));
+            for (index, (host_ns, gap_before, status, payload)) in expected.iter().enumerate() {
+                let transfer = Transfer { host_ns: Some(*host_ns), gap_before: *gap_before, status: *status, payload };
+                writer.transfer(&transfer).expect("the file takes it");
+                if index % 20 == 19 {
+                    // So that the reader has come to the end so far.
+                    thread::sleep(std::time::Duration::from_millis(5));
+                }
+            }
+            if finish {
+                writer.finish().expect("the file takes it");
+            }
+            if torn {
+                let mut bytes = fs::read(&path).expect("it is there");
+                bytes.extend(b"DVSR and no more");
+                fs::write(&path, bytes).expect("it can be written");
+            }
+            growth.end();
+            reader.join().expect("it does not panic")
+        });
+        assert_eq!(read.0, expected, "{finish} {torn}");
+        assert_eq!(read.1.unfinished, if torn { 16 } else { 0 });
+        // Who comes later finds the same.
+        assert_eq!(follow(&path, growth), read);
+    }
+}
+
+#[test]
+fn nobody_waits_for_a_recording_that_never_began() {
+    let growth = Growth::default();
+    thread::scope(|scope| {
+        let waiting = scope.spawn(|| growth.wait_beyond(0));
+        growth.end();
+        assert_eq!(waiting.join().expect("it does not panic"), None);
+    });
 }

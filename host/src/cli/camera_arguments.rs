@@ -6,6 +6,7 @@ use clap::ValueEnum;
 use evcal::live::recorder::RecordingPlan;
 use usb_davis::configuration::{Configuration, Streams};
 use usb_davis::device::{Camera, DeviceError, Queue, Selector};
+use usb_davis::dump::Growth;
 
 use super::value;
 
@@ -52,6 +53,7 @@ impl CameraArguments {
             streams: if self.frames { Streams::ALL } else { Streams::EVENTS },
             queue: Queue::default(),
             duration: self.duration.map(|seconds| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)),
+            growth: Growth::default(),
         }
     }
 }

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 use usb_davis::configuration::Streams;
 use usb_davis::device::{Camera, DeviceError, Queue, Stream, StreamError};
-use usb_davis::dump::{Compression, DumpError, DumpWriter, Transfer};
+use usb_davis::dump::{Compression, DumpError, DumpWriter, Growth, Transfer};
 use usb_davis::protocol::Decoder;
 use usb_davis::registers::Register;
 
@@ -23,7 +23,7 @@ const PATIENCE: Duration = Duration::from_millis(50);
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 
 /// What to record.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct RecordingPlan {
     /// What the camera sends.
     pub streams: Streams,
@@ -31,6 +31,8 @@ pub struct RecordingPlan {
     pub queue: Queue,
     /// For how long; without it, until the watcher or the camera ends it.
     pub duration: Option<Duration>,
+    /// Is told how far the file is written, for those who read it meanwhile.
+    pub growth: Growth,
 }
 
 /// How a recording goes.
@@ -132,6 +134,17 @@ pub fn record(
     camera: &mut Camera,
     path: &Path,
     plan: &RecordingPlan,
+    watch: impl FnMut(Moment<'_>) -> ControlFlow<()>,
+) -> Result<RecorderReport, RecordingError> {
+    let recorded = record_file(camera, path, plan, watch);
+    plan.growth.end();
+    recorded
+}
+
+fn record_file(
+    camera: &mut Camera,
+    path: &Path,
+    plan: &RecordingPlan,
     mut watch: impl FnMut(Moment<'_>) -> ControlFlow<()>,
 ) -> Result<RecorderReport, RecordingError> {
     let failed = |error: DumpError| RecordingError::File { path: path.to_owned(), error };
@@ -144,11 +157,12 @@ pub fn record(
         io::ErrorKind::AlreadyExists => RecordingError::Exists(path.to_owned()),
         _ => failed(error.into()),
     })?;
-    let mut dump = DumpWriter::new(file, stream.header(), Compression::None).map_err(|error| {
+    let dump = DumpWriter::new(file, stream.header(), Compression::None).map_err(|error| {
         // Without a header it is of no use, and in the way of the next one.
         let _ = fs::remove_file(path);
         failed(error)
     })?;
+    let mut dump = dump.told_to(plan.growth.clone());
     let mut counter = Decoder::new(stream.header().registers.layout());
     let mut progress = Progress::default();
     let ending = run(&mut stream, &mut dump, &mut counter, &mut progress, plan, &mut watch);

@@ -3,7 +3,7 @@
 use std::io::{self, Read, Seek, SeekFrom};
 
 use super::record::{HEAD, Head, Kind, MARKER, Transfer, checksum};
-use super::{DumpError, DumpHeader, INDEX_MAGIC, LENGTH_MOST, MAGIC};
+use super::{DumpError, DumpHeader, Growth, INDEX_MAGIC, LENGTH_MOST, MAGIC};
 use crate::registers::Register;
 
 /// Bytes looked at in one go when searching for a record.
@@ -50,6 +50,8 @@ pub struct DumpReader<R> {
     contents: Vec<u8>,
     damage: Damage,
     gap: bool,
+    /// While it is being written.
+    growth: Option<Growth>,
 }
 
 impl<R: Read + Seek> DumpReader<R> {
@@ -87,7 +89,27 @@ impl<R: Read + Seek> DumpReader<R> {
             contents: Vec::new(),
             damage: Damage::default(),
             gap: false,
+            growth: None,
         })
+    }
+
+    /// Reads a dump while it is being written: at its end so far, [`DumpReader::next_record`] waits for more.
+    pub fn following(self, growth: Growth) -> Self {
+        Self { growth: Some(growth), ..self }
+    }
+
+    /// Takes notice of what was written since, and waits for the next record if there is none.
+    fn follow(&mut self) -> Result<(), DumpError> {
+        let Some(growth) = &self.growth else { return Ok(()) };
+        match growth.wait_beyond(self.offset) {
+            Some(length) => self.length = length,
+            None => {
+                self.growth = None;
+                self.length = self.input.seek(SeekFrom::End(0))?;
+                self.position = self.length;
+            }
+        }
+        Ok(())
     }
 
     /// What the recording says of its camera.
@@ -112,6 +134,7 @@ impl<R: Read + Seek> DumpReader<R> {
     /// Reads the next record; the payload of a transfer is then [`DumpReader::contents`].
     pub(crate) fn advance(&mut self) -> Result<Option<Advanced>, DumpError> {
         let head = loop {
+            self.follow()?;
             let Some(head) = self.read()? else { return Ok(None) };
             if head.kind != Kind::Index {
                 break head;

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::record::{Head, Kind, Transfer, TransferStatus};
-use super::{DumpError, DumpHeader, INDEX_MAGIC, LENGTH_MOST, MAGIC};
+use super::{DumpError, DumpHeader, Growth, INDEX_MAGIC, LENGTH_MOST, MAGIC};
 use crate::registers::Register;
 
 /// Distance of entries in the index, in bytes of the file.
@@ -33,6 +33,7 @@ pub struct DumpWriter<W: Write> {
     index: Vec<u8>,
     next_entry: u64,
     host_ns: u64,
+    growth: Growth,
 }
 
 impl<W: Write> DumpWriter<W> {
@@ -49,7 +50,22 @@ impl<W: Write> DumpWriter<W> {
             Compression::Zstd(level) => Some(zstd::bulk::Compressor::new(level)?),
         };
         let offset = bytes.len() as u64;
-        Ok(Self { output, compressor, record: bytes, offset, index: Vec::new(), next_entry: offset, host_ns: 0 })
+        Ok(Self {
+            output,
+            compressor,
+            record: bytes,
+            offset,
+            index: Vec::new(),
+            next_entry: offset,
+            host_ns: 0,
+            growth: Growth::default(),
+        })
+    }
+
+    /// Tells `growth` how far the dump is written, from now on.
+    pub fn told_to(self, growth: Growth) -> Self {
+        growth.set(self.offset);
+        Self { growth, ..self }
     }
 
     /// Appends a transfer. Without a host time it gets that of the one before.
@@ -111,6 +127,7 @@ impl<W: Write> DumpWriter<W> {
         head.emit(stored, &mut self.record);
         self.output.write_all(&self.record)?;
         self.offset += self.record.len() as u64;
+        self.growth.set(self.offset);
         Ok(())
     }
 

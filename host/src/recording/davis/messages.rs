@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::event::{Event, Polarity};
 use usb_davis::capture::{Capture, CaptureError, DeviceAddress};
-use usb_davis::dump::DumpHeader;
+use usb_davis::dump::{DumpHeader, Growth};
 use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarity, PolarityEvent};
 use usb_davis::registers::Dropped;
 
@@ -72,11 +72,19 @@ pub struct Messages {
 impl Messages {
     /// Opens a dump, a capture or a bare stream; `device` chooses among the devices of a capture.
     pub fn open(path: &Path, device: Option<DeviceAddress>) -> Result<Self, RecordingError> {
-        let capture = Capture::open_device(path, device).map_err(|reason| error(path, reason))?;
+        Ok(Self::of(path, Capture::open_device(path, device).map_err(|reason| error(path, reason))?))
+    }
+
+    /// Opens a dump that is being written; [`Messages::next`] waits for what is still to come.
+    pub fn follow(path: &Path, growth: &Growth) -> Result<Self, RecordingError> {
+        Ok(Self::of(path, Capture::follow(path, growth.clone()).map_err(|reason| error(path, reason))?))
+    }
+
+    fn of(path: &Path, capture: Capture) -> Self {
         let decoder = capture.header().decoder();
         let clock = CameraClock::default();
         let (other, repair_shifts) = ([0; 3], Vec::new());
-        Ok(Self { path: path.to_owned(), capture, decoder, clock, other, repair_shifts, ended: false })
+        Self { path: path.to_owned(), capture, decoder, clock, other, repair_shifts, ended: false }
     }
 
     /// What the recording says of its camera.
