@@ -7,6 +7,7 @@
 mod board_finder;
 pub mod dot_shape;
 pub mod focus;
+mod kept_pixels;
 pub mod layout;
 pub mod no_board;
 mod ordering;
@@ -34,6 +35,7 @@ use rayon::prelude::*;
 use self::board_finder::find_with_opencv;
 use self::board_finder::{BoardFinder, PlacedCircle, within_capacity};
 use self::dot_shape::DotShape;
+use self::kept_pixels::KeptPixels;
 use self::no_board::NoBoard;
 pub use self::ordering::order_frames;
 pub use self::report::{DetectionReport, NoCircle, NoPattern};
@@ -145,6 +147,7 @@ pub struct DetectionStage<'a> {
     findings: Vec<Found>,
     report: DetectionReport,
     shape: DotShape,
+    kept_pixels: KeptPixels,
 }
 
 /// Chunks that are searched in one go.
@@ -176,6 +179,7 @@ impl<'a> DetectionStage<'a> {
             findings: Vec::new(),
             report: DetectionReport::default(),
             shape: DotShape::default(),
+            kept_pixels: KeptPixels::default(),
         }
     }
 
@@ -237,6 +241,7 @@ impl<'a> DetectionStage<'a> {
             Wanted::Board(pattern) => self.place_uncertain(&waiting, found, uncertain, pattern),
             Wanted::Circles(_) => self.findings.extend(found),
         }
+        self.kept_pixels.limit(&mut self.findings);
     }
 
     /// Adds the frames found in the chunks `waiting`, and those that they help to find.

@@ -15,6 +15,7 @@ use crate::initial::{InitialModel, PosedFrame};
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
 use crate::picture_calibration::joint::JointReport;
 use crate::recording::pass::RecordingReport;
+use crate::solve::event_sample::EventSample;
 use crate::solve::refinement::Refined;
 use crate::solve::residual_statistics::ResidualStatistics;
 use crate::trajectory::segment::SegmentReport;
@@ -66,6 +67,9 @@ impl fmt::Display for Measured {
     }
 }
 
+/// Most events of [`EventCalibration::sample`].
+pub const SAMPLE: usize = 1_000_000;
+
 /// A calibration along trajectories.
 pub struct EventCalibration {
     /// Stages 2 to 5.
@@ -76,6 +80,8 @@ pub struct EventCalibration {
     pub initial: InitialModel,
     /// Stage 8.
     pub segments: SegmentReport,
+    /// An even sample of the events, [`SAMPLE`] of them at most: enough for pictures of the result.
+    pub sample: EventSample,
     /// Segments whose spline could not be fitted.
     pub segments_without_spline: usize,
     /// What the joint solve observed.

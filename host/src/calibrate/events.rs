@@ -4,7 +4,7 @@ use evcal_core::camera::refit::refit;
 use evcal_core::sensor::Sensor;
 
 use super::board_choice::larger_board;
-use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured, SAMPLE};
 use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
 use super::health::findings_on;
@@ -115,7 +115,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         joint = Some(report);
     }
 
-    drop(sample);
+    let sample = sample.thinned(SAMPLE);
 
     progress.tell("examination")?;
     let (trust, event_trust) =
@@ -129,6 +129,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         frames,
         initial,
         segments,
+        sample,
         segments_without_spline: without_spline,
         measured: if events.is_some() { Measured::EventEdges } else { Measured::CircleCentres },
         refined,

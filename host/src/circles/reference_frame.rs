@@ -39,6 +39,8 @@ pub struct ReferenceFrame {
 pub enum SeenIn {
     /// The events of a window, one entry per pixel and polarity.
     Events(Vec<EventPixel>),
+    /// The events of a window, of which there were too many to keep them all.
+    PassedEvents,
     /// The circles of a circle track or a circle stream.
     Circles,
     /// One of the camera's own pictures.
@@ -46,12 +48,18 @@ pub enum SeenIn {
 }
 
 impl ReferenceFrame {
-    /// The events of the window, one entry per pixel and polarity; `None` where it was not found in events.
+    /// The events of the window, one entry per pixel and polarity; `None` where it was not found in events, or they are
+    /// not kept.
     pub fn events(&self) -> Option<&[EventPixel]> {
         match &self.seen_in {
             SeenIn::Events(pixels) => Some(pixels),
-            SeenIn::Circles | SeenIn::Picture => None,
+            SeenIn::PassedEvents | SeenIn::Circles | SeenIn::Picture => None,
         }
+    }
+
+    /// Whether the board was found in events.
+    pub fn is_from_events(&self) -> bool {
+        matches!(self.seen_in, SeenIn::Events(_) | SeenIn::PassedEvents)
     }
 
     /// The time stamp of the frame: the centre of its window (paper III-A), in seconds.

@@ -1,7 +1,5 @@
 //! All events together: as the sensor saw them, and carried to the board.
 
-use std::ops::ControlFlow;
-
 use maud::html;
 use nalgebra::Vector2;
 
@@ -11,17 +9,15 @@ use super::page::Section;
 use crate::board::Board;
 use crate::calibrate::Task;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Measured};
-use crate::calibrate::input::read_events;
 use crate::report::drawing::Picture;
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_ray::{BoardRay, is_in_front};
+use crate::solve::event_sample::RankedEvent;
 use crate::solve::pose_bin::PoseBin;
 use crate::trajectory::Trajectory;
-use evcal_core::event::{Event, Polarity};
+use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 
-/// Most events that are carried to the board; more do not make the picture any clearer.
-const MOST_EVENTS: u64 = 1_500_000;
 /// Columns of the picture of the board.
 const BOARD_COLUMNS: u16 = 800;
 /// Most rows of the picture of the board.
@@ -87,27 +83,16 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let frame = BoardFrame::new(task.board);
     let mut sensor = Accumulation::new(calibrated.sensor);
     let mut board = Accumulation::new(frame.size);
-    let total: u64 = events.refined.rounds.last().map_or(0, |round| round.association.events);
-    let every = total.div_ceil(MOST_EVENTS).max(1);
-    let (mut used, mut broken) = (0_u64, None);
+    let mut used = 0_u64;
     for recording in 0..task.inputs.len() {
         let mut carrier = Carrier::new(events, recording, &bearings);
-        let mut ordinal = 0_u64;
-        let read = read_events(task.inputs, recording, &mut |events| {
-            for event in events {
-                ordinal += 1;
-                if !ordinal.is_multiple_of(every) {
-                    continue;
-                }
-                if let Some(point) = carrier.carry(event) {
-                    used += 1;
-                    sensor.add(Vector2::new(f64::from(event.x), f64::from(event.y)), event.polarity);
-                    board.add(frame.place(point), event.polarity);
-                }
+        for event in events.sample.events(recording) {
+            if let Some(point) = carrier.carry(event) {
+                used += 1;
+                sensor.add(Vector2::new(f64::from(event.x), f64::from(event.y)), event.polarity);
+                board.add(frame.place(point), event.polarity);
             }
-            ControlFlow::Continue(())
-        });
-        broken = broken.or(read.err());
+        }
     }
     if used == 0 {
         return None;
@@ -118,7 +103,6 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
             "each is carried through the calibrated lens and the camera's pose at its own time onto the board. The better lens "
             "and trajectory are, the sharper the rims of the dots."
         }
-        @if let Some(error) = broken { p { "A recording could not be read again to its end: " (error) } }
         div.pair {
             (figure(&sensor.picture(scale(calibrated.sensor).min(2)), "Events of the whole recording on the sensor: a blur.", "As the sensor saw them."))
             (figure(&board.picture(1), "The same events carried to the board: the rims of its dots.", "Carried to the board by the result."))
@@ -174,7 +158,7 @@ impl<'a> Carrier<'a> {
     }
 
     /// Where on the board plane (m) the event was, `None` while there is no trajectory.
-    fn carry(&mut self, event: &Event) -> Option<Vector2<f64>> {
+    fn carry(&mut self, event: &RankedEvent) -> Option<Vector2<f64>> {
         let t = event.t as f64 * 1e-6;
         let bin = (t / BIN).floor() as i64;
         let middle = (bin as f64 + 0.5) * BIN;

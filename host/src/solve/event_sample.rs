@@ -122,11 +122,31 @@ impl EventSample {
             kept.events.push(event);
             kept.places.push(place);
         });
+        self.thin();
+    }
+
+    fn thin(&mut self) {
         while self.recordings.iter().map(|kept| kept.events.len()).sum::<usize>() > self.most {
             self.share *= STAYS;
             let places = self::places(self.share);
             self.recordings.iter_mut().for_each(|kept| kept.thin_to(places));
         }
+    }
+
+    /// A smaller sample, of at most `most` events.
+    pub fn thinned(mut self, most: usize) -> Self {
+        self.most = most.max(1);
+        self.thin();
+        for kept in &mut self.recordings {
+            kept.events.shrink_to_fit();
+            kept.places.shrink_to_fit();
+        }
+        self
+    }
+
+    /// All events of a recording that it has, in the order of time.
+    pub fn events(&self, recording: usize) -> &[RankedEvent] {
+        self.recordings.get(recording).map_or(&[], |kept| &kept.events)
     }
 
     /// Hands the events of a share of 0 to 1 of a recording to `visit`, batch by batch in the order of time. False, and

@@ -108,7 +108,7 @@ fn fit_segment(
         .collect();
     let spans: Vec<(f64, f64)> =
         posed.iter().filter_map(|posed| in_frames(posed.frame)).map(|frame| (frame.start, frame.end)).collect();
-    let from_circles = posed.iter().filter_map(|posed| in_frames(posed.frame)).all(|frame| frame.events().is_none());
+    let from_circles = posed.iter().filter_map(|posed| in_frames(posed.frame)).all(|frame| !frame.is_from_events());
     let mut points: Vec<PointObservation> = Vec::new();
     if from_circles {
         points.extend(posed.iter().flat_map(|posed| &posed.circles).map(|circle| PointObservation {

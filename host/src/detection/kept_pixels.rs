@@ -1,0 +1,99 @@
+//! A limit to the events of windows that are kept, so that long recordings do not fill the memory.
+
+use super::Found;
+use crate::circles::reference_frame::SeenIn;
+
+/// Most pixels that are kept, four bytes each. Half a minute before a DAVIS346 stays below it.
+const MOST: usize = 12_000_000;
+
+/// What was kept of the windows so far.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct KeptPixels {
+    /// Of so many windows, one keeps its events.
+    every: usize,
+    /// Windows that were looked at.
+    windows: usize,
+    pixels: usize,
+}
+
+impl Default for KeptPixels {
+    fn default() -> Self {
+        Self { every: 1, windows: 0, pixels: 0 }
+    }
+}
+
+impl KeptPixels {
+    /// Drops the events of windows, evenly over the recording, until at most [`MOST`] are left. `found` are all windows so far;
+    /// windows were added at its end since the last time, or it was emptied.
+    pub(super) fn limit(&mut self, found: &mut [Found]) {
+        if found.len() < self.windows {
+            *self = Self::default();
+        }
+        self.limit_to(MOST, found);
+    }
+
+    fn limit_to(&mut self, most: usize, found: &mut [Found]) {
+        for (index, found) in found.iter_mut().enumerate().skip(self.windows) {
+            if !index.is_multiple_of(self.every) {
+                pass(found);
+            }
+            self.pixels += count(found);
+        }
+        self.windows = found.len();
+        while self.pixels > most && self.every < found.len() {
+            self.every *= 2;
+            self.pixels = 0;
+            for (index, found) in found.iter_mut().enumerate() {
+                if !index.is_multiple_of(self.every) {
+                    pass(found);
+                }
+                self.pixels += count(found);
+            }
+        }
+    }
+}
+
+fn pass(found: &mut Found) {
+    if let Found::Frame(frame) = found
+        && matches!(frame.seen_in, SeenIn::Events(_))
+    {
+        frame.seen_in = SeenIn::PassedEvents;
+    }
+}
+
+fn count(found: &Found) -> usize {
+    found.frame().and_then(|frame| frame.events()).map_or(0, <[_]>::len)
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::{Event, Polarity};
+
+    use super::*;
+    use crate::circles::event_pixel::EventPixel;
+    use crate::circles::reference_frame::ReferenceFrame;
+
+    fn window(index: usize) -> Found {
+        let pixel = EventPixel::new(&Event { t: 0, x: 3, y: 4, polarity: Polarity::On });
+        let (start, end) = (index as f64, index as f64 + 0.5);
+        let seen_in = SeenIn::Events(vec![pixel; 100]);
+        Found::Frame(ReferenceFrame { recording: 0, start, end, circles: Vec::new(), seen_in })
+    }
+
+    #[test]
+    fn what_is_kept_is_spread_evenly_over_all_windows() {
+        let (mut found, mut kept) = (Vec::new(), KeptPixels::default());
+        for index in 0..1000 {
+            found.push(window(index));
+            if index % 7 == 0 {
+                kept.limit_to(2000, &mut found);
+                assert!(found.iter().map(count).sum::<usize>() <= 2000);
+            }
+        }
+        kept.limit_to(2000, &mut found);
+        let with: Vec<usize> = (0..1000).filter(|&index| count(&found[index]) > 0).collect();
+        assert!((10..=20).contains(&with.len()), "{with:?}");
+        assert!(with.windows(2).all(|pair| pair[1] - pair[0] == 64), "{with:?}");
+        assert!(found.iter().filter_map(Found::frame).all(ReferenceFrame::is_from_events));
+    }
+}
