@@ -27,21 +27,43 @@ mod trusted_places;
 use crate::calibrate::Task;
 use crate::calibrate::calibrated::Calibrated;
 
-/// The report of `calibrated`, which came from `task`, as HTML.
-pub fn report(calibrated: &Calibrated, task: &Task) -> String {
-    let sections = [
-        numbers::section(calibrated),
-        trusted_places::section(calibrated),
-        board_places::section(calibrated, task.board),
-        halves::section(calibrated),
-        residuals::section(calibrated),
-        camera_pictures::section(calibrated, task),
-        example_frames::section(calibrated, task.board),
-        accumulation::section(calibrated, task),
-        trajectory::section(calibrated),
-        inertial::section(calibrated),
-        stages::section(calibrated),
-        provenance::section(calibrated, task),
+/// Parts of the work that are told, beside those of the section that reads all events again.
+const PARTS: f64 = 12.0;
+/// Parts of that section.
+const ACCUMULATION_PARTS: f64 = 4.0;
+
+/// The report of `calibrated`, which came from `task`, as HTML. `progress` is told which part of it is done, 0 to 1.
+pub fn report(calibrated: &Calibrated, task: &Task, progress: &mut dyn FnMut(f64)) -> String {
+    let mut done = 0.0;
+    let mut step = |section, parts: f64| {
+        done += parts / (PARTS + ACCUMULATION_PARTS);
+        progress(done);
+        section
+    };
+    let mut sections = vec![
+        step(numbers::section(calibrated), 1.0),
+        step(trusted_places::section(calibrated), 1.0),
+        step(board_places::section(calibrated, task.board), 1.0),
+        step(halves::section(calibrated), 1.0),
+        step(residuals::section(calibrated), 1.0),
+        step(camera_pictures::section(calibrated, task), 1.0),
+        step(example_frames::section(calibrated, task.board), 1.0),
     ];
-    page::page(&overview::head(calibrated), sections.into_iter().flatten().collect())
+    let mut before = 0.0;
+    let accumulation = accumulation::section(calibrated, task, &mut |share| {
+        step(None, ACCUMULATION_PARTS * (share - before));
+        before = share;
+    });
+    sections.extend([
+        accumulation,
+        step(trajectory::section(calibrated), 1.0),
+        step(inertial::section(calibrated), 1.0),
+        step(stages::section(calibrated), 1.0),
+        step(provenance::section(calibrated, task), 1.0),
+    ]);
+    page::page(
+        &overview::title(calibrated),
+        &overview::head(calibrated, task),
+        sections.into_iter().flatten().collect(),
+    )
 }

@@ -19,6 +19,7 @@ pub use messages::{CameraClock, event};
 use usb_davis::capture::{Capture, CaptureFormat, sniff};
 use usb_davis::protocol::Message;
 
+use super::date::date;
 use super::extras::ReadExtras;
 use super::{
     Decode, FileFormat, Head, ReadReport, RecordingError, RecordingInformation, RecordingOptions, StreamSummary,
@@ -77,6 +78,7 @@ fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> Result
         format,
         sensor: Some(header.registers.layout().dvs.size().into()),
         camera_name: header.identity.is_some().then(|| header.camera_name()),
+        began: i64::try_from(header.start_unix_ns / 1000).ok().and_then(date),
         notes,
     };
     Ok(Box::new(Transfers { messages, information }))
@@ -98,6 +100,10 @@ impl Decode for Transfers {
         }
         self.messages.report(report);
         Ok(more)
+    }
+
+    fn done(&self) -> Option<f64> {
+        self.messages.done()
     }
 }
 

@@ -77,8 +77,8 @@ fn brightest(counts: &[u32]) -> f64 {
     if counts.is_empty() { 0.0 } else { f64::from(*counts.select_nth_unstable(place).1) }
 }
 
-/// Both pictures, where the input is events.
-pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
+/// Both pictures, where the input is events; `progress` is told which part of them is done, 0 to 1.
+pub fn section(calibrated: &Calibrated, task: &Task, progress: &mut dyn FnMut(f64)) -> Option<Section> {
     let events = calibrated.events()?;
     if events.measured == Measured::CircleCentres {
         return None;
@@ -89,12 +89,12 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let mut board = Accumulation::new(frame.size);
     let total: u64 = events.refined.rounds.last().map_or(0, |round| round.association.events);
     let every = total.div_ceil(MOST_EVENTS).max(1);
-    let (mut used, mut broken) = (0_u64, None);
+    let (mut read, mut used, mut broken) = (0_u64, 0_u64, None);
     for recording in 0..task.inputs.len() {
         let mut carrier = Carrier::new(events, recording, &bearings);
         let mut ordinal = 0_u64;
-        let read = read_events(task.inputs, recording, &mut |events| {
-            for event in events {
+        let outcome = read_events(task.inputs, recording, &mut |batch| {
+            for event in batch.events {
                 ordinal += 1;
                 if !ordinal.is_multiple_of(every) {
                     continue;
@@ -105,9 +105,11 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
                     board.add(frame.place(point), event.polarity);
                 }
             }
+            read += batch.events.len() as u64;
+            progress((read as f64 / total.max(1) as f64).min(1.0));
             ControlFlow::Continue(())
         });
-        broken = broken.or(read.err());
+        broken = broken.or(outcome.err());
     }
     if used == 0 {
         return None;

@@ -1,5 +1,7 @@
 //! What the camera said, with times that go on over gaps and restarts of its clock.
 
+use std::fs::File;
+use std::io::{BufReader, Seek};
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::{Event, Polarity};
@@ -9,8 +11,12 @@ use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarit
 use usb_davis::registers::Dropped;
 
 use super::{FRAMES, INERTIAL, SIGNALS};
+use crate::recording::bytes::share;
 use crate::recording::reader::PAUSE_AFTER_RESET;
 use crate::recording::{ReadReport, RecordingError, RecordingErrorKind, RepairedTimes, StreamFaults, Truncation};
+
+/// Bytes read at a time.
+const BUFFER: usize = 1 << 18;
 
 /// An event of the wire as an event of a recording, `shift` µs later.
 pub fn event(event: &PolarityEvent, shift: i64) -> Event {
@@ -60,6 +66,9 @@ impl CameraClock {
 /// The messages of a recording of transfers.
 pub struct Messages {
     path: PathBuf,
+    /// The same open file as that of the capture: both are at the same place.
+    watched: File,
+    length: u64,
     capture: Capture,
     decoder: Decoder<Vec<u16>>,
     clock: CameraClock,
@@ -72,11 +81,15 @@ pub struct Messages {
 impl Messages {
     /// Opens a dump, a capture or a bare stream; `device` chooses among the devices of a capture.
     pub fn open(path: &Path, device: Option<DeviceAddress>) -> Result<Self, RecordingError> {
-        let capture = Capture::open_device(path, device).map_err(|reason| error(path, reason))?;
+        let io = |error| RecordingError::io(path, error);
+        let file = File::open(path).map_err(io)?;
+        let (watched, length) = (file.try_clone().map_err(io)?, file.metadata().map_err(io)?.len());
+        let file = BufReader::with_capacity(BUFFER, file);
+        let capture = Capture::new(file, device).map_err(|reason| error(path, reason))?;
         let decoder = capture.header().decoder();
         let clock = CameraClock::default();
         let (other, repair_shifts) = ([0; 3], Vec::new());
-        Ok(Self { path: path.to_owned(), capture, decoder, clock, other, repair_shifts, ended: false })
+        Ok(Self { path: path.to_owned(), watched, length, capture, decoder, clock, other, repair_shifts, ended: false })
     }
 
     /// What the recording says of its camera.
@@ -104,6 +117,11 @@ impl Messages {
         self.repair_shifts.resize(self.capture.repairs().len(), shift);
         self.ended = !more;
         Ok(more)
+    }
+
+    /// Which part of the file was read, 0 to 1, as far as it is known.
+    pub fn done(&self) -> Option<f64> {
+        (&self.watched).stream_position().ok().map(|position| share(position, self.length))
     }
 
     /// Says in `report` what was met so far.
