@@ -32,9 +32,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let start = Instant::now();
     let mut stages: Vec<(String, f64)> = vec![("start".to_owned(), processor_time()?)];
-    let calibrated = calibrate(&task, |stage| {
-        if stages.last().is_none_or(|(last, _)| last != stage) {
-            stages.push((stage.to_owned(), processor_time().unwrap_or(0.0)));
+    let calibrated = calibrate(&task, |step| {
+        if stages.last().is_none_or(|(last, _)| last != step.text) {
+            stages.push((step.text.to_owned(), processor_time().unwrap_or(0.0)));
         }
         ControlFlow::Continue(())
     })?;

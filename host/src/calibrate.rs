@@ -13,6 +13,7 @@ mod pictures;
 mod progress;
 pub mod radius;
 pub mod repeat;
+pub mod step;
 
 use std::ops::ControlFlow;
 use std::sync::LazyLock;
@@ -23,6 +24,7 @@ use evcal_core::sensor::Sensor;
 use self::calibrated::Calibrated;
 use self::error::CalibrateError;
 use self::progress::Progress;
+use self::step::Step;
 use crate::board::Board;
 use crate::calibrate::input::Input;
 use crate::initial::model_choice::ModelRequest;
@@ -80,17 +82,17 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Calibrates a camera. `progress` is told what is going on, in words: the same many times while events are read. When
-/// it breaks, the calibration ends as soon as it can, which is within the reading of a few ten thousand events or else
+/// Calibrates a camera. `progress` is told what is going on: the same words many times while events are read, with how
+/// far that is. When it breaks, the calibration ends as soon as it can, which is within the reading of a few ten thousand events or else
 /// at the end of a solve.
 ///
 /// # Errors
 /// [`CalibrateError`] says which stage found nothing to go on with, and what to do.
 pub fn calibrate(
     task: &Task,
-    mut progress: impl FnMut(&str) -> ControlFlow<()> + Send,
+    mut progress: impl FnMut(Step) -> ControlFlow<()> + Send,
 ) -> Result<Calibrated, CalibrateError> {
-    let progress = Progress::new(&mut progress);
+    let progress = Progress::new(task.inputs, &mut progress);
     match task.pictures {
         PictureUse::Witness | PictureUse::Joint | PictureUse::Ignore => events::calibrate(task, &progress),
         PictureUse::Only => pictures::calibrate(task, &progress),

@@ -81,9 +81,9 @@ pub fn check(
     settings: &DetectionSettings,
 ) -> Result<Checked, RecordingError> {
     let (mut count, mut end) = (0, 0);
-    let pass = read_while(recording, &mut |events| {
-        count += events.len() as u64;
-        end = events.last().map_or(end, |event| event.t);
+    let pass = read_while(recording, &mut |batch| {
+        count += batch.events.len() as u64;
+        end = batch.events.last().map_or(end, |event| event.t);
         if count < MOST_EVENTS { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     })?;
     let whole = count < MOST_EVENTS;

@@ -59,6 +59,43 @@ mod tests {
         }
     }
 
+    fn of(camera: Camera<f64>, sensor: Sensor) -> CalibratedCamera {
+        CalibratedCamera {
+            camera,
+            sensor,
+            name: UNNAMED.to_owned(),
+            recorded: None,
+            ros_topic: ROS_TOPIC.to_owned(),
+            covered: CoveredRegion::whole(sensor),
+            sigma: None,
+            covariance: None,
+            residual_rms: None,
+            verdict: String::new(),
+            board: None,
+        }
+    }
+
+    #[test]
+    fn camera_date_and_grade_are_in_the_comments() {
+        let parameters = [300.0, 301.0, 172.5, 129.5, -0.3, 0.1, 0.0, 0.0, 0.0];
+        let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
+        let calibrated = CalibratedCamera {
+            name: "DAVIS346_7".to_owned(),
+            recorded: Some("2022-01-27 00:33:48 UTC".to_owned()),
+            verdict: "Usable, but: fx 300.00 ± 0.08 px.".to_owned(),
+            ..of(camera, Sensor::new(346, 260))
+        };
+        for format in [opencv::YAML, opencv::XML, opencv::JSON, ros::FORMAT] {
+            let text = format.export(&calibrated).unwrap().text;
+            let version = format!("evcal {}", crate::VERSION);
+            for part in
+                ["camera DAVIS346_7, recorded 2022-01-27 00:33:48 UTC", "Usable, but: fx 300.00 +- 0.08", &version]
+            {
+                assert!(text.contains(part), "{part}: {text}");
+            }
+        }
+    }
+
     #[test]
     fn every_format_holds_every_mild_lens_and_states_a_refit() {
         // A small sensor: cameras are compared at every pixel.
@@ -67,18 +104,7 @@ mod tests {
         let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
         for &kind in ModelKind::ALL {
             let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor).unwrap();
-            let calibrated = CalibratedCamera {
-                camera,
-                sensor,
-                name: UNNAMED.to_owned(),
-                ros_topic: ROS_TOPIC.to_owned(),
-                covered: CoveredRegion::whole(sensor),
-                sigma: None,
-                covariance: None,
-                residual_rms: None,
-                verdict: String::new(),
-                board: None,
-            };
+            let calibrated = of(camera, sensor);
             for format in FORMATS {
                 let exported = format.export(&calibrated).unwrap();
                 assert!(format.models.contains(&exported.camera.kind()), "{} {kind}", format.name);

@@ -62,6 +62,7 @@ pub mod undistort;
 pub use self::board::Board;
 pub use self::calibrate::calibrated::Calibrated;
 pub use self::calibrate::input::Input;
+pub use self::calibrate::step::Step;
 pub use self::calibrate::{Task, calibrate};
 pub use self::recording::{Recording, RecordingOptions};
 

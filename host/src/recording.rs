@@ -28,6 +28,7 @@ pub mod bad_pixels;
 mod bytes;
 mod columns;
 pub mod convert;
+mod date;
 pub mod davis;
 pub mod encode;
 mod error;
@@ -143,6 +144,8 @@ pub struct RecordingInformation {
     pub sensor: Option<Sensor>,
     /// Model and serial number of the camera, as the file gives it.
     pub camera_name: Option<String>,
+    /// When it was recorded, as the header of the file gives it.
+    pub began: Option<String>,
     /// What the reader took for granted or noticed, in sentences for the user.
     pub notes: Vec<String>,
 }

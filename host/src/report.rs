@@ -27,21 +27,34 @@ mod trusted_places;
 use crate::calibrate::Task;
 use crate::calibrate::calibrated::Calibrated;
 
-/// The report of `calibrated`, which came from `task`, as HTML.
-pub fn report(calibrated: &Calibrated, task: &Task) -> String {
+/// Sections of the report.
+const SECTIONS: f64 = 12.0;
+
+/// The report of `calibrated`, which came from `task`, as HTML. `progress` is told which part of it is done, 0 to 1.
+pub fn report(calibrated: &Calibrated, task: &Task, progress: &mut dyn FnMut(f64)) -> String {
+    let mut done = 0.0;
+    let mut step = |section| {
+        done += 1.0;
+        progress(done / SECTIONS);
+        section
+    };
     let sections = [
-        numbers::section(calibrated),
-        trusted_places::section(calibrated),
-        board_places::section(calibrated, task.board),
-        halves::section(calibrated),
-        residuals::section(calibrated),
-        camera_pictures::section(calibrated, task),
-        example_frames::section(calibrated, task.board),
-        accumulation::section(calibrated, task),
-        trajectory::section(calibrated),
-        inertial::section(calibrated),
-        stages::section(calibrated),
-        provenance::section(calibrated, task),
+        step(numbers::section(calibrated)),
+        step(trusted_places::section(calibrated)),
+        step(board_places::section(calibrated, task.board)),
+        step(halves::section(calibrated)),
+        step(residuals::section(calibrated)),
+        step(camera_pictures::section(calibrated, task)),
+        step(example_frames::section(calibrated, task.board)),
+        step(accumulation::section(calibrated, task)),
+        step(trajectory::section(calibrated)),
+        step(inertial::section(calibrated)),
+        step(stages::section(calibrated)),
+        step(provenance::section(calibrated, task)),
     ];
-    page::page(&overview::head(calibrated), sections.into_iter().flatten().collect())
+    page::page(
+        &overview::title(calibrated),
+        &overview::head(calibrated, task),
+        sections.into_iter().flatten().collect(),
+    )
 }

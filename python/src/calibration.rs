@@ -112,7 +112,7 @@ impl Calibration {
                 true => OutputFolder::open(&folder),
                 false => OutputFolder::open_new(&folder, is_result),
             };
-            write_folder(&opened.map_err(failed)?, &self.calibrated, &self.asked.task()).map_err(failed)?;
+            write_folder(&opened.map_err(failed)?, &self.calibrated, &self.asked.task(), &mut |_| {}).map_err(failed)?;
             Ok(folder.join("report.html"))
         })
     }
@@ -219,7 +219,7 @@ pub fn calibrate(
     let mut raised = None;
     let calibrated = interruptible(py, |stop| {
         let mut last = String::new();
-        evcal::calibrate(&asked.task(), |text| {
+        evcal::calibrate(&asked.task(), |evcal::Step { text, .. }| {
             if stop.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
             }

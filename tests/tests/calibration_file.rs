@@ -23,6 +23,16 @@ fn events_with_pictures_as_a_witness() {
     let file = round_trip(&session_calibration());
     assert!(matches!(file.frames, Some(FramesResult::Witness(_))));
     assert!(file.residual_pattern.is_some() && file.stages.detection.is_some() && !file.event_classes.is_empty());
+    // From the header of the recording.
+    assert_eq!(file.camera_name.as_deref(), Some("DAVIS346_evcalsim"));
+    let yaml = fs::read_to_string(session_calibration().join("camera.yaml")).unwrap();
+    let comments: Vec<&str> = yaml.lines().filter(|line| line.starts_with("# ")).collect();
+    let version = concat!("evcal ", env!("CARGO_PKG_VERSION"));
+    for part in [version, "camera DAVIS346_evcalsim", &file.verdict.sentence.replace('±', "+-")] {
+        assert!(comments.iter().any(|line| line.contains(part)), "{part}: {comments:?}");
+    }
+    let report = fs::read_to_string(session_calibration().join("report.html")).unwrap();
+    assert!(report.contains("<title>DAVIS346_evcalsim: radtan calibration</title>"));
     assert!(file.stages.trajectory.is_some_and(|stages| !stages.rounds.is_empty()));
 }
 

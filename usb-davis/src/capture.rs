@@ -98,18 +98,6 @@ impl Capture {
         Self::open_device(path, None)
     }
 
-    /// Opens a dump that is being written, and waits for what is still to come until `growth` says that it ended.
-    ///
-    /// # Errors
-    /// [`CaptureError::Dump`] when it is no dump, or has no header yet.
-    pub fn follow(path: impl AsRef<Path>, growth: Growth) -> Result<Self, CaptureError> {
-        let input = BufReader::with_capacity(1 << 18, File::open(path)?);
-        let reader = DumpReader::new(input)?.following(growth);
-        let header = reader.header().clone();
-        let registers = header.registers.clone();
-        Ok(Self { source: Source::Dump(Box::new(reader)), header, registers, repair: GapRepair::default() })
-    }
-
     /// Opens a file; `device` chooses among the devices of a pcap or pcapng capture.
     pub fn open_device(path: impl AsRef<Path>, device: Option<DeviceAddress>) -> Result<Self, CaptureError> {
         Self::new(BufReader::with_capacity(1 << 18, File::open(path)?), device)
@@ -135,6 +123,17 @@ pub fn sniff(beginning: &[u8]) -> Option<CaptureFormat> {
 }
 
 impl<R: Read + Seek> Capture<R> {
+    /// Reads a dump that is being written, and waits for what is still to come until `growth` says that it ended.
+    ///
+    /// # Errors
+    /// [`CaptureError::Dump`] when it is no dump, or has no header yet.
+    pub fn follow(input: R, growth: Growth) -> Result<Self, CaptureError> {
+        let reader = DumpReader::new(input)?.following(growth);
+        let header = reader.header().clone();
+        let registers = header.registers.clone();
+        Ok(Self { source: Source::Dump(Box::new(reader)), header, registers, repair: GapRepair::default() })
+    }
+
     /// Reads from `input`; `device` chooses among the devices of a pcap or pcapng capture.
     pub fn new(mut input: R, device: Option<DeviceAddress>) -> Result<Self, CaptureError> {
         let mut beginning = Vec::new();

@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use super::calibrated::Calibrated;
 use super::error::CalibrateError;
 use super::input::Input;
+use super::step::Step;
 use super::{PictureUse, Task, calibrate};
 use crate::recording::{Recording, RecordingError};
 
@@ -17,7 +18,7 @@ pub fn calibrate_beginning(
     recording: &Recording,
     seconds: f64,
     task: &Task,
-    progress: impl FnMut(&str) -> ControlFlow<()> + Send,
+    progress: impl FnMut(Step) -> ControlFlow<()> + Send,
 ) -> Result<Calibrated, CalibrateError> {
     let end = first_time(recording)?.saturating_add((seconds * 1e6) as i64);
     let inputs = [Input::from(recording.section((i64::MIN, end)))];

@@ -99,6 +99,17 @@ pub struct EventCalibration {
 }
 
 impl Calibrated {
+    /// Model and serial number of the camera, if the recordings tell them, and all the same.
+    pub fn camera_name(&self) -> Option<&str> {
+        let first = self.recordings.first()?.camera_name.as_deref()?;
+        self.recordings.iter().all(|recording| recording.camera_name.as_deref() == Some(first)).then_some(first)
+    }
+
+    /// When the first recording was made, if it tells that.
+    pub fn recorded(&self) -> Option<&str> {
+        self.recordings.first()?.began.as_deref()
+    }
+
     /// The lens.
     pub fn camera(&self) -> &Camera<f64> {
         match &self.evidence {

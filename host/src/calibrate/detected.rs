@@ -118,7 +118,13 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                 let duration = frames.last().map_or(0.0, |last| last.end) - frames.first().map_or(0.0, |f| f.start);
                 all.frames.extend(frames.iter().cloned().map(|frame| ReferenceFrame { recording: index, ..frame }));
                 all.starts.push(*start);
-                all.recordings.push(RecordingReport { count, duration, notes: notes.clone() });
+                all.recordings.push(RecordingReport {
+                    count,
+                    duration,
+                    camera_name: None,
+                    began: None,
+                    notes: notes.clone(),
+                });
             }
         }
     }
@@ -197,6 +203,7 @@ fn check_units(task: &Task, reports: &[RecordingReport]) -> Result<(), Calibrate
 fn other_board(task: &Task, sensor: Sensor, progress: &Progress) -> Result<Option<OtherReading>, CalibrateError> {
     for (index, input) in task.inputs.iter().enumerate() {
         if let Input::Events(_) = input {
+            progress.tell(format!("looking for another board in {}", input.name()))?;
             let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);
             progress.read(task.inputs, index, &mut |events| other.push(events))?;
             if let Some(found) = other.finish() {

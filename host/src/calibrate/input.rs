@@ -3,7 +3,6 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
 use crate::board::Board;
@@ -12,7 +11,7 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
-use crate::recording::pass::{Pass, read_while};
+use crate::recording::pass::{Batch, Pass, read_while};
 use crate::recording::{ReadReport, Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
 
 /// One input: events or circles.
@@ -98,11 +97,20 @@ impl Input {
 pub fn read_events(
     inputs: &[Input],
     index: usize,
-    visit: &mut dyn FnMut(&[Event]) -> ControlFlow<()>,
+    visit: &mut dyn FnMut(Batch) -> ControlFlow<()>,
 ) -> Result<Pass, RecordingError> {
     let Some(Input::Events(recording)) = inputs.get(index) else {
         let report = ReadReport::default();
-        return Ok(Pass { count: 0, first: 0, last: 0, assumptions: Vec::new(), report, damage: None });
+        return Ok(Pass {
+            count: 0,
+            first: 0,
+            last: 0,
+            camera_name: None,
+            began: None,
+            assumptions: Vec::new(),
+            report,
+            damage: None,
+        });
     };
     read_while(recording, visit)
 }

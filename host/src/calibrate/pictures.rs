@@ -146,15 +146,20 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     progress.go_on()?;
     let trust = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
     let verdict = verdict(&calibration.camera, &trust, None, task.board, sensor, Vec::new(), &task.settings.verdict);
-    let recordings = (0..task.inputs.len()).map(|number| recording_report(&calibration, number)).collect();
+    let recordings = (0..task.inputs.len()).map(|number| recording_report(task, &calibration, number)).collect();
     let evidence = Evidence::Pictures(Box::new(calibration));
     Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
 }
 
 /// What recording `number` held: pictures with the board, up to the end of the last.
-fn recording_report(calibration: &PictureCalibration, number: usize) -> RecordingReport {
+fn recording_report(task: &Task, calibration: &PictureCalibration, number: usize) -> RecordingReport {
     let of_recording = || calibration.frames.iter().filter(move |frame| frame.recording == number);
     let duration = of_recording().map(|frame| frame.end).fold(0.0, f64::max);
     let notes = if number == 0 { calibration.report.detection.notes.clone() } else { Vec::new() };
-    RecordingReport { count: of_recording().count() as u64, duration, notes }
+    let information = match task.inputs.get(number) {
+        Some(Input::Events(recording)) => recording.open().ok().map(|reader| reader.information().clone()),
+        _ => None,
+    };
+    let (camera_name, began) = information.map(|known| (known.camera_name, known.began)).unwrap_or_default();
+    RecordingReport { count: of_recording().count() as u64, duration, camera_name, began, notes }
 }

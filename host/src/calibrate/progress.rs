@@ -7,10 +7,11 @@ use evcal_core::event::Event;
 
 use super::error::CalibrateError;
 use super::input::{Input, read_events};
+use super::step::Step;
 use crate::recording::pass::Pass;
 
 /// What a caller is told with, and what it answers.
-pub(super) type Tell<'a> = dyn FnMut(&str) -> ControlFlow<()> + Send + 'a;
+pub(super) type Tell<'a> = dyn FnMut(Step) -> ControlFlow<()> + Send + 'a;
 
 /// Tells the caller what is going on, and remembers that it wanted the end.
 pub(super) struct Progress<'a>(Mutex<State<'a>>);
@@ -19,19 +20,40 @@ struct State<'a> {
     tell: &'a mut Tell<'a>,
     /// What was told last.
     text: String,
+    /// Events of each recording that was read to its end, by its place among the inputs.
+    known: Vec<Option<u64>>,
+    /// Events read since the text was told.
+    read: u64,
     stopped: bool,
 }
 
 impl State<'_> {
-    fn ask(&mut self) -> Result<(), CalibrateError> {
-        self.stopped = self.stopped || (self.tell)(&self.text).is_break();
+    fn ask(&mut self, done: Option<f64>) -> Result<(), CalibrateError> {
+        self.stopped = self.stopped || (self.tell)(Step { text: &self.text, done }).is_break();
         if self.stopped { Err(CalibrateError::Stopped) } else { Ok(()) }
+    }
+
+    /// Events of all recordings, once each was read to its end.
+    fn total(&self) -> Option<u64> {
+        self.known.iter().copied().sum()
+    }
+
+    /// Which part of a pass is done after `count` more events: of all recordings once each was read, before that of the
+    /// one of which the reader knows it.
+    fn done(&mut self, count: usize, of_file: Option<f64>) -> Option<f64> {
+        self.read += count as u64;
+        match self.total() {
+            Some(total) if total > 0 => Some((self.read as f64 / total as f64).min(1.0)),
+            _ => of_file,
+        }
     }
 }
 
 impl<'a> Progress<'a> {
-    pub(super) fn new(tell: &'a mut Tell<'a>) -> Self {
-        Self(Mutex::new(State { tell, text: String::new(), stopped: false }))
+    /// Of a calibration of so many `inputs`.
+    pub(super) fn new(inputs: &[Input], tell: &'a mut Tell<'a>) -> Self {
+        let known = inputs.iter().map(|input| matches!(input, Input::Circles { .. }).then_some(0)).collect();
+        Self(Mutex::new(State { tell, text: String::new(), known, read: 0, stopped: false }))
     }
 
     /// Tells what begins now.
@@ -41,7 +63,8 @@ impl<'a> Progress<'a> {
     pub(super) fn tell(&self, text: impl Into<String>) -> Result<(), CalibrateError> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         state.text = text.into();
-        state.ask()
+        state.read = 0;
+        state.ask(None)
     }
 
     /// Tells the same again: is it still to go on?
@@ -49,7 +72,7 @@ impl<'a> Progress<'a> {
     /// # Errors
     /// As [`Progress::tell`].
     pub(super) fn go_on(&self) -> Result<(), CalibrateError> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).ask()
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).ask(None)
     }
 
     /// Hands all events of an input to `visit`, as [`read_events`] does, as long as the caller lets it.
@@ -63,17 +86,29 @@ impl<'a> Progress<'a> {
         visit: &mut dyn FnMut(&[Event]),
     ) -> Result<Pass, CalibrateError> {
         let mut asked = Ok(());
-        let pass = read_events(inputs, index, &mut |events| {
-            asked = self.go_on();
+        let pass = read_events(inputs, index, &mut |batch| {
+            let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let done = state.done(batch.events.len(), batch.done);
+            asked = state.ask(done);
+            drop(state);
             match asked {
                 Ok(()) => {
-                    visit(events);
+                    visit(batch.events);
                     ControlFlow::Continue(())
                 }
                 Err(_) => ControlFlow::Break(()),
             }
         })?;
-        asked.map(|()| pass)
+        asked?;
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = state.known.get_mut(index) {
+            *known = Some(pass.count);
+        }
+        if state.total().is_some_and(|total| state.read >= total) {
+            // What follows the reading takes its time too, nobody knows how long.
+            state.ask(None)?;
+        }
+        Ok(pass)
     }
 }
 
@@ -96,12 +131,17 @@ mod tests {
     fn reading_ends_with_the_first_no_and_nobody_is_asked_again() {
         let inputs = input();
         let (mut asked, mut visited) = (0, 0);
-        let mut tell = |text: &str| {
-            assert_eq!(text, "reading");
+        let mut last = 0.0;
+        let mut tell = |step: Step| {
+            assert_eq!(step.text, "reading");
+            // Not known before the first events are there.
+            assert_eq!(step.done.is_some(), asked > 0);
+            assert!(step.done.is_none_or(|done| done > last && done < 1.0), "{step:?}");
+            last = step.done.unwrap_or(last);
             asked += 1;
             if asked < 4 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         };
-        let progress = Progress::new(&mut tell);
+        let progress = Progress::new(&inputs, &mut tell);
         progress.tell("reading").unwrap();
         let read = progress.read(&inputs, 0, &mut |events| visited += events.len());
         assert!(matches!(read.err(), Some(CalibrateError::Stopped)));
@@ -111,11 +151,40 @@ mod tests {
     }
 
     #[test]
+    fn a_pass_through_recordings_that_were_read_before_counts_all_of_them() {
+        let inputs: Vec<Input> = input().into_iter().chain(input()).collect();
+        let mut told: Vec<(String, Option<f64>)> = Vec::new();
+        let mut tell = |step: Step| {
+            told.push((step.text.to_owned(), step.done));
+            ControlFlow::Continue(())
+        };
+        let progress = Progress::new(&inputs, &mut tell);
+        for text in ["first", "second"] {
+            for index in 0..2 {
+                if text == "first" || index == 0 {
+                    progress.tell(text).unwrap();
+                }
+                progress.read(&inputs, index, &mut |_| {}).unwrap();
+            }
+        }
+        drop(progress);
+        let of = |text: &str| {
+            let of_text = told.iter().filter(|(other, _)| other == text);
+            of_text.filter_map(|(_, done)| *done).collect::<Vec<f64>>()
+        };
+        // Each file on its own, then both as one.
+        assert_eq!(of("first").iter().filter(|done| **done == 1.0).count(), 2, "{:?}", of("first"));
+        let second = of("second");
+        assert!(second.is_sorted() && second.last() == Some(&1.0), "{second:?}");
+        assert!(second.iter().any(|done| (done - 0.5).abs() < 1e-9), "{second:?}");
+    }
+
+    #[test]
     fn a_calibration_can_be_ended() {
         let (inputs, board) = (input(), "acircles:9x4:55mm:r17.5mm".parse().unwrap());
         let mut told = Vec::new();
-        let ended = calibrate(&Task::new(&inputs, &board), |text| {
-            told.push(text.to_owned());
+        let ended = calibrate(&Task::new(&inputs, &board), |step| {
+            told.push(step.text.to_owned());
             ControlFlow::Break(())
         });
         assert!(matches!(ended.err(), Some(CalibrateError::Stopped)));

@@ -28,9 +28,12 @@ use evcal::trajectory::RotationSpline;
 use evcal::trust::verdict::{Grade, Verdict};
 use evcal_core::circle::Extraction;
 
-use super::progress::spinner;
+use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
 use super::{NotGoodEnough, UsageError, print};
+
+/// What is told while circles come through a serial port.
+pub(super) const LISTENING: &str = "listening to the serial port";
 
 /// Arguments of `evcal calibrate`.
 #[derive(clap::Args)]
@@ -218,12 +221,11 @@ pub fn calibrate_recordings(
     folder: &OutputFolder,
 ) -> super::Outcome {
     let method = &arguments.method;
-    let bar = spinner(arguments.json);
-    let progress = |message: &str| bar.set_message(message.to_owned());
+    let mut waiting = Waiting::new(arguments.json);
     let board = method.choose_board(recordings, options, &settings.detection)?;
     let inputs = recordings
         .iter()
-        .map(|path| open_input(path, options, &board, folder.path(), progress))
+        .map(|path| open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)))
         .collect::<Result<Vec<Input>, _>>()?;
     let pictures = match (arguments.frames_only, arguments.joint_frames) {
         (true, _) => PictureUse::Only,
@@ -240,17 +242,17 @@ pub fn calibrate_recordings(
         command_line: &super::command_line(),
     };
     let mut stages: Vec<String> = Vec::new();
-    let calibrated = calibrate(&task, |message| {
-        progress(message);
-        if stages.last().is_none_or(|last| last != message) {
-            stages.push(message.to_owned());
+    let calibrated = calibrate(&task, |step| {
+        waiting.stage(step.text, step.done);
+        if stages.last().is_none_or(|last| last != step.text) {
+            stages.push(step.text.to_owned());
         }
         ControlFlow::Continue(())
     });
     let calibrated = match calibrated {
         Ok(calibrated) => calibrated,
         Err(error) => {
-            bar.finish_and_clear();
+            waiting.finish();
             let failure = write_failure(folder.path(), &task, &error, stages)?;
             return Err(Failed { error, failure }.into());
         }
@@ -258,14 +260,14 @@ pub fn calibrate_recordings(
     let mut calibrated = calibrated;
     let inertial = match arguments.inertial_request() {
         Some(request) => {
-            bar.set_message("inertial unit");
+            waiting.stage("inertial unit", None);
             add_inertial(&mut calibrated, &inputs, &request)
         }
         None => Ok(()),
     };
-    bar.set_message("writing results");
-    let written = write_folder(folder, &calibrated, &task)?;
-    bar.finish_and_clear();
+    waiting.stage("results", None);
+    let written = write_folder(folder, &calibrated, &task, &mut |step| waiting.stage(step.text, step.done))?;
+    waiting.finish();
     if arguments.json {
         print::line(written.json)?;
     } else {

@@ -9,7 +9,7 @@ use evcal::settings::Settings;
 
 use super::calibrate::board_in;
 use super::print;
-use super::progress::spinner;
+use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
 
 /// Arguments of `evcal check`.
@@ -30,8 +30,8 @@ pub struct Arguments {
 /// Runs `evcal check`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let recording = Recording::new(&arguments.recording, arguments.source.options())?;
-    let bar = spinner(arguments.json);
-    bar.set_message(format!("looking at {}", arguments.recording.display()));
+    let mut waiting = Waiting::new(arguments.json);
+    waiting.stage(&format!("looking at {}", arguments.recording.display()), None);
     let settings = Settings::default().detection;
     let board = match &arguments.board {
         // What is to be measured is said with everything else.
@@ -42,6 +42,6 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         }
     };
     let checked = check(&recording, board.as_ref(), &settings)?;
-    bar.finish_and_clear();
+    waiting.finish();
     if arguments.json { print::json(&checked) } else { print::line(checked) }
 }

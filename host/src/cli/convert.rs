@@ -6,8 +6,9 @@ use evcal::recording::Recording;
 use evcal::recording::convert::{TimeOrigin, convert, output_of};
 use evcal::recording::encode::OutputFormat;
 
+use super::print;
+use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
-use super::{print, progress};
 
 /// Arguments of `evcal convert`.
 #[derive(clap::Args)]
@@ -37,9 +38,14 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
     let origin = if arguments.unix_time { TimeOrigin::Unix } else { TimeOrigin::Kept };
     let recording = Recording::new(input, arguments.source.options())?;
-    let bar = progress::spinner(arguments.json);
-    let report = convert(&recording, output, target, origin, |events| bar.set_message(format!("{events} events")))?;
-    bar.finish_and_clear();
+    let mut waiting = Waiting::new(arguments.json);
+    let stage = format!("converting {}", input.display());
+    waiting.stage(&stage, None);
+    let report = convert(&recording, output, target, origin, |at| {
+        waiting.part(&stage, &format!("{stage}: {} events", at.events), at.done);
+    });
+    waiting.finish();
+    let report = report?;
     if arguments.json {
         print::json(&report)?;
     } else {

@@ -6,14 +6,15 @@ use evcal::board::request::BoardRequest;
 use evcal::calibrate::board_choice::{BoardChoiceError, recognise_layout};
 use evcal::circles::serial::SerialAddress;
 use evcal::circles::stream::{self, CircleStream};
-use evcal::detection::search::{FoundCircles, SearchFor, search_events, search_stream, sensor_of};
+use evcal::detection::search::{FoundCircles, SearchFor, search_events_telling, search_stream, sensor_of};
 use evcal::detection::settings::DetectionSettings;
 use evcal::recording::{Recording, RecordingKind, sniff};
 use evcal::report::drawing::circle_picture;
 use evcal::settings::Settings;
 use evcal_core::circle::Extraction;
 
-use super::progress::spinner;
+use super::calibrate::LISTENING;
+use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
 use super::{UsageError, print};
 
@@ -63,11 +64,14 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     settings.detection.extraction = arguments.extraction.unwrap_or(settings.detection.extraction);
     let recording = Recording::new(&arguments.recording, arguments.source.options())?;
     let sensor = sensor_of(&recording)?;
-    let bar = spinner(arguments.json);
-    bar.set_message(format!("searching {}", arguments.recording.display()));
+    let mut waiting = Waiting::new(arguments.json);
+    let stage = format!("searching {}", arguments.recording.display());
+    waiting.stage(&stage, None);
     let wanted = wanted(arguments, &[&recording], &settings.detection)?;
-    let found = search_events(&recording, sensor, wanted, &settings.detection)?;
-    bar.finish_and_clear();
+    let found = search_events_telling(&recording, sensor, wanted, &settings.detection, |done| {
+        waiting.stage(&stage, done);
+    })?;
+    waiting.finish();
     write(arguments, &found)?;
     if let (Some(path), Some(best)) = (&arguments.picture, found.best_window()) {
         circle_picture(best.pixels, &best.circles, sensor).write_png(path)?;
@@ -100,9 +104,9 @@ fn open_stream(arguments: &Arguments) -> Result<Option<CircleStream>, Box<dyn st
     let path = &arguments.recording;
     if SerialAddress::is_address(path) {
         let address = super::calibrate::serial_address(path)?;
-        let bar = spinner(arguments.json);
-        let stream = address.receive(|message| bar.set_message(message.to_owned()));
-        bar.finish_and_clear();
+        let mut waiting = Waiting::new(arguments.json);
+        let stream = address.receive(|message| waiting.part(LISTENING, message, None));
+        waiting.finish();
         return Ok(Some(stream?));
     }
     match sniff(path)? {

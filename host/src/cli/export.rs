@@ -11,7 +11,7 @@ use evcal::export::undistortion_table::{ExportedTable, fit_table, ideal_of, tabl
 use evcal::files;
 use evcal::files::folder::OutputFolder;
 use evcal::lens::nearest::Replacement;
-use evcal::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, UNNAMED};
+use evcal::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC};
 use evcal_core::undistortion::IdealCamera;
 
 use super::{UsageError, print, value};
@@ -35,9 +35,9 @@ pub struct Arguments {
     /// File for --format, or the folder for --format all [default: standard output]
     #[arg(short, long, value_name = "FILE", requires = "format")]
     output: Option<PathBuf>,
-    /// Name of the camera in the file, such as DAVIS346_00000001
-    #[arg(long, value_name = "NAME", requires = "format", default_value = UNNAMED)]
-    camera_name: String,
+    /// Name of the camera in the file, such as DAVIS346_00000001 [default: that of the calibration]
+    #[arg(long, value_name = "NAME", requires = "format")]
+    camera_name: Option<String>,
     /// Topic of the camera's images, for Kalibr
     #[arg(long, value_name = "TOPIC", requires = "format", default_value = ROS_TOPIC)]
     ros_topic: String,
@@ -83,10 +83,11 @@ fn nodes(text: &str) -> Result<[u16; 2], String> {
 
 /// Runs `evcal export`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
+    let calibrated = CalibratedCamera::read(&arguments.calibration)?;
     let calibrated = CalibratedCamera {
-        name: arguments.camera_name.clone(),
+        name: arguments.camera_name.clone().unwrap_or(calibrated.name),
         ros_topic: arguments.ros_topic.clone(),
-        ..CalibratedCamera::read(&arguments.calibration)?
+        ..calibrated
     };
     let mut report = serde_json::Map::new();
     let mut written = Vec::new();

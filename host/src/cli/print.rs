@@ -26,7 +26,7 @@ pub fn text(text: &str) -> super::Outcome {
     }
 }
 
-/// Prints what is not part of the output, on standard error.
+/// Prints what is not part of the output, on standard error. Nobody need listen.
 pub fn aside(text: impl Display) {
-    eprintln!("evcal: {text}");
+    let _ = writeln!(std::io::stderr().lock(), "evcal: {text}");
 }

@@ -8,7 +8,7 @@ use evcal::calibrate::{PictureUse, Task};
 use evcal::recording::Recording;
 
 use super::calibrate::MethodArguments;
-use super::progress::spinner;
+use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
 use super::{print, value};
 
@@ -47,11 +47,16 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let task =
         Task { inputs: &[], board, model, sensor, pictures: PictureUse::Ignore, settings: &settings, command_line: "" };
     let parts = RepeatSettings { runs: arguments.runs.into(), seconds: arguments.seconds, seed: arguments.seed };
-    let bar = spinner(arguments.json);
+    let mut waiting = Waiting::new(arguments.json);
     let repetition = repeat(&recording, &task, &parts, |run| {
-        bar.set_message(format!("part {} of {}", run + 1, arguments.runs));
+        let done = run as f64 / f64::from(arguments.runs).max(1.0);
+        waiting.part(
+            "calibrating parts of the recording",
+            &format!("part {} of {}", run + 1, arguments.runs),
+            Some(done),
+        );
     })?;
-    bar.finish_and_clear();
+    waiting.finish();
     if arguments.json {
         return print::line(serde_json::to_string_pretty(&repetition)?);
     }

@@ -20,7 +20,8 @@ use evcal::simulate::{Simulation, SimulationSettings};
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 
-use super::{UsageError, print, progress, value};
+use super::progress::Waiting;
+use super::{UsageError, print, value};
 
 /// Arguments of `evcal simulate`.
 #[derive(clap::Args)]
@@ -160,7 +161,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         true => OutputFolder::open(&arguments.output)?,
         false => OutputFolder::open_new(&arguments.output, is_result)?,
     };
-    let spinner = progress::spinner(arguments.json);
+    let mut waiting = Waiting::new(arguments.json);
     let slices = simulation.slice_count().max(1);
     let recorded = SimulatedRecording {
         simulation: &simulation,
@@ -170,9 +171,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         format: arguments.format,
     };
     let written = write_folder(&folder, &recorded, |done| {
-        spinner.set_message(format!("{} % simulated", 100 * done / slices));
+        waiting.stage("simulating", Some(done as f64 / slices as f64));
     })?;
-    spinner.finish_and_clear();
+    waiting.finish();
     tell(arguments, &written)
 }
 

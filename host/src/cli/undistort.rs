@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use evcal::lens::camera_file::{self, CameraDescription};
-use evcal::recording::convert::output_of;
+use evcal::recording::convert::{ConversionProgress, output_of};
 use evcal::recording::encode::OutputFormat;
 use evcal::undistort::picture::{is_picture, is_single, undistort_pictures};
 use evcal::undistort::recording::{
@@ -15,8 +15,9 @@ use evcal::undistort::target::{TargetProjection, target_camera};
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 
+use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
-use super::{UsageError, print, progress, value};
+use super::{UsageError, print, value};
 
 /// Arguments of `evcal undistort`.
 #[derive(clap::Args)]
@@ -73,15 +74,19 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 
 fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     let recording = open_recording(path, arguments.source.options(), sensor)?;
-    let bar = progress::spinner(arguments.json);
-    let tell = |events| bar.set_message(format!("{events} events"));
+    let mut waiting = Waiting::new(arguments.json);
+    let stage = format!("undistorting {}", path.display());
+    waiting.stage(&stage, None);
+    let mut tell = |at: ConversionProgress| {
+        waiting.part(&stage, &format!("{stage}: {} events", at.events), at.done);
+    };
     let mut report = None;
     if let Some(output) = &arguments.output {
         let done = if arguments.subpixel {
-            undistort_sub_pixel(&recording, output, SubPixelFormat::from_extension(output)?, maps, tell)?
+            undistort_sub_pixel(&recording, output, SubPixelFormat::from_extension(output)?, maps, &mut tell)?
         } else {
             let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
-            undistort_recording(&recording, output, target, maps, tell)?
+            undistort_recording(&recording, output, target, maps, &mut tell)?
         };
         write_camera(&camera_path_beside(output), new, sensor)?;
         report = Some((output, done));
@@ -91,7 +96,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
         frames = Some((folder, undistort_frames(&recording, folder, maps)?));
         write_camera(&folder.join("camera.json"), new, sensor)?;
     }
-    bar.finish_and_clear();
+    waiting.finish();
     if arguments.json {
         print::json(&serde_json::json!({
             "camera": CameraDescription::new(new),

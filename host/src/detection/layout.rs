@@ -81,9 +81,9 @@ pub fn find_layout(
     settings: &DetectionSettings,
 ) -> Result<Option<RecognisedLayout>, RecordingError> {
     let mut stage = DetectionStage::for_circles(settings, sensor, FEWEST_CIRCLES);
-    read_while(recording, &mut |events| {
-        stage.push(beginning(events));
-        match events.last() {
+    read_while(recording, &mut |batch| {
+        stage.push(beginning(batch.events));
+        match batch.events.last() {
             Some(last) if last.t > LONGEST => ControlFlow::Break(()),
             _ => ControlFlow::Continue(()),
         }

@@ -1,6 +1,7 @@
 //! Looking for the board, or for circles of any kind, in one recording or circle stream.
 
 use std::io;
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use evcal_core::pattern::Pattern;
@@ -15,7 +16,7 @@ use crate::circles::stream::CircleStream;
 use crate::circles::track::{self, CircleFrames};
 use crate::files::{self, FileError};
 use crate::recording::information::{likely_sensor_of, sensor_advice};
-use crate::recording::pass::read_recording;
+use crate::recording::pass::read_while;
 use crate::recording::{Recording, RecordingError};
 
 /// What is looked for.
@@ -109,11 +110,29 @@ pub fn search_events(
     wanted: SearchFor,
     settings: &DetectionSettings,
 ) -> Result<FoundCircles, RecordingError> {
+    search_events_telling(recording, sensor, wanted, settings, |_| {})
+}
+
+/// As [`search_events`]; `progress` is told which part of the recording was searched, 0 to 1, where that is known.
+///
+/// # Errors
+/// As there.
+pub fn search_events_telling(
+    recording: &Recording,
+    sensor: Sensor,
+    wanted: SearchFor,
+    settings: &DetectionSettings,
+    mut progress: impl FnMut(Option<f64>),
+) -> Result<FoundCircles, RecordingError> {
     let mut stage = match wanted {
         SearchFor::Board(pattern) => DetectionStage::for_board(settings, sensor, pattern, 0),
         SearchFor::Circles(fewest) => DetectionStage::for_circles(settings, sensor, fewest),
     };
-    let pass = read_recording(recording, &mut |events| stage.push(events))?;
+    let pass = read_while(recording, &mut |batch| {
+        stage.push(batch.events);
+        progress(batch.done);
+        ControlFlow::Continue(())
+    })?;
     let (content, report) = match wanted {
         SearchFor::Board(pattern) => {
             let (frames, report) = stage.into_frames();

@@ -3,7 +3,7 @@
 use evcal_core::camera::{Camera, ModelKind};
 
 use crate::lens::nearest::{Replacement, nearest};
-use crate::result::calibrated_camera::CalibratedCamera;
+use crate::result::calibrated_camera::{CalibratedCamera, UNNAMED};
 
 /// A file format for cameras.
 pub struct ExportFormat {
@@ -34,13 +34,18 @@ pub struct Content<'a> {
 }
 
 impl Content<'_> {
-    /// Where the file comes from, where pixel (0, 0) is, how good the calibration is and what a refit costs, in sentences for comments.
+    /// Where the file comes from, where pixel (0, 0) is, which camera it is of and when that was recorded, how good the calibration is and what a refit costs, in sentences for comments.
     pub fn remarks(&self) -> Vec<String> {
         let from = format!("written by evcal {}; pixel (0, 0) is the centre of the top-left pixel", crate::VERSION);
         // Some readers take ASCII only.
         let verdict = self.calibrated.verdict.replace('±', "+-");
         let verdict = Some(verdict).filter(|verdict| !verdict.is_empty());
-        [from].into_iter().chain(verdict).chain(self.refit.map(ToString::to_string)).collect()
+        let CalibratedCamera { name, recorded, .. } = self.calibrated;
+        let camera = (name != UNNAMED).then(|| format!("camera {name}"));
+        let recorded = recorded.as_ref().map(|date| format!("recorded {date}"));
+        let origin = Some(camera.into_iter().chain(recorded).collect::<Vec<_>>().join(", "));
+        let origin = origin.filter(|origin| !origin.is_empty());
+        [from].into_iter().chain(origin).chain(verdict).chain(self.refit.map(ToString::to_string)).collect()
     }
 
     /// The camera matrix, row by row.

@@ -9,6 +9,7 @@ use crate::board::Board;
 use crate::calibrate::Task;
 use crate::calibrate::calibrated::{Calibrated, Evidence};
 use crate::calibrate::input::Input;
+use crate::calibrate::step::Step;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::track;
 use crate::export::content::ExportFormat;
@@ -92,7 +93,7 @@ impl Calibrated {
     /// [`WriteError`] when there is a result, or the folder or a file cannot be written.
     pub fn write(&self, folder: impl AsRef<Path>, task: &Task) -> Result<Written, WriteError> {
         let folder = OutputFolder::open_new(folder.as_ref(), is_result)?;
-        Ok(write_folder(&folder, self, task)?)
+        Ok(write_folder(&folder, self, task, &mut |_| {})?)
     }
 }
 
@@ -100,10 +101,16 @@ impl Calibrated {
 /// `settings.toml`, `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, from
 /// which earlier results and what earlier failures left are removed. Of several recordings, each has its own clock: those after the first have their own
 /// `trajectory-2.txt`, `circles-2.csv` and so on.
+/// `progress` is told how far the report is, which takes most of the time.
 ///
 /// # Errors
 /// [`FileError`] names the file that could not be written.
-pub fn write_folder(folder: &OutputFolder, calibrated: &Calibrated, task: &Task) -> Result<Written, FileError> {
+pub fn write_folder(
+    folder: &OutputFolder,
+    calibrated: &Calibrated,
+    task: &Task,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Written, FileError> {
     let put = |path: PathBuf, content: &[u8]| files::write(&path, content);
     let calibration = CalibrationFile::new(calibrated, task.board);
     let json = serde_json::to_string_pretty(&calibration)
@@ -115,7 +122,10 @@ pub fn write_folder(folder: &OutputFolder, calibrated: &Calibrated, task: &Task)
     put(folder.join("calibration.json"), json.as_bytes())?;
     put(folder.join("settings.toml"), task.settings.to_commented_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
-    put(folder.join("report.html"), report(calibrated, task).as_bytes())?;
+    put(
+        folder.join("report.html"),
+        report(calibrated, task, &mut |done| progress(Step { text: "report", done: Some(done) })).as_bytes(),
+    )?;
     let mut text = Vec::new();
     let mut distances = None;
     for (recording, start) in calibrated.starts.iter().enumerate() {

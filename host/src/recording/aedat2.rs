@@ -73,6 +73,11 @@ fn header(bytes: &[u8]) -> (Vec<&str>, usize) {
     (lines, length)
 }
 
+/// When the recording was made, as jAER writes it: `# created Thu Dec 03 14:55:00 CET 2015`.
+fn created(lines: &[&str]) -> Option<String> {
+    lines.iter().find_map(|line| line.strip_prefix('#')?.trim().strip_prefix("created ")).map(str::to_owned)
+}
+
 /// The layout, and what was taken for granted.
 fn layout(lines: &[&str], records: &[u8], options: &RecordingOptions) -> Option<(Layout, Option<String>)> {
     let chip = lines.iter().find_map(|line| line.split_once("AEChip:")).map(|(_, chip)| chip.to_uppercase());
@@ -116,6 +121,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
         format: FORMAT.name,
         sensor: Some(layout.sensor()),
         camera_name: None,
+        began: created(&lines),
         notes: note.into_iter().collect(),
     };
     Ok(Box::new(Decoder { file, information, layout, block: Vec::new(), latest: None, other: 0 }))
@@ -164,6 +170,10 @@ impl Decode for Decoder {
         }
         self.block = block;
         Ok(more)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(self.file.done())
     }
 }
 

@@ -60,8 +60,13 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
         (true, Some(sensor)) => Some(sensor.height),
         (true, None) => return Err(RecordingError::new(path, RecordingErrorKind::ChipUnknown)),
     };
-    let information =
-        RecordingInformation { format: FORMAT.name, sensor, camera_name: header.source, notes: Vec::new() };
+    let information = RecordingInformation {
+        format: FORMAT.name,
+        sensor,
+        camera_name: header.source,
+        began: header.began,
+        notes: Vec::new(),
+    };
     let other = BTreeMap::new();
     Ok(Box::new(Decoder { file, information, from_below, packet: Vec::new(), truncated: None, other }))
 }
@@ -92,6 +97,10 @@ impl Decode for Decoder {
         });
         batch.extend(events);
         Ok(head.length == head.wanted)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(self.file.done())
     }
 }
 

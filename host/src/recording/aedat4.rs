@@ -70,7 +70,7 @@ impl EventDecoder {
         let sensor = sensor_size(stream).map_err(error)?;
         let names = header.streams.iter().map(|stream| (stream.id, describe(stream))).collect();
         let camera_name = stream.source.clone();
-        let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, notes };
+        let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: None, notes };
         Ok(Self { stream: stream.id, names, damage: options.damage, information, packets })
     }
 
@@ -115,6 +115,10 @@ impl Decode for EventDecoder {
             }
         }
         Ok(true)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(self.packets.done())
     }
 }
 

@@ -6,6 +6,11 @@ use std::path::{Path, PathBuf};
 
 use super::{ReadReport, RecordingError, RecordingErrorKind, Truncation};
 
+/// Which part of `whole` `part` is, 0 to 1; nothing of nothing is all.
+pub fn share(part: u64, whole: u64) -> f64 {
+    if part >= whole { 1.0 } else { part as f64 / whole as f64 }
+}
+
 /// What to do about damage.
 pub const BEFORE_IT: &str = "the events before it can be used";
 
@@ -34,6 +39,11 @@ impl ByteReader {
     /// Number of bytes from there to the end.
     pub fn left(&self) -> u64 {
         self.length.saturating_sub(self.position)
+    }
+
+    /// Which part of the file was read, 0 to 1.
+    pub fn done(&self) -> f64 {
+        share(self.position, self.length)
     }
 
     /// Replaces the content of `buffer` by the next `count` bytes; by fewer at the end of the file only.

@@ -105,8 +105,16 @@ pub struct Change<'a> {
     pub(crate) extra: &'a mut dyn FnMut(&mut Extra),
 }
 
-/// Writes the content of `recording` to a new file at `path`. `progress` is told the number of events
-/// done.
+/// How far a conversion is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConversionProgress {
+    /// Events done.
+    pub events: u64,
+    /// Which part of the recording that is, 0 to 1; `None` where that is not known.
+    pub done: Option<f64>,
+}
+
+/// Writes the content of `recording` to a new file at `path`. `progress` is told how far it is.
 ///
 /// # Errors
 /// [`ConvertError`] if it cannot begin or the output cannot be written. Should the recording break
@@ -116,7 +124,7 @@ pub fn convert(
     path: &Path,
     target: OutputFormat,
     origin: TimeOrigin,
-    progress: impl FnMut(u64),
+    progress: impl FnMut(ConversionProgress),
 ) -> Result<ConversionReport, ConvertError> {
     if let (Some(open), Some(copy)) = (recording.format().transfers, target.copy_transfers)
         && !path.exists()
@@ -137,7 +145,7 @@ pub fn convert_changed(
     target: OutputFormat,
     origin: TimeOrigin,
     mut change: Change,
-    mut progress: impl FnMut(u64),
+    mut progress: impl FnMut(ConversionProgress),
 ) -> Result<ConversionReport, ConvertError> {
     if path.exists() {
         return Err(ConvertError::Exists(path.to_owned()));
@@ -179,7 +187,7 @@ pub fn convert_changed(
             write_extra(&mut *output, extra, &mut change, shift, &mut report).map_err(failed)?;
         }
         output.advance(last.saturating_add(shift)).map_err(failed)?;
-        progress(reader.report().events);
+        progress(ConversionProgress { events: reader.report().events, done: reader.done() });
         more = next(&mut reader, &mut events, &mut report);
     }
     let end = latest.saturating_add(AFTERWARDS);

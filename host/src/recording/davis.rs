@@ -20,6 +20,7 @@ use usb_davis::capture::{Capture, CaptureFormat, sniff};
 use usb_davis::dump::Growth;
 use usb_davis::protocol::Message;
 
+use super::date::date;
 use super::extras::ReadExtras;
 use super::{
     Decode, FileFormat, Head, ReadReport, RecordingError, RecordingInformation, RecordingOptions, StreamSummary,
@@ -86,6 +87,7 @@ fn transfers(messages: Messages, format: &'static str) -> Box<dyn Decode> {
         format,
         sensor: Some(header.registers.layout().dvs.size().into()),
         camera_name: header.identity.is_some().then(|| header.camera_name()),
+        began: i64::try_from(header.start_unix_ns / 1000).ok().and_then(date),
         notes,
     };
     Box::new(Transfers { messages, information })
@@ -107,6 +109,10 @@ impl Decode for Transfers {
         }
         self.messages.report(report);
         Ok(more)
+    }
+
+    fn done(&self) -> Option<f64> {
+        self.messages.done()
     }
 }
 

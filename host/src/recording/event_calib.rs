@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::event::{Event, Polarity};
 
+use super::bytes::share;
 use super::encode::{Encode, OutputFormat, WriteError};
 use super::{
     Decode, FileFormat, Head, MAX_SENSOR_SIZE, Opened, ReadReport, RecordingError, RecordingErrorKind,
@@ -55,15 +56,18 @@ fn record(bytes: &[u8; RECORD]) -> Record {
 }
 
 fn open(path: &Path, _: &RecordingOptions) -> Opened {
-    let file = File::open(path).map_err(|error| RecordingError::io(path, error))?;
+    let io = |error| RecordingError::io(path, error);
+    let file = File::open(path).map_err(io)?;
+    let length = file.metadata().map_err(io)?.len();
     let information = RecordingInformation {
         format: FORMAT.name,
         sensor: None,
         camera_name: None,
+        began: None,
         notes: vec!["the file has no header: taken for EventCalib records (seconds, x, y, polarity)".to_owned()],
     };
     let file = BufReader::with_capacity(1 << 18, file);
-    Ok(Box::new(Decoder { path: path.to_owned(), file, information, records: 0 }))
+    Ok(Box::new(Decoder { path: path.to_owned(), file, information, records: 0, length }))
 }
 
 fn recognise(head: &Head) -> bool {
@@ -90,6 +94,8 @@ struct Decoder {
     file: BufReader<File>,
     information: RecordingInformation,
     records: u64,
+    /// Length of the file.
+    length: u64,
 }
 
 impl Decoder {
@@ -173,6 +179,10 @@ impl Decode for Decoder {
             }
         }
         Ok(true)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(share(self.records * RECORD as u64, self.length))
     }
 }
 

@@ -93,8 +93,13 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
         return Err(file.damaged(HEAD as u64, "the header is not whole"));
     };
     let sensor = Sensor::new(u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]));
-    let information =
-        RecordingInformation { format: FORMAT.name, sensor: Some(sensor), camera_name: None, notes: Vec::new() };
+    let information = RecordingInformation {
+        format: FORMAT.name,
+        sensor: Some(sensor),
+        camera_name: None,
+        began: None,
+        notes: Vec::new(),
+    };
     let (rest, block) = (Vec::new(), Vec::new());
     Ok(Box::new(Decoder { file, information, kind, height: sensor.height, t: 0, rest, block, measurements: 0 }))
 }
@@ -151,6 +156,10 @@ impl Decode for Decoder {
             report.truncated = Some(Truncation { byte, lost });
         }
         Ok(more)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(self.file.done())
     }
 }
 

@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::event::{Event, Polarity};
 
+use super::bytes::share;
 use super::{
     Column, Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
     RecordingOptions, StreamSummary, TimeUnit, columns, numbers,
@@ -57,7 +58,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let Found { table, sensor, offset, .. } = with_room(path, found)?;
     let (table, unit) = arrange(path, table, options, &mut notes)?;
     let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
-    let information = RecordingInformation { format: FORMAT.name, sensor, camera_name: None, notes };
+    let information = RecordingInformation { format: FORMAT.name, sensor, camera_name: None, began: None, notes };
     Ok(Box::new(Decoder { path: path.to_owned(), information, table, unit, offset, next: 0 }))
 }
 
@@ -150,5 +151,9 @@ impl Decode for Decoder {
             batch.push(event);
         }
         Ok(self.next < self.table.count())
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(share(self.next, self.table.count()))
     }
 }

@@ -8,6 +8,7 @@ use evcal_core::event::{Event, Polarity};
 use serde::Serialize;
 
 use crate::recording::bad_pixels::dead_lines;
+use crate::recording::date::date;
 use crate::recording::flicker::{Flicker, RateBins};
 use crate::recording::saturation::SaturationDetector;
 use crate::recording::{ReadReport, Recording, RecordingError, StreamSummary};
@@ -40,6 +41,8 @@ pub struct Information {
     pub format: &'static str,
     /// Model and serial number of the camera.
     pub camera_name: Option<String>,
+    /// When it was recorded, if the file tells that.
+    pub began: Option<String>,
     /// Width and height of the sensor in pixels, if known.
     pub sensor: Option<Sensor>,
     /// The smallest usual sensor that all events fit in, if the recording does not say.
@@ -158,6 +161,7 @@ pub fn gather_events(recording: &Recording) -> Result<Information, RecordingErro
         path: recording.path().display().to_string(),
         format: known.format,
         camera_name: known.camera_name.clone(),
+        began: known.began.clone().or_else(|| date(statistics.first?)),
         sensor: known.sensor,
         likely_sensor,
         times_us,
@@ -330,6 +334,9 @@ impl fmt::Display for Information {
         line(f, "file", self.path.clone())?;
         line(f, "format", self.format.to_owned())?;
         line(f, "camera", self.camera_name.clone().unwrap_or_else(|| "not named".to_owned()))?;
+        if let Some(began) = &self.began {
+            line(f, "recorded", began.clone())?;
+        }
         line(
             f,
             "sensor",

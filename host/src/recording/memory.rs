@@ -6,6 +6,7 @@ use std::sync::Arc;
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
+use super::bytes::share;
 use super::format::FileFormat;
 use super::{Decode, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation};
 
@@ -29,7 +30,8 @@ pub struct MemoryDecoder {
 impl MemoryDecoder {
     /// From the first of `events` on, which are of this `sensor`, if it is known.
     pub fn new(events: Arc<Vec<Event>>, sensor: Option<Sensor>) -> Self {
-        let information = RecordingInformation { format: FORMAT.name, sensor, camera_name: None, notes: Vec::new() };
+        let information =
+            RecordingInformation { format: FORMAT.name, sensor, camera_name: None, began: None, notes: Vec::new() };
         Self { information, events, next: 0 }
     }
 }
@@ -45,6 +47,10 @@ impl Decode for MemoryDecoder {
         batch.extend_from_slice(events);
         self.next += events.len();
         Ok(self.next < self.events.len())
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(share(self.next as u64, self.events.len() as u64))
     }
 }
 

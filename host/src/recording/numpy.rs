@@ -22,7 +22,7 @@ use std::path::Path;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::bytes::BEFORE_IT;
+use super::bytes::{BEFORE_IT, share};
 use super::numbers::{self, NumberType};
 use super::{
     Column, Columns, Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
@@ -77,9 +77,9 @@ fn open(
             RecordingErrorKind::NoEventStream(format!("an array whose {column:?} is no number that is read here"));
         return Err(RecordingError::new(path, kind));
     }
-    let information = RecordingInformation { format, sensor, camera_name: None, notes };
+    let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
     let path = path.to_owned();
-    Ok(Box::new(Decoder { path, information, sources, unit, events: 0, left: table.count }))
+    Ok(Box::new(Decoder { path, information, sources, unit, events: 0, left: table.count, count: table.count }))
 }
 
 /// The columns, and the unit of the time.
@@ -204,6 +204,7 @@ struct Decoder {
     /// Events read, and those to come.
     events: u64,
     left: u64,
+    count: u64,
 }
 
 impl Decoder {
@@ -252,5 +253,9 @@ impl Decode for Decoder {
             }
             Some(Fault::Io(error)) => Err(RecordingError::io(&self.path, error)),
         }
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(share(self.count - self.left, self.count))
     }
 }

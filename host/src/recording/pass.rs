@@ -6,7 +6,8 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use evcal_core::event::Event;
 use serde::{Deserialize, Serialize};
 
-use crate::recording::{ReadReport, Recording, RecordingError};
+use crate::recording::date::date;
+use crate::recording::{ReadReport, Recording, RecordingError, RecordingInformation};
 
 /// What was read of a recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -15,6 +16,12 @@ pub struct RecordingReport {
     pub count: u64,
     /// Duration in seconds.
     pub duration: f64,
+    /// Model and serial number of the camera, if the recording tells them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera_name: Option<String>,
+    /// When it was recorded, if it tells that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub began: Option<String>,
     /// What was assumed, repaired or lost, in sentences.
     pub notes: Vec<String>,
 }
@@ -27,6 +34,10 @@ pub struct Pass {
     pub first: i64,
     /// Time of the last event in the file (µs).
     pub last: i64,
+    /// Model and serial number of the camera, if the recording tells them.
+    pub camera_name: Option<String>,
+    /// When it was recorded, if it tells that.
+    pub began: Option<String>,
     /// What the reader assumed.
     pub assumptions: Vec<String>,
     /// What the reader met.
@@ -57,7 +68,13 @@ impl Pass {
         if let Some(error) = &self.damage {
             notes.push(format!("read up to its damage only: {error}"));
         }
-        RecordingReport { count: self.count, duration: (self.last - self.first) as f64 * 1e-6, notes }
+        RecordingReport {
+            count: self.count,
+            duration: (self.last - self.first) as f64 * 1e-6,
+            camera_name: self.camera_name.clone(),
+            began: self.began.clone(),
+            notes,
+        }
     }
 }
 
@@ -70,10 +87,19 @@ const READ_AHEAD: usize = 4;
 /// # Errors
 /// [`RecordingError`] when not one event can be read.
 pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, RecordingError> {
-    read_while(recording, &mut |events| {
-        visit(events);
+    read_while(recording, &mut |batch| {
+        visit(batch.events);
         ControlFlow::Continue(())
     })
+}
+
+/// Events that follow each other in a recording.
+#[derive(Clone, Copy, Debug)]
+pub struct Batch<'a> {
+    /// The events, with times from the first one of the recording.
+    pub events: &'a [Event],
+    /// Which part of the recording was read with them, 0 to 1; `None` where that is not known.
+    pub done: Option<f64>,
 }
 
 /// As [`read_recording`], until `visit` breaks it off; the pass is then that of what was read.
@@ -82,18 +108,18 @@ pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) ->
 /// As there.
 pub fn read_while(
     recording: &Recording,
-    visit: &mut dyn FnMut(&[Event]) -> ControlFlow<()>,
+    visit: &mut dyn FnMut(Batch) -> ControlFlow<()>,
 ) -> Result<Pass, RecordingError> {
     std::thread::scope(|scope| {
         let (sender, batches) = sync_channel(READ_AHEAD);
         let reader = scope.spawn(move || read_ahead(recording, &sender));
         // The batches are dropped with the iterator, and the reader notices.
-        let _ = batches.into_iter().try_for_each(|events| visit(&events));
+        let _ = batches.into_iter().try_for_each(|(events, done)| visit(Batch { events: &events, done }));
         reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
 }
 
-fn read_ahead(recording: &Recording, sender: &SyncSender<Vec<Event>>) -> Result<Pass, RecordingError> {
+fn read_ahead(recording: &Recording, sender: &SyncSender<(Vec<Event>, Option<f64>)>) -> Result<Pass, RecordingError> {
     let mut reader = recording.open()?;
     let (mut count, mut first, mut last) = (0, None, 0);
     let damage = loop {
@@ -111,11 +137,13 @@ fn read_ahead(recording: &Recording, sender: &SyncSender<Vec<Event>>) -> Result<
         for event in &mut events {
             event.t -= start;
         }
-        if sender.send(events).is_err() {
+        if sender.send((events, reader.done())).is_err() {
             // Nobody listens any more.
             break None;
         }
     };
-    let assumptions = reader.information().notes.clone();
-    Ok(Pass { count, first: first.unwrap_or(0), last, assumptions, report: reader.report().clone(), damage })
+    let RecordingInformation { camera_name, began, notes: assumptions, .. } = reader.information().clone();
+    let began = began.or_else(|| date(first?));
+    let report = reader.report().clone();
+    Ok(Pass { count, first: first.unwrap_or(0), last, camera_name, began, assumptions, report, damage })
 }

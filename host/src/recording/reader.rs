@@ -34,6 +34,9 @@ pub trait Decode: Send {
     /// # Errors
     /// Events that were decoded before an error are in `batch` and count.
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError>;
+
+    /// Which part of the file was read, 0 to 1, for somebody who waits; `None` where that is not known.
+    fn done(&self) -> Option<f64>;
 }
 
 /// Where a file ends although more should follow.
@@ -228,6 +231,12 @@ impl EventReader {
         &self.information
     }
 
+    /// Which part of the recording was read, 0 to 1, for somebody who waits; `None` where that is not known.
+    pub fn done(&self) -> Option<f64> {
+        // Of a section it is not known where in the file it ends.
+        if self.span.is_some() { None } else { self.decoder.done() }
+    }
+
     /// What was met so far; complete once [`Self::next_batch`] has returned `Ok(false)`.
     pub fn report(&self) -> &ReadReport {
         &self.report
@@ -393,10 +402,15 @@ mod tests {
             batch.extend(self.0.drain(..count));
             Ok(!self.0.is_empty())
         }
+
+        fn done(&self) -> Option<f64> {
+            None
+        }
     }
 
     fn reader(events: Vec<Event>, own: Option<Sensor>, wanted: Option<Sensor>) -> EventReader {
-        let information = RecordingInformation { format: "given", sensor: own, camera_name: None, notes: Vec::new() };
+        let information =
+            RecordingInformation { format: "given", sensor: own, camera_name: None, began: None, notes: Vec::new() };
         let options = RecordingOptions { sensor: wanted, ..RecordingOptions::default() };
         EventReader::new(Path::new("given"), Box::new(Given(events, information)), &options).unwrap()
     }
@@ -490,8 +504,13 @@ mod tests {
     #[test]
     fn a_sensor_that_no_camera_has_is_refused() {
         for sensor in [Sensor::new(0, 260), Sensor::new(346, 0), Sensor::new(32_768, 260)] {
-            let information =
-                RecordingInformation { format: "given", sensor: Some(sensor), camera_name: None, notes: Vec::new() };
+            let information = RecordingInformation {
+                format: "given",
+                sensor: Some(sensor),
+                camera_name: None,
+                began: None,
+                notes: Vec::new(),
+            };
             let decoder = Box::new(Given(Vec::new(), information));
             assert!(EventReader::new(Path::new("given"), decoder, &RecordingOptions::default()).is_err());
         }

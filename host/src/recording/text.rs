@@ -24,6 +24,7 @@ pub use error::LineError;
 use evcal_core::event::{Event, Polarity};
 use layout::Layout;
 
+use super::bytes::share;
 use super::columns::LayoutError;
 use super::encode::{Encode, OutputFormat, WriteError};
 use super::{
@@ -69,6 +70,8 @@ struct Decoder {
     number: u64,
     /// Offset of the next line.
     byte: u64,
+    /// Length of the file.
+    length: u64,
     /// Length of the last field of the line before.
     last_field: usize,
 }
@@ -85,17 +88,20 @@ impl Decoder {
         let head = Head::read(path)?;
         let layout = head.text().ok_or(LayoutError::NoText).and_then(|text| layout::find(text, options));
         let layout = layout.map_err(|what| RecordingError::new(path, RecordingErrorKind::Layout(what)))?;
-        let file = File::open(path).map_err(|error| RecordingError::io(path, error))?;
+        let io = |error| RecordingError::io(path, error);
+        let file = File::open(path).map_err(io)?;
+        let length = file.metadata().map_err(io)?.len();
         let file = BufReader::with_capacity(1 << 18, file);
         let information = RecordingInformation {
             format: FORMAT.name,
             sensor: layout.sensor,
             camera_name: None,
+            began: None,
             notes: layout.notes.clone(),
         };
         let path = path.to_owned();
         let line = Vec::new();
-        Ok(Box::new(Self { path, file, layout, information, line, number: 0, byte: 0, last_field: 0 }))
+        Ok(Box::new(Self { path, file, layout, information, line, number: 0, byte: 0, length, last_field: 0 }))
     }
 
     /// The event of the next line, if that is in the buffer as a whole and plain.
@@ -175,6 +181,10 @@ impl Decode for Decoder {
             }
         }
         Ok(true)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(share(self.byte, self.length))
     }
 }
 

@@ -4,12 +4,21 @@ use maud::{Markup, html};
 
 use super::number::{count, percent, signed};
 use super::page::figure;
+use crate::calibrate::Task;
 use crate::calibrate::calibrated::Calibrated;
+use crate::calibrate::input::Input;
 use crate::trust::verdict::{Finding, Grade, Severity};
 use evcal_core::sensor::Sensor;
 
+/// What a browser's window and a printed page are called.
+pub fn title(calibrated: &Calibrated) -> String {
+    let name = calibrated.camera_name().unwrap_or("Camera");
+    let date = calibrated.recorded().map_or_else(String::new, |recorded| format!(", {recorded}"));
+    format!("{name}{date}: {} calibration", calibrated.camera().kind().name())
+}
+
 /// The head of the page.
-pub fn head(calibrated: &Calibrated) -> Markup {
+pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
     let Sensor { width, height } = calibrated.sensor;
     let verdict = &calibrated.verdict;
     let class = match verdict.grade {
@@ -18,8 +27,12 @@ pub fn head(calibrated: &Calibrated) -> Markup {
         Grade::NotGood => "not-good",
     };
     html! {
-        h1 { "Calibration report" }
-        p.faint { "Camera model " (calibrated.camera().kind().name()) " on a sensor of " (width) " × " (height) " pixels." }
+        h1 { "Calibration of " (calibrated.camera_name().unwrap_or("a camera")) }
+        p.faint {
+            "Camera model " (calibrated.camera().kind().name()) " on a sensor of " (width) " × " (height) " pixels. Recorded "
+            @if let Some(date) = calibrated.recorded() { (date) " in " } @else { "in " }
+            (task.inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ")) "."
+        }
         div.verdict.(class) {
             p.sentence { (verdict.sentence) }
             @if !verdict.findings.is_empty() { (findings(&verdict.findings)) }

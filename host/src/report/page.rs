@@ -15,7 +15,7 @@ pub struct Section {
 }
 
 /// The whole page.
-pub fn page(head: &Markup, sections: Vec<Section>) -> String {
+pub fn page(title: &str, head: &Markup, sections: Vec<Section>) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -25,7 +25,7 @@ pub fn page(head: &Markup, sections: Vec<Section>) -> String {
                 // Nothing is loaded, whatever the page holds.
                 meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'";
                 meta name="generator" content=(concat!("evcal ", env!("CARGO_PKG_VERSION")));
-                title { "Calibration report" }
+                title { (title) }
                 // Keeps browsers from asking for one.
                 link rel="icon" href="data:,";
                 style { (PreEscaped(STYLE)) }

@@ -7,6 +7,7 @@ use super::number::count;
 use super::page::{Section, scrolling};
 use crate::calibrate::Task;
 use crate::calibrate::calibrated::Calibrated;
+use crate::calibrate::input::Input;
 use crate::settings::Settings;
 
 /// Everything that is needed to get the same result again.
@@ -37,6 +38,9 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
         table {
             thead { tr {
                 th scope="col" { "recording" }
+                th scope="col" { "camera" }
+                th scope="col" { "recorded" }
+                th.number scope="col" { "file (MB)" }
                 th.number scope="col" { "events or circles" }
                 th.number scope="col" { "duration (s)" }
                 th scope="col" { "notes" }
@@ -45,6 +49,9 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
                 @for (input, report) in task.inputs.iter().zip(&calibrated.recordings) {
                     tr {
                         th scope="row" { (input.name()) }
+                        td { (report.camera_name.as_deref().unwrap_or("not named")) }
+                        td { (report.began.as_deref().unwrap_or("not told")) }
+                        td.number { (megabytes(input).unwrap_or_default()) }
                         td.number { (count(report.count)) }
                         td.number { (format!("{:.3}", report.duration)) }
                         td.words { (report.notes.join("; ")) }
@@ -53,6 +60,12 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
             }
         }
     }
+}
+
+/// Size of the file, where the input is one.
+fn megabytes(input: &Input) -> Option<String> {
+    let length = std::fs::metadata(input.name()).ok().filter(std::fs::Metadata::is_file)?.len();
+    Some(format!("{:.1}", length as f64 / 1e6))
 }
 
 /// Settings that differ from their defaults: dotted name and value.

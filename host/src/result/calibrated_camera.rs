@@ -25,8 +25,10 @@ pub struct CalibratedCamera {
     pub camera: Camera<f64>,
     /// Width and height in pixels.
     pub sensor: Sensor,
-    /// Model and serial number, such as `DAVIS346_00000001`.
+    /// Model and serial number, such as `DAVIS346_00000001`, or [`UNNAMED`].
     pub name: String,
+    /// When it was recorded, if that is known.
+    pub recorded: Option<String>,
     /// Topic of its images in ROS.
     pub ros_topic: String,
     /// Where the board was seen.
@@ -41,6 +43,14 @@ pub struct CalibratedCamera {
     pub verdict: String,
     /// The board, if known.
     pub board: Option<Board>,
+}
+
+/// A text of a recording as every format can hold it: recordings may say anything.
+fn plain(text: Option<&str>) -> Option<String> {
+    let allowed = |character: char| character.is_ascii_alphanumeric() || " _-+.:,()/".contains(character);
+    let plain: String =
+        text?.trim().chars().map(|character| if allowed(character) { character } else { '_' }).collect();
+    (!plain.is_empty()).then_some(plain)
 }
 
 /// A camera file without a version: `truth.json` of a simulation, the camera of an undistorted recording, or a
@@ -74,7 +84,8 @@ impl CalibratedCamera {
         Self {
             camera: *calibrated.camera(),
             sensor: calibrated.sensor,
-            name: UNNAMED.to_owned(),
+            name: plain(calibrated.camera_name()).unwrap_or_else(|| UNNAMED.to_owned()),
+            recorded: plain(calibrated.recorded()),
             ros_topic: ROS_TOPIC.to_owned(),
             covered: covered_region(calibrated),
             sigma: Some(uncertainty.sigma()),
@@ -102,6 +113,8 @@ impl CalibratedCamera {
         let camera = file.camera.camera().map_err(|error| camera_file::wrong(path, error))?;
         let names = camera.kind().parameter_names();
         Ok(Self {
+            name: plain(file.camera_name.as_deref()).unwrap_or_else(|| UNNAMED.to_owned()),
+            recorded: plain(file.recorded.as_deref()),
             covered: CoveredRegion::around(file.covered_region.into_iter().map(Into::into), file.sensor),
             sigma: names.iter().map(|name| file.sigma.parameters.get(name)).collect(),
             covariance: Some(file.uncertainty.covariance),
@@ -135,6 +148,7 @@ impl CalibratedCamera {
             camera,
             sensor,
             name: UNNAMED.to_owned(),
+            recorded: None,
             ros_topic: ROS_TOPIC.to_owned(),
             covered: CoveredRegion::whole(sensor),
             sigma: None,
@@ -170,6 +184,13 @@ mod tests {
         let truth =
             read(&format!(r#"{{ {CAMERA}, "board": "acircles:9x4:55mm:r17.5mm", "settings": {{}} }}"#)).unwrap();
         assert!(truth.board.is_some());
+    }
+
+    #[test]
+    fn names_of_recordings_fit_into_every_format() {
+        assert_eq!(plain(Some(" DAVIS346_00000001 ")).as_deref(), Some("DAVIS346_00000001"));
+        assert_eq!(plain(Some("a\n\"b\" <é>&")).as_deref(), Some("a__b_ ____"));
+        assert_eq!((plain(Some(" ")), plain(None)), (None, None));
     }
 
     #[test]

@@ -45,6 +45,12 @@ pub struct CalibrationFile {
     pub version: u32,
     /// Version of the program.
     pub program: String,
+    /// Model and serial number of the camera; absent where the recordings do not tell them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera_name: Option<String>,
+    /// When the first recording was made, as it tells that; absent where it does not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recorded: Option<String>,
     /// Where pixel (0, 0) is.
     pub pixel_convention: String,
     /// Size of the sensor.
@@ -357,6 +363,8 @@ impl CalibrationFile {
             format: FORMAT.to_owned(),
             version: LATEST_VERSION,
             program: crate::VERSION.to_owned(),
+            camera_name: calibrated.camera_name().map(str::to_owned),
+            recorded: calibrated.recorded().map(str::to_owned),
             pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)".to_owned(),
             sensor: calibrated.sensor,
             camera: CameraDescription::new(camera),

@@ -13,7 +13,9 @@ use super::picture::{PictureError, undistort_frame, write_frame};
 use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
 use crate::files::{self, FileError};
 use crate::lens::camera_file::{CameraDescription, CameraFile};
-use crate::recording::convert::{Change, ConversionReport, ConvertError, TimeOrigin, convert_changed, open_extras};
+use crate::recording::convert::{
+    Change, ConversionProgress, ConversionReport, ConvertError, TimeOrigin, convert_changed, open_extras,
+};
 use crate::recording::encode::OutputFormat;
 use crate::recording::extras::{Extra, NoExtras, left_out};
 use crate::recording::{EventReader, Recording, RecordingError, RecordingOptions};
@@ -110,7 +112,7 @@ fn check_sensor(recording: &Recording, reader: &EventReader, maps: &Maps) -> Res
 }
 
 /// Writes the undistorted `recording` to a new file at `path`: events at their nearest pixels, frames interpolated.
-/// `progress` is told the number of events done.
+/// `progress` is told how far it is.
 ///
 /// # Errors
 /// [`UndistortError`] if it cannot begin or the output cannot be written. Should the recording break off, what came
@@ -120,7 +122,7 @@ pub fn undistort_recording(
     path: &Path,
     target: OutputFormat,
     maps: &Maps,
-    progress: impl FnMut(u64),
+    progress: impl FnMut(ConversionProgress),
 ) -> Result<UndistortionReport, UndistortError> {
     check_sensor(recording, &recording.open()?, maps)?;
     let mut events_outside = 0;
@@ -154,7 +156,7 @@ pub fn undistort_sub_pixel(
     path: &Path,
     format: SubPixelFormat,
     maps: &Maps,
-    mut progress: impl FnMut(u64),
+    mut progress: impl FnMut(ConversionProgress),
 ) -> Result<UndistortionReport, UndistortError> {
     if path.exists() {
         return Err(ConvertError::Exists(path.to_owned()).into());
@@ -183,7 +185,7 @@ pub fn undistort_sub_pixel(
                 None => report.events_outside += 1,
             }
         }
-        progress(reader.report().events);
+        progress(ConversionProgress { events: reader.report().events, done: reader.done() });
     }
     writer.finish()?;
     report.conversion.report = reader.report().clone();

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use evcal::board::Board;
 use evcal::calibrate::Task;
 use evcal::calibrate::beginning::calibrate_beginning;
+use evcal::calibrate::step::Step;
 use evcal::initial::model_choice::ModelRequest;
 use evcal::live::checkpoint::{Checkpoints, Stated, Telling};
 use evcal::recording::{Recording, RecordingOptions};
@@ -54,7 +55,7 @@ impl Work {
             settings: &self.settings,
             ..Task::new(&[], &self.board)
         };
-        let go_on = |_: &str| match stop.load(Ordering::Relaxed) {
+        let go_on = |_: Step| match stop.load(Ordering::Relaxed) {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };

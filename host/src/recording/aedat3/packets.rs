@@ -32,6 +32,8 @@ pub struct Header {
     pub from_below: bool,
     /// The camera.
     pub source: Option<String>,
+    /// When it was recorded.
+    pub began: Option<String>,
     /// How packets are put into bytes, `RAW` unless they are compressed.
     pub encoding: Option<String>,
     /// Number of bytes before the first packet.
@@ -40,7 +42,8 @@ pub struct Header {
 
 /// `None` if the end of the header is not in `bytes`.
 pub fn header(bytes: &[u8]) -> Option<Header> {
-    let mut header = Header { from_below: bytes.starts_with(b"#!AER-DAT3.0"), source: None, encoding: None, length: 0 };
+    let mut header =
+        Header { from_below: bytes.starts_with(b"#!AER-DAT3.0"), source: None, began: None, encoding: None, length: 0 };
     let mut length = 0;
     while let Some(rest) = bytes.get(length..).filter(|rest| rest.starts_with(b"#")) {
         let end = rest.iter().take(LONGEST_LINE).position(|&byte| byte == b'\n')?;
@@ -53,6 +56,8 @@ pub fn header(bytes: &[u8]) -> Option<Header> {
         if let Some((key, value)) = line.split_once(':') {
             if key.starts_with("#Source") {
                 header.source.get_or_insert_with(|| value.trim().to_owned());
+            } else if key == "#Start-Time" {
+                header.began = Some(value.trim().to_owned());
             } else if key == "#Format" {
                 header.encoding = Some(value.trim().to_owned());
             }

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
 
 use super::header::{self, Compression, Header, MAGIC};
+use crate::recording::bytes::share;
 use crate::recording::{RecordingError, RecordingErrorKind, Truncation};
 
 /// A packet that unpacks to more is damaged: a camera would need a minute to fill it.
@@ -94,6 +95,11 @@ impl PacketReader {
     /// The header of the file.
     pub fn header(&self) -> &Header {
         &self.header
+    }
+
+    /// Which part of the packets was read, 0 to 1.
+    pub fn done(&self) -> f64 {
+        share(self.position, self.end)
     }
 
     /// Set when the file ends too early; complete once [`Self::next_packet`] has returned `None`.

@@ -1,5 +1,7 @@
 //! What the camera said, with times that go on over gaps and restarts of its clock.
 
+use std::fs::File;
+use std::io::{BufReader, Seek};
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::{Event, Polarity};
@@ -9,8 +11,12 @@ use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarit
 use usb_davis::registers::Dropped;
 
 use super::{FRAMES, INERTIAL, SIGNALS};
+use crate::recording::bytes::share;
 use crate::recording::reader::PAUSE_AFTER_RESET;
 use crate::recording::{ReadReport, RecordingError, RecordingErrorKind, RepairedTimes, StreamFaults, Truncation};
+
+/// Bytes read at a time.
+const BUFFER: usize = 1 << 18;
 
 /// An event of the wire as an event of a recording, `shift` µs later.
 pub fn event(event: &PolarityEvent, shift: i64) -> Event {
@@ -60,6 +66,10 @@ impl CameraClock {
 /// The messages of a recording of transfers.
 pub struct Messages {
     path: PathBuf,
+    /// The same open file as that of the capture: both are at the same place.
+    watched: File,
+    /// Length of the file; `None` while it is being written.
+    length: Option<u64>,
     capture: Capture,
     decoder: Decoder<Vec<u16>>,
     clock: CameraClock,
@@ -72,19 +82,28 @@ pub struct Messages {
 impl Messages {
     /// Opens a dump, a capture or a bare stream; `device` chooses among the devices of a capture.
     pub fn open(path: &Path, device: Option<DeviceAddress>) -> Result<Self, RecordingError> {
-        Ok(Self::of(path, Capture::open_device(path, device).map_err(|reason| error(path, reason))?))
+        let length = std::fs::metadata(path).map_err(|error| RecordingError::io(path, error))?.len();
+        Self::new(path, Some(length), |file| Capture::new(file, device))
     }
 
     /// Opens a dump that is being written; [`Messages::next`] waits for what is still to come.
     pub fn follow(path: &Path, growth: &Growth) -> Result<Self, RecordingError> {
-        Ok(Self::of(path, Capture::follow(path, growth.clone()).map_err(|reason| error(path, reason))?))
+        Self::new(path, None, |file| Capture::follow(file, growth.clone()))
     }
 
-    fn of(path: &Path, capture: Capture) -> Self {
+    fn new(
+        path: &Path,
+        length: Option<u64>,
+        open: impl FnOnce(BufReader<File>) -> Result<Capture, CaptureError>,
+    ) -> Result<Self, RecordingError> {
+        let io = |error| RecordingError::io(path, error);
+        let file = File::open(path).map_err(io)?;
+        let watched = file.try_clone().map_err(io)?;
+        let capture = open(BufReader::with_capacity(BUFFER, file)).map_err(|reason| error(path, reason))?;
         let decoder = capture.header().decoder();
         let clock = CameraClock::default();
         let (other, repair_shifts) = ([0; 3], Vec::new());
-        Self { path: path.to_owned(), capture, decoder, clock, other, repair_shifts, ended: false }
+        Ok(Self { path: path.to_owned(), watched, length, capture, decoder, clock, other, repair_shifts, ended: false })
     }
 
     /// What the recording says of its camera.
@@ -112,6 +131,12 @@ impl Messages {
         self.repair_shifts.resize(self.capture.repairs().len(), shift);
         self.ended = !more;
         Ok(more)
+    }
+
+    /// Which part of the file was read, 0 to 1, as far as it is known.
+    pub fn done(&self) -> Option<f64> {
+        let position = (&self.watched).stream_position().ok()?;
+        self.length.map(|length| share(position, length))
     }
 
     /// Says in `report` what was met so far.

@@ -59,7 +59,7 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
     }
     let version_1 = version.is_none_or(|version| version == "1");
     let (sensor, camera_name) = (header.sensor(), header.camera_name());
-    let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, notes };
+    let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: header.date(), notes };
     Ok(Box::new(Decoder { file, information, version_1, block: Vec::new(), latest: 0, turns: 0 }))
 }
 
@@ -92,6 +92,10 @@ impl Decode for Decoder {
         batch.extend(block.as_chunks().0.iter().map(|record| self.event(*record)));
         self.block = block;
         Ok(more)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(self.file.done())
     }
 }
 

@@ -63,6 +63,11 @@ impl Header {
             })
     }
 
+    /// When the recording began, as it stands there.
+    pub fn date(&self) -> Option<String> {
+        self.get("date").or_else(|| self.get("Date")).map(str::to_owned)
+    }
+
     /// Maker and serial number of the camera.
     pub fn camera_name(&self) -> Option<String> {
         let maker = self.get("camera_integrator_name").or_else(|| self.get("integrator_name"));

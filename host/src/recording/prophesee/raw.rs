@@ -104,7 +104,8 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
     let mut file = ByteReader::open(path)?;
     file.seek(header.length as u64)?;
     let (sensor, camera_name) = (header.sensor(), header.camera_name());
-    let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, notes: Vec::new() };
+    let information =
+        RecordingInformation { format: FORMAT.name, sensor, camera_name, began: header.date(), notes: Vec::new() };
     Ok(Box::new(Decoder { file, information, words, block: Vec::new(), triggers: 0 }))
 }
 
@@ -129,6 +130,10 @@ impl Decode for Decoder {
             report.truncated = Some(Truncation { byte, lost: format!("{rest} bytes of a word are left") });
         }
         Ok(self.block.len() as u64 == BLOCK)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(self.file.done())
     }
 }
 

@@ -240,6 +240,10 @@ impl Container for Bag {
         &self.topics
     }
 
+    fn done(&self) -> f64 {
+        self.file.done()
+    }
+
     fn truncated(&self) -> Option<&Truncation> {
         self.truncated.as_ref()
     }

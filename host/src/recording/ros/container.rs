@@ -53,6 +53,9 @@ pub trait Container: Send {
     /// The topics met so far.
     fn topics(&self) -> &[Topic];
 
+    /// Which part of the file was read, 0 to 1.
+    fn done(&self) -> f64;
+
     /// Set when the file ends too early.
     fn truncated(&self) -> Option<&Truncation>;
 

@@ -107,6 +107,10 @@ impl Container for Bag {
         &self.topics
     }
 
+    fn done(&self) -> f64 {
+        self.pages.done()
+    }
+
     fn truncated(&self) -> Option<&Truncation> {
         self.pages.truncated()
     }

@@ -44,7 +44,7 @@ pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &Re
             notes.push("their times are those of the sensor's clock, not of other topics".to_owned());
         }
     }
-    let information = RecordingInformation { format, sensor: Some(sensor), camera_name: None, notes };
+    let information = RecordingInformation { format, sensor: Some(sensor), camera_name: None, began: None, notes };
     let topic = topic.name.clone();
     let packets = PacketDecoder::default();
     let container = open(path)?;
@@ -128,6 +128,10 @@ impl Decode for Decoder {
         report.other_packets.clone_from(&self.other);
         report.truncated = self.container.truncated().cloned();
         Ok(more)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(self.container.done())
     }
 }
 

@@ -227,6 +227,10 @@ impl Container for Mcap {
         &self.topics
     }
 
+    fn done(&self) -> f64 {
+        self.file.done()
+    }
+
     fn truncated(&self) -> Option<&Truncation> {
         self.truncated.as_ref()
     }

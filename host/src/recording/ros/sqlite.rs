@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use crate::recording::bytes::ByteReader;
+use crate::recording::bytes::{ByteReader, share};
 use crate::recording::{RecordingError, RecordingErrorKind, Truncation};
 
 /// How a file begins.
@@ -258,6 +258,11 @@ impl Pages {
     fn cut_off(&mut self) {
         let lost = format!("{} pages of the database are missing", self.promised - self.count);
         self.truncated = Some(Truncation { byte: self.count * self.size as u64, lost });
+    }
+
+    /// Which part of the pages was read for the present table, 0 to 1.
+    pub fn done(&self) -> f64 {
+        share(self.read, self.count)
     }
 
     /// Set when the file ends before its last page.
