@@ -1,33 +1,29 @@
 //! `evcal calibrate`.
 
+pub mod work;
+
 use std::error::Error;
-use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use evcal::board::Board;
 use evcal::board::request::BoardRequest;
-use evcal::calibrate::board_choice::{LargerBoard, choose_board, larger_board};
-use evcal::calibrate::calibrated::{Calibrated, Evidence};
-use evcal::calibrate::error::CalibrateError;
-use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
+use evcal::calibrate::board_choice::choose_board;
+use evcal::calibrate::inertia::InertialRequest;
 use evcal::calibrate::input::Input;
-use evcal::calibrate::{PictureUse, Task, calibrate};
 use evcal::circles::serial::{SerialAddress, SerialError};
 use evcal::detection::settings::{DetectionSettings, Grid};
 use evcal::files::folder::{FolderError, OutputFolder};
-use evcal::inertial::error::InertialError;
 use evcal::inertial::sample::STANDARD_GRAVITY;
 use evcal::inertial::settings::InertialSettings;
 use evcal::initial::model_choice::ModelRequest;
-use evcal::output::failure::{Failure, write_failure};
-use evcal::output::folder::{is_result, write_folder};
+use evcal::output::folder::is_result;
 use evcal::recording::{Recording, RecordingKind, RecordingOptions, sniff};
 use evcal::settings::{Settings, SettingsError};
 use evcal::trajectory::RotationSpline;
-use evcal::trust::verdict::{Grade, Verdict};
 use evcal_core::circle::Extraction;
 
+use self::work::{Failed, Work};
 use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
 use super::{NotGoodEnough, UsageError, print};
@@ -177,20 +173,6 @@ impl CalibrationArguments {
     }
 }
 
-/// A calibration that failed, and what it left.
-#[derive(Debug, thiserror::Error)]
-#[error("{error}{}", files_of(.failure))]
-struct Failed {
-    #[source]
-    error: CalibrateError,
-    failure: Failure,
-}
-
-fn files_of(failure: &Failure) -> String {
-    let files: Vec<String> = failure.files.iter().map(|file| file.display().to_string()).collect();
-    if files.is_empty() { String::new() } else { format!("\n  what was seen: {}", files.join(", ")) }
-}
-
 /// Runs `evcal calibrate`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let outcome = open_and_calibrate(arguments);
@@ -220,101 +202,18 @@ pub fn calibrate_recordings(
     settings: &Settings,
     folder: &OutputFolder,
 ) -> super::Outcome {
-    let method = &arguments.method;
     let mut waiting = Waiting::new(arguments.json);
-    let board = method.choose_board(recordings, options, &settings.detection)?;
+    let board = arguments.method.choose_board(recordings, options, &settings.detection)?;
     let inputs = recordings
         .iter()
         .map(|path| open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)))
         .collect::<Result<Vec<Input>, _>>()?;
-    let pictures = match (arguments.frames_only, arguments.joint_frames) {
-        (true, _) => PictureUse::Only,
-        (false, true) => PictureUse::Joint,
-        (false, false) => PictureUse::Witness,
-    };
-    let task = Task {
-        inputs: &inputs,
-        board: &board,
-        model: method.model,
-        sensor: options.sensor,
-        pictures,
-        settings,
-        command_line: &super::command_line(),
-    };
-    let mut stages: Vec<String> = Vec::new();
-    let calibrated = calibrate(&task, |step| {
+    let work = Work { inputs, board, sensor: options.sensor, arguments, settings };
+    let attempt = work.calibrate(|step| {
         waiting.stage(step.text, step.done);
-        if stages.last().is_none_or(|last| last != step.text) {
-            stages.push(step.text.to_owned());
-        }
         ControlFlow::Continue(())
     });
-    let calibrated = match calibrated {
-        Ok(calibrated) => calibrated,
-        Err(error) => {
-            waiting.finish();
-            let failure = write_failure(folder.path(), &task, &error, stages)?;
-            return Err(Failed { error, failure }.into());
-        }
-    };
-    let mut calibrated = calibrated;
-    let inertial = match arguments.inertial_request() {
-        Some(request) => {
-            waiting.stage("inertial unit", None);
-            add_inertial(&mut calibrated, &inputs, &request)
-        }
-        None => Ok(()),
-    };
-    waiting.stage("results", None);
-    let written = write_folder(folder, &calibrated, &task, &mut |step| waiting.stage(step.text, step.done))?;
-    waiting.finish();
-    if arguments.json {
-        print::line(written.json)?;
-    } else {
-        print::line(coloured(&written.summary, &calibrated.verdict))?;
-        if arguments.verbose {
-            print::line(format!("\n{}", written.stage_report))?;
-        }
-        let folder = folder.path();
-        print::line(format!(
-            "\nopen {} first; all results are in {}",
-            folder.join("report.html").display(),
-            folder.display()
-        ))?;
-    }
-    if calibrated.verdict.grade == Grade::NotGood
-        && let Some(LargerBoard { found, board }) = larger_board(&inputs, &board, &settings.detection)
-    {
-        print::aside(format!("is the board right? It looks like {found}: --board {board}"));
-    }
-    // The camera is written all the same.
-    inertial?;
-    match calibrated.verdict.grade {
-        Grade::NotGood if !arguments.accept_any => Err(NotGoodEnough.into()),
-        _ => Ok(()),
-    }
-}
-
-/// Calibrates the inertial unit of `inputs`, and keeps it with the camera.
-fn add_inertial(calibrated: &mut Calibrated, inputs: &[Input], request: &InertialRequest) -> Result<(), InertialError> {
-    let inertial = calibrate_inertial(calibrated, inputs, request)?;
-    if let Evidence::Events(events) = &mut calibrated.evidence {
-        events.inertial = Some(inertial);
-    }
-    Ok(())
-}
-
-/// The summary with its verdict in green, yellow or red, where someone looks at it.
-fn coloured(summary: &str, verdict: &Verdict) -> String {
-    if !std::io::stdout().is_terminal() || std::env::var_os("NO_COLOR").is_some() {
-        return summary.to_owned();
-    }
-    let colour = match verdict.grade {
-        Grade::Good => 32,
-        Grade::Usable => 33,
-        Grade::NotGood => 31,
-    };
-    summary.replacen(&verdict.sentence, &format!("\x1b[{colour}m{}\x1b[0m", verdict.sentence), 1)
+    work.finish(attempt, waiting, folder)
 }
 
 /// Opens a recording, or listens to a serial port. What comes from a port is saved to `folder` unless its

@@ -1,5 +1,6 @@
 //! `evcal live`.
 
+mod ahead;
 mod camera;
 mod checkpoint;
 mod lines;

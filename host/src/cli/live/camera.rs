@@ -2,22 +2,24 @@
 
 use std::error::Error;
 use std::path::Path;
+use std::thread;
 
 use evcal::board::Board;
 use evcal::files::folder::OutputFolder;
 use evcal::live::checkpoint::Telling;
 use evcal::live::picture::PictureFeed;
-use evcal::live::recorder::RecorderReport;
+use evcal::live::recorder::{RecorderReport, RecordingPlan};
 use evcal::live::{Seen, Watcher, record_board};
 use evcal::page::Next;
 use evcal::page::view::Losses;
 use evcal::recording::RecordingOptions;
 use evcal::settings::Settings;
 use evcal_core::sensor::Sensor;
+use usb_davis::dump::Growth;
 
-use super::super::calibrate::calibrate_recordings;
 use super::super::interrupt::Interrupt;
 use super::super::{NotGoodEnough, print, record as recording};
+use super::ahead::{Ahead, Shared};
 use super::lines::Lines;
 use super::window::Window;
 use super::{Arguments, checkpoint, open_window};
@@ -43,11 +45,18 @@ pub fn run(
     let mut recordings = Vec::new();
     for number in 1.. {
         let path = folder.path().join(name(number));
-        let Recorded { sensor, seen, report } =
-            record_one(arguments, settings, &board, &path, interrupt, window.as_ref())?;
-        recordings.push(path);
-        let options = RecordingOptions::default();
-        let calibrated = calibrate_recordings(&recordings, &options, &arguments.calibration, settings, folder);
+        let shared = Shared::default();
+        let before = recordings.clone();
+        recordings.push(path.clone());
+        let recorded = thread::scope(|scope| {
+            let calibration = &arguments.calibration;
+            let ahead = Ahead::start(scope, (&before, &path), board, calibration, settings, &shared);
+            let recorded =
+                record_one(arguments, settings, &board, (&path, &shared.growth), interrupt, window.as_ref())?;
+            let calibrated = ahead.finish(&recordings, calibration, settings, folder);
+            Ok::<_, Box<dyn Error>>((recorded, calibrated))
+        });
+        let (Recorded { sensor, seen, report }, calibrated) = recorded?;
         let next = window.as_ref().map(|window| window.finish(sensor, &seen, folder, &calibrated, true));
         match next {
             Some(Next::Again) => recordings.clear(),
@@ -77,7 +86,7 @@ fn record_one(
     arguments: &Arguments,
     settings: &Settings,
     board: &Board,
-    path: &Path,
+    (path, growth): (&Path, &Growth),
     interrupt: &Interrupt,
     window: Option<&Window>,
 ) -> Result<Recorded, Box<dyn Error>> {
@@ -100,7 +109,7 @@ fn record_one(
     let report = record_board(
         &mut camera,
         path,
-        &arguments.camera.plan(),
+        &RecordingPlan { growth: growth.clone(), ..arguments.camera.plan() },
         &mut watcher,
         || interrupt.is_asked() || window.is_some_and(Window::is_finish_asked),
         |transfer| {

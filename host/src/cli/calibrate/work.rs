@@ -1,0 +1,162 @@
+//! One calibration: what it is made from, the calibration itself, what is written and printed of it.
+
+use std::io::IsTerminal as _;
+use std::ops::ControlFlow;
+
+use evcal::board::Board;
+use evcal::calibrate::board_choice::{LargerBoard, larger_board};
+use evcal::calibrate::calibrated::{Calibrated, Evidence};
+use evcal::calibrate::error::CalibrateError;
+use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
+use evcal::calibrate::input::Input;
+use evcal::calibrate::step::Step;
+use evcal::calibrate::{PictureUse, Task, calibrate};
+use evcal::files::folder::OutputFolder;
+use evcal::inertial::error::InertialError;
+use evcal::output::failure::{Failure, write_failure};
+use evcal::output::folder::write_folder;
+use evcal::settings::Settings;
+use evcal::trust::verdict::{Grade, Verdict};
+use evcal_core::sensor::Sensor;
+
+use super::super::progress::Waiting;
+use super::super::{NotGoodEnough, Outcome, command_line, print};
+use super::CalibrationArguments;
+
+/// A calibration that failed, and what it left.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}{}", files_of(.failure))]
+pub(super) struct Failed {
+    #[source]
+    error: CalibrateError,
+    pub(super) failure: Failure,
+}
+
+fn files_of(failure: &Failure) -> String {
+    let files: Vec<String> = failure.files.iter().map(|file| file.display().to_string()).collect();
+    if files.is_empty() { String::new() } else { format!("\n  what was seen: {}", files.join(", ")) }
+}
+
+/// What is calibrated, and how.
+pub struct Work<'a> {
+    /// Recordings, or circles found before.
+    pub inputs: Vec<Input>,
+    /// The board in them.
+    pub board: Board,
+    /// Size of the sensor, where they do not tell it.
+    pub sensor: Option<Sensor>,
+    /// What the command line says.
+    pub arguments: &'a CalibrationArguments,
+    /// All thresholds.
+    pub settings: &'a Settings,
+}
+
+/// What came of a calibration.
+pub struct Attempt {
+    calibrated: Result<Calibrated, CalibrateError>,
+    /// The stages that it reached.
+    stages: Vec<String>,
+}
+
+impl Work<'_> {
+    fn task<'a>(&'a self, command_line: &'a str) -> Task<'a> {
+        let pictures = match (self.arguments.frames_only, self.arguments.joint_frames) {
+            (true, _) => PictureUse::Only,
+            (false, true) => PictureUse::Joint,
+            (false, false) => PictureUse::Witness,
+        };
+        Task {
+            inputs: &self.inputs,
+            board: &self.board,
+            model: self.arguments.method.model,
+            sensor: self.sensor,
+            pictures,
+            settings: self.settings,
+            command_line,
+        }
+    }
+
+    /// Calibrates. `tell` hears what is going on, and may end it.
+    pub fn calibrate(&self, mut tell: impl FnMut(Step) -> ControlFlow<()> + Send) -> Attempt {
+        let mut stages: Vec<String> = Vec::new();
+        let calibrated = calibrate(&self.task(&command_line()), |step| {
+            if stages.last().is_none_or(|last| last != step.text) {
+                stages.push(step.text.to_owned());
+            }
+            tell(step)
+        });
+        Attempt { calibrated, stages }
+    }
+
+    /// Writes what came of it into `folder`, and prints it.
+    pub fn finish(&self, attempt: Attempt, mut waiting: Waiting, folder: &OutputFolder) -> Outcome {
+        let command_line = command_line();
+        let task = self.task(&command_line);
+        let mut calibrated = match attempt.calibrated {
+            Ok(calibrated) => calibrated,
+            Err(error) => {
+                waiting.finish();
+                let failure = write_failure(folder.path(), &task, &error, attempt.stages)?;
+                return Err(Failed { error, failure }.into());
+            }
+        };
+        let inertial = match self.arguments.inertial_request() {
+            Some(request) => {
+                waiting.stage("inertial unit", None);
+                add_inertial(&mut calibrated, &self.inputs, &request)
+            }
+            None => Ok(()),
+        };
+        waiting.stage("results", None);
+        let written = write_folder(folder, &calibrated, &task, &mut |step| waiting.stage(step.text, step.done))?;
+        waiting.finish();
+        if self.arguments.json {
+            print::line(written.json)?;
+        } else {
+            print::line(coloured(&written.summary, &calibrated.verdict))?;
+            if self.arguments.verbose {
+                print::line(format!("\n{}", written.stage_report))?;
+            }
+            let folder = folder.path();
+            print::line(format!(
+                "\nopen {} first; all results are in {}",
+                folder.join("report.html").display(),
+                folder.display()
+            ))?;
+        }
+        if calibrated.verdict.grade == Grade::NotGood
+            && let Some(LargerBoard { found, board }) =
+                larger_board(&self.inputs, &self.board, &self.settings.detection)
+        {
+            print::aside(format!("is the board right? It looks like {found}: --board {board}"));
+        }
+        // The camera is written all the same.
+        inertial?;
+        match calibrated.verdict.grade {
+            Grade::NotGood if !self.arguments.accept_any => Err(NotGoodEnough.into()),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Calibrates the inertial unit of `inputs`, and keeps it with the camera.
+fn add_inertial(calibrated: &mut Calibrated, inputs: &[Input], request: &InertialRequest) -> Result<(), InertialError> {
+    let inertial = calibrate_inertial(calibrated, inputs, request)?;
+    if let Evidence::Events(events) = &mut calibrated.evidence {
+        events.inertial = Some(inertial);
+    }
+    Ok(())
+}
+
+/// The summary with its verdict in green, yellow or red, where someone looks at it.
+fn coloured(summary: &str, verdict: &Verdict) -> String {
+    if !std::io::stdout().is_terminal() || std::env::var_os("NO_COLOR").is_some() {
+        return summary.to_owned();
+    }
+    let colour = match verdict.grade {
+        Grade::Good => 32,
+        Grade::Usable => 33,
+        Grade::NotGood => 31,
+    };
+    summary.replacen(&verdict.sentence, &format!("\x1b[{colour}m{}\x1b[0m", verdict.sentence), 1)
+}
