@@ -7,6 +7,7 @@ mod accumulation;
 mod board_places;
 mod camera_pictures;
 mod chart;
+mod distortion;
 pub mod drawing;
 mod example_frames;
 mod halves;
@@ -21,6 +22,7 @@ mod provenance;
 mod rectification;
 mod residuals;
 mod stages;
+mod to_copy;
 mod trajectory;
 mod trusted_places;
 
@@ -32,8 +34,17 @@ const PARTS: f64 = 12.0;
 /// Parts of that section.
 const ACCUMULATION_PARTS: f64 = 4.0;
 
-/// The report of `calibrated`, which came from `task`, as HTML. `progress` is told which part of it is done, 0 to 1.
-pub fn report(calibrated: &Calibrated, task: &Task, progress: &mut dyn FnMut(f64)) -> String {
+/// A file beside the report.
+pub struct ResultFile {
+    /// Its path from the report's folder, with `/` between folders.
+    pub name: String,
+    /// Its size in bytes.
+    pub length: u64,
+}
+
+/// The report of `calibrated`, which came from `task`, as HTML, to be put beside `files`. `progress` is told which part of
+/// it is done, 0 to 1.
+pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progress: &mut dyn FnMut(f64)) -> String {
     let mut done = 0.0;
     let mut step = |section, parts: f64| {
         done += parts / (PARTS + ACCUMULATION_PARTS);
@@ -41,7 +52,7 @@ pub fn report(calibrated: &Calibrated, task: &Task, progress: &mut dyn FnMut(f64
         section
     };
     let mut sections = vec![
-        step(numbers::section(calibrated), 1.0),
+        step(numbers::section(calibrated, task.board), 1.0),
         step(trusted_places::section(calibrated), 1.0),
         step(board_places::section(calibrated, task.board), 1.0),
         step(halves::section(calibrated), 1.0),
@@ -59,7 +70,7 @@ pub fn report(calibrated: &Calibrated, task: &Task, progress: &mut dyn FnMut(f64
         step(trajectory::section(calibrated), 1.0),
         step(inertial::section(calibrated), 1.0),
         step(stages::section(calibrated), 1.0),
-        step(provenance::section(calibrated, task), 1.0),
+        step(provenance::section(calibrated, task, files), 1.0),
     ]);
     page::page(
         &overview::title(calibrated),

@@ -464,8 +464,8 @@ t_us,x_px,y_px,column,row
                 .map(|(number, mut circles)| {
                     circles.sort_by_key(|circle| circle.index);
                     circles.dedup_by_key(|circle| circle.index);
-                    let start = number as f64 * 0.1 + 0.01;
-                    ReferenceFrame { recording: 2, start, end: start + 0.03, circles, seen_in: SeenIn::Circles }
+                    let [start, end] = [10, 40].map(|after| f64::from(number as u32 * 100 + after) / 1e3);
+                    ReferenceFrame { recording: 2, start, end, circles, seen_in: SeenIn::Circles }
                 })
                 .collect();
             let mut bytes = Vec::new();
