@@ -7,6 +7,7 @@ mod accumulation;
 mod board_places;
 mod camera_pictures;
 mod chart;
+mod distortion;
 pub mod drawing;
 mod example_frames;
 mod halves;
@@ -21,6 +22,7 @@ mod provenance;
 mod rectification;
 mod residuals;
 mod stages;
+mod to_copy;
 mod trajectory;
 mod trusted_places;
 
@@ -30,8 +32,17 @@ use crate::calibrate::calibrated::Calibrated;
 /// Sections of the report.
 const SECTIONS: f64 = 12.0;
 
-/// The report of `calibrated`, which came from `task`, as HTML. `progress` is told which part of it is done, 0 to 1.
-pub fn report(calibrated: &Calibrated, task: &Task, progress: &mut dyn FnMut(f64)) -> String {
+/// A file beside the report.
+pub struct ResultFile {
+    /// Its path from the report's folder, with `/` between folders.
+    pub name: String,
+    /// Its size in bytes.
+    pub length: u64,
+}
+
+/// The report of `calibrated`, which came from `task`, as HTML, to be put beside `files`. `progress` is told which part of
+/// it is done, 0 to 1.
+pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progress: &mut dyn FnMut(f64)) -> String {
     let mut done = 0.0;
     let mut step = |section| {
         done += 1.0;
@@ -39,7 +50,7 @@ pub fn report(calibrated: &Calibrated, task: &Task, progress: &mut dyn FnMut(f64
         section
     };
     let sections = [
-        step(numbers::section(calibrated)),
+        step(numbers::section(calibrated, task.board)),
         step(trusted_places::section(calibrated)),
         step(board_places::section(calibrated, task.board)),
         step(halves::section(calibrated)),
@@ -50,7 +61,7 @@ pub fn report(calibrated: &Calibrated, task: &Task, progress: &mut dyn FnMut(f64
         step(trajectory::section(calibrated)),
         step(inertial::section(calibrated)),
         step(stages::section(calibrated)),
-        step(provenance::section(calibrated, task)),
+        step(provenance::section(calibrated, task, files)),
     ];
     page::page(
         &overview::title(calibrated),

@@ -205,6 +205,24 @@ def read_npz(path):
         return {"events": events.tolist(), "size": [int(arrays["width"]), int(arrays["height"])]}
 
 
+def read_h5(path):
+    """DSEC's layout, and what DSEC's own reader takes for granted of the index."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        start, index, group = file["t_offset"][()], file["ms_to_idx"][:], file["events"]
+        columns = {name: group[name][:] for name in "txyp"}
+        types = [str(columns[name].dtype) for name in "txyp"] + [str(index.dtype), str(start.dtype)]
+        assert types == ["uint32", "uint16", "uint16", "uint8", "uint64", "int64"], types
+        t = columns["t"].astype(np.int64)
+        assert len(index) == t[-1] // 1000 + 1
+        for ms, place in enumerate(index):
+            assert t[place] >= 1000 * ms and (place == 0 or t[place - 1] < 1000 * ms), ms
+        columns = [t + start] + [columns[name].astype(np.int64) for name in "xyp"]
+        size = [int(file.attrs["width"]), int(file.attrs["height"])]
+        return {"events": np.stack(columns, axis=1).tolist(), "size": size}
+
+
 def read_faery(path):
     import faery
 
@@ -214,7 +232,7 @@ def read_faery(path):
     return {"events": events.tolist(), "size": list(stream.dimensions())}
 
 
-READERS = {"rosbags": read_bag, "mcap": read_mcap, "numpy": read_npz, "faery": read_faery}
+READERS = {"rosbags": read_bag, "mcap": read_mcap, "numpy": read_npz, "h5py": read_h5, "faery": read_faery}
 
 
 def main():

@@ -214,6 +214,20 @@ fn written_archives_are_read_by_numpy() {
 }
 
 #[test]
+fn written_hdf5_is_read_by_h5py() {
+    let folder = TempDir::new().unwrap();
+    for start in [0, UNIX_TIME] {
+        let (source, target) = (folder.path().join("source.aedat4"), folder.path().join("target.h5"));
+        recording(&source, start);
+        assert!(converted(&source, &target).contains("not kept"));
+        let expected = events(start);
+        assert_eq!(read(&target, RecordingOptions::default()), expected);
+        assert!(read_by("h5py", &target) == json!({"events": rows(&expected), "size": [346, 260]}), "from {start} us");
+        fs::remove_file(&target).unwrap();
+    }
+}
+
+#[test]
 fn written_evt3_is_read_by_faery() {
     let folder = TempDir::new().unwrap();
     for start in [0, 123_456_789, UNIX_TIME] {

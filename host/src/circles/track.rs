@@ -195,7 +195,7 @@ pub fn write<'a>(
     time_origin_us: i64,
 ) -> io::Result<()> {
     let columns = usize::from(pattern.columns.max(1));
-    let optional = |value: Option<f64>| value.map(|value| value.to_string()).unwrap_or_default();
+    let optional = |value: Option<f64>| value.map(rounded).unwrap_or_default();
     writeln!(output, "# circles of a board {}", describe(pattern))?;
     writeln!(output, "# time_origin_us {time_origin_us}")?;
     writeln!(output, "frame,t_s,t_start_s,t_end_s,column,row,x_px,y_px,radius_px,vx_px_per_s,vy_px_per_s")?;
@@ -204,13 +204,13 @@ pub fn write<'a>(
             writeln!(
                 output,
                 "{number},{},{},{},{},{},{},{},{},{},{}",
-                circle.t,
-                frame.start,
-                frame.end,
+                second(circle.t),
+                second(frame.start),
+                second(frame.end),
                 circle.index % columns,
                 circle.index / columns,
-                circle.center.x,
-                circle.center.y,
+                rounded(circle.center.x),
+                rounded(circle.center.y),
                 optional(circle.radius),
                 optional(circle.velocity.map(|velocity| velocity.x)),
                 optional(circle.velocity.map(|velocity| velocity.y)),
@@ -233,12 +233,24 @@ pub fn write_unordered<'a>(
     writeln!(output, "frame,t_s,t_start_s,t_end_s,x_px,y_px,radius_px")?;
     for (number, frame) in frames.into_iter().enumerate() {
         for circle in &frame.circles {
-            let radius = circle.radius.map(|radius| radius.to_string()).unwrap_or_default();
-            let (start, end, center) = (frame.start, frame.end, circle.center);
-            writeln!(output, "{number},{},{start},{end},{},{},{radius}", circle.t, center.x, center.y)?;
+            let radius = circle.radius.map(rounded).unwrap_or_default();
+            let (t, start, end) = (second(circle.t), second(frame.start), second(frame.end));
+            let (x, y) = (rounded(circle.center.x), rounded(circle.center.y));
+            writeln!(output, "{number},{t},{start},{end},{x},{y},{radius}")?;
         }
     }
     output.flush()
+}
+
+/// A length in pixels or a speed, to the millionth: far finer than circles are seen.
+fn rounded(value: f64) -> String {
+    // Zero has no sign.
+    ((value * 1e6).round() / 1e6 + 0.0).to_string()
+}
+
+/// A time in seconds, to the nanosecond.
+fn second(value: f64) -> String {
+    ((value * 1e9).round() / 1e9 + 0.0).to_string()
 }
 
 /// Layout, rows and columns as in a board description.
@@ -400,21 +412,45 @@ t_us,x_px,y_px,column,row
         assert!(track.notes.iter().any(|note| note.contains("1643243628")), "{:?}", track.notes);
     }
 
+    /// Numbers as the file holds them: millionths.
     fn number() -> impl Strategy<Value = f64> {
-        prop_oneof![-1e3f64..1e3, any::<f64>().prop_filter("finite", |value| value.is_finite() && value.abs() < 1e6)]
+        let finite = any::<f64>().prop_filter("finite", |value| value.is_finite() && value.abs() < 1e6);
+        prop_oneof![-1e3f64..1e3, finite].prop_map(|value| (value * 1e6).round() / 1e6 + 0.0)
     }
 
     fn circle() -> impl Strategy<Value = ObservedCircle> {
         let velocity = prop::option::of((number(), number()));
-        (0usize..18, number(), (number(), number()), prop::option::of(0.5f64..100.0), velocity).prop_map(
-            |(index, t, (x, y), radius, velocity)| ObservedCircle {
+        (
+            0usize..18,
+            number(),
+            (number(), number()),
+            prop::option::of((500_000..100_000_000).prop_map(|radius| f64::from(radius) / 1e6)),
+            velocity,
+        )
+            .prop_map(|(index, t, (x, y), radius, velocity)| ObservedCircle {
                 index,
                 t,
                 center: Vector2::new(x, y),
                 radius,
                 velocity: velocity.map(|(x, y)| Vector2::new(x, y)),
-            },
-        )
+            })
+    }
+
+    #[test]
+    fn a_file_has_no_more_digits_than_say_something() {
+        let circle = ObservedCircle {
+            index: 0,
+            t: 0.032,
+            center: Vector2::new(158.6337127685547, -0.00000001),
+            radius: Some(4.827169895172119),
+            velocity: None,
+        };
+        let (start, end, seen_in) = (0.027999999999999997, 0.1 + 0.2, SeenIn::Circles);
+        let frame = ReferenceFrame { recording: 0, start, end, circles: vec![circle], seen_in };
+        let mut bytes = Vec::new();
+        write(&mut bytes, [&frame], &PATTERN, 0).unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        assert_eq!(text.lines().last(), Some("0,0.032,0.028,0.3,0,0,158.633713,0,4.82717,,"));
     }
 
     proptest! {
@@ -428,8 +464,8 @@ t_us,x_px,y_px,column,row
                 .map(|(number, mut circles)| {
                     circles.sort_by_key(|circle| circle.index);
                     circles.dedup_by_key(|circle| circle.index);
-                    let start = number as f64 * 0.1 + 0.01;
-                    ReferenceFrame { recording: 2, start, end: start + 0.03, circles, seen_in: SeenIn::Circles }
+                    let [start, end] = [10, 40].map(|after| f64::from(number as u32 * 100 + after) / 1e3);
+                    ReferenceFrame { recording: 2, start, end, circles, seen_in: SeenIn::Circles }
                 })
                 .collect();
             let mut bytes = Vec::new();

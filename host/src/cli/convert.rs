@@ -19,7 +19,7 @@ pub struct Arguments {
     /// File to write; one that is there already is left alone
     #[arg(value_name = "OUT")]
     output: PathBuf,
-    /// Format to write, such as aedat4, npz or csv; any other word prints all [default: by the extension of OUT]
+    /// Format to write, such as aedat4, npz, hdf5 or csv; any other word prints all [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT")]
     to: Option<OutputFormat>,
     /// Count times from 1970, by the time at which the recording of a camera began

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use evcal_core::camera::ModelKind;
 
 use super::content::{Content, ExportFormat};
-use super::number::decimal;
+use super::number::{decimal, significant};
 use evcal_core::sensor::Sensor;
 
 /// `parameters.csv`: below comments a line of names, then one line a parameter. `sigma` and the covariances with all
@@ -27,13 +27,13 @@ fn write(content: &Content) -> String {
     let sigma = calibrated.sigma.as_deref().unwrap_or_default();
     let values = content.matrix.iter().chain(content.distortion);
     for (index, (name, value)) in names.iter().zip(values).enumerate() {
-        let sigma = sigma.get(index).map(|sigma| decimal(*sigma)).unwrap_or_default();
+        let sigma = sigma.get(index).map(|sigma| significant(*sigma)).unwrap_or_default();
         let unit = if index < 4 { "px" } else { "" };
         let _ = write!(text, "{name},{},{sigma},{unit}", decimal(*value));
         let covariances = calibrated.covariance.as_ref().and_then(|rows| rows.get(index));
         for other in 0..names.len() {
             let covariance = covariances.and_then(|row| row.get(other));
-            text += &format!(",{}", covariance.map(|value| decimal(*value)).unwrap_or_default());
+            text += &format!(",{}", covariance.map(|value| significant(*value)).unwrap_or_default());
         }
         text += "\n";
     }

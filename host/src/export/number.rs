@@ -7,6 +7,11 @@ pub fn decimal(value: f64) -> String {
     if text.contains('.') { text } else { format!("{text}.0") }
 }
 
+/// A [`decimal`] of six significant digits, for what is not known any better.
+pub fn significant(value: f64) -> String {
+    decimal(format!("{value:.5e}").parse().unwrap_or(value))
+}
+
 /// [`decimal`]s with commas between them.
 pub fn decimals(values: &[f64]) -> String {
     values.iter().map(|value| decimal(*value)).collect::<Vec<_>>().join(", ")
@@ -31,5 +36,6 @@ mod tests {
             assert!(text.contains('.') && !text.contains('e') && text.parse() == Ok(value), "{text}");
         }
         assert_eq!(decimals(&[1.0, -0.5]), "1.0, -0.5");
+        assert_eq!([0.07921633902, -0.000012345678, 0.0].map(significant), ["0.0792163", "-0.0000123457", "0.0"]);
     }
 }

@@ -19,7 +19,7 @@ use crate::files::{self, FileError};
 use crate::initial::PosedFrame;
 use crate::recording::pictures::image_at;
 use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_picture};
-use crate::report::report;
+use crate::report::{ResultFile, report};
 use crate::result::calibrated_camera::CalibratedCamera;
 use crate::result::calibration_file::CalibrationFile;
 use crate::result::inertial_result::InertialResult;
@@ -122,11 +122,6 @@ pub fn write_folder(
     put(folder.join("calibration.json"), json.as_bytes())?;
     put(folder.join("settings.toml"), task.settings.to_commented_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
-    put(
-        folder.join("report.html"),
-        report(calibrated, task, &mut |done| progress(Step { text: "report", done: Some(done) })).as_bytes(),
-    )?;
-    let mut text = Vec::new();
     let mut distances = None;
     for (recording, start) in calibrated.starts.iter().enumerate() {
         let of_recording = |(name, extension): (&str, &str)| match recording {
@@ -139,22 +134,15 @@ pub fn write_folder(
             Evidence::Pictures(_) => poses.iter().map(|pose| pose.pose).collect(),
         };
         distances = determined.iter().map(|pose| distance(pose, task.board)).fold(distances, nearest_and_farthest);
-        text.clear();
-        let path = folder.join(of_recording(TRAJECTORY));
-        tum::write(&mut text, &determined).map_err(|error| FileError::new(&path, error))?;
-        put(path, &text)?;
+        files::write_with(&folder.join(of_recording(TRAJECTORY)), |file| tum::write(file, &determined))?;
         if calibrated.events().is_some() {
-            text.clear();
-            let path = folder.join(of_recording(POSES));
-            csv::write(&mut text, &poses).map_err(|error| FileError::new(&path, error))?;
-            put(path, &text)?;
+            files::write_with(&folder.join(of_recording(POSES)), |file| csv::write(file, &poses))?;
         }
         let frames = calibrated.frames().iter().filter(|frame| frame.recording == recording);
-        let path = folder.join(of_recording(CIRCLES));
-        text.clear();
-        track::write(&mut text, frames, &task.board.pattern, (start * 1e6).round() as i64)
-            .map_err(|error| FileError::new(&path, error))?;
-        put(path, &text)?;
+        let origin = (start * 1e6).round() as i64;
+        files::write_with(&folder.join(of_recording(CIRCLES)), |file| {
+            track::write(file, frames, &task.board.pattern, origin)
+        })?;
     }
     if let Some((nearest, farthest)) = distances {
         // A mistake in the unit of the board shows here.
@@ -188,7 +176,25 @@ pub fn write_folder(
             }
         }
     }
+    let mut tell = |done| progress(Step { text: "report", done: Some(done) });
+    let page = report(calibrated, task, &results_in(folder), &mut tell);
+    put(folder.join("report.html"), page.as_bytes())?;
     Ok(Written { json, summary, stage_report })
+}
+
+/// The results in `folder`, in the order of their names.
+fn results_in(folder: &Path) -> Vec<ResultFile> {
+    let entries = [PathBuf::new(), EXPORTS.into()].into_iter().flat_map(|place| {
+        let entries = std::fs::read_dir(folder.join(&place)).into_iter().flatten().flatten();
+        entries.map(move |entry| (place.join(entry.file_name()), entry.metadata()))
+    });
+    let results = entries.filter(|(name, _)| is_result(name)).filter_map(|(name, metadata)| {
+        let name = name.to_str()?.replace(std::path::MAIN_SEPARATOR, "/");
+        Some(ResultFile { name, length: metadata.ok()?.len() })
+    });
+    let mut results: Vec<ResultFile> = results.collect();
+    results.sort_by(|a, b| a.name.cmp(&b.name));
+    results
 }
 
 /// Kalibr's files of the camera with its inertial unit; `camchain` is that of the camera alone.

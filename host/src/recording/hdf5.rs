@@ -15,7 +15,9 @@ mod blosc;
 mod ecf;
 mod filters;
 mod layout;
+mod structure;
 mod table;
+mod write;
 
 use std::path::{Path, PathBuf};
 
@@ -30,8 +32,11 @@ use layout::Found;
 use table::Table;
 
 /// An HDF5 file with events.
-pub const FORMAT: FileFormat =
-    FileFormat { streams, ..FileFormat::of_events("HDF5", |head| head.bytes.starts_with(b"\x89HDF\r\n\x1a\n"), open) };
+pub const FORMAT: FileFormat = FileFormat {
+    streams,
+    output: Some(&write::OUTPUT),
+    ..FileFormat::of_events("HDF5", |head| head.bytes.starts_with(b"\x89HDF\r\n\x1a\n"), open)
+};
 
 /// Events of a batch.
 const BATCH: u64 = 32_768;

@@ -7,12 +7,14 @@ use nalgebra::Vector2;
 use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
+use super::{distortion, to_copy};
+use crate::board::Board;
 use crate::calibrate::calibrated::Calibrated;
 use crate::initial::model_choice::{ModelChoice, WIDELY_HELD};
 use evcal_core::sensor::Sensor;
 
 /// The parameters with their standard deviations.
-pub fn section(calibrated: &Calibrated) -> Option<Section> {
+pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let camera = calibrated.camera();
     let uncertainty = &calibrated.trust.uncertainty;
     let sigma = uncertainty.sigma();
@@ -53,12 +55,17 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         (scrolling("Camera parameters", &table))
         (view(camera, calibrated.sensor))
         @if let Some(choice) = &calibrated.model_choice { (chosen(choice)) }
+        (distortion::pictures(calibrated, board))
+        (to_copy::forms(calibrated, board))
         h3 { "Correlation" }
-        p {
-            "Near ±1 the recording cannot tell two parameters apart; distortion coefficients always hang together. Only the projection as a whole counts then, "
-            "which is mapped below."
+        details {
+            summary { "Which parameters hang together" }
+            p {
+                "Near ±1 the recording cannot tell two parameters apart; distortion coefficients always hang together. Only the projection as a whole counts then, "
+                "which is mapped below."
+            }
+            (scrolling("Correlation of the parameters", &correlation(calibrated)))
         }
-        (scrolling("Correlation of the parameters", &correlation(calibrated)))
     };
     Some(Section { id: "numbers", title: "The lens in numbers", content })
 }

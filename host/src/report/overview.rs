@@ -5,9 +5,9 @@ use maud::{Markup, html};
 use super::number::{count, percent, signed};
 use super::page::figure;
 use crate::calibrate::Task;
-use crate::calibrate::calibrated::Calibrated;
+use crate::calibrate::calibrated::{Calibrated, Measured};
 use crate::calibrate::input::Input;
-use crate::trust::verdict::{Finding, Grade, Severity};
+use crate::trust::verdict::{Finding, Grade, Severity, VerdictSettings};
 use evcal_core::sensor::Sensor;
 
 /// What a browser's window and a printed page are called.
@@ -35,9 +35,12 @@ pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
         }
         div.verdict.(class) {
             p.sentence { (verdict.sentence) }
+            @if let (true, Some(first)) = (verdict.grade != Grade::Good, verdict.findings.first()) {
+                p.first { strong { "Do this first: " } (first.advice) "." }
+            }
             @if !verdict.findings.is_empty() { (findings(&verdict.findings)) }
         }
-        (figures(calibrated))
+        (figures(calibrated, &task.settings.verdict))
     }
 }
 
@@ -73,15 +76,17 @@ pub fn capital(text: &str) -> String {
     }
 }
 
-fn figures(calibrated: &Calibrated) -> Markup {
+fn figures(calibrated: &Calibrated, settings: &VerdictSettings) -> Markup {
     let trust = &calibrated.trust;
     let projection = &trust.projection;
     let residuals = calibrated.residuals();
     html! {
         dl.figures {
-            (figure("Projection known to", &format!("{} px", signed(projection.rms_95, 3)), "over the sensor, with 95 % confidence"))
-            (figure("Worst place", &format!("{} px", signed(projection.max, 3)), &format!("σ at pixel ({:.0}, {:.0})", projection.max_at[0], projection.max_at[1])))
-            (figure("Sensor covered", &percent(trust.coverage.covered), "of its cells saw enough"))
+            (figure("Expected projection error", &format!("{} px", signed(projection.rms_95, 3)), &format!("or less over the sensor, in 95 of 100 cases; good is up to {} px", settings.good)))
+            @if let Some((pixel, sigma)) = worst_place(calibrated) {
+                (figure("Worst place seen", &format!("{} px", signed(2.0 * sigma, 3)), &format!("or less at pixel ({:.0}, {:.0}), in 95 of 100 cases (2σ)", pixel[0], pixel[1])))
+            }
+            (figure("Sensor covered", &percent(trust.coverage.covered), &format!("of its cells saw enough; good is from {}", percent(settings.coverage))))
             @if let Some(halves) = calibrated.events().and_then(|events| events.trust.split_half.as_ref()) {
                 (figure(
                     "Two halves differ by",
@@ -89,10 +94,27 @@ fn figures(calibrated: &Calibrated) -> Markup {
                     &format!("{}, up to {} px is expected", if halves.consistent() { "as they should" } else { "too much" }, signed(halves.bound, 3)),
                 ))
             }
-            (figure("Residual", &format!("{} px", signed(residuals.rms, 3)), "rms distance from the model"))
+            (figure("Residual", &format!("{} px", signed(residuals.rms, 3)), &format!("rms {}", typical_residual(calibrated.measured()))))
             (figure("Observations", &count(residuals.count as u64), &format!("worth {} independent ones", count(trust.uncertainty.effective_observations() as u64))))
         }
     }
+}
+
+/// What residuals usually are: those of the simulated sessions in docs/accuracy.md.
+fn typical_residual(measured: Measured) -> &'static str {
+    match measured {
+        Measured::EventEdges => {
+            "distance of events from their edges; 0.1 to 0.3 px is usual, noise of single pixels that averages out"
+        }
+        Measured::CircleCentres => "distance of circles from where the result puts them; below 0.3 px is usual",
+    }
+}
+
+/// The pixel where the projection is known worst, of those that observations back, and its σ there.
+fn worst_place(calibrated: &Calibrated) -> Option<([f64; 2], f64)> {
+    let grid = calibrated.trust.projection.grid.iter();
+    let backed = grid.filter(|point| calibrated.trust.coverage.backs(point.pixel, calibrated.sensor));
+    backed.filter_map(|point| Some((point.pixel, point.sigma?))).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 #[cfg(test)]

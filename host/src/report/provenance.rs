@@ -3,6 +3,7 @@
 use maud::{Markup, html};
 use toml::{Table, Value};
 
+use super::ResultFile;
 use super::number::count;
 use super::page::{Section, scrolling};
 use crate::calibrate::Task;
@@ -11,7 +12,7 @@ use crate::calibrate::input::Input;
 use crate::settings::Settings;
 
 /// Everything that is needed to get the same result again.
-pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
+pub fn section(calibrated: &Calibrated, task: &Task, files: &[ResultFile]) -> Option<Section> {
     let changed = changed(task.settings);
     let content = html! {
         p { "The same program with the same input gives the same result, byte for byte." }
@@ -20,6 +21,10 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
         @if !task.command_line.is_empty() {
             h3 { "Command line" }
             pre.command { (task.command_line) }
+        }
+        @if !files.is_empty() {
+            h3 { "Files" }
+            (scrolling("Files", &table_of(files)))
         }
         h3 { "Settings" }
         @if changed.is_empty() {
@@ -55,6 +60,42 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
                         td.number { (count(report.count)) }
                         td.number { (format!("{:.3}", report.duration)) }
                         td.words { (report.notes.join("; ")) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// What the files of a calibration are, by the beginnings of their names.
+const MEANINGS: [(&str, &str); 13] = [
+    ("calibration.json", "everything that was found out, for programs"),
+    ("camera.yaml", "the camera for OpenCV"),
+    ("exports/camera_info.yaml", "the camera for ROS"),
+    ("exports/camchain-imucam.yaml", "camera and inertial unit for Kalibr"),
+    ("exports/camchain.yaml", "the camera for Kalibr"),
+    ("exports/imu.yaml", "noise of the inertial unit for Kalibr"),
+    ("circles", "where circles were found"),
+    ("settings.toml", "all settings as they were used"),
+    ("stages.txt", "what every stage took in and gave out"),
+    ("good-frame.png", "a window that the first camera explains well"),
+    ("bad-frame.png", "the one that it explains worst"),
+    ("trajectory", "the camera's poses; .csv has their standard deviations"),
+    ("report.html", "this page"),
+];
+
+fn table_of(files: &[ResultFile]) -> Markup {
+    let meaning =
+        |name: &str| MEANINGS.iter().find(|(start, _)| name.starts_with(start)).map_or("", |(_, meaning)| meaning);
+    html! {
+        table.short {
+            thead { tr { th scope="col" { "file" } th.number scope="col" { "kB" } th scope="col" { "what it is" } } }
+            tbody {
+                @for file in files {
+                    tr {
+                        th scope="row" { (file.name) }
+                        td.number { (format!("{:.1}", file.length as f64 / 1e3)) }
+                        td.words { (meaning(&file.name)) }
                     }
                 }
             }

@@ -44,6 +44,7 @@ fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup 
     let refined = &calibration.refined;
     let map = &calibration.trust.residuals;
     let classes = class_residuals(&residuals_at(&refined.problem, &refined.state));
+    let highest = classes.iter().flat_map(|class| (0..BIN_COUNT).map(|bin| density(class, bin))).fold(0.1, f64::max);
     html! {
         (in_words(calibrated))
         @if map.cells.iter().any(|cell| cell.count > 0) { (by_place(calibrated, map)) }
@@ -54,8 +55,8 @@ fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup 
                 "own bias, which is part of the result. Curves should be narrow, alike on both sides and centred on 0."
             }
             div.pair {
-                figure { (histogram(&classes, "OFF", 0).render()) figcaption { "Residuals of OFF events, by rank in the burst." } }
-                figure { (histogram(&classes, "ON", RANK_COUNT).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
+                figure { (histogram(&classes, "OFF", 0, highest).render()) figcaption { "Residuals of OFF events, by rank in the burst." } }
+                figure { (histogram(&classes, "ON", RANK_COUNT, highest).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
             }
             (scrolling("Event classes", &class_table(calibration, &classes)))
             p.faint { "Offsets are those of a straight, slow edge, positive outside the dot; latencies count from the first OFF event of a burst." }
@@ -136,24 +137,29 @@ fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
     }
 }
 
-fn histogram(classes: &[ClassResiduals; CLASS_COUNT], polarity: &str, first: usize) -> Chart<'static> {
-    let width = 2.0 * BOUND / BIN_COUNT as f64;
+/// Width of a bin (px).
+const BIN: f64 = 2.0 * BOUND / BIN_COUNT as f64;
+
+/// Share of the events of a class in a bin, per px.
+fn density(class: &ClassResiduals, bin: usize) -> f64 {
+    class.bins.get(bin).map_or(0.0, |&count| count as f64 / class.count.max(1) as f64 / BIN)
+}
+
+/// One curve a rank, up to `highest`, so that both polarities have one scale.
+fn histogram(classes: &[ClassResiduals; CLASS_COUNT], polarity: &str, first: usize, highest: f64) -> Chart<'static> {
     let of_polarity = classes.iter().skip(first).take(RANK_COUNT);
     let series: Vec<Series> = of_polarity
         .zip(RANKS)
         .zip(Color::ALL)
         .filter(|((class, _), _)| class.count > 0)
         .map(|((class, rank), color)| {
-            let density = |bin: usize| class.bins.get(bin).map_or(0.0, |&bin| bin as f64 / class.count as f64 / width);
             let steps = (0..BIN_COUNT).flat_map(|bin| {
-                let left = bin as f64 * width - BOUND;
-                [(left, density(bin)), (left + width, density(bin))]
+                let left = bin as f64 * BIN - BOUND;
+                [(left, density(class, bin)), (left + BIN, density(class, bin))]
             });
             Series { name: format!("{rank} event"), color, curves: vec![steps.collect()], points: Vec::new() }
         })
         .collect();
-    let highest =
-        series.iter().flat_map(|series| series.curves.iter().flatten()).map(|point| point.1).fold(0.1, f64::max);
     Chart {
         description: format!("Histogram of the residuals of {polarity} events, one curve for each rank in the burst."),
         x_label: "residual (px), positive outside the dot",

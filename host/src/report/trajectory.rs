@@ -11,6 +11,8 @@ use crate::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use crate::solve::refinement::Refined;
 use crate::trajectory::Trajectory;
 
+/// Angles about x, y and z of the board, turned in this order.
+const ANGLES: [&str; 3] = ["roll (about x)", "pitch (about y)", "yaw (about z)"];
 /// Points of a curve over a whole recording.
 const POINTS: f64 = 700.0;
 /// Recordings that are plotted.
@@ -46,7 +48,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
 /// One curve for each segment.
 type Curves = Vec<Vec<(f64, f64)>>;
 
-/// Position (m), rotation vector (°) and their standard deviations (mm, °) over time, by axis.
+/// Position (m), roll, pitch and yaw (°) and their standard deviations (mm, °) over time, by axis.
 #[derive(Default)]
 struct PoseCurves {
     position: [Curves; 3],
@@ -65,9 +67,14 @@ impl PoseCurves {
         for index in 0..=count {
             let t = (trajectory.start() + length * index as f64 / count as f64).min(trajectory.end());
             let Some(pose) = trajectory.pose(t) else { continue };
-            let turns = pose.rotation.scaled_axis().map(f64::to_degrees);
-            let values = pose.translation.vector.iter().chain(turns.iter());
-            poses.iter_mut().zip(values).for_each(|(curve, value)| curve.push((t, *value)));
+            let (roll, pitch, yaw) = pose.rotation.euler_angles();
+            let place = pose.translation.vector.iter().copied();
+            let (places, angles) = poses.split_at_mut(3);
+            places.iter_mut().zip(place).for_each(|(curve, value)| curve.push((t, value)));
+            angles.iter_mut().zip([roll, pitch, yaw].map(f64::to_degrees)).for_each(|(curve, angle)| {
+                let last = curve.last().map_or(angle, |point| point.1);
+                curve.push((t, nearest_turn(angle, last)));
+            });
             let Some(sigma) = sigma(t) else { continue };
             let values =
                 sigma.position.map(|metres| 1e3 * metres).into_iter().chain(sigma.rotation.map(f64::to_degrees));
@@ -78,6 +85,11 @@ impl PoseCurves {
         let all = self.position_sigma.iter_mut().chain(&mut self.rotation_sigma);
         all.zip(sigmas).for_each(|(all, curve)| all.push(curve));
     }
+}
+
+/// The same angle (°) with as many whole turns as bring it near to `last`.
+fn nearest_turn(angle: f64, last: f64) -> f64 {
+    angle + 360.0 * ((last - angle) / 360.0).round()
 }
 
 fn plots(
@@ -102,12 +114,13 @@ fn plots(
         ]
     });
     let position = chart("Position of the camera over time.", "position (m)", position, (start, end), 0.1);
-    let rotation = chart("Rotation vector of the camera over time.", "rotation (°)", rotation, (start, end), 10.0);
+    let mut rotation = chart("Roll, pitch and yaw of the camera over time.", "angle (°)", rotation, (start, end), 10.0);
+    rotation.series.iter_mut().zip(ANGLES).for_each(|(series, name)| name.clone_into(&mut series.name));
     Some(html! {
         @if recordings > 1 { h3 { "Recording " (recording + 1) } }
         div.pair {
             figure { (position.render()) figcaption { "Position of the camera." } }
-            figure { (rotation.render()) figcaption { "Rotation of the camera: axis times angle." } }
+            figure { (rotation.render()) figcaption { "Rotation of the camera against the board; 0 is straight on." } }
         }
         @if let Some([position, rotation]) = sigmas {
             div.pair {

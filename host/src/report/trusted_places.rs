@@ -14,8 +14,8 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let coverage = &calibrated.trust.coverage;
     let content = html! {
         p {
-            "How far the image of a point may be off, if the same camera were calibrated again and again: " (signed(projection.rms, 3))
-            " px on average over the sensor, " (signed(projection.max, 3)) " px at its worst place. Where no board was seen nothing backs the result, "
+            "How far the image of a point may be off, if the same camera were calibrated again and again: one standard deviation, σ, is " (signed(projection.rms, 3))
+            " px over the sensor (rms). The figure at the top, " (signed(projection.rms_95, 3)) " px, is what 95 of 100 calibrations stay below. Where no board was seen nothing backs the result, "
             "however small the number: there it depends on the camera model being right."
         }
         div.pair {

@@ -1,0 +1,107 @@
+//! The structure of an HDF5 file, as far as arrays in groups need it.
+//!
+//! Superblock of version 2, object headers of version 2 with compact links, contiguous data: sections II to IV of the HDF5
+//! File Format Specification, version 3.0. All numbers are little endian.
+
+use hdf5_core::jenkins_lookup3;
+
+/// Where nothing is.
+const NOWHERE: u64 = u64::MAX;
+/// Length of the superblock.
+pub const SUPERBLOCK: u64 = 48;
+/// Messages of object headers.
+const DATASPACE: u8 = 0x01;
+const LINK_INFO: u8 = 0x02;
+const DATATYPE: u8 = 0x03;
+const FILL_VALUE: u8 = 0x05;
+const LINK: u8 = 0x06;
+const DATA_LAYOUT: u8 = 0x08;
+const GROUP_INFO: u8 = 0x0a;
+const ATTRIBUTE: u8 = 0x0c;
+
+/// A type of whole numbers.
+#[derive(Clone, Copy, Debug)]
+pub struct Integer {
+    /// Its bytes.
+    pub size: u8,
+    /// Whether there are numbers below zero.
+    pub is_signed: bool,
+}
+
+impl Integer {
+    fn message(self) -> Vec<u8> {
+        let signed = if self.is_signed { 0x08 } else { 0 };
+        let bits = u16::from(self.size) * 8;
+        // Version 1 and class 0; three bytes of properties; size; offset and number of bits.
+        let head = [0x10, signed, 0, 0, self.size, 0, 0, 0, 0, 0];
+        [&head[..], &bits.to_le_bytes()].concat()
+    }
+}
+
+/// One number, or so many in a row.
+fn dataspace(count: Option<u64>) -> Vec<u8> {
+    match count {
+        None => vec![2, 0, 0, 0],
+        Some(count) => [&[2, 1, 0, 1][..], &count.to_le_bytes()].concat(),
+    }
+}
+
+/// A message of an object header; none is longer than a few hundred bytes.
+fn message(kind: u8, content: &[u8]) -> Vec<u8> {
+    let length = (content.len() as u16).to_le_bytes();
+    [&[kind, length[0], length[1], 0], content].concat()
+}
+
+/// With its checksum behind it.
+fn checked(mut bytes: Vec<u8>) -> Vec<u8> {
+    let checksum = jenkins_lookup3(&bytes);
+    bytes.extend(checksum.to_le_bytes());
+    bytes
+}
+
+fn object_header(messages: &[Vec<u8>]) -> Vec<u8> {
+    let messages = messages.concat();
+    // The size of the messages has four bytes.
+    let head = [&b"OHDR\x02\x02"[..], &(messages.len() as u32).to_le_bytes()].concat();
+    checked([head, messages].concat())
+}
+
+/// An array: its numbers are at `address`. Without a count it is one number.
+pub fn dataset(numbers: Integer, count: Option<u64>, address: u64) -> Vec<u8> {
+    let length = count.unwrap_or(1).saturating_mul(numbers.size.into());
+    let address = if length == 0 { NOWHERE } else { address };
+    let layout = [&[3, 1][..], &address.to_le_bytes(), &length.to_le_bytes()].concat();
+    object_header(&[
+        message(DATASPACE, &dataspace(count)),
+        message(DATATYPE, &numbers.message()),
+        // Allocated late, never filled where the user gives nothing.
+        message(FILL_VALUE, &[3, 0x0a]),
+        message(DATA_LAYOUT, &layout),
+    ])
+}
+
+/// A group of objects by their names and addresses, and one number for each attribute.
+pub fn group(objects: &[(&str, u64)], attributes: &[(&str, u16)]) -> Vec<u8> {
+    let nowhere = NOWHERE.to_le_bytes();
+    let mut messages =
+        vec![message(LINK_INFO, &[&[0, 0][..], &nowhere, &nowhere].concat()), message(GROUP_INFO, &[0, 0])];
+    for (name, address) in objects {
+        let content = [&[1, 0, name.len() as u8][..], name.as_bytes(), &address.to_le_bytes()].concat();
+        messages.push(message(LINK, &content));
+    }
+    for (name, value) in attributes {
+        let numbers = Integer { size: 2, is_signed: false }.message();
+        let space = dataspace(None);
+        let sizes = [name.len() + 1, numbers.len(), space.len()].map(|size| (size as u16).to_le_bytes());
+        let head = [&[3, 0][..], sizes.as_flattened(), &[0]].concat();
+        messages
+            .push(message(ATTRIBUTE, &[&head, name.as_bytes(), &[0], &numbers, &space, &value.to_le_bytes()].concat()));
+    }
+    object_header(&messages)
+}
+
+/// What a file of `length` bytes begins with, whose root group is at `root`.
+pub fn superblock(root: u64, length: u64) -> Vec<u8> {
+    let addresses = [0, NOWHERE, length, root].map(u64::to_le_bytes);
+    checked([&b"\x89HDF\r\n\x1a\n\x02\x08\x08\x00"[..], addresses.as_flattened()].concat())
+}
