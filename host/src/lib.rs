@@ -42,6 +42,7 @@ pub mod inertial;
 pub mod initial;
 pub mod lens;
 pub mod live;
+pub mod motion_capture;
 pub mod numerics;
 #[cfg(feature = "opencv")]
 pub mod opencv;

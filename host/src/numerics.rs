@@ -1,8 +1,9 @@
-//! Mathematics that no stage owns: linear algebra, robust weights, statistics, rotations, random numbers.
+//! Mathematics that no stage owns: linear algebra, robust weights, statistics, series in time, rotations, random numbers.
 
 pub mod arrow;
 pub mod banded;
 pub mod huber;
+pub mod lag;
 pub mod levenberg_marquardt;
 pub mod random;
 pub mod rigid;

@@ -8,7 +8,7 @@
 //! stream of random numbers.
 //!
 //! A DAVIS sends frames ([`frame`]) and inertial samples ([`inertia`]) of the same motion too
-//! ([`davis`]); they change nothing of the events.
+//! ([`davis`]), and a capture system can follow the camera ([`motion_capture`]); they change nothing of the events.
 //!
 //! Time runs in slices of 25 ms that bound the memory, slices in ticks of 50 µs at which poses are
 //! known; each pixel looks at the ticks it needs.
@@ -43,6 +43,7 @@ pub mod inertial_truth;
 pub mod lens;
 pub mod light;
 pub mod motion;
+pub mod motion_capture;
 pub mod mount;
 mod pixel;
 pub mod presets;

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use evcal::evaluate::captured::CapturedFiles;
 use evcal::evaluate::comparison::{
     CompareError, ComparedFiles, ComparedTrajectories, Comparison, TRAJECTORY_FILE, TrajectoryComparison, compare,
 };
@@ -13,6 +14,8 @@ use serde_json::{Value, json};
 
 use super::{UsageError, print, value};
 
+mod motion_capture;
+
 /// Arguments of `evcal evaluate`.
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -20,8 +23,15 @@ pub struct Arguments {
     #[arg(value_name = "CALIBRATION")]
     calibration: PathBuf,
     /// What to compare it with: the truth or another calibration, file or folder
-    #[arg(long, value_name = "FILE|DIR")]
-    truth: PathBuf,
+    #[arg(long, value_name = "FILE|DIR", required_unless_present = "motion_capture")]
+    truth: Option<PathBuf>,
+    /// Motion capture of a body of markers on the camera to compare its trajectory with: where the body is, the error of the
+    /// trajectory (TUM, EuRoC, CSV of OptiTrack Motive)
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["truth", "true_trajectory"])]
+    motion_capture: Option<PathBuf>,
+    /// The body on the camera, where the capture holds several
+    #[arg(long, value_name = "NAME", requires = "motion_capture")]
+    body: Option<String>,
     /// Estimated trajectory (TUM) [default: trajectory.txt beside the calibration, if it is there]
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
@@ -42,9 +52,17 @@ pub struct Arguments {
 /// Runs `evcal evaluate`.
 pub fn run(arguments: Arguments) -> super::Outcome {
     let Arguments { json, verbose, .. } = arguments;
+    let truth = match (arguments.motion_capture, arguments.truth) {
+        (Some(capture), _) => {
+            let Arguments { calibration, trajectory, body, .. } = arguments;
+            return motion_capture::run(&CapturedFiles { calibration, trajectory, capture, body }, json);
+        }
+        (None, Some(truth)) => truth,
+        (None, None) => return Err(UsageError("give --truth or --motion-capture".to_owned()).into()),
+    };
     let files = ComparedFiles {
         calibration: arguments.calibration,
-        truth: arguments.truth,
+        truth,
         trajectory: arguments.trajectory,
         true_trajectory: arguments.true_trajectory,
         time_shift: arguments.time_shift,

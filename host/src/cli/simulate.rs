@@ -12,6 +12,7 @@ use evcal::simulate::effects::Effect;
 use evcal::simulate::folder::{SimulatedRecording, WrittenFolder, is_result, write_folder};
 use evcal::simulate::inertia::InertialSettings;
 use evcal::simulate::lens::{self, usual_lens};
+use evcal::simulate::motion_capture::MotionCaptureSettings;
 use evcal::simulate::presets::{LightPreset, MotionPreset, SensorPreset};
 use evcal::simulate::rays::Rays;
 use evcal::simulate::recording::{DAVIS346_SENSOR, RecordingFormat};
@@ -27,7 +28,7 @@ use super::{UsageError, print, value};
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Folder for events.aedat4 (or .dvraw, .csv, .bin), truth.json, trajectory.txt, and with
-    /// --frames frames.csv, with --imu imu.csv
+    /// --frames frames.csv, with --imu imu.csv, with --motion-capture motion_capture.txt
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Replace the simulation that is in the folder
@@ -98,6 +99,10 @@ pub struct Arguments {
     /// "davis.settings")
     #[arg(long, value_name = "UNIT", num_args = 0..=1, default_missing_value = "perfect")]
     imu: Option<String>,
+    /// Motion capture too: poses of a body of markers on the camera (TUM), 120 a second with 0.3 mm and 0.2 degrees of noise, or
+    /// as a file says (the part "motion_capture.settings" of a truth.json)
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]
+    motion_capture: Option<String>,
     /// Print the truth as JSON
     #[arg(long)]
     json: bool,
@@ -168,6 +173,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         camera: &camera,
         frame_camera: frame_camera.as_ref(),
         davis,
+        motion_capture: motion_capture(arguments)?,
         format: arguments.format,
     };
     let written = write_folder(&folder, &recorded, |done| {
@@ -224,6 +230,23 @@ fn inertial_unit(unit: &str, light: LightPreset) -> Result<InertialSettings, Box
             Ok(serde_json::from_str(&text).map_err(|error| wrong(&error))?)
         }
     }
+}
+
+/// The capture system, as far as asked for.
+fn motion_capture(arguments: &Arguments) -> Result<Option<MotionCaptureSettings>, Box<dyn Error>> {
+    let settings = match arguments.motion_capture.as_deref() {
+        None => return Ok(None),
+        Some("") => MotionCaptureSettings::default(),
+        Some(file) => {
+            let wrong = |error: &dyn std::fmt::Display| {
+                UsageError(format!("--motion-capture {file}: {error}: write a JSON file, or nothing behind the option"))
+            };
+            let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
+            serde_json::from_str(&text).map_err(|error| wrong(&error))?
+        }
+    };
+    settings.check()?;
+    Ok(Some(settings))
 }
 
 /// The lens and the size of the sensor.

@@ -85,7 +85,8 @@ fn parse(path: &Path, text: &str) -> Result<Vec<Sample>, CsvError> {
     let header = lines.next().map_or("", |(_, line)| line);
     let columns = columns(path, header)?;
     let mut samples = Vec::new();
-    let mut first = None;
+    // Nanoseconds since 1970 have more digits than a floating point number: whole times count from the first one.
+    let mut origin = None;
     for (line, content) in lines {
         if content.trim().is_empty() || content.starts_with('#') {
             continue;
@@ -95,16 +96,18 @@ fn parse(path: &Path, text: &str) -> Result<Vec<Sample>, CsvError> {
         for (place, (value, (column, factor))) in values.iter_mut().zip(&columns).enumerate() {
             let field = fields.get(*column).copied().unwrap_or_default();
             let wrong = || CsvError::Number { path: path.to_owned(), line: line + 1, text: field.to_owned() };
-            // Nanoseconds since 1970 have more digits than a floating point number.
-            *value = match field.parse::<i64>() {
-                Ok(whole) if place == 0 => (whole - *first.get_or_insert(whole)) as f64 * factor,
-                _ => field.parse::<f64>().ok().filter(|value| value.is_finite()).ok_or_else(wrong)? * factor,
-            };
+            let number = || field.parse::<f64>().ok().filter(|value| value.is_finite()).ok_or_else(wrong);
+            *value = factor
+                * match (place, field.parse::<i64>()) {
+                    (0, Ok(whole)) => whole.saturating_sub(*origin.get_or_insert(whole)) as f64,
+                    (0, Err(_)) => number()? - *origin.get_or_insert(0) as f64,
+                    _ => number()?,
+                };
         }
         let [t, ax, ay, az, gx, gy, gz] = values;
         samples.push(Sample { t, acceleration: Vector3::new(ax, ay, az), angular_velocity: Vector3::new(gx, gy, gz) });
     }
-    let shift = first.zip(columns.first()).map_or(0.0, |(first, (_, factor))| first as f64 * factor);
+    let shift = origin.zip(columns.first()).map_or(0.0, |(origin, (_, factor))| origin as f64 * factor);
     samples.iter_mut().for_each(|sample| sample.t += shift);
     Ok(samples)
 }
@@ -143,6 +146,17 @@ mod tests {
         let samples = parse(Path::new("data.csv"), euroc).unwrap();
         assert!((samples[1].t - samples[0].t - 0.005).abs() < 1e-6);
         assert_eq!(samples[1].acceleration, Vector3::new(4.0, 5.0, 6.0));
+    }
+
+    #[test]
+    fn whole_seconds_are_no_other_clock() {
+        let line = |t: &str| format!("{t},0,1,0,0,0,0\n");
+        for times in [["0.999", "1", "1.001"], ["1", "1.001", "2"], ["-0.5", "0", "0.5"]] {
+            let text = format!("t_s,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s\n{}", times.map(line).concat());
+            let found: Vec<f64> = parse(Path::new("imu.csv"), &text).unwrap().iter().map(|sample| sample.t).collect();
+            let wanted: Vec<f64> = times.iter().map(|t| t.parse().unwrap()).collect();
+            assert!(found.iter().zip(&wanted).all(|(found, wanted)| (found - wanted).abs() < 1e-12), "{found:?}");
+        }
     }
 
     #[test]

@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 use super::error::InertialError;
 use super::parameters::{InertialParameters, Motion};
 use super::sample::Sample;
+use crate::numerics::lag::{NoLag, Rules, lag};
 use crate::trajectory::Trajectory;
 
 /// Step of the grid on which rates are compared (s).
@@ -116,75 +117,25 @@ fn unit_values(samples: &[Sample], value: impl Fn(&Sample) -> Vector3<f64>) -> G
     Grid { start: first.t, values: (0..count).map(at).collect() }
 }
 
-/// Sums over the pairs of one shift.
-#[derive(Default)]
-struct Pairs {
-    count: f64,
-    x: f64,
-    y: f64,
-    xx: f64,
-    yy: f64,
-    xy: f64,
-}
-
-impl Pairs {
-    fn correlation(&self, needed: f64) -> Option<f64> {
-        let variance = |sum: f64, squares: f64| squares - sum * sum / self.count;
-        let (of_x, of_y) = (variance(self.x, self.xx), variance(self.y, self.yy));
-        (self.count >= needed && of_x > 0.0 && of_y > 0.0)
-            .then(|| (self.xy - self.x * self.y / self.count) / (of_x * of_y).sqrt())
-    }
-}
-
 /// How much later the unit's stamps are than the events', and the correlation there.
 fn delay(camera: &Grid, unit: &Grid) -> Result<(f64, f64), InertialError> {
     let sizes = |grid: &Grid| -> Vec<Option<f64>> { grid.values.iter().map(|value| value.map(|w| w.norm())).collect() };
     let (of_camera, of_unit) = (sizes(camera), sizes(unit));
     let known = |sizes: &[Option<f64>]| sizes.iter().flatten().count() as f64;
-    let needed = (OVERLAP * known(&of_camera).min(known(&of_unit))).max(1.0 / STEP);
-    let (first, last) = (-(of_camera.len() as i64), of_unit.len() as i64);
-    let correlations: Vec<f64> = (first..=last)
-        .map(|shift| {
-            let mut pairs = Pairs::default();
-            let (skip_camera, skip_unit) = ((-shift).max(0) as usize, shift.max(0) as usize);
-            for (x, y) in of_camera.iter().skip(skip_camera).zip(of_unit.iter().skip(skip_unit)) {
-                if let (Some(x), Some(y)) = (x, y) {
-                    pairs.count += 1.0;
-                    pairs.x += x;
-                    pairs.y += y;
-                    pairs.xx += x * x;
-                    pairs.yy += y * y;
-                    pairs.xy += x * y;
-                }
-            }
-            pairs.correlation(needed).unwrap_or(-1.0)
-        })
-        .collect();
-    let delay_of = |index: f64| unit.start - camera.start + (first as f64 + index) * STEP;
-    let best = largest(&correlations, |_| true);
-    let Some((best, correlation)) = best.filter(|(_, correlation)| *correlation > CORRELATION) else {
-        return Err(InertialError::OtherMotion { correlation: best.map_or(0.0, |(_, value)| value.max(0.0)) });
+    let rules = Rules {
+        fewest_pairs: (OVERLAP * known(&of_camera).min(known(&of_unit))).max(1.0 / STEP),
+        correlation: CORRELATION,
+        second_peak: SECOND_PEAK,
+        peak_distance: (PEAK_DISTANCE / STEP) as usize,
     };
-    let at = |index: usize| correlations.get(index).copied().unwrap_or(-1.0);
-    let away = (PEAK_DISTANCE / STEP) as usize;
-    let is_peak = |index: usize| {
-        index.abs_diff(best) > away && index > 0 && at(index) >= at(index - 1) && at(index) >= at(index + 1)
-    };
-    if let Some((second, value)) = largest(&correlations, is_peak)
-        && value > SECOND_PEAK * correlation
-    {
-        return Err(InertialError::Ambiguous { first: delay_of(best as f64), second: delay_of(second as f64) });
+    let delay_of = |steps: f64| unit.start - camera.start + steps * STEP;
+    match lag(&of_camera, &of_unit, &rules) {
+        Ok(found) => Ok((delay_of(found.steps), found.correlation)),
+        Err(NoLag::Unlike { correlation }) => Err(InertialError::OtherMotion { correlation }),
+        Err(NoLag::Ambiguous { first, second }) => {
+            Err(InertialError::Ambiguous { first: delay_of(first), second: delay_of(second) })
+        }
     }
-    // The top of the parabola through the three.
-    let (before, after) = (at(best.saturating_sub(1)), at(best + 1));
-    let bend = before - 2.0 * correlation + after;
-    let beside = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-    Ok((delay_of(best as f64 + beside), correlation))
-}
-
-fn largest(values: &[f64], wanted: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
-    let wanted = values.iter().copied().enumerate().filter(|(index, _)| wanted(*index));
-    wanted.max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// R_imu_camera.

@@ -134,7 +134,7 @@ pub fn write_folder(
             Evidence::Pictures(_) => poses.iter().map(|pose| pose.pose).collect(),
         };
         distances = determined.iter().map(|pose| distance(pose, task.board)).fold(distances, nearest_and_farthest);
-        files::write_with(&folder.join(of_recording(TRAJECTORY)), |file| tum::write(file, &determined))?;
+        files::write_with(&folder.join(of_recording(TRAJECTORY)), |file| tum::write(file, "T_world_camera", &determined))?;
         if calibrated.events().is_some() {
             files::write_with(&folder.join(of_recording(POSES)), |file| csv::write(file, &poses))?;
         }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use evcal_core::camera::Camera;
 
 use super::davis::{DavisDescription, DavisSettings, DavisTruth};
+use super::motion_capture::{MotionCaptureDescription, MotionCaptureSettings};
 use super::recording::{self, RecordingFormat};
 use super::truth::Truth;
 use super::{EventCounts, Simulation};
@@ -21,6 +22,7 @@ const TRUTH: &str = "truth.json";
 const TRAJECTORY: &str = "trajectory.txt";
 const FRAMES: &str = "frames.csv";
 const INERTIA: &str = "imu.csv";
+const MOTION_CAPTURE: &str = "motion_capture.txt";
 
 /// What is simulated, and into what kind of file.
 pub struct SimulatedRecording<'a> {
@@ -32,6 +34,8 @@ pub struct SimulatedRecording<'a> {
     pub frame_camera: Option<&'a Camera<f64>>,
     /// Frames and inertial samples.
     pub davis: DavisSettings,
+    /// Motion capture of the camera, where there is any.
+    pub motion_capture: Option<MotionCaptureSettings>,
     /// Kind of the recording.
     pub format: RecordingFormat,
 }
@@ -68,13 +72,14 @@ pub enum SimulatedFolderError {
 
 /// Whether a file of a folder is one that [`write_folder`] writes.
 pub fn is_result(file: &Path) -> bool {
-    let others = [TRUTH, TRAJECTORY, FRAMES, INERTIA];
+    let others = [TRUTH, TRAJECTORY, FRAMES, INERTIA, MOTION_CAPTURE];
     RecordingFormat::ALL.iter().any(|format| Path::new(&format.file_name()) == file)
         || others.iter().any(|name| Path::new(name) == file)
 }
 
 /// Simulates, and writes `events.aedat4` (or `.dvraw`, `.csv`, `.bin`), `truth.json`, `trajectory.txt` (TUM, 1000
-/// poses a second), and with frames `frames.csv`, with inertial samples `imu.csv`. What was there of an earlier
+/// poses a second), and with frames `frames.csv`, with inertial samples `imu.csv`, with motion
+/// capture `motion_capture.txt` (TUM, `T_mocap_body`). What was there of an earlier
 /// simulation goes. `progress` is called with the number of slices done ([`Simulation::slice_count`] in all).
 ///
 /// # Errors
@@ -84,7 +89,7 @@ pub fn write_folder(
     recorded: &SimulatedRecording,
     progress: impl FnMut(usize),
 ) -> Result<WrittenFolder, SimulatedFolderError> {
-    let SimulatedRecording { simulation, camera, frame_camera, davis, format } = recorded;
+    let SimulatedRecording { simulation, camera, frame_camera, davis, motion_capture, format } = recorded;
     let path = folder.path().join(format.file_name());
     let file = NewFile::create(&path)?;
     let (counts, davis_truth) = recording::write(simulation, davis, file.unfinished_path(), *format, progress)
@@ -93,6 +98,7 @@ pub fn write_folder(
     file.finish()?;
     let mut written = vec![path];
     let mut truth = Truth::new(camera, simulation, counts);
+    truth.motion_capture = motion_capture.map(MotionCaptureDescription::new);
     if *davis != DavisSettings::default() {
         let frame_camera = frame_camera.map(CameraDescription::new);
         truth.davis = Some(DavisDescription { settings: *davis, frame_camera, imu_bias: davis_truth.bias });
@@ -107,8 +113,15 @@ pub fn write_folder(
     let text = serde_json::to_string_pretty(&truth).map_err(|error| failed(TRUTH, error.into()))?;
     put(TRUTH, (text + "\n").as_bytes())?;
     let mut trajectory = Vec::new();
-    tum::write(&mut trajectory, &simulation.trajectory(TRAJECTORY_RATE)).map_err(|error| failed(TRAJECTORY, error))?;
+    tum::write(&mut trajectory, "T_world_camera", &simulation.trajectory(TRAJECTORY_RATE))
+        .map_err(|error| failed(TRAJECTORY, error))?;
     put(TRAJECTORY, &trajectory)?;
+    if let Some(capture) = motion_capture {
+        let mut text = Vec::new();
+        tum::write(&mut text, "T_mocap_body", &capture.capture(simulation))
+            .map_err(|error| failed(MOTION_CAPTURE, error))?;
+        put(MOTION_CAPTURE, &text)?;
+    }
     if davis.frames.is_some() {
         put(FRAMES, davis_truth.frames_csv().as_bytes())?;
     }

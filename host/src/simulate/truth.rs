@@ -5,6 +5,7 @@ use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use super::davis::DavisDescription;
+use super::motion_capture::MotionCaptureDescription;
 use super::{EventCounts, Simulation, SimulationSettings};
 use crate::lens::camera_file::CameraDescription;
 
@@ -29,6 +30,9 @@ pub struct Truth {
     /// Frames and inertial samples, if there are any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub davis: Option<DavisDescription>,
+    /// Motion capture, if there is any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motion_capture: Option<MotionCaptureDescription>,
 }
 
 impl Truth {
@@ -47,6 +51,7 @@ impl Truth {
             on_events: counts.on,
             settings,
             davis: None,
+            motion_capture: None,
         }
     }
 }

@@ -95,9 +95,9 @@ fn parse(content: &str) -> Result<TimedPose, PoseLineError> {
     Ok(TimedPose { t, pose })
 }
 
-/// Writes a trajectory, microseconds and nanometres, with a first line that names the fields.
-pub fn write(mut writer: impl Write, poses: &[TimedPose]) -> io::Result<()> {
-    writeln!(writer, "# t tx ty tz qx qy qz qw: seconds, T_world_camera in metres")?;
+/// Writes a trajectory, microseconds and nanometres, with a first line that names the fields and the pose: `T_world_camera`.
+pub fn write(mut writer: impl Write, pose: &str, poses: &[TimedPose]) -> io::Result<()> {
+    writeln!(writer, "# t tx ty tz qx qy qz qw: seconds, {pose} in metres")?;
     for TimedPose { t, pose } in poses {
         let translation = pose.translation.vector;
         let rotation = pose.rotation.coords;
@@ -128,7 +128,7 @@ mod tests {
             })
             .collect();
         let mut text = Vec::new();
-        write(&mut text, &poses).unwrap();
+        write(&mut text, "T_world_camera", &poses).unwrap();
         let back = read(text.as_slice()).unwrap();
         assert_eq!(back.len(), poses.len());
         for (a, b) in poses.iter().zip(&back) {

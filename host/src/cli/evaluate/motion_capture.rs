@@ -1,0 +1,136 @@
+//! `evcal evaluate --motion-capture`.
+
+use evcal::evaluate::captured::{CapturedFiles, compare_captured};
+use evcal::motion_capture::held_out::{Errors, SLICE};
+use evcal::motion_capture::{Compared, Measured, MeasuredPose};
+use nalgebra::Vector3;
+use serde_json::{Value, json};
+
+use crate::cli::print;
+
+/// Compares, and prints what was found.
+pub fn run(files: &CapturedFiles, as_json: bool) -> crate::cli::Outcome {
+    let (trajectory, compared) = compare_captured(files)?;
+    if as_json {
+        let mut value = to_json(&compared);
+        value["trajectory"] = json!(trajectory);
+        value["motion_capture"] = json!(files.capture);
+        return print::json(&value);
+    }
+    print::line(format!("trajectory {}\nmotion capture {}\n", trajectory.display(), files.capture.display()))?;
+    print::line(text(&compared))
+}
+
+fn text(compared: &Compared) -> String {
+    let mut lines = vec![format!(
+        "{} poses of the body, {:.1} a second, {:.1} % missing; {} of them along the camera's trajectory",
+        compared.captured,
+        compared.rate,
+        100.0 * compared.missing,
+        compared.used
+    )];
+    lines.push("\nT_camera_body: from the axes of the body to those of the camera (x right, y down, z along the line of sight)".to_owned());
+    lines.extend(pose_lines(&compared.camera_body, "the body's origin, seen from the camera"));
+    lines.push("T_mocap_world: from the board to the frame of the capture".to_owned());
+    lines.extend(pose_lines(&compared.mocap_world, "the board's first circle, in the capture"));
+    let Measured { value, sigma } = compared.offset;
+    lines.push(format!(
+        "the capture's stamps are {:.3} ± {:.3} ms {} than those of the events (t_mocap = t_events + {value:.6} s)",
+        1e3 * value.abs(),
+        1e3 * sigma,
+        if value < 0.0 { "earlier" } else { "later" },
+    ));
+    if let Some(Measured { value, sigma }) = compared.drift {
+        let word = if value < 0.0 { "slower" } else { "faster" };
+        lines.push(format!(
+            "  that is in the middle; its clock is {:.1} ± {:.1} ppm {word}",
+            1e6 * value.abs(),
+            1e6 * sigma
+        ));
+    }
+    let Measured { value, sigma } = compared.scale;
+    lines.push(format!("lengths in the capture are {value:.5} ± {sigma:.5} times those of the board"));
+    if compared.lengths_differ() {
+        lines.push(
+            "  note: that is not 1: measure the spacing of the board, or calibrate the capture system".to_owned(),
+        );
+    }
+    lines.push(format!(
+        "\n{:<40} {:>8} {:>14} {:>14} {:>14}",
+        "error of the trajectory, rms", "poses", "position mm", "of it capture", "orientation deg"
+    ));
+    let slices = format!("slices of {SLICE:.0} s");
+    lines.push(error_line(&format!("{slices} that were fitted"), &compared.errors.fitted));
+    lines.push(error_line(&format!("{slices} that were held out"), &compared.errors.held_out));
+    let held_out = &compared.errors.held_out;
+    lines.push(format!(
+        "absolute trajectory error, held out, without the capture's noise: {:.3} mm, {:.4} degrees",
+        1e3 * held_out.position_error(),
+        held_out.rotation_error().to_degrees()
+    ));
+    lines.join("\n")
+}
+
+fn error_line(name: &str, errors: &Errors) -> String {
+    format!(
+        "{name:<40} {:>8} {:>14.4} {:>14.4} {:>14.4}",
+        errors.position.count,
+        1e3 * errors.position.rmse,
+        1e3 * errors.position_noise,
+        errors.rotation.rmse.to_degrees(),
+    )
+}
+
+fn pose_lines(measured: &MeasuredPose, what: &str) -> [String; 2] {
+    let numbers = |values: Vector3<f64>, sigmas: Vector3<f64>, factor: f64, digits: usize| {
+        let pairs = values.iter().zip(sigmas.iter());
+        let list = pairs.map(|(value, sigma)| format!("{:.digits$} ± {:.digits$}", factor * value, factor * sigma));
+        list.collect::<Vec<_>>().join(", ")
+    };
+    let turn = measured.pose.rotation.scaled_axis();
+    [
+        format!(
+            "  translation mm ({what}): {}",
+            numbers(measured.pose.translation.vector, measured.translation_sigma, 1e3, 3)
+        ),
+        format!("  rotation vector degrees: {}", numbers(turn, measured.rotation_sigma, 1f64.to_degrees(), 4)),
+    ]
+}
+
+fn to_json(compared: &Compared) -> Value {
+    let measured = |measured: &Measured| json!({ "value": measured.value, "sigma": measured.sigma });
+    let pose = |measured: &MeasuredPose| {
+        let matrix = measured.pose.to_homogeneous();
+        let rows: Vec<Vec<f64>> = matrix.row_iter().map(|row| row.iter().copied().collect()).collect();
+        json!({
+            "matrix": rows,
+            "translation_sigma": measured.translation_sigma.as_slice(),
+            "rotation_sigma": measured.rotation_sigma.as_slice(),
+        })
+    };
+    let errors = |errors: &Errors| {
+        json!({
+            "position_m": errors.position,
+            "position_noise_m": errors.position_noise,
+            "position_error_m": errors.position_error(),
+            "rotation_rad": errors.rotation,
+            "rotation_noise_rad": errors.rotation_noise,
+            "rotation_error_rad": errors.rotation_error(),
+        })
+    };
+    json!({
+        "captured": compared.captured,
+        "used": compared.used,
+        "rate": compared.rate,
+        "missing": compared.missing,
+        "correlation": compared.correlation,
+        "T_camera_body": pose(&compared.camera_body),
+        "T_mocap_world": pose(&compared.mocap_world),
+        "offset": measured(&compared.offset),
+        "drift": compared.drift.as_ref().map(measured),
+        "scale": measured(&compared.scale),
+        "scatter": { "position": compared.spread.position, "rotation": compared.spread.rotation },
+        "fitted": errors(&compared.errors.fitted),
+        "held_out": errors(&compared.errors.held_out),
+    })
+}

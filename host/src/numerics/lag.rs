@@ -1,0 +1,151 @@
+//! By how much one series is later than another: their normalised correlation over all shifts, with a test that the answer is clear.
+
+/// What makes an answer clear.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rules {
+    /// Smallest number of pairs.
+    pub fewest_pairs: f64,
+    /// Smallest correlation that is believed.
+    pub correlation: f64,
+    /// Share of the best peak that another one must stay below.
+    pub second_peak: f64,
+    /// Nearest another peak may be, in steps.
+    pub peak_distance: usize,
+}
+
+/// Two series of one thing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lag {
+    /// How many steps later the second series is: its value at `i + steps` belongs to that of the first at `i`.
+    pub steps: f64,
+    /// Their correlation there.
+    pub correlation: f64,
+}
+
+/// Why there is no answer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NoLag {
+    /// The series are not of one thing.
+    Unlike {
+        /// The largest correlation.
+        correlation: f64,
+    },
+    /// Two shifts fit nearly alike.
+    Ambiguous {
+        /// The better one, in steps.
+        first: f64,
+        /// The other.
+        second: f64,
+    },
+}
+
+/// Sums over the pairs of one shift.
+#[derive(Default)]
+struct Pairs {
+    count: f64,
+    x: f64,
+    y: f64,
+    xx: f64,
+    yy: f64,
+    xy: f64,
+}
+
+impl Pairs {
+    fn add(&mut self, x: f64, y: f64) {
+        self.count += 1.0;
+        self.x += x;
+        self.y += y;
+        self.xx += x * x;
+        self.yy += y * y;
+        self.xy += x * y;
+    }
+
+    fn correlation(&self, needed: f64) -> Option<f64> {
+        let variance = |sum: f64, squares: f64| squares - sum * sum / self.count;
+        let (of_x, of_y) = (variance(self.x, self.xx), variance(self.y, self.yy));
+        (self.count >= needed && of_x > 0.0 && of_y > 0.0)
+            .then(|| (self.xy - self.x * self.y / self.count) / (of_x * of_y).sqrt())
+    }
+}
+
+/// How much later `second` is than `first`; both have one value a step, where it is known.
+///
+/// # Errors
+/// [`NoLag`] when no shift is clearly the best.
+pub fn lag(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules) -> Result<Lag, NoLag> {
+    let (from, to) = (-(first.len() as i64), second.len() as i64);
+    let correlations: Vec<f64> = (from..=to)
+        .map(|shift| {
+            let mut pairs = Pairs::default();
+            let (skip_first, skip_second) = ((-shift).max(0) as usize, shift.max(0) as usize);
+            for (x, y) in first.iter().skip(skip_first).zip(second.iter().skip(skip_second)) {
+                if let (Some(x), Some(y)) = (x, y) {
+                    pairs.add(*x, *y);
+                }
+            }
+            pairs.correlation(rules.fewest_pairs).unwrap_or(-1.0)
+        })
+        .collect();
+    let steps = |index: f64| from as f64 + index;
+    let best = largest(&correlations, |_| true);
+    let Some((best, correlation)) = best.filter(|(_, correlation)| *correlation > rules.correlation) else {
+        return Err(NoLag::Unlike { correlation: best.map_or(0.0, |(_, value)| value.max(0.0)) });
+    };
+    let at = |index: usize| correlations.get(index).copied().unwrap_or(-1.0);
+    let is_peak = |index: usize| {
+        index.abs_diff(best) > rules.peak_distance
+            && index > 0
+            && at(index) >= at(index - 1)
+            && at(index) >= at(index + 1)
+    };
+    if let Some((second, value)) = largest(&correlations, is_peak)
+        && value > rules.second_peak * correlation
+    {
+        return Err(NoLag::Ambiguous { first: steps(best as f64), second: steps(second as f64) });
+    }
+    // The top of the parabola through the three.
+    let (before, after) = (at(best.saturating_sub(1)), at(best + 1));
+    let bend = before - 2.0 * correlation + after;
+    let beside = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+    Ok(Lag { steps: steps(best as f64 + beside), correlation })
+}
+
+fn largest(values: &[f64], wanted: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
+    let wanted = values.iter().copied().enumerate().filter(|(index, _)| wanted(*index));
+    wanted.max_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RULES: Rules = Rules { fewest_pairs: 200.0, correlation: 0.9, second_peak: 0.9, peak_distance: 20 };
+
+    fn series(value: impl Fn(f64) -> f64, start: f64, count: usize) -> Vec<Option<f64>> {
+        (0..count).map(|index| (index % 50 > 2).then(|| value(start + index as f64))).collect()
+    }
+
+    fn wavy(t: f64) -> f64 {
+        (0.031 * t).sin() + 0.7 * (0.0473 * t + 1.0).sin() + 0.5 * (0.0771 * t).cos() + (0.000_1 * t * t).sin()
+    }
+
+    #[test]
+    fn a_shift_is_found_between_steps() {
+        for later in [-312.3, 0.0, 87.7] {
+            let found = lag(&series(wavy, 0.0, 1000), &series(wavy, -later, 1200), &RULES).unwrap();
+            assert!((found.steps - later).abs() < 0.05 && found.correlation > 0.99, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn other_and_periodic_series_have_none() {
+        let other = |t: f64| (0.11 * t).sin() + (0.002 * t * t).cos();
+        let found = lag(&series(wavy, 0.0, 1000), &series(other, 0.0, 1000), &RULES);
+        assert!(matches!(found, Err(NoLag::Unlike { correlation }) if correlation < 0.9), "{found:?}");
+        let periodic = |t: f64| (0.05 * t).sin();
+        let found = lag(&series(periodic, 0.0, 1000), &series(periodic, 0.0, 1000), &RULES);
+        let Err(NoLag::Ambiguous { first, second }) = found else { panic!("{found:?}") };
+        let periods = (first - second) * 0.05 / std::f64::consts::TAU;
+        assert!((periods - periods.round()).abs() < 0.02 && periods.round() != 0.0, "{periods}");
+    }
+}

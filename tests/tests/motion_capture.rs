@@ -1,0 +1,89 @@
+//! A simulated camera with markers on it: where they are is found, and the error of the trajectory is the true one.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use evcal_tests::{BOARD, evcal, json, made, read_json, text};
+use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3};
+use serde_json::Value;
+
+fn simulation() -> PathBuf {
+    made(
+        "motion-capture",
+        &["simulate", "--board", BOARD, "--motion", "fast", "--duration", "12s", "--seed", "31", "--motion-capture"],
+    )
+}
+
+fn calibration() -> PathBuf {
+    let events = simulation().join("events.aedat4");
+    made("motion-capture-calibrated", &["calibrate", text(&events), "--board", BOARD, "--model", "radtan4"])
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Array(values) => values.iter().flat_map(numbers).collect(),
+        value => vec![value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))],
+    }
+}
+
+fn pose(value: &Value) -> Isometry3<f64> {
+    let matrix = Matrix4::from_row_slice(&numbers(value));
+    let rotation = UnitQuaternion::from_matrix(&matrix.fixed_view::<3, 3>(0, 0).into_owned());
+    Isometry3::from_parts(Translation3::from(matrix.fixed_view::<3, 1>(0, 3).into_owned()), rotation)
+}
+
+fn compared(capture: &Path) -> Value {
+    json(&["evaluate", text(&calibration()), "--motion-capture", text(capture), "--json"])
+}
+
+#[test]
+fn the_body_is_found_where_it_is() {
+    let folder = simulation();
+    let truth = &read_json(&folder.join("truth.json"))["motion_capture"];
+    let found = compared(&folder.join("motion_capture.txt"));
+    for (name, position, angle) in [("T_camera_body", 3e-4, 0.03f64), ("T_mocap_world", 1e-3, 0.05)] {
+        let (is, was) = (pose(&found[name]["matrix"]), pose(&truth[name]));
+        let shift = is.translation.vector - was.translation.vector;
+        let turn = (was.rotation.inverse() * is.rotation).scaled_axis();
+        let pairs = [("translation_sigma", shift, position), ("rotation_sigma", turn, angle.to_radians())];
+        for (sigma, error, bound) in pairs {
+            let sigma = Vector3::from_vec(numbers(&found[name][sigma]));
+            assert!(error.norm() < bound, "{name}: off by {error}, σ {sigma}");
+            assert!(
+                error.component_div(&sigma).amax() < 4.5 && sigma.amax() < bound,
+                "{name}: off by {error}, σ {sigma}"
+            );
+        }
+    }
+    // t_mocap = clock_offset + t (1 + drift), less what pixels take to answer, here 0.1 to 0.2 ms.
+    let settings = &truth["settings"];
+    let clock = |t: f64| numbers(&settings["clock_offset"])[0] + t * 1e-6 * numbers(&settings["clock_drift"])[0];
+    let offset = numbers(&found["offset"]["value"])[0] - clock(6.0);
+    assert!((-2.5e-4..0.5e-4).contains(&offset), "{offset}");
+    assert!(numbers(&found["offset"]["sigma"])[0] < 1e-4);
+    assert!((numbers(&found["scale"]["value"])[0] - 1.0).abs() < 2e-3, "{}", found["scale"]);
+    assert!(numbers(&found["rate"])[0].round() == 120.0, "{}", found["rate"]);
+}
+
+#[test]
+fn mistakes_in_the_file_are_named() {
+    let folder = simulation();
+    let capture = fs::read_to_string(folder.join("motion_capture.txt")).unwrap();
+    let scratch = tempfile::tempdir().unwrap();
+    let refused = |words: &str, change: fn(&[f64]) -> Vec<f64>| {
+        let lines = capture.lines().filter(|line| !line.starts_with('#')).map(|line| {
+            let fields: Vec<f64> = line.split(' ').map(|field| field.parse().unwrap()).collect();
+            change(&fields).iter().map(f64::to_string).collect::<Vec<_>>().join(" ") + "\n"
+        });
+        let file = scratch.path().join("changed.txt");
+        fs::write(&file, lines.collect::<String>()).unwrap();
+        let finished = evcal(&["evaluate", text(&calibration()), "--motion-capture", text(&file)]);
+        assert_eq!(finished.code, Some(1), "{}", finished.stderr);
+        assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
+    };
+    refused("in millimetres", |f| vec![f[0], 1e3 * f[1], 1e3 * f[2], 1e3 * f[3], f[4], f[5], f[6], f[7]]);
+    refused("w first", |f| vec![f[0], f[1], f[2], f[3], f[7], f[4], f[5], f[6]]);
+    refused("times in seconds", |f| vec![1e3 * f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]]);
+    // The middle of the capture, turned around in time: another motion.
+    refused("this recording", |f| vec![f[0] * f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]]);
+}
