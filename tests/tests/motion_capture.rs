@@ -65,6 +65,23 @@ fn the_body_is_found_where_it_is() {
     assert!(numbers(&found["rate"])[0].round() == 120.0, "{}", found["rate"]);
 }
 
+/// What is left without the capture's noise is the error against the truth, after the alignment and the shift of the clock that no
+/// capture can tell.
+#[test]
+fn the_error_that_is_held_out_is_the_true_one() {
+    let folder = simulation();
+    let found = &compared(&folder.join("motion_capture.txt"))["held_out"]["position"];
+    let against = json(&["evaluate", text(&calibration()), "--truth", text(&folder), "--json"]);
+    let truth = numbers(&against["trajectory"]["best_time_shift"]["aligned_m"]["rmse"])[0];
+    let (error, sigma) = (numbers(&found["error"]["value"])[0], numbers(&found["error"]["sigma"])[0]);
+    assert!((error / truth - 1.0).abs() < 0.1, "{error} ± {sigma}, truth {truth}");
+    assert!(sigma < 0.2 * truth, "{sigma} {truth}");
+    // The noise is 0.3 mm along each axis, and 0.2 degrees times the distance of the markers on top.
+    let noise = numbers(&found["noise"])[0];
+    assert!((5.0e-4..7.0e-4).contains(&noise), "{noise}");
+    assert!(numbers(&found["sizes"]["rmse"])[0] > 1.5 * truth);
+}
+
 #[test]
 fn mistakes_in_the_file_are_named() {
     let folder = simulation();

@@ -74,7 +74,7 @@ fn a_perfect_capture_gives_the_truth() {
     assert!((found.offset.value - OFFSET_TRUE).abs() < 1e-6, "{:?}", found.offset);
     assert!((found.drift.unwrap().value - DRIFT_TRUE).abs() < 1e-6, "{:?}", found.drift);
     assert!((found.scale.value - 1.0).abs() < 1e-6 && !found.lengths_differ());
-    assert!(found.errors.held_out.position.rmse < 2e-6, "{:?}", found.errors);
+    assert!(found.errors.held_out.position.sizes.rmse < 2e-6, "{:?}", found.errors);
 }
 
 #[test]
@@ -90,8 +90,10 @@ fn noise_is_told_and_taken_off() {
     assert!((found.spread.rotation / rotation.to_radians() - 1.0).abs() < 0.05, "{:?}", found.spread);
     // The camera's poses are perfect: all of what is left is noise, but for what chance leaves of the difference of both.
     let errors = &found.errors.held_out;
-    assert!(errors.position.rmse > 5e-4 && errors.position_error() < 0.35 * errors.position.rmse, "{errors:?}");
-    assert!(errors.rotation_error() < 0.35 * errors.rotation.rmse, "{errors:?}");
+    for errors in [&errors.position, &errors.rotation] {
+        assert!(errors.error.value < 3.0 * errors.error.sigma && errors.error.sigma < 0.3 * errors.noise, "{errors:?}");
+    }
+    assert!(errors.position.sizes.rmse > 5e-4, "{errors:?}");
     assert!((found.rate - 120.0).abs() < 1e-6 && found.missing < 1e-9);
 }
 
@@ -106,9 +108,9 @@ fn the_error_of_a_trajectory_is_found_under_the_noise() {
         .collect();
     let found = compare(&poses, &capture(free(), (3e-4, 0.2))).unwrap();
     let truth = (1.5f64).sqrt() * 4e-4;
-    let errors = &found.errors.held_out;
-    assert!((errors.position_error() / truth - 1.0).abs() < 0.05, "{} {truth}", errors.position_error());
-    assert!(errors.position.rmse > 1.3 * truth, "{errors:?}");
+    let errors = &found.errors.held_out.position;
+    assert!((errors.error.value / truth - 1.0).abs() < 0.05 && errors.error.sigma < 0.05 * truth, "{errors:?} {truth}");
+    assert!(errors.sizes.rmse > 1.3 * truth, "{errors:?}");
 }
 
 #[test]

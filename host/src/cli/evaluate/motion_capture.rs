@@ -1,7 +1,7 @@
 //! `evcal evaluate --motion-capture`.
 
 use evcal::evaluate::captured::{CapturedFiles, compare_captured};
-use evcal::motion_capture::held_out::{Errors, SLICE};
+use evcal::motion_capture::held_out::{Errors, SLICE, SliceErrors};
 use evcal::motion_capture::{Compared, Measured, MeasuredPose};
 use nalgebra::Vector3;
 use serde_json::{Value, json};
@@ -56,28 +56,31 @@ fn text(compared: &Compared) -> String {
         );
     }
     lines.push(format!(
-        "\n{:<40} {:>8} {:>14} {:>14} {:>14}",
-        "error of the trajectory, rms", "poses", "position mm", "of it capture", "orientation deg"
+        "\n{:<44} {:>8} {:>12} {:>12} {:>20}",
+        "error of the trajectory, root mean square", "poses", "whole", "of it noise", "without noise"
     ));
-    let slices = format!("slices of {SLICE:.0} s");
-    lines.push(error_line(&format!("{slices} that were fitted"), &compared.errors.fitted));
-    lines.push(error_line(&format!("{slices} that were held out"), &compared.errors.held_out));
-    let held_out = &compared.errors.held_out;
-    lines.push(format!(
-        "absolute trajectory error, held out, without the capture's noise: {:.3} mm, {:.4} degrees",
-        1e3 * held_out.position_error(),
-        held_out.rotation_error().to_degrees()
-    ));
+    let halves = [("fitted", &compared.errors.fitted), ("held out", &compared.errors.held_out)];
+    for (name, errors) in halves {
+        let name = format!("slices of {SLICE:.0} s that were {name}");
+        lines.push(error_line(&format!("{name}: position mm"), &errors.position, 1e3));
+        lines.push(error_line(
+            &format!("{:width$}  orientation °", "", width = name.len()),
+            &errors.rotation,
+            1f64.to_degrees(),
+        ));
+    }
+    lines.push("quote that of the slices that were held out; noise is that of the capture".to_owned());
     lines.join("\n")
 }
 
-fn error_line(name: &str, errors: &Errors) -> String {
+fn error_line(name: &str, errors: &Errors, factor: f64) -> String {
     format!(
-        "{name:<40} {:>8} {:>14.4} {:>14.4} {:>14.4}",
-        errors.position.count,
-        1e3 * errors.position.rmse,
-        1e3 * errors.position_noise,
-        errors.rotation.rmse.to_degrees(),
+        "{name:<44} {:>8} {:>12.4} {:>12.4} {:>11.4} ± {:.4}",
+        errors.sizes.count,
+        factor * errors.sizes.rmse,
+        factor * errors.noise,
+        factor * errors.error.value,
+        factor * errors.error.sigma
     )
 }
 
@@ -108,15 +111,10 @@ fn to_json(compared: &Compared) -> Value {
             "rotation_sigma": measured.rotation_sigma.as_slice(),
         })
     };
-    let errors = |errors: &Errors| {
-        json!({
-            "position_m": errors.position,
-            "position_noise_m": errors.position_noise,
-            "position_error_m": errors.position_error(),
-            "rotation_rad": errors.rotation,
-            "rotation_noise_rad": errors.rotation_noise,
-            "rotation_error_rad": errors.rotation_error(),
-        })
+    let errors = |errors: &SliceErrors| {
+        let of =
+            |errors: &Errors| json!({ "sizes": errors.sizes, "noise": errors.noise, "error": measured(&errors.error) });
+        json!({ "position": of(&errors.position), "rotation": of(&errors.rotation) })
     };
     json!({
         "captured": compared.captured,
