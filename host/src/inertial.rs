@@ -10,9 +10,13 @@ mod equations;
 pub mod error;
 pub mod finding;
 pub mod findings;
+pub mod joint;
 pub mod noise;
 pub mod parameters;
+pub mod prediction;
+mod priors;
 pub mod sample;
+mod sample_rows;
 pub mod settings;
 pub mod solve;
 mod start;
@@ -22,9 +26,10 @@ mod uncertainty;
 use calibration::InertialCalibration;
 use error::InertialError;
 use findings::findings;
+use joint::{Estimate, Joint};
 use sample::Sample;
 use settings::InertialSettings;
-use solve::{Estimate, Joint, Solved};
+use solve::Solved;
 use stream::StreamReport;
 
 use crate::solve::left_out::covers;
@@ -135,7 +140,7 @@ fn finish(
         .map(|((before, after), sigma)| (after - before).abs() / sigma)
         .fold(0.0, f64::max);
     let mut calibration = InertialCalibration {
-        prior_sigma: solve::priors(&estimate.parameters, joint.settings).map(|(_, sigma)| sigma),
+        prior_sigma: priors::priors(&estimate.parameters, joint.settings).map(|(_, sigma)| sigma),
         parameters: estimate.parameters,
         covariance,
         noise: estimate.noise,

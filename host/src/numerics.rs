@@ -2,6 +2,7 @@
 
 pub mod arrow;
 pub mod banded;
+pub mod gravity;
 pub mod huber;
 pub mod lag;
 pub mod levenberg_marquardt;

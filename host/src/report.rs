@@ -12,6 +12,7 @@ pub mod drawing;
 mod example_frames;
 mod halves;
 mod inertial;
+mod inertial_axes;
 mod number;
 mod numbers;
 mod overview;

@@ -13,10 +13,11 @@ use evcal::inertial::parameters::{
     ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, GYROSCOPE_BIAS, GYROSCOPE_DELAY, GYROSCOPE_MATRIX,
     POSITION, ROTATION, TRIANGLE,
 };
-use evcal::inertial::sample::{STANDARD_GRAVITY, Sample};
+use evcal::inertial::sample::Sample;
 use evcal::inertial::settings::InertialSettings;
 use evcal::inertial::stream::read;
 use evcal::inertial::{RecordedSamples, calibrate_unit};
+use evcal::numerics::gravity::STANDARD_GRAVITY;
 use evcal::recording::RecordingOptions;
 use evcal_tests::lens::{Lens, RADTAN4};
 use evcal_tests::{BOARD, read_json};

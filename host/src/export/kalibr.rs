@@ -11,12 +11,9 @@ use super::content::{Content, ExportFormat};
 use super::number::{decimals, quoted};
 use evcal_core::sensor::Sensor;
 
-/// Name of the format.
-pub const FORMAT_NAME: &str = "kalibr";
-
 /// `camchain.yaml` of one camera.
 pub const FORMAT: ExportFormat = ExportFormat {
-    name: FORMAT_NAME,
+    name: "kalibr",
     file: "camchain.yaml",
     models: &[
         ModelKind::Radtan4,

@@ -3,9 +3,9 @@
 use nalgebra::DMatrix;
 
 use super::finding::Finding;
+use super::joint::{Noise, Residual};
 use super::noise::Line;
 use super::parameters::{COUNT, InertialParameters};
-use super::solve::{Noise, Residual};
 use super::stream::StreamReport;
 
 /// A calibrated inertial unit.

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
-use super::sample::{STANDARD_GRAVITY, Sample};
+use super::sample::Sample;
+use crate::numerics::gravity::STANDARD_GRAVITY;
 
 /// Why a file of samples could not be read.
 #[derive(Debug, thiserror::Error)]

@@ -2,8 +2,6 @@
 
 use nalgebra::Vector3;
 
-/// One g in m/s².
-pub const STANDARD_GRAVITY: f64 = 9.806_65;
 /// One reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {

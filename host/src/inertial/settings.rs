@@ -1,6 +1,6 @@
 //! What is known of an inertial unit beforehand.
 
-use super::sample::STANDARD_GRAVITY;
+use crate::numerics::gravity::STANDARD_GRAVITY;
 
 /// What is known beforehand, and how the solve is made.
 #[derive(Clone, Debug, PartialEq)]

@@ -9,7 +9,8 @@
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::error::InertialError;
-use super::parameters::{InertialParameters, Motion};
+use super::parameters::InertialParameters;
+use super::prediction::Motion;
 use super::sample::Sample;
 use crate::numerics::lag::{NoLag, Rules, lag};
 use crate::trajectory::Trajectory;

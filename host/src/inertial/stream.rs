@@ -4,7 +4,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::error::InertialError;
-use super::sample::{STANDARD_GRAVITY, Sample};
+use super::sample::Sample;
+use crate::numerics::gravity::STANDARD_GRAVITY;
 use crate::numerics::statistics::{median, quantile};
 use crate::recording::convert::open_extras;
 use crate::recording::extras::Extra;

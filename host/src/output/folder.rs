@@ -13,7 +13,7 @@ use crate::calibrate::step::Step;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::track;
 use crate::export::content::ExportFormat;
-use crate::export::{kalibr, kalibr_imu, opencv, ros};
+use crate::export::{inertial, kalibr, opencv, ros};
 use crate::files::folder::{FolderError, OutputFolder};
 use crate::files::{self, FileError};
 use crate::initial::PosedFrame;
@@ -22,7 +22,6 @@ use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_pictur
 use crate::report::{ResultFile, report};
 use crate::result::calibrated_camera::CalibratedCamera;
 use crate::result::calibration_file::CalibrationFile;
-use crate::result::inertial_result::InertialResult;
 use crate::result::stage_report::stage_report;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::tum;
@@ -33,9 +32,6 @@ const EXPORTS: &str = "exports";
 
 /// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
 const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
-
-/// Files of a camera with an inertial unit, in [`EXPORTS`].
-const INERTIAL: [&str; 2] = ["camchain-imucam.yaml", "imu.yaml"];
 
 /// Files of one name each.
 const FILES: [&str; 6] =
@@ -68,7 +64,7 @@ pub fn is_result(file: &Path) -> bool {
     };
     FILES.iter().any(|name| Path::new(name) == file)
         || FOR_OTHERS.iter().any(|(format, place)| Path::new(place).join(format.file) == file)
-        || INERTIAL.iter().any(|name| Path::new(EXPORTS).join(name) == file)
+        || inertial::names().any(|name| Path::new(EXPORTS).join(name) == file)
         || numbered(TRAJECTORY.0, TRAJECTORY.1)
         || numbered(POSES.0, POSES.1)
         || numbered(CIRCLES.0, CIRCLES.1)
@@ -134,7 +130,9 @@ pub fn write_folder(
             Evidence::Pictures(_) => poses.iter().map(|pose| pose.pose).collect(),
         };
         distances = determined.iter().map(|pose| distance(pose, task.board)).fold(distances, nearest_and_farthest);
-        files::write_with(&folder.join(of_recording(TRAJECTORY)), |file| tum::write(file, "T_world_camera", &determined))?;
+        files::write_with(&folder.join(of_recording(TRAJECTORY)), |file| {
+            tum::write(file, "T_world_camera", &determined)
+        })?;
         if calibrated.events().is_some() {
             files::write_with(&folder.join(of_recording(POSES)), |file| csv::write(file, &poses))?;
         }
@@ -164,9 +162,6 @@ pub fn write_folder(
         match format.export(&camera) {
             Ok(exported) => {
                 put(folder.join(&name), exported.text.as_bytes())?;
-                if let (kalibr::FORMAT_NAME, Some(inertial)) = (format.name, &calibration.inertial) {
-                    put_inertial(&folder.join(EXPORTS), &exported.text, inertial)?;
-                }
                 if let Some(refit) = exported.refit {
                     let _ = write!(summary, "\n{}: {refit}", name.display());
                 }
@@ -175,6 +170,9 @@ pub fn write_folder(
                 let _ = write!(summary, "\nno {}: {error}", name.display());
             }
         }
+    }
+    for (name, text) in calibration.inertial.iter().flat_map(|unit| inertial::files(&camera, unit)) {
+        put(folder.join(exports).join(name), text.as_bytes())?;
     }
     let mut tell = |done| progress(Step { text: "report", done: Some(done) });
     let page = report(calibrated, task, &results_in(folder), &mut tell);
@@ -195,14 +193,6 @@ fn results_in(folder: &Path) -> Vec<ResultFile> {
     let mut results: Vec<ResultFile> = results.collect();
     results.sort_by(|a, b| a.name.cmp(&b.name));
     results
-}
-
-/// Kalibr's files of the camera with its inertial unit; `camchain` is that of the camera alone.
-fn put_inertial(folder: &Path, camchain: &str, inertial: &InertialResult) -> Result<(), FileError> {
-    if let Some(text) = kalibr_imu::camchain(camchain, inertial) {
-        files::write(&folder.join(INERTIAL[0]), text.as_bytes())?;
-    }
-    files::write(&folder.join(INERTIAL[1]), kalibr_imu::imu(inertial).as_bytes())
 }
 
 /// How far the camera is from the middle of the board, in metres.

@@ -3,12 +3,13 @@
 use maud::{Markup, html};
 
 use super::chart::{Chart, Color, Series, range_of};
+use super::inertial_axes::drawing;
 use super::page::Section;
 use crate::calibrate::calibrated::Calibrated;
 use crate::inertial::calibration::InertialCalibration;
+use crate::inertial::joint::Residual;
 use crate::inertial::noise::Line;
-use crate::inertial::sample::STANDARD_GRAVITY;
-use crate::inertial::solve::Residual;
+use crate::numerics::gravity::STANDARD_GRAVITY;
 use crate::result::inertial_result::InertialResult;
 
 /// Points of a curve.
@@ -23,6 +24,13 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let units = [("°/s", 180.0 / std::f64::consts::PI), ("mg", 1e3 / STANDARD_GRAVITY)];
     let content = html! {
         @for sentence in sentences.lines() { p { (sentence.trim()) } }
+        figure {
+            (drawing(&inertial.parameters.imu_from_camera()))
+            figcaption {
+                "Axes of the camera (x to the right, y down, z along the line of sight, which leads away from you) and of the unit; the dashed "
+                "line between them is enlarged."
+            }
+        }
         p {
             "What is left of each reading once the motion is taken off: its spread in each piece of the recording. It should be even over "
             "time. Its spectrum should be flat up to the corner of the sensor's filter; below 25 Hz the trajectory follows the sensors."

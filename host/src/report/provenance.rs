@@ -68,13 +68,18 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
 }
 
 /// What the files of a calibration are, by the beginnings of their names.
-const MEANINGS: [(&str, &str); 13] = [
+const MEANINGS: [(&str, &str); 18] = [
     ("calibration.json", "everything that was found out, for programs"),
     ("camera.yaml", "the camera for OpenCV"),
     ("exports/camera_info.yaml", "the camera for ROS"),
     ("exports/camchain-imucam.yaml", "camera and inertial unit for Kalibr"),
     ("exports/camchain.yaml", "the camera for Kalibr"),
     ("exports/imu.yaml", "noise of the inertial unit for Kalibr"),
+    ("exports/kalibr_im", "camera and inertial unit for OpenVINS"),
+    ("exports/vins-fusion.yaml", "camera and inertial unit for VINS-Fusion"),
+    ("exports/basalt-imu.json", "camera and inertial unit for basalt"),
+    ("exports/dv-processing-imu.json", "camera and inertial unit for DV"),
+    ("exports/static_transform.yaml", "where the camera is on the inertial unit, for ROS"),
     ("circles", "where circles were found"),
     ("settings.toml", "all settings as they were used"),
     ("stages.txt", "what every stage took in and gave out"),

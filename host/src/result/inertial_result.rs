@@ -8,13 +8,13 @@ use serde::{Deserialize, Serialize};
 use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::finding::Finding;
 use crate::inertial::findings::LINEARITY;
+use crate::inertial::joint::Noise;
 use crate::inertial::parameters::{
     ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, BOARD_SCALE, CLOCK_DRIFT, GRAVITY, GYROSCOPE_BIAS,
     GYROSCOPE_DELAY, GYROSCOPE_MATRIX, POSITION, ROTATION, TRIANGLE,
 };
-use crate::inertial::sample::STANDARD_GRAVITY;
-use crate::inertial::solve::Noise;
 use crate::inertial::stream::StreamReport;
+use crate::numerics::gravity::STANDARD_GRAVITY;
 
 /// A number with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

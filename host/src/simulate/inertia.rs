@@ -196,7 +196,7 @@ fn quantise(value: f64) -> i16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::inertial_truth::STANDARD_GRAVITY;
+    use crate::numerics::gravity::STANDARD_GRAVITY;
     use crate::simulate::motion::{Motion, MotionSettings};
     use crate::simulate::rays::Rays;
     use crate::simulate::tests::{board, radtan};

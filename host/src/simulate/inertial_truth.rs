@@ -2,8 +2,8 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// One g in m/s².
-pub const STANDARD_GRAVITY: f64 = 9.806_65;
+use crate::numerics::gravity::STANDARD_GRAVITY;
+
 /// Half the time over which the motion is differentiated, in seconds.
 const STEP: f64 = 1e-4;
 

@@ -264,7 +264,7 @@ mod tests {
         let (before, w, after) = (radians(time - 1000), radians(time), radians(time + 1000));
         let r = Vector3::from(settings.position);
         let lever = ((after - before) / 2e-3).cross(&r) + w.cross(&w.cross(&r));
-        let expected = turn * (camera(time).acceleration + lever / super::super::inertial_truth::STANDARD_GRAVITY);
+        let expected = turn * (camera(time).acceleration + lever / crate::numerics::gravity::STANDARD_GRAVITY);
         assert!((felt.acceleration - expected).norm() < 1e-5, "{} {expected}", felt.acceleration);
         assert!((felt.angular_velocity - turn * camera(time).angular_velocity).norm() < 1e-6);
         assert!(lever.norm() > 0.05);

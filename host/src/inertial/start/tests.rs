@@ -1,7 +1,7 @@
 use evcal_core::spline::rotation::exp;
 use nalgebra::Isometry3;
 
-use super::super::parameters::{accelerometer, gyroscope};
+use super::super::prediction::{accelerometer, gyroscope};
 use super::super::solve::smooth_trajectories;
 use super::*;
 use crate::trajectory::fit::{TrajectoryShape, fit};

@@ -1,0 +1,34 @@
+//! VINS-Fusion (and VINS-Mono): the entries of its configuration that a calibration decides, as `cv::FileStorage` reads them.
+//!
+//! `body_T_cam0` maps coordinates of the camera to those of the unit. `td` is what is added to a stamp of the camera to have that of
+//! the unit. Its model has no scale and no misalignment: the noise stands for errors of both, unless the readings
+//! are corrected before.
+
+use std::fmt::Write as _;
+
+use super::{ACCELEROMETER_WALK, GYROSCOPE_WALK, Mounted, mean};
+use crate::export::number::{decimal, decimals, quoted};
+
+/// `vins-fusion.yaml`.
+pub fn write(mounted: &Mounted) -> Option<String> {
+    let inertial = mounted.inertial;
+    let gravity = inertial.gravity.iter().map(|value| value * value).sum::<f64>().sqrt();
+    let mut text =
+        "%YAML:1.0\n---\n# Entries for the configuration of VINS-Fusion.\nimu: 1\nnum_of_cam: 1\n".to_owned();
+    let _ = writeln!(text, "imu_topic: {}\nimage0_topic: {}", quoted(super::TOPIC), quoted(&mounted.camera.ros_topic));
+    let _ =
+        writeln!(text, "image_width: {}\nimage_height: {}", mounted.camera.sensor.width, mounted.camera.sensor.height);
+    text += "# From the camera's coordinates to the unit's.\nestimate_extrinsic: 0\nbody_T_cam0: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n";
+    let _ = writeln!(text, "   data: [{}]", decimals(&mounted.imu_from_camera?.concat()));
+    let _ = writeln!(text, "# t_imu = t_cam + td (gyroscope)\nestimate_td: 0\ntd: {}", decimal(mounted.shift));
+    let _ = writeln!(text, "# Densities; random walks are not measured: they are those of usual chips.");
+    let _ = writeln!(
+        text,
+        "acc_n: {}\ngyr_n: {}",
+        decimal(mean(&inertial.accelerometer)),
+        decimal(mean(&inertial.gyroscope))
+    );
+    let _ = writeln!(text, "acc_w: {}\ngyr_w: {}", decimal(ACCELEROMETER_WALK), decimal(GYROSCOPE_WALK));
+    let _ = writeln!(text, "g_norm: {}", decimal(gravity));
+    Some(text)
+}

@@ -1,0 +1,96 @@
+//! Where the inertial unit is and its axes point, drawn beside the axes of the camera.
+
+use maud::{Markup, html};
+use nalgebra::{Isometry3, Vector2, Vector3};
+
+/// Width and height of the drawing in its own units.
+const WIDTH: f64 = 640.0;
+const HEIGHT: f64 = 420.0;
+/// Length of an axis.
+const AXIS: f64 = 90.0;
+/// How far the unit is drawn from the camera, unless it is nearer than [`NEAR`].
+const APART: f64 = 170.0;
+/// Distance below which the drawing shrinks with it (m).
+const NEAR: f64 = 0.005;
+/// Where the line of sight, which leads away from the reader, is drawn: to the upper right, half as long.
+const FORWARD: Vector2<f64> = Vector2::new(0.42, -0.3);
+/// Names of the axes, and their colours in the style sheet.
+const AXES: [(&str, &str); 3] = [("x", "var(--on)"), ("y", "var(--third)"), ("z", "var(--off)")];
+
+/// The axes of the camera and those of a unit whose place is `imu_from_camera` (T_imu_camera).
+pub fn drawing(imu_from_camera: &Isometry3<f64>) -> Markup {
+    let camera_from_imu = imu_from_camera.inverse();
+    let place = camera_from_imu.translation.vector;
+    let apart = on_paper(&place) * (APART / place.norm().max(NEAR));
+    let camera = Vector2::new(0.5 * WIDTH, 0.5 * HEIGHT) - apart * 0.5;
+    let unit = camera + apart;
+    html! {
+        svg role="img" aria-label="Axes of the camera and of the inertial unit." viewBox={ "0 0 " (WIDTH) " " (HEIGHT) }
+            style="width:100%;max-width:40rem" font-size="20" fill="currentColor" {
+            (line(camera, unit, "currentColor", Some("3 6")))
+            (frame("camera", camera, |axis| axis))
+            (frame("unit", unit, |axis| camera_from_imu.rotation * axis))
+        }
+    }
+}
+
+/// A direction of the camera frame on paper: x to the right, y down.
+fn on_paper(direction: &Vector3<f64>) -> Vector2<f64> {
+    direction.xy() + FORWARD * direction.z
+}
+
+/// Three axes, each turned to the camera frame by `turn`.
+fn frame(name: &str, origin: Vector2<f64>, turn: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Markup {
+    let tip = |index: usize| origin + on_paper(&turn(Vector3::ith(index, 1.0))) * AXIS;
+    let axes = AXES.iter().enumerate().map(|(index, axis)| (axis, tip(index)));
+    html! {
+        @for ((axis, color), tip) in axes {
+            @let label = tip + (tip - origin) * 0.16;
+            (line(origin, tip, color, None))
+            circle cx=(round(tip.x)) cy=(round(tip.y)) r="5" fill=(color) {}
+            text x=(round(label.x)) y=(round(label.y + 6.0)) text-anchor="middle" fill=(color) { (axis) }
+        }
+        circle cx=(round(origin.x)) cy=(round(origin.y)) r="6" {}
+        text x=(round(origin.x - 12.0)) y=(round(origin.y - 12.0)) text-anchor="end" { (name) }
+    }
+}
+
+fn line(from: Vector2<f64>, to: Vector2<f64>, color: &str, dashes: Option<&str>) -> Markup {
+    html! {
+        line x1=(round(from.x)) y1=(round(from.y)) x2=(round(to.x)) y2=(round(to.y)) stroke=(color) stroke-width="3"
+            stroke-dasharray=[dashes] {}
+    }
+}
+
+fn round(value: f64) -> f64 {
+    (value * 10.0).round() / 10.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Places of the circles at the tips, in the order in which they are drawn.
+    fn tips(pose: &Isometry3<f64>) -> Vec<(f64, f64)> {
+        let text = drawing(pose).into_string();
+        let number = |part: &str, name: &str| {
+            let rest = part.split_once(&format!("{name}=\"")).unwrap().1;
+            rest.split_once('"').unwrap().0.parse::<f64>().unwrap()
+        };
+        text.split("<circle ").skip(1).map(|part| (number(part, "cx"), number(part, "cy"))).collect()
+    }
+
+    /// A unit half a turn about the line of sight away has x to the left and y up, at its place below the camera.
+    #[test]
+    fn axes_point_where_the_unit_has_them() {
+        let turn = Vector3::z() * std::f64::consts::PI;
+        let unit_in_camera = Isometry3::new(Vector3::new(0.0, 0.02, 0.0), turn);
+        let tips = tips(&unit_in_camera.inverse());
+        let [camera_x, camera_y, camera_z, camera, unit_x, unit_y, unit_z, unit] = tips.try_into().unwrap();
+        assert!(camera_x.0 > camera.0 + 80.0 && camera_x.1 == camera.1);
+        assert!(camera_y.1 > camera.1 + 80.0 && camera_y.0 == camera.0);
+        assert!(camera_z.0 > camera.0 && camera_z.1 < camera.1);
+        assert!(unit.1 > camera.1 + 160.0 && unit.0 == camera.0);
+        assert!(unit_x.0 < unit.0 - 80.0 && unit_y.1 < unit.1 - 80.0 && unit_z.0 > unit.0);
+    }
+}
