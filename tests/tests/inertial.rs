@@ -138,6 +138,7 @@ fn the_unit_is_found_where_it_is_and_mistakes_are_named() {
     let bench = Bench { calibrated: &calibrated, samples: read(recording).unwrap() };
     mistakes(&bench);
     other_clocks_and_axes(&bench, &found, &truth);
+    loose(&bench);
 
     let Evidence::Events(events) = &mut calibrated.evidence else { panic!("no trajectory") };
     events.inertial = Some(found);
@@ -164,6 +165,25 @@ fn mistakes(bench: &Bench) {
     });
     let error = backwards.unwrap_err().to_string();
     assert!(error.contains("are not those of the camera"), "{error}");
+}
+
+/// A unit that slips by a degree in the middle of the recording.
+fn loose(bench: &Bench) {
+    let slip = UnitQuaternion::new(Vector3::new(1f64.to_radians(), 0.0, 0.0));
+    let found = bench.with(|samples| {
+        let half = samples.len() / 2;
+        for sample in samples.iter_mut().skip(half) {
+            sample.acceleration = slip * sample.acceleration;
+            sample.angular_velocity = slip * sample.angular_velocity;
+        }
+    });
+    let found = found.unwrap();
+    assert!(
+        matches!(found.findings.as_slice(), [Finding::Loose { .. }]),
+        "{:?} {}",
+        found.findings,
+        found.block_scatter
+    );
 }
 
 /// A clock 4 s off and 200 ppm too fast, a twentieth of the samples lost, the axes turned by 120°.
@@ -212,6 +232,10 @@ fn files(calibrated: &Calibrated, task: &Task) {
     for key in ["model: scale-misalignment", "update_rate: 1000", "C_gyro_i:", "gyroscope_noise_density:"] {
         assert!(imu.contains(key), "{key} in {imu}");
     }
+    for name in ["kalibr_imucam_chain.yaml", "kalibr_imu_chain.yaml", "vins-fusion.yaml", "static_transform.yaml"] {
+        assert!(folder.join("exports").join(name).exists(), "{name}");
+    }
     let report = std::fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(report.contains("Axes of the camera and of the inertial unit."));
     assert!(report.contains("The inertial unit") && report.contains("Spectrum of the residuals"));
 }

@@ -90,8 +90,9 @@ fn noise_is_told_and_taken_off() {
     assert!((found.spread.rotation / rotation.to_radians() - 1.0).abs() < 0.05, "{:?}", found.spread);
     // The camera's poses are perfect: all of what is left is noise, but for what chance leaves of the difference of both.
     let errors = &found.errors.held_out;
+    // The square of an error of nothing is within 3 σ of nothing, and its σ is twice the error times that of the error.
     for errors in [&errors.position, &errors.rotation] {
-        assert!(errors.error.value < 3.0 * errors.error.sigma && errors.error.sigma < 0.3 * errors.noise, "{errors:?}");
+        assert!(errors.error.value < 6.0 * errors.error.sigma && errors.error.sigma < 0.3 * errors.noise, "{errors:?}");
     }
     assert!(errors.position.sizes.rmse > 5e-4, "{errors:?}");
     assert!((found.rate - 120.0).abs() < 1e-6 && found.missing < 1e-9);
