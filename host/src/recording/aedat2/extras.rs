@@ -96,12 +96,12 @@ impl Levels {
         };
         let rows = (top..=bottom).flat_map(|row| (left..=right).map(move |column| row * width + column));
         let pixels = rows.map(value).collect::<Option<Vec<u8>>>()?;
-        // Where the shutter rolls, resets go on while the first rows are read.
-        let begun = if reset.1 <= exposed.0 { reset.1 } else { reset.0 };
-        let exposure = (begun, exposed.0.max(begun));
+        // Where the shutter rolls, resets go on while the first rows are read, and no exposure is that of all rows.
+        let exposure = (reset.1 <= exposed.0).then_some((reset.1, exposed.0));
+        let (begin, end) = exposure.unwrap_or((reset.0, exposed.1));
         Some(Frame {
-            t: exposure.0.midpoint(exposure.1),
-            exposure: Some(exposure),
+            t: begin.midpoint(end),
+            exposure,
             readout: Some((reset.0, exposed.1)),
             size: ((right - left + 1) as u16, (bottom - top + 1) as u16),
             position: (left as u16, top as u16),
@@ -250,7 +250,7 @@ pub fn visit_frames(
     Ok(loop {
         match words.next() {
             Ok(Some(Extra::Frame(frame))) => {
-                let rolling = frame.exposure.zip(frame.readout).is_some_and(|(exposed, read)| exposed.0 == read.0);
+                let rolling = frame.exposure.is_none();
                 let image = TimedImage::from(frame);
                 visit(if rolling { TimedImage { image: Err(NoImage::RollingShutter), ..image } } else { image });
             }
