@@ -64,6 +64,37 @@ fn the_report_tells_what_calibration_json_holds() {
 }
 
 #[test]
+fn the_report_has_what_is_copied_from_it_and_names_its_files() {
+    let folder = session_calibration();
+    let html = report(&folder);
+    let parameters = &read_json(&folder.join("calibration.json"))["camera"]["parameters"];
+    let number = |name: &str| parameters[name].as_f64().unwrap().to_string();
+    let [fx, fy, cx, cy] = ["fx", "fy", "cx", "cy"].map(number);
+    assert!(html.contains(&format!("K = np.array([[{fx}, 0, {cx}], [0, {fy}, {cy}], [0, 0, 1]])")));
+    for part in [
+        "distortion_model: plumb_bob",
+        "camera_model: pinhole",
+        "Distortion: how far",
+        "Reprojection errors of circles",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+    assert!(html.contains("<details><summary>Which parameters hang together"), "correlations are folded");
+    for angle in ["roll (about x)", "pitch (about y)", "yaw (about z)"] {
+        assert!(html.contains(angle), "{angle}");
+    }
+    for name in ["calibration.json", "camera.yaml", "exports/camchain.yaml", "circles.csv", "trajectory.csv"] {
+        let row = html.split(&format!("<th scope=\"row\">{name}</th>")).nth(1).unwrap_or_default();
+        let told: f64 = row.split(['<', '>']).nth(2).unwrap_or_default().parse().expect(name);
+        let length = fs::metadata(folder.join(name)).unwrap().len() as f64 / 1e3;
+        assert!((told - length).abs() < 0.06, "{name}: {told} kB for {length}");
+    }
+    // Nothing at the top is a σ beside a figure of 95 %.
+    let top = html.split("<dl class=\"figures\">").nth(1).unwrap().split("</dl>").next().unwrap();
+    assert!(top.matches("95 of 100").count() == 2 && !top.contains("±"), "{top}");
+}
+
+#[test]
 fn names_of_files_are_text_and_not_part_of_the_page() {
     let folder = tempfile::tempdir().unwrap();
     let circles = folder.path().join("<b onload=alert(1)>&amp; \"circles\".csv");

@@ -5,10 +5,12 @@
 //!
 //! | camera | column | row | polarity | no event |
 //! |---|---|---|---|---|
-//! | DAVIS | bits 12–21 | 22–30 | 11: 1 is ON | 31 (pictures, inertial samples), 10 (signals) |
+//! | DAVIS | bits 12–21 | 22–30 | 11: 1 is ON | 31 (frames, inertial samples: see [`extras`]), 10 (signals) |
 //! | DVS128 | bits 1–7 | 8–14 | 0: 0 is ON | 15 (signals) |
 //!
 //! The camera follows from the line `# AEChip:`; without one, from the addresses of the first records.
+
+mod extras;
 
 use std::path::Path;
 
@@ -24,7 +26,11 @@ use super::{
 const MAGIC: &[u8] = b"#!AER-DAT2.0";
 
 /// AEDAT 2.0.
-pub const FORMAT: FileFormat = FileFormat::of_events("AEDAT 2.0", |head| head.bytes.starts_with(MAGIC), open);
+pub const FORMAT: FileFormat = FileFormat {
+    frames: Some(extras::visit_frames),
+    extras: Some(extras::open),
+    ..FileFormat::of_events("AEDAT 2.0", |head| head.bytes.starts_with(MAGIC), open)
+};
 
 /// Bytes of an event.
 const RECORD: usize = 8;
@@ -103,12 +109,50 @@ struct Decoder {
     information: RecordingInformation,
     layout: Layout,
     block: Vec<u8>,
-    /// Latest time, as it stands in the file and as it goes on over the ends of 32 bits.
-    latest: Option<(u32, i64)>,
-    other: u64,
+    clock: Clock,
+    /// Words of frames, of inertial samples, and signals.
+    others: [u64; 3],
 }
 
-fn open(path: &Path, options: &RecordingOptions) -> Opened {
+/// Makes times of 32 bits go on over their ends: the latest one as it stands in the file, and as it goes on.
+#[derive(Clone, Copy, Default)]
+struct Clock(Option<(u32, i64)>);
+
+impl Clock {
+    fn time(&mut self, time: u32) -> i64 {
+        let (before, latest) = self.0.unwrap_or((time, i64::from(time.cast_signed())));
+        let t = latest.saturating_add(time.wrapping_sub(before).cast_signed().into());
+        self.0 = Some((time, t));
+        t
+    }
+}
+
+/// Whether a word of a DAVIS is the level of a pixel, or part of an inertial sample.
+fn is_level(word: u32) -> bool {
+    word >> 31 == 1 && !is_sample(word)
+}
+
+/// Whether a word of a DAVIS is part of an inertial sample.
+fn is_sample(word: u32) -> bool {
+    word & 0x8000_0c00 == 0x8000_0c00
+}
+
+/// Whether a word of a DAVIS is an event.
+fn is_event(word: u32) -> bool {
+    word & 0x8000_0400 == 0
+}
+
+/// A file at its first record.
+struct Start {
+    file: ByteReader,
+    layout: Layout,
+    note: Option<String>,
+    created: Option<String>,
+    /// At the first event, if there is one among the first records.
+    clock: Clock,
+}
+
+fn start(path: &Path, options: &RecordingOptions) -> Result<Start, RecordingError> {
     let head = Head::read(path)?;
     let (lines, length) = header(&head.bytes);
     let records = head.bytes.get(length..).unwrap_or_default();
@@ -117,14 +161,25 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     };
     let mut file = ByteReader::open(path)?;
     file.seek(length as u64)?;
+    let mut clock = Clock::default();
+    let words = records.as_chunks::<RECORD>().0.iter();
+    let words = words.map(|&[a, b, c, d, time @ ..]| (u32::from_be_bytes([a, b, c, d]), u32::from_be_bytes(time)));
+    if let Some((_, time)) = words.into_iter().find(|(word, _)| is_event(*word)) {
+        clock.time(time);
+    }
+    Ok(Start { file, layout, note, created: created(&lines), clock })
+}
+
+fn open(path: &Path, options: &RecordingOptions) -> Opened {
+    let Start { file, layout, note, created, .. } = start(path, options)?;
     let information = RecordingInformation {
         format: FORMAT.name,
         sensor: Some(layout.sensor()),
         camera_name: None,
-        began: created(&lines),
+        began: created,
         notes: note.into_iter().collect(),
     };
-    Ok(Box::new(Decoder { file, information, layout, block: Vec::new(), latest: None, other: 0 }))
+    Ok(Box::new(Decoder { file, information, layout, block: Vec::new(), clock: Clock::default(), others: [0; 3] }))
 }
 
 /// The place of an address that counts from the other side; one that no sensor has if it is beyond.
@@ -137,20 +192,21 @@ impl Decoder {
     fn event(&mut self, [a, b, c, d, e, f, g, h]: [u8; 8]) -> Option<Event> {
         let (address, time) = (u32::from_be_bytes([a, b, c, d]), u32::from_be_bytes([e, f, g, h]));
         let Sensor { width, height } = self.layout.sensor();
-        let (is_event, x, y, on) = match self.layout {
-            Layout::Davis(_) => {
-                let is_event = address & 0x8000_0400 == 0;
-                (is_event, address >> 12 & 0x3ff, address >> 22 & 0x1ff, address & 0x800 != 0)
-            }
+        let (taken, x, y, on) = match self.layout {
+            Layout::Davis(_) => (is_event(address), address >> 12 & 0x3ff, address >> 22 & 0x1ff, address & 0x800 != 0),
             Layout::Dvs128 => (address & 0xffff_8000 == 0, address >> 1 & 0x7f, address >> 8 & 0x7f, address & 1 == 0),
         };
-        if !is_event {
-            self.other += 1;
+        if !taken {
+            let is_davis = self.layout != Layout::Dvs128;
+            let [levels, samples, signals] = &mut self.others;
+            *match address {
+                word if is_davis && is_sample(word) => samples,
+                word if is_davis && is_level(word) => levels,
+                _ => signals,
+            } += 1;
             return None;
         }
-        let (before, latest) = self.latest.unwrap_or((time, i64::from(time.cast_signed())));
-        let t = latest.saturating_add(time.wrapping_sub(before).cast_signed().into());
-        self.latest = Some((time, t));
+        let t = self.clock.time(time);
         let polarity = if on { Polarity::On } else { Polarity::Off };
         Some(Event { t, x: mirrored(width, x), y: mirrored(height, y), polarity })
     }
@@ -165,8 +221,10 @@ impl Decode for Decoder {
         let mut block = std::mem::take(&mut self.block);
         let more = self.file.read_records::<RECORD>(&mut block, BLOCK, report)?;
         batch.extend(block.as_chunks().0.iter().filter_map(|record| self.event(*record)));
-        if self.other > 0 {
-            report.other_packets.insert("words of pictures, inertial samples and signals".to_owned(), self.other);
+        for (name, count) in [extras::LEVELS, extras::SAMPLES, "signals"].into_iter().zip(self.others) {
+            if count > 0 {
+                report.other_packets.insert(name.to_owned(), count);
+            }
         }
         self.block = block;
         Ok(more)

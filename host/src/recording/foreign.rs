@@ -16,6 +16,11 @@ const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"\xfd7zXZ", "xz", "unpack it with unxz first"),
     (b"\x28\xb5\x2f\xfd", "Zstandard", "unpack it with unzstd first"),
     (b"BZh", "bzip2", "unpack it with bunzip2 first"),
+    (
+        b"{\n  \"format\": \"evcal-calibration\"",
+        "calibration",
+        "evcal export, evaluate, compare and undistort -c read it; name the recording here",
+    ),
     (b"{\n  \"", "JSON", JSON),
     (b"{\"camera\"", "JSON", JSON),
     (b"{\"sensor\"", "JSON", JSON),
@@ -27,4 +32,16 @@ const FOREIGN: &[(&[u8], &str, &str)] = &[
 /// Name of the format and advice, if `bytes` begin like a format that is known but not read.
 pub fn recognise(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
     FOREIGN.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|&(_, name, advice)| (name, advice))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_calibration_is_told_from_other_json() {
+        let name = |bytes| recognise(bytes).map(|(name, _)| name);
+        assert_eq!(name(b"{\n  \"format\": \"evcal-calibration\",\n"), Some("calibration"));
+        assert_eq!((name(b"{\n  \"other\": 1}"), name(b"1,2,3\n")), (Some("JSON"), None));
+    }
 }

@@ -16,7 +16,7 @@ use super::palette::Palette;
 /// Width of the drawings in their own units; they are scaled to the page.
 const WIDTH: u32 = 960;
 const TEXT: u32 = 34;
-const LABEL_WIDTH: u32 = 118;
+const LABEL_WIDTH: u32 = 150;
 const LABEL_HEIGHT: u32 = 84;
 const MARGIN: u32 = 16;
 /// Room for half of the last label.

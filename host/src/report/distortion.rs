@@ -103,7 +103,7 @@ fn scatter(offsets: &[Vector2<f64>], from_events: bool) -> Markup {
         figure {
             (chart.render())
             figcaption {
-                "Reprojection errors of circles" @if from_events { " as the first camera has them, before events are looked at one by one" }
+                "Reprojection errors of circles" @if from_events { " in the first camera, before the joint solve" }
                 ": " (signed(rms, 3)) " px (rms). " (count(shown.len() as u64)) " of " (count(offsets.len() as u64)) " circles. They should form one cloud about 0."
             }
         }

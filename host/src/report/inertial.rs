@@ -4,6 +4,7 @@ use maud::{Markup, html};
 
 use super::chart::{Chart, Color, Series, range_of};
 use super::inertial_axes::drawing;
+use super::overview::capital;
 use super::page::Section;
 use crate::calibrate::calibrated::Calibrated;
 use crate::inertial::calibration::InertialCalibration;
@@ -20,10 +21,12 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let inertial = calibrated.events()?.inertial.as_ref()?;
     let sentences = InertialResult::new(inertial).sentences();
+    let mut lines = sentences.lines();
     let names = ["Gyroscope", "Accelerometer"];
     let units = [("°/s", 180.0 / std::f64::consts::PI), ("mg", 1e3 / STANDARD_GRAVITY)];
     let content = html! {
-        @for sentence in sentences.lines() { p { (sentence.trim()) } }
+        p { (capital(lines.next().unwrap_or_default().trim())) }
+        ul { @for sentence in lines { li { (capital(sentence.trim())) } } }
         figure {
             (drawing(&inertial.parameters.imu_from_camera()))
             figcaption {

@@ -29,9 +29,10 @@ pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
     html! {
         h1 { "Calibration of " (calibrated.camera_name().unwrap_or("a camera")) }
         p.faint {
-            "Camera model " (calibrated.camera().kind().name()) " on a sensor of " (width) " × " (height) " pixels. Recorded "
-            @if let Some(date) = calibrated.recorded() { (date) " in " } @else { "in " }
-            (task.inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ")) "."
+            "Camera model " (calibrated.camera().kind().name()) " on a sensor of " (width) " × " (height) " pixels, from "
+            span.path { (task.inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ")) }
+            @if let Some(date) = calibrated.recorded() { ", recorded " (date) }
+            "."
         }
         div.verdict.(class) {
             p.sentence { (verdict.sentence) }
@@ -103,10 +104,8 @@ fn figures(calibrated: &Calibrated, settings: &VerdictSettings) -> Markup {
 /// What residuals usually are: those of the simulated sessions in docs/accuracy.md.
 fn typical_residual(measured: Measured) -> &'static str {
     match measured {
-        Measured::EventEdges => {
-            "distance of events from their edges; 0.1 to 0.3 px is usual, noise of single pixels that averages out"
-        }
-        Measured::CircleCentres => "distance of circles from where the result puts them; below 0.3 px is usual",
+        Measured::EventEdges => "over single events; 0.1 to 0.3 px is usual",
+        Measured::CircleCentres => "over circle centres; below 0.3 px is usual",
     }
 }
 

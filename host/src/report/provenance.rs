@@ -53,7 +53,7 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
             tbody {
                 @for (input, report) in task.inputs.iter().zip(&calibrated.recordings) {
                     tr {
-                        th scope="row" { (input.name()) }
+                        th.path scope="row" { (input.name()) }
                         td { (report.camera_name.as_deref().unwrap_or("not named")) }
                         td { (report.began.as_deref().unwrap_or("not told")) }
                         td.number { (megabytes(input).unwrap_or_default()) }

@@ -42,7 +42,8 @@ fn the_seed_of_ransac_does_not_change_the_camera() {
             let frames = scene.frames(3, |_| Fault::None);
             let reference = model(&scene, &frames, Start::Native { seed: 0 });
             assert!(reference.report.native_start && reference.report.opencv.is_none());
-            for seed in 1..5 {
+            // Where there are few views, one that is drawn or not counts most.
+            for seed in 1..if input == "few views" { 32 } else { 5 } {
                 let found = model(&scene, &frames, Start::Native { seed });
                 let apart = difference(&reference.camera, &found.camera, SENSOR);
                 let from_truth = difference(&scene.camera, &reference.camera, SENSOR);
