@@ -5,11 +5,12 @@ use evcal_core::sensor::Sensor;
 use std::time::Instant;
 
 use evcal::board::Board;
+use evcal::board::shape::{BoardShape, CircleArea};
 use evcal::solve::event_bias::bias::Biases;
 use evcal::solve::event_bias::{CLASS_COUNT, unknown};
 use evcal::solve::levenberg::solve;
 use evcal::solve::observation::{EventBin, EventObservation, SegmentObservations};
-use evcal::solve::{FreeParameters, Problem, SolveSettings, State};
+use evcal::solve::{BOARD_PARAMETERS, FreeParameters, Problem, SolveSettings, State};
 use evcal::trajectory::fit::{TrajectoryShape, fit};
 use evcal::trajectory::timed_pose::TimedPose;
 use evcal::trajectory::{RotationSpline, Trajectory};
@@ -36,7 +37,7 @@ fn main() {
         let problem = Problem {
             sensor: SENSOR,
             circle_centers: (0..board.circle_count()).map(|index| board.circle_center(index).into()).collect(),
-            radius: board.radius,
+            area: CircleArea::new(&board),
             mean_scale: 2e-3,
             point_sigma: 0.1,
             associated_latencies: [0.0; CLASS_COUNT],
@@ -44,11 +45,13 @@ fn main() {
             stiffness: Vec::new(),
             free: FreeParameters {
                 intrinsics: std::array::from_fn(|index| index < 9),
+                board: [false; BOARD_PARAMETERS],
                 biases: [Biases::from_fn(|_| true); CLASS_COUNT],
             },
             settings,
         };
-        let state = State { camera, bias: unknown(0.3), trajectories: vec![trajectory] };
+        let shape = BoardShape::stated(&board);
+        let state = State { camera, board: shape, bias: unknown(0.3), trajectories: vec![trajectory] };
         let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(1).build() else { return };
         let mut best = f64::INFINITY;
         for _ in 0..5 {

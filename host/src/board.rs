@@ -2,6 +2,7 @@
 
 pub(crate) mod homography;
 pub mod request;
+pub mod shape;
 pub mod sheet;
 
 use std::fmt;
@@ -161,12 +162,17 @@ pub fn layout_name(pattern: &Pattern) -> String {
 const LENGTHS: RangeInclusive<f64> = 1e-6..=1e3;
 
 fn length(text: &str) -> Option<f64> {
+    any_length(text).filter(|metres| LENGTHS.contains(metres))
+}
+
+/// A length of either sign with its unit (mm, cm, in or m), in metres; `None` where the text is none.
+pub fn any_length(text: &str) -> Option<f64> {
     // "mm" and "cm" end in "m" too, so the longer units are tried first.
     let (number, factor) = [("mm", 1e-3), ("cm", 1e-2), ("in", 0.0254), ("m", 1.0)]
         .iter()
         .find_map(|(unit, factor)| text.strip_suffix(unit).map(|number| (number, *factor)))?;
     let value: f64 = number.trim().parse().ok()?;
-    Some(value * factor).filter(|metres| LENGTHS.contains(metres))
+    Some(value * factor).filter(|metres| metres.is_finite())
 }
 
 /// The radius in `r17.5mm`, in metres.

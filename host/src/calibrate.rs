@@ -2,6 +2,7 @@
 
 pub mod beginning;
 pub mod board_choice;
+mod board_solve;
 pub mod calibrated;
 mod detected;
 pub mod error;
@@ -9,6 +10,7 @@ mod events;
 mod health;
 pub mod inertia;
 pub mod input;
+pub mod parameter_request;
 mod pictures;
 mod progress;
 pub mod radius;
@@ -23,6 +25,7 @@ use evcal_core::sensor::Sensor;
 
 use self::calibrated::Calibrated;
 use self::error::CalibrateError;
+use self::parameter_request::ParameterRequests;
 use self::progress::Progress;
 use self::step::Step;
 use crate::board::Board;
@@ -57,6 +60,8 @@ pub struct Task<'a> {
     pub sensor: Option<Sensor>,
     /// What pictures are for.
     pub pictures: PictureUse,
+    /// Parameters of lens and board that are held, or free in any case. Those of the lens count for the joint solve from events.
+    pub parameters: ParameterRequests,
     /// Thresholds.
     pub settings: &'a Settings,
     /// The command line, for the report; may be empty.
@@ -76,6 +81,7 @@ impl<'a> Task<'a> {
             model: ModelRequest::Given(ModelKind::Radtan),
             sensor: None,
             pictures: PictureUse::default(),
+            parameters: ParameterRequests::default(),
             settings: &DEFAULTS,
             command_line: "",
         }

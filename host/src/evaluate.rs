@@ -7,6 +7,7 @@
 //! | [`comparison`] | all of it, of the files of a calibration and those of the truth |
 //! | [`intrinsics`] | which parameters differ, and by how much? |
 //! | [`captured`] | what does motion capture say of a trajectory? |
+//! | [`printed_board`] | is the board bent and printed as it was simulated? |
 //!
 //! Parameters of a lens model trade against each other and against the camera's orientation, so
 //! the projection difference is the figure to trust; the parameters are for the eye.
@@ -14,4 +15,5 @@
 pub mod captured;
 pub mod comparison;
 pub mod intrinsics;
+pub mod printed_board;
 pub mod trajectory_error;

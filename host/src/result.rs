@@ -3,6 +3,7 @@
 pub mod calibrated_camera;
 pub mod calibration_file;
 pub mod inertial_result;
+pub mod printed_board;
 pub mod same_camera;
 pub mod stage_lines;
 pub mod stage_report;

@@ -30,6 +30,7 @@ use crate::solve::unexplained::UnexplainedSettings;
 use crate::trajectory::knot_grid::KnotSettings;
 use crate::trajectory::segment::SegmentSettings;
 use crate::trajectory::settings::SplineSettings;
+use crate::trust::board_evidence::BoardShapeSettings;
 use crate::trust::poses::PoseSettings;
 use crate::trust::residual_map::ResidualMapSettings;
 use crate::trust::split_half::SplitHalfSettings;
@@ -63,6 +64,8 @@ settings! {
         pub refinement: RefinementSettings;
         /// Which poses are written.
         pub poses: PoseSettings;
+        /// When the board is not taken as it is stated.
+        pub board: BoardShapeSettings;
         /// How sure the intrinsics are.
         pub uncertainty: UncertaintySettings;
         /// Comparison of two halves of the observations.

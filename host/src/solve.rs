@@ -9,6 +9,7 @@
 pub mod association;
 pub mod bearing_table;
 pub mod board_ray;
+pub mod board_surface;
 pub mod burst;
 pub mod edge_batch;
 pub mod event_bias;
@@ -39,6 +40,7 @@ use evcal_core::settings;
 use evcal_core::settings::{above, at_least, from_to};
 use serde::{Deserialize, Serialize};
 
+use crate::board::shape::{self, BoardShape, CircleArea};
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{CLASS_COUNT, EventBias};
 use crate::trajectory::Trajectory;
@@ -46,12 +48,18 @@ use evcal_core::camera::MAX_PARAMETERS;
 use observation::SegmentObservations;
 use stiffness::Stiffness;
 
-/// Number of global parameters: intrinsics, then the biases of each event class.
-pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + Bias::COUNT * CLASS_COUNT;
+/// Number of parameters of the board: print ratio, bend along x and y, radius (see [`BoardShape`]).
+pub const BOARD_PARAMETERS: usize = shape::PARAMETERS;
+
+/// Number of global parameters: intrinsics, the board's, then the biases of each event class.
+pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + BOARD_PARAMETERS + Bias::COUNT * CLASS_COUNT;
+
+/// Index of the first parameter of the board among the global parameters.
+pub const BOARD_INDEX: usize = MAX_PARAMETERS;
 
 /// Index of a bias of `class` among the global parameters.
 pub const fn bias_index(class: usize, bias: Bias) -> usize {
-    MAX_PARAMETERS + Bias::COUNT * class + bias.index()
+    MAX_PARAMETERS + BOARD_PARAMETERS + Bias::COUNT * class + bias.index()
 }
 
 /// What the residual of an event measures.
@@ -70,6 +78,8 @@ pub enum ResidualMeasure {
 pub struct FreeParameters {
     /// Which intrinsics are free, in the order of the camera model; those beyond its own stay unused.
     pub intrinsics: [bool; MAX_PARAMETERS],
+    /// Which parameters of the board are free.
+    pub board: [bool; BOARD_PARAMETERS],
     /// Which biases of each event class are free.
     pub biases: [Biases<bool>; CLASS_COUNT],
 }
@@ -79,6 +89,9 @@ impl FreeParameters {
     pub fn mask(&self) -> [bool; GLOBAL_COUNT] {
         let mut mask = [false; GLOBAL_COUNT];
         for (flag, free) in mask.iter_mut().zip(self.intrinsics) {
+            *flag = free;
+        }
+        for (flag, free) in mask.iter_mut().skip(BOARD_INDEX).zip(self.board) {
             *flag = free;
         }
         for (class, biases) in self.biases.iter().enumerate() {
@@ -117,10 +130,10 @@ settings! {
 pub struct Problem {
     /// Sensor size (width, height) in pixels.
     pub sensor: Sensor,
-    /// Centres of the board's circles in metres.
+    /// Centres of the board's circles on the print, in metres.
     pub circle_centers: Vec<[f64; 2]>,
-    /// Radius of the circles in metres.
-    pub radius: f64,
+    /// The area that they cover.
+    pub area: CircleArea,
     /// Metres on the board for each pixel, on average: the unit of the plane residual.
     pub mean_scale: f64,
     /// Spread of a circle centre in pixels, for observations that are centres.
@@ -147,11 +160,13 @@ impl Problem {
     }
 }
 
-/// The parameters: camera, biases of the event classes, one trajectory a segment.
+/// The parameters: camera, board, biases of the event classes, one trajectory a segment.
 #[derive(Clone, Debug)]
 pub struct State {
     /// Intrinsics.
     pub camera: Camera<f64>,
+    /// The board.
+    pub board: BoardShape,
     /// Offset, latency and spread of each event class.
     pub bias: EventBias,
     /// T_world_camera of each segment.

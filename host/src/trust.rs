@@ -1,5 +1,7 @@
 //! How far a calibration can be trusted: uncertainty, coverage, comparison of halves, verdict.
 
+pub mod board_evidence;
+mod board_statement;
 pub mod coverage;
 pub mod misfit;
 pub mod poses;
@@ -21,6 +23,7 @@ use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::Refined;
 use crate::solve::{Problem, SolveError, State};
+use crate::trust::board_evidence::BoardEstimate;
 use crate::trust::coverage::{Coverage, coverage, coverage_of};
 use crate::trust::misfit::{Misfit, misfit, with_misfit};
 use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
@@ -51,6 +54,10 @@ pub struct EventTrust {
     pub residuals: ResidualMap,
     /// How far the lens model is from the lens; `None` when the residuals say nothing against it.
     pub misfit: Option<Misfit>,
+    /// The board as it was estimated.
+    pub board: BoardEstimate,
+    /// Coefficients of the lens, by their index, that were held because the observations do not determine them.
+    pub undetermined: Vec<usize>,
     /// What the events say of the circles' radius; `None` where the input is circle centres.
     pub radius: Option<ObservedRadius>,
     /// How sure each pose is.
@@ -64,7 +71,7 @@ pub struct EventTrust {
 /// The circles' radius as the events see it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObservedRadius {
-    /// Mean distance of the events from the stated edge in pixels, positive outside the dot.
+    /// Mean distance of the events from the edge in pixels, positive outside the dot.
     pub mean_offset: f64,
     /// Metres on the board for each pixel, on average.
     pub scale: f64,
@@ -106,19 +113,19 @@ fn misfit_of(
     suspicious.then(|| misfit(problem, state, &residuals.pattern, inflation))
 }
 
-/// Examines `refined`, whose uncertainty is known. `saturated` are stretches with a saturated readout that are in the solve.
+/// Examines `refined`, whose uncertainty, board and held coefficients are known. `saturated` are stretches with a saturated readout that are in the solve.
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the camera.
 pub fn examine(
     refined: &Refined,
-    uncertainty: SolveUncertainty,
+    (uncertainty, shape, undetermined): (SolveUncertainty, BoardEstimate, Vec<usize>),
     board: &Board,
     saturated: &[LeftOut],
     settings: ExamineSettings,
 ) -> Result<(Trust, EventTrust), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let SolveUncertainty { intrinsics: uncertainty, bias_sigma } = uncertainty;
+    let SolveUncertainty { intrinsics: uncertainty, board_sigma: _, board: _, bias_sigma } = uncertainty;
     let in_the_image = |uncertainty: &Uncertainty| {
         projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
     };
@@ -137,7 +144,9 @@ pub fn examine(
         split_half,
         residuals,
         misfit,
-        radius: observed_radius(refined, board),
+        radius: observed_radius(refined),
+        board: shape,
+        undetermined,
         left_out: refined.left_out.clone(),
         saturated: saturated.to_vec(),
         poses,
@@ -172,10 +181,11 @@ pub fn examine_pictures(calibration: &PictureCalibration, board: &Board, sensor:
     })
 }
 
-fn observed_radius(refined: &Refined, board: &Board) -> Option<ObservedRadius> {
+fn observed_radius(refined: &Refined) -> Option<ObservedRadius> {
     let bias = &refined.state.bias;
+    let radius = refined.state.board.radius;
     let scale = refined.problem.mean_scale;
-    let inverse_radius = scale / board.radius;
+    let inverse_radius = scale / radius;
     let (mut sum, mut count) = (0.0, 0_usize);
     // The mean over both polarities: what delays events moves them to opposite sides.
     let mut of_polarity = [(0.0, 0_usize); 2];
@@ -195,6 +205,6 @@ fn observed_radius(refined: &Refined, board: &Board) -> Option<ObservedRadius> {
     }
     (count > 0).then(|| {
         let mean_offset = sum / count as f64;
-        ObservedRadius { mean_offset, scale, radius: board.radius + (mean_offset - USUAL_OFFSET) * scale }
+        ObservedRadius { mean_offset, scale, radius: radius + (mean_offset - USUAL_OFFSET) * scale }
     })
 }

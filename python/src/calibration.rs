@@ -38,7 +38,7 @@ struct Asked {
 impl Asked {
     fn task(&self) -> Task<'_> {
         let Self { inputs, board, model, sensor, pictures, settings } = self;
-        Task { inputs, board, model: *model, sensor: *sensor, pictures: *pictures, settings, command_line: "" }
+        Task { model: *model, sensor: *sensor, pictures: *pictures, settings, ..Task::new(inputs, board) }
     }
 }
 

@@ -66,6 +66,9 @@ pub enum CalibrateError {
         1e3 * .0.seen, 1e3 * .0.stated, radius_advice(.0)
     )]
     OtherRadius(OtherRadius),
+    /// The lens or the board cannot be as the user says.
+    #[error("no lens or board is like that: change the values of --fix")]
+    ImpossibleValues,
     /// The board that was looked for is a part of another one.
     #[error("too few views fit together: is the board right? It looks like {}: use --board {}", .0.found, .0.board)]
     LargerBoard(Box<LargerBoard>),

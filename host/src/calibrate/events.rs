@@ -1,9 +1,11 @@
 //! The calibration from events, or from circles that a detector found in them.
 
+use evcal_core::camera::MAX_PARAMETERS;
 use evcal_core::camera::refit::refit;
 use evcal_core::sensor::Sensor;
 
 use super::board_choice::larger_board;
+use super::board_solve::{BoardSolve, solve_with_board};
 use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured, SAMPLE};
 use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
@@ -11,15 +13,17 @@ use super::health::findings_on;
 use super::progress::Progress;
 use super::radius::other_radius;
 use super::{PictureUse, Task, pictures};
+use crate::board::shape::BoardShape;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::initial::{InitialModel, initial_model};
 use crate::picture_calibration::joint::JointPoints;
-use crate::solve::State;
 use crate::solve::event_bias::unknown;
 use crate::solve::event_sample::{RankedEvent, Thinning};
 use crate::solve::refinement::{EventInput, Refined, RefinementInput, SMALLEST_POINT_SIGMA, StageSettings, refine};
+use crate::solve::{BOARD_PARAMETERS, FreeParameters, State};
 use crate::trajectory::first::{FirstTrajectories, first_trajectories};
+use crate::trust::board_evidence::BoardEstimate;
 use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
 use crate::trust::verdict::verdict;
 use crate::trust::witness::WitnessOutcome;
@@ -92,34 +96,46 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         points,
         point_sigma: initial.report.rms.max(SMALLEST_POINT_SIGMA),
         left_out: &left_out,
+        free_board: [false; BOARD_PARAMETERS],
+        held: [false; MAX_PARAMETERS],
     };
-    let state = State { camera: initial.camera, bias: unknown(settings.refinement.first_sigma), trajectories };
-    let (mut refined, mut certainty) = solve(task, &input, state, progress)?;
+    let board = BoardShape::stated(task.board);
+    let state = State { camera: initial.camera, board, bias: unknown(settings.refinement.first_sigma), trajectories };
+    let mut solved = solve_with_board(task, &input, state, (looks, progress))?;
     if model_choice.is_some()
-        && let Some(kind) = better_model(&refined, certainty.intrinsics.inflation, looks)
-        && let Some(camera) = refit(kind, &refined.state.camera, sensor)
+        && let Some(kind) = better_model(&solved.refined, solved.certainty.intrinsics.inflation, looks)
+        && let Some(camera) = refit(kind, &solved.refined.state.camera, sensor)
     {
         progress.tell(format!("joint solve with {kind}"))?;
-        (refined, certainty) = solve(task, &input, State { camera, ..refined.state }, progress)?;
+        let state = State { camera, board, ..solved.refined.state };
+        solved = solve_with_board(task, &input, state, (looks, progress))?;
         model_choice = model_choice.map(|choice| choice.instead(kind));
     }
-    let witness = from_pictures
-        .as_ref()
-        .map(|found| pictures::witness(task, &refined.state.camera, &certainty.intrinsics, sensor, found));
+    let BoardSolve { mut refined, mut certainty, mut board, as_stated, undetermined } = solved;
+    // The pictures are calibrated with the board as it is stated: so is what they are compared with.
+    let (compared, compared_certainty) = match &as_stated {
+        Some((camera, certainty)) => (camera, &certainty.intrinsics),
+        None => (&refined.state.camera, &certainty.intrinsics),
+    };
+    let witness =
+        from_pictures.as_ref().map(|found| pictures::witness(task, compared, compared_certainty, sensor, found));
     let mut joint = None;
     if let Some(calibration) = to_join {
         let JointPoints { points, report } =
             pictures::observations(task, &refined, &certainty.intrinsics, calibration)?;
-        let input = RefinementInput { points, point_sigma: report.sigma, ..input };
+        let FreeParameters { board: free_board, intrinsics, .. } = refined.problem.free;
+        let held = std::array::from_fn(|index| !intrinsics[index] || undetermined.contains(&index));
+        let input = RefinementInput { points, point_sigma: report.sigma, free_board, held, ..input };
         (refined, certainty) = solve(task, &input, refined.state, progress)?;
+        board = BoardEstimate { shape: refined.state.board, sigma: certainty.board_sigma, ..board };
         joint = Some(report);
     }
 
     let sample = sample.thinned(SAMPLE);
 
     progress.tell("examination")?;
-    let (trust, event_trust) =
-        examine(&refined, certainty, task.board, &saturated, looks).map_err(CalibrateError::Solve)?;
+    let (trust, event_trust) = examine(&refined, (certainty, board, undetermined), task.board, &saturated, looks)
+        .map_err(CalibrateError::Solve)?;
     let mut findings = findings_on(&health);
     findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
     let camera = &refined.state.camera;
@@ -167,7 +183,7 @@ fn first_model(
 }
 
 /// The joint solve from `state` on, and how sure its result is.
-fn solve(
+pub(super) fn solve(
     task: &Task,
     input: &RefinementInput<CalibrateError>,
     state: State,

@@ -11,6 +11,7 @@ use evcal::board::request::BoardRequest;
 use evcal::calibrate::board_choice::choose_board;
 use evcal::calibrate::inertia::InertialRequest;
 use evcal::calibrate::input::Input;
+use evcal::calibrate::parameter_request::ParameterRequests;
 use evcal::circles::serial::{SerialAddress, SerialError};
 use evcal::detection::settings::{DetectionSettings, Grid};
 use evcal::files::folder::{FolderError, OutputFolder};
@@ -62,6 +63,14 @@ pub struct CalibrationArguments {
     /// Size of gravity where the recording was made, for --imu
     #[arg(long, value_name = "M/S²", default_value_t = STANDARD_GRAVITY, requires = "imu")]
     gravity: f64,
+    /// Hold a parameter: one of the lens (k3=0, cx=173.2) or of the board (print-ratio=1.002, bend-x=1.5mm, bend-y=0mm,
+    /// radius=17.4mm); can be repeated
+    #[arg(long, value_name = "NAME=VALUE")]
+    fix: Vec<String>,
+    /// Estimate a parameter whatever the data say of it: of the lens, or print-ratio, bend-x, bend-y, radius of the
+    /// board; can be repeated
+    #[arg(long, value_name = "NAME")]
+    free: Vec<String>,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
@@ -155,6 +164,15 @@ pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
 }
 
 impl CalibrationArguments {
+    /// What is held, and what is free.
+    pub fn parameters(&self) -> Result<ParameterRequests, UsageError> {
+        let model = match self.method.model {
+            ModelRequest::Given(model) => Some(model),
+            ModelRequest::Auto => None,
+        };
+        ParameterRequests::new(model, &self.fix, &self.free).map_err(|error| UsageError(error.to_string()))
+    }
+
     /// The inertial unit that is asked for.
     fn inertial_request(&self) -> Option<InertialRequest> {
         let file = self.imu.clone()?;
@@ -189,6 +207,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 
 fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     // Before the work, not after it.
+    arguments.calibration.parameters()?;
     let folder = arguments.calibration.open_folder()?;
     let settings = arguments.calibration.method.settings()?;
     calibrate_recordings(&arguments.recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
@@ -208,7 +227,8 @@ pub fn calibrate_recordings(
         .iter()
         .map(|path| open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)))
         .collect::<Result<Vec<Input>, _>>()?;
-    let work = Work { inputs, board, sensor: options.sensor, arguments, settings };
+    let parameters = arguments.parameters()?;
+    let work = Work { inputs, board, sensor: options.sensor, parameters, arguments, settings };
     let attempt = work.calibrate(|step| {
         waiting.stage(step.text, step.done);
         ControlFlow::Continue(())

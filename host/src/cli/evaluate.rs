@@ -7,6 +7,7 @@ use evcal::evaluate::comparison::{
     CompareError, ComparedFiles, ComparedTrajectories, Comparison, TRAJECTORY_FILE, TrajectoryComparison, compare,
 };
 use evcal::evaluate::intrinsics::IntrinsicsComparison;
+use evcal::evaluate::printed_board::{BoardComparison, BoardPair};
 use evcal::evaluate::trajectory_error::AbsoluteTrajectoryError;
 use evcal::lens::projection_difference::ProjectionDifference;
 use nalgebra::Vector3;
@@ -71,13 +72,14 @@ pub fn run(arguments: Arguments) -> super::Outcome {
         Err(error @ CompareError::NoTrajectory { .. }) => return Err(UsageError(error.to_string()).into()),
         comparison => comparison?,
     };
-    let Comparison { calibration, truth, intrinsics, projection, trajectory } = &comparison;
+    let Comparison { calibration, truth, intrinsics, projection, board, trajectory } = &comparison;
     if json {
         return print::json(&json!({
             "calibration": calibration,
             "truth": truth,
             "intrinsics": intrinsics_json(intrinsics),
             "projection_difference": projection_json(projection, verbose),
+            "board": board.as_ref().map(board_json),
             "trajectory": match trajectory {
                 ComparedTrajectories::Compared(figures) => Some(trajectory_json(figures)),
                 _ => None,
@@ -86,6 +88,9 @@ pub fn run(arguments: Arguments) -> super::Outcome {
     }
     print::line(format!("first {}\nsecond {}\n{intrinsics}\n", truth.display(), calibration.display()))?;
     print::line(projection)?;
+    if let Some(board) = board {
+        print::line(format!("\n{board}"))?;
+    }
     match trajectory {
         ComparedTrajectories::Compared(figures) => print_trajectory(figures, verbose),
         ComparedTrajectories::OtherTimes { estimate, truth } => print::line(format!(
@@ -143,6 +148,16 @@ fn intrinsics_json(intrinsics: &IntrinsicsComparison) -> Value {
         "model": intrinsics.second_model,
         "parameters": parameters.collect::<serde_json::Map<_, _>>(),
     })
+}
+
+fn board_json(board: &BoardComparison) -> Value {
+    let parameters = board.parameters.iter().map(|pair| {
+        let BoardPair { name, truth, calibration, sigma } = pair;
+        let difference = calibration - truth;
+        let pair_json = json!({ "truth": truth, "calibration": calibration, "difference": difference, "sigma": sigma });
+        ((*name).to_owned(), pair_json)
+    });
+    Value::Object(parameters.collect())
 }
 
 fn projection_json(projection: &ProjectionDifference, verbose: bool) -> Value {

@@ -3,7 +3,8 @@
 use std::error::Error;
 use std::path::PathBuf;
 
-use evcal::board::Board;
+use evcal::board::shape::BoardShape;
+use evcal::board::{Board, any_length};
 use evcal::files::folder::OutputFolder;
 use evcal::lens::camera_file;
 use evcal::simulate::davis::DavisSettings;
@@ -88,6 +89,15 @@ pub struct Arguments {
         value_parser = value::named(Dots::ALL, Dots::name, Dots::description)
     )]
     dots: Dots,
+    /// How much longer than stated the print is along x (a row) than along y, as a ratio: 1.003 for 0.3 %
+    #[arg(long, value_name = "RATIO", value_parser = value::number(0.5..=2.0, ""))]
+    print_ratio: Option<f64>,
+    /// How far the board's middle is bent away from the camera, along x and along y; negative towards it
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, value_parser = bend)]
+    bend: Option<[f64; 2]>,
+    /// Radius of the circles where the print has another one than --board says
+    #[arg(long, value_name = "LENGTH", value_parser = printed_radius)]
+    printed_radius: Option<f64>,
     /// Frames too, with a global shutter, so many a second [default: 25] (aedat4 and dvraw)
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25")]
     frames: Option<f64>,
@@ -146,7 +156,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         Some(SensorChoice::Preset(preset)) => (preset.pixels(pixels), preset.motion(motion)),
         Some(SensorChoice::Size(_)) | None => (pixels, motion),
     };
-    let mut scene = SceneSettings { dots: arguments.dots, ..SceneSettings::default() };
+    let mut scene = SceneSettings { dots: arguments.dots, printed: printed(arguments)?, ..SceneSettings::default() };
     let mut pixels = pixels;
     for effect in &arguments.effects {
         effect.apply(&mut scene, &mut pixels);
@@ -202,6 +212,37 @@ fn tell(arguments: &Arguments, written: &WrittenFolder) -> super::Outcome {
         print::line(format!("{} frames, {} inertial samples", davis.frames.len(), davis.imu.len()))?;
     }
     files.iter().try_for_each(|file| print::line(file.display()))
+}
+
+/// The board as it is printed, where that is not as stated.
+fn printed(arguments: &Arguments) -> Result<Option<BoardShape>, UsageError> {
+    let stated = BoardShape::stated(&arguments.board);
+    let shape = BoardShape {
+        print_ratio: arguments.print_ratio.unwrap_or(stated.print_ratio),
+        bend: arguments.bend.unwrap_or(stated.bend),
+        radius: arguments.printed_radius.unwrap_or(stated.radius),
+    };
+    if !shape.is_possible(&arguments.board) {
+        return Err(UsageError(format!(
+            "no board of {} is printed and bent like that: circles must not overlap, and a bend be below half the board's side",
+            arguments.board
+        )));
+    }
+    Ok((shape != stated).then_some(shape))
+}
+
+/// Reads the bend of a board along x and y (m).
+fn bend(text: &str) -> Result<[f64; 2], String> {
+    text.split_once(',')
+        .and_then(|(x, y)| Some([any_length(x)?, any_length(y)?]))
+        .ok_or_else(|| "write two lengths with their units, along x and along y, for example 2mm,0mm".to_owned())
+}
+
+/// Reads the radius of a printed circle (m).
+fn printed_radius(text: &str) -> Result<f64, String> {
+    any_length(text)
+        .filter(|radius| *radius > 0.0)
+        .ok_or_else(|| "write a length above 0 with its unit, for example 17mm".to_owned())
 }
 
 /// Frames and inertial samples, as far as asked for.

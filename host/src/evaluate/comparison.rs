@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use evcal_core::sensor::Sensor;
 
 use super::intrinsics::{IntrinsicsComparison, compare_intrinsics};
+use super::printed_board::{BoardComparison, compare_boards};
 use super::trajectory_error::{AbsoluteTrajectoryError, Association, TooFewMatches, best_time_shift, trajectory_error};
 use crate::lens::camera_file::{self, CameraFileError, camera_path};
 use crate::lens::projection_difference::{NoCommonView, ProjectionDifference, projection_difference};
@@ -42,6 +43,8 @@ pub struct Comparison {
     pub intrinsics: IntrinsicsComparison,
     /// Where both put the same point in the image.
     pub projection: ProjectionDifference,
+    /// The board, where one of both says that it is not as stated.
+    pub board: Option<BoardComparison>,
     /// The trajectories, if both have one.
     pub trajectory: ComparedTrajectories,
 }
@@ -157,6 +160,7 @@ pub fn compare(files: &ComparedFiles) -> Result<Comparison, CompareError> {
     }
     let intrinsics = compare_intrinsics(&true_camera, &camera);
     let projection = projection_difference(&true_camera, &camera, sensor)?;
+    let board = compare_boards(&calibration, &truth);
     let named = files.trajectory.is_some() || files.true_trajectory.is_some();
     let trajectory = match trajectories(files, &calibration, &truth)? {
         None => ComparedTrajectories::Missing,
@@ -169,7 +173,7 @@ pub fn compare(files: &ComparedFiles) -> Result<Comparison, CompareError> {
             Err(error) => return Err(error),
         },
     };
-    Ok(Comparison { calibration, truth, intrinsics, projection, trajectory })
+    Ok(Comparison { calibration, truth, intrinsics, projection, board, trajectory })
 }
 
 /// The estimated and the true trajectory file; `None` when none was asked for and not both are there.

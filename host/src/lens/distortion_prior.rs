@@ -49,6 +49,11 @@ pub struct PriorEquations {
 }
 
 impl DistortionPrior {
+    /// How far parameter `index` may be from what is expected of it (σ); `None` where nothing is expected.
+    pub fn sigma(&self, index: usize) -> Option<f64> {
+        self.weights.get(index).filter(|weight| **weight > 0.0).map(|weight| PRIOR_NOISE / weight.sqrt())
+    }
+
     /// What the prior adds to the cost of `camera`.
     pub fn cost(&self, camera: &Camera<f64>) -> f64 {
         let parameters = camera.parameters();

@@ -4,12 +4,13 @@
 //! is late by what pixels take to answer, so that a constant offset between both is estimated first, along
 //! with its standard deviation: e = π(T(t + τ)) − m, ∂e/∂τ = the dot's velocity.
 
-use nalgebra::{Isometry3, Vector2};
+use nalgebra::{Isometry3, Translation3, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::calibration::PictureCalibration;
 use super::circle_image::{center_bias, circle_image_center};
 use crate::board::Board;
+use crate::board::shape::{CircleArea, Surface};
 use crate::circles::reference_frame::PointObservation;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::pictures::settings::PictureSettings;
@@ -137,8 +138,10 @@ pub fn joint_points(
         else {
             continue;
         };
-        let bias = pose_at(trajectory, dot.t)
-            .and_then(|pose| center_bias(&state.camera, &pose, board.circle_center(dot.circle), board.radius));
+        let bias = pose_at(trajectory, dot.t).and_then(|pose| {
+            let pose = onto_board(&pose, state, board, dot.circle);
+            center_bias(&state.camera, &pose, board.circle_center(dot.circle), state.board.radius)
+        });
         let Some(bias) = bias else { continue };
         points.push(PointObservation { t: dot.t, pixel: dot.measured.center - bias, circle: dot.circle });
         dots += 1;
@@ -165,6 +168,16 @@ fn pose_at(trajectory: &Trajectory, t: f64) -> Option<Isometry3<f64>> {
     trajectory.pose(t).map(|pose| pose.inverse())
 }
 
+/// `pose` (`T_camera_world`) moved such that a circle where the flat board has it is seen where the board of `state` has it.
+fn onto_board(pose: &Isometry3<f64>, state: &State, board: &Board, circle: usize) -> Isometry3<f64> {
+    if state.board.is_flat() {
+        return *pose;
+    }
+    let center = board.circle_center(circle);
+    let [x, y, z] = Surface::new(&CircleArea::new(board), &state.board).place(center.into());
+    pose * Translation3::new(x - center.x, y - center.y, z)
+}
+
 /// The dots that lie where a trajectory puts them, and how many lie elsewhere.
 fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: f64) -> (Vec<Tied<'a>>, usize) {
     let mut tied = Vec::new();
@@ -181,7 +194,8 @@ fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: 
         let poses = [t, t - VELOCITY_STEP, t + VELOCITY_STEP].map(|t| pose_at(trajectory, t));
         let [Some(now), Some(before), Some(after)] = poses else { continue };
         let image = |pose: &Isometry3<f64>, circle: usize| {
-            circle_image_center(&state.camera, pose, board.circle_center(circle), board.radius)
+            let pose = onto_board(pose, state, board, circle);
+            circle_image_center(&state.camera, &pose, board.circle_center(circle), state.board.radius)
         };
         let expected: Vec<Option<Vector2<f64>>> = (0..board.circle_count()).map(|circle| image(&now, circle)).collect();
         for measured in &frame.circles {

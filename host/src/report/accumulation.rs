@@ -12,6 +12,7 @@ use crate::calibrate::calibrated::{Calibrated, EventCalibration, Measured};
 use crate::report::drawing::Picture;
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_ray::{BoardRay, is_in_front};
+use crate::solve::board_surface::{BoardGround, BoardSurface};
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::pose_bin::PoseBin;
 use crate::trajectory::Trajectory;
@@ -142,10 +143,16 @@ impl BoardFrame {
     }
 }
 
+/// Where a ray is on the print, in front of the camera.
+fn place<S: BoardSurface>(ray: &BoardRay<S>) -> Option<Vector2<f64>> {
+    is_in_front(ray.depth()).then(|| ray.point())
+}
+
 /// Carries the events of one recording to the board.
 struct Carrier<'a> {
     trajectories: Vec<&'a Trajectory>,
     bearings: &'a BearingTable,
+    ground: BoardGround,
     bin: i64,
     pose: Option<PoseBin>,
 }
@@ -154,10 +161,11 @@ impl<'a> Carrier<'a> {
     fn new(events: &'a EventCalibration, recording: usize, bearings: &'a BearingTable) -> Self {
         let trajectories = events.refined.state.trajectories.iter();
         let trajectories = trajectories.filter(|trajectory| trajectory.recording == recording).collect();
-        Self { trajectories, bearings, bin: i64::MIN, pose: None }
+        let ground = BoardGround::of_problem(&events.refined.problem, &events.refined.state.board);
+        Self { trajectories, bearings, ground, bin: i64::MIN, pose: None }
     }
 
-    /// Where on the board plane (m) the event was, `None` while there is no trajectory.
+    /// Where on the print (m) the event was, `None` while there is no trajectory.
     fn carry(&mut self, event: &RankedEvent) -> Option<Vector2<f64>> {
         let t = event.t as f64 * 1e-6;
         let bin = (t / BIN).floor() as i64;
@@ -168,7 +176,10 @@ impl<'a> Carrier<'a> {
         }
         let pose = self.pose.as_ref()?;
         let (bearing, _) = self.bearings.place(f64::from(event.x), f64::from(event.y))?.bearing();
-        let ray = BoardRay::new(pose, t - middle, &bearing);
-        is_in_front(ray.depth()).then(|| ray.point())
+        let dt = t - middle;
+        match &self.ground {
+            BoardGround::Flat(surface) => place(&BoardRay::new(surface, pose, dt, &bearing)),
+            BoardGround::Shaped(surface) => place(&BoardRay::new(surface, pose, dt, &bearing)),
+        }
     }
 }

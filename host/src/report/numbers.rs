@@ -9,8 +9,10 @@ use super::page::{Section, scrolling};
 use super::palette::Palette;
 use super::{distortion, to_copy};
 use crate::board::Board;
+use crate::board::shape::PARAMETERS;
 use crate::calibrate::calibrated::Calibrated;
 use crate::initial::model_choice::{ModelChoice, WIDELY_HELD};
+use crate::trust::board_evidence::BoardEstimate;
 use evcal_core::sensor::Sensor;
 
 /// The parameters with their standard deviations.
@@ -55,6 +57,7 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         (scrolling("Camera parameters", &table))
         (view(camera, calibrated.sensor))
         @if let Some(choice) = &calibrated.model_choice { (chosen(choice)) }
+        @if let Some(events) = calibrated.events() { (printed_board(&events.trust.board)) }
         (distortion::pictures(calibrated, board))
         (to_copy::forms(calibrated, board))
         h3 { "Correlation" }
@@ -68,6 +71,54 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         }
     };
     Some(Section { id: "numbers", title: "The lens in numbers", content })
+}
+
+/// The board: what of it was estimated, and what the observations say with all of it free.
+fn printed_board(estimate: &BoardEstimate) -> Markup {
+    const ROWS: [(&str, &str, f64); PARAMETERS] = [
+        ("scale of the print along x over that along y", "", 1.0),
+        ("bend along x", "mm", 1e3),
+        ("bend along y", "mm", 1e3),
+        ("radius of the circles", "mm", 1e3),
+    ];
+    let values = estimate.shape.parameters();
+    let free = |index: usize| {
+        let evidence = estimate.evidence?;
+        evidence.sigma[index].is_finite().then(|| (evidence.values[index], evidence.sigma[index]))
+    };
+    html! {
+        h3 { "The board" }
+        p {
+            "Where the observations say that the board is bent, printed unevenly or with another radius, that is estimated with the camera. A positive bend means "
+            "that the middle of the board is further away than its edges. The last column is what comes out with all four free."
+        }
+        (scrolling("The board as it is", &html! {
+            table.short {
+                thead { tr {
+                    th scope="col" { "" }
+                    th.number scope="col" { "value" }
+                    th.number scope="col" { "± σ" }
+                    th.number scope="col" { "if free" }
+                } }
+                tbody {
+                    @for (index, (name, unit, factor)) in ROWS.into_iter().enumerate() {
+                        @let (value, sigma) = with_sigma(factor * values[index], factor * estimate.sigma[index]);
+                        tr {
+                            th scope="row" { (name) @if !unit.is_empty() { " (" (unit) ")" } }
+                            td.number { (value) }
+                            td.number { @if estimate.estimated[index] { (sigma) } @else { "as stated" } }
+                            td.number {
+                                @if let Some((value, sigma)) = free(index) {
+                                    @let (value, sigma) = with_sigma(factor * value, factor * sigma);
+                                    (value) " ± " (sigma)
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }))
+    }
 }
 
 fn chosen(choice: &ModelChoice) -> Markup {

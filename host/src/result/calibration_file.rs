@@ -17,6 +17,7 @@ use crate::picture_calibration::calibration::{PictureReport, PictureSummary};
 use crate::picture_calibration::joint::JointReport;
 use crate::recording::pass::RecordingReport;
 use crate::result::inertial_result::InertialResult;
+use crate::result::printed_board::PrintedBoard;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{EventBias, SPEED_RANGE_COUNT};
@@ -81,6 +82,9 @@ pub struct CalibrationFile {
     pub covered_region: Vec<[f64; 2]>,
     /// The board, as on the command line.
     pub board: String,
+    /// The board as it was estimated; absent for pictures alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub printed_board: Option<PrintedBoard>,
     /// Event classes and their biases; empty when the input is circle centres.
     pub event_classes: Vec<EventClass>,
     /// How far the observations are from where the result puts them.
@@ -379,6 +383,7 @@ impl CalibrationFile {
             initial_camera: CameraDescription::new(&calibrated.initial().camera),
             covered_region: covered_region(calibrated).corners().iter().map(|&corner| corner.into()).collect(),
             board: board.to_string(),
+            printed_board: events.map(|events| PrintedBoard::new(&events.trust.board)),
             event_classes: events.map_or_else(Vec::new, EventClass::of_calibration),
             residuals: Residuals::new(calibrated),
             segments: events.map_or_else(Vec::new, SegmentSummary::of_calibration),

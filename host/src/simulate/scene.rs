@@ -24,6 +24,7 @@ use super::light::{Glare, Lamp};
 use super::rays::Ray;
 use super::surroundings::{Hand, Texture};
 use crate::board::Board;
+use crate::board::shape::{BoardShape, CircleArea, Surface};
 
 /// Radiance of the parts of the scene, and the size of the sheet. White is 1 by convention.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,6 +41,9 @@ pub struct SceneSettings {
     /// Shape of the dots.
     #[serde(default, skip_serializing_if = "Dots::are_circles")]
     pub dots: Dots,
+    /// The board as it is printed, where that is not as it is stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub printed: Option<BoardShape>,
     /// A lamp that flickers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lamp: Option<Lamp>,
@@ -62,6 +66,7 @@ impl Default for SceneSettings {
             background: 0.35,
             margin: 1.3,
             dots: Dots::Circles,
+            printed: None,
             lamp: None,
             texture: None,
             hand: None,
@@ -105,7 +110,22 @@ impl View {
         let inverse = 1.0 / direction.z;
         let slope = Vector2::new(direction.x * inverse, direction.y * inverse);
         let point = self.position.xy() - self.position.z * slope;
-        Some(Gaze { point, slope, distance: -self.position.z * inverse })
+        let flat = Relief { scale: Vector2::new(1.0, 1.0), slope: Vector2::zeros() };
+        Some(Gaze { point, slope, distance: -self.position.z * inverse, relief: flat })
+    }
+
+    /// The same for a board with a `surface` of its own; points are those of the print.
+    #[inline]
+    fn gaze_at(&self, ray: &Ray, surface: &Surface) -> Option<Gaze> {
+        let direction = self.rotation * ray.bearing;
+        if direction.z * -self.position.z.signum() < GRAZING {
+            return None;
+        }
+        let met = surface.meet(&self.position.into(), &direction.into());
+        let point = Vector2::from(surface.to_print(met.point));
+        let relief = Relief { scale: Vector2::from(surface.per_scale()), slope: Vector2::from(met.slope) };
+        let gaze = Gaze { point, slope: direction.xy() * met.inverse, distance: met.depth, relief };
+        (met.depth.is_finite() && met.inverse.is_finite()).then_some(gaze)
     }
 
     /// Derivative of the point that a ray meets by the pixel, in metres per pixel.
@@ -113,7 +133,8 @@ impl View {
     pub fn jacobian(&self, ray: &Ray, gaze: &Gaze) -> Matrix2<f64> {
         let column = |along: &Vector3<f64>| {
             let turned = self.rotation * along;
-            (turned.xy() - gaze.slope * turned.z) * gaze.distance
+            let across = turned.z - gaze.relief.slope.dot(&turned.xy());
+            (turned.xy() - gaze.slope * across).component_mul(&gaze.relief.scale) * gaze.distance
         };
         Matrix2::from_columns(&[column(&ray.along_x), column(&ray.along_y)])
     }
@@ -122,22 +143,35 @@ impl View {
 /// Sine of the angle to the board plane below which a ray does not count as meeting it.
 const GRAZING: f64 = 0.02;
 
-/// Where a ray meets the board plane.
+/// Where a ray meets the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gaze {
-    /// Point on the board plane in metres.
+    /// Point on the print in metres.
     pub point: Vector2<f64>,
-    /// Metres along the plane for each metre along its normal.
+    /// Metres along the board for each metre along its normal.
     slope: Vector2<f64>,
     /// Distance from the camera in metres.
     distance: f64,
+    /// How the board lies there.
+    relief: Relief,
+}
+
+/// How a board that is not as stated lies at a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Relief {
+    /// Metres of the print for each metre on the board, along x and y.
+    scale: Vector2<f64>,
+    /// Slope of its surface.
+    slope: Vector2<f64>,
 }
 
 impl Gaze {
     /// Bound of how fast the point moves over the board, in metres per pixel.
     #[inline]
     fn metres_per_pixel(&self, ray: &Ray) -> f64 {
-        self.distance * ray.turn * (1.0 + self.slope.norm_squared()).sqrt()
+        let Relief { scale, slope } = self.relief;
+        let relief = scale.max() * (1.0 + slope.norm() * self.slope.norm());
+        self.distance * ray.turn * (1.0 + self.slope.norm_squared()).sqrt() * relief
     }
 }
 
@@ -154,7 +188,10 @@ pub struct Sample {
 /// The board, ready to be looked at.
 #[derive(Clone, Debug)]
 pub struct Scene {
+    stated: Board,
+    /// The stated one with its circles as large as they are printed.
     board: Board,
+    surface: Option<Surface>,
     settings: SceneSettings,
     lower: Vector2<f64>,
     upper: Vector2<f64>,
@@ -171,7 +208,10 @@ pub struct Scene {
 impl Scene {
     /// The scene of `board` seen through a point-spread function of `point_spread` pixels
     /// (standard deviation).
-    pub fn new(board: Board, settings: SceneSettings, point_spread: f64) -> Self {
+    pub fn new(stated: Board, settings: SceneSettings, point_spread: f64) -> Self {
+        let printed = settings.printed.unwrap_or(BoardShape::stated(&stated));
+        let surface = (!printed.is_flat()).then(|| Surface::new(&CircleArea::new(&stated), &printed));
+        let board = Board { radius: printed.radius, ..stated };
         let centers = (0..board.circle_count()).map(|index| board.circle_center(index));
         let corner = centers.fold(Vector2::zeros(), |corner: Vector2<f64>, center| corner.sup(&center));
         let margin = Vector2::repeat((settings.margin * board.spacing).max(board.radius));
@@ -180,7 +220,9 @@ impl Scene {
         Self {
             middle: 0.5 * corner,
             half_height: 0.5 * corner.min() + board.radius,
+            stated,
             board,
+            surface,
             settings,
             lower: -margin,
             upper: corner + margin,
@@ -193,9 +235,18 @@ impl Scene {
         }
     }
 
-    /// The board.
+    /// The board as it is stated.
     pub fn board(&self) -> &Board {
-        &self.board
+        &self.stated
+    }
+
+    /// Where a ray meets the board.
+    #[inline]
+    fn gaze(&self, view: &View, ray: &Ray) -> Option<Gaze> {
+        match &self.surface {
+            None => view.gaze(ray),
+            Some(surface) => view.gaze_at(ray, surface),
+        }
     }
 
     /// Radiances and size of the sheet.
@@ -245,7 +296,7 @@ impl Scene {
         if hand.is_none() && glare.is_none() {
             return sample;
         }
-        let Some(gaze) = view.gaze(ray) else { return sample };
+        let Some(gaze) = self.gaze(view, ray) else { return sample };
         if let Some(glare) = glare {
             self.add_glare(&glare, view, &gaze, &mut sample);
         }
@@ -285,7 +336,7 @@ impl Scene {
     #[inline]
     fn print(&self, view: &View, ray: &Ray, background: f64) -> Sample {
         let SceneSettings { white, black, .. } = self.settings;
-        let Some(gaze) = view.gaze(ray) else {
+        let Some(gaze) = self.gaze(view, ray) else {
             return Sample { radiance: background, edge: f64::NEG_INFINITY };
         };
         let metres_per_pixel = gaze.metres_per_pixel(ray);
@@ -383,7 +434,7 @@ impl Scene {
         let gradient = jacobian.tr_mul(offset) / distance;
         let step = gradient * ((radius - distance) / gradient.norm_squared());
         let at_rim = ray.beside(&step);
-        let Some(gaze) = view.gaze(&at_rim) else {
+        let Some(gaze) = self.gaze(view, &at_rim) else {
             return (self.blurred((radius - distance) / gradient.norm()), (radius - distance) / gradient.norm());
         };
         let offset = gaze.point - center;
@@ -487,14 +538,28 @@ mod tests {
     }
 
     /// The unblurred scene at one point of the image, by the pose itself and the board's own list
-    /// of circles.
-    fn sharp(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &Board, pixel: Vector2<f64>) -> f64 {
+    /// of circles. The ray is followed to a bent board step by step.
+    fn sharp(
+        camera: &Camera<f64>,
+        pose: &Isometry3<f64>,
+        (board, printed): (&Board, &BoardShape),
+        pixel: Vector2<f64>,
+    ) -> f64 {
         let settings = SceneSettings::default();
         let direction = pose.rotation * camera.unproject(&pixel).unwrap();
         let origin = pose.translation.vector;
-        let point = (origin - direction * (origin.z / direction.z)).xy();
+        let (low, high) = board.extent();
+        let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
+        let mut point = (origin - direction * (origin.z / direction.z)).xy();
+        for _ in 0..if printed.bend == [0.0; 2] { 0 } else { 8 } {
+            let place = (point - middle).component_div(&half);
+            let height = printed.bend[0] * (1.0 - place.x * place.x) + printed.bend[1] * (1.0 - place.y * place.y);
+            point = (origin + direction * ((height - origin.z) / direction.z)).xy();
+        }
+        let root = printed.print_ratio.sqrt();
+        let point = middle + (point - middle).component_div(&Vector2::new(root, 1.0 / root));
         let centers: Vec<Vector2<f64>> = (0..board.circle_count()).map(|index| board.circle_center(index)).collect();
-        if centers.iter().any(|center| (center - point).norm() < board.radius) {
+        if centers.iter().any(|center| (center - point).norm() < printed.radius) {
             return settings.black;
         }
         let margin = settings.margin * board.spacing;
@@ -508,10 +573,16 @@ mod tests {
     /// The greatest error of the rendered radiance, as a share of the contrast, over pixels of a
     /// view at circles and over those at the sheet's edge, against an integral of the point-spread
     /// function over 300 × 300 points.
-    fn greatest_errors(camera: &Camera<f64>, pose: &Isometry3<f64>, step: usize) -> [f64; 2] {
+    fn greatest_errors(
+        camera: &Camera<f64>,
+        pose: &Isometry3<f64>,
+        step: usize,
+        printed: Option<BoardShape>,
+    ) -> [f64; 2] {
         const SIDE: i32 = 300;
         let board = board();
-        let scene = Scene::new(board, SceneSettings::default(), POINT_SPREAD);
+        let scene = Scene::new(board, SceneSettings { printed, ..SceneSettings::default() }, POINT_SPREAD);
+        let printed = printed.unwrap_or(BoardShape::stated(&board));
         let rays = Rays::new(camera, Sensor::new(346, 260));
         let view = View::new(pose);
         let offset = |index: i32| (f64::from(index) + 0.5) / f64::from(SIDE) * 10.0 - 5.0;
@@ -528,7 +599,7 @@ mod tests {
             for (u, v) in (0..SIDE).flat_map(|v| (0..SIDE).map(move |u| (offset(u), offset(v)))) {
                 let weight = (-0.5 * (u * u + v * v)).exp();
                 let place = Vector2::new(f64::from(x), f64::from(y)) + Vector2::new(u, v) * POINT_SPREAD;
-                let radiance = sharp(camera, pose, &board, place);
+                let radiance = sharp(camera, pose, (&board, &printed), place);
                 at_sheet |= usize::from(radiance == background);
                 sum += weight * radiance;
                 weights += weight;
@@ -549,9 +620,23 @@ mod tests {
             (kannala_brandt(), 0.4, 30.0, 197, [0.002, 0.003]),
             (radtan(), 1.8, 35.0, 61, [0.002, 0.002]),
         ] {
-            let worst = greatest_errors(&camera, &pose(&board(), distance, tilt, 25.0), step);
+            let worst = greatest_errors(&camera, &pose(&board(), distance, tilt, 25.0), step, None);
             println!("distance {distance} m, tilt {tilt} deg: circles {:.5}, sheet {:.5}", worst[0], worst[1]);
             assert!(worst.iter().zip(tolerances).all(|(worst, most)| *worst < most), "{worst:?} at {distance} m");
+        }
+    }
+
+    #[test]
+    fn a_board_that_is_not_as_stated_is_rendered_as_it_is() {
+        let stated = BoardShape::stated(&board());
+        for (printed, distance, tilt) in [
+            (BoardShape { bend: [0.012, -0.006], ..stated }, 0.7, 35.0),
+            (BoardShape { print_ratio: 1.04, radius: 0.0165, ..stated }, 0.8, 20.0),
+        ] {
+            let pose = pose(&board(), distance, tilt, 25.0);
+            let worst = greatest_errors(&radtan(), &pose, 297, Some(printed));
+            println!("{printed:?}: circles {:.5}, sheet {:.5}", worst[0], worst[1]);
+            assert!(worst.iter().all(|worst| *worst < 0.003), "{worst:?} of {printed:?}");
         }
     }
 

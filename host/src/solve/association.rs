@@ -16,6 +16,7 @@ use crate::board::Board;
 use crate::solve::State;
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_ray::{BoardRay, is_in_front};
+use crate::solve::board_surface::{BoardGround, BoardSurface};
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{class, speed_range};
 use crate::solve::event_row::EventEdge;
@@ -103,6 +104,7 @@ pub struct Associator<'a> {
     /// Index of the segment and its trajectory, in order of time.
     segments: Vec<(usize, &'a Trajectory)>,
     circle_centers: Vec<[f64; 2]>,
+    ground: BoardGround,
     found: Vec<Vec<(u32, EventObservation)>>,
     /// Times of events that are too far from an edge, by segment.
     far: Vec<Vec<f32>>,
@@ -136,6 +138,7 @@ impl<'a> Associator<'a> {
             found: vec![Vec::new(); segments.len()],
             far: vec![Vec::new(); segments.len()],
             circle_centers,
+            ground: BoardGround::of_board(board, &state.board),
             report: AssociationReport::default(),
             segments,
             context,
@@ -157,7 +160,12 @@ impl<'a> Associator<'a> {
                 let mut report = AssociationReport::default();
                 for event in events {
                     report.events += 1;
-                    if let Some(observation) = self.associate(event, &bins, (&mut far, &mut report)) {
+                    let out = (&mut far, &mut report);
+                    let observation = match &self.ground {
+                        BoardGround::Flat(surface) => self.associate(surface, event, &bins, out),
+                        BoardGround::Shaped(surface) => self.associate(surface, event, &bins, out),
+                    };
+                    if let Some(observation) = observation {
                         report.kept += 1;
                         found.push(observation);
                     }
@@ -180,8 +188,9 @@ impl<'a> Associator<'a> {
         }
     }
 
-    fn associate(
+    fn associate<S: BoardSurface>(
         &self,
+        surface: &S,
         event: &RankedEvent,
         bins: &[SegmentBins],
         (far, report): (&mut Vec<(usize, f32)>, &mut AssociationReport),
@@ -201,7 +210,7 @@ impl<'a> Associator<'a> {
         let pixel = [f64::from(event.x), f64::from(event.y)];
         let ray = self.context.bearings.place(pixel[0], pixel[1]).map(|place| {
             let (bearing, by_pixel) = place.bearing();
-            (BoardRay::new(pose, dt, &bearing), by_pixel)
+            (BoardRay::new(surface, pose, dt, &bearing), by_pixel)
         });
         let ray = ray.filter(|(ray, _)| is_in_front(ray.depth()));
         let circle = ray.and_then(|(ray, _)| self.context.board.nearest_circle(ray.point()));
@@ -210,7 +219,7 @@ impl<'a> Associator<'a> {
             return None;
         };
         let &center = self.circle_centers.get(circle)?;
-        let radius = self.context.board.radius;
+        let radius = self.context.state.board.radius;
         let ray = (&ray, &by_pixel);
         let Some(edge) = EventEdge::of_event(self.context.bearings, pose, (pixel, dt), ray, center, radius) else {
             report.off_board += 1;

@@ -8,25 +8,32 @@
 //! ∂f/∂ω = b × Rᵀh (rotation perturbed in the camera frame), ∂f/∂p = h / λ,
 //! ∂f/∂pixel = Rᵀh · ∂b/∂pixel, and s = ‖∂f/∂pixel‖ is the local scale in metres per pixel.
 //!
+//! On a board that is not as stated ([`board_surface`](super::board_surface)), X is the place on the print, and z is taken along
+//! the surface's normal.
+//!
 //! All functions are free of branches, so that the compiler can work on several events at once;
 //! [`is_in_front`] tells whether the result means anything.
 
 use nalgebra::Vector2;
 
+use super::BOARD_PARAMETERS;
+use super::board_surface::{BoardSurface, RayMeeting};
 use super::pose_bin::{PoseBin, cross, dot};
 
-/// A ray and where it meets the board plane.
+/// A ray and where it meets the board.
 #[derive(Clone, Copy, Debug)]
-pub struct BoardRay {
+pub struct BoardRay<S: BoardSurface> {
+    surface: S,
+    slope: S::Slope,
     /// Bearing in the camera frame at the bin's centre.
     bearing: [f64; 3],
     /// Direction in the world frame.
     direction: [f64; 3],
-    /// One over the direction's z.
+    /// One over the direction's part across the surface.
     inverse: f64,
     /// Length along `direction` to the board.
     depth: f64,
-    /// Where it meets the board, in metres.
+    /// Where it meets the board: place on the print, in metres.
     point: [f64; 2],
 }
 
@@ -52,21 +59,27 @@ pub struct EdgeDistance {
     pub by_rotation: [f64; 3],
     /// How fast a pixel's ray slides along the edge, in m/s.
     pub sliding: f64,
+    /// Direction out of the circle on the print.
+    pub normal: [f64; 2],
 }
 
-impl BoardRay {
-    /// The ray of `bearing` (camera frame) at `dt` seconds after the centre of `pose`'s bin; the pose
-    /// moves on to first order.
+impl<S: BoardSurface> BoardRay<S> {
+    /// The ray of `bearing` (camera frame) to the board's `surface` at `dt` seconds after the centre of `pose`'s bin; the
+    /// pose moves on to first order.
     #[inline(always)]
-    pub fn new(pose: &PoseBin, dt: f64, bearing: &[f64; 3]) -> Self {
+    pub fn new(surface: &S, pose: &PoseBin, dt: f64, bearing: &[f64; 3]) -> Self {
         let turn = cross(&pose.angular_velocity, bearing);
         let bearing: [f64; 3] = std::array::from_fn(|axis| bearing[axis] + dt * turn[axis]);
         let direction = pose.to_world(&bearing);
         let camera: [f64; 3] = std::array::from_fn(|axis| pose.translation[axis] + dt * pose.linear_velocity[axis]);
-        let inverse = 1.0 / direction[2];
-        let depth = -camera[2] * inverse;
-        let point = [camera[0] + depth * direction[0], camera[1] + depth * direction[1]];
-        Self { bearing, direction, inverse, depth, point }
+        let (RayMeeting { depth, inverse, point }, slope) = surface.meet(&camera, &direction);
+        Self { surface: *surface, slope, bearing, direction, inverse, depth, point }
+    }
+
+    /// The surface that it meets.
+    #[inline(always)]
+    pub fn surface(&self) -> &S {
+        &self.surface
     }
 
     /// Length along the ray to the board, in units of the bearing's length (metres).
@@ -75,7 +88,8 @@ impl BoardRay {
         self.depth
     }
 
-    /// Where it meets the board, in metres.
+    /// Where it meets the board: place on the print, in metres.
+    #[inline(always)]
     pub fn point(&self) -> Vector2<f64> {
         Vector2::from(self.point)
     }
@@ -94,8 +108,9 @@ impl BoardRay {
         let distance = (x * x + y * y).sqrt();
         let inverse = 1.0 / distance;
         let (normal_x, normal_y) = (x * inverse, y * inverse);
-        let along = normal_x * self.direction[0] + normal_y * self.direction[1];
-        let by_translation = [normal_x, normal_y, -along * self.inverse];
+        let gradient = self.surface.scaled([normal_x, normal_y]);
+        let along = gradient[0] * self.direction[0] + gradient[1] * self.direction[1];
+        let by_translation = S::by_camera(self.slope, gradient, along * self.inverse);
         let [x, y, z] = by_translation;
         let by_bearing = pose.to_camera(&[self.depth * x, self.depth * y, self.depth * z]);
         let by_rotation = cross(&self.bearing, &by_bearing);
@@ -103,17 +118,26 @@ impl BoardRay {
         let scale = (by_pixel[0] * by_pixel[0] + by_pixel[1] * by_pixel[1]).sqrt();
         let velocity = self.velocity(pose);
         let sliding = normal_x * velocity[1] - normal_y * velocity[0];
-        EdgeDistance { metres: distance - radius, scale, by_pixel, by_translation, by_rotation, sliding }
+        let normal = [normal_x, normal_y];
+        EdgeDistance { metres: distance - radius, scale, by_pixel, by_translation, by_rotation, sliding, normal }
     }
 
-    /// Velocity in m/s with which the point where a fixed pixel's ray meets the board moves over it.
+    /// Derivatives of an edge's `distance` by print ratio and bends, in metres for each of their units.
+    #[inline(always)]
+    pub fn by_shape(&self, distance: &EdgeDistance) -> [f64; BOARD_PARAMETERS - 1] {
+        self.surface.by_shape(self.point, distance.normal, distance.by_translation[2])
+    }
+
+    /// Velocity in m/s with which the point where a fixed pixel's ray meets the board moves over the print.
     #[inline(always)]
     pub fn velocity(&self, pose: &PoseBin) -> [f64; 2] {
         let turning = pose.to_world(&cross(&pose.angular_velocity, &self.bearing));
-        let depth_rate = -(pose.linear_velocity[2] + self.depth * turning[2]) * self.inverse;
-        std::array::from_fn(|axis| {
-            pose.linear_velocity[axis] + depth_rate * self.direction[axis] + self.depth * turning[axis]
-        })
+        let linear = &pose.linear_velocity;
+        let moved: [f64; 3] = std::array::from_fn(|axis| linear[axis] + self.depth * turning[axis]);
+        let depth_rate = -S::across(self.slope, &moved) * self.inverse;
+        self.surface.scaled(std::array::from_fn(|axis| {
+            linear[axis] + depth_rate * self.direction[axis] + self.depth * turning[axis]
+        }))
     }
 }
 

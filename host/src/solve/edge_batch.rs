@@ -8,9 +8,11 @@ use multiversion::multiversion;
 
 use super::bearing_table::{BearingSlopes, BearingTable, Cell, ImagePlane};
 use super::board_ray::{BoardRay, is_in_front};
+use super::board_surface::{BoardGround, BoardSurface};
 use super::event_row::step_to_edge;
 use super::pose_bin::PoseBin;
-use super::{Problem, ResidualMeasure};
+use super::{BOARD_PARAMETERS, Problem, ResidualMeasure};
+use crate::board::shape::BoardShape;
 use crate::solve::event_bias::EdgePassage;
 
 /// Most events in a batch: with all that is computed of them they fit into the nearest cache.
@@ -74,6 +76,8 @@ pub struct Edges {
     pub by_translation: [Lane; 3],
     /// Derivative of it by a rotation perturbation in the camera frame (metres per radian).
     pub by_rotation: [Lane; 3],
+    /// Derivative of it by print ratio and bends of the board.
+    pub by_shape: [Lane; BOARD_PARAMETERS - 1],
     /// Where the edge is from the centre of the cell, in pixels.
     pub beside_cell: [Lane; 2],
     /// Derivative of the pixel by fx and fy.
@@ -95,6 +99,7 @@ impl Edges {
         by_pixel: [NOTHING; 2],
         by_translation: [NOTHING; 3],
         by_rotation: [NOTHING; 3],
+        by_shape: [NOTHING; BOARD_PARAMETERS - 1],
         beside_cell: [NOTHING; 2],
         by_focal_length: [NOTHING; 2],
         normal_speed: NOTHING,
@@ -129,7 +134,13 @@ impl Rays {
 
     /// The ray of an event's pixel moved by `offset` pixels, and the derivative of its bearing by pixel x and y.
     #[inline(always)]
-    fn ray(&self, pose: &PoseBin, lane: usize, offset: [f64; 2]) -> (BoardRay, [[f64; 3]; 2]) {
+    fn ray<S: BoardSurface>(
+        &self,
+        surface: &S,
+        pose: &PoseBin,
+        lane: usize,
+        offset: [f64; 2],
+    ) -> (BoardRay<S>, [[f64; 3]; 2]) {
         let vector = |lanes: &[SingleLane; 3]| [lanes[0][lane], lanes[1][lane], lanes[2][lane]];
         let [x, y] = &self.by_pixel;
         let [xx, xy, yy] = &self.by_pixel_twice;
@@ -138,7 +149,7 @@ impl Rays {
         let moved = |beside: &[Lane; 2]| [beside[0][lane] + offset[0], beside[1][lane] + offset[1]];
         let bearing = [self.bearing[0][lane], self.bearing[1][lane], self.bearing[2][lane]];
         let (bearing, by_pixel) = slopes.bearing(bearing, moved(&self.beside_pixel), moved(&self.beside_cell));
-        (BoardRay::new(pose, self.dt[lane], &bearing), by_pixel)
+        (BoardRay::new(surface, pose, self.dt[lane], &bearing), by_pixel)
     }
 }
 
@@ -155,11 +166,11 @@ impl Default for EdgeBatch<'_> {
 }
 
 impl<'a> EdgeBatch<'a> {
-    /// Finds the edges of the first [`LANES`] of `events`.
+    /// Finds the edges of the first [`LANES`] of `events` on a board of this `shape`.
     #[inline(always)]
     pub fn find(
         &mut self,
-        problem: &Problem,
+        (problem, shape): (&Problem, &BoardShape),
         bearings: &'a BearingTable,
         pose: &PoseBin,
         events: impl Iterator<Item = BatchEvent>,
@@ -169,19 +180,33 @@ impl<'a> EdgeBatch<'a> {
             self.take(lane, problem, bearings, &event);
             self.count = lane + 1;
         }
-        let lanes = self.count.next_multiple_of(GROUP);
-        match problem.settings.residual {
-            ResidualMeasure::Pixel => steps_to_edge(&self.rays, (pose, problem.radius), lanes, &mut self.to_edge),
-            ResidualMeasure::Plane => self.to_edge = StepsToEdge { depth: [1.0; LANES], pixels: [NOTHING; 2] },
+        match &BoardGround::of_problem(problem, shape) {
+            BoardGround::Flat(surface) => self.find_on(surface, (problem, shape.radius), bearings.plane(), pose),
+            BoardGround::Shaped(surface) => self.find_on(surface, (problem, shape.radius), bearings.plane(), pose),
         }
-        let (plane, radius, mean_scale) = (bearings.plane(), problem.radius, problem.residual_scale());
-        edges(&self.rays, (pose, radius, plane, mean_scale), &self.to_edge, lanes, &mut self.edges);
         for (lane, cell) in self.cells.iter_mut().take(self.count).enumerate() {
             let is_in_view = is_in_front(self.to_edge.depth[lane])
                 && is_in_front(self.edges.depth[lane])
                 && self.edges.pixels[lane].is_finite();
             *cell = cell.filter(|_| is_in_view);
         }
+    }
+
+    #[inline(always)]
+    fn find_on<S: BoardSurface>(
+        &mut self,
+        surface: &S,
+        (problem, radius): (&Problem, f64),
+        plane: &ImagePlane,
+        pose: &PoseBin,
+    ) {
+        let lanes = self.count.next_multiple_of(GROUP);
+        match problem.settings.residual {
+            ResidualMeasure::Pixel => steps_to_edge(&self.rays, surface, (pose, radius), lanes, &mut self.to_edge),
+            ResidualMeasure::Plane => self.to_edge = StepsToEdge { depth: [1.0; LANES], pixels: [NOTHING; 2] },
+        }
+        let mean_scale = problem.residual_scale();
+        edges(&self.rays, surface, (pose, radius, plane, mean_scale), &self.to_edge, lanes, &mut self.edges);
     }
 
     /// The edges that were found last.
@@ -221,9 +246,15 @@ impl<'a> EdgeBatch<'a> {
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-fn steps_to_edge(rays: &Rays, (pose, radius): (&PoseBin, f64), lanes: usize, found: &mut StepsToEdge) {
+fn steps_to_edge<S: BoardSurface>(
+    rays: &Rays,
+    surface: &S,
+    (pose, radius): (&PoseBin, f64),
+    lanes: usize,
+    found: &mut StepsToEdge,
+) {
     for lane in 0..lanes.min(LANES) {
-        let (ray, by_pixel) = rays.ray(pose, lane, [0.0; 2]);
+        let (ray, by_pixel) = rays.ray(surface, pose, lane, [0.0; 2]);
         let center = [rays.center[0][lane], rays.center[1][lane]];
         let [x, y] = step_to_edge(&ray.edge_distance(pose, &by_pixel, center, radius));
         found.depth[lane] = ray.depth();
@@ -233,8 +264,9 @@ fn steps_to_edge(rays: &Rays, (pose, radius): (&PoseBin, f64), lanes: usize, fou
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-fn edges(
+fn edges<S: BoardSurface>(
     rays: &Rays,
+    surface: &S,
     (pose, radius, plane, mean_scale): (&PoseBin, f64, &ImagePlane, Option<f64>),
     to_edge: &StepsToEdge,
     lanes: usize,
@@ -242,12 +274,13 @@ fn edges(
 ) {
     for lane in 0..lanes.min(LANES) {
         let step = [to_edge.pixels[0][lane], to_edge.pixels[1][lane]];
-        let (ray, by_pixel) = rays.ray(pose, lane, [-step[0], -step[1]]);
+        let (ray, by_pixel) = rays.ray(surface, pose, lane, [-step[0], -step[1]]);
         let center = [rays.center[0][lane], rays.center[1][lane]];
         let distance = ray.edge_distance(pose, &by_pixel, center, radius);
         let at = [rays.pixel[0][lane] - step[0], rays.pixel[1][lane] - step[1]];
         let passage = EdgePassage::new(pose, &distance, plane.corner_share(at), radius);
         let by_focal_length = plane.by_focal_length(at);
+        let by_shape = ray.by_shape(&distance);
         found.depth[lane] = ray.depth();
         found.pixels[lane] = distance.beyond(step) / mean_scale.unwrap_or(distance.scale);
         found.scale[lane] = distance.scale;
@@ -259,6 +292,7 @@ fn edges(
         for axis in 0..3 {
             found.by_translation[axis][lane] = distance.by_translation[axis];
             found.by_rotation[axis][lane] = distance.by_rotation[axis];
+            found.by_shape[axis][lane] = by_shape[axis];
         }
         found.normal_speed[lane] = passage.normal_speed;
         found.inverse_radius[lane] = passage.inverse_radius;

@@ -8,7 +8,7 @@
 //! same order as the weakest combinations of parameters. For the paper's plane residual, r = f(m)
 //! over a constant scale.
 //!
-//! ∂r/∂k = −n' · ∂m'/∂k, ∂r/∂offset = −1, ∂r/∂latency = −v, ∂r/∂bend = −v², ∂r/∂curvature = −1/ρ,
+//! ∂r/∂k = −n' · ∂m'/∂k, ∂r/∂radius = −1/s, ∂r/∂offset = −1, ∂r/∂latency = −v, ∂r/∂bend = −v², ∂r/∂curvature = −1/ρ,
 //! ∂r/∂(corner latency) = −v s², ∂r/∂(curvature latency) = −v/ρ, ∂r/∂memory = −a, with the normal speed
 //! v = dr/dt, the dot's radius ρ in pixels, the distance s from the middle of the sensor and the edge's
 //! acceleration a (see [`crate::solve::event_bias`]).
@@ -18,12 +18,14 @@ use evcal_core::camera::MAX_PARAMETERS;
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{ClassBias, EdgePassage};
 
+use super::BOARD_PARAMETERS;
 use super::bearing_table::BearingTable;
 use super::board_ray::{BoardRay, EdgeDistance, is_in_front};
+use super::board_surface::BoardSurface;
 use super::pose_bin::PoseBin;
 
-/// Length of a row: pose (rotation 3, translation 3), residual, intrinsics and biases of the class, each part at a multiple
-/// of the vector width. Single precision is enough: the rows are weights of sums over many events.
+/// Length of a row: pose (rotation 3, translation 3), residual, intrinsics, board and biases of the class, each part at a
+/// multiple of four. Single precision is enough: the rows are weights of sums over many events.
 pub const ROW: usize = 32;
 /// Where the residual stands in a row.
 pub const ROW_RESIDUAL: usize = 6;
@@ -31,13 +33,16 @@ pub const ROW_RESIDUAL: usize = 6;
 pub const ROW_INTRINSICS: usize = 8;
 /// Where the coefficients of the camera model begin in a row, after fx, fy, cx and cy.
 pub const ROW_COEFFICIENTS: usize = ROW_INTRINSICS + 4;
+/// Where the parameters of the board begin in a row.
+pub const ROW_BOARD: usize = 20;
 /// Where the biases of the class begin in a row.
 pub const ROW_BIASES: usize = 24;
 /// Where a bias of the class stands in a row.
 pub const fn row_bias(bias: Bias) -> usize {
     ROW_BIASES + bias.index()
 }
-const _: () = assert!(ROW_INTRINSICS + MAX_PARAMETERS <= ROW_BIASES && ROW_BIASES + Bias::COUNT <= ROW);
+const _: () = assert!(ROW_INTRINSICS + MAX_PARAMETERS <= ROW_BOARD && ROW_BOARD + BOARD_PARAMETERS <= ROW_BIASES);
+const _: () = assert!(ROW_BIASES + Bias::COUNT <= ROW);
 
 /// An event's distance from the projected edge.
 #[derive(Clone, Copy)]
@@ -54,18 +59,18 @@ impl EventEdge {
     /// The edge of the circle at `center` (metres) for the event at `pixel`, `dt` seconds after the
     /// centre of the bin, whose ray is `ray` and whose bearing changes `by_pixel`; `None` when the edge is
     /// not in view there.
-    pub fn of_event(
+    pub fn of_event<S: BoardSurface>(
         bearings: &BearingTable,
         pose: &PoseBin,
         (pixel, dt): ([f64; 2], f64),
-        (ray, by_pixel): (&BoardRay, &[[f64; 3]; 2]),
+        (ray, by_pixel): (&BoardRay<S>, &[[f64; 3]; 2]),
         center: [f64; 2],
         radius: f64,
     ) -> Option<Self> {
         let step = step_to_edge(&ray.edge_distance(pose, by_pixel, center, radius));
         let at = [pixel[0] - step[0], pixel[1] - step[1]];
         let (bearing, by_pixel) = bearings.place(at[0], at[1])?.bearing();
-        let ray = BoardRay::new(pose, dt, &bearing);
+        let ray = BoardRay::new(ray.surface(), pose, dt, &bearing);
         let distance = ray.edge_distance(pose, &by_pixel, center, radius);
         let pixels = distance.beyond(step) / distance.scale;
         let passage = EdgePassage::new(pose, &distance, bearings.plane().corner_share(at), radius);
@@ -113,6 +118,8 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
+    use crate::board::shape::{BoardShape, CircleArea, Surface};
+    use crate::solve::board_surface::{BoardGround, FlatBoard};
     use crate::solve::edge_batch::{BatchEvent, EdgeBatch};
     use crate::solve::event_bias::bias::Biases;
     use crate::solve::event_bias::{CLASS_COUNT, unknown};
@@ -126,6 +133,16 @@ mod tests {
     const RADIUS: f64 = 0.0175;
     const OFFSET: f64 = -0.4;
     const STEP: f64 = 1e-6;
+    const AREA: CircleArea = CircleArea { middle: [0.19, 0.22], half: [0.19, 0.22] };
+    const FLAT: BoardShape = BoardShape { print_ratio: 1.0, bend: [0.0; 2], radius: RADIUS };
+    const SHAPED: BoardShape = BoardShape { print_ratio: 1.02, bend: [0.012, -0.008], radius: 0.0172 };
+
+    fn flat() -> FlatBoard {
+        match BoardGround::new(&AREA, &FLAT) {
+            BoardGround::Flat(surface) => surface,
+            BoardGround::Shaped(_) => panic!("not flat"),
+        }
+    }
 
     fn camera(parameters: &[f64]) -> Camera<f64> {
         Camera::from_parameters(ModelKind::Radtan, parameters).unwrap()
@@ -152,9 +169,10 @@ mod tests {
     }
 
     /// Where a point of the circle's rim is seen.
-    fn rim(camera: &Camera<f64>) -> nalgebra::Vector2<f64> {
+    fn rim(camera: &Camera<f64>, shape: &BoardShape) -> nalgebra::Vector2<f64> {
         let (rotation, translation) = reference_pose();
-        let rim = Vector3::new(CENTER[0] + RADIUS * 0.6, CENTER[1] + RADIUS * 0.8, 0.0);
+        let rim = [CENTER[0] + shape.radius * 0.6, CENTER[1] + shape.radius * 0.8];
+        let rim = Vector3::from(Surface::new(&AREA, shape).place(rim));
         camera.project(&(rotation.inverse() * (rim - translation))).unwrap()
     }
 
@@ -162,23 +180,32 @@ mod tests {
         Problem {
             sensor: Sensor::new(346, 260),
             circle_centers: vec![CENTER],
-            radius: RADIUS,
+            area: AREA,
             mean_scale: 1.0,
             point_sigma: 1.0,
             associated_latencies: [0.0; CLASS_COUNT],
             segments: Vec::new(),
             stiffness: Vec::new(),
-            free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
+            free: FreeParameters {
+                intrinsics: [false; MAX_PARAMETERS],
+                board: [false; BOARD_PARAMETERS],
+                biases: [Biases::default(); CLASS_COUNT],
+            },
             settings: SolveSettings { huber: 1e6, ..SolveSettings::default() },
         }
     }
 
     /// The residual of the event at `pixel`, and its row.
-    fn residual(camera: &Camera<f64>, pose: &PoseBin, dt: f64, pixel: [f64; 2]) -> (f64, [f64; ROW]) {
+    fn residual(
+        camera: &Camera<f64>,
+        pose: &PoseBin,
+        (dt, pixel): (f64, [f64; 2]),
+        shape: &BoardShape,
+    ) -> (f64, [f64; ROW]) {
         let problem = problem();
         let table = BearingTable::new(camera, problem.sensor);
         let mut batch = EdgeBatch::default();
-        batch.find(&problem, &table, pose, std::iter::once(BatchEvent { pixel, dt, circle: 0 }));
+        batch.find((&problem, shape), &table, pose, std::iter::once(BatchEvent { pixel, dt, circle: 0 }));
         let mut bias = unknown(1.0)[0];
         bias.biases[Bias::Offset] = OFFSET;
         let mut rows = RowBatch::default();
@@ -188,8 +215,8 @@ mod tests {
         (rows.residual(0), rows.steps().0[0][0].map(f64::from))
     }
 
-    /// Compares the row of an event `beside` pixels from the rim with central differences.
-    fn assert_derivatives(beside: [f64; 2], tolerance: f64) {
+    /// Compares the row of an event `beside` pixels from the rim on a board of this `shape` with central differences.
+    fn assert_derivatives(shape: BoardShape, beside: [f64; 2], tolerance: f64) {
         let assert_close = |analytic: f64, numeric: f64, what: &str| {
             let close = (analytic - numeric).abs() < tolerance * (1.0 + numeric.abs());
             assert!(close, "{what}: {analytic} against {numeric}");
@@ -197,63 +224,84 @@ mod tests {
         let (rotation, translation) = reference_pose();
         let reference = camera(&PARAMETERS);
         let bin = pose(rotation, translation);
-        let rim = rim(&reference);
+        let rim = rim(&reference, &shape);
         let pixel = [rim.x + beside[0], rim.y + beside[1]];
-        let (_, row) = residual(&reference, &bin, 0.0, pixel);
+        let (_, row) = residual(&reference, &bin, (0.0, pixel), &shape);
         let difference = |plus: f64, minus: f64| (plus - minus) / (2.0 * STEP);
         for axis in 0..3 {
             let mut delta = Vector3::zeros();
             delta[axis] = STEP;
             let turned = |delta: Vector3<f64>| pose(rotation * Rotation3::new(delta), translation);
-            let at = |delta: Vector3<f64>| residual(&reference, &turned(delta), 0.0, pixel).0;
+            let at = |delta: Vector3<f64>| residual(&reference, &turned(delta), (0.0, pixel), &shape).0;
             assert_close(row[axis], difference(at(delta), at(-delta)), "rotation");
-            let at = |delta: Vector3<f64>| residual(&reference, &pose(rotation, translation + delta), 0.0, pixel).0;
+            let at = |delta: Vector3<f64>| {
+                residual(&reference, &pose(rotation, translation + delta), (0.0, pixel), &shape).0
+            };
             assert_close(row[3 + axis], difference(at(delta), at(-delta)), "translation");
         }
         for parameter in 0..PARAMETERS.len() {
             let at = |delta: f64| {
                 let mut moved = PARAMETERS;
                 moved[parameter] += delta;
-                residual(&camera(&moved), &bin, 0.0, pixel).0
+                residual(&camera(&moved), &bin, (0.0, pixel), &shape).0
             };
             // Wide enough for the table's single precision.
             let step = 1e3 * STEP;
             assert_close(row[ROW_INTRINSICS + parameter], (at(step) - at(-step)) / (2.0 * step), "intrinsics");
         }
         // A later latency means an earlier pose.
-        let at = |dt: f64| residual(&reference, &bin, dt, pixel).0;
+        let at = |dt: f64| residual(&reference, &bin, (dt, pixel), &shape).0;
         assert_close(row[row_bias(Bias::Latency)], difference(at(-STEP), at(STEP)), "latency");
         assert_close(row[row_bias(Bias::Offset)], -1.0, "offset");
-        assert_close(row[ROW_RESIDUAL], residual(&reference, &bin, 0.0, pixel).0, "residual");
+        assert_close(row[ROW_RESIDUAL], residual(&reference, &bin, (0.0, pixel), &shape).0, "residual");
+        let changes: [fn(&mut BoardShape, f64); BOARD_PARAMETERS] = [
+            |shape, step| shape.print_ratio += step,
+            |shape, step| shape.bend[0] += step,
+            |shape, step| shape.bend[1] += step,
+            |shape, step| shape.radius += step,
+        ];
+        for (parameter, change) in changes.into_iter().enumerate() {
+            let at = |step: f64| {
+                let mut shape = shape;
+                change(&mut shape, step);
+                residual(&reference, &bin, (0.0, pixel), &shape).0
+            };
+            assert_close(row[ROW_BOARD + parameter], difference(at(STEP), at(-STEP)), "board");
+        }
     }
 
     #[test]
     fn derivatives_agree_with_central_differences_on_the_edge() {
-        assert_derivatives([0.0, 0.0], 5e-4);
+        for shape in [FLAT, SHAPED] {
+            assert_derivatives(shape, [0.0, 0.0], 5e-4);
+        }
     }
 
     #[test]
     fn derivatives_are_nearly_those_of_the_edge_one_newton_step_away() {
         // What is left after one step towards a curved edge is of second order in the distance.
-        assert_derivatives([0.4, 0.3], 2e-3);
-        assert_derivatives([-0.7, 0.2], 2e-3);
+        for shape in [FLAT, SHAPED] {
+            assert_derivatives(shape, [0.4, 0.3], 2e-3);
+            assert_derivatives(shape, [-0.7, 0.2], 2e-3);
+        }
     }
 
     #[test]
     fn a_batch_finds_the_edges_of_its_events_one_by_one() {
         let (rotation, translation) = reference_pose();
         let reference = camera(&PARAMETERS);
-        let (bin, rim, problem) = (pose(rotation, translation), rim(&reference), problem());
+        let (bin, rim, problem) = (pose(rotation, translation), rim(&reference, &FLAT), problem());
+        let surface = flat();
         let table = BearingTable::new(&reference, problem.sensor);
         let pixel = |index: u32| [rim.x + f64::from(index % 5) * 0.7 - 1.4, rim.y + f64::from(index % 7) * 0.5 - 1.5];
         let dt = |index: u32| f64::from(index) * 1e-5;
         let events = (0..27).map(|index| BatchEvent { pixel: pixel(index), dt: dt(index), circle: 0 });
         let mut batch = EdgeBatch::default();
-        batch.find(&problem, &table, &bin, events);
+        batch.find((&problem, &FLAT), &table, &bin, events);
         for index in 0..27 {
             let [x, y] = pixel(index);
             let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
-            let ray = BoardRay::new(&bin, dt(index), &bearing);
+            let ray = BoardRay::new(&surface, &bin, dt(index), &bearing);
             let at = ([x, y], dt(index));
             let edge = EventEdge::of_event(&table, &bin, at, (&ray, &by_pixel), CENTER, RADIUS).unwrap();
             let lane = index as usize;
@@ -277,16 +325,29 @@ mod tests {
         let bin = pose(rotation, translation);
         let metres = |x: f64, y: f64| {
             let bearing = reference.unproject(&nalgebra::Vector2::new(x, y)).unwrap();
-            (BoardRay::new(&bin, 0.0, &bearing.into()).point() - nalgebra::Vector2::from(CENTER)).norm() - RADIUS
+            (BoardRay::new(&flat(), &bin, 0.0, &bearing.into()).point() - nalgebra::Vector2::from(CENTER)).norm()
+                - RADIUS
         };
-        let (x, y) = (rim(&reference).x.round(), rim(&reference).y.round());
+        let (x, y) = (rim(&reference, &FLAT).x.round(), rim(&reference, &FLAT).y.round());
         let slope_x = (metres(x + 1e-4, y) - metres(x - 1e-4, y)) / 2e-4;
         let slope_y = (metres(x, y + 1e-4) - metres(x, y - 1e-4)) / 2e-4;
         let table = BearingTable::new(&reference, Sensor::new(346, 260));
         let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
-        let distance = BoardRay::new(&bin, 0.0, &bearing).edge_distance(&bin, &by_pixel, CENTER, RADIUS);
+        let distance = BoardRay::new(&flat(), &bin, 0.0, &bearing).edge_distance(&bin, &by_pixel, CENTER, RADIUS);
         assert_close(distance.scale / slope_x.hypot(slope_y), 1.0, "scale");
         assert_close(distance.metres, metres(x, y), "metres");
+    }
+
+    #[test]
+    fn a_shaped_board_without_a_shape_is_the_flat_one() {
+        let (rotation, translation) = reference_pose();
+        let (bin, reference) = (pose(rotation, translation), camera(&PARAMETERS));
+        let nearly = BoardShape { print_ratio: 1.0 + 1e-13, ..FLAT };
+        let rim = rim(&reference, &FLAT);
+        let [flat, shaped] = [FLAT, nearly].map(|shape| residual(&reference, &bin, (1e-4, [rim.x, rim.y]), &shape));
+        for (flat, shaped) in flat.1.into_iter().zip(shaped.1) {
+            assert!((flat - shaped).abs() < 1e-6 * (1.0 + flat.abs()), "{flat} {shaped}");
+        }
     }
 
     #[test]
@@ -295,7 +356,7 @@ mod tests {
         let reference = camera(&PARAMETERS);
         let bin = pose(rotation, translation);
         let bearing: [f64; 3] = reference.unproject(&nalgebra::Vector2::new(100.0, 50.0)).unwrap().into();
-        let at = |dt: f64| BoardRay::new(&bin, dt, &bearing);
+        let at = |dt: f64| BoardRay::new(&flat(), &bin, dt, &bearing);
         let numeric = (at(STEP).point() - at(-STEP).point()) / (2.0 * STEP);
         let analytic = nalgebra::Vector2::from(at(0.0).velocity(&bin));
         assert!((numeric - analytic).norm() < 1e-6 * analytic.norm());

@@ -8,7 +8,8 @@ use super::normal::StretchEquations;
 use super::smoothness::{Acceleration, accelerations};
 use super::stretch::{STRETCHES_TOGETHER, Stretch, linearise, stretches};
 use super::system::{Contribution, System};
-use super::{GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
+use super::{BOARD_INDEX, GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
+use crate::board::shape::BoardShape;
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
 use crate::trajectory::jerk::jerks;
@@ -141,21 +142,31 @@ pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> Syst
     system
 }
 
-/// What each of `stretches` says of the free global parameters of `system`, which is that of `problem` at `state`.
+/// What each of `stretches` says of global parameters of `system`, which is that of `problem` at `state`: for each of the masks
+/// `free`, of those that are free there.
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the trajectories.
-pub fn contributions(
+pub fn contributions<const MASKS: usize>(
     problem: &Problem,
     state: &State,
     system: &System,
     stretches: &[Stretch],
-) -> Result<Vec<Contribution>, SolveError> {
-    let free = problem.free.mask();
-    let follows = system.follows(&free).map_err(|_| SolveError::Singular)?;
+    free: [&[bool; GLOBAL_COUNT]; MASKS],
+) -> Result<[Vec<Contribution>; MASKS], SolveError> {
+    let mut follows = Vec::with_capacity(MASKS);
+    for free in free {
+        follows.push(system.follows(free).map_err(|_| SolveError::Singular)?);
+    }
     let bearings = BearingTable::new(&state.camera, problem.sensor);
-    let of_group = |group| follows.contributions(&linearised(problem, state, &bearings, group));
-    Ok(stretches.chunks(STRETCHES_TOGETHER).flat_map(of_group).collect())
+    let mut found = [const { Vec::new() }; MASKS];
+    for group in stretches.chunks(STRETCHES_TOGETHER) {
+        let linearised = linearised(problem, state, &bearings, group);
+        for (found, follows) in found.iter_mut().zip(&follows) {
+            found.extend(follows.contributions(&linearised));
+        }
+    }
+    Ok(found)
 }
 
 /// The normal equations of each of `stretches` at `state`, whose camera's bearings are given.
@@ -173,6 +184,10 @@ pub fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<St
     let mut parameters = state.camera.parameters();
     parameters.iter_mut().zip(globals).for_each(|(parameter, step)| *parameter += step);
     let camera = evcal_core::camera::Camera::from_parameters(state.camera.kind(), &parameters)?;
+    let mut board = state.board.parameters();
+    board.iter_mut().zip(globals.get(BOARD_INDEX..)?).for_each(|(parameter, step)| *parameter += step);
+    let board = BoardShape::from_parameters(board);
+    (board.print_ratio > 0.0 && board.radius > 0.0).then_some(())?;
     let mut bias = state.bias;
     for (class, bias) in bias.iter_mut().enumerate().take(CLASS_COUNT) {
         for which in Bias::ALL {
@@ -183,5 +198,5 @@ pub fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<St
     for (trajectory, step) in trajectories.iter_mut().zip(segments) {
         trajectory.update(step);
     }
-    Some(State { camera, bias, trajectories })
+    Some(State { camera, board, bias, trajectories })
 }

@@ -12,10 +12,22 @@ use nalgebra::{DMatrix, Matrix3, SMatrix, Vector3};
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
 
-use super::event_row::{ROW_INTRINSICS, ROW_RESIDUAL, row_bias};
+use super::event_row::{ROW_BOARD, ROW_INTRINSICS, ROW_RESIDUAL, row_bias};
 use super::pose_bin::PoseBin;
 use super::row_products::RowProducts;
-use super::{GLOBAL_COUNT, bias_index};
+use super::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, bias_index};
+
+/// Where the intrinsics and the board's parameters, which are the first global parameters, stand in a row.
+const COMMON_PLACES: [usize; BOARD_INDEX + BOARD_PARAMETERS] = {
+    let mut places = [0; BOARD_INDEX + BOARD_PARAMETERS];
+    let mut global = 0;
+    while global < places.len() {
+        places[global] =
+            if global < MAX_PARAMETERS { ROW_INTRINSICS + global } else { ROW_BOARD + global - BOARD_INDEX };
+        global += 1;
+    }
+    places
+};
 
 /// 6×6 block of two control points: rotation first, then translation.
 pub type Block = SMatrix<f64, 6, 6>;
@@ -141,18 +153,18 @@ impl StretchEquations {
     /// Adds what `products` say of the global parameters.
     pub fn add_globals(&mut self, products: &RowProducts) {
         let corner = &mut self.corner;
-        for parameter in 0..MAX_PARAMETERS {
-            let line = &products.common[ROW_INTRINSICS + parameter];
-            for other in 0..=parameter {
-                corner[(parameter, other)] += line[ROW_INTRINSICS + other];
+        for (parameter, place) in COMMON_PLACES.into_iter().enumerate() {
+            let line = &products.common[place];
+            for (other, place) in COMMON_PLACES.into_iter().enumerate().take(parameter + 1) {
+                corner[(parameter, other)] += line[place];
             }
             self.corner_gradient[parameter] += line[ROW_RESIDUAL];
         }
         for (class, lines) in products.classes.iter().enumerate() {
             for (bias, line) in Bias::ALL.into_iter().zip(lines) {
                 let global = bias_index(class, bias);
-                for parameter in 0..MAX_PARAMETERS {
-                    corner[(global, parameter)] += line[ROW_INTRINSICS + parameter];
+                for (parameter, place) in COMMON_PLACES.into_iter().enumerate() {
+                    corner[(global, parameter)] += line[place];
                 }
                 for other in Bias::ALL.into_iter().take_while(|other| other.index() <= bias.index()) {
                     corner[(global, bias_index(class, other))] += line[row_bias(other)];
@@ -167,8 +179,8 @@ impl StretchEquations {
 fn border_of(products: &RowProducts) -> BorderBlock {
     let mut border = [[0.0; GLOBAL_COUNT]; 6];
     for (axis, line) in border.iter_mut().enumerate() {
-        for (parameter, entry) in line.iter_mut().take(MAX_PARAMETERS).enumerate() {
-            *entry = products.common[ROW_INTRINSICS + parameter][axis];
+        for (entry, place) in line.iter_mut().zip(COMMON_PLACES) {
+            *entry = products.common[place][axis];
         }
     }
     for class in (0..CLASS_COUNT).filter(|&class| products.touched[class]) {

@@ -9,6 +9,7 @@ use evcal_core::settings::{above, at_least};
 use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
+use crate::board::shape::CircleArea;
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
 use crate::solve::bearing_table::BearingTable;
@@ -23,7 +24,9 @@ use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::{EventResidual, residuals, residuals_at};
 use crate::solve::unexplained::{UnexplainedSettings, unexplained};
-use crate::solve::{FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State};
+use crate::solve::{
+    BOARD_PARAMETERS, FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State,
+};
 use crate::trajectory::knot_grid::KnotSettings;
 
 settings! {
@@ -42,6 +45,9 @@ settings! {
         pub offsets: bool = true;
         /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event class.
         pub latencies: bool = true;
+        /// A radial distortion coefficient is held where it cannot be told from what is expected before anything is seen, and
+        /// its σ is more than this share of what lenses of all kinds differ by.
+        pub undetermined: f64 = 0.25, "", above(0.0);
         /// Spread of the events while it is not known.
         pub first_sigma: f64 = 0.5, "px", above(0.0);
     }
@@ -96,6 +102,10 @@ pub struct RefinementInput<'a, E> {
     pub point_sigma: f64,
     /// Stretches that are left out from the beginning.
     pub left_out: &'a [LeftOut],
+    /// Which parameters of the board are estimated; the others stay as they are at the start.
+    pub free_board: [bool; BOARD_PARAMETERS],
+    /// Which intrinsics stay as they are at the start.
+    pub held: [bool; MAX_PARAMETERS],
 }
 
 /// All thresholds of stages 10 and 11.
@@ -176,6 +186,9 @@ pub fn refine<E: Send>(
         }
         state.bias = updated_bias(&state, residuals, settings);
         problem.free = free_parameters(&state.camera, &problem, settings.refinement);
+        problem.free.board = input.free_board;
+        let intrinsics = problem.free.intrinsics.iter_mut().zip(input.held);
+        intrinsics.for_each(|(free, held)| *free &= !held);
         let knots = (!first).then(|| {
             let choice = choose_knots(&problem, &state, settings.knots);
             state.trajectories = choice.trajectories;
@@ -253,13 +266,17 @@ fn problem<E>(
     Problem {
         sensor: input.sensor,
         circle_centers,
-        radius: input.board.radius,
+        area: CircleArea::new(input.board),
         mean_scale: 1.0,
         point_sigma: input.point_sigma,
         associated_latencies: state.bias.map(|bias| bias.biases[Bias::Latency]),
         segments,
         stiffness: Vec::new(),
-        free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
+        free: FreeParameters {
+            intrinsics: [false; MAX_PARAMETERS],
+            board: [false; BOARD_PARAMETERS],
+            biases: [Biases::default(); CLASS_COUNT],
+        },
         settings: settings.solve.clone(),
     }
 }
@@ -295,5 +312,6 @@ fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &Refinemen
     // What delays all events alike cannot be told from a shift of the clock.
     biases[0][Bias::Latency] = false;
     biases[0][Bias::Bend] = false;
-    FreeParameters { intrinsics: std::array::from_fn(|index| index < camera.parameters().len()), biases }
+    let intrinsics = std::array::from_fn(|index| index < camera.parameters().len());
+    FreeParameters { intrinsics, board: [false; BOARD_PARAMETERS], biases }
 }

@@ -3,16 +3,19 @@
 use evcal_core::camera::MAX_COEFFICIENTS;
 use multiversion::multiversion;
 
+use super::BOARD_PARAMETERS;
 use super::bearing_table::Cell;
 use super::edge_batch::{Edges, GROUP, LANES, Lane, SingleLane};
-use super::event_row::{ROW, ROW_BIASES, ROW_COEFFICIENTS, ROW_INTRINSICS, ROW_RESIDUAL};
+use super::event_row::{ROW, ROW_BIASES, ROW_BOARD, ROW_COEFFICIENTS, ROW_INTRINSICS, ROW_RESIDUAL};
 use super::row_products::{Row, STEP};
 use crate::numerics::huber::huber;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{ClassBias, expected_distance};
 
 /// Numbers of a row that are computed for all events at once: all but the coefficients of the camera model.
-const PARTS: usize = 6 + 1 + 4 + Bias::COUNT;
+const PARTS: usize = 6 + 1 + 4 + BOARD_PARAMETERS + Bias::COUNT;
+/// Where the biases begin among them.
+const BIAS_PARTS: usize = PARTS - Bias::COUNT;
 
 /// Where each of them stands in the row.
 const PLACES: [usize; PARTS] = {
@@ -23,7 +26,8 @@ const PLACES: [usize; PARTS] = {
             0..6 => part,
             6 => ROW_RESIDUAL,
             7..11 => ROW_INTRINSICS + part - 7,
-            _ => ROW_BIASES + part - 11,
+            11..BIAS_PARTS => ROW_BOARD + part - 11,
+            _ => ROW_BIASES + part - BIAS_PARTS,
         };
         part += 1;
     }
@@ -170,7 +174,9 @@ fn weigh(
         for axis in 0..3 {
             weighed.parts[axis][lane] = (edges.by_rotation[axis][lane] * factor) as f32;
             weighed.parts[3 + axis][lane] = (edges.by_translation[axis][lane] * factor) as f32;
+            weighed.parts[11 + axis][lane] = (edges.by_shape[axis][lane] * factor) as f32;
         }
+        weighed.parts[11 + BOARD_PARAMETERS - 1][lane] = -factor as f32;
         weighed.parts[6][lane] = (residual * weight) as f32;
         for axis in 0..2 {
             let by_pixel = -edges.by_pixel[axis][lane] * factor;
@@ -180,7 +186,7 @@ fn weigh(
             weighed.beside_cell[axis][lane] = edges.beside_cell[axis][lane] as f32;
         }
         let derivatives = passage.derivatives();
-        for (lanes, derivative) in weighed.parts[11..].iter_mut().zip(derivatives.as_array()) {
+        for (lanes, derivative) in weighed.parts[BIAS_PARTS..].iter_mut().zip(derivatives.as_array()) {
             lanes[lane] = (-derivative * weight) as f32;
         }
     }

@@ -107,7 +107,8 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
     for point in points {
         let Some(pose) = PoseBin::new(trajectory, point.t) else { continue };
         let Some(&center) = problem.circle_centers.get(point.circle) else { continue };
-        let Some(rows) = point_rows(&state.camera, &pose, Vector2::from(center), point.pixel) else { continue };
+        let board = (&problem.area, &state.board);
+        let Some(rows) = point_rows(&state.camera, board, &pose, center, point.pixel) else { continue };
         let error = rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]) * inverse_sigma;
         let (cost, root_weight) = huber(error, problem.settings.huber);
         equations.cost += cost;
@@ -143,7 +144,7 @@ fn find_edges<'a>(
         let pixel = [f64::from(event.x), f64::from(event.y)];
         BatchEvent { pixel, dt: f64::from(event.dt) + later, circle: event.circle }
     });
-    batch.find(problem, bearings, pose, batched);
+    batch.find((problem, &state.board), bearings, pose, batched);
 }
 
 /// The residual of one event.
@@ -231,7 +232,7 @@ pub fn point_residuals(problem: &Problem, state: &State) -> Vec<PointResidual> {
     let residual = |trajectory, point: &PointObservation| {
         let pose = PoseBin::new(trajectory, point.t)?;
         let &center = problem.circle_centers.get(point.circle)?;
-        let rows = point_rows(&state.camera, &pose, Vector2::from(center), point.pixel)?;
+        let rows = point_rows(&state.camera, (&problem.area, &state.board), &pose, center, point.pixel)?;
         let residual = -Vector2::new(rows[0][ROW_RESIDUAL], rows[1][ROW_RESIDUAL]);
         Some(PointResidual { t: point.t, pixel: point.pixel, residual })
     };
@@ -249,17 +250,20 @@ mod tests {
     use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
     use super::*;
+    use crate::board::shape::{BoardShape, CircleArea, Surface};
     use crate::solve::event_bias::bias::Biases;
     use crate::solve::event_bias::unknown;
     use crate::solve::levenberg::{linearised, moved};
     use crate::solve::observation::EventBin;
-    use crate::solve::{FreeParameters, GLOBAL_COUNT, SolveSettings, bias_index};
+    use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, FreeParameters, GLOBAL_COUNT, SolveSettings, bias_index};
     use crate::trajectory::fit::{TrajectoryShape, fit};
     use crate::trajectory::timed_pose::TimedPose;
     use crate::trajectory::{RotationSpline, Trajectory};
 
     const CENTERS: [[f64; 2]; 2] = [[0.11, 0.165], [0.165, 0.11]];
     const RADIUS: f64 = 0.0175;
+    const AREA: CircleArea = CircleArea { middle: [0.19, 0.22], half: [0.19, 0.22] };
+    const SHAPE: BoardShape = BoardShape { print_ratio: 1.01, bend: [0.004, -0.002], radius: RADIUS };
     const BINS: usize = 9;
 
     fn trajectory() -> Trajectory {
@@ -284,7 +288,8 @@ mod tests {
             for event in 0..75 {
                 let (circle, angle) = (event % 2, 0.35 * event as f64 + bin as f64);
                 let [x, y] = CENTERS[circle];
-                let rim = Vector3::new(x + RADIUS * angle.cos(), y + RADIUS * angle.sin(), 0.0);
+                let rim = [x + RADIUS * angle.cos(), y + RADIUS * angle.sin()];
+                let rim = Vector3::from(Surface::new(&AREA, &SHAPE).place(rim));
                 let pixel = camera.project(&pose.inverse_transform_point(&rim.into()).coords).unwrap();
                 observations.events.push(EventObservation {
                     dt: 1e-6 * event as f32,
@@ -319,18 +324,22 @@ mod tests {
         let problem = Problem {
             sensor: Sensor::new(346, 260),
             circle_centers: CENTERS.to_vec(),
-            radius: RADIUS,
+            area: AREA,
             mean_scale: 1.0,
             point_sigma: 1.0,
             associated_latencies: [0.0; CLASS_COUNT],
             segments: vec![observations(&camera, &trajectory)],
             stiffness: Vec::new(),
-            free: FreeParameters { intrinsics: [true; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
+            free: FreeParameters {
+                intrinsics: [true; MAX_PARAMETERS],
+                board: [true; BOARD_PARAMETERS],
+                biases: [Biases::default(); CLASS_COUNT],
+            },
             settings: SolveSettings { huber: 1e6, ..SolveSettings::default() },
         };
         let mut bias = unknown(0.3);
         bias.iter_mut().for_each(|class| class.biases[Bias::Offset] = -0.3);
-        let state = State { camera, bias, trajectories: vec![trajectory] };
+        let state = State { camera, board: SHAPE, bias, trajectories: vec![trajectory] };
         let (_, equations) = cost_and_gradient(&problem, &state);
         let slope = |globals: &[f64], points: &[f64]| {
             let cost = |sign: f64| {
@@ -352,6 +361,7 @@ mod tests {
         let still = vec![0.0; 6 * control_points];
         let globals = [(0, 0.01), (2, 0.01), (4, 1e-4), (8, 1e-3)]
             .into_iter()
+            .chain([(BOARD_INDEX, 1e-5), (BOARD_INDEX + 1, 1e-5), (BOARD_INDEX + 2, 1e-5), (BOARD_INDEX + 3, 1e-6)])
             .chain([0, 2, 5].map(|class| (bias_index(class, Bias::Offset), 1e-3)))
             .chain([(bias_index(2, Bias::Latency), 1e-6), (bias_index(5, Bias::Curvature), 1e-3)]);
         for (global, size) in globals {

@@ -109,11 +109,12 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
+    use crate::board::shape::{BoardShape, CircleArea};
     use crate::solve::event_bias::bias::Biases;
     use crate::solve::event_bias::{CLASS_COUNT, unknown};
     use crate::solve::left_out::{covers, leave_out};
     use crate::solve::observation::EventBin;
-    use crate::solve::{FreeParameters, SolveSettings};
+    use crate::solve::{BOARD_PARAMETERS, FreeParameters, SolveSettings};
     use crate::trajectory::{RotationControl, Trajectory};
 
     fn problem(bins: usize) -> (Problem, State) {
@@ -130,16 +131,21 @@ mod tests {
         let problem = Problem {
             sensor: Sensor::new(346, 260),
             circle_centers: Vec::new(),
-            radius: 0.01,
+            area: CircleArea { middle: [0.1; 2], half: [0.1; 2] },
             mean_scale: 1.0,
             point_sigma: 1.0,
             associated_latencies: [0.0; CLASS_COUNT],
             segments: vec![SegmentObservations { bins: of_bins.collect(), ..SegmentObservations::default() }],
             stiffness: Vec::new(),
-            free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], biases: [Biases::default(); CLASS_COUNT] },
+            free: FreeParameters {
+                intrinsics: [false; MAX_PARAMETERS],
+                board: [false; BOARD_PARAMETERS],
+                biases: [Biases::default(); CLASS_COUNT],
+            },
             settings: SolveSettings::default(),
         };
-        (problem, State { camera, bias: unknown(0.2), trajectories: vec![trajectory] })
+        let board = BoardShape { print_ratio: 1.0, bend: [0.0; 2], radius: 0.01 };
+        (problem, State { camera, board, bias: unknown(0.2), trajectories: vec![trajectory] })
     }
 
     /// A hundred residuals in each cell of 10 ms, evenly between 0 and a size that depends on the time.

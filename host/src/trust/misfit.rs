@@ -8,9 +8,10 @@ use evcal_core::camera::refit::refit;
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 use nalgebra::DMatrix;
 
+use crate::board::shape::BoardShape;
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
 use crate::solve::levenberg::solve;
-use crate::solve::{FreeParameters, Problem, SolveSettings, State};
+use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, SolveSettings, State};
 use crate::trust::residual_map::ResidualPattern;
 use crate::trust::uncertainty::Uncertainty;
 use crate::trust::uncertainty::projection::ProjectionUncertainty;
@@ -30,6 +31,9 @@ const EVENTS: usize = 80_000;
 
 /// Most iterations for each model.
 const ITERATIONS: usize = 6;
+
+/// Most iterations where the board changes, further than models usually do.
+const SHAPE_ITERATIONS: usize = 10;
 
 /// A model explains the events better when it takes so many times the cost that chance can away, in variances of the
 /// estimate over those of independent events.
@@ -80,23 +84,56 @@ fn cautious_rms(difference: &ProjectionDifference) -> f64 {
     (sum / count.max(1) as f64).sqrt()
 }
 
-fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<BetterModel> {
+/// Whether another lens model, with the board as it is, explains more than a board of another `shape` with the `asked` parameters
+/// free.
+pub fn lens_explains_more(
+    problem: &Problem,
+    state: &State,
+    (shape, asked): (BoardShape, [bool; BOARD_PARAMETERS]),
+    inflation: f64,
+) -> bool {
+    let step = thinning(problem);
+    let own = state.camera.kind();
+    let free = FreeParameters { board: asked, ..problem.free };
+    let shaped = State { board: shape, ..state.clone() };
+    let Ok((_, with_shape)) = solve(&thinned(problem, step, free, SHAPE_ITERATIONS), shaped) else { return false };
+    let chance = CERTAIN * (inflation / step as f64).max(1.0);
+    CANDIDATES.into_iter().filter(|&kind| kind != own).any(|kind| {
+        let Some(camera) = refit(kind, &state.camera, problem.sensor) else { return false };
+        let free = FreeParameters { intrinsics: intrinsics_of(kind), ..problem.free };
+        let solved = solve(&thinned(problem, step, free, ITERATIONS), State { camera, ..state.clone() });
+        solved.is_ok_and(|(_, report)| report.final_cost + chance < with_shape.final_cost)
+    })
+}
+
+/// One of how many events a model is tried with.
+fn thinning(problem: &Problem) -> usize {
     let count: usize = problem.segments.iter().map(|segment| segment.events.len()).sum();
-    let step = (count / EVENTS).max(1);
-    let free = |kind: ModelKind| FreeParameters {
-        intrinsics: std::array::from_fn::<_, MAX_PARAMETERS, _>(|index| index < kind.parameter_names().len()),
-        ..problem.free
-    };
-    let thinned = |kind: ModelKind| Problem {
+    (count / EVENTS).max(1)
+}
+
+fn intrinsics_of(kind: ModelKind) -> [bool; MAX_PARAMETERS] {
+    std::array::from_fn(|index| index < kind.parameter_names().len())
+}
+
+/// `problem` with one in `step` of its events and these parameters free.
+fn thinned(problem: &Problem, step: usize, free: FreeParameters, iterations: usize) -> Problem {
+    Problem {
         segments: problem.segments.iter().map(|segment| segment.every(step)).collect(),
         stiffness: problem.stiffness.clone(),
         circle_centers: problem.circle_centers.clone(),
-        settings: SolveSettings { iterations: ITERATIONS, ..problem.settings.clone() },
-        free: free(kind),
+        settings: SolveSettings { iterations, ..problem.settings.clone() },
+        free,
         ..*problem
-    };
+    }
+}
+
+fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<BetterModel> {
+    let step = thinning(problem);
     let solved = |kind: ModelKind, camera: Camera<f64>| {
-        let (state, report) = solve(&thinned(kind), State { camera, ..state.clone() }).ok()?;
+        let free = FreeParameters { intrinsics: intrinsics_of(kind), ..problem.free };
+        let (state, report) =
+            solve(&thinned(problem, step, free, ITERATIONS), State { camera, ..state.clone() }).ok()?;
         Some((kind, state.camera, report.final_cost))
     };
     let own = state.camera.kind();

@@ -21,7 +21,6 @@
 pub mod blocks;
 pub mod projection;
 
-use evcal_core::camera::MAX_PARAMETERS;
 use evcal_core::settings;
 use evcal_core::settings::{at_least, from_to};
 use nalgebra::{DMatrix, DVector};
@@ -31,7 +30,9 @@ use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Biases;
 use crate::solve::levenberg::{assemble, contributions, intrinsics_of};
 use crate::solve::stretch::stretches;
-use crate::solve::{GLOBAL_COUNT, Problem, SolveError, State, bias_index};
+use crate::solve::system::{Contribution, System};
+use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, Problem, SolveError, State, bias_index};
+use crate::trust::board_evidence::{BoardEvidence, RADIUS, after, with_board};
 use blocks::{Scatter, scatter, sum_by_block};
 
 settings! {
@@ -47,6 +48,8 @@ settings! {
         /// Error of the focal lengths that all events have in common and that does not become smaller with more of
         /// them, as a share of the focal lengths (σ).
         pub systematic_scale: f64 = 1.5e-4, "", at_least(0.0);
+        /// The same of the circles' radius, where it is estimated (σ).
+        pub systematic_radius: f64 = 0.05, "px", at_least(0.0);
     }
 }
 
@@ -69,6 +72,10 @@ pub struct Uncertainty {
 pub struct SolveUncertainty {
     /// That of the intrinsics.
     pub intrinsics: Uncertainty,
+    /// Standard deviation of each parameter of the board that was estimated; zero where it is held.
+    pub board_sigma: [f64; BOARD_PARAMETERS],
+    /// What the observations say of the board with all its parameters free; `None` where they cannot tell.
+    pub board: Option<BoardEvidence>,
     /// Standard deviation of each bias of each event class; zero where it is held.
     pub bias_sigma: BiasSigma,
 }
@@ -149,25 +156,16 @@ pub fn uncertainty(
 ) -> Result<SolveUncertainty, SolveError> {
     let stretches = stretches(&problem.segments);
     let system = assemble(problem, state, &stretches);
-    let free = problem.free.mask();
+    let (free, free_with_board) = (problem.free.mask(), with_board(problem).mask());
     let formal = system.global_covariance(&free).map_err(|_| SolveError::Singular)?;
-    let contributions = contributions(problem, state, &system, &stretches)?;
+    let [contributions, contributions_with_board] =
+        contributions(problem, state, &system, &stretches, [&free, &free_with_board])?;
     let times: Vec<(usize, f64)> =
         stretches.iter().map(|stretch| (stretch.segment, stretch.start(&problem.segments))).collect();
-    let intrinsics = free.iter().take(MAX_PARAMETERS).filter(|&&free| free).count();
-
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
-    let longest = total / settings.fewest_blocks.max(2) as f64;
-    let formal_intrinsics = formal.view((0, 0), (intrinsics, intrinsics)).into_owned();
-    let lengths = BLOCK_LENGTHS.map(|factor| (factor * settings.block).min(longest));
-    let scatters = lengths.map(|length| scatter(&formal, &sum_by_block(&times, &contributions, length), intrinsics));
-    let (stated, inflation, blocks) = combined(&formal_intrinsics, scatters.into_iter().flatten());
-    let long = LONG_PARTS.map(|share| share * total).into_iter().filter(|&length| length > lengths[LAST_LENGTH]);
-    let drift = long
-        .filter_map(|length| scatter(&formal, &sum_by_block(&times, &contributions, length), intrinsics))
-        .map(|scatter| lower_end(&scatter, intrinsics))
-        .fold(inflation, f64::max);
-    let (stated, inflation) = (stated * (drift / inflation), drift);
+    let time = Time { starts: &times, total };
+    let (stated, inflation, blocks) = stated(&formal, &contributions, time, first_count(&free), settings);
+    let board = board_evidence(problem, state, &system, &contributions_with_board, time, settings);
 
     let count = state.camera.parameters().len();
     let mut variances = [0.0; GLOBAL_COUNT];
@@ -176,6 +174,15 @@ pub fn uncertainty(
         variances[global] = inflation * variance.max(0.0);
     }
     let bias_sigma = std::array::from_fn(|class| Biases::from_fn(|bias| variances[bias_index(class, bias)].sqrt()));
+    let first_of_board = free.iter().take(BOARD_INDEX).filter(|&&free| free).count();
+    let mut board_sigma = [0.0; BOARD_PARAMETERS];
+    let free_of_board = board_sigma.iter_mut().zip(problem.free.board).filter(|(_, free)| *free);
+    for (place, (sigma, _)) in (first_of_board..).zip(free_of_board) {
+        *sigma = stated[(place, place)].max(0.0).sqrt();
+    }
+    if problem.free.board[RADIUS] {
+        board_sigma[RADIUS] = libm::hypot(board_sigma[RADIUS], settings.systematic_radius * problem.mean_scale);
+    }
     let covariance = intrinsics_of(&stated, &free, count);
     let has_events = problem.segments.iter().any(|segment| !segment.events.is_empty());
     let covariance = if has_events {
@@ -185,7 +192,59 @@ pub fn uncertainty(
         covariance
     };
     let intrinsics = Uncertainty { covariance, inflation, observations: system.count, blocks };
-    Ok(SolveUncertainty { intrinsics, bias_sigma })
+    Ok(SolveUncertainty { intrinsics, board_sigma, board, bias_sigma })
+}
+
+/// Where the stretches of observations begin (segment, seconds), and how long all trajectories are (s).
+#[derive(Clone, Copy)]
+struct Time<'a> {
+    starts: &'a [(usize, f64)],
+    total: f64,
+}
+
+/// How many of the parameters that are `free` are intrinsics or the board's, which come first.
+fn first_count(free: &[bool; GLOBAL_COUNT]) -> usize {
+    free.iter().take(BOARD_INDEX + BOARD_PARAMETERS).filter(|&&free| free).count()
+}
+
+/// The stated covariance of the `first` parameters, its inflation, and the number of blocks behind it.
+fn stated(
+    formal: &DMatrix<f64>,
+    contributions: &[Contribution],
+    time: Time,
+    first: usize,
+    settings: &UncertaintySettings,
+) -> (DMatrix<f64>, f64, usize) {
+    let longest = time.total / settings.fewest_blocks.max(2) as f64;
+    let formal_first = formal.view((0, 0), (first, first)).into_owned();
+    let lengths = BLOCK_LENGTHS.map(|factor| (factor * settings.block).min(longest));
+    let of_length = |length: f64| scatter(formal, &sum_by_block(time.starts, contributions, length), first);
+    let (stated, inflation, blocks) = combined(&formal_first, lengths.into_iter().filter_map(of_length));
+    let long = LONG_PARTS.map(|share| share * time.total).into_iter().filter(|&length| length > lengths[LAST_LENGTH]);
+    let drift = long.filter_map(of_length).map(|scatter| lower_end(&scatter, first)).fold(inflation, f64::max);
+    (stated * (drift / inflation), drift, blocks)
+}
+
+/// What the observations say of the board; `None` where they cannot tell it from the rest.
+fn board_evidence(
+    problem: &Problem,
+    state: &State,
+    system: &System,
+    contributions: &[Contribution],
+    time: Time,
+    settings: &UncertaintySettings,
+) -> Option<BoardEvidence> {
+    let parameters = with_board(problem);
+    let free = parameters.mask();
+    let formal = system.global_covariance(&free).ok()?;
+    let step = system.solve(0.0, &free).ok()?;
+    let contributions = after(&step, contributions, &free);
+    let first = first_count(&free);
+    let (stated, ..) = self::stated(&formal, &contributions, time, first, settings);
+    let board = parameters.board.iter().filter(|&&free| free).count();
+    let variances: Vec<f64> = stated.diagonal().iter().skip(first - board).copied().collect();
+    let radius_error = settings.systematic_radius * problem.mean_scale;
+    Some(BoardEvidence::new(state, &step, parameters.board, (variances.into_iter(), radius_error)))
 }
 
 /// `covariance` of intrinsics that begin with the `focal_lengths`, with a common error of both by `share` (σ) added.

@@ -56,6 +56,8 @@ pub enum Cause {
     Uncovered,
     /// The circles are larger or smaller than stated, for the stated spacing.
     RadiusDisagrees,
+    /// The board is bent, or printed other than stated, which was estimated.
+    BoardNotAsStated,
     /// fx and fy differ.
     PixelsNotSquare,
     /// The lens model folds over inside the sensor.

@@ -9,6 +9,7 @@ use evcal::calibrate::calibrated::{Calibrated, Evidence};
 use evcal::calibrate::error::CalibrateError;
 use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
 use evcal::calibrate::input::Input;
+use evcal::calibrate::parameter_request::ParameterRequests;
 use evcal::calibrate::step::Step;
 use evcal::calibrate::{PictureUse, Task, calibrate};
 use evcal::files::folder::OutputFolder;
@@ -45,6 +46,8 @@ pub struct Work<'a> {
     pub board: Board,
     /// Size of the sensor, where they do not tell it.
     pub sensor: Option<Sensor>,
+    /// Parameters that are held, or free in any case.
+    pub parameters: ParameterRequests,
     /// What the command line says.
     pub arguments: &'a CalibrationArguments,
     /// All thresholds.
@@ -71,6 +74,7 @@ impl Work<'_> {
             model: self.arguments.method.model,
             sensor: self.sensor,
             pictures,
+            parameters: self.parameters,
             settings: self.settings,
             command_line,
         }

@@ -52,7 +52,8 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
                 inputs.push(Input::open(path, &options, &board).ok()?);
             }
             inputs.push(growing.into());
-            let work = Work { inputs, board, sensor: None, arguments, settings };
+            let parameters = arguments.parameters().ok()?;
+            let work = Work { inputs, board, sensor: None, parameters, arguments, settings };
             // Workers of its own: those of the display must not wait for it.
             let pool = rayon::ThreadPoolBuilder::new().build().ok()?;
             let attempt = pool.install(|| {

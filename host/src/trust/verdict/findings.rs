@@ -8,6 +8,7 @@ use super::settings::{CERTAIN_DIFFERENCE, KNOWN_TOGETHER, OPEN_FOCAL_LENGTH, TOL
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::board::Board;
 use crate::solve::left_out::{LeftOut, Reason};
+use crate::trust::board_statement::board_finding;
 use crate::trust::coverage::Coverage;
 use crate::trust::misfit::BetterModel;
 use crate::trust::split_half::SplitHalf;
@@ -25,9 +26,11 @@ pub(super) fn findings_on(
     let mut findings = Vec::from_iter(uncertain(trust, settings));
     findings.extend(views(&trust.coverage, settings));
     findings.extend(events.and_then(|events| radius(&events.radius?, board, settings)));
+    findings.extend(events.and_then(|events| board_finding(&events.board, board, camera)));
     findings.extend(pixels_not_square(camera, trust, settings));
     findings.extend(not_one_to_one(camera, sensor));
-    findings.extend(undetermined(camera, trust));
+    findings.extend(events.and_then(|events| held(camera, &events.undetermined)));
+    findings.extend(undetermined(camera, trust, events.map_or(&[], |events| &events.undetermined)));
     findings.extend(events.and_then(|events| too_poor(camera, events, settings)));
     findings.extend(events.and_then(|events| halves(events.split_half.as_ref()?)));
     findings.extend(events.and_then(|events| unexplained(&events.left_out)));
@@ -197,7 +200,8 @@ fn pixels_not_square(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSett
         cause: Cause::PixelsNotSquare,
         severity: Severity::Warning,
         reason: format!("fx and fy differ by {difference:.2} ± {sigma:.2} px, but pixels are square"),
-        advice: "is the print scaled differently along its sides, or is the board bent?".to_owned(),
+        advice: "tilt and turn the board more: its print and bend are estimated, but must be seen from all sides"
+            .to_owned(),
     })
 }
 
@@ -219,16 +223,31 @@ fn not_one_to_one(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Opt
     })
 }
 
-fn undetermined(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
+fn held(camera: &Camera<f64>, held: &[usize]) -> Option<Finding> {
+    let (names, values) = (camera.kind().parameter_names(), camera.parameters());
+    let told: Vec<String> =
+        held.iter().filter_map(|&index| Some(format!("{} at {}", names.get(index)?, values.get(index)?))).collect();
+    let free: Vec<String> = held.iter().filter_map(|&index| Some(format!("--free {}", names.get(index)?))).collect();
+    (!told.is_empty()).then(|| Finding {
+        cause: Cause::ParameterUndetermined,
+        severity: Severity::Note,
+        reason: format!("this recording does not determine all of the lens: {} was held", told.join(", ")),
+        advice: format!("bring the board into the corners of the image; {} estimates all the same", free.join(" ")),
+    })
+}
+
+fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<Finding> {
     let sigma = trust.uncertainty.sigma();
     let parameters = camera.parameters();
     let names = camera.kind().parameter_names();
     let lost: Vec<&str> = names
         .iter()
         .zip(parameters.iter().zip(&sigma))
+        .enumerate()
         .skip(4)
-        .filter(|(_, (value, sigma))| value.abs() < TOLD_FROM_ZERO * **sigma)
-        .map(|(name, _)| *name)
+        .filter(|(index, _)| !held.contains(index))
+        .filter(|(_, (_, (value, sigma)))| value.abs() < TOLD_FROM_ZERO * **sigma)
+        .map(|(_, (name, _))| *name)
         .collect();
     // Each parameter may be open although the projection is known: then several only count together.
     if let (Some(fx), Some(sigma)) = (parameters.first(), sigma.first())
@@ -263,7 +282,8 @@ fn too_poor(camera: &Camera<f64>, events: &EventTrust, settings: &VerdictSetting
                 "residuals of {:.3} px stay in the same places of the image, and no other model explains them better",
                 pattern.shift
             ),
-            advice: "is the board flat, and the print true to scale? Its measures are taken for exact".to_owned(),
+            advice: "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated, if that was not turned off"
+                .to_owned(),
         });
     };
     Some(Finding {

@@ -1,0 +1,78 @@
+//! The lens that comes nearest to another one, with some of its parameters held at given values.
+
+use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use evcal_core::sensor::Sensor;
+use nalgebra::{DMatrix, DVector, Vector2, Vector3};
+
+use super::projection_difference::grid;
+
+/// Newton steps; each brings a lens that is linear in what is left nearly all the way.
+const STEPS: usize = 20;
+/// The fit ends when no parameter moves by more than this share of itself.
+const SETTLED: f64 = 1e-10;
+
+/// `camera` with the parameters of which `held` has a value at that value, and the others so that bearings on `sensor` are seen as near
+/// as possible to where they were. `None` where the model refuses the values.
+pub fn with_held(camera: &Camera<f64>, held: &[Option<f64>; MAX_PARAMETERS], sensor: Sensor) -> Option<Camera<f64>> {
+    let mut parameters = camera.parameters();
+    let free: Vec<usize> = (0..parameters.len()).filter(|&index| held[index].is_none()).collect();
+    if free.len() == parameters.len() {
+        return Some(*camera);
+    }
+    let seen: Vec<(Vector2<f64>, Vector3<f64>)> =
+        grid(sensor).into_iter().filter_map(|pixel| Some((pixel, camera.unproject(&pixel)?))).collect();
+    for (parameter, held) in parameters.iter_mut().zip(held) {
+        *parameter = held.unwrap_or(*parameter);
+    }
+    let mut nearest = Camera::from_parameters(camera.kind(), &parameters)?;
+    for _ in 0..STEPS {
+        let Some(step) = step(&nearest, &seen, &free) else { break };
+        let mut moved = nearest.parameters();
+        free.iter().zip(step.iter()).for_each(|(&index, step)| moved[index] -= step);
+        let Some(next) = Camera::from_parameters(camera.kind(), &moved) else { break };
+        nearest = next;
+        if free.iter().zip(step.iter()).all(|(&index, step)| step.abs() <= SETTLED * (1.0 + moved[index].abs())) {
+            break;
+        }
+    }
+    Some(nearest)
+}
+
+/// The step of the `free` parameters that brings what is `seen` nearer.
+fn step(camera: &Camera<f64>, seen: &[(Vector2<f64>, Vector3<f64>)], free: &[usize]) -> Option<DVector<f64>> {
+    let mut information = DMatrix::zeros(free.len(), free.len());
+    let mut gradient = DVector::zeros(free.len());
+    for (pixel, bearing) in seen {
+        let Some(projection) = camera.project_with_jacobians(bearing) else { continue };
+        let residual = projection.pixel - pixel;
+        let by_free = DMatrix::from_fn(2, free.len(), |axis, index| projection.by_parameters[(axis, free[index])]);
+        gradient += by_free.tr_mul(&residual);
+        information += by_free.tr_mul(&by_free);
+    }
+    Some(information.cholesky()?.solve(&gradient))
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::ModelKind;
+
+    use super::*;
+    use crate::lens::projection_difference::projection_difference;
+
+    #[test]
+    fn the_others_make_up_for_a_coefficient_that_is_held() {
+        let sensor = Sensor::new(346, 260);
+        let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
+        let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
+        let mut held = [None; MAX_PARAMETERS];
+        assert_eq!(with_held(&camera, &held, sensor), Some(camera));
+        held[8] = Some(0.0);
+        let nearest = with_held(&camera, &held, sensor).unwrap();
+        assert_eq!(nearest.parameters()[8], 0.0);
+        let mut cut = camera.parameters();
+        cut[8] = 0.0;
+        let cut = Camera::from_parameters(ModelKind::Radtan, &cut).unwrap();
+        let difference = |other: &Camera<f64>| projection_difference(&camera, other, sensor).unwrap().rms;
+        assert!(difference(&nearest) < 0.3 * difference(&cut), "{} {}", difference(&nearest), difference(&cut));
+    }
+}
