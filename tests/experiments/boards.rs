@@ -19,7 +19,7 @@ const DEFECTS: [(&str, &[&str]); 9] = [
     ("bend-saddle", &["--bend=2mm,-1mm"]),
     ("print-x", &["--print-ratio", "1.003"]),
     ("print-y", &["--print-ratio", "0.997"]),
-    ("radius", &["--printed-radius", "16.975mm"]),
+    ("radius", &["--printed-radius", "17.025mm"]),
     ("all", &["--bend=-1mm,2mm", "--print-ratio", "1.002", "--printed-radius", "18mm"]),
 ];
 
