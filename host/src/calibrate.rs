@@ -10,6 +10,7 @@ mod events;
 mod health;
 pub mod inertia;
 pub mod input;
+mod joint_solve;
 pub mod parameter_request;
 mod pictures;
 mod progress;

@@ -1,7 +1,6 @@
 //! How far a calibration can be trusted: uncertainty, coverage, comparison of halves, verdict.
 
 pub mod board_evidence;
-mod board_statement;
 pub mod coverage;
 pub mod misfit;
 pub mod poses;

@@ -5,7 +5,7 @@ use evcal_core::camera::{Camera, MAX_PARAMETERS};
 
 use super::Task;
 use super::error::CalibrateError;
-use super::events::solve;
+use super::joint_solve::solve;
 use super::progress::Progress;
 use crate::board::shape::{BoardShape, PARAMETERS};
 use crate::lens::distortion_prior::distortion_prior;

@@ -10,6 +10,7 @@ use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured, SAMPLE
 use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
 use super::health::findings_on;
+use super::joint_solve::solve;
 use super::progress::Progress;
 use super::radius::other_radius;
 use super::{PictureUse, Task, pictures};
@@ -20,11 +21,10 @@ use crate::initial::{InitialModel, initial_model};
 use crate::picture_calibration::joint::JointPoints;
 use crate::solve::event_bias::unknown;
 use crate::solve::event_sample::{RankedEvent, Thinning};
-use crate::solve::refinement::{EventInput, Refined, RefinementInput, SMALLEST_POINT_SIGMA, StageSettings, refine};
+use crate::solve::refinement::{EventInput, RefinementInput, SMALLEST_POINT_SIGMA};
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, State};
 use crate::trajectory::first::{FirstTrajectories, first_trajectories};
 use crate::trust::board_evidence::BoardEstimate;
-use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
 use crate::trust::verdict::verdict;
 use crate::trust::witness::WitnessOutcome;
 use crate::trust::{ExamineSettings, better_model, examine};
@@ -180,30 +180,4 @@ fn first_model(
             Ok((initial, Some(choice)))
         }
     }
-}
-
-/// The joint solve from `state` on, and how sure its result is.
-pub(super) fn solve(
-    task: &Task,
-    input: &RefinementInput<CalibrateError>,
-    state: State,
-    progress: &Progress,
-) -> Result<(Refined, SolveUncertainty), CalibrateError> {
-    let settings = task.settings;
-    let stage = StageSettings {
-        refinement: &settings.refinement,
-        knots: &settings.knots,
-        unexplained: &settings.unexplained,
-        association: &settings.association,
-        solve: &settings.solve,
-    };
-    // An answer that it should end is heard when the round reads its events.
-    let tell = |round| {
-        let _ = progress.tell(format!("joint solve, round {}", round + 1));
-    };
-    let refined = refine(input, state, stage, tell)?;
-    progress.go_on()?;
-    let certainty =
-        uncertainty(&refined.problem, &refined.state, &settings.uncertainty).map_err(CalibrateError::Solve)?;
-    Ok((refined, certainty))
 }

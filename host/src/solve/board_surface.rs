@@ -85,13 +85,12 @@ impl BoardGround {
     }
 }
 
-/// Derivatives by print ratio and bends on a print of `print_ratio`.
+/// Derivatives by print ratio and bends at a `place` beside the middle of the board, on a print of `print_ratio`, where the surface
+/// rises by `rise` with the bends.
 #[inline(always)]
-fn by_shape(area: &CircleArea, print_ratio: f64, point: [f64; 2], normal: [f64; 2], by_height: f64) -> [f64; 3] {
-    let beside = [point[0] - area.middle[0], point[1] - area.middle[1]];
-    let by_ratio = (normal[1] * beside[1] - normal[0] * beside[0]) * (0.5 / print_ratio);
-    let [along_x, along_y] = area.rise(point);
-    [by_ratio, -by_height * along_x, -by_height * along_y]
+fn by_shape(place: [f64; 2], print_ratio: f64, rise: [f64; 2], normal: [f64; 2], by_height: f64) -> [f64; 3] {
+    let by_ratio = (normal[1] * place[1] - normal[0] * place[0]) * (0.5 / print_ratio);
+    [by_ratio, -by_height * rise[0], -by_height * rise[1]]
 }
 
 impl BoardSurface for FlatBoard {
@@ -122,7 +121,8 @@ impl BoardSurface for FlatBoard {
 
     #[inline(always)]
     fn by_shape(&self, point: [f64; 2], normal: [f64; 2], by_height: f64) -> [f64; 3] {
-        by_shape(&self.area, 1.0, point, normal, by_height)
+        let place = [point[0] - self.area.middle[0], point[1] - self.area.middle[1]];
+        by_shape(place, 1.0, self.area.rise(point), normal, by_height)
     }
 }
 
@@ -154,6 +154,10 @@ impl BoardSurface for ShapedBoard {
 
     #[inline(always)]
     fn by_shape(&self, point: [f64; 2], normal: [f64; 2], by_height: f64) -> [f64; 3] {
-        by_shape(&self.area, self.print_ratio, point, normal, by_height)
+        let middle = self.area.middle;
+        let place = [point[0] - middle[0], point[1] - middle[1]];
+        let [x, y] = self.surface.per_scale();
+        let on_board = [middle[0] + place[0] / x, middle[1] + place[1] / y];
+        by_shape(place, self.print_ratio, self.area.rise(on_board), normal, by_height)
     }
 }

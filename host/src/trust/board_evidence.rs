@@ -32,7 +32,7 @@ settings! {
         /// Smallest bend that is estimated, as a share of the longer side of the circles' area.
         pub smallest_bend: f64 = 1e-4, "", at_least(0.0);
         /// Smallest difference of the radius that is estimated, as a share of the stated one.
-        pub smallest_radius: f64 = 0.015, "", at_least(0.0);
+        pub smallest_radius: f64 = 0.017, "", at_least(0.0);
     }
 }
 

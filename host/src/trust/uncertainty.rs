@@ -49,7 +49,7 @@ settings! {
         /// them, as a share of the focal lengths (σ).
         pub systematic_scale: f64 = 1.5e-4, "", at_least(0.0);
         /// The same of the circles' radius, where it is estimated (σ).
-        pub systematic_radius: f64 = 0.05, "px", at_least(0.0);
+        pub systematic_radius: f64 = 0.03, "px", at_least(0.0);
     }
 }
 

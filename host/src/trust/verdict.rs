@@ -1,5 +1,6 @@
 //! Whether a calibration is good, in words, and if not, why and what to do.
 
+mod board_statement;
 mod findings;
 mod settings;
 

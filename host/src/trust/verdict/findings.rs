@@ -4,11 +4,11 @@ use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
+use super::board_statement::board_finding;
 use super::settings::{CERTAIN_DIFFERENCE, KNOWN_TOGETHER, OPEN_FOCAL_LENGTH, TOLD_FROM_ZERO};
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::board::Board;
 use crate::solve::left_out::{LeftOut, Reason};
-use crate::trust::board_statement::board_finding;
 use crate::trust::coverage::Coverage;
 use crate::trust::misfit::BetterModel;
 use crate::trust::split_half::SplitHalf;

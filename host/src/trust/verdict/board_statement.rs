@@ -2,9 +2,9 @@
 
 use evcal_core::camera::Camera;
 
-use super::board_evidence::BoardEstimate;
-use super::verdict::{Cause, Finding, Severity};
+use super::{Cause, Finding, Severity};
 use crate::board::Board;
+use crate::trust::board_evidence::BoardEstimate;
 
 /// What differs from the stated `board`, and what that does to the focal length of `camera`; `None` where nothing does.
 pub(super) fn board_finding(estimate: &BoardEstimate, board: &Board, camera: &Camera<f64>) -> Option<Finding> {
