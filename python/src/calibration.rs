@@ -112,7 +112,8 @@ impl Calibration {
                 true => OutputFolder::open(&folder),
                 false => OutputFolder::open_new(&folder, is_result),
             };
-            write_folder(&opened.map_err(failed)?, &self.calibrated, &self.asked.task(), &mut |_| {}).map_err(failed)?;
+            write_folder(&opened.map_err(failed)?, &self.calibrated, &self.asked.task(), &mut |_| {})
+                .map_err(failed)?;
             Ok(folder.join("report.html"))
         })
     }
