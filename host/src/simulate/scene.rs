@@ -236,7 +236,7 @@ impl Scene {
     }
 
     /// The board as it is stated.
-    pub fn board(&self) -> &Board {
+    pub fn stated_board(&self) -> &Board {
         &self.stated
     }
 

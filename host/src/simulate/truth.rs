@@ -40,7 +40,7 @@ impl Truth {
     /// nothing else.
     pub fn new(camera: &Camera<f64>, simulation: &Simulation, counts: EventCounts) -> Self {
         let settings = simulation.settings().clone();
-        let board = simulation.scene().board();
+        let board = simulation.scene().stated_board();
         let rays = simulation.rays();
         Self {
             sensor: rays.sensor(),

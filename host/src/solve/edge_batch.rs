@@ -289,10 +289,10 @@ fn edges<S: BoardSurface>(
             found.beside_cell[axis][lane] = rays.beside_cell[axis][lane] - step[axis];
             found.by_focal_length[axis][lane] = by_focal_length[axis];
         }
-        for axis in 0..3 {
+        for (axis, by_shape) in by_shape.into_iter().enumerate() {
             found.by_translation[axis][lane] = distance.by_translation[axis];
             found.by_rotation[axis][lane] = distance.by_rotation[axis];
-            found.by_shape[axis][lane] = by_shape[axis];
+            found.by_shape[axis][lane] = by_shape;
         }
         found.normal_speed[lane] = passage.normal_speed;
         found.inverse_radius[lane] = passage.inverse_radius;
