@@ -2,6 +2,7 @@
 //! that they do not determine.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use nalgebra::DVector;
 
 use super::Task;
 use super::error::CalibrateError;
@@ -23,6 +24,9 @@ const MOST_CHANGES: usize = 3;
 
 /// A coefficient nearer to what is expected of it than this many of its σ cannot be told from that.
 const TOLD_FROM_EXPECTED: f64 = 2.0;
+
+/// Coefficients are held only if the residuals do not become so many times as large by it.
+const WORSE: f64 = 1.001;
 
 /// A joint solve, and the board in it.
 pub(super) struct BoardSolve {
@@ -72,9 +76,15 @@ pub(super) fn solve_with_board(
         as_stated = as_stated.or(Some((before, certainty)));
         (refined, certainty, free) = (with_shape, certainty_with_shape, asked);
     }
-    let undetermined = undetermined(task, &refined, &certainty);
+    let mut undetermined = undetermined(task, &refined, &certainty);
     if !undetermined.is_empty() {
-        (refined, certainty) = hold(task, (input, free, held), refined, &undetermined, progress)?;
+        let with_held = hold(task, (input, free, held), &refined, &undetermined, progress)?;
+        // If it is worse they were determined after all, together.
+        if with_held.0.residuals.rms < WORSE * refined.residuals.rms {
+            (refined, certainty) = with_held;
+        } else {
+            undetermined.clear();
+        }
     }
     let camera = as_stated.as_ref().map(|(camera, _)| *camera);
     let board = BoardEstimate::new((&refined.problem, &refined.state), certainty.board_sigma, certainty.board, camera);
@@ -125,22 +135,36 @@ fn lens_is_to_blame(
     looks.verdict.suspects(&pattern) && lens_explains_more(problem, state, shape, certainty.intrinsics.inflation)
 }
 
-/// Coefficients whose σ leaves open what is expected of any lens, and that cannot be told from that.
+/// Coefficients whose σ leaves open what is expected of any lens, and that cannot be told from that, one after the other: with one
+/// of them held, the others are known better, and are not left open any more where they only stood in for it.
 fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) -> Vec<usize> {
     let camera = &refined.state.camera;
     let prior = distortion_prior(camera, refined.problem.sensor);
     let largest = task.settings.refinement.undetermined;
-    let sigma = certainty.intrinsics.sigma();
-    let is_open = |index: usize, value: f64| {
-        let sigma = sigma.get(index).copied().unwrap_or(0.0);
-        let expected = prior.sigma(index).is_some_and(|expected| sigma > largest * expected);
-        expected && (value - prior.expected[index]).abs() < TOLD_FROM_EXPECTED * sigma
-    };
-    let values = camera.parameters();
-    (4..values.len())
-        .filter(|&index| refined.problem.free.intrinsics[index] && !task.parameters.free_intrinsics[index])
-        .filter(|&index| is_open(index, values[index]))
-        .collect()
+    let mut values = DVector::from_vec(camera.parameters().to_vec());
+    let mut covariance = certainty.intrinsics.covariance.clone();
+    let mut undetermined = Vec::new();
+    loop {
+        let distance = |index: usize| {
+            let sigma = covariance[(index, index)].max(0.0).sqrt();
+            let is_open = prior.sigma(index).is_some_and(|expected| sigma > largest * expected);
+            let distance = (values[index] - prior.expected[index]).abs() / sigma;
+            (is_open && distance < TOLD_FROM_EXPECTED).then_some((index, distance))
+        };
+        let is_free = |index: &usize| {
+            refined.problem.free.intrinsics[*index]
+                && !task.parameters.free_intrinsics[*index]
+                && !undetermined.contains(index)
+        };
+        let nearest = (4..values.len()).filter(is_free).filter_map(distance).min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((index, _)) = nearest else { return undetermined };
+        // What the others are when this one is as expected.
+        let follows = covariance.column(index) / covariance[(index, index)];
+        values.axpy(prior.expected[index] - values[index], &follows, 1.0);
+        let row = covariance.row(index).clone_owned();
+        covariance -= follows * row;
+        undetermined.push(index);
+    }
 }
 
 /// Solves again with the `undetermined` coefficients at what is expected of them. They count as free in what is stated of the
@@ -148,11 +172,11 @@ fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) ->
 fn hold(
     task: &Task,
     (input, free_board, mut held): (&RefinementInput<CalibrateError>, [bool; PARAMETERS], [bool; MAX_PARAMETERS]),
-    refined: Refined,
+    refined: &Refined,
     undetermined: &[usize],
     progress: &Progress,
 ) -> Result<(Refined, SolveUncertainty), CalibrateError> {
-    let state = refined.state;
+    let state = refined.state.clone();
     let expected = distortion_prior(&state.camera, input.sensor).expected;
     let mut values = task.parameters.fixed_intrinsics;
     for &index in undetermined {
