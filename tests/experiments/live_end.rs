@@ -43,8 +43,9 @@ fn main() {
     let lines = BufReader::new(live.stdout.take().expect("it is a pipe")).lines();
     let mut end = None;
     for line in lines.map_while(Result::ok) {
-        if line.contains("(the time is over)") {
-            println!("{line}");
+        println!("{line}");
+        // What was recorded is told as soon as the recording has ended.
+        if line.contains("recording.dvraw") && end.is_none() {
             end = Some(Instant::now());
         }
     }
