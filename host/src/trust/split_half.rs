@@ -100,13 +100,19 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
     })
 }
 
+/// Steps that lead astray leave a smaller part of the observations than this, or make the residuals so many times as large. The loss is
+/// robust, so that a step in the right direction may make their root mean square a little larger too.
+const FEWEST_LEFT: f64 = 0.999;
+/// See there.
+const MOST_WORSE: f64 = 1.01;
+
 /// The solution of `half` from `state` on, which solves the whole.
 fn solved(half: &Problem, state: &State) -> Result<OneStep, SolveError> {
     let before = statistics(half, state);
     let two_steps = one_step(half, state).and_then(|first| one_step(half, &first.state));
     if let Ok(step) = two_steps {
         let after = statistics(half, &step.state);
-        if after.count >= before.count && after.rms <= before.rms {
+        if after.count as f64 > FEWEST_LEFT * before.count as f64 && after.rms < MOST_WORSE * before.rms {
             return Ok(step);
         }
     }
