@@ -94,7 +94,7 @@ impl Calibration {
     /// The report as one page of HTML.
     #[getter]
     fn report(&self, py: Python<'_>) -> String {
-        py.detach(|| evcal::report::report(&self.calibrated, &self.asked.task()))
+        py.detach(|| evcal::report::report(&self.calibrated, &self.asked.task(), &[], &mut |_| {}))
     }
 
     /// All that calibration.json holds.
