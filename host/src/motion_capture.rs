@@ -7,12 +7,12 @@
 //!
 //! | module | does |
 //! |---|---|
-//! | [`file`] | reads captures (TUM, EuRoC, OptiTrack Motive) |
+//! | [`file`](mod@file) | reads captures (TUM, EuRoC, OptiTrack Motive) |
 //! | [`path`] | the camera's pose at the capture's own stamps |
 //! | [`start`] | offset, rotation, translations, each with a test that it was found |
 //! | [`fit`] | maximum likelihood of all of it |
 //! | [`uncertainty`] | its σ, from the scatter of blocks of time |
-//! | [`held_out`] | what is left in slices of time that were not fitted |
+//! | [`held_out`](mod@held_out) | what is left in slices of time that were not fitted |
 
 pub mod error;
 pub mod file;
