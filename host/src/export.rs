@@ -47,8 +47,7 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
-    use crate::lens::covered_region::CoveredRegion;
-    use crate::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, UNNAMED};
+    use crate::result::calibrated_camera::CalibratedCamera;
 
     #[test]
     fn names_and_files_differ_and_substitutes_can_be_written() {
@@ -56,22 +55,6 @@ mod tests {
             assert!(FORMATS[..index].iter().all(|other| other.name != format.name && other.file != format.file));
             assert!(format.substitutes.iter().all(|model| format.models.contains(model)), "{}", format.name);
             assert!(from_name(format.name).is_some_and(|found| found.file == format.file));
-        }
-    }
-
-    fn of(camera: Camera<f64>, sensor: Sensor) -> CalibratedCamera {
-        CalibratedCamera {
-            camera,
-            sensor,
-            name: UNNAMED.to_owned(),
-            recorded: None,
-            ros_topic: ROS_TOPIC.to_owned(),
-            covered: CoveredRegion::whole(sensor),
-            sigma: None,
-            covariance: None,
-            residual_rms: None,
-            verdict: String::new(),
-            board: None,
         }
     }
 
@@ -83,7 +66,7 @@ mod tests {
             name: "DAVIS346_7".to_owned(),
             recorded: Some("2022-01-27 00:33:48 UTC".to_owned()),
             verdict: "Usable, but: fx 300.00 ± 0.08 px.".to_owned(),
-            ..of(camera, Sensor::new(346, 260))
+            ..CalibratedCamera::seen_everywhere(camera, Sensor::new(346, 260))
         };
         for format in [opencv::YAML, opencv::XML, opencv::JSON, ros::FORMAT] {
             let text = format.export(&calibrated).unwrap().text;
@@ -104,7 +87,7 @@ mod tests {
         let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
         for &kind in ModelKind::ALL {
             let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor).unwrap();
-            let calibrated = of(camera, sensor);
+            let calibrated = CalibratedCamera::seen_everywhere(camera, sensor);
             for format in FORMATS {
                 let exported = format.export(&calibrated).unwrap();
                 assert!(format.models.contains(&exported.camera.kind()), "{} {kind}", format.name);

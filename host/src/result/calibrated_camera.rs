@@ -143,7 +143,7 @@ impl CalibratedCamera {
     }
 
     /// A camera of which nothing else is known.
-    fn seen_everywhere(camera: Camera<f64>, sensor: Sensor) -> Self {
+    pub(crate) fn seen_everywhere(camera: Camera<f64>, sensor: Sensor) -> Self {
         Self {
             camera,
             sensor,

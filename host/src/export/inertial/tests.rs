@@ -7,8 +7,6 @@ use serde_json::Value;
 use yaml_rust2::{Yaml, YamlLoader};
 
 use super::*;
-use crate::lens::covered_region::CoveredRegion;
-use crate::result::calibrated_camera::{ROS_TOPIC, UNNAMED};
 use crate::result::inertial_result::Uncertain;
 
 const DELAY: f64 = 0.002_781;
@@ -71,19 +69,8 @@ fn unit() -> InertialResult {
 fn camera() -> CalibratedCamera {
     let sensor = Sensor::new(80, 60);
     let parameters = [80.4, 80.1, 39.3, 29.4, -0.01, 0.001, 0.0, 0.0];
-    CalibratedCamera {
-        camera: Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap(),
-        sensor,
-        name: UNNAMED.to_owned(),
-        ros_topic: ROS_TOPIC.to_owned(),
-        covered: CoveredRegion::whole(sensor),
-        sigma: None,
-        covariance: None,
-        residual_rms: None,
-        verdict: String::new(),
-        board: None,
-        recorded: None,
-    }
+    let camera = Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap();
+    CalibratedCamera::seen_everywhere(camera, sensor)
 }
 
 fn text(name: &str) -> String {
