@@ -1,6 +1,6 @@
 //! What a recording holds beside events: frames and inertial samples.
 
-use super::ReadReport;
+use super::{ReadReport, RecordingError};
 
 /// A picture of the camera's frame sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -110,6 +110,21 @@ pub trait ReadExtras {
     fn lessened(&self) -> Option<&'static str> {
         None
     }
+}
+
+/// Takes `next` if it begins at `end` (µs) or before; `read` gives the one behind it. What cannot be read goes to `lost`.
+pub fn take_until(
+    next: &mut Option<Extra>,
+    end: i64,
+    lost: &mut Vec<String>,
+    read: impl FnOnce() -> Result<Option<Extra>, RecordingError>,
+) -> Option<Extra> {
+    next.as_ref().filter(|extra| extra.start() <= end)?;
+    let after = read().unwrap_or_else(|error| {
+        lost.push(format!("frames and inertial samples from here on: {error}"));
+        None
+    });
+    std::mem::replace(next, after)
 }
 
 /// For a target or a recording that has none.

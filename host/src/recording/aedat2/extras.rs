@@ -14,7 +14,7 @@ use evcal_core::sensor::Sensor;
 
 use super::{Clock, Layout, RECORD, is_level, is_sample, start};
 use crate::recording::bytes::ByteReader;
-use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras};
+use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until};
 use crate::recording::pictures::{NoImage, TimedImage};
 use crate::recording::{ReadReport, RecordingError, RecordingOptions};
 
@@ -227,12 +227,7 @@ impl ReadExtras for WordExtras {
     }
 
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
-        self.next.as_ref().filter(|extra| extra.start() <= end)?;
-        let after = self.words.as_mut().map_or(Ok(None), Words::next).unwrap_or_else(|error| {
-            lost.push(format!("frames and inertial samples from here on: {error}"));
-            None
-        });
-        std::mem::replace(&mut self.next, after)
+        take_until(&mut self.next, end, lost, || self.words.as_mut().map_or(Ok(None), Words::next))
     }
 
     fn reads(&self, stream: &str) -> bool {

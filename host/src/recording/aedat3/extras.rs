@@ -10,7 +10,7 @@ use std::path::Path;
 
 use super::packets::{PacketHead, header, name, next_head, time};
 use crate::recording::bytes::ByteReader;
-use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras};
+use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until};
 use crate::recording::pictures::TimedImage;
 use crate::recording::{Head, RecordingError, RecordingErrorKind};
 
@@ -143,12 +143,7 @@ impl ReadExtras for PacketExtras {
     }
 
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
-        self.next.as_ref().filter(|extra| extra.start() <= end)?;
-        let after = self.packets.next().unwrap_or_else(|error| {
-            lost.push(format!("frames and inertial samples from here on: {error}"));
-            None
-        });
-        std::mem::replace(&mut self.next, after)
+        take_until(&mut self.next, end, lost, || self.packets.next())
     }
 
     fn reads(&self, stream: &str) -> bool {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::container::{Container, OpenContainer};
 use super::message::{self, Kind};
-use crate::recording::extras::{Extra, OtherStreams, ReadExtras};
+use crate::recording::extras::{Extra, OtherStreams, ReadExtras, take_until};
 use crate::recording::pictures::TimedImage;
 use crate::recording::{RecordingError, RecordingErrorKind};
 
@@ -75,12 +75,7 @@ impl ReadExtras for MessageExtras {
     }
 
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
-        self.next.as_ref().filter(|extra| extra.start() <= end)?;
-        let after = next(&mut *self.container, &mut self.topics).unwrap_or_else(|error| {
-            lost.push(format!("frames and inertial samples from here on: {error}"));
-            None
-        });
-        std::mem::replace(&mut self.next, after)
+        take_until(&mut self.next, end, lost, || next(&mut *self.container, &mut self.topics))
     }
 
     fn reads(&self, stream: &str) -> bool {
