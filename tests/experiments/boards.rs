@@ -7,7 +7,6 @@
 //! ```
 
 use evcal_tests::lens::RADTAN;
-use evcal_tests::{BOARD, evcal, json, read_json, succeed, text};
 use serde_json::Value;
 
 /// Defects by name, and the options of `evcal simulate` that make them.
@@ -66,20 +65,10 @@ fn main() {
 
 fn trial(defect: &[&str], seed: u64) -> Result<Trial, String> {
     let folder = tempfile::tempdir().expect("a folder can be made");
-    let (simulation, calibration) = (folder.path().join("simulation"), folder.path().join("calibration"));
     let seed = seed.to_string();
-    let lens = ["--board", BOARD, "--model", RADTAN.model, "--parameters", RADTAN.parameters];
-    let options = ["--motion", "fast", "--duration", "4s", "--seed", &seed, "-o", text(&simulation)];
-    succeed(&[&["simulate"][..], &lens, defect, &options].concat());
-    let events = simulation.join("events.aedat4");
-    let options = ["--board", BOARD, "--model", RADTAN.model, "--accept-any", "-o", text(&calibration)];
-    let finished = evcal(&[&["calibrate", text(&events)][..], &options].concat());
-    if finished.code != Some(0) {
-        return Err(finished.stderr.lines().next().unwrap_or_default().to_owned());
-    }
-    let result = read_json(&calibration.join("calibration.json"));
-    let evaluation = json(&["evaluate", text(&calibration), "--truth", text(&simulation), "--json"]);
-    let truth = true_board(&read_json(&simulation.join("truth.json")));
+    let options = [&["--motion", "fast", "--seed", &seed][..], defect].concat();
+    let evcal_tests::Trial { result, evaluation, truth } = evcal_tests::trial(folder.path(), &RADTAN, &options)?;
+    let truth = true_board(&truth);
     Ok(judged(&result, &evaluation, truth))
 }
 

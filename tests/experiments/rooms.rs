@@ -6,7 +6,6 @@
 //! ```
 
 use evcal_tests::lens::RADTAN;
-use evcal_tests::{BOARD, evcal, json, read_json, succeed, text};
 use serde_json::Value;
 
 /// Effects, as `evcal simulate --effects` takes them; a pause is a motion.
@@ -60,24 +59,14 @@ fn main() {
 
 fn trial(effect: &str, seed: u64) -> Result<Trial, String> {
     let folder = tempfile::tempdir().expect("a folder can be made");
-    let (simulation, calibration) = (folder.path().join("simulation"), folder.path().join("calibration"));
     let seed = seed.to_string();
-    let lens = ["--board", BOARD, "--model", RADTAN.model, "--parameters", RADTAN.parameters];
     let motion = if effect == "pause" { "paused" } else { "fast" };
     let effects = match effect {
         "none" | "pause" => Vec::new(),
         effect => vec!["--effects", effect],
     };
-    let options = ["--motion", motion, "--duration", "4s", "--seed", &seed, "-o", text(&simulation)];
-    succeed(&[&["simulate"][..], &lens, &effects, &options].concat());
-    let events = simulation.join("events.aedat4");
-    let options = ["--board", BOARD, "--model", RADTAN.model, "--accept-any", "-o", text(&calibration)];
-    let finished = evcal(&[&["calibrate", text(&events)][..], &options].concat());
-    if finished.code != Some(0) {
-        return Err(finished.stderr.lines().next().unwrap_or_default().to_owned());
-    }
-    let result = read_json(&calibration.join("calibration.json"));
-    let evaluation = json(&["evaluate", text(&calibration), "--truth", text(&simulation), "--json"]);
+    let options = [&["--motion", motion, "--seed", &seed][..], &effects].concat();
+    let evcal_tests::Trial { result, evaluation, .. } = evcal_tests::trial(folder.path(), &RADTAN, &options)?;
     let number = |value: &Value| value.as_f64().expect("a number");
     let word = |value: &Value| value.as_str().expect("a word").to_owned();
     let fx: f64 = RADTAN.parameters.split(',').next().and_then(|fx| fx.parse().ok()).expect("fx");

@@ -15,6 +15,8 @@ pub mod accuracy;
 pub mod lens;
 pub mod readers;
 
+use lens::Lens;
+
 /// The board of all simulated recordings.
 pub const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
 
@@ -76,13 +78,50 @@ pub fn evcal(arguments: &[&str]) -> Finished {
     Finished { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
 }
 
+impl Finished {
+    /// What it said on standard error beside the stages that it came to.
+    pub fn said(&self) -> Vec<&str> {
+        self.stderr.lines().filter(|line| !line.ends_with(" ...")).collect()
+    }
+}
+
+/// A simulated recording and its calibration.
+pub struct Trial {
+    /// `calibration.json`.
+    pub result: Value,
+    /// What `evcal evaluate` says of it.
+    pub evaluation: Value,
+    /// `truth.json`.
+    pub truth: Value,
+}
+
+/// Simulates 4 s in `folder` with these `options` and calibrates it with the lens' own model.
+///
+/// # Errors
+/// What the program says where it cannot calibrate.
+pub fn trial(folder: &Path, lens: &Lens, options: &[&str]) -> Result<Trial, String> {
+    let (simulation, calibration) = (folder.join("simulation"), folder.join("calibration"));
+    let scene = ["--board", BOARD, "--model", lens.model, "--parameters", lens.parameters, "--duration", "4s"];
+    succeed(&[&["simulate", "-o", text(&simulation)][..], &scene, options].concat());
+    let events = simulation.join("events.aedat4");
+    let options = ["--board", BOARD, "--model", lens.model, "--accept-any", "-o", text(&calibration)];
+    let finished = evcal(&[&["calibrate", text(&events)][..], &options].concat());
+    if finished.code != Some(0) {
+        return Err(finished.said().first().copied().unwrap_or_default().to_owned());
+    }
+    Ok(Trial {
+        result: read_json(&calibration.join("calibration.json")),
+        evaluation: json(&["evaluate", text(&calibration), "--truth", text(&simulation), "--json"]),
+        truth: read_json(&simulation.join("truth.json")),
+    })
+}
+
 /// Runs the program, which must succeed and say nothing on standard error but the stages that it has come to, and returns
 /// what it prints.
 pub fn succeed(arguments: &[&str]) -> String {
     let finished = evcal(arguments);
     assert_eq!(finished.code, Some(0), "{arguments:?}: {}", finished.stderr);
-    let said: Vec<&str> = finished.stderr.lines().filter(|line| !line.ends_with(" ...")).collect();
-    assert_eq!(said, [""; 0], "{arguments:?}");
+    assert_eq!(finished.said(), [""; 0], "{arguments:?}");
     finished.stdout
 }
 
