@@ -115,7 +115,7 @@ def main(evcal, program, folder):
             matrix = tab.script("document.getElementById('matrix').textContent")
             check(re.search(r"\[\[33\d\.\d+, 0, 17\d\.\d+\]", matrix), f"{name}: K is {matrix}")
             report = tab.script("fetch(document.getElementById('report').src).then((answer) => answer.text())")
-            check("Calibration report" in report, f"{name}: no report")
+            check("<h1>Calibration of " in report, f"{name}: no report")
             tab.picture(pictures / f"live-{name}-done.png")
             # A frame outside of the window is not painted.
             tab.script("document.getElementById('report').scrollIntoView()")
