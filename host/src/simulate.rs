@@ -150,15 +150,26 @@ impl Simulation {
     /// Simulates and hands the events of each slice of 25 ms to `sink`, in the order of their
     /// times; without an arbiter events of one microsecond are in the order of y, then x. An error
     /// of the sink ends the simulation.
-    pub fn run<E>(&self, mut sink: impl FnMut(&[Event]) -> Result<(), E>) -> Result<EventCounts, E> {
-        let mut rows = self.rows();
+    pub fn run<E>(&self, sink: impl FnMut(&[Event]) -> Result<(), E>) -> Result<EventCounts, E> {
+        self.run_along(|t| self.motion.pose(t), sink)
+    }
+
+    /// Simulates as [`Simulation::run`] does, with another motion of the camera: `pose` gives `T_world_camera` at any time
+    /// in seconds, up to a tenth of a millisecond before and after the slice that is being made. It may depend on the events
+    /// of earlier slices, as the hand of a person does who looks at them.
+    pub fn run_along<E>(
+        &self,
+        pose: impl Fn(f64) -> Isometry3<f64>,
+        mut sink: impl FnMut(&[Event]) -> Result<(), E>,
+    ) -> Result<EventCounts, E> {
+        let mut rows = self.rows(&pose(0.0));
         let mut bus = self.settings.sensor.arbiter.map(Bus::new);
         let mut counts = EventCounts::default();
         let mut events: Vec<Event> = Vec::new();
         let ticks = self.tick_count();
         for first in (0..ticks).step_by(SLICE_TICKS) {
             let last = (first + SLICE_TICKS).min(ticks);
-            let slice = Slice::new(&self.motion, self.scene(), self.rays(), first, last);
+            let slice = Slice::new(&pose, self.scene(), self.rays(), first, last);
             rows.par_iter_mut().for_each(|row| row.advance(&self.stage, &slice));
             for row in &mut rows {
                 events.append(&mut row.events);
@@ -183,9 +194,9 @@ impl Simulation {
         Ok(counts)
     }
 
-    fn rows(&self) -> Vec<Row> {
+    fn rows(&self, first: &Isometry3<f64>) -> Vec<Row> {
         let bad = BadPixels { hot: self.hot_pixels(), dead_columns: self.dead_columns() };
-        let view = View::new(&self.motion.pose(0.0));
+        let view = View::new(first);
         (0..self.rays().sensor().height).map(|y| Row::new(&self.stage, &view, y, &bad, self.settings.seed)).collect()
     }
 

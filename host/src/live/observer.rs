@@ -7,7 +7,7 @@ use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
 use super::checkpoint::{Checkpoint, Checkpoints};
-use super::guidance::{GhostOutline, Guidance, Hint, corners};
+use super::guidance::{GhostOutline, Guidance, Hint, Place, corners};
 use super::health::{Health, HealthMonitor};
 use super::obstacle::{Explainer, Explanation};
 use super::{CoverageSummary, LiveCoverage, LiveSettings};
@@ -258,6 +258,11 @@ impl<'a> Observer<'a> {
             (seen.hint, seen.ghost) = (Hint::Done, None);
         }
         seen
+    }
+
+    /// Where the board should go, for whoever moves it by numbers.
+    pub fn wanted_place(&self) -> Option<Place> {
+        self.guidance.as_ref().and_then(Guidance::place)
     }
 
     /// What a calibration would state now.

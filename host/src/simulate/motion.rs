@@ -281,7 +281,7 @@ impl Motion {
             if self.pauses.level(t) > 0.0 || self.absences.level(t) > 0.0 {
                 continue;
             }
-            for (point, speed) in self.image_speeds(rays, t).into_iter().flatten() {
+            for (point, speed) in image_speeds(|t| self.pose(t), rays, t).into_iter().flatten() {
                 let offset = point - board.middle();
                 if offset.x.abs() < self.half_size.x && offset.y.abs() < self.half_size.y {
                     sum += speed;
@@ -291,23 +291,27 @@ impl Motion {
         }
         if count == 0 { 0.0 } else { sum / f64::from(count) }
     }
+}
 
-    /// How fast the board plane passes the image at time `t`, in pixels per second, and at which of
-    /// its points: in the middle of each cell of [`SPEED_GRID`], row by row. `None` where a pixel
-    /// does not look at the plane.
-    pub fn image_speeds(&self, rays: &Rays, t: f64) -> Vec<Option<(Vector2<f64>, f64)>> {
-        const STEP: f64 = 1e-4;
-        let before = View::new(&self.pose(t - STEP));
-        let after = View::new(&self.pose(t + STEP));
-        let (columns, rows) = SPEED_GRID;
-        let speed = |ray: &Ray| {
-            let from = before.gaze(ray)?;
-            let to = after.gaze(ray)?;
-            let motion = before.jacobian(ray, &from).try_inverse()? * (to.point - from.point);
-            Some((from.point, motion.norm() / (2.0 * STEP)))
-        };
-        rays.grid(columns, rows).map(|ray| speed(ray?)).collect()
-    }
+/// How fast the board plane passes the image at time `t`, in pixels per second, and at which of its points, where `pose` is
+/// `T_world_camera`: in the middle of each cell of [`SPEED_GRID`], row by row. `None` where a pixel does not look at the
+/// plane.
+pub fn image_speeds(
+    pose: impl Fn(f64) -> Isometry3<f64>,
+    rays: &Rays,
+    t: f64,
+) -> Vec<Option<(Vector2<f64>, f64)>> {
+    const STEP: f64 = 1e-4;
+    let before = View::new(&pose(t - STEP));
+    let after = View::new(&pose(t + STEP));
+    let (columns, rows) = SPEED_GRID;
+    let speed = |ray: &Ray| {
+        let from = before.gaze(ray)?;
+        let to = after.gaze(ray)?;
+        let motion = before.jacobian(ray, &from).try_inverse()? * (to.point - from.point);
+        Some((from.point, motion.norm() / (2.0 * STEP)))
+    };
+    rays.grid(columns, rows).map(|ray| speed(ray?)).collect()
 }
 
 /// The stream of random numbers that draws the motion; rows of pixels use the streams from 0.

@@ -8,10 +8,11 @@ use std::collections::BTreeSet;
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
+use nalgebra::Isometry3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::motion::{Motion, SPEED_GRID};
+use super::motion::{SPEED_GRID, image_speeds};
 use super::pixel::{Pixel, RowOutput};
 use super::rays::Rays;
 use super::scene::{Sample, Scene, View};
@@ -97,11 +98,17 @@ pub struct Slice {
 }
 
 impl Slice {
-    /// The slice from tick `first` to tick `last` of `motion` before the `scene`.
-    pub fn new(motion: &Motion, scene: &Scene, rays: &Rays, first: usize, last: usize) -> Self {
+    /// The slice from tick `first` to tick `last` before the `scene`, where `pose` is `T_world_camera` at a time in seconds.
+    pub fn new(
+        pose: impl Fn(f64) -> Isometry3<f64>,
+        scene: &Scene,
+        rays: &Rays,
+        first: usize,
+        last: usize,
+    ) -> Self {
         const LOOKS: usize = 5;
         let seconds = |tick: usize| tick as f64 * TICK * 1e-6;
-        let view = |tick: usize| View::new(&motion.pose(seconds(tick))).at(seconds(tick));
+        let view = |tick: usize| View::new(&pose(seconds(tick))).at(seconds(tick));
         let views: Vec<View> = (first..=last).map(view).collect();
         let Sensor { width, height } = rays.sensor();
         let turn = rays.get(width / 2, height / 2).map_or(USUAL_TURN, |ray| ray.turn);
@@ -111,7 +118,7 @@ impl Slice {
         };
         let mut fastest: Vec<f64> = Vec::new();
         for look in 0..=LOOKS {
-            let speeds = motion.image_speeds(rays, seconds(first + (last - first) * look / LOOKS));
+            let speeds = image_speeds(&pose, rays, seconds(first + (last - first) * look / LOOKS));
             fastest.resize(speeds.len(), 0.0);
             for (fastest, speed) in fastest.iter_mut().zip(speeds) {
                 *fastest = speed.map_or(*fastest, |(_, speed)| fastest.max(speed * TICK * 1e-6));
