@@ -42,7 +42,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::board::shape::{self, BoardShape, CircleArea};
 use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::event_bias::{CLASS_COUNT, EventBias};
+use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, bias_place};
 use crate::trajectory::Trajectory;
 use evcal_core::camera::MAX_PARAMETERS;
 use observation::SegmentObservations;
@@ -51,15 +51,15 @@ use stiffness::Stiffness;
 /// Number of parameters of the board: print ratio, bend along x and y, radius (see [`BoardShape`]).
 pub const BOARD_PARAMETERS: usize = shape::PARAMETERS;
 
-/// Number of global parameters: intrinsics, the board's, then the biases of each event class.
-pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + BOARD_PARAMETERS + Bias::COUNT * CLASS_COUNT;
+/// Number of global parameters: intrinsics, the board's, then the biases of the event classes.
+pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + BOARD_PARAMETERS + BIAS_COUNT;
 
 /// Index of the first parameter of the board among the global parameters.
 pub const BOARD_INDEX: usize = MAX_PARAMETERS;
 
-/// Index of a bias of `class` among the global parameters.
+/// Index of a bias of `class` among the global parameters; some classes share biases.
 pub const fn bias_index(class: usize, bias: Bias) -> usize {
-    MAX_PARAMETERS + BOARD_PARAMETERS + Bias::COUNT * class + bias.index()
+    MAX_PARAMETERS + BOARD_PARAMETERS + bias_place(class, bias)
 }
 
 /// What the residual of an event measures.
@@ -80,7 +80,7 @@ pub struct FreeParameters {
     pub intrinsics: [bool; MAX_PARAMETERS],
     /// Which parameters of the board are free.
     pub board: [bool; BOARD_PARAMETERS],
-    /// Which biases of each event class are free.
+    /// Which biases of each event class are free; one that classes share is free if it is in any of them.
     pub biases: [Biases<bool>; CLASS_COUNT],
 }
 
@@ -96,7 +96,7 @@ impl FreeParameters {
         }
         for (class, biases) in self.biases.iter().enumerate() {
             for bias in Bias::ALL {
-                mask[bias_index(class, bias)] = biases[bias];
+                mask[bias_index(class, bias)] |= biases[bias];
             }
         }
         mask

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::picture_calibration::calibration::PictureCalibration;
+use crate::solve::event_bias::EventKind;
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
@@ -190,7 +191,7 @@ fn observed_radius(refined: &Refined) -> Option<ObservedRadius> {
     let mut of_polarity = [(0.0, 0_usize); 2];
     for event in refined.problem.segments.iter().flat_map(|segment| &segment.events) {
         let class = usize::from(event.class);
-        let polarity = class / crate::solve::burst::RANK_COUNT;
+        let polarity = EventKind::of_class(class).polarity.index();
         if let (Some(bias), Some(part)) = (bias.get(class), of_polarity.get_mut(polarity)) {
             part.0 += bias.biases[Bias::Offset] + bias.biases[Bias::Curvature] * inverse_radius;
             part.1 += 1;

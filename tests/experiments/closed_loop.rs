@@ -152,11 +152,8 @@ impl Person {
         ];
         let knots = &self.path[first..first + weights.len()];
         let at = |axis: usize| knots.iter().zip(weights).map(|(knot, weight)| knot[axis] * weight).sum();
-        let place = Place {
-            position: Vector3::from_fn(|axis, _| at(axis)),
-            tilt: Vector2::new(at(3), at(4)),
-            roll: at(5),
-        };
+        let place =
+            Place { position: Vector3::from_fn(|axis, _| at(axis)), tilt: Vector2::new(at(3), at(4)), roll: at(5) };
         place.pose(&self.board).inverse()
     }
 }

@@ -8,11 +8,12 @@ use super::page::{Section, scrolling};
 use super::palette::Palette;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use crate::solve::burst::RANK_COUNT;
-use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
+use crate::solve::event_bias::{CLASS_COUNT, EventKind};
 use crate::solve::stretch::residuals_at;
 use crate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
 use crate::trust::residual_map::{ResidualMap, ResidualPattern};
+use evcal_core::event::Polarity;
 
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
 
@@ -43,8 +44,12 @@ fn in_words(calibrated: &Calibrated) -> Markup {
 fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup {
     let refined = &calibration.refined;
     let map = &calibration.trust.residuals;
-    let classes = class_residuals(&residuals_at(&refined.problem, &refined.state));
-    let highest = classes.iter().flat_map(|class| (0..BIN_COUNT).map(|bin| density(class, bin))).fold(0.1, f64::max);
+    let residuals = residuals_at(&refined.problem, &refined.state);
+    let classes = class_residuals(&residuals, |kind| kind.class());
+    let by_rank: [_; 2 * RANK_COUNT] =
+        class_residuals(&residuals, |kind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank));
+    let (off, on) = by_rank.split_at(RANK_COUNT);
+    let highest = by_rank.iter().flat_map(|class| (0..BIN_COUNT).map(|bin| density(class, bin))).fold(0.1, f64::max);
     html! {
         (in_words(calibrated))
         @if map.cells.iter().any(|cell| cell.count > 0) { (by_place(calibrated, map)) }
@@ -52,11 +57,11 @@ fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup 
             h3 { "By event class" }
             p {
                 "When an edge passes, a pixel sends a burst of events. Each rank of the burst, OFF (darker) and ON (brighter), has its "
-                "own bias, which is part of the result. Curves should be narrow, alike on both sides and centred on 0."
+                "own bias, which is part of the result, and another one after a burst of one or two events. Curves should be narrow, alike on both sides and centred on 0."
             }
             div.pair {
-                figure { (histogram(&classes, "OFF", 0, highest).render()) figcaption { "Residuals of OFF events, by rank in the burst." } }
-                figure { (histogram(&classes, "ON", RANK_COUNT, highest).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
+                figure { (histogram(off, "OFF", highest).render()) figcaption { "Residuals of OFF events, by rank in the burst." } }
+                figure { (histogram(on, "ON", highest).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
             }
             (scrolling("Event classes", &class_table(calibration, &classes)))
             p.faint { "Offsets are those of a straight, slow edge, positive outside the dot; latencies count from the first OFF event of a burst." }
@@ -146,9 +151,9 @@ fn density(class: &ClassResiduals, bin: usize) -> f64 {
 }
 
 /// One curve a rank, up to `highest`, so that both polarities have one scale.
-fn histogram(classes: &[ClassResiduals; CLASS_COUNT], polarity: &str, first: usize, highest: f64) -> Chart<'static> {
-    let of_polarity = classes.iter().skip(first).take(RANK_COUNT);
-    let series: Vec<Series> = of_polarity
+fn histogram(ranks: &[ClassResiduals], polarity: &str, highest: f64) -> Chart<'static> {
+    let series: Vec<Series> = ranks
+        .iter()
         .zip(RANKS)
         .zip(Color::ALL)
         .filter(|((class, _), _)| class.count > 0)
@@ -190,7 +195,7 @@ fn class_table(calibration: &EventCalibration, classes: &[ClassResiduals; CLASS_
                     @let (offset, offset_sigma) = with_sigma(bias.biases[Bias::Offset], sigma[Bias::Offset]);
                     @let (latency, latency_sigma) = with_sigma(1e3 * bias.biases[Bias::Latency], 1e3 * sigma[Bias::Latency]);
                     tr {
-                        th scope="row" { (if index < RANK_COUNT { "OFF, " } else { "ON, " }) (RANKS.get(index % RANK_COUNT).copied().unwrap_or_default()) }
+                        th scope="row" { (class_name(index)) }
                         td.number { (count(class.count as u64)) }
                         td.number { (signed(class.rms, 3)) }
                         td.number { (signed(class.mean, 3)) }
@@ -203,4 +208,15 @@ fn class_table(calibration: &EventCalibration, classes: &[ClassResiduals; CLASS_
             }
         }
     }
+}
+
+/// What a class is called.
+fn class_name(class: usize) -> String {
+    let EventKind { polarity, place } = EventKind::of_class(class);
+    let polarity = match polarity {
+        Polarity::Off => "OFF",
+        Polarity::On => "ON",
+    };
+    let rank = RANKS.get(usize::from(place.rank)).copied().unwrap_or_default();
+    format!("{polarity}, {rank}{}", if place.after_short { ", after a short burst" } else { "" })
 }

@@ -18,9 +18,8 @@ use crate::picture_calibration::joint::JointReport;
 use crate::recording::pass::RecordingReport;
 use crate::result::inertial_result::InertialResult;
 use crate::result::printed_board::PrintedBoard;
-use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::event_bias::{EventBias, SPEED_RANGE_COUNT};
+use crate::solve::event_bias::{EventBias, EventKind, SPEED_RANGE_COUNT};
 use crate::solve::refinement::RoundReport;
 use crate::solve::residual_statistics::ResidualStatistics;
 use crate::trajectory::segment::SegmentReport;
@@ -32,6 +31,7 @@ use crate::trust::uncertainty::BiasSigma;
 use crate::trust::verdict::Verdict;
 use crate::trust::witness::{Comparison, WitnessOutcome};
 use crate::trust::{ObservedRadius, Trust};
+use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 
 /// What `format` says in every calibration file.
@@ -155,13 +155,15 @@ pub struct TrajectoryStages {
     pub rounds: Vec<RoundReport>,
 }
 
-/// One event class: polarity and rank in the burst.
+/// One event class: polarity, rank in the burst, and the burst before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EventClass {
     /// Darker or brighter.
     pub polarity: ClassPolarity,
     /// Rank in the burst, 0 for the first event; the last rank stands for all later ones.
-    pub rank: usize,
+    pub rank: u8,
+    /// Whether the burst before had one or two events only.
+    pub after_short_burst: bool,
     /// What shifts its events from the edge, under the names of [`Bias::name`].
     #[serde(flatten, serialize_with = "write_biases", deserialize_with = "read_biases")]
     pub biases: Biases<f64>,
@@ -195,12 +197,19 @@ impl EventClass {
         bias.iter()
             .zip(sigma)
             .enumerate()
-            .map(|(class, (bias, sigma))| Self {
-                polarity: if class < RANK_COUNT { ClassPolarity::Off } else { ClassPolarity::On },
-                rank: class % RANK_COUNT,
-                biases: bias.biases,
-                sigma: bias.sigma,
-                standard_deviations: *sigma,
+            .map(|(class, (bias, sigma))| {
+                let EventKind { polarity, place } = EventKind::of_class(class);
+                Self {
+                    polarity: match polarity {
+                        Polarity::Off => ClassPolarity::Off,
+                        Polarity::On => ClassPolarity::On,
+                    },
+                    rank: place.rank,
+                    after_short_burst: place.after_short,
+                    biases: bias.biases,
+                    sigma: bias.sigma,
+                    standard_deviations: *sigma,
+                }
             })
             .collect()
     }

@@ -296,11 +296,7 @@ impl Motion {
 /// How fast the board plane passes the image at time `t`, in pixels per second, and at which of its points, where `pose` is
 /// `T_world_camera`: in the middle of each cell of [`SPEED_GRID`], row by row. `None` where a pixel does not look at the
 /// plane.
-pub fn image_speeds(
-    pose: impl Fn(f64) -> Isometry3<f64>,
-    rays: &Rays,
-    t: f64,
-) -> Vec<Option<(Vector2<f64>, f64)>> {
+pub fn image_speeds(pose: impl Fn(f64) -> Isometry3<f64>, rays: &Rays, t: f64) -> Vec<Option<(Vector2<f64>, f64)>> {
     const STEP: f64 = 1e-4;
     let before = View::new(&pose(t - STEP));
     let after = View::new(&pose(t + STEP));

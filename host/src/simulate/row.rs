@@ -99,13 +99,7 @@ pub struct Slice {
 
 impl Slice {
     /// The slice from tick `first` to tick `last` before the `scene`, where `pose` is `T_world_camera` at a time in seconds.
-    pub fn new(
-        pose: impl Fn(f64) -> Isometry3<f64>,
-        scene: &Scene,
-        rays: &Rays,
-        first: usize,
-        last: usize,
-    ) -> Self {
+    pub fn new(pose: impl Fn(f64) -> Isometry3<f64>, scene: &Scene, rays: &Rays, first: usize, last: usize) -> Self {
         const LOOKS: usize = 5;
         let seconds = |tick: usize| tick as f64 * TICK * 1e-6;
         let view = |tick: usize| View::new(&pose(seconds(tick))).at(seconds(tick));

@@ -18,7 +18,7 @@ use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_ray::{BoardRay, is_in_front};
 use crate::solve::board_surface::{BoardGround, BoardSurface};
 use crate::solve::event_bias::bias::Bias;
-use crate::solve::event_bias::{class, speed_range};
+use crate::solve::event_bias::{EventKind, speed_range};
 use crate::solve::event_row::EventEdge;
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
@@ -196,7 +196,7 @@ impl<'a> Associator<'a> {
         (far, report): (&mut Vec<(usize, f32)>, &mut AssociationReport),
     ) -> Option<Associated> {
         let settings = self.context.settings;
-        let class = class(event.polarity, event.rank);
+        let class = EventKind { polarity: event.polarity, place: event.place }.class();
         let bias = self.context.state.bias.get(class)?;
         let time = event.t as f64 * 1e-6 - bias.biases[Bias::Latency];
         let Some((segment, bin, pose)) =

@@ -4,7 +4,7 @@
 //! smaller), each further event of a burst lies deeper in the blurred edge, the blur shifts a curved
 //! edge more than a straight one, and the pixel's latency moves edges along the motion, less than in
 //! proportion at high speed, and more towards the corners, where lenses give less light. Each event
-//! class (polarity × rank in the burst) therefore has its own biases and spread, estimated together
+//! class (polarity × rank in the burst × whether the burst before was short) therefore has its own biases and spread, estimated together
 //! with the camera: an event of class c on an edge that moves with normal speed v, of a dot whose
 //! radius is ρ pixels, lies
 //! `offset + curvature / ρ + bend v² + corner_latency v s² + curvature_latency v / ρ + memory a`
@@ -18,15 +18,58 @@ pub mod robust;
 
 use evcal_core::event::Polarity;
 
-use crate::solve::burst::{MAX_RANK, RANK_COUNT};
+use crate::solve::burst::{BurstPlace, MAX_RANK, RANK_COUNT};
 use bias::{Bias, Biases};
 
-/// Number of event classes: two polarities × ranks.
-pub const CLASS_COUNT: usize = 2 * RANK_COUNT;
+/// Number of classes of either kind: two polarities × ranks.
+const CLASSES_OF_KIND: usize = 2 * RANK_COUNT;
+/// Number of event classes: those after a burst that was not short, then the others.
+pub const CLASS_COUNT: usize = 2 * CLASSES_OF_KIND;
+/// Classes after a short burst have so many biases of their own, the first ones: offset and latency. The others are those of
+/// the class that differs in this only.
+const BIASES_AFTER_SHORT: usize = 2;
+/// Number of biases of all classes.
+pub const BIAS_COUNT: usize = (Bias::COUNT + BIASES_AFTER_SHORT) * CLASSES_OF_KIND;
 
-/// The class of an event.
-pub fn class(polarity: Polarity, rank: u8) -> usize {
-    polarity.index() * RANK_COUNT + usize::from(rank.min(MAX_RANK))
+/// Whether `bias` is one that `class` does not share with an earlier class.
+pub const fn is_own_bias(class: usize, bias: Bias) -> bool {
+    class < CLASSES_OF_KIND || bias.index() < BIASES_AFTER_SHORT
+}
+
+/// Place of a bias of `class` among those of all classes, below [`BIAS_COUNT`].
+pub const fn bias_place(class: usize, bias: Bias) -> usize {
+    if class < CLASSES_OF_KIND {
+        Bias::COUNT * class + bias.index()
+    } else if is_own_bias(class, bias) {
+        Bias::COUNT * CLASSES_OF_KIND + BIASES_AFTER_SHORT * (class - CLASSES_OF_KIND) + bias.index()
+    } else {
+        Bias::COUNT * (class - CLASSES_OF_KIND) + bias.index()
+    }
+}
+
+/// What the events of a class have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EventKind {
+    /// Darker or brighter.
+    pub polarity: Polarity,
+    /// Place in the bursts of their pixel.
+    pub place: BurstPlace,
+}
+
+impl EventKind {
+    /// Index of the class: those after a short burst come last, in each half OFF before ON.
+    pub fn class(&self) -> usize {
+        let burst = 2 * usize::from(self.place.after_short) + self.polarity.index();
+        burst * RANK_COUNT + usize::from(self.place.rank.min(MAX_RANK))
+    }
+
+    /// The events of class number `class`, which is below [`CLASS_COUNT`].
+    pub fn of_class(class: usize) -> Self {
+        let burst = class / RANK_COUNT;
+        let polarity = if burst.is_multiple_of(2) { Polarity::Off } else { Polarity::On };
+        let place = BurstPlace { rank: (class % RANK_COUNT) as u8, after_short: burst >= 2 };
+        Self { polarity, place }
+    }
 }
 
 /// What is known of one event class.
@@ -110,6 +153,32 @@ pub fn unknown(sigma: f64) -> EventBias {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_class_is_of_one_kind_of_event() {
+        for class in 0..CLASS_COUNT {
+            assert_eq!(EventKind::of_class(class).class(), class);
+        }
+        let first = EventKind::of_class(0);
+        assert_eq!(first, EventKind { polarity: Polarity::Off, place: BurstPlace { rank: 0, after_short: false } });
+    }
+
+    #[test]
+    fn classes_after_a_short_burst_share_all_biases_but_offset_and_latency() {
+        let mut owners = [0; BIAS_COUNT];
+        for class in 0..CLASS_COUNT {
+            let kind = EventKind::of_class(class);
+            let twin = EventKind { place: BurstPlace { after_short: false, ..kind.place }, ..kind }.class();
+            for bias in Bias::ALL {
+                let place = bias_place(class, bias);
+                let is_own = twin == class || matches!(bias, Bias::Offset | Bias::Latency);
+                assert_eq!(is_own_bias(class, bias), is_own);
+                assert_eq!(place == bias_place(twin, bias), twin == class || !is_own, "{class} {bias:?}");
+                owners[place] += usize::from(is_own);
+            }
+        }
+        assert_eq!(owners, [1; BIAS_COUNT]);
+    }
 
     #[test]
     fn derivatives_are_those_of_the_distance() {

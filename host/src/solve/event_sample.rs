@@ -1,15 +1,15 @@
 //! An even sample of the events of all recordings, held in memory.
 //!
-//! The rank of an event in its burst needs all events before it, so that the recording is followed once from its beginning to
-//! its end. The rounds of association use a part of the events only: as many as fit are kept with their ranks while
+//! The place of an event in the bursts of its pixel needs all events before it, so that the recording is followed once from its beginning to
+//! its end. The rounds of association use a part of the events only: as many as fit are kept with their places while
 //! the board is looked for, and the recording is not read again.
 
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::burst::BurstTracker;
+use super::burst::{BurstPlace, BurstTracker};
 
-/// An event and its rank in the burst of its pixel.
+/// An event and its place in the bursts of its pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RankedEvent {
     /// Time in microseconds since the start of the recording.
@@ -20,8 +20,8 @@ pub struct RankedEvent {
     pub y: u16,
     /// Direction of the change.
     pub polarity: Polarity,
-    /// Rank in the burst, 0 for the first event.
-    pub rank: u8,
+    /// Place in the bursts of its pixel.
+    pub place: BurstPlace,
 }
 
 /// Where an event stands in an even, fixed order of thinning: a share of events is those whose place is below it.
@@ -52,12 +52,12 @@ impl Thinning {
     /// place is below `places`.
     fn push(&mut self, events: &[Event], places: u64, mut keep: impl FnMut(RankedEvent, u32)) {
         for event in events {
-            let place = thinning_place(self.ordinal);
+            let order = thinning_place(self.ordinal);
             self.ordinal += 1;
-            let Some(rank) = self.bursts.rank(event) else { continue };
-            if u64::from(place) < places {
+            let Some(place) = self.bursts.place(event) else { continue };
+            if u64::from(order) < places {
                 let Event { t, x, y, polarity } = *event;
-                keep(RankedEvent { t, x, y, polarity, rank }, place);
+                keep(RankedEvent { t, x, y, polarity, place }, order);
             }
         }
     }

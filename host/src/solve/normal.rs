@@ -167,7 +167,9 @@ impl StretchEquations {
                     corner[(global, parameter)] += line[place];
                 }
                 for other in Bias::ALL.into_iter().take_while(|other| other.index() <= bias.index()) {
-                    corner[(global, bias_index(class, other))] += line[row_bias(other)];
+                    let other_global = bias_index(class, other);
+                    // Biases that classes share come before those of a class's own.
+                    corner[(global.max(other_global), global.min(other_global))] += line[row_bias(other)];
                 }
                 self.corner_gradient[global] += line[ROW_RESIDUAL];
             }
@@ -186,7 +188,7 @@ fn border_of(products: &RowProducts) -> BorderBlock {
     for class in (0..CLASS_COUNT).filter(|&class| products.touched[class]) {
         for (bias, from) in Bias::ALL.into_iter().zip(&products.classes[class]) {
             for (line, value) in border.iter_mut().zip(from) {
-                line[bias_index(class, bias)] = *value;
+                line[bias_index(class, bias)] += *value;
             }
         }
     }

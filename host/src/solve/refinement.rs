@@ -15,7 +15,7 @@ use crate::solve::association::{AssociationContext, AssociationReport, Associati
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
-use crate::solve::event_bias::{CLASS_COUNT, EventBias, unknown};
+use crate::solve::event_bias::{CLASS_COUNT, EventBias, is_own_bias, unknown};
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::left_out::{LeftOut, leave_out};
@@ -303,11 +303,11 @@ fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &Refinemen
             *count += 1;
         }
     }
-    let mut biases = counts.map(|count| {
+    let mut biases = std::array::from_fn(|class| {
         // The paper's residual knows no biases.
-        let enough = count >= FEWEST_OF_CLASS && problem.settings.residual == ResidualMeasure::Pixel;
+        let enough = counts[class] >= FEWEST_OF_CLASS && problem.settings.residual == ResidualMeasure::Pixel;
         let wanted = |bias: Bias| if bias.needs_motion() { settings.latencies } else { settings.offsets };
-        Biases::from_fn(|bias| enough && wanted(bias))
+        Biases::from_fn(|bias| enough && wanted(bias) && is_own_bias(class, bias))
     });
     // What delays all events alike cannot be told from a shift of the clock.
     biases[0][Bias::Latency] = false;

@@ -1,6 +1,6 @@
-//! How the residuals of each event class are distributed.
+//! How the residuals of event classes are distributed.
 
-use crate::solve::event_bias::CLASS_COUNT;
+use crate::solve::event_bias::EventKind;
 use crate::solve::stretch::EventResidual;
 
 /// Residuals beyond this are counted in the outermost bins (px).
@@ -8,7 +8,7 @@ pub const BOUND: f64 = 1.5;
 /// Number of bins from −[`BOUND`] to [`BOUND`].
 pub const BIN_COUNT: usize = 60;
 
-/// The residuals of one event class.
+/// The residuals of one event class, or of several.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClassResiduals {
     /// Number of residuals.
@@ -21,12 +21,15 @@ pub struct ClassResiduals {
     pub bins: [usize; BIN_COUNT],
 }
 
-/// The residuals of each event class.
-pub fn class_residuals(residuals: &[EventResidual]) -> [ClassResiduals; CLASS_COUNT] {
+/// The residuals of each of `COUNT` groups of event classes; `group` is below it.
+pub fn class_residuals<const COUNT: usize>(
+    residuals: &[EventResidual],
+    group: impl Fn(EventKind) -> usize,
+) -> [ClassResiduals; COUNT] {
     let empty = ClassResiduals { count: 0, mean: 0.0, rms: 0.0, bins: [0; BIN_COUNT] };
-    let mut classes: [ClassResiduals; CLASS_COUNT] = std::array::from_fn(|_| empty.clone());
+    let mut classes: [ClassResiduals; COUNT] = std::array::from_fn(|_| empty.clone());
     for event in residuals {
-        let Some(class) = classes.get_mut(usize::from(event.class)) else { continue };
+        let Some(class) = classes.get_mut(group(EventKind::of_class(event.class.into()))) else { continue };
         let residual = f64::from(event.residual);
         class.count += 1;
         class.mean += residual;
@@ -51,11 +54,14 @@ mod tests {
     #[test]
     fn residuals_are_counted_by_class_and_size() {
         let event = |class, residual| EventResidual { class, residual, ..EventResidual::default() };
-        let classes = class_residuals(&[event(1, 0.02), event(1, 0.08), event(1, -9.0), event(3, 1.42)]);
+        let residuals = [event(1, 0.02), event(1, 0.08), event(1, -9.0), event(3, 1.42)];
+        let classes: [_; 4] = class_residuals(&residuals, |kind| kind.class());
         assert_eq!((classes[0].count, classes[1].count, classes[3].count), (0, 3, 1));
         assert_eq!((classes[1].bins[0], classes[1].bins[30], classes[1].bins[31]), (1, 1, 1));
         assert_eq!(classes[3].bins[58], 1);
         assert!((classes[1].mean + 8.9 / 3.0).abs() < 1e-6);
         assert!((classes[3].rms - 1.42).abs() < 1e-6);
+        let [all] = class_residuals(&residuals, |_| 0);
+        assert_eq!(all.count, 4);
     }
 }
