@@ -12,6 +12,7 @@ pub mod board_ray;
 pub mod board_surface;
 pub mod burst;
 pub mod edge_batch;
+pub mod eliminated;
 pub mod event_bias;
 pub mod event_row;
 pub mod event_sample;

@@ -153,7 +153,7 @@ impl Calibrated {
     }
 
     /// Those of [`Calibrated::frames`] that were used, with their poses.
-    pub fn posed(&self) -> impl Iterator<Item = (&PosedFrame, &ReferenceFrame)> {
+    pub fn posed(&self) -> impl Iterator<Item = (&PosedFrame, &ReferenceFrame)> + Clone {
         let posed = match &self.evidence {
             Evidence::Events(events) => &events.initial.frames,
             Evidence::Pictures(pictures) => &pictures.posed,

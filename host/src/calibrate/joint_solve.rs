@@ -5,15 +5,16 @@ use super::error::CalibrateError;
 use super::progress::Progress;
 use crate::solve::State;
 use crate::solve::refinement::{Refined, RefinementInput, StageSettings, refine};
+use crate::solve::system::System;
 use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
 
-/// The joint solve from `state` on, and how sure its result is.
-pub(super) fn solve(
+/// The joint solve from `state` on, and the system at its result.
+pub(super) fn refined(
     task: &Task,
     input: &RefinementInput<CalibrateError>,
     state: State,
     progress: &Progress,
-) -> Result<(Refined, SolveUncertainty), CalibrateError> {
+) -> Result<(Refined, System), CalibrateError> {
     let settings = task.settings;
     let stage = StageSettings {
         refinement: &settings.refinement,
@@ -28,7 +29,22 @@ pub(super) fn solve(
     };
     let refined = refine(input, state, stage, tell)?;
     progress.go_on()?;
-    let certainty =
-        uncertainty(&refined.problem, &refined.state, &settings.uncertainty).map_err(CalibrateError::Solve)?;
+    Ok(refined)
+}
+
+/// How sure a joint solve is whose result has this `system`.
+pub(super) fn certainty(task: &Task, refined: &Refined, system: &System) -> Result<SolveUncertainty, CalibrateError> {
+    uncertainty(&refined.problem, &refined.state, system, &task.settings.uncertainty).map_err(CalibrateError::Solve)
+}
+
+/// The joint solve from `state` on, and how sure its result is.
+pub(super) fn solve(
+    task: &Task,
+    input: &RefinementInput<CalibrateError>,
+    state: State,
+    progress: &Progress,
+) -> Result<(Refined, SolveUncertainty), CalibrateError> {
+    let (refined, system) = refined(task, input, state, progress)?;
+    let certainty = certainty(task, &refined, &system)?;
     Ok((refined, certainty))
 }

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Vector2;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -350,18 +349,13 @@ pub struct SegmentSummary {
     pub observations: usize,
 }
 
-/// Points on the rim of a circle that stand for it.
-const RIM_POINTS: u32 = 16;
-
 /// Where the board's circles were seen in the frames that the calibration used.
 pub fn covered_region(calibrated: &Calibrated) -> CoveredRegion {
-    let rim = calibrated.posed().flat_map(|(_, frame)| &frame.circles).flat_map(|circle| {
-        (0..RIM_POINTS).map(|step| {
-            let angle = f64::from(step) * std::f64::consts::TAU / f64::from(RIM_POINTS);
-            circle.center + Vector2::new(libm::cos(angle), libm::sin(angle)) * circle.radius.unwrap_or(0.0)
-        })
-    });
-    CoveredRegion::around(rim, calibrated.sensor)
+    let circles = calibrated.posed().flat_map(|(_, frame)| &frame.circles);
+    CoveredRegion::around_circles(
+        circles.map(|circle| (circle.center, circle.radius.unwrap_or(0.0))),
+        calibrated.sensor,
+    )
 }
 
 impl CalibrationFile {

@@ -28,9 +28,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Biases;
-use crate::solve::levenberg::{assemble, contributions, intrinsics_of};
+use crate::solve::levenberg::{contributions, intrinsics_of};
+use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::stretch::stretches;
-use crate::solve::system::{Contribution, System};
+use crate::solve::system::{Contribution, Reduced, System};
 use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, Problem, SolveError, State, bias_index};
 use crate::trust::board_evidence::{BoardEvidence, RADIUS, after, with_board};
 use blocks::{Scatter, scatter, sum_by_block};
@@ -78,6 +79,8 @@ pub struct SolveUncertainty {
     pub board: Option<BoardEvidence>,
     /// Standard deviation of each bias of each event class; zero where it is held.
     pub bias_sigma: BiasSigma,
+    /// How sure each pose is.
+    pub poses: PoseCovariance,
 }
 
 /// A standard deviation for each bias of each event class.
@@ -145,27 +148,32 @@ fn combined(formal: &DMatrix<f64>, scatters: impl Iterator<Item = Scatter>) -> (
     (shape * inflation, inflation, blocks)
 }
 
-/// The uncertainty of `state`, which solves `problem`.
+/// The uncertainty of `state`, which solves `problem`; `system` is the one there.
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the free parameters.
 pub fn uncertainty(
     problem: &Problem,
     state: &State,
+    system: &System,
     settings: &UncertaintySettings,
 ) -> Result<SolveUncertainty, SolveError> {
     let stretches = stretches(&problem.segments);
-    let system = assemble(problem, state, &stretches);
-    let (free, free_with_board) = (problem.free.mask(), with_board(problem).mask());
-    let formal = system.global_covariance(&free).map_err(|_| SolveError::Singular)?;
-    let [contributions, contributions_with_board] =
-        contributions(problem, state, &system, &stretches, [&free, &free_with_board])?;
+    let free = problem.free.mask();
+    let singular = |_| SolveError::Singular;
+    let reduced = system.reduced(0.0, &with_board(problem).mask()).map_err(singular)?;
+    let places = reduced.places(&free);
+    let formal = reduced.covariance(&places).map_err(singular)?;
+    let contributions_with_board = contributions(problem, state, &reduced.follows(), &stretches);
+    let contributions: Vec<Contribution> = contributions_with_board.iter().map(|one| one.of(&places)).collect();
     let times: Vec<(usize, f64)> =
         stretches.iter().map(|stretch| (stretch.segment, stretch.start(&problem.segments))).collect();
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
     let time = Time { starts: &times, total };
     let (stated, inflation, blocks) = stated(&formal, &contributions, time, first_count(&free), settings);
-    let board = board_evidence(problem, state, &system, &contributions_with_board, time, settings);
+    let board = board_evidence(problem, state, &reduced, &contributions_with_board, time, settings);
+    let controls = reduced.control_covariances(system, &places, &formal).ok_or(SolveError::Singular)?;
+    let poses = PoseCovariance::new(controls, inflation);
 
     let count = state.camera.parameters().len();
     let mut variances = [0.0; GLOBAL_COUNT];
@@ -192,7 +200,7 @@ pub fn uncertainty(
         covariance
     };
     let intrinsics = Uncertainty { covariance, inflation, observations: system.count, blocks };
-    Ok(SolveUncertainty { intrinsics, board_sigma, board, bias_sigma })
+    Ok(SolveUncertainty { intrinsics, board_sigma, board, bias_sigma, poses })
 }
 
 /// Where the stretches of observations begin (segment, seconds), and how long all trajectories are (s).
@@ -229,15 +237,15 @@ fn stated(
 fn board_evidence(
     problem: &Problem,
     state: &State,
-    system: &System,
+    reduced: &Reduced,
     contributions: &[Contribution],
     time: Time,
     settings: &UncertaintySettings,
 ) -> Option<BoardEvidence> {
     let parameters = with_board(problem);
     let free = parameters.mask();
-    let formal = system.global_covariance(&free).ok()?;
-    let step = system.solve(0.0, &free).ok()?;
+    let formal = reduced.covariance(&reduced.places(&free)).ok()?;
+    let step = reduced.global_step().ok()?;
     let contributions = after(&step, contributions, &free);
     let first = first_count(&free);
     let (stated, ..) = self::stated(&formal, &contributions, time, first, settings);
