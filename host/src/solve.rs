@@ -16,6 +16,7 @@ pub mod eliminated;
 pub mod event_bias;
 pub mod event_row;
 pub mod event_sample;
+pub mod held_camera;
 pub mod knot_choice;
 pub mod knot_fit;
 pub mod left_out;

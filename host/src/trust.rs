@@ -132,7 +132,8 @@ pub fn examine(
     settings: ExamineSettings,
 ) -> Result<(Trust, EventTrust), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let SolveUncertainty { intrinsics: uncertainty, board_sigma: _, board: _, bias_sigma, poses } = uncertainty;
+    let SolveUncertainty { intrinsics: uncertainty, board_sigma: _, board: _, bias_sigma, poses, formal: _ } =
+        uncertainty;
     let in_the_image = |uncertainty: &Uncertainty| {
         projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
     };

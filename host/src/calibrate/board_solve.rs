@@ -191,6 +191,6 @@ fn hold(
     for &index in undetermined {
         refined.problem.free.intrinsics[index] = true;
     }
-    let certainty = certainty(task, &refined, &system)?;
+    let certainty = certainty(task, &refined, system)?;
     Ok((refined, certainty))
 }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::board::Board;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use crate::calibrate::stretch_choice::StretchChoice;
 use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::initial::model_choice::ModelChoice;
@@ -90,6 +91,9 @@ pub struct CalibrationFile {
     pub residuals: Residuals,
     /// Trajectory segments.
     pub segments: Vec<SegmentSummary>,
+    /// Which seconds of recordings the joint solve took that are longer than it has room for; absent where it took all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chosen_seconds: Option<StretchChoice>,
     /// What the camera's own frames say; absent where the recordings have none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<FramesResult>,
@@ -390,6 +394,7 @@ impl CalibrationFile {
             event_classes: events.map_or_else(Vec::new, EventClass::of_calibration),
             residuals: Residuals::new(calibrated),
             segments: events.map_or_else(Vec::new, SegmentSummary::of_calibration),
+            chosen_seconds: events.and_then(|events| events.choice.clone()),
             frames: FramesResult::new(calibrated),
             joint_frames: events.and_then(|events| events.joint.clone()),
             inertial: events.and_then(|events| events.inertial.as_ref()).map(InertialResult::new),

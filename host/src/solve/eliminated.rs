@@ -21,12 +21,18 @@ pub struct Eliminated {
     panels: Vec<Panel>,
     /// Vectors of F.
     free: usize,
+    order: usize,
 }
 
 impl Eliminated {
-    /// Of control points with this `factor` of their matrix, this `border` and `gradient`; the parameters that are `free` of the
-    /// global ones.
-    pub fn new(factor: BandedCholesky, border: &[BorderBlock], gradient: &[[f64; POINT]], free: &[usize]) -> Self {
+    /// Of control points, `order` of which act together, with this `factor` of their matrix, this `border` and `gradient`; the
+    /// parameters that are `free` of the global ones.
+    pub fn new(
+        (factor, order): (BandedCholesky, usize),
+        border: &[BorderBlock],
+        gradient: &[[f64; POINT]],
+        free: &[usize],
+    ) -> Self {
         let entry = |point: usize, axis: usize, vector: usize| match free.get(vector) {
             Some(&global) => border[point][axis][global],
             None if vector == free.len() => gradient[point][axis],
@@ -39,7 +45,7 @@ impl Eliminated {
             panel
         });
         let panels = panels.collect();
-        Self { factor, panels, free: free.len() }
+        Self { factor, panels, free: free.len(), order }
     }
 
     /// BᵀA⁻¹B and −BᵀA⁻¹g.
@@ -78,45 +84,63 @@ impl Eliminated {
         step
     }
 
-    /// A⁻¹B: how the control points follow the free global parameters.
-    pub fn follows(&self) -> DMatrix<f64> {
-        let mut follows = DMatrix::zeros(self.factor.dimension(), self.free);
-        let solved: Vec<Panel> = self
-            .panels
-            .par_iter()
-            .map(|panel| {
-                let mut panel = panel.clone();
-                self.factor.backward(&mut panel);
-                panel
-            })
-            .collect();
-        for (column, mut target) in follows.column_iter_mut().enumerate() {
-            let from = solved[column / PANEL].iter().map(|line| line[column % PANEL]);
-            target.iter_mut().zip(from).for_each(|(target, value)| *target = value);
-        }
-        follows
+    /// How the control points follow the free global parameters.
+    pub fn into_following(mut self) -> Following {
+        let factor = &self.factor;
+        self.panels.par_iter_mut().for_each(|panel| factor.backward(panel));
+        Following { factor: self.factor, panels: self.panels, free: self.free, order: self.order }
+    }
+}
+
+/// How the control points of a segment follow the free global parameters: A⁻¹B, in panels.
+pub struct Following {
+    factor: BandedCholesky,
+    panels: Vec<Panel>,
+    free: usize,
+    order: usize,
+}
+
+impl Following {
+    /// Those of `count` control points from `first` on, six rows each, a column for each free global parameter.
+    pub fn of_points(&self, first: usize, count: usize) -> DMatrix<f64> {
+        let entry = |row: usize, column: usize| {
+            let panel = self.panels.get(column / PANEL).and_then(|panel| panel.get(POINT * first + row));
+            panel.map_or(0.0, |line| line[column % PANEL])
+        };
+        DMatrix::from_fn(POINT * count, self.free, entry)
     }
 
-    /// Covariance of each control point with itself and the `order − 1` before it, when the global parameters have the
-    /// covariance `globals`: that near the diagonal of A⁻¹ + A⁻¹B · globals · (A⁻¹B)ᵀ. `columns` says which of the free global
-    /// parameters these are.
-    pub fn control_covariance(&self, order: usize, columns: &[usize], globals: &DMatrix<f64>) -> Option<Vec<Block>> {
-        let own = self.factor.inverse_band();
+    /// Covariance of the control points, when the global parameters have the covariance `globals`: that near the diagonal of
+    /// A⁻¹ + A⁻¹B · globals · (A⁻¹B)ᵀ. `columns` says which of the free global parameters these are.
+    pub fn control_covariance(&self, columns: &[usize], globals: &DMatrix<f64>) -> Option<ControlCovariance> {
+        let (own, order) = (self.factor.inverse_band(), self.order);
         let root = globals.clone().cholesky()?.unpack();
-        let moved = self.follows().select_columns(columns) * root;
-        // One control point after the other, so that each reads near what the one before it read.
-        let moved: Vec<f64> = moved.transpose().as_slice().to_vec();
-        let line = |row: usize| &moved[row * columns.len()..(row + 1) * columns.len()];
-        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let count = self.factor.dimension() / POINT;
+        let moved = |point: usize| self.of_points(point, 1).select_columns(columns) * &root;
+        let moved: Vec<DMatrix<f64>> = (0..count).into_par_iter().with_min_len(64).map(moved).collect();
         let block = |index: usize| {
             let (point, back) = (index / order, index % order);
-            if back > point {
-                return Block::zeros();
-            }
-            let (row, column) = (POINT * point, POINT * (point - back));
-            Block::from_fn(|a, b| own.at(row + a, column + b) + product(line(row + a), line(column + b)))
+            let Some(other) = point.checked_sub(back) else { return Block::zeros() };
+            let from_globals = &moved[point] * moved[other].transpose();
+            let (row, column) = (POINT * point, POINT * other);
+            Block::from_fn(|a, b| own.at(row + a, column + b) + from_globals[(a, b)])
         };
-        let count = self.factor.dimension() / POINT;
-        Some((0..count * order).into_par_iter().with_min_len(64).map(block).collect())
+        let blocks = (0..count * order).into_par_iter().with_min_len(64).map(block).collect();
+        Some(ControlCovariance { order, blocks })
+    }
+}
+
+/// Covariance of the control points of one segment, near its diagonal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ControlCovariance {
+    order: usize,
+    blocks: Vec<Block>,
+}
+
+impl ControlCovariance {
+    /// Covariance of control point `point` with the one `back` before it; `None` beyond those that act together.
+    pub fn block(&self, point: usize, back: usize) -> Option<&Block> {
+        (back < self.order).then_some(())?;
+        self.blocks.get(point * self.order + back)
     }
 }

@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix3, SMatrix};
 
-use super::system::ControlCovariance;
+use super::eliminated::ControlCovariance;
 use crate::trajectory::Trajectory;
 
 /// Standard deviation of a pose along each axis.

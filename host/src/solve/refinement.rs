@@ -42,6 +42,9 @@ settings! {
         pub settled: f64 = 0.01, "px", at_least(0.0);
         /// Most events in the rounds before the last.
         pub early_events: usize = 250_000, "events", at_least(1.0);
+        /// Most seconds with the board in the joint solve. Of longer recordings those are taken that tell most of the camera, spread
+        /// over all of it; along the others the trajectory is solved afterwards, with the camera held.
+        pub most_seconds: f64 = 60.0, "s", at_least(10.0);
         /// Fit an offset from the geometric edge, and what the edge's curvature adds to it, for each event class.
         pub offsets: bool = true;
         /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event class.
@@ -218,7 +221,7 @@ pub fn refine<E: Send>(
     }
 }
 
-fn associate_all<E: Send>(
+pub(super) fn associate_all<E: Send>(
     input: &RefinementInput<E>,
     state: &State,
     bearings: &BearingTable,
@@ -257,7 +260,7 @@ fn associate_all<E: Send>(
     Ok((segments, report))
 }
 
-fn problem<E>(
+pub(super) fn problem<E>(
     input: &RefinementInput<E>,
     settings: StageSettings,
     segments: Vec<SegmentObservations>,

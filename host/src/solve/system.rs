@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
 use super::GLOBAL_COUNT;
-use super::eliminated::Eliminated;
+use super::eliminated::{ControlCovariance, Eliminated, Following};
 use super::normal::{Block, BorderBlock, StretchEquations, banded_times};
 use super::smoothness::Acceleration;
 use super::stretch::Stretch;
@@ -164,7 +164,7 @@ impl System {
         let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
         let eliminate = |segment: &SegmentSystem| {
             let factor = segment.factored(damping)?;
-            Ok(Eliminated::new(factor, &segment.border, &segment.gradient, &free))
+            Ok(Eliminated::new((factor, segment.order), &segment.border, &segment.gradient, &free))
         };
         let segments: Vec<Eliminated> =
             self.segments.par_iter().map(eliminate).collect::<Result<_, NotPositiveDefinite>>()?;
@@ -221,44 +221,15 @@ impl Reduced {
     }
 
     /// How the control points follow its global parameters.
-    pub fn follows(&self) -> Follows {
-        Follows { segments: self.segments.iter().map(Eliminated::follows).collect(), free: self.free.clone() }
-    }
-
-    /// Covariance of each control point of each segment with itself and those before it, when the parameters at `places` have the
-    /// covariance `globals`; `system` is the one that this came from.
-    pub fn control_covariances(
-        &self,
-        system: &System,
-        places: &[usize],
-        globals: &DMatrix<f64>,
-    ) -> Option<Vec<ControlCovariance>> {
-        let of_segment = |(segment, eliminated): (&SegmentSystem, &Eliminated)| {
-            let order = segment.order;
-            Some(ControlCovariance { order, blocks: eliminated.control_covariance(order, places, globals)? })
-        };
-        system.segments.iter().zip(&self.segments).map(of_segment).collect()
-    }
-}
-
-/// Covariance of the control points of one segment, near its diagonal.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ControlCovariance {
-    order: usize,
-    blocks: Vec<Block>,
-}
-
-impl ControlCovariance {
-    /// Covariance of control point `point` with the one `back` before it; `None` beyond those that act together.
-    pub fn block(&self, point: usize, back: usize) -> Option<&Block> {
-        (back < self.order).then_some(())?;
-        self.blocks.get(point * self.order + back)
+    pub fn into_follows(self) -> Follows {
+        let segments = self.segments.into_iter().map(Eliminated::into_following).collect();
+        Follows { segments, free: self.free }
     }
 }
 
 /// How the control points of each segment follow the free global parameters.
 pub struct Follows {
-    segments: Vec<DMatrix<f64>>,
+    segments: Vec<Following>,
     free: Vec<usize>,
 }
 
@@ -274,7 +245,7 @@ impl Follows {
         let of_stretch = |(stretch, equations): &(Stretch, StretchEquations)| {
             let segment = self.segments.get(stretch.segment)?;
             let rows = 6 * equations.control_point_count();
-            let follows = segment.rows(6 * equations.first, rows);
+            let follows = &segment.of_points(equations.first, equations.control_point_count());
             let gradient = DVector::from_iterator(rows, equations.gradient.iter().flatten().copied());
             let own = DVector::from_fn(free.len(), |row, _| equations.corner_gradient[free[row]]);
             let border =
@@ -283,13 +254,19 @@ impl Follows {
                 equations.corner[(free[row.max(column)], free[row.min(column)])]
             });
             let mixed = border.transpose() * follows;
-            let moved = banded_times(&equations.blocks, equations.order, &follows.into_owned());
+            let moved = banded_times(&equations.blocks, equations.order, follows);
             Some(Contribution {
                 gradient: own - follows.transpose() * gradient,
                 information: corner - &mixed - mixed.transpose() + follows.transpose() * moved,
             })
         };
         stretches.par_iter().filter_map(of_stretch).collect()
+    }
+
+    /// Covariance of the control points of each segment when the free global parameters at `places` have the covariance
+    /// `globals`; `None` where that is none.
+    pub fn control_covariances(&self, places: &[usize], globals: &DMatrix<f64>) -> Option<Vec<ControlCovariance>> {
+        self.segments.iter().map(|segment| segment.control_covariance(places, globals)).collect()
     }
 }
 

@@ -63,17 +63,13 @@ pub fn with_board(problem: &Problem) -> FreeParameters {
     FreeParameters { board: std::array::from_fn(|index| problem.free.board[index] || testable[index]), ..problem.free }
 }
 
-/// `contributions` as they are where the `step` of the global parameters leads to, in which all of `free` may move.
-pub fn after(step: &[f64], contributions: &[Contribution], free: &[bool]) -> Vec<Contribution> {
+/// A `contribution` as it is where the `step` of the global parameters leads to, in which all of `free` may move.
+pub fn after(step: &[f64], contribution: Contribution, free: &[bool]) -> Contribution {
     let moved = nalgebra::DVector::from_iterator(
         free.iter().filter(|&&free| free).count(),
         step.iter().zip(free).filter(|(_, free)| **free).map(|(value, _)| *value),
     );
-    let at = |contribution: &Contribution| Contribution {
-        gradient: &contribution.gradient + &contribution.information * &moved,
-        information: contribution.information.clone(),
-    };
-    contributions.iter().map(at).collect()
+    Contribution { gradient: contribution.gradient + &contribution.information * moved, ..contribution }
 }
 
 /// The board as the solve has it.
