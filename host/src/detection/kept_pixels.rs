@@ -6,6 +6,12 @@ use crate::circles::reference_frame::SeenIn;
 /// Most pixels that are kept, four bytes each. Half a minute before a DAVIS346 stays below it.
 const MOST: usize = 12_000_000;
 
+/// Of recordings with more windows than this, far fewer are kept: enough to show some. Only a part of such a recording is in the
+/// joint solve, whose first camera does not need them.
+const MANY_WINDOWS: usize = 12_000;
+/// Most pixels that are kept then.
+const MOST_OF_MANY: usize = 1_000_000;
+
 /// What was kept of the windows so far.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct KeptPixels {
@@ -29,7 +35,7 @@ impl KeptPixels {
         if found.len() < self.windows {
             *self = Self::default();
         }
-        self.limit_to(MOST, found);
+        self.limit_to(if found.len() > MANY_WINDOWS { MOST_OF_MANY } else { MOST }, found);
     }
 
     fn limit_to(&mut self, most: usize, found: &mut [CompactFrame]) {

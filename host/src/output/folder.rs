@@ -259,6 +259,8 @@ fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseS
             let followed = events.followed.iter().filter(|stretch| stretch.recording == recording);
             poses.extend(followed.flat_map(|stretch| &stretch.poses).copied());
             poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));
+            // A window on the border of two stretches is in both; what is in the joint solve comes first.
+            poses.dedup_by(|later, earlier| later.pose.t == earlier.pose.t);
             poses
         }
         Evidence::Pictures(_) => calibrated

@@ -44,7 +44,7 @@ settings! {
         pub early_events: usize = 250_000, "events", at_least(1.0);
         /// Most seconds with the board in the joint solve. Of longer recordings those are taken that tell most of the camera, spread
         /// over all of it; along the others the trajectory is solved afterwards, with the camera held.
-        pub most_seconds: f64 = 60.0, "s", at_least(1.0);
+        pub most_seconds: f64 = 45.0, "s", at_least(1.0);
         /// Fit an offset from the geometric edge, and what the edge's curvature adds to it, for each event class.
         pub offsets: bool = true;
         /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event class.
