@@ -142,9 +142,7 @@ pub fn examine(
     let of_events = residuals_at(problem, state);
     let residuals = residual_map(problem, state, &of_events, settings.map);
     let classes = class_residuals(&of_events, |kind| kind.class());
-    let ranks = class_residuals(&of_events, |kind| {
-        kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank)
-    });
+    let ranks = class_residuals(&of_events, |kind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank));
     drop(of_events);
     let misfit = misfit_of(problem, state, &residuals, uncertainty.inflation, settings);
     let uncertainty = match &misfit {
