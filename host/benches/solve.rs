@@ -60,7 +60,7 @@ fn main() {
             let elapsed = start.elapsed().as_secs_f64();
             match solved {
                 // One linearisation more than iterations: the first.
-                Ok((_, report)) => best = best.min(elapsed / (events * (report.iterations + 1)) as f64),
+                Ok(solved) => best = best.min(elapsed / (events * (solved.report.iterations + 1)) as f64),
                 Err(error) => eprintln!("{error}"),
             }
         }

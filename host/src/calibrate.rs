@@ -11,12 +11,15 @@ mod health;
 pub mod inertia;
 pub mod input;
 mod joint_solve;
+mod kept_events;
+pub mod other_stretches;
 pub mod parameter_request;
 mod pictures;
 mod progress;
 pub mod radius;
 pub mod repeat;
 pub mod step;
+pub mod stretch_choice;
 
 use std::ops::ControlFlow;
 use std::sync::LazyLock;

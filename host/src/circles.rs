@@ -1,5 +1,6 @@
 //! Circles: reference frames, and the files and streams that bring circles in place of events.
 
+pub mod compact_frame;
 pub mod event_pixel;
 pub mod reference_frame;
 pub mod serial;

@@ -41,6 +41,7 @@ pub use self::ordering::order_frames;
 pub use self::report::{DetectionReport, NoCircle, NoPattern};
 use self::second_pass::{Spacing, Uncertain, second_pass};
 use self::settings::{DetectionSettings, Grid};
+use crate::circles::compact_frame::CompactFrame;
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedCircle, UnorderedFrame};
 
@@ -100,10 +101,10 @@ enum Found {
 }
 
 impl Found {
-    fn frame(&self) -> Option<&ReferenceFrame> {
+    fn into_circles(self) -> Option<CircleWindow> {
         match self {
-            Self::Frame(frame) => Some(frame),
-            Self::Circles(_) => None,
+            Self::Frame(_) => None,
+            Self::Circles(window) => Some(window),
         }
     }
 
@@ -144,7 +145,8 @@ pub struct DetectionStage<'a> {
     chunk_index: i64,
     waiting: Vec<(i64, Vec<Event>)>,
     waiting_events: usize,
-    findings: Vec<Found>,
+    frames: Vec<CompactFrame>,
+    circle_windows: Vec<CircleWindow>,
     report: DetectionReport,
     shape: DotShape,
     kept_pixels: KeptPixels,
@@ -176,7 +178,8 @@ impl<'a> DetectionStage<'a> {
             chunk_index: 0,
             waiting: Vec::new(),
             waiting_events: 0,
-            findings: Vec::new(),
+            frames: Vec::new(),
+            circle_windows: Vec::new(),
             report: DetectionReport::default(),
             shape: DotShape::default(),
             kept_pixels: KeptPixels::default(),
@@ -239,9 +242,9 @@ impl<'a> DetectionStage<'a> {
         }
         match self.wanted {
             Wanted::Board(pattern) => self.place_uncertain(&waiting, found, uncertain, pattern),
-            Wanted::Circles(_) => self.findings.extend(found),
+            Wanted::Circles(_) => self.circle_windows.extend(found.into_iter().filter_map(Found::into_circles)),
         }
-        self.kept_pixels.limit(&mut self.findings);
+        self.kept_pixels.limit(&mut self.frames);
     }
 
     /// Adds the frames found in the chunks `waiting`, and those that they help to find.
@@ -267,12 +270,13 @@ impl<'a> DetectionStage<'a> {
             let shape = DotShape::of_frame(&frame, &pattern)?;
             self.settings.may_be_discs_in_window(&shape).then_some(frame)
         };
-        let mut latest = self.findings.iter().rev().filter_map(Found::frame);
+        let mut latest = self.frames.iter().rev().map(CompactFrame::without_events);
         let before = [latest.next(), latest.next()];
+        let before = before.each_ref().map(Option::as_ref);
         let found = found.into_iter().filter_map(Found::into_frame).collect();
         let (frames, added) = second_pass(pattern.circle_count(), before, found, uncertain, spacing, place);
         let circles = frames.iter().map(|frame| frame.circles.len() as u64).sum::<u64>();
-        self.findings.extend(frames.into_iter().map(Found::Frame));
+        self.frames.extend(frames.into_iter().map(CompactFrame::from));
         self.report.board_circles += circles;
         self.report.found += added;
         self.report.found_by_neighbours += added;
@@ -396,22 +400,20 @@ impl<'a> DetectionStage<'a> {
         }
     }
 
-    fn finish(mut self) -> (Vec<Found>, DetectionReport) {
+    fn finish(&mut self) {
         self.close_chunk();
         self.search();
         self.drop_what_is_not_round();
-        (self.findings, self.report)
     }
 
     /// Drops what was found if all windows together tell that the dots are not round, which one alone may not.
     fn drop_what_is_not_round(&mut self) {
-        if self.findings.is_empty() || self.settings.may_be_discs(&self.shape) {
+        if self.frames.is_empty() || self.settings.may_be_discs(&self.shape) {
             return;
         }
-        let frames = self.findings.iter().filter_map(Found::frame);
-        let (dropped, circles) =
-            frames.fold((0, 0), |(frames, circles), frame| (frames + 1, circles + frame.circles.len() as u64));
-        self.findings.clear();
+        let dropped = self.frames.len() as u64;
+        let circles = self.frames.iter().map(|frame| frame.circle_count() as u64).sum::<u64>();
+        self.frames.clear();
         self.report.found -= dropped.min(self.report.found);
         self.report.board_circles -= circles.min(self.report.board_circles);
         self.report.found_by_neighbours = self.report.found_by_neighbours.min(self.report.found);
@@ -428,23 +430,25 @@ impl<'a> DetectionStage<'a> {
     pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
         self.search();
         self.drop_what_is_not_round();
-        std::mem::take(&mut self.findings).into_iter().filter_map(Found::into_frame).collect()
+        std::mem::take(&mut self.frames).into_iter().map(ReferenceFrame::from).collect()
     }
 
     /// The reference frames in order of time, and the report.
     pub fn into_frames(self) -> (Vec<ReferenceFrame>, DetectionReport) {
-        let (findings, report) = self.finish();
-        (findings.into_iter().filter_map(Found::into_frame).collect(), report)
+        let (frames, report) = self.into_compact_frames();
+        (frames.into_iter().map(ReferenceFrame::from).collect(), report)
+    }
+
+    /// The same in less room.
+    pub fn into_compact_frames(mut self) -> (Vec<CompactFrame>, DetectionReport) {
+        self.finish();
+        (self.frames, self.report)
     }
 
     /// The windows with circles in order of time, and the report.
-    pub fn into_circles(self) -> (Vec<CircleWindow>, DetectionReport) {
-        let (findings, report) = self.finish();
-        let windows = findings.into_iter().filter_map(|finding| match finding {
-            Found::Circles(window) => Some(window),
-            Found::Frame(_) => None,
-        });
-        (windows.collect(), report)
+    pub fn into_circles(mut self) -> (Vec<CircleWindow>, DetectionReport) {
+        self.finish();
+        (self.circle_windows, self.report)
     }
 }
 

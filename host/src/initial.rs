@@ -12,6 +12,7 @@ mod bundle;
 mod cross_validation;
 mod first_camera;
 pub mod held_out;
+pub mod information;
 pub mod model_choice;
 mod native_start;
 mod neighbour_vote;
@@ -131,11 +132,7 @@ pub fn initial_model(
     let camera = first_camera(&sightings, board, sensor, kind, settings, &mut report)?.camera;
 
     let mut posed = poses(&camera, sightings, settings, &mut report);
-    let waypoints: Vec<Waypoint> = posed
-        .iter()
-        .map(|posed| Waypoint { recording: posed.sighting.recording, t: posed.sighting.t, pose: posed.pose })
-        .collect();
-    let kept = velocity_gate(&waypoints, board, settings);
+    let kept = velocity_gate(&waypoints(&posed), board, settings);
     retain(&mut posed, &kept, |posed| drop_frame(&mut report, posed.sighting.frame, DropReason::PoseJumps));
     enough(posed.len(), settings, &mut report)?;
 
@@ -143,6 +140,43 @@ pub fn initial_model(
     enough(posed.len(), settings, &mut report)?;
     let refined = refine(&camera, &posed, board, sensor, settings, &mut report)?;
     finish(refined, posed, settings, report)
+}
+
+impl InitialModel {
+    /// Frames with poses of a camera that is known better than from them.
+    pub fn of_frames(camera: Camera<f64>, frames: Vec<PosedFrame>) -> Self {
+        Self { camera, sigma: Vec::new(), frames, report: InitialReport::default() }
+    }
+}
+
+/// Poses of those of `frames` that can be trusted before a `camera` that is known; all of one recording, in order of time. Their
+/// circles are as they were found.
+pub fn posed_frames(
+    frames: &[ReferenceFrame],
+    board: &Board,
+    camera: &Camera<f64>,
+    settings: &InitialSettings,
+) -> Vec<PosedFrame> {
+    let mut report = InitialReport { frames_in: frames.len(), ..InitialReport::default() };
+    let min_circles = settings.min_circles.min(board.circle_count()).max(MINIMUM_POINTS);
+    let settings = &InitialSettings { min_circles, min_frames: 1, ..settings.clone() };
+    let Ok(sightings) = accepted_sightings(frames, board, settings, &mut report) else { return Vec::new() };
+    let mut posed = poses(camera, sightings, settings, &mut report);
+    let kept = velocity_gate(&waypoints(&posed), board, settings);
+    retain(&mut posed, &kept, |_| ());
+    posed.into_iter().map(Posed::into_frame).collect()
+}
+
+fn waypoints(posed: &[Posed]) -> Vec<Waypoint> {
+    let of = |posed: &Posed| Waypoint { recording: posed.sighting.recording, t: posed.sighting.t, pose: posed.pose };
+    posed.iter().map(of).collect()
+}
+
+impl Posed {
+    fn into_frame(self) -> PosedFrame {
+        let Self { sighting, pose, rms } = self;
+        PosedFrame { frame: sighting.frame, pose: pose.inverse(), circles: sighting.circles, rms }
+    }
 }
 
 fn drop_frame(report: &mut InitialReport, frame: usize, reason: DropReason) {
@@ -274,14 +308,6 @@ fn finish(
     report.circles.used = posed.iter().map(|posed| posed.sighting.circles.len()).sum();
     let squares: f64 = posed.iter().map(|posed| posed.rms * posed.rms * posed.sighting.circles.len() as f64).sum();
     report.rms = (squares / report.circles.used as f64).sqrt();
-    let frames = posed
-        .into_iter()
-        .map(|posed| PosedFrame {
-            frame: posed.sighting.frame,
-            pose: posed.pose.inverse(),
-            circles: posed.sighting.circles,
-            rms: posed.rms,
-        })
-        .collect();
+    let frames = posed.into_iter().map(Posed::into_frame).collect();
     Ok(InitialModel { camera, sigma: refined.sigma, frames, report })
 }

@@ -6,6 +6,7 @@ pub mod gravity;
 pub mod huber;
 pub mod lag;
 pub mod levenberg_marquardt;
+pub mod panel;
 pub mod random;
 pub mod rigid;
 pub mod statistics;

@@ -27,11 +27,14 @@ mod to_copy;
 mod trajectory;
 mod trusted_places;
 
+use rayon::prelude::*;
+
+use self::page::Section;
 use crate::calibrate::Task;
 use crate::calibrate::calibrated::Calibrated;
 
-/// Sections of the report.
-const SECTIONS: f64 = 12.0;
+/// Sections that are made at the same time.
+const TOGETHER: usize = 6;
 
 /// A file beside the report.
 pub struct ResultFile {
@@ -44,29 +47,25 @@ pub struct ResultFile {
 /// The report of `calibrated`, which came from `task`, as HTML, to be put beside `files`. `progress` is told which part of
 /// it is done, 0 to 1.
 pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progress: &mut dyn FnMut(f64)) -> String {
-    let mut done = 0.0;
-    let mut step = |section| {
-        done += 1.0;
-        progress(done / SECTIONS);
-        section
-    };
-    let sections = [
-        step(numbers::section(calibrated, task.board)),
-        step(trusted_places::section(calibrated)),
-        step(board_places::section(calibrated, task.board)),
-        step(halves::section(calibrated)),
-        step(residuals::section(calibrated)),
-        step(camera_pictures::section(calibrated, task)),
-        step(example_frames::section(calibrated, task.board)),
-        step(accumulation::section(calibrated, task)),
-        step(trajectory::section(calibrated)),
-        step(inertial::section(calibrated)),
-        step(stages::section(calibrated)),
-        step(provenance::section(calibrated, task, files)),
+    let board = task.board;
+    let sections: [&(dyn Fn() -> Option<Section> + Sync); 12] = [
+        &|| numbers::section(calibrated, board),
+        &|| trusted_places::section(calibrated),
+        &|| board_places::section(calibrated, board),
+        &|| halves::section(calibrated),
+        &|| residuals::section(calibrated),
+        &|| camera_pictures::section(calibrated, task),
+        &|| example_frames::section(calibrated, board),
+        &|| accumulation::section(calibrated, task),
+        &|| trajectory::section(calibrated),
+        &|| inertial::section(calibrated),
+        &|| stages::section(calibrated),
+        &|| provenance::section(calibrated, task, files),
     ];
-    page::page(
-        &overview::title(calibrated),
-        &overview::head(calibrated, task),
-        sections.into_iter().flatten().collect(),
-    )
+    let mut made: Vec<Option<Section>> = Vec::new();
+    for group in sections.chunks(TOGETHER) {
+        made.par_extend(group.par_iter().map(|section| section()));
+        progress(made.len() as f64 / sections.len() as f64);
+    }
+    page::page(&overview::title(calibrated), &overview::head(calibrated, task), made.into_iter().flatten().collect())
 }

@@ -17,15 +17,18 @@ use serde::{Deserialize, Serialize};
 use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::picture_calibration::calibration::PictureCalibration;
-use crate::solve::event_bias::EventKind;
+use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::bias::Bias;
+use crate::solve::event_bias::{CLASS_COUNT, EventKind};
 use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::Refined;
+use crate::solve::stretch::residuals_at;
 use crate::solve::{Problem, SolveError, State};
 use crate::trust::board_evidence::BoardEstimate;
 use crate::trust::coverage::{Coverage, coverage, coverage_of};
 use crate::trust::misfit::{Misfit, misfit, with_misfit};
+use crate::trust::residual_map::histogram::{ClassResiduals, class_residuals};
 use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
 use crate::trust::split_half::{SplitHalf, SplitHalfSettings, split_half};
 use crate::trust::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
@@ -52,6 +55,10 @@ pub struct EventTrust {
     pub split_half: Option<SplitHalf>,
     /// The residuals over the sensor.
     pub residuals: ResidualMap,
+    /// The residuals of each event class.
+    pub classes: [ClassResiduals; CLASS_COUNT],
+    /// The residuals of each polarity, OFF first, and rank in the burst.
+    pub ranks: [ClassResiduals; 2 * RANK_COUNT],
     /// How far the lens model is from the lens; `None` when the residuals say nothing against it.
     pub misfit: Option<Misfit>,
     /// The board as it was estimated.
@@ -97,7 +104,7 @@ pub struct ExamineSettings<'a> {
 /// A lens model that follows the lens of `refined` where its own cannot, by more than the verdict lets pass.
 pub fn better_model(refined: &Refined, inflation: f64, settings: ExamineSettings) -> Option<ModelKind> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let residuals = residual_map(problem, state, settings.map);
+    let residuals = residual_map(problem, state, &residuals_at(problem, state), settings.map);
     let misfit = misfit_of(problem, state, &residuals, inflation, settings)?;
     misfit.better.filter(|_| misfit.rms > settings.verdict.misfit).map(|better| better.kind)
 }
@@ -125,15 +132,19 @@ pub fn examine(
     settings: ExamineSettings,
 ) -> Result<(Trust, EventTrust), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let SolveUncertainty { intrinsics: uncertainty, board_sigma: _, board: _, bias_sigma } = uncertainty;
+    let SolveUncertainty { intrinsics: uncertainty, board_sigma: _, board: _, bias_sigma, poses, formal: _ } =
+        uncertainty;
     let in_the_image = |uncertainty: &Uncertainty| {
         projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
     };
     // The halves have the same misfit: they cannot tell it.
     let split_half = split_half(problem, state, uncertainty.inflation, settings.halves);
-    let residuals = residual_map(problem, state, settings.map);
+    let of_events = residuals_at(problem, state);
+    let residuals = residual_map(problem, state, &of_events, settings.map);
+    let classes = class_residuals(&of_events, |kind| kind.class());
+    let ranks = class_residuals(&of_events, |kind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank));
+    drop(of_events);
     let misfit = misfit_of(problem, state, &residuals, uncertainty.inflation, settings);
-    let poses = PoseCovariance::new(problem, state, uncertainty.inflation)?;
     let uncertainty = match &misfit {
         Some(misfit) => with_misfit(uncertainty.clone(), &in_the_image(&uncertainty)?, misfit),
         None => uncertainty,
@@ -143,6 +154,8 @@ pub fn examine(
         bias_sigma,
         split_half,
         residuals,
+        classes,
+        ranks,
         misfit,
         radius: observed_radius(refined),
         board: shape,

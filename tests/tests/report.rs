@@ -36,8 +36,9 @@ fn the_report_needs_nothing_beside_it() {
     for forbidden in ["<script", "@import", "url(", "<link rel=\"stylesheet"] {
         assert!(!html.contains(forbidden), "{forbidden}");
     }
-    // The name of SVG's namespace is no address.
-    assert_eq!(html.matches("http").count(), html.matches("xmlns=\"http://www.w3.org/2000/svg\"").count() + 1);
+    // The name of SVG's namespace is no address. Four letters of a picture in base64 may be anything.
+    let text = pictures.iter().fold(html.clone(), |text, picture| text.replace(&picture[..], ""));
+    assert_eq!(text.matches("http").count(), text.matches("xmlns=\"http://www.w3.org/2000/svg\"").count() + 1);
     assert_eq!(html.matches("http-equiv").count(), 1);
     let plots = html.matches("<svg ").count();
     assert!(plots >= 8, "{plots} plots");

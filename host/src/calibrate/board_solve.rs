@@ -6,18 +6,19 @@ use nalgebra::DVector;
 
 use super::Task;
 use super::error::CalibrateError;
-use super::joint_solve::solve;
+use super::joint_solve::{certainty, refined as refined_from, solve};
 use super::progress::Progress;
 use crate::board::shape::{BoardShape, PARAMETERS};
 use crate::lens::distortion_prior::distortion_prior;
 use crate::lens::held::with_held;
 use crate::solve::State;
 use crate::solve::refinement::{EventInput, Refined, RefinementInput};
+use crate::solve::stretch::residuals_at;
 use crate::trust::ExamineSettings;
 use crate::trust::board_evidence::{BoardEstimate, BoardEvidence};
 use crate::trust::misfit::lens_explains_more;
 use crate::trust::residual_map::residual_map;
-use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
+use crate::trust::uncertainty::SolveUncertainty;
 
 /// Most solves in which parameters of the board join or leave.
 const MOST_CHANGES: usize = 3;
@@ -131,7 +132,7 @@ fn lens_is_to_blame(
     looks: ExamineSettings,
 ) -> bool {
     let (problem, state) = (&refined.problem, &refined.state);
-    let pattern = residual_map(problem, state, looks.map).pattern;
+    let pattern = residual_map(problem, state, &residuals_at(problem, state), looks.map).pattern;
     looks.verdict.suspects(&pattern) && lens_explains_more(problem, state, shape, certainty.intrinsics.inflation)
 }
 
@@ -185,11 +186,11 @@ fn hold(
     }
     let camera = with_held(&state.camera, &values, input.sensor).ok_or(CalibrateError::ImpossibleValues)?;
     progress.tell("joint solve without what is not determined")?;
-    let (mut refined, _) = solve(task, &with(input, free_board, held), State { camera, ..state }, progress)?;
+    let (mut refined, system) =
+        refined_from(task, &with(input, free_board, held), State { camera, ..state }, progress)?;
     for &index in undetermined {
         refined.problem.free.intrinsics[index] = true;
     }
-    let certainty =
-        uncertainty(&refined.problem, &refined.state, &task.settings.uncertainty).map_err(CalibrateError::Solve)?;
+    let certainty = certainty(task, &refined, system)?;
     Ok((refined, certainty))
 }

@@ -7,6 +7,9 @@ use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
+use super::other_stretches::FollowedStretch;
+use super::stretch_choice::StretchChoice;
+use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::DetectionReport;
 use crate::inertial::calibration::InertialCalibration;
@@ -74,8 +77,14 @@ pub const SAMPLE: usize = 1_000_000;
 pub struct EventCalibration {
     /// Stages 2 to 5.
     pub detection: DetectionReport,
-    /// All reference frames found, also those that fell away later.
+    /// All reference frames found that the joint solve had room for, also those that fell away later.
     pub frames: Vec<ReferenceFrame>,
+    /// Those that it had no room for.
+    pub other_windows: Vec<CompactFrame>,
+    /// What it took of long recordings; `None` where there was room for all.
+    pub choice: Option<StretchChoice>,
+    /// The poses along stretches that it did not take.
+    pub followed: Vec<FollowedStretch>,
     /// Stages 6 and 7: what the joint solve started from.
     pub initial: InitialModel,
     /// Stage 8.
@@ -153,7 +162,7 @@ impl Calibrated {
     }
 
     /// Those of [`Calibrated::frames`] that were used, with their poses.
-    pub fn posed(&self) -> impl Iterator<Item = (&PosedFrame, &ReferenceFrame)> {
+    pub fn posed(&self) -> impl Iterator<Item = (&PosedFrame, &ReferenceFrame)> + Clone {
         let posed = match &self.evidence {
             Evidence::Events(events) => &events.initial.frames,
             Evidence::Pictures(pictures) => &pictures.posed,

@@ -6,8 +6,9 @@ use super::health::Health;
 use super::progress::Progress;
 use crate::calibrate::input::Input;
 use crate::check::units::other_unit;
+use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::detection::focus::edge_width;
+use crate::detection::focus::{WINDOWS, edge_width};
 use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::Recording;
@@ -24,6 +25,9 @@ use evcal_core::sensor::Sensor;
 /// Where the board was seen.
 pub(super) struct Detected {
     pub(super) sensor: Sensor,
+    /// Windows of recordings with the board, in order of recording and time.
+    pub(super) windows: Vec<CompactFrame>,
+    /// Frames of circle inputs.
     pub(super) frames: Vec<ReferenceFrame>,
     pub(super) starts: Vec<f64>,
     pub(super) recordings: Vec<RecordingReport>,
@@ -53,6 +57,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
     let sensor = common_sensor(task)?;
     let mut all = Detected {
         sensor,
+        windows: Vec::new(),
         frames: Vec::new(),
         starts: Vec::new(),
         recordings: Vec::new(),
@@ -97,14 +102,14 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                     end,
                     reason: Reason::Saturated,
                 }));
-                let (frames, report) = stage.into_frames();
+                let (windows, report) = stage.into_compact_frames();
                 all.health.push(Health {
                     flicker: bins.flicker(),
                     always_full: bins.is_even(),
                     pixels: pixels.finish(),
-                    edges: edge_width(&frames),
+                    edges: edge_width(&looked_at(&windows)),
                 });
-                all.frames.extend(frames);
+                all.windows.extend(windows);
                 all.detection.add(&report);
                 all.events.get_or_insert_default().resize(index, 0);
                 all.events.get_or_insert_default().push(pass.count);
@@ -129,7 +134,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
         }
     }
     match damage {
-        _ if !all.frames.is_empty() => Ok(all),
+        _ if !all.frames.is_empty() || !all.windows.is_empty() => Ok(all),
         Some(damage) => Err(CalibrateError::Source(damage)),
         None => {
             check_units(task, &all.recordings)?;
@@ -138,6 +143,11 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
             Err(CalibrateError::NoPattern(all.detection.no_pattern(max_interval, other)))
         }
     }
+}
+
+/// As many of the windows as are looked at for the width of edges.
+fn looked_at(windows: &[CompactFrame]) -> Vec<ReferenceFrame> {
+    windows.iter().step_by(windows.len().div_ceil(WINDOWS).max(1)).cloned().map(ReferenceFrame::from).collect()
 }
 
 /// The sensor of all inputs.

@@ -11,11 +11,15 @@ use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
 use super::health::findings_on;
 use super::joint_solve::solve;
+use super::kept_events::events_of;
+use super::other_stretches::follow_others;
 use super::progress::Progress;
 use super::radius::other_radius;
+use super::stretch_choice::{ChosenSeconds, StretchChoice, choose_stretches, second_of};
 use super::{PictureUse, Task, pictures};
 use crate::board::shape::BoardShape;
-use crate::circles::reference_frame::ReferenceFrame;
+use crate::circles::compact_frame::CompactFrame;
+use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
 use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::initial::{InitialModel, initial_model};
 use crate::picture_calibration::joint::JointPoints;
@@ -29,6 +33,9 @@ use crate::trust::verdict::verdict;
 use crate::trust::witness::WitnessOutcome;
 use crate::trust::{ExamineSettings, better_model, examine};
 
+/// Events in the sample for the stretches that are not in the joint solve, at most.
+const EVENTS_OF_OTHERS: usize = 1_500_000;
+
 /// Stretches with a saturated readout are left out unless they are a larger part of the recordings than this.
 const MOST_LEFT_OUT: f64 = 0.5;
 
@@ -40,8 +47,10 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let settings = task.settings;
     let looks =
         ExamineSettings { halves: &settings.split_half, map: &settings.residual_map, verdict: &settings.verdict };
-    let Detected { sensor, frames, starts, recordings, detection, events, sample, saturated, health } =
+    let Detected { sensor, windows, frames, starts, recordings, detection, events, sample, saturated, health } =
         detect_all(task, progress)?;
+    let choice = choose_stretches(&windows, task, sensor);
+    let (mut frames, other_windows) = taken(windows, frames, choice.as_ref());
     let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
     let (left_out, saturated) =
         if saturated.iter().map(|stretch| stretch.end - stretch.start).sum::<f64>() <= MOST_LEFT_OUT * duration {
@@ -69,6 +78,17 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let to_join = match task.pictures {
         PictureUse::Joint => Some(pictures::require(task, from_pictures.as_ref())?),
         PictureUse::Ignore | PictureUse::Witness | PictureUse::Only => None,
+    };
+
+    keep_examples(&mut frames, &initial);
+    // Of a long recording there are few events of each second in the sample: enough for a trajectory, not for the camera.
+    let (sample, events, sample_of_others) = match &choice {
+        Some(choice) => {
+            let all = sample.thinned(EVENTS_OF_OTHERS);
+            let (chosen, counts) = events_of(task, &ChosenSeconds::new(choice), sensor, progress)?;
+            (chosen, Some(counts), Some(all))
+        }
+        None => (sample, events, None),
     };
 
     progress.tell("trajectory")?;
@@ -132,6 +152,13 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     }
 
     let sample = sample.thinned(SAMPLE);
+    let mut followed = Vec::new();
+    if let Some(sample) = &sample_of_others {
+        let mut left_out = Vec::new();
+        followed = follow_others(task, (&refined, &certainty), (&other_windows, sample), &mut left_out, progress)?;
+        refined.left_out.extend(left_out);
+    }
+    drop(sample_of_others);
 
     progress.tell("examination")?;
     let (trust, event_trust) = examine(&refined, (certainty, board, undetermined), task.board, &saturated, looks)
@@ -143,6 +170,9 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let calibration = EventCalibration {
         detection,
         frames,
+        other_windows,
+        choice,
+        followed,
         initial,
         segments,
         sample,
@@ -156,6 +186,42 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     };
     let evidence = Evidence::Events(Box::new(calibration));
     Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
+}
+
+/// The frames that the joint solve takes, and those of the `windows` that it has no room for.
+fn taken(
+    windows: Vec<CompactFrame>,
+    of_circles: Vec<ReferenceFrame>,
+    choice: Option<&StretchChoice>,
+) -> (Vec<ReferenceFrame>, Vec<CompactFrame>) {
+    let chosen = choice.map(ChosenSeconds::new);
+    let (mut frames, mut others) = (of_circles, Vec::new());
+    for mut window in windows {
+        if chosen.as_ref().is_none_or(|chosen| chosen.has(window.recording, second_of(window.t()))) {
+            frames.push(window.into());
+        } else {
+            window.seen_in = SeenIn::PassedEvents;
+            others.push(window);
+        }
+    }
+    frames.sort_by_key(|frame| frame.recording);
+    (frames, others)
+}
+
+/// Drops the events of all frames but those with the smallest, the middle and the largest error, which are shown: after the first
+/// camera nothing else needs them.
+fn keep_examples(frames: &mut [ReferenceFrame], initial: &InitialModel) {
+    let with_events = |frame: usize| frames.get(frame).is_some_and(|frame| frame.events().is_some());
+    let mut ranked: Vec<(f64, usize)> =
+        initial.frames.iter().map(|posed| (posed.rms, posed.frame)).filter(|(_, frame)| with_events(*frame)).collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let last = ranked.len().saturating_sub(1);
+    let shown = [0, last.div_ceil(2), last].map(|place| ranked.get(place).map(|(_, frame)| *frame));
+    for (index, frame) in frames.iter_mut().enumerate() {
+        if matches!(frame.seen_in, SeenIn::Events(_)) && !shown.contains(&Some(index)) {
+            frame.seen_in = SeenIn::PassedEvents;
+        }
+    }
 }
 
 /// The first camera, of the model that was asked for or that suits the recording best.

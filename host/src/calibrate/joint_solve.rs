@@ -3,9 +3,44 @@
 use super::Task;
 use super::error::CalibrateError;
 use super::progress::Progress;
+use crate::settings::Settings;
 use crate::solve::State;
 use crate::solve::refinement::{Refined, RefinementInput, StageSettings, refine};
+use crate::solve::system::System;
 use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
+
+/// The settings of the joint solve among all.
+pub(super) fn stage_settings(settings: &Settings) -> StageSettings<'_> {
+    StageSettings {
+        refinement: &settings.refinement,
+        knots: &settings.knots,
+        unexplained: &settings.unexplained,
+        association: &settings.association,
+        solve: &settings.solve,
+    }
+}
+
+/// The joint solve from `state` on, and the system at its result.
+pub(super) fn refined(
+    task: &Task,
+    input: &RefinementInput<CalibrateError>,
+    state: State,
+    progress: &Progress,
+) -> Result<(Refined, System), CalibrateError> {
+    let stage = stage_settings(task.settings);
+    // An answer that it should end is heard when the round reads its events.
+    let tell = |round| {
+        let _ = progress.tell(format!("joint solve, round {}", round + 1));
+    };
+    let refined = refine(input, state, stage, tell)?;
+    progress.go_on()?;
+    Ok(refined)
+}
+
+/// How sure a joint solve is whose result has this `system`.
+pub(super) fn certainty(task: &Task, refined: &Refined, system: System) -> Result<SolveUncertainty, CalibrateError> {
+    uncertainty(&refined.problem, &refined.state, system, &task.settings.uncertainty).map_err(CalibrateError::Solve)
+}
 
 /// The joint solve from `state` on, and how sure its result is.
 pub(super) fn solve(
@@ -14,21 +49,7 @@ pub(super) fn solve(
     state: State,
     progress: &Progress,
 ) -> Result<(Refined, SolveUncertainty), CalibrateError> {
-    let settings = task.settings;
-    let stage = StageSettings {
-        refinement: &settings.refinement,
-        knots: &settings.knots,
-        unexplained: &settings.unexplained,
-        association: &settings.association,
-        solve: &settings.solve,
-    };
-    // An answer that it should end is heard when the round reads its events.
-    let tell = |round| {
-        let _ = progress.tell(format!("joint solve, round {}", round + 1));
-    };
-    let refined = refine(input, state, stage, tell)?;
-    progress.go_on()?;
-    let certainty =
-        uncertainty(&refined.problem, &refined.state, &settings.uncertainty).map_err(CalibrateError::Solve)?;
+    let (refined, system) = refined(task, input, state, progress)?;
+    let certainty = certainty(task, &refined, system)?;
     Ok((refined, certainty))
 }

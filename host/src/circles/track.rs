@@ -28,6 +28,7 @@
 
 mod parse;
 
+use std::borrow::Borrow;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -188,9 +189,9 @@ pub fn read(path: &Path, pattern: &Pattern, recording: usize) -> Result<CircleTr
 ///
 /// # Errors
 /// When the output refuses.
-pub fn write<'a>(
+pub fn write<F: Borrow<ReferenceFrame>>(
     output: &mut impl Write,
-    frames: impl IntoIterator<Item = &'a ReferenceFrame>,
+    frames: impl IntoIterator<Item = F>,
     pattern: &Pattern,
     time_origin_us: i64,
 ) -> io::Result<()> {
@@ -200,6 +201,7 @@ pub fn write<'a>(
     writeln!(output, "# time_origin_us {time_origin_us}")?;
     writeln!(output, "frame,t_s,t_start_s,t_end_s,column,row,x_px,y_px,radius_px,vx_px_per_s,vy_px_per_s")?;
     for (number, frame) in frames.into_iter().enumerate() {
+        let frame = frame.borrow();
         for circle in &frame.circles {
             writeln!(
                 output,

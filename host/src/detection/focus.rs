@@ -15,7 +15,7 @@ const REACH: f64 = 0.6;
 /// Fewest pixels that make a width.
 const FEWEST_PIXELS: usize = 100;
 /// Windows of a recording that are measured.
-const WINDOWS: usize = 100;
+pub const WINDOWS: usize = 100;
 /// The sharpest of so many tells how sharp a recording is: motion widens the band of the others.
 const SHARPEST: usize = 10;
 

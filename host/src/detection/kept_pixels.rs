@@ -1,10 +1,16 @@
 //! A limit to the events of windows that are kept, so that long recordings do not fill the memory.
 
-use super::Found;
+use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::SeenIn;
 
 /// Most pixels that are kept, four bytes each. Half a minute before a DAVIS346 stays below it.
 const MOST: usize = 12_000_000;
+
+/// Of recordings with more windows than this, far fewer are kept: enough to show some. Only a part of such a recording is in the
+/// joint solve, whose first camera does not need them.
+const MANY_WINDOWS: usize = 12_000;
+/// Most pixels that are kept then.
+const MOST_OF_MANY: usize = 1_000_000;
 
 /// What was kept of the windows so far.
 #[derive(Clone, Copy, Debug)]
@@ -25,14 +31,14 @@ impl Default for KeptPixels {
 impl KeptPixels {
     /// Drops the events of windows, evenly over the recording, until at most [`MOST`] are left. `found` are all windows so far;
     /// windows were added at its end since the last time, or it was emptied.
-    pub(super) fn limit(&mut self, found: &mut [Found]) {
+    pub(super) fn limit(&mut self, found: &mut [CompactFrame]) {
         if found.len() < self.windows {
             *self = Self::default();
         }
-        self.limit_to(MOST, found);
+        self.limit_to(if found.len() > MANY_WINDOWS { MOST_OF_MANY } else { MOST }, found);
     }
 
-    fn limit_to(&mut self, most: usize, found: &mut [Found]) {
+    fn limit_to(&mut self, most: usize, found: &mut [CompactFrame]) {
         for (index, found) in found.iter_mut().enumerate().skip(self.windows) {
             if !index.is_multiple_of(self.every) {
                 pass(found);
@@ -53,16 +59,17 @@ impl KeptPixels {
     }
 }
 
-fn pass(found: &mut Found) {
-    if let Found::Frame(frame) = found
-        && matches!(frame.seen_in, SeenIn::Events(_))
-    {
+fn pass(frame: &mut CompactFrame) {
+    if matches!(frame.seen_in, SeenIn::Events(_)) {
         frame.seen_in = SeenIn::PassedEvents;
     }
 }
 
-fn count(found: &Found) -> usize {
-    found.frame().and_then(|frame| frame.events()).map_or(0, <[_]>::len)
+fn count(frame: &CompactFrame) -> usize {
+    match &frame.seen_in {
+        SeenIn::Events(pixels) => pixels.len(),
+        SeenIn::PassedEvents | SeenIn::Circles | SeenIn::Picture => 0,
+    }
 }
 
 #[cfg(test)]
@@ -73,11 +80,11 @@ mod tests {
     use crate::circles::event_pixel::EventPixel;
     use crate::circles::reference_frame::ReferenceFrame;
 
-    fn window(index: usize) -> Found {
+    fn window(index: usize) -> CompactFrame {
         let pixel = EventPixel::new(&Event { t: 0, x: 3, y: 4, polarity: Polarity::On });
         let (start, end) = (index as f64, index as f64 + 0.5);
         let seen_in = SeenIn::Events(vec![pixel; 100]);
-        Found::Frame(ReferenceFrame { recording: 0, start, end, circles: Vec::new(), seen_in })
+        ReferenceFrame { recording: 0, start, end, circles: Vec::new(), seen_in }.into()
     }
 
     #[test]
@@ -94,6 +101,6 @@ mod tests {
         let with: Vec<usize> = (0..1000).filter(|&index| count(&found[index]) > 0).collect();
         assert!((10..=20).contains(&with.len()), "{with:?}");
         assert!(with.windows(2).all(|pair| pair[1] - pair[0] == 64), "{with:?}");
-        assert!(found.iter().filter_map(Found::frame).all(ReferenceFrame::is_from_events));
+        assert!(found.into_iter().all(|frame| ReferenceFrame::from(frame).is_from_events()));
     }
 }

@@ -6,6 +6,12 @@ use nalgebra::Vector2;
 /// How far outside the outline a point still counts as inside (px): rounding.
 const ROUNDING: f64 = 1e-9;
 
+/// Points on the rim of a circle that stand for it.
+const RIM_POINTS: usize = 16;
+
+/// Points that are held at one time, about.
+const MOST_POINTS: usize = 16_384;
+
 /// A convex region of the sensor, outside of which a calibration is extrapolation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoveredRegion {
@@ -35,6 +41,45 @@ impl CoveredRegion {
         back.pop();
         corners.extend(back);
         Self { corners }
+    }
+
+    /// The convex hull of what [`RIM_POINTS`] points on the rim of each of `circles`, given by centre and radius (px), stand for,
+    /// as far as they are on the `sensor`.
+    ///
+    /// Most circles lie inside the hull of a few far out, and none of their points is a corner; so only the others are looked at.
+    pub fn around_circles(circles: impl Iterator<Item = (Vector2<f64>, f64)> + Clone, sensor: Sensor) -> Self {
+        let directions: [Vector2<f64>; RIM_POINTS] = std::array::from_fn(|step| {
+            let angle = step as f64 * std::f64::consts::TAU / RIM_POINTS as f64;
+            Vector2::new(libm::cos(angle), libm::sin(angle))
+        });
+        let circles = circles.filter(|(center, _)| center.iter().all(|value| value.is_finite()));
+        let mut farthest: [Option<Vector2<f64>>; RIM_POINTS] = [None; RIM_POINTS];
+        for (center, _) in circles.clone() {
+            for (farthest, direction) in farthest.iter_mut().zip(&directions) {
+                if farthest.is_none_or(|farthest| direction.dot(&center) > direction.dot(&farthest)) {
+                    *farthest = Some(center);
+                }
+            }
+        }
+        let inner = Self::around(farthest.into_iter().flatten(), sensor);
+        let mut points = Vec::new();
+        for (center, radius) in circles.filter(|(center, radius)| !inner.contains_circle(center, *radius)) {
+            points.extend(directions.iter().map(|direction| center + direction * radius));
+            if points.len() > MOST_POINTS {
+                points = Self::around(points, sensor).corners;
+            }
+        }
+        Self::around(points, sensor)
+    }
+
+    /// Whether the circle about `center` lies in it.
+    fn contains_circle(&self, center: &Vector2<f64>, radius: f64) -> bool {
+        let next = self.corners.iter().cycle().skip(1);
+        self.corners.len() > 2
+            && self.corners.iter().zip(next).all(|(from, to)| {
+                let side = to - from;
+                side.perp(&(center - from)) > (radius + ROUNDING) * side.norm()
+            })
     }
 
     /// Its corners in pixels, in the sense in which x turns to y.
@@ -70,8 +115,28 @@ fn chain<'a>(points: impl Iterator<Item = &'a Vector2<f64>>) -> Vec<Vector2<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numerics::random::uniform_in;
+    use rand::SeedableRng;
 
     const SENSOR: Sensor = Sensor::new(346, 260);
+
+    #[test]
+    fn circles_far_inside_need_not_be_looked_at() {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut uniform = |low: f64, high: f64| uniform_in(&mut random, low, high);
+        let circles: Vec<(Vector2<f64>, f64)> = (0..5000)
+            .map(|_| (Vector2::new(uniform(-20.0, 250.0), uniform(30.0, 250.0)), uniform(3.0, 12.0)))
+            .collect();
+        let rims = circles.iter().flat_map(|(center, radius)| {
+            (0..RIM_POINTS).map(move |step| {
+                let angle = step as f64 * std::f64::consts::TAU / RIM_POINTS as f64;
+                center + Vector2::new(libm::cos(angle), libm::sin(angle)) * *radius
+            })
+        });
+        let all = CoveredRegion::around(rims, SENSOR);
+        assert_eq!(CoveredRegion::around_circles(circles.iter().copied(), SENSOR), all);
+        assert!(all.corners().len() > 8);
+    }
 
     #[test]
     fn a_hull_holds_its_points_and_nothing_beyond() {

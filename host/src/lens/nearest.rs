@@ -6,6 +6,7 @@ use std::fmt;
 use evcal_core::camera::refit::refit_where;
 use evcal_core::camera::{Camera, ModelKind};
 use nalgebra::Vector2;
+use rayon::prelude::*;
 
 use super::covered_region::CoveredRegion;
 
@@ -83,12 +84,13 @@ pub fn nearest(
     if let Some(same) = models.iter().find_map(|&to| same_camera(camera, to)) {
         return Some(Nearest { camera: same, refit: None });
     }
-    let fitted = substitutes.iter().filter_map(|&to| {
+    let fitted = |&to: &ModelKind| {
         let near = refit_where(to, camera, sensor, |pixel| covered.contains(pixel))?;
         let (covered, sensor) = distances(camera, &near, sensor, covered)?;
         Some((near, Replacement { from, to, covered, sensor }))
-    });
-    let best = fitted.min_by(|(_, a), (_, b)| {
+    };
+    let fitted: Vec<_> = substitutes.par_iter().filter_map(fitted).collect();
+    let best = fitted.into_iter().min_by(|(_, a), (_, b)| {
         let order = a.covered.unseen.total_cmp(&b.covered.unseen);
         order.then(a.covered.largest.total_cmp(&b.covered.largest))
     });
@@ -122,16 +124,24 @@ fn distances(
 ) -> Option<(Distance, Distance)> {
     let all = f64::from(sensor.width) * f64::from(sensor.height);
     let step = (all / SAMPLES).sqrt().ceil().max(1.0) as usize;
-    let pixels = (0..sensor.height).step_by(step).flat_map(|y| (0..sensor.width).step_by(step).map(move |x| (x, y)));
-    let (mut there, mut everywhere) = (Sum::default(), Sum::default());
-    for (x, y) in pixels {
-        let pixel = Vector2::new(f64::from(x), f64::from(y));
-        let Some(bearing) = reference.unproject(&pixel) else { continue };
-        let square = other.project(&bearing).map(|projected| (projected - pixel).norm_squared());
-        everywhere.add(square);
-        if covered.contains(&pixel) {
-            there.add(square);
+    let rows: Vec<u16> = (0..sensor.height).step_by(step).collect();
+    let of_row = |&y: &u16| {
+        let (mut there, mut everywhere) = (Sum::default(), Sum::default());
+        for x in (0..sensor.width).step_by(step) {
+            let pixel = Vector2::new(f64::from(x), f64::from(y));
+            let Some(bearing) = reference.unproject(&pixel) else { continue };
+            let square = other.project(&bearing).map(|projected| (projected - pixel).norm_squared());
+            everywhere.add(square);
+            if covered.contains(&pixel) {
+                there.add(square);
+            }
         }
+        (there, everywhere)
+    };
+    let (mut there, mut everywhere) = (Sum::default(), Sum::default());
+    for (there_in_row, everywhere_in_row) in rows.par_iter().map(of_row).collect::<Vec<_>>() {
+        there.add_all(&there_in_row);
+        everywhere.add_all(&everywhere_in_row);
     }
     Some((there.distance()?, everywhere.distance()?))
 }
@@ -155,6 +165,13 @@ impl Sum {
             }
             None => self.unseen += 1,
         }
+    }
+
+    fn add_all(&mut self, other: &Self) {
+        self.sum += other.sum;
+        self.largest = self.largest.max(other.largest);
+        self.seen += other.seen;
+        self.unseen += other.unseen;
     }
 
     fn distance(&self) -> Option<Distance> {

@@ -1,6 +1,6 @@
 //! Where the board should go next: the place from which most would be learnt about the camera.
 //!
-//! Every window with the board adds its information of the intrinsics (`information`). A place is worth what it would
+//! Every window with the board adds its information of the intrinsics ([`crate::initial::information`]). A place is worth what it would
 //! take off the projection's mean variance over the sensor in a second there, averaged over where a person's hands
 //! really are (`place`); the best one becomes the *ghost*, which stays until most of its worth came in. Time is the
 //! sensor's, so the same recording gives the same hints.
@@ -10,7 +10,6 @@
 //! what a calibration of the same recording states.
 
 mod hint;
-mod information;
 mod place;
 #[cfg(test)]
 mod tests;
@@ -20,11 +19,11 @@ use evcal_core::sensor::Sensor;
 use nalgebra::{Isometry3, Point3, Vector2};
 
 use self::hint::{choose, errors};
-use self::information::{Information, ProjectionMeasure, prior, view_information};
 use self::place::{Candidate, candidates, expected_information};
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::initial::InitialSettings;
+use crate::initial::information::{Information, ProjectionMeasure, prior, view_information};
 use crate::initial::provisional::{provisional_camera, provisional_pose};
 
 pub use self::hint::Hint;

@@ -5,6 +5,8 @@
 //! lower band, row by row, so that the inner loops run over contiguous memory. Sums are always
 //! formed in the same order: the result does not depend on the machine.
 
+use super::panel::{Panel, backward, forward};
+
 /// A symmetric banded matrix `A`, then its factor `L` with `A = L Lᵀ`.
 ///
 /// Fill it with [`BandedCholesky::add`] or [`BandedCholesky::row_mut`], call
@@ -121,17 +123,35 @@ impl BandedCholesky {
                 let (solved, rest) = column.split_at_mut(i);
                 rest[0] = (rest[0] - dot(&row[bandwidth - count..bandwidth], &solved[i - count..])) * row[bandwidth];
             }
-            // Lᵀ x = y
-            for (i, row) in self.rows.chunks_exact(width).enumerate().rev() {
-                let count = bandwidth.min(i);
-                let (open, solved) = column.split_at_mut(i);
-                let value = solved[0] * row[bandwidth];
-                solved[0] = value;
-                for (open, entry) in open[i - count..].iter_mut().zip(&row[bandwidth - count..bandwidth]) {
-                    *open -= entry * value;
-                }
+            self.solve_transposed_in_place(column);
+        }
+    }
+
+    /// Replaces `column` by the solution of `Lᵀ x = column`; [`BandedCholesky::factor`] must have succeeded.
+    ///
+    /// # Panics
+    /// When `column` is shorter than the dimension.
+    pub fn solve_transposed_in_place(&self, column: &mut [f64]) {
+        let (bandwidth, width) = (self.bandwidth, self.bandwidth + 1);
+        for (i, row) in self.rows.chunks_exact(width).enumerate().rev() {
+            let count = bandwidth.min(i);
+            let (open, solved) = column.split_at_mut(i);
+            let value = solved[0] * row[bandwidth];
+            solved[0] = value;
+            for (open, entry) in open[i - count..].iter_mut().zip(&row[bandwidth - count..bandwidth]) {
+                *open -= entry * value;
             }
         }
+    }
+
+    /// Replaces each vector b of `panel` by the solution of `L y = b`; [`BandedCholesky::factor`] must have succeeded.
+    pub fn forward(&self, panel: &mut Panel) {
+        forward(&self.rows, self.bandwidth, panel);
+    }
+
+    /// Replaces each vector y of `panel` by the solution of `Lᵀ x = y`; [`BandedCholesky::factor`] must have succeeded.
+    pub fn backward(&self, panel: &mut Panel) {
+        backward(&self.rows, self.bandwidth, panel);
     }
 }
 
@@ -197,6 +217,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
 
     use super::*;
+    use crate::numerics::panel::{PANEL, panel_product};
 
     /// A random positive definite banded matrix: `B Bᵀ` with a banded, lower triangular `B`, and as
     /// much on the diagonal as keeps its condition number near 1e4.
@@ -236,6 +257,31 @@ mod tests {
             matrix.solve_in_place(solution.as_mut_slice());
             let expected = dense.cholesky().unwrap().solve(&right);
             prop_assert!((&solution - &expected).norm() <= 1e-10 * expected.norm());
+        }
+
+        #[test]
+        fn panels_are_solved_like_single_vectors(
+            dimension in 1..60_usize,
+            bandwidth in 0..30_usize,
+            seed in any::<u64>(),
+        ) {
+            let dense = random(dimension, bandwidth, seed);
+            let mut matrix = banded(&dense, bandwidth);
+            prop_assert_eq!(matrix.factor(), Ok(()));
+            let right = DMatrix::from_fn(dimension, PANEL, |row, column| ((3 * row + 7 * column) as f64).sin());
+            let mut panel: Panel =
+                (0..dimension).map(|row| std::array::from_fn(|column| right[(row, column)])).collect();
+            matrix.forward(&mut panel);
+            let half_way = panel.clone();
+            matrix.backward(&mut panel);
+            let expected = dense.cholesky().unwrap().solve(&right);
+            let solution = DMatrix::from_fn(dimension, PANEL, |row, column| panel[row][column]);
+            prop_assert!((&solution - &expected).norm() <= 1e-10 * expected.norm());
+            // bᵀA⁻¹b = (L⁻¹b)ᵀ(L⁻¹b)
+            let product = panel_product(&half_way, &half_way);
+            let product = DMatrix::from_fn(PANEL, PANEL, |row, column| product[row][column]);
+            let expected = right.transpose() * expected;
+            prop_assert!((product - &expected).norm() <= 1e-10 * expected.norm());
         }
 
         #[test]

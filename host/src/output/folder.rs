@@ -1,5 +1,6 @@
 //! The folder that a calibration writes.
 
+use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -136,7 +137,7 @@ pub fn write_folder(
         if calibrated.events().is_some() {
             files::write_with(&folder.join(of_recording(POSES)), |file| csv::write(file, &poses))?;
         }
-        let frames = calibrated.frames().iter().filter(|frame| frame.recording == recording);
+        let frames = frames(calibrated, recording);
         let origin = (start * 1e6).round() as i64;
         files::write_with(&folder.join(of_recording(CIRCLES)), |file| {
             track::write(file, frames, &task.board.pattern, origin)
@@ -237,12 +238,30 @@ fn best_and_worst<'a>(
         .collect()
 }
 
+/// All frames of one recording, in order of time.
+fn frames(calibrated: &Calibrated, recording: usize) -> impl Iterator<Item = Cow<'_, ReferenceFrame>> {
+    let others = calibrated.events().map_or(&[][..], |events| &events.other_windows);
+    let mut others = others.iter().filter(move |window| window.recording == recording).peekable();
+    let mut frames = calibrated.frames().iter().filter(move |frame| frame.recording == recording).peekable();
+    std::iter::from_fn(move || {
+        let other = others.next_if(|other| frames.peek().is_none_or(|frame| other.start < frame.start));
+        other.map(|other| Cow::Owned(other.without_events())).or_else(|| frames.next().map(Cow::Borrowed))
+    })
+}
+
 /// The poses of one recording, which begins at `start` seconds of its own clock: along the trajectories, or those of
 /// the pictures.
 fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
     let mut poses = match &calibrated.evidence {
         Evidence::Events(events) => {
-            sampled_poses(&events.refined.state, (&events.trust.poses, &events.refined.left_out), recording, settings)
+            let covariance = (&events.trust.poses, events.refined.left_out.as_slice());
+            let mut poses = sampled_poses(&events.refined.state, covariance, recording, settings);
+            let followed = events.followed.iter().filter(|stretch| stretch.recording == recording);
+            poses.extend(followed.flat_map(|stretch| &stretch.poses).copied());
+            poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));
+            // A window on the border of two stretches is in both; what is in the joint solve comes first.
+            poses.dedup_by(|later, earlier| later.pose.t == earlier.pose.t);
+            poses
         }
         Evidence::Pictures(_) => calibrated
             .posed()

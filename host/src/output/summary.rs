@@ -39,6 +39,9 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     if !calibration.segments.is_empty() {
         let _ = write!(text, " in {} segments", calibration.segments.len());
     }
+    if let Some(choice) = &calibration.chosen_seconds {
+        let _ = write!(text, "\n{choice}");
+    }
     match &calibration.frames {
         Some(FramesResult::Witness(witness)) => {
             let _ = write!(text, "\nframes: {}", witness.sentence);

@@ -98,6 +98,22 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     if used == 0 {
         return None;
     }
+    let (on_sensor, on_board) = rayon::join(
+        || {
+            figure(
+                &sensor.picture(scale(calibrated.sensor).min(2)),
+                "Events of the whole recording on the sensor: a blur.",
+                "As the sensor saw them.",
+            )
+        },
+        || {
+            figure(
+                &board.picture(1),
+                "The same events carried to the board: the rims of its dots.",
+                "Carried to the board by the result.",
+            )
+        },
+    );
     let content = html! {
         p {
             "The same " (count(used)) " events twice. On the left each is drawn where the sensor saw it: the moving board is a blur. On the right "
@@ -105,8 +121,8 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
             "and trajectory are, the sharper the rims of the dots."
         }
         div.pair {
-            (figure(&sensor.picture(scale(calibrated.sensor).min(2)), "Events of the whole recording on the sensor: a blur.", "As the sensor saw them."))
-            (figure(&board.picture(1), "The same events carried to the board: the rims of its dots.", "Carried to the board by the result."))
+            (on_sensor)
+            (on_board)
         }
     };
     Some(Section { id: "accumulation", title: "All events together", content })

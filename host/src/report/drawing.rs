@@ -159,13 +159,13 @@ impl Picture {
         files::write_with(path, |file| self.encode_png(file, png::Compression::default()))
     }
 
-    /// The picture as PNG, as small as may be.
+    /// The picture as PNG.
     ///
     /// # Errors
     /// A picture too large for PNG.
     pub fn to_png(&self) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        self.encode_png(&mut bytes, png::Compression::High)?;
+        self.encode_png(&mut bytes, png::Compression::Balanced)?;
         Ok(bytes)
     }
 

@@ -5,6 +5,7 @@ use evcal_core::sensor::Sensor;
 use evcal_core::undistortion::IdealCamera;
 use maud::{Markup, html};
 use nalgebra::Vector2;
+use rayon::prelude::*;
 
 use super::page::Section;
 use super::rectification::{distorted, ideal_camera, projected};
@@ -29,15 +30,19 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         examples.push(("Worst", last));
     }
     let ideal = ideal_camera(calibrated.camera(), calibrated.sensor);
+    let examples: Vec<_> = examples
+        .into_par_iter()
+        .map(|(name, &(posed, frame))| (name, frame, pictures(calibrated, board, &ideal, (posed, frame))))
+        .collect();
     let content = html! {
         p {
             "Events of single time windows: ON red, OFF blue. Black rings are the circles found, yellow lines join those of a row. Green is "
             "where the result puts the board: it should lie on the events. On the right the same without the lens's distortion: the yellow "
             "lines should be straight."
         }
-        @for (name, (posed, frame)) in examples {
+        @for (name, frame, pictures) in examples {
             h3 { (name) (format!(" frame, {:.3} s", frame.t())) @if calibrated.starts.len() > 1 { " of recording " (frame.recording + 1) } }
-            div.pair { (pictures(calibrated, board, &ideal, (*posed, *frame))) }
+            div.pair { (pictures) }
         }
     };
     Some(Section { id: "frames", title: "Example frames", content })

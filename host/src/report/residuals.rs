@@ -10,8 +10,7 @@ use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measu
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{CLASS_COUNT, EventKind};
-use crate::solve::stretch::residuals_at;
-use crate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals, class_residuals};
+use crate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals};
 use crate::trust::residual_map::{ResidualMap, ResidualPattern};
 use evcal_core::event::Polarity;
 
@@ -42,12 +41,8 @@ fn in_words(calibrated: &Calibrated) -> Markup {
 }
 
 fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup {
-    let refined = &calibration.refined;
     let map = &calibration.trust.residuals;
-    let residuals = residuals_at(&refined.problem, &refined.state);
-    let classes = class_residuals(&residuals, |kind| kind.class());
-    let by_rank: [_; 2 * RANK_COUNT] =
-        class_residuals(&residuals, |kind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank));
+    let (classes, by_rank) = (&calibration.trust.classes, &calibration.trust.ranks);
     let (off, on) = by_rank.split_at(RANK_COUNT);
     let highest = by_rank.iter().flat_map(|class| (0..BIN_COUNT).map(|bin| density(class, bin))).fold(0.1, f64::max);
     html! {
@@ -63,7 +58,7 @@ fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup 
                 figure { (histogram(off, "OFF", highest).render()) figcaption { "Residuals of OFF events, by rank in the burst." } }
                 figure { (histogram(on, "ON", highest).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
             }
-            (scrolling("Event classes", &class_table(calibration, &classes)))
+            (scrolling("Event classes", &class_table(calibration, classes)))
             p.faint { "Offsets are those of a straight, slow edge, positive outside the dot; latencies count from the first OFF event of a burst." }
         }
     }

@@ -6,6 +6,7 @@ use super::chart::{Chart, Color, Series, range_of};
 use super::number::count;
 use super::page::{Section, scrolling};
 use crate::calibrate::calibrated::Calibrated;
+use crate::calibrate::stretch_choice::StretchChoice;
 use crate::solve::left_out::{LeftOut, Reason};
 use crate::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use crate::solve::refinement::Refined;
@@ -34,6 +35,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
             "negative z. Gaps are times without the board; each stretch between gaps is a segment with a spline of its own."
         }
         @for plots in plots { (plots) }
+        @if let Some(choice) = &events.choice { (chosen(choice, recordings)) }
         (left_out(&events.trust.left_out))
         @if recordings > PLOTTED { p.faint { "The other recordings are in the trajectory files." } }
         details {
@@ -43,6 +45,45 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         }
     };
     Some(Section { id: "trajectory", title: "How the camera moved", content })
+}
+
+/// Which seconds are in the joint solve, and what each brought.
+fn chosen(choice: &StretchChoice, recordings: usize) -> Markup {
+    let of_recording = |recording: usize| {
+        let seconds = choice.chosen.iter().filter(move |second| second.recording == recording);
+        let gains: Vec<(f64, f64)> =
+            seconds.filter_map(|second| Some((second.start + 0.5, 100.0 * second.gain?))).collect();
+        (recording, gains)
+    };
+    html! {
+        h3 { "What is in the joint solve" }
+        p {
+            "The joint solve has no room for all " (choice.seconds) " seconds with the board. The recordings were cut into "
+            (choice.chosen.len()) " parts, and of each part it took the second that tells most of the camera. The curves above are of these. Along "
+            "the others the trajectory was solved afterwards with the camera held; its poses are in the trajectory files."
+        }
+        @for (recording, gains) in (0..recordings.min(PLOTTED)).map(of_recording).filter(|(_, gains)| !gains.is_empty()) {
+            figure {
+                (gains_chart(&gains).render())
+                figcaption {
+                    "How much each second" @if recordings > 1 { " of recording " (recording + 1) }
+                    " brought: by how much the variance of the projection would grow without it, as far as the windows tell."
+                }
+            }
+        }
+    }
+}
+
+fn gains_chart(gains: &[(f64, f64)]) -> Chart<'static> {
+    let (first, last) = (gains.first().map_or(0.0, |gain| gain.0), gains.last().map_or(1.0, |gain| gain.0));
+    Chart {
+        description: "What each second in the joint solve brought, over time.".to_owned(),
+        x_label: "time (s)",
+        y_label: "brought (%)",
+        x: first - 0.5..last + 0.5,
+        y: 0.0..1.1 * gains.iter().map(|gain| gain.1).fold(0.1, f64::max),
+        series: vec![Series { name: String::new(), color: Color::Off, curves: Vec::new(), points: gains.to_vec() }],
+    }
 }
 
 /// One curve for each segment.

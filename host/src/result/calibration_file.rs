@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Vector2;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::board::Board;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use crate::calibrate::stretch_choice::StretchChoice;
 use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::initial::model_choice::ModelChoice;
@@ -91,6 +91,9 @@ pub struct CalibrationFile {
     pub residuals: Residuals,
     /// Trajectory segments.
     pub segments: Vec<SegmentSummary>,
+    /// Which seconds of recordings the joint solve took that are longer than it has room for; absent where it took all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chosen_seconds: Option<StretchChoice>,
     /// What the camera's own frames say; absent where the recordings have none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<FramesResult>,
@@ -350,18 +353,13 @@ pub struct SegmentSummary {
     pub observations: usize,
 }
 
-/// Points on the rim of a circle that stand for it.
-const RIM_POINTS: u32 = 16;
-
 /// Where the board's circles were seen in the frames that the calibration used.
 pub fn covered_region(calibrated: &Calibrated) -> CoveredRegion {
-    let rim = calibrated.posed().flat_map(|(_, frame)| &frame.circles).flat_map(|circle| {
-        (0..RIM_POINTS).map(|step| {
-            let angle = f64::from(step) * std::f64::consts::TAU / f64::from(RIM_POINTS);
-            circle.center + Vector2::new(libm::cos(angle), libm::sin(angle)) * circle.radius.unwrap_or(0.0)
-        })
-    });
-    CoveredRegion::around(rim, calibrated.sensor)
+    let circles = calibrated.posed().flat_map(|(_, frame)| &frame.circles);
+    CoveredRegion::around_circles(
+        circles.map(|circle| (circle.center, circle.radius.unwrap_or(0.0))),
+        calibrated.sensor,
+    )
 }
 
 impl CalibrationFile {
@@ -396,6 +394,7 @@ impl CalibrationFile {
             event_classes: events.map_or_else(Vec::new, EventClass::of_calibration),
             residuals: Residuals::new(calibrated),
             segments: events.map_or_else(Vec::new, SegmentSummary::of_calibration),
+            chosen_seconds: events.and_then(|events| events.choice.clone()),
             frames: FramesResult::new(calibrated),
             joint_frames: events.and_then(|events| events.joint.clone()),
             inertial: events.and_then(|events| events.inertial.as_ref()).map(InertialResult::new),

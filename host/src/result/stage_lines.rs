@@ -1,6 +1,7 @@
 //! What every stage took in and gave out, and why the rest fell away: told once, for `stages.txt` and the report.
 
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use crate::calibrate::stretch_choice::StretchChoice;
 use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
@@ -70,6 +71,7 @@ fn event_lines(events: &EventCalibration) -> Vec<StageLine> {
     if detection.windows + detection.too_few_events > 0 {
         lines.extend(detection_lines(detection));
     }
+    lines.extend(events.choice.as_ref().map(|choice| choice_line(events, choice)));
     lines.push(initial_line(&events.initial.report));
     let segments = &events.segments;
     let kept = format!("frames in {} segments of {:.3} s", segments.segments, segments.duration);
@@ -90,6 +92,14 @@ fn event_lines(events: &EventCalibration) -> Vec<StageLine> {
     }
     lines.extend(events.joint.as_ref().map(joint_line));
     lines
+}
+
+fn choice_line(events: &EventCalibration, choice: &StretchChoice) -> StageLine {
+    let taken = Amount::new(choice.seconds as u64, "seconds with the board");
+    let poses = events.followed.iter().map(|stretch| stretch.poses.len()).sum::<usize>();
+    StageLine::new("Room in the joint solve", taken, Amount::new(choice.chosen.len() as u64, "seconds")).noting([
+        format!("{} frames of the others; {poses} poses along them with the camera held", events.other_windows.len()),
+    ])
 }
 
 fn picture_lines(pictures: &PictureCalibration) -> Vec<StageLine> {

@@ -70,6 +70,13 @@ pub struct BearingTable {
     cells: Vec<Cell>,
 }
 
+/// Column and row of a pixel in a table.
+#[derive(Clone, Copy, Debug)]
+pub struct Spot {
+    column: u32,
+    row: u32,
+}
+
 /// A place on the image.
 #[derive(Clone, Copy, Debug)]
 pub struct Place<'a> {
@@ -156,20 +163,50 @@ impl BearingTable {
     /// The place (x, y) in pixels; `None` far outside the sensor or outside the camera model's domain.
     #[inline(always)]
     pub fn place(&self, x: f64, y: f64) -> Option<Place<'_>> {
+        self.place_at(self.spot(x, y)?, x, y)
+    }
+
+    /// Where the table has the place (x, y) in pixels; `None` far outside the sensor.
+    #[inline(always)]
+    pub fn spot(&self, x: f64, y: f64) -> Option<Spot> {
         let index = |value: f64, length: usize| {
             let shifted = value + (MARGIN as f64 + 0.5);
             // Also false for NaN.
-            (shifted >= 0.0 && shifted < length as f64).then_some(shifted as usize)
+            (shifted >= 0.0 && shifted < length as f64).then_some(shifted as u32)
         };
-        let (column, row) = (index(x, self.size.0)?, index(y, self.size.1)?);
-        let cell = self.cells.get(row / CELL * self.cell_columns + column / CELL).filter(|cell| cell.is_known)?;
-        let center = |index: usize| position(index / CELL * CELL) + CELL_CENTER;
+        Some(Spot { column: index(x, self.size.0)?, row: index(y, self.size.1)? })
+    }
+
+    /// Reads all that [`BearingTable::place_at`] refers to, so that it is in the cache afterwards. The number has no meaning.
+    #[inline(always)]
+    pub fn touch(&self, spot: Spot) -> f64 {
+        let (bearing, cell) = self.at(spot);
+        let [first, .., last] = bearing.copied().unwrap_or_default();
+        let of_cell = cell.map_or(0.0, |cell| {
+            let [x, y] = &cell.by_coefficient_slope;
+            cell.slopes.by_pixel[0][0] + cell.by_coefficient[1][0] + x[1][0] + y[1][0]
+        });
+        first + last + f64::from(of_cell)
+    }
+
+    /// The place (x, y) in pixels, which is at `spot`; `None` outside the camera model's domain.
+    #[inline(always)]
+    pub fn place_at(&self, spot: Spot, x: f64, y: f64) -> Option<Place<'_>> {
+        let (bearing, cell) = self.at(spot);
+        let Spot { column, row } = spot;
+        let center = |index: u32| position(index as usize / CELL * CELL) + CELL_CENTER;
         Some(Place {
-            pixel_bearing: self.bearings.get(row * self.size.0 + column)?,
-            cell,
-            beside_pixel: [x - position(column), y - position(row)],
+            pixel_bearing: bearing?,
+            cell: cell.filter(|cell| cell.is_known)?,
+            beside_pixel: [x - position(column as usize), y - position(row as usize)],
             beside_cell: [x - center(column), y - center(row)],
         })
+    }
+
+    #[inline(always)]
+    fn at(&self, Spot { column, row }: Spot) -> (Option<&[f64; 3]>, Option<&Cell>) {
+        let (column, row) = (column as usize, row as usize);
+        (self.bearings.get(row * self.size.0 + column), self.cells.get(row / CELL * self.cell_columns + column / CELL))
     }
 }
 

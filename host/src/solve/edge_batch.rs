@@ -6,7 +6,7 @@
 
 use multiversion::multiversion;
 
-use super::bearing_table::{BearingSlopes, BearingTable, Cell, ImagePlane};
+use super::bearing_table::{BearingSlopes, BearingTable, Cell, ImagePlane, Spot};
 use super::board_ray::{BoardRay, is_in_front};
 use super::board_surface::{BoardGround, BoardSurface};
 use super::event_row::step_to_edge;
@@ -38,6 +38,8 @@ pub struct BatchEvent {
 
 /// Room for a batch.
 pub struct EdgeBatch<'a> {
+    events: [BatchEvent; LANES],
+    spots: [Option<Spot>; LANES],
     rays: Rays,
     to_edge: StepsToEdge,
     edges: Edges,
@@ -156,6 +158,8 @@ impl Rays {
 impl Default for EdgeBatch<'_> {
     fn default() -> Self {
         Self {
+            events: [BatchEvent { pixel: [0.0; 2], dt: 0.0, circle: 0 }; LANES],
+            spots: [None; LANES],
             rays: Rays::EMPTY,
             to_edge: StepsToEdge { depth: NOTHING, pixels: [NOTHING; 2] },
             edges: Edges::EMPTY,
@@ -176,9 +180,17 @@ impl<'a> EdgeBatch<'a> {
         events: impl Iterator<Item = BatchEvent>,
     ) {
         self.count = 0;
+        let mut touched = 0.0;
         for (lane, event) in events.take(LANES).enumerate() {
-            self.take(lane, problem, bearings, &event);
+            self.events[lane] = event;
+            self.spots[lane] = bearings.spot(event.pixel[0], event.pixel[1]);
+            // The table is read at random. So short a loop has many reads under way at once; the next one would wait for each.
+            touched += self.spots[lane].map_or(0.0, |spot| bearings.touch(spot));
             self.count = lane + 1;
+        }
+        std::hint::black_box(touched);
+        for lane in 0..self.count {
+            self.take(lane, problem, bearings);
         }
         match &BoardGround::of_problem(problem, shape) {
             BoardGround::Flat(surface) => self.find_on(surface, (problem, shape.radius), bearings.plane(), pose),
@@ -220,9 +232,10 @@ impl<'a> EdgeBatch<'a> {
     }
 
     #[inline(always)]
-    fn take(&mut self, lane: usize, problem: &Problem, bearings: &'a BearingTable, event: &BatchEvent) {
+    fn take(&mut self, lane: usize, problem: &Problem, bearings: &'a BearingTable) {
         let rays = &mut self.rays;
-        let place = bearings.place(event.pixel[0], event.pixel[1]);
+        let event = &self.events[lane];
+        let place = self.spots[lane].and_then(|spot| bearings.place_at(spot, event.pixel[0], event.pixel[1]));
         let center = problem.circle_centers.get(usize::from(event.circle));
         self.cells[lane] = None;
         let (Some(place), Some(center)) = (place, center) else { return };

@@ -62,6 +62,11 @@ impl Thinning {
         }
     }
 
+    /// Follows the next events, of which none is kept.
+    pub fn pass(&mut self, events: &[Event]) {
+        self.push(events, 0, |_, _| {});
+    }
+
     /// Appends those of the next events to `kept` that belong to a share of 0 to 1.
     pub fn take(&mut self, events: &[Event], share: f64, kept: &mut Vec<RankedEvent>) {
         self.push(events, places(share), |event, _| kept.push(event));
@@ -147,6 +152,13 @@ impl EventSample {
     /// All events of a recording that it has, in the order of time.
     pub fn events(&self, recording: usize) -> &[RankedEvent] {
         self.recordings.get(recording).map_or(&[], |kept| &kept.events)
+    }
+
+    /// Those of a recording whose times (µs) are in `span`.
+    pub fn within(&self, recording: usize, span: std::ops::Range<i64>) -> &[RankedEvent] {
+        let events = self.events(recording);
+        let place = |t: i64| events.partition_point(|event| event.t < t);
+        events.get(place(span.start)..place(span.end)).unwrap_or_default()
     }
 
     /// Hands the events of a share of 0 to 1 of a recording to `visit`, batch by batch in the order of time. False, and

@@ -7,7 +7,7 @@ use super::bearing_table::BearingTable;
 use super::normal::StretchEquations;
 use super::smoothness::{Acceleration, accelerations};
 use super::stretch::{STRETCHES_TOGETHER, Stretch, linearise, stretches};
-use super::system::{Contribution, System};
+use super::system::{Contribution, Follows, System};
 use super::{BOARD_INDEX, GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
 use crate::board::shape::BoardShape;
 use crate::solve::event_bias::CLASS_COUNT;
@@ -18,8 +18,21 @@ const FIRST_DAMPING: f64 = 1e-6;
 const SMALLEST_DAMPING: f64 = 1e-10;
 const LARGEST_DAMPING: f64 = 1e8;
 
+/// A solved problem.
+pub struct Solved {
+    /// The solution.
+    pub state: State,
+    /// The system there.
+    pub system: System,
+    /// How it went.
+    pub report: SolveReport,
+}
+
 /// Minimises the cost of `problem` from `state` on.
-pub fn solve(problem: &Problem, mut state: State) -> Result<(State, SolveReport), SolveError> {
+///
+/// # Errors
+/// [`SolveError`] when there is nothing to solve from, or it does not determine the parameters.
+pub fn solve(problem: &Problem, mut state: State) -> Result<Solved, SolveError> {
     let stretches = stretches(&problem.segments);
     let free = problem.free.mask();
     let mut system = assemble(problem, &state, &stretches);
@@ -67,14 +80,14 @@ pub fn solve(problem: &Problem, mut state: State) -> Result<(State, SolveReport)
         }
     }
     report.final_cost = system.cost;
-    Ok((state, report))
+    Ok(Solved { state, system, report })
 }
 
 /// What one Gauss-Newton step from a state gives.
 pub struct OneStep {
     /// The state after the step.
     pub state: State,
-    /// Covariance of the intrinsics before it, as [`formal_covariance`] states it.
+    /// Covariance of the intrinsics before it, as [`intrinsics_covariance`] states it.
     pub formal_covariance: DMatrix<f64>,
 }
 
@@ -91,23 +104,18 @@ pub fn one_step(problem: &Problem, state: &State) -> Result<OneStep, SolveError>
     Ok(OneStep { state: next, formal_covariance })
 }
 
-/// Covariance of the intrinsics at `state`, in the order of the camera model, if observations were
-/// independent; rows and columns of parameters that are held are zero.
+/// Covariance of the first `count` parameters, the intrinsics, if observations were independent, from the `system` at a solution;
+/// rows and columns of parameters that are held are zero.
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the free parameters.
-pub fn formal_covariance(problem: &Problem, state: &State) -> Result<DMatrix<f64>, SolveError> {
-    let free = problem.free.mask();
-    let system = assemble(problem, state, &stretches(&problem.segments));
-    intrinsics_covariance(&system, &free, state.camera.parameters().len())
-}
-
-fn intrinsics_covariance(
+pub fn intrinsics_covariance(
     system: &System,
     free: &[bool; GLOBAL_COUNT],
     count: usize,
 ) -> Result<DMatrix<f64>, SolveError> {
-    let covariance = system.global_covariance(free).map_err(|_| SolveError::Singular)?;
+    let reduced = system.reduced(0.0, free).map_err(|_| SolveError::Singular)?;
+    let covariance = reduced.covariance(&reduced.places(free)).map_err(|_| SolveError::Singular)?;
     Ok(intrinsics_of(&covariance, free, count))
 }
 
@@ -142,31 +150,11 @@ pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> Syst
     system
 }
 
-/// What each of `stretches` says of global parameters of `system`, which is that of `problem` at `state`: for each of the masks
-/// `free`, of those that are free there.
-///
-/// # Errors
-/// [`SolveError::Singular`] when the observations do not determine the trajectories.
-pub fn contributions<const MASKS: usize>(
-    problem: &Problem,
-    state: &State,
-    system: &System,
-    stretches: &[Stretch],
-    free: [&[bool; GLOBAL_COUNT]; MASKS],
-) -> Result<[Vec<Contribution>; MASKS], SolveError> {
-    let mut follows = Vec::with_capacity(MASKS);
-    for free in free {
-        follows.push(system.follows(free).map_err(|_| SolveError::Singular)?);
-    }
+/// What each of `stretches` says of the global parameters that the control points are known to `follows`, in `problem` at `state`.
+pub fn contributions(problem: &Problem, state: &State, follows: &Follows, stretches: &[Stretch]) -> Vec<Contribution> {
     let bearings = BearingTable::new(&state.camera, problem.sensor);
-    let mut found = [const { Vec::new() }; MASKS];
-    for group in stretches.chunks(STRETCHES_TOGETHER) {
-        let linearised = linearised(problem, state, &bearings, group);
-        for (found, follows) in found.iter_mut().zip(&follows) {
-            found.extend(follows.contributions(&linearised));
-        }
-    }
-    Ok(found)
+    let groups = stretches.chunks(STRETCHES_TOGETHER);
+    groups.flat_map(|group| follows.contributions(&linearised(problem, state, &bearings, group))).collect()
 }
 
 /// The normal equations of each of `stretches` at `state`, whose camera's bearings are given.

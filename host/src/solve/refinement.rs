@@ -19,10 +19,11 @@ use crate::solve::event_bias::{CLASS_COUNT, EventBias, is_own_bias, unknown};
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::left_out::{LeftOut, leave_out};
-use crate::solve::levenberg::solve;
+use crate::solve::levenberg::{Solved, solve};
 use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::{EventResidual, residuals, residuals_at};
+use crate::solve::system::System;
 use crate::solve::unexplained::{UnexplainedSettings, unexplained};
 use crate::solve::{
     BOARD_PARAMETERS, FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State,
@@ -41,6 +42,9 @@ settings! {
         pub settled: f64 = 0.01, "px", at_least(0.0);
         /// Most events in the rounds before the last.
         pub early_events: usize = 250_000, "events", at_least(1.0);
+        /// Most seconds with the board in the joint solve. Of longer recordings those are taken that tell most of the camera, spread
+        /// over all of it; along the others the trajectory is solved afterwards, with the camera held.
+        pub most_seconds: f64 = 45.0, "s", at_least(1.0);
         /// Fit an offset from the geometric edge, and what the edge's curvature adds to it, for each event class.
         pub offsets: bool = true;
         /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event class.
@@ -148,7 +152,7 @@ pub enum RefinementError<E> {
     Solve(#[from] SolveError),
 }
 
-/// Associates and solves in turn from `state` on.
+/// Associates and solves in turn from `state` on. Beside the result the system at it.
 ///
 /// # Errors
 /// [`RefinementError::Read`] when a recording cannot be read, [`RefinementError::Solve`] when the
@@ -158,7 +162,7 @@ pub fn refine<E: Send>(
     mut state: State,
     settings: StageSettings,
     mut progress: impl FnMut(usize),
-) -> Result<Refined, RefinementError<E>> {
+) -> Result<(Refined, System), RefinementError<E>> {
     let mut rounds: Vec<RoundReport> = Vec::new();
     let mut kept_share = 1.0;
     state.bias = unknown(settings.refinement.first_sigma);
@@ -196,7 +200,7 @@ pub fn refine<E: Send>(
             choice.report
         });
         let before = state.camera;
-        let (solved, solve_report) = solve(&problem, state)?;
+        let Solved { state: solved, mut system, report: solve_report } = solve(&problem, state)?;
         state = solved;
         let moved = difference(&before, &state.camera, input.sensor);
         let change = (moved.compared > 0).then_some(moved.root_mean_square);
@@ -206,18 +210,18 @@ pub fn refine<E: Send>(
             let unexplained = unexplained(&problem, &state, &last, settings.unexplained);
             if !unexplained.is_empty() {
                 leave_out(&mut problem, &state, &unexplained);
-                state = solve(&problem, state)?.0;
+                Solved { state, system, .. } = solve(&problem, state)?;
                 last = residuals_at(&problem, &state);
             }
             let residuals = residual_statistics(&problem, &state, &last);
             let left_out = input.left_out.iter().chain(&unexplained).copied().collect();
-            return Ok(Refined { state, problem, residuals, left_out, rounds });
+            return Ok((Refined { state, problem, residuals, left_out, rounds }, system));
         }
         last_early = change.is_some_and(|change| change < SETTLED_TIMES * settings.refinement.settled);
     }
 }
 
-fn associate_all<E: Send>(
+pub(super) fn associate_all<E: Send>(
     input: &RefinementInput<E>,
     state: &State,
     bearings: &BearingTable,
@@ -256,7 +260,7 @@ fn associate_all<E: Send>(
     Ok((segments, report))
 }
 
-fn problem<E>(
+pub(super) fn problem<E>(
     input: &RefinementInput<E>,
     settings: StageSettings,
     segments: Vec<SegmentObservations>,

@@ -103,11 +103,14 @@ fn add_lines<const FIRST: usize, const END: usize, const COLUMNS: usize, const W
     sums: &mut [[f64; WIDTH]],
     rows: &[Row; STEP],
 ) {
-    let rows: [[f64; ROW]; STEP] = rows.map(|row| row.map(f64::from));
+    let mut wide = [[0.0; ROW]; STEP];
+    for (wide, row) in wide.iter_mut().zip(rows) {
+        wide.iter_mut().zip(row).for_each(|(wide, value)| *wide = f64::from(*value));
+    }
     for (line, target) in (FIRST..END).zip(sums) {
         for column in 0..COLUMNS {
             let mut sum = target[column];
-            for row in &rows {
+            for row in &wide {
                 sum += row[line] * row[column];
             }
             target[column] = sum;

@@ -4,10 +4,11 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
 use super::GLOBAL_COUNT;
+use super::eliminated::{ControlCovariance, Eliminated, Following};
 use super::normal::{Block, BorderBlock, StretchEquations, banded_times};
 use super::smoothness::Acceleration;
 use super::stretch::Stretch;
-use crate::numerics::banded::{BandedCholesky, SymmetricBand};
+use crate::numerics::banded::BandedCholesky;
 use crate::trajectory::jerk::Jerk;
 
 /// Normal equations of one segment: A (block-banded), B (border) and gradient.
@@ -52,6 +53,16 @@ pub struct Contribution {
     pub information: DMatrix<f64>,
 }
 
+impl Contribution {
+    /// What it says of the parameters at `places` alone.
+    pub fn of(&self, places: &[usize]) -> Self {
+        Self {
+            gradient: self.gradient.select_rows(places),
+            information: self.information.select_rows(places).select_columns(places),
+        }
+    }
+}
+
 /// The linear system could not be solved: its matrix is not positive definite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotPositiveDefinite;
@@ -59,15 +70,6 @@ pub struct NotPositiveDefinite;
 /// Smallest damping of a control point, relative to the mean diagonal of its segment: keeps control
 /// points that no observation touches where they are.
 const FLOOR: f64 = 1e-9;
-
-/// The covariance of the control points of one segment.
-#[derive(Clone, Debug)]
-pub struct ControlCovariance {
-    /// A⁻¹ near its diagonal.
-    pub own: SymmetricBand,
-    /// A⁻¹B, one vector for each free global parameter.
-    pub follows: Vec<Vec<f64>>,
-}
 
 impl System {
     /// An empty system of segments with `control_points` control points each.
@@ -145,21 +147,7 @@ impl System {
 
     /// Solves the system damped by `damping` (relative to the diagonal) for the free parameters.
     pub fn solve(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Step, NotPositiveDefinite> {
-        let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
-        let eliminated: Vec<Eliminated> = self
-            .segments
-            .par_iter()
-            .map(|segment| segment.eliminate(damping, &free))
-            .collect::<Result<_, NotPositiveDefinite>>()?;
-        let mut schur = DMatrix::from_fn(free.len(), free.len(), |row, column| {
-            let value = self.corner[(free[row], free[column])];
-            if row == column { value * (1.0 + damping) } else { value }
-        });
-        let mut right = DVector::from_fn(free.len(), |row, _| -self.corner_gradient[free[row]]);
-        for part in &eliminated {
-            schur -= &part.schur;
-            right -= &part.right;
-        }
+        let Reduced { free, segments: eliminated, schur, right } = self.reduced(damping, free)?;
         let factor = schur.cholesky().ok_or(NotPositiveDefinite)?;
         let reduced = factor.solve(&right);
         let mut globals = vec![0.0; GLOBAL_COUNT];
@@ -171,36 +159,26 @@ impl System {
         Ok(Step { segments, globals, predicted })
     }
 
-    /// Covariance of the free global parameters, in the order of `free`'s set flags: the inverse of
-    /// the undamped Schur complement.
-    pub fn global_covariance(&self, free: &[bool; GLOBAL_COUNT]) -> Result<DMatrix<f64>, NotPositiveDefinite> {
+    /// The system, damped by `damping`, without its control points; of the global parameters those that are `free`.
+    pub fn reduced(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Reduced, NotPositiveDefinite> {
         let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
-        let mut schur = DMatrix::from_fn(free.len(), free.len(), |row, column| self.corner[(free[row], free[column])]);
-        for segment in &self.segments {
-            schur -= segment.eliminate(0.0, &free)?.schur;
+        let eliminate = |segment: &SegmentSystem| {
+            let factor = segment.factored(damping)?;
+            Ok(Eliminated::new((factor, segment.order), &segment.border, &segment.gradient, &free))
+        };
+        let segments: Vec<Eliminated> =
+            self.segments.par_iter().map(eliminate).collect::<Result<_, NotPositiveDefinite>>()?;
+        let mut schur = DMatrix::from_fn(free.len(), free.len(), |row, column| {
+            let value = self.corner[(free[row], free[column])];
+            if row == column { value * (1.0 + damping) } else { value }
+        });
+        let mut right = DVector::from_fn(free.len(), |row, _| -self.corner_gradient[free[row]]);
+        for part in &segments {
+            let (of_segment, right_of_segment) = part.schur();
+            schur -= of_segment;
+            right -= right_of_segment;
         }
-        Ok(schur.cholesky().ok_or(NotPositiveDefinite)?.inverse())
-    }
-
-    /// Covariance of the control points of each segment; `None` where the observations do not determine them.
-    pub fn control_covariances(&self, free: &[bool; GLOBAL_COUNT]) -> Vec<Option<ControlCovariance>> {
-        let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
-        let of_segment = |segment: &SegmentSystem| {
-            let own = segment.factored(0.0).ok()?.inverse_band();
-            Some(ControlCovariance { own, follows: segment.eliminate(0.0, &free).ok()?.columns })
-        };
-        self.segments.par_iter().map(of_segment).collect()
-    }
-
-    /// How the control points follow the free global parameters.
-    pub fn follows(&self, free: &[bool; GLOBAL_COUNT]) -> Result<Follows, NotPositiveDefinite> {
-        let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
-        let of_segment = |segment: &SegmentSystem| {
-            let columns = segment.eliminate(0.0, &free)?.columns;
-            Ok(DMatrix::from_fn(6 * segment.border.len(), free.len(), |row, column| columns[column][row]))
-        };
-        let segments = self.segments.par_iter().map(of_segment).collect::<Result<_, NotPositiveDefinite>>()?;
-        Ok(Follows { segments, free })
+        Ok(Reduced { free, segments, schur, right })
     }
 
     /// −gᵀδ − ½ δᵀHδ, using Hδ = −g − damping·Dδ: for small damping half of −gᵀδ.
@@ -214,9 +192,44 @@ impl System {
     }
 }
 
+/// A system without its control points.
+pub struct Reduced {
+    free: Vec<usize>,
+    segments: Vec<Eliminated>,
+    schur: DMatrix<f64>,
+    right: DVector<f64>,
+}
+
+impl Reduced {
+    /// Where those of its global parameters that are `free` stand among all of its own.
+    pub fn places(&self, free: &[bool; GLOBAL_COUNT]) -> Vec<usize> {
+        (0..self.free.len()).filter(|&place| free[self.free[place]]).collect()
+    }
+
+    /// Covariance of the global parameters at `places` when the others are held: the inverse of the undamped Schur complement.
+    pub fn covariance(&self, places: &[usize]) -> Result<DMatrix<f64>, NotPositiveDefinite> {
+        let schur = self.schur.select_rows(places).select_columns(places);
+        Ok(schur.cholesky().ok_or(NotPositiveDefinite)?.inverse())
+    }
+
+    /// The step of all its global parameters, zero for the others.
+    pub fn global_step(&self) -> Result<Vec<f64>, NotPositiveDefinite> {
+        let step = self.schur.clone().cholesky().ok_or(NotPositiveDefinite)?.solve(&self.right);
+        let mut globals = vec![0.0; GLOBAL_COUNT];
+        self.free.iter().zip(step.iter()).for_each(|(&global, value)| globals[global] = *value);
+        Ok(globals)
+    }
+
+    /// How the control points follow its global parameters.
+    pub fn into_follows(self) -> Follows {
+        let segments = self.segments.into_iter().map(Eliminated::into_following).collect();
+        Follows { segments, free: self.free }
+    }
+}
+
 /// How the control points of each segment follow the free global parameters.
 pub struct Follows {
-    segments: Vec<DMatrix<f64>>,
+    segments: Vec<Following>,
     free: Vec<usize>,
 }
 
@@ -232,7 +245,7 @@ impl Follows {
         let of_stretch = |(stretch, equations): &(Stretch, StretchEquations)| {
             let segment = self.segments.get(stretch.segment)?;
             let rows = 6 * equations.control_point_count();
-            let follows = segment.rows(6 * equations.first, rows);
+            let follows = &segment.of_points(equations.first, equations.control_point_count());
             let gradient = DVector::from_iterator(rows, equations.gradient.iter().flatten().copied());
             let own = DVector::from_fn(free.len(), |row, _| equations.corner_gradient[free[row]]);
             let border =
@@ -241,7 +254,7 @@ impl Follows {
                 equations.corner[(free[row.max(column)], free[row.min(column)])]
             });
             let mixed = border.transpose() * follows;
-            let moved = banded_times(&equations.blocks, equations.order, &follows.into_owned());
+            let moved = banded_times(&equations.blocks, equations.order, follows);
             Some(Contribution {
                 gradient: own - follows.transpose() * gradient,
                 information: corner - &mixed - mixed.transpose() + follows.transpose() * moved,
@@ -249,27 +262,11 @@ impl Follows {
         };
         stretches.par_iter().filter_map(of_stretch).collect()
     }
-}
 
-/// A segment whose control points are eliminated.
-struct Eliminated {
-    /// A⁻¹g.
-    gradient: Vec<f64>,
-    /// A⁻¹B, one vector for each free global parameter.
-    columns: Vec<Vec<f64>>,
-    /// BᵀA⁻¹B.
-    schur: DMatrix<f64>,
-    /// −BᵀA⁻¹g.
-    right: DVector<f64>,
-}
-
-impl Eliminated {
-    fn back_substitute(&self, globals: &DVector<f64>) -> Vec<f64> {
-        let mut step: Vec<f64> = self.gradient.iter().map(|value| -value).collect();
-        for (column, global) in self.columns.iter().zip(globals.iter()) {
-            step.iter_mut().zip(column).for_each(|(value, weight)| *value -= weight * global);
-        }
-        step
+    /// Covariance of the control points of each segment when the free global parameters at `places` have the covariance
+    /// `globals`; `None` where that is none.
+    pub fn control_covariances(&self, places: &[usize], globals: &DMatrix<f64>) -> Option<Vec<ControlCovariance>> {
+        self.segments.iter().map(|segment| segment.control_covariance(places, globals)).collect()
     }
 }
 
@@ -366,28 +363,5 @@ impl SegmentSystem {
         }
         band.factor().map_err(|_| NotPositiveDefinite)?;
         Ok(band)
-    }
-
-    fn eliminate(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
-        let band = self.factored(damping)?;
-        let mut gradient: Vec<f64> = self.gradient.iter().flatten().copied().collect();
-        let original = gradient.clone();
-        band.solve_in_place(&mut gradient);
-        let border: Vec<Vec<f64>> =
-            free.iter().map(|&global| self.border.iter().flatten().map(|line| line[global]).collect()).collect();
-        let mut columns = border.clone();
-        for column in &mut columns {
-            band.solve_in_place(column);
-        }
-        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let mut schur = DMatrix::zeros(free.len(), free.len());
-        for row in 0..free.len() {
-            for column in 0..=row {
-                schur[(row, column)] = product(&border[row], &columns[column]);
-            }
-        }
-        schur.fill_upper_triangle_with_lower_triangle();
-        let right = DVector::from_fn(free.len(), |row, _| -product(&columns[row], &original));
-        Ok(Eliminated { gradient, columns, schur, right })
     }
 }

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::board::Board;
 use crate::board::shape::{BoardShape, PARAMETERS};
 use crate::solve::event_bias::bias::Bias;
-use crate::solve::system::{Contribution, Step};
+use crate::solve::system::Contribution;
 use crate::solve::{BOARD_INDEX, FreeParameters, Problem, State};
 
 settings! {
@@ -63,17 +63,13 @@ pub fn with_board(problem: &Problem) -> FreeParameters {
     FreeParameters { board: std::array::from_fn(|index| problem.free.board[index] || testable[index]), ..problem.free }
 }
 
-/// `contributions` as they are where `step` leads to, in which all of `free` may move.
-pub fn after(step: &Step, contributions: &[Contribution], free: &[bool]) -> Vec<Contribution> {
+/// A `contribution` as it is where the `step` of the global parameters leads to, in which all of `free` may move.
+pub fn after(step: &[f64], contribution: Contribution, free: &[bool]) -> Contribution {
     let moved = nalgebra::DVector::from_iterator(
         free.iter().filter(|&&free| free).count(),
-        step.globals.iter().zip(free).filter(|(_, free)| **free).map(|(value, _)| *value),
+        step.iter().zip(free).filter(|(_, free)| **free).map(|(value, _)| *value),
     );
-    let at = |contribution: &Contribution| Contribution {
-        gradient: &contribution.gradient + &contribution.information * &moved,
-        information: contribution.information.clone(),
-    };
-    contributions.iter().map(at).collect()
+    Contribution { gradient: contribution.gradient + &contribution.information * moved, ..contribution }
 }
 
 /// The board as the solve has it.
@@ -105,15 +101,15 @@ impl BoardEstimate {
 }
 
 impl BoardEvidence {
-    /// Where `step` leads the board of `state`, and how sure that is by the variances of its `testable` parameters, in their
+    /// Where the `step` of the global parameters leads the board of `state`, and how sure that is by the variances of its `testable` parameters, in their
     /// order, and by an error of the radius that no scatter shows.
     pub fn new(
         state: &State,
-        step: &Step,
+        step: &[f64],
         testable: [bool; PARAMETERS],
         (variances, radius_error): (impl Iterator<Item = f64>, f64),
     ) -> Self {
-        let steps = step.globals.iter().skip(BOARD_INDEX);
+        let steps = step.iter().skip(BOARD_INDEX);
         let mut values = state.board.parameters();
         values.iter_mut().zip(steps).for_each(|(value, step)| *value += step);
         let mut sigma = [f64::INFINITY; PARAMETERS];

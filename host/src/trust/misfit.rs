@@ -96,13 +96,13 @@ pub fn lens_explains_more(
     let own = state.camera.kind();
     let free = FreeParameters { board: asked, ..problem.free };
     let shaped = State { board: shape, ..state.clone() };
-    let Ok((_, with_shape)) = solve(&thinned(problem, step, free, SHAPE_ITERATIONS), shaped) else { return false };
+    let Ok(with_shape) = solve(&thinned(problem, step, free, SHAPE_ITERATIONS), shaped) else { return false };
     let chance = CERTAIN * (inflation / step as f64).max(1.0);
     CANDIDATES.into_iter().filter(|&kind| kind != own).any(|kind| {
         let Some(camera) = refit(kind, &state.camera, problem.sensor) else { return false };
         let free = FreeParameters { intrinsics: intrinsics_of(kind), ..problem.free };
         let solved = solve(&thinned(problem, step, free, ITERATIONS), State { camera, ..state.clone() });
-        solved.is_ok_and(|(_, report)| report.final_cost + chance < with_shape.final_cost)
+        solved.is_ok_and(|solved| solved.report.final_cost + chance < with_shape.report.final_cost)
     })
 }
 
@@ -132,9 +132,8 @@ fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<Bett
     let step = thinning(problem);
     let solved = |kind: ModelKind, camera: Camera<f64>| {
         let free = FreeParameters { intrinsics: intrinsics_of(kind), ..problem.free };
-        let (state, report) =
-            solve(&thinned(problem, step, free, ITERATIONS), State { camera, ..state.clone() }).ok()?;
-        Some((kind, state.camera, report.final_cost))
+        let solved = solve(&thinned(problem, step, free, ITERATIONS), State { camera, ..state.clone() }).ok()?;
+        Some((kind, solved.state.camera, solved.report.final_cost))
     };
     let own = state.camera.kind();
     let (_, _, own_cost) = solved(own, state.camera)?;

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::numerics::huber::huber;
 use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
-use crate::solve::stretch::{EventResidual, PointResidual, point_residuals, residuals_at};
+use crate::solve::stretch::{EventResidual, PointResidual, point_residuals};
 use crate::solve::{Problem, State};
 
 settings! {
@@ -114,15 +114,20 @@ pub struct ResidualPattern {
     pub outward_ratio: f64,
 }
 
-/// The residuals of `problem` at `state` over the sensor.
-pub fn residual_map(problem: &Problem, state: &State, settings: &ResidualMapSettings) -> ResidualMap {
-    let events = residuals_at(problem, state);
-    let observations: Vec<Observation> = if events.is_empty() {
-        point_residuals(problem, state).iter().flat_map(|point| of_point(problem, point)).collect()
-    } else {
-        events.iter().filter_map(|event| of_event(problem, state, event)).collect()
-    };
-    map_of(problem.sensor, &observations, settings)
+/// The residuals of `problem` at `state` over the sensor; `events` are those of all its events.
+pub fn residual_map(
+    problem: &Problem,
+    state: &State,
+    events: &[EventResidual],
+    settings: &ResidualMapSettings,
+) -> ResidualMap {
+    if events.is_empty() {
+        let points = point_residuals(problem, state);
+        let observations = || points.iter().flat_map(|point| of_point(problem, point));
+        return map_of(problem.sensor, observations, settings);
+    }
+    let observations = || events.iter().filter_map(|event| of_event(problem, state, event));
+    map_of(problem.sensor, observations, settings)
 }
 
 fn of_event(problem: &Problem, state: &State, event: &EventResidual) -> Option<Observation> {
@@ -213,7 +218,12 @@ fn inverse(normal: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     (information.min() >= WEAKEST * information.max()).then_some(inverse)
 }
 
-fn map_of(sensor: Sensor, observations: &[Observation], settings: &ResidualMapSettings) -> ResidualMap {
+/// The map of the observations that every call of `observations` gives in order of time.
+fn map_of<O: Iterator<Item = Observation>>(
+    sensor: Sensor,
+    observations: impl Fn() -> O,
+    settings: &ResidualMapSettings,
+) -> ResidualMap {
     let columns = usize::from(settings.columns.max(1));
     let cell = f64::from(sensor.width.max(1)) / columns as f64;
     let rows = (f64::from(sensor.height.max(1)) / cell).ceil().max(1.0) as usize;
@@ -222,7 +232,7 @@ fn map_of(sensor: Sensor, observations: &[Observation], settings: &ResidualMapSe
         row.min(rows - 1) * columns + column.min(columns - 1)
     };
     let mut sums = vec![CellSums::default(); columns * rows];
-    for observation in observations {
+    for observation in observations() {
         let Some(sums) = sums.get_mut(index_of(observation.pixel)) else { continue };
         let weighted = observation.row * observation.weight;
         sums.count += 1;
@@ -233,7 +243,7 @@ fn map_of(sensor: Sensor, observations: &[Observation], settings: &ResidualMapSe
     for sums in &mut sums {
         sums.estimate = inverse(&sums.normal).map(|inverse| (inverse, inverse * sums.right));
     }
-    for observation in observations {
+    for observation in observations() {
         let Some(sums) = sums.get_mut(index_of(observation.pixel)) else { continue };
         let Some((_, estimate)) = sums.estimate else { continue };
         let block = (observation.t / settings.block).floor() as i64;

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::lens::camera_file::CameraDescription;
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
-use crate::solve::levenberg::{OneStep, formal_covariance, one_step, solve};
+use crate::solve::levenberg::{OneStep, Solved, intrinsics_covariance, one_step, solve};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::residuals_at;
 use crate::solve::{FreeParameters, Problem, SolveError, State};
@@ -74,16 +74,16 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
         return None;
     }
     let halves = [0, 1].map(|parity| half(problem, settings, parity));
-    let first = solved(&halves[0], state).ok()?;
-    let second = solved(&halves[1], state).ok()?;
+    let (first, first_residuals) = solved(&halves[0], state).ok()?;
+    let (second, second_residuals) = solved(&halves[1], state).ok()?;
     let covariance = (&first.formal_covariance + &second.formal_covariance) * inflation;
     let (first, second) = (&first.state, &second.state);
     let difference = projection_difference(&first.camera, &second.camera, problem.sensor).ok()?;
     let expected = projection_uncertainty(&state.camera, &covariance, problem.sensor).ok()?;
 
     let mut held_out = HeldOutResidual { count: 0, rms: 0.0, own_rms: 0.0 };
-    for ((half, own), other) in halves.iter().zip([first, second]).zip([&second.camera, &first.camera]) {
-        let own_residuals = statistics(half, own);
+    let owns = [(first, first_residuals), (second, second_residuals)];
+    for ((half, (own, own_residuals)), other) in halves.iter().zip(owns).zip([&second.camera, &first.camera]) {
         let held = with_camera_held(half, own, other)?;
         held_out.count += own_residuals.count;
         held_out.rms += held.rms * held.rms * held.count as f64;
@@ -106,20 +106,21 @@ const FEWEST_LEFT: f64 = 0.999;
 /// See there.
 const MOST_WORSE: f64 = 1.01;
 
-/// The solution of `half` from `state` on, which solves the whole.
-fn solved(half: &Problem, state: &State) -> Result<OneStep, SolveError> {
+/// The solution of `half` from `state` on, which solves the whole, and the residuals there.
+fn solved(half: &Problem, state: &State) -> Result<(OneStep, ResidualStatistics), SolveError> {
     let before = statistics(half, state);
     let two_steps = one_step(half, state).and_then(|first| one_step(half, &first.state));
     if let Ok(step) = two_steps {
         let after = statistics(half, &step.state);
         if after.count as f64 > FEWEST_LEFT * before.count as f64 && after.rms < MOST_WORSE * before.rms {
-            return Ok(step);
+            return Ok((step, after));
         }
     }
     // Too far for them.
-    let (own, _) = solve(half, state.clone())?;
-    let formal_covariance = formal_covariance(half, &own)?;
-    Ok(OneStep { state: own, formal_covariance })
+    let Solved { state: own, system, .. } = solve(half, state.clone())?;
+    let formal_covariance = intrinsics_covariance(&system, &half.free.mask(), own.camera.parameters().len())?;
+    let residuals = statistics(half, &own);
+    Ok((OneStep { state: own, formal_covariance }, residuals))
 }
 
 fn statistics(problem: &Problem, state: &State) -> ResidualStatistics {

@@ -28,7 +28,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Biases;
-use crate::solve::levenberg::{assemble, contributions, intrinsics_of};
+use crate::solve::levenberg::{contributions, intrinsics_of};
+use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::stretch::stretches;
 use crate::solve::system::{Contribution, System};
 use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, Problem, SolveError, State, bias_index};
@@ -78,6 +79,10 @@ pub struct SolveUncertainty {
     pub board: Option<BoardEvidence>,
     /// Standard deviation of each bias of each event class; zero where it is held.
     pub bias_sigma: BiasSigma,
+    /// How sure each pose is.
+    pub poses: PoseCovariance,
+    /// Covariance of all global parameters that are free, if observations were independent.
+    pub formal: DMatrix<f64>,
 }
 
 /// A standard deviation for each bias of each event class.
@@ -145,27 +150,43 @@ fn combined(formal: &DMatrix<f64>, scatters: impl Iterator<Item = Scatter>) -> (
     (shape * inflation, inflation, blocks)
 }
 
-/// The uncertainty of `state`, which solves `problem`.
+/// The uncertainty of `state`, which solves `problem`; `system` is the one there.
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the free parameters.
 pub fn uncertainty(
     problem: &Problem,
     state: &State,
+    system: System,
     settings: &UncertaintySettings,
 ) -> Result<SolveUncertainty, SolveError> {
     let stretches = stretches(&problem.segments);
-    let system = assemble(problem, state, &stretches);
-    let (free, free_with_board) = (problem.free.mask(), with_board(problem).mask());
-    let formal = system.global_covariance(&free).map_err(|_| SolveError::Singular)?;
-    let [contributions, contributions_with_board] =
-        contributions(problem, state, &system, &stretches, [&free, &free_with_board])?;
+    let free = problem.free.mask();
+    let singular = |_| SolveError::Singular;
+    let reduced = system.reduced(0.0, &with_board(problem).mask()).map_err(singular)?;
+    let places = reduced.places(&free);
+    let formal = reduced.covariance(&places).map_err(singular)?;
+    let all_places = reduced.places(&with_board(problem).mask());
+    let formal_with_board = reduced.covariance(&all_places).ok();
+    let step_with_board = reduced.global_step().ok();
+    let observations = system.count;
+    // Long trajectories have large systems.
+    drop(system);
+    let follows = reduced.into_follows();
+    let controls = follows.control_covariances(&places, &formal).ok_or(SolveError::Singular)?;
+    let contributions_with_board = contributions(problem, state, &follows, &stretches);
+    drop(follows);
     let times: Vec<(usize, f64)> =
         stretches.iter().map(|stretch| (stretch.segment, stretch.start(&problem.segments))).collect();
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
     let time = Time { starts: &times, total };
-    let (stated, inflation, blocks) = stated(&formal, &contributions, time, first_count(&free), settings);
-    let board = board_evidence(problem, state, &system, &contributions_with_board, time, settings);
+    let of_free = |one: Contribution| one.of(&places);
+    let (stated, inflation, blocks) =
+        stated(&formal, (&contributions_with_board, &of_free), time, first_count(&free), settings);
+    let board = formal_with_board.zip(step_with_board).map(|(formal, step)| {
+        board_evidence(problem, state, (&formal, &step), &contributions_with_board, time, settings)
+    });
+    let poses = PoseCovariance::new(controls, inflation);
 
     let count = state.camera.parameters().len();
     let mut variances = [0.0; GLOBAL_COUNT];
@@ -191,8 +212,8 @@ pub fn uncertainty(
     } else {
         covariance
     };
-    let intrinsics = Uncertainty { covariance, inflation, observations: system.count, blocks };
-    Ok(SolveUncertainty { intrinsics, board_sigma, board, bias_sigma })
+    let intrinsics = Uncertainty { covariance, inflation, observations, blocks };
+    Ok(SolveUncertainty { intrinsics, board_sigma, board, bias_sigma, poses, formal })
 }
 
 /// Where the stretches of observations begin (segment, seconds), and how long all trajectories are (s).
@@ -207,10 +228,10 @@ fn first_count(free: &[bool; GLOBAL_COUNT]) -> usize {
     free.iter().take(BOARD_INDEX + BOARD_PARAMETERS).filter(|&&free| free).count()
 }
 
-/// The stated covariance of the `first` parameters, its inflation, and the number of blocks behind it.
+/// The stated covariance of the `first` parameters from what `part` makes of what each block of time says, its inflation, and the number of blocks behind it.
 fn stated(
     formal: &DMatrix<f64>,
-    contributions: &[Contribution],
+    (contributions, part): (&[Contribution], &dyn Fn(Contribution) -> Contribution),
     time: Time,
     first: usize,
     settings: &UncertaintySettings,
@@ -218,33 +239,35 @@ fn stated(
     let longest = time.total / settings.fewest_blocks.max(2) as f64;
     let formal_first = formal.view((0, 0), (first, first)).into_owned();
     let lengths = BLOCK_LENGTHS.map(|factor| (factor * settings.block).min(longest));
-    let of_length = |length: f64| scatter(formal, &sum_by_block(time.starts, contributions, length), first);
+    let of_length = |length: f64| {
+        let blocks: Vec<Contribution> =
+            sum_by_block(time.starts, contributions, length).into_iter().map(part).collect();
+        scatter(formal, &blocks, first)
+    };
     let (stated, inflation, blocks) = combined(&formal_first, lengths.into_iter().filter_map(of_length));
     let long = LONG_PARTS.map(|share| share * time.total).into_iter().filter(|&length| length > lengths[LAST_LENGTH]);
     let drift = long.filter_map(of_length).map(|scatter| lower_end(&scatter, first)).fold(inflation, f64::max);
     (stated * (drift / inflation), drift, blocks)
 }
 
-/// What the observations say of the board; `None` where they cannot tell it from the rest.
+/// What the observations say of the board, with the `formal` covariance and the step of all parameters when it may change too.
 fn board_evidence(
     problem: &Problem,
     state: &State,
-    system: &System,
+    (formal, step): (&DMatrix<f64>, &[f64]),
     contributions: &[Contribution],
     time: Time,
     settings: &UncertaintySettings,
-) -> Option<BoardEvidence> {
+) -> BoardEvidence {
     let parameters = with_board(problem);
     let free = parameters.mask();
-    let formal = system.global_covariance(&free).ok()?;
-    let step = system.solve(0.0, &free).ok()?;
-    let contributions = after(&step, contributions, &free);
+    let there = |one: Contribution| after(step, one, &free);
     let first = first_count(&free);
-    let (stated, ..) = self::stated(&formal, &contributions, time, first, settings);
+    let (stated, ..) = self::stated(formal, (contributions, &there), time, first, settings);
     let board = parameters.board.iter().filter(|&&free| free).count();
     let variances: Vec<f64> = stated.diagonal().iter().skip(first - board).copied().collect();
     let radius_error = settings.systematic_radius * problem.mean_scale;
-    Some(BoardEvidence::new(state, &step, parameters.board, (variances.into_iter(), radius_error)))
+    BoardEvidence::new(state, step, parameters.board, (variances.into_iter(), radius_error))
 }
 
 /// `covariance` of intrinsics that begin with the `focal_lengths`, with a common error of both by `share` (σ) added.

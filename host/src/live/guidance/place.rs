@@ -8,8 +8,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::information::{Information, view_information};
 use crate::board::Board;
+use crate::initial::information::{Information, view_information};
 use crate::numerics::random::normal;
 
 /// How large the board appears: its longer side as a share of the sensor's shorter one.

@@ -5,10 +5,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 use super::hint::{Hint, Seen, choose, errors, half_turn};
-use super::information::{ProjectionMeasure, prior, view_information};
 use super::place::{Place, candidates, visible};
 use super::*;
 use crate::circles::reference_frame::SeenIn;
+use crate::initial::information::{ProjectionMeasure, prior, view_information};
 use crate::live::{LiveCoverage, LiveSettings, Tilt};
 use crate::numerics::random::{normal, uniform_in};
 

@@ -33,11 +33,15 @@ fn observations(shift: impl Fn([f64; 2]) -> Vector2<f64>, outward: f64, shared: 
     all
 }
 
+fn of(observations: &[Observation]) -> ResidualMap {
+    map_of(SENSOR, || observations.iter().copied(), &ResidualMapSettings::default())
+}
+
 #[test]
 fn a_displacement_is_found_where_it_is() {
     // To the right in the left half, downwards in the right half.
     let shift = |pixel: [f64; 2]| if pixel[0] < 160.0 { Vector2::new(0.2, 0.0) } else { Vector2::new(0.0, 0.1) };
-    let map = map_of(SENSOR, &observations(shift, -0.05, 0.0), &ResidualMapSettings::default());
+    let map = of(&observations(shift, -0.05, 0.0));
     assert_eq!((map.columns, map.rows, map.cell, map.cells.len()), (16, 12, 20.0, 192));
     assert_eq!(map.pattern.cells, 192);
     for (index, cell) in map.cells.iter().enumerate() {
@@ -58,8 +62,7 @@ fn a_displacement_is_found_where_it_is() {
 fn noise_alone_has_a_ratio_of_one_even_where_events_err_together() {
     for shared in [0.0, 0.3, 1.0] {
         let observations = observations(|_| Vector2::zeros(), 0.0, shared);
-        let ResidualPattern { cells, shift, shift_ratio, outward_ratio, .. } =
-            map_of(SENSOR, &observations, &ResidualMapSettings::default()).pattern;
+        let ResidualPattern { cells, shift, shift_ratio, outward_ratio, .. } = of(&observations).pattern;
         assert_eq!(cells, 192);
         assert!((0.85..1.15).contains(&shift_ratio), "shared {shared}: {shift_ratio}");
         assert!((0.8..1.2).contains(&outward_ratio), "shared {shared}: {outward_ratio}");
@@ -73,7 +76,7 @@ fn edges_of_one_direction_tell_no_displacement() {
     for observation in &mut observations {
         observation.row = Vector3::new(observation.row.x.signum(), 0.0, 1.0);
     }
-    let map = map_of(SENSOR, &observations, &ResidualMapSettings::default());
+    let map = of(&observations);
     assert_eq!(map.pattern, ResidualPattern::default());
     assert!(map.cells.iter().all(|cell| cell.count > 0 && (cell.rms - SIGMA).abs() < 0.05));
 }
@@ -88,7 +91,7 @@ fn circle_centres_have_a_displacement_but_nothing_outward() {
             all.push(Observation { t, pixel, row, residual: mean + 0.1 * normal(&mut random), weight: 100.0 });
         }
     }
-    let map = map_of(SENSOR, &all, &ResidualMapSettings::default());
+    let map = of(&all);
     let found = map.cells[5 * 16 + 5].displacement.unwrap();
     assert_eq!(found.outward, None);
     assert!((found.shift - Vector2::new(0.1, -0.2)).amax() < 0.02);
@@ -99,7 +102,7 @@ fn circle_centres_have_a_displacement_but_nothing_outward() {
 
 #[test]
 fn nothing_seen_is_an_empty_map() {
-    let map = map_of(SENSOR, &[], &ResidualMapSettings::default());
+    let map = of(&[]);
     assert_eq!(map.pattern, ResidualPattern::default());
     assert!(map.cells.iter().all(|cell| *cell == CellResiduals::default()));
 }

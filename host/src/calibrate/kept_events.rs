@@ -1,0 +1,48 @@
+//! The events of the seconds that the joint solve takes of long recordings.
+
+use evcal_core::sensor::Sensor;
+
+use super::Task;
+use super::error::CalibrateError;
+use super::input::Input;
+use super::progress::Progress;
+use super::stretch_choice::{ChosenSeconds, second_of};
+use crate::solve::event_sample::{EventSample, Thinning};
+
+/// Events for each one that the joint solve uses at most.
+const SAMPLE_TIMES: usize = 2;
+
+/// Reads the recordings once more. An even sample of the events in the `chosen` seconds, and for each input how many there are.
+///
+/// # Errors
+/// [`CalibrateError`] when a recording cannot be read, or the caller wants the end.
+pub(super) fn events_of(
+    task: &Task,
+    chosen: &ChosenSeconds,
+    sensor: Sensor,
+    progress: &Progress,
+) -> Result<(EventSample, Vec<u64>), CalibrateError> {
+    let mut sample = EventSample::new(SAMPLE_TIMES * task.settings.association.most_events);
+    let mut counts = vec![0; task.inputs.len()];
+    for (index, (input, count)) in task.inputs.iter().zip(&mut counts).enumerate() {
+        let Input::Events(_) = input else { continue };
+        progress.tell(format!("reading the chosen seconds of {}", input.name()))?;
+        let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
+        sample.begin(index);
+        progress.read(task.inputs, index, &mut |events| {
+            for events in events.chunk_by(|a, b| second(a.t) == second(b.t)) {
+                if events.first().is_some_and(|event| chosen.has(index, second(event.t))) {
+                    *count += events.len() as u64;
+                    sample.push(events, &mut thinning);
+                } else {
+                    thinning.pass(events);
+                }
+            }
+        })?;
+    }
+    Ok((sample, counts))
+}
+
+fn second(t: i64) -> i64 {
+    second_of(t as f64 * 1e-6)
+}

@@ -1,0 +1,111 @@
+//! Reference frames of a detector in a quarter of their room, for there are some hundred a second.
+
+use nalgebra::Vector2;
+
+use super::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
+
+/// A circle that a detector found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct CompactCircle {
+    index: u32,
+    center: [f32; 2],
+    radius: f32,
+}
+
+/// A reference frame whose circles a detector found: it works in single precision, so that nothing is lost, and all
+/// circles are of the middle of their window.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CompactFrame {
+    /// Which recording of the camera it belongs to.
+    pub recording: usize,
+    /// Start of the window in seconds since the start of the recording.
+    pub start: f64,
+    /// End of the window.
+    pub end: f64,
+    /// In what the board was found.
+    pub seen_in: SeenIn,
+    circles: Box<[CompactCircle]>,
+}
+
+impl From<ReferenceFrame> for CompactFrame {
+    fn from(frame: ReferenceFrame) -> Self {
+        let compact = |circle: &ObservedCircle| CompactCircle {
+            index: circle.index as u32,
+            center: [circle.center.x as f32, circle.center.y as f32],
+            radius: circle.radius.unwrap_or_default() as f32,
+        };
+        let ReferenceFrame { recording, start, end, circles, seen_in } = frame;
+        Self { recording, start, end, seen_in, circles: circles.iter().map(compact).collect() }
+    }
+}
+
+impl From<CompactFrame> for ReferenceFrame {
+    fn from(frame: CompactFrame) -> Self {
+        let circles = frame.observed();
+        let CompactFrame { recording, start, end, seen_in, .. } = frame;
+        Self { recording, start, end, circles, seen_in }
+    }
+}
+
+impl CompactFrame {
+    /// The time stamp of the frame: the centre of its window, in seconds.
+    pub fn t(&self) -> f64 {
+        0.5 * (self.start + self.end)
+    }
+
+    /// Number of circles.
+    pub fn circle_count(&self) -> usize {
+        self.circles.len()
+    }
+
+    /// Its circles.
+    pub fn observed(&self) -> Vec<ObservedCircle> {
+        let t = self.t();
+        let observed = |circle: &CompactCircle| ObservedCircle {
+            index: circle.index as usize,
+            t,
+            center: Vector2::from(circle.center).cast(),
+            radius: Some(f64::from(circle.radius)),
+            velocity: None,
+        };
+        self.circles.iter().map(observed).collect()
+    }
+
+    /// The frame without its events.
+    pub fn without_events(&self) -> ReferenceFrame {
+        ReferenceFrame {
+            recording: self.recording,
+            start: self.start,
+            end: self.end,
+            circles: self.observed(),
+            seen_in: SeenIn::PassedEvents,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_of_a_detector_comes_back_as_it_was() {
+        let (start, end) = (0.1, 0.1073);
+        let circle = |index: usize, x: f32| ObservedCircle {
+            index,
+            t: 0.5 * (start + end),
+            center: Vector2::new(x, 33.3 * x).cast(),
+            radius: Some(f64::from(0.7 * x)),
+            velocity: None,
+        };
+        let frame = ReferenceFrame {
+            recording: 1,
+            start,
+            end,
+            circles: vec![circle(0, 12.3), circle(70_000, 0.1)],
+            seen_in: SeenIn::PassedEvents,
+        };
+        let compact = CompactFrame::from(frame.clone());
+        assert_eq!((compact.circle_count(), compact.without_events()), (2, frame.clone()));
+        assert_eq!(ReferenceFrame::from(compact), frame);
+    }
+}

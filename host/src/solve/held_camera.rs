@@ -1,0 +1,57 @@
+//! Trajectories along stretches that are not in the joint solve: the camera and the biases of the events are known and held.
+
+use super::association::AssociationReport;
+use super::bearing_table::BearingTable;
+use super::knot_choice::choose_knots;
+use super::left_out::{LeftOut, leave_out};
+use super::levenberg::{Solved, solve};
+use super::refinement::{RefinementError, RefinementInput, StageSettings, associate_all, problem};
+use super::stretch::residuals_at;
+use super::system::System;
+use super::unexplained::unexplained;
+use super::{Problem, State};
+
+/// What came of stretches along which the camera is held.
+pub struct Followed {
+    /// The camera as it was, with the trajectories solved.
+    pub state: State,
+    /// The system there.
+    pub system: System,
+    /// Parts that no curve explains.
+    pub left_out: Vec<LeftOut>,
+    /// What became of the events.
+    pub association: AssociationReport,
+}
+
+/// Solves the trajectories of `state` from the events of `input`; everything else of `state` is held. The unit of plane residuals
+/// is that of `solved`, from which the camera is.
+///
+/// # Errors
+/// As [`refine`](super::refinement::refine).
+pub fn follow<E: Send>(
+    input: &RefinementInput<E>,
+    mut state: State,
+    solved: &Problem,
+    settings: StageSettings,
+) -> Result<Followed, RefinementError<E>> {
+    let bearings = BearingTable::new(&state.camera, input.sensor);
+    let associated = |state: &State| {
+        let (segments, association) = associate_all(input, state, &bearings, settings, true, 1.0)?;
+        let mut problem = problem(input, settings, segments, state);
+        problem.mean_scale = solved.mean_scale;
+        leave_out(&mut problem, state, input.left_out);
+        Ok::<_, RefinementError<E>>((problem, association))
+    };
+    let (first, _) = associated(&state)?;
+    state = solve(&first, state)?.state;
+    let (mut problem, association) = associated(&state)?;
+    let choice = choose_knots(&problem, &state, settings.knots);
+    (state.trajectories, problem.stiffness) = (choice.trajectories, choice.stiffness);
+    let Solved { state: mut followed, mut system, .. } = solve(&problem, state)?;
+    let left_out = unexplained(&problem, &followed, &residuals_at(&problem, &followed), settings.unexplained);
+    if !left_out.is_empty() {
+        leave_out(&mut problem, &followed, &left_out);
+        Solved { state: followed, system, .. } = solve(&problem, followed)?;
+    }
+    Ok(Followed { state: followed, system, left_out, association })
+}
