@@ -250,9 +250,13 @@ mod tests {
             Ok::<(), std::convert::Infallible>(())
         });
         expected.retain(|event| event.t >= 50_000);
-        expected.iter_mut().for_each(|event| event.t = 7_000_000 + (event.t as f64 * 1.001).round() as i64);
         let found = read(&path);
-        assert!(found.len() > 10_000 && found == expected);
+        assert!(found.len() > 10_000 && found.len() == expected.len());
+        for (found, expected) in found.iter().zip(&expected) {
+            assert_eq!((found.x, found.y, found.polarity), (expected.x, expected.y, expected.polarity));
+            let own = 7e6 + expected.t as f64 * 1.001;
+            assert!((found.t as f64 - own).abs() < 0.51, "{} {own}", found.t);
+        }
         assert_eq!(counts.on + counts.off, found.len() as u64);
     }
 
