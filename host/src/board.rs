@@ -4,6 +4,7 @@ pub(crate) mod homography;
 pub mod request;
 pub mod shape;
 pub mod sheet;
+pub mod symmetry;
 
 use std::fmt;
 use std::ops::RangeInclusive;

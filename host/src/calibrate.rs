@@ -12,12 +12,14 @@ pub mod inertia;
 pub mod input;
 mod joint_solve;
 mod kept_events;
+pub mod mounted;
 pub mod other_stretches;
 pub mod parameter_request;
 mod pictures;
 mod progress;
 pub mod radius;
 pub mod repeat;
+pub mod second;
 pub mod step;
 pub mod stretch_choice;
 
@@ -45,6 +47,8 @@ pub enum PictureUse {
     Witness,
     /// They are compared, then pictures and events are solved together.
     Joint,
+    /// They are compared, then taken for those of a second camera.
+    SecondCamera,
     /// The camera is calibrated from them alone.
     Only,
     /// Nothing.
@@ -104,7 +108,9 @@ pub fn calibrate(
 ) -> Result<Calibrated, CalibrateError> {
     let progress = Progress::new(task.inputs, &mut progress);
     match task.pictures {
-        PictureUse::Witness | PictureUse::Joint | PictureUse::Ignore => events::calibrate(task, &progress),
+        PictureUse::Witness | PictureUse::Joint | PictureUse::SecondCamera | PictureUse::Ignore => {
+            events::calibrate(task, &progress)
+        }
         PictureUse::Only => pictures::calibrate(task, &progress),
     }
 }

@@ -18,6 +18,8 @@ mod mrcal;
 mod number;
 pub(crate) mod opencv;
 pub(crate) mod ros;
+pub(crate) mod second_camera;
+mod static_transform;
 pub mod undistortion_table;
 
 use self::content::ExportFormat;

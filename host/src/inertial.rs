@@ -6,7 +6,6 @@
 
 pub mod calibration;
 pub mod csv;
-mod equations;
 pub mod error;
 pub mod finding;
 pub mod findings;

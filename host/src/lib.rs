@@ -53,6 +53,7 @@ pub mod picture_calibration;
 pub mod recording;
 pub mod report;
 pub mod result;
+pub mod second_camera;
 pub mod settings;
 pub mod simulate;
 pub mod solve;

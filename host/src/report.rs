@@ -12,7 +12,7 @@ pub mod drawing;
 mod example_frames;
 mod halves;
 mod inertial;
-mod inertial_axes;
+mod mount_axes;
 mod number;
 mod numbers;
 mod overview;
@@ -22,6 +22,7 @@ mod picture_examples;
 mod provenance;
 mod rectification;
 mod residuals;
+mod second_camera;
 mod stages;
 mod to_copy;
 mod trajectory;
@@ -48,7 +49,7 @@ pub struct ResultFile {
 /// it is done, 0 to 1.
 pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progress: &mut dyn FnMut(f64)) -> String {
     let board = task.board;
-    let sections: [&(dyn Fn() -> Option<Section> + Sync); 12] = [
+    let sections: [&(dyn Fn() -> Option<Section> + Sync); 13] = [
         &|| numbers::section(calibrated, board),
         &|| trusted_places::section(calibrated),
         &|| board_places::section(calibrated, board),
@@ -59,6 +60,7 @@ pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progre
         &|| accumulation::section(calibrated, task),
         &|| trajectory::section(calibrated),
         &|| inertial::section(calibrated),
+        &|| second_camera::section(calibrated),
         &|| stages::section(calibrated),
         &|| provenance::section(calibrated, task, files),
     ];

@@ -5,5 +5,6 @@ pub mod calibration_file;
 pub mod inertial_result;
 pub mod printed_board;
 pub mod same_camera;
+pub mod second_camera_result;
 pub mod stage_lines;
 pub mod stage_report;

@@ -8,7 +8,8 @@
 //! stream of random numbers.
 //!
 //! A DAVIS sends frames ([`frame`]) and inertial samples ([`inertia`]) of the same motion too
-//! ([`davis`]), and a capture system can follow the camera ([`motion_capture`]); they change nothing of the events.
+//! ([`davis`]), and a capture system can follow the camera ([`motion_capture`]); they change nothing of the events. A second event camera
+//! ([`second_camera`]) can be carried along.
 //!
 //! Time runs in slices of 25 ms that bound the memory, slices in ticks of 50 µs at which poses are
 //! known; each pixel looks at the ticks it needs.
@@ -51,6 +52,7 @@ pub mod rays;
 pub mod recording;
 mod row;
 pub mod scene;
+pub mod second_camera;
 pub mod sensor;
 mod settings;
 pub mod smudges;
@@ -100,6 +102,17 @@ impl Simulation {
     pub fn with_frame_rays(mut self, rays: Rays) -> Self {
         self.frame_stage = Some(Stage { rays, ..self.stage.clone() });
         self
+    }
+
+    /// A second camera with these `rays` that is carried along at `T_first_second`, with pixels of the same kind and a `seed` of
+    /// its own.
+    pub fn second(&self, rays: Rays, first_second: Isometry3<f64>, seed: u64) -> Self {
+        Self {
+            stage: Stage { rays, ..self.stage.clone() },
+            frame_stage: None,
+            motion: self.motion.carrying(first_second),
+            settings: SimulationSettings { seed, ..self.settings.clone() },
+        }
     }
 
     /// What is simulated.

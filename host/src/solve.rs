@@ -10,6 +10,7 @@ pub mod association;
 pub mod bearing_table;
 pub mod board_ray;
 pub mod board_surface;
+pub mod bordered;
 pub mod burst;
 pub mod edge_batch;
 pub mod eliminated;

@@ -7,14 +7,16 @@ use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
+use super::mounted::SecondCamera;
 use super::other_stretches::FollowedStretch;
 use super::stretch_choice::StretchChoice;
 use crate::circles::compact_frame::CompactFrame;
-use crate::circles::reference_frame::ReferenceFrame;
+use crate::circles::reference_frame::{PointObservation, ReferenceFrame};
 use crate::detection::DetectionReport;
 use crate::inertial::calibration::InertialCalibration;
 use crate::initial::model_choice::ModelChoice;
 use crate::initial::{InitialModel, PosedFrame};
+use crate::lens::covered_region::CoveredRegion;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
 use crate::picture_calibration::joint::JointReport;
 use crate::recording::pass::RecordingReport;
@@ -50,6 +52,18 @@ pub enum Evidence {
     Events(Box<EventCalibration>),
     /// The camera's own pictures alone, each with a pose of its own.
     Pictures(Box<PictureCalibration>),
+}
+
+/// The camera's own pictures, calibrated apart, and their dots along the trajectories of the events.
+pub struct OwnPictures {
+    /// The lens.
+    pub camera: Camera<f64>,
+    /// Standard deviation of each of its parameters.
+    pub sigma: Vec<f64>,
+    /// Centres of dots for each trajectory, at times of the events.
+    pub points: Vec<Vec<PointObservation>>,
+    /// How they came about.
+    pub report: JointReport,
 }
 
 /// What residuals are distances of: two kinds whose figures cannot be compared.
@@ -105,6 +119,10 @@ pub struct EventCalibration {
     pub joint: Option<JointReport>,
     /// The inertial unit, where it was asked for.
     pub inertial: Option<InertialCalibration>,
+    /// Other cameras on the same mount, in the order in which they were asked for.
+    pub second_cameras: Vec<SecondCamera>,
+    /// The camera's own pictures, where they are to be taken for those of a second camera.
+    pub own_pictures: Option<OwnPictures>,
 }
 
 impl Calibrated {
@@ -168,6 +186,12 @@ impl Calibrated {
             Evidence::Pictures(pictures) => &pictures.posed,
         };
         posed.iter().filter_map(|posed| Some((posed, self.frames().get(posed.frame)?)))
+    }
+
+    /// Where the board's circles were seen in the frames that the calibration used.
+    pub fn covered_region(&self) -> CoveredRegion {
+        let circles = self.posed().flat_map(|(_, frame)| &frame.circles);
+        CoveredRegion::around_circles(circles.map(|circle| (circle.center, circle.radius.unwrap_or(0.0))), self.sensor)
     }
 
     /// The best estimate of `T_world_camera` at a frame: that of the trajectory, where there is one.

@@ -6,7 +6,7 @@ use evcal_core::sensor::Sensor;
 
 use super::board_choice::larger_board;
 use super::board_solve::{BoardSolve, solve_with_board};
-use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured, SAMPLE};
+use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured, OwnPictures, SAMPLE};
 use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
 use super::health::findings_on;
@@ -70,13 +70,13 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
 
     let from_pictures = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => None,
-        PictureUse::Witness | PictureUse::Joint => {
+        PictureUse::Witness | PictureUse::Joint | PictureUse::SecondCamera => {
             let seen = pictures::see_pictures(task, Some(&starts), progress)?;
             pictures::picture_calibration(task, seen, sensor, initial.camera.kind(), progress)
         }
     };
     let to_join = match task.pictures {
-        PictureUse::Joint => Some(pictures::require(task, from_pictures.as_ref())?),
+        PictureUse::Joint | PictureUse::SecondCamera => Some(pictures::require(task, from_pictures.as_ref())?),
         PictureUse::Ignore | PictureUse::Witness | PictureUse::Only => None,
     };
 
@@ -139,16 +139,20 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     };
     let witness =
         from_pictures.as_ref().map(|found| pictures::witness(task, compared, compared_certainty, sensor, found));
-    let mut joint = None;
+    let (mut joint, mut own_pictures) = (None, None);
     if let Some(calibration) = to_join {
         let JointPoints { points, report } =
             pictures::observations(task, &refined, &certainty.intrinsics, calibration)?;
-        let FreeParameters { board: free_board, intrinsics, .. } = refined.problem.free;
-        let held = std::array::from_fn(|index| !intrinsics[index] || undetermined.contains(&index));
-        let input = RefinementInput { points, point_sigma: report.sigma, free_board, held, ..input };
-        (refined, certainty) = solve(task, &input, refined.state, progress)?;
-        board = BoardEstimate { shape: refined.state.board, sigma: certainty.board_sigma, ..board };
-        joint = Some(report);
+        if task.pictures == PictureUse::SecondCamera {
+            own_pictures = Some(OwnPictures { camera: calibration.camera, sigma: calibration.sigma(), points, report });
+        } else {
+            let FreeParameters { board: free_board, intrinsics, .. } = refined.problem.free;
+            let held = std::array::from_fn(|index| !intrinsics[index] || undetermined.contains(&index));
+            let input = RefinementInput { points, point_sigma: report.sigma, free_board, held, ..input };
+            (refined, certainty) = solve(task, &input, refined.state, progress)?;
+            board = BoardEstimate { shape: refined.state.board, sigma: certainty.board_sigma, ..board };
+            joint = Some(report);
+        }
     }
 
     let sample = sample.thinned(SAMPLE);
@@ -183,6 +187,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         witness,
         joint,
         inertial: None,
+        second_cameras: Vec::new(),
+        own_pictures,
     };
     let evidence = Evidence::Events(Box::new(calibration));
     Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })

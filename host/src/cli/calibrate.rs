@@ -20,6 +20,7 @@ use evcal::initial::model_choice::ModelRequest;
 use evcal::numerics::gravity::STANDARD_GRAVITY;
 use evcal::output::folder::is_result;
 use evcal::recording::{Recording, RecordingKind, RecordingOptions, sniff};
+use evcal::second_camera::error::SecondCameraError;
 use evcal::settings::{Settings, SettingsError};
 use evcal::trajectory::RotationSpline;
 use evcal_core::circle::Extraction;
@@ -39,6 +40,10 @@ pub struct Arguments {
     /// streams, or the serial port of a detector, serial:PORT?baud=921600&seconds=10
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
+    /// The recording of another event camera that is fixed to this one, of the same board at the same time: where it is, and how its
+    /// clock goes, from one recording of each (docs/second-camera.md); can be repeated
+    #[arg(long, value_name = "RECORDING", conflicts_with = "frames_only")]
+    with: Vec<PathBuf>,
     #[command(flatten)]
     source: SourceArguments,
     #[command(flatten)]
@@ -56,6 +61,10 @@ pub struct CalibrationArguments {
     /// Solve the camera's own frames and its events together
     #[arg(long)]
     joint_frames: bool,
+    /// Take the camera's own frames for those of a second camera, and calibrate where it is: it must come out as nowhere else, which
+    /// checks both
+    #[arg(long, conflicts_with_all = ["frames_only", "joint_frames"])]
+    with_frames: bool,
     /// Calibrate the inertial unit too, from the samples in the recording, or from a CSV file whose first line names
     /// columns with their units: t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s (docs/imu.md)
     #[arg(long, value_name = "FILE", num_args = 0..=1)]
@@ -210,17 +219,33 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     arguments.calibration.parameters()?;
     let folder = arguments.calibration.open_folder()?;
     let settings = arguments.calibration.method.settings()?;
-    calibrate_recordings(&arguments.recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
+    let recordings = CameraRecordings { first: &arguments.recordings, others: &arguments.with };
+    calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
+}
+
+/// Recordings of one camera, and one of each other camera on its mount.
+#[derive(Clone, Copy)]
+pub struct CameraRecordings<'a> {
+    pub first: &'a [PathBuf],
+    pub others: &'a [PathBuf],
+}
+
+impl<'a> CameraRecordings<'a> {
+    /// Of one camera alone.
+    pub fn alone(first: &'a [PathBuf]) -> Self {
+        Self { first, others: &[] }
+    }
 }
 
 /// Calibrates from `recordings` and writes the results.
 pub fn calibrate_recordings(
-    recordings: &[PathBuf],
+    CameraRecordings { first: recordings, others }: CameraRecordings,
     options: &RecordingOptions,
     arguments: &CalibrationArguments,
     settings: &Settings,
     folder: &OutputFolder,
 ) -> super::Outcome {
+    check_others(recordings, others)?;
     let mut waiting = Waiting::new(arguments.json);
     let board = arguments.method.choose_board(recordings, options, &settings.detection)?;
     let inputs = recordings
@@ -228,12 +253,29 @@ pub fn calibrate_recordings(
         .map(|path| open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)))
         .collect::<Result<Vec<Input>, _>>()?;
     let parameters = arguments.parameters()?;
-    let work = Work { inputs, board, sensor: options.sensor, parameters, arguments, settings };
+    let others = others.iter().map(|path| Input::open(path, options, &board)).collect::<Result<_, _>>()?;
+    let work = Work { inputs, others, board, sensor: options.sensor, parameters, arguments, settings };
     let attempt = work.calibrate(|step| {
         waiting.stage(step.text, step.done);
         ControlFlow::Continue(())
     });
     work.finish(attempt, waiting, folder)
+}
+
+/// What is wrong with the recordings of other cameras before they are opened.
+fn check_others(recordings: &[PathBuf], others: &[PathBuf]) -> Result<(), SecondCameraError> {
+    if !others.is_empty() && recordings.len() > 1 {
+        return Err(SecondCameraError::SeveralRecordings);
+    }
+    let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let mut known: Vec<PathBuf> = recordings.iter().map(place).collect();
+    for other in others {
+        if known.contains(&place(other)) {
+            return Err(SecondCameraError::SameRecording { file: other.display().to_string() });
+        }
+        known.push(place(other));
+    }
+    Ok(())
 }
 
 /// Opens a recording, or listens to a serial port. What comes from a port is saved to `folder` unless its

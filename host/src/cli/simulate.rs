@@ -18,9 +18,11 @@ use evcal::simulate::presets::{LightPreset, MotionPreset, SensorPreset};
 use evcal::simulate::rays::Rays;
 use evcal::simulate::recording::{DAVIS346_SENSOR, RecordingFormat};
 use evcal::simulate::scene::SceneSettings;
+use evcal::simulate::second_camera::{SecondCamera, SecondCameraSettings};
 use evcal::simulate::{Simulation, SimulationSettings};
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
+use serde::de::DeserializeOwned;
 
 use super::progress::Waiting;
 use super::{UsageError, print, value};
@@ -29,7 +31,7 @@ use super::{UsageError, print, value};
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Folder for events.aedat4 (or .dvraw, .csv, .bin), truth.json, trajectory.txt, and with
-    /// --frames frames.csv, with --imu imu.csv, with --motion-capture motion_capture.txt
+    /// --frames frames.csv, with --imu imu.csv, with --motion-capture motion_capture.txt, with --second-camera second.aedat4
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Replace the simulation that is in the folder
@@ -113,6 +115,10 @@ pub struct Arguments {
     /// as a file says (the part "motion_capture.settings" of a truth.json)
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]
     motion_capture: Option<String>,
+    /// A second event camera too, 100 mm beside and turned by some degrees, with a lens, noise and a clock of its own, as
+    /// second.aedat4; or as a file says (the part "second_camera.settings" of a truth.json)
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]
+    second_camera: Option<String>,
     /// Print the truth as JSON
     #[arg(long)]
     json: bool,
@@ -176,16 +182,18 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         true => OutputFolder::open(&arguments.output)?,
         false => OutputFolder::open_new(&arguments.output, is_result)?,
     };
+    let second_camera = second_camera(arguments, &camera, sensor)?;
     let mut waiting = Waiting::new(arguments.json);
-    let slices = simulation.slice_count().max(1);
     let recorded = SimulatedRecording {
         simulation: &simulation,
         camera: &camera,
         frame_camera: frame_camera.as_ref(),
         davis,
         motion_capture: motion_capture(arguments)?,
+        second_camera: second_camera.as_ref(),
         format: arguments.format,
     };
+    let slices = recorded.slice_count().max(1);
     let written = write_folder(&folder, &recorded, |done| {
         waiting.stage("simulating", Some(done as f64 / slices as f64));
     })?;
@@ -275,19 +283,35 @@ fn inertial_unit(unit: &str, light: LightPreset) -> Result<InertialSettings, Box
 
 /// The capture system, as far as asked for.
 fn motion_capture(arguments: &Arguments) -> Result<Option<MotionCaptureSettings>, Box<dyn Error>> {
-    let settings = match arguments.motion_capture.as_deref() {
-        None => return Ok(None),
-        Some("") => MotionCaptureSettings::default(),
+    let settings: Option<MotionCaptureSettings> =
+        usual_or_file("--motion-capture", arguments.motion_capture.as_deref())?;
+    settings.as_ref().map(MotionCaptureSettings::check).transpose()?;
+    Ok(settings)
+}
+
+/// The second camera, as far as asked for, behind a first one with the lens `first`.
+fn second_camera(
+    arguments: &Arguments,
+    first: &Camera<f64>,
+    sensor: Sensor,
+) -> Result<Option<SecondCamera>, Box<dyn Error>> {
+    let settings: Option<SecondCameraSettings> = usual_or_file("--second-camera", arguments.second_camera.as_deref())?;
+    Ok(settings.map(|settings| SecondCamera::new(settings, first, sensor, arguments.seed)).transpose()?)
+}
+
+/// What an option asks for: nothing, the usual, or what a file in JSON says.
+fn usual_or_file<T: Default + DeserializeOwned>(option: &str, value: Option<&str>) -> Result<Option<T>, UsageError> {
+    match value {
+        None => Ok(None),
+        Some("") => Ok(Some(T::default())),
         Some(file) => {
             let wrong = |error: &dyn std::fmt::Display| {
-                UsageError(format!("--motion-capture {file}: {error}: write a JSON file, or nothing behind the option"))
+                UsageError(format!("{option} {file}: {error}: write a JSON file, or nothing behind the option"))
             };
             let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
-            serde_json::from_str(&text).map_err(|error| wrong(&error))?
+            serde_json::from_str(&text).map(Some).map_err(|error| wrong(&error))
         }
-    };
-    settings.check()?;
-    Ok(Some(settings))
+    }
 }
 
 /// The lens and the size of the sensor.

@@ -2,6 +2,7 @@
 
 use super::csv::CsvError;
 use crate::recording::RecordingError;
+use crate::solve::system::NotPositiveDefinite;
 
 /// Why an inertial unit cannot be calibrated, and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -132,4 +133,10 @@ pub enum InertialError {
         /// The same for the accelerometer in m/s².
         accelerometer: f64,
     },
+}
+
+impl From<NotPositiveDefinite> for InertialError {
+    fn from(_: NotPositiveDefinite) -> Self {
+        Self::Singular
+    }
 }

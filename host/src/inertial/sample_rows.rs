@@ -3,12 +3,12 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::equations::Part;
 use super::joint::{Estimate, Joint, ORDER, Residual, SENSORS, Sensor};
 use super::parameters::COUNT;
 use super::prediction::Prediction;
 use super::sample::Sample;
 use crate::numerics::huber::huber;
+use crate::solve::bordered::Part;
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as POINT, Trajectory};
 use evcal_core::spline::Knots;
 

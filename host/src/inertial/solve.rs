@@ -6,7 +6,6 @@
 
 use rayon::prelude::*;
 
-use super::equations::{Part, Step, System};
 use super::error::InertialError;
 use super::joint::{DEGREE, Estimate, Joint, Noise, ORDER, Residual, SENSORS};
 use super::noise::{Line, density, spectrum};
@@ -17,6 +16,7 @@ use super::sample_rows::{inertial_parts, residuals};
 use crate::numerics::gravity::STANDARD_GRAVITY;
 use crate::solve::Problem;
 use crate::solve::bearing_table::BearingTable;
+use crate::solve::bordered::{Part, Step, System};
 use crate::solve::levenberg::{linearised, moved};
 use crate::solve::normal::StretchEquations;
 use crate::solve::smoothness::accelerations;

@@ -2,9 +2,9 @@
 
 use nalgebra::DMatrix;
 
-use super::equations::{Blocks, Part, System};
 use super::error::InertialError;
 use super::parameters::{COUNT, GRAVITY, POSITION};
+use crate::solve::bordered::{Blocks, Part, System};
 use crate::trust::uncertainty::blocks::{scatter, sum_by_block};
 
 /// Lengths of blocks (s).

@@ -14,7 +14,7 @@ use crate::calibrate::step::Step;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::track;
 use crate::export::content::ExportFormat;
-use crate::export::{inertial, kalibr, opencv, ros};
+use crate::export::{inertial, kalibr, opencv, ros, second_camera};
 use crate::files::folder::{FolderError, OutputFolder};
 use crate::files::{self, FileError};
 use crate::initial::PosedFrame;
@@ -66,6 +66,7 @@ pub fn is_result(file: &Path) -> bool {
     FILES.iter().any(|name| Path::new(name) == file)
         || FOR_OTHERS.iter().any(|(format, place)| Path::new(place).join(format.file) == file)
         || inertial::names().any(|name| Path::new(EXPORTS).join(name) == file)
+        || file.strip_prefix(EXPORTS).is_ok_and(|name| name.to_str().is_some_and(second_camera::is_file))
         || numbered(TRAJECTORY.0, TRAJECTORY.1)
         || numbered(POSES.0, POSES.1)
         || numbered(CIRCLES.0, CIRCLES.1)
@@ -174,6 +175,16 @@ pub fn write_folder(
     }
     for (name, text) in calibration.inertial.iter().flat_map(|unit| inertial::files(&camera, unit)) {
         put(folder.join(exports).join(name), text.as_bytes())?;
+    }
+    match second_camera::files(&camera, &calibration.second_cameras) {
+        Ok(files) => {
+            for (name, text) in files {
+                put(folder.join(exports).join(name), text.as_bytes())?;
+            }
+        }
+        Err(error) => {
+            let _ = write!(summary, "\nno files of several cameras: {error}");
+        }
     }
     let mut tell = |done| progress(Step { text: "report", done: Some(done) });
     let page = report(calibrated, task, &results_in(folder), &mut tell);

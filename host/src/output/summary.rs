@@ -67,6 +67,9 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     if let Some(inertial) = &calibration.inertial {
         let _ = write!(text, "\n{}", inertial.sentences());
     }
+    for second in &calibration.second_cameras {
+        let _ = write!(text, "\n{}", second.sentences());
+    }
     for (index, recording) in calibration.stages.recordings.iter().enumerate() {
         for note in &recording.notes {
             let _ = write!(text, "\nnote on recording {}: {note}", index + 1);

@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 use super::chart::{Chart, Color, Series, range_of};
-use super::inertial_axes::drawing;
+use super::mount_axes::drawing;
 use super::overview::capital;
 use super::page::Section;
 use crate::calibrate::calibrated::Calibrated;
@@ -28,7 +28,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         p { (capital(lines.next().unwrap_or_default().trim())) }
         ul { @for sentence in lines { li { (capital(sentence.trim())) } } }
         figure {
-            (drawing(&inertial.parameters.imu_from_camera()))
+            (drawing("inertial unit", ["camera", "unit"], &inertial.parameters.imu_from_camera()))
             figcaption {
                 "Axes of the camera (x to the right, y down, z along the line of sight, which leads away from you) and of the unit; the dashed "
                 "line between them is enlarged."

@@ -68,10 +68,13 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
 }
 
 /// What the files of a calibration are, by the beginnings of their names.
-const MEANINGS: [(&str, &str); 18] = [
+const MEANINGS: [(&str, &str); 21] = [
     ("calibration.json", "everything that was found out, for programs"),
     ("camera.yaml", "the camera for OpenCV"),
     ("exports/camera_info.yaml", "the camera for ROS"),
+    ("exports/camchain-cameras.yaml", "all cameras on the mount for Kalibr"),
+    ("exports/stereo", "both cameras for OpenCV, as stereoCalibrate names them"),
+    ("exports/static_transforms.yaml", "where the other cameras are, for ROS"),
     ("exports/camchain-imucam.yaml", "camera and inertial unit for Kalibr"),
     ("exports/camchain.yaml", "the camera for Kalibr"),
     ("exports/imu.yaml", "noise of the inertial unit for Kalibr"),

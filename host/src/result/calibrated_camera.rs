@@ -9,7 +9,7 @@ use crate::board::Board;
 use crate::calibrate::calibrated::Calibrated;
 use crate::lens::camera_file::{self, CameraDescription, CameraFileError};
 use crate::lens::covered_region::CoveredRegion;
-use crate::result::calibration_file::{CalibrationFile, covered_region};
+use crate::result::calibration_file::CalibrationFile;
 use evcal_core::sensor::Sensor;
 
 /// Name of a camera that has none.
@@ -87,7 +87,7 @@ impl CalibratedCamera {
             name: plain(calibrated.camera_name()).unwrap_or_else(|| UNNAMED.to_owned()),
             recorded: plain(calibrated.recorded()),
             ros_topic: ROS_TOPIC.to_owned(),
-            covered: covered_region(calibrated),
+            covered: calibrated.covered_region(),
             sigma: Some(uncertainty.sigma()),
             covariance: Some(covariance),
             residual_rms: Some(calibrated.residuals().rms),

@@ -12,12 +12,12 @@ use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::initial::model_choice::ModelChoice;
 use crate::lens::camera_file::{CameraDescription, LATEST_VERSION, Parameters};
-use crate::lens::covered_region::CoveredRegion;
 use crate::picture_calibration::calibration::{PictureReport, PictureSummary};
 use crate::picture_calibration::joint::JointReport;
 use crate::recording::pass::RecordingReport;
 use crate::result::inertial_result::InertialResult;
 use crate::result::printed_board::PrintedBoard;
+use crate::result::second_camera_result::SecondCameraResult;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{EventBias, EventKind, SPEED_RANGE_COUNT};
 use crate::solve::refinement::RoundReport;
@@ -103,6 +103,9 @@ pub struct CalibrationFile {
     /// The inertial unit, where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inertial: Option<InertialResult>,
+    /// Other cameras on the same mount, where they were asked for.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub second_cameras: Vec<SecondCameraResult>,
     /// What every stage took in and gave out.
     pub stages: StageReports,
 }
@@ -353,15 +356,6 @@ pub struct SegmentSummary {
     pub observations: usize,
 }
 
-/// Where the board's circles were seen in the frames that the calibration used.
-pub fn covered_region(calibrated: &Calibrated) -> CoveredRegion {
-    let circles = calibrated.posed().flat_map(|(_, frame)| &frame.circles);
-    CoveredRegion::around_circles(
-        circles.map(|circle| (circle.center, circle.radius.unwrap_or(0.0))),
-        calibrated.sensor,
-    )
-}
-
 impl CalibrationFile {
     /// The result of `calibrated`, seen on `board`.
     pub fn new(calibrated: &Calibrated, board: &Board) -> Self {
@@ -388,7 +382,7 @@ impl CalibrationFile {
             observed_radius: events.and_then(|events| events.trust.radius),
             sigma: CameraDescription { model: camera.kind().name().to_owned(), parameters: sigma },
             initial_camera: CameraDescription::new(&calibrated.initial().camera),
-            covered_region: covered_region(calibrated).corners().iter().map(|&corner| corner.into()).collect(),
+            covered_region: calibrated.covered_region().corners().iter().map(|&corner| corner.into()).collect(),
             board: board.to_string(),
             printed_board: events.map(|events| PrintedBoard::new(&events.trust.board)),
             event_classes: events.map_or_else(Vec::new, EventClass::of_calibration),
@@ -398,6 +392,8 @@ impl CalibrationFile {
             frames: FramesResult::new(calibrated),
             joint_frames: events.and_then(|events| events.joint.clone()),
             inertial: events.and_then(|events| events.inertial.as_ref()).map(InertialResult::new),
+            second_cameras: events
+                .map_or_else(Vec::new, |events| events.second_cameras.iter().map(SecondCameraResult::new).collect()),
             stages: StageReports::new(calibrated),
         }
     }

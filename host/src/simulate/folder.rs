@@ -8,6 +8,7 @@ use evcal_core::camera::Camera;
 use super::davis::{DavisDescription, DavisSettings, DavisTruth};
 use super::motion_capture::{MotionCaptureDescription, MotionCaptureSettings};
 use super::recording::{self, RecordingFormat};
+use super::second_camera::{SecondCamera, SecondCameraDescription, recording_name};
 use super::truth::Truth;
 use super::{EventCounts, Simulation};
 use crate::files::folder::OutputFolder;
@@ -36,8 +37,17 @@ pub struct SimulatedRecording<'a> {
     pub davis: DavisSettings,
     /// Motion capture of the camera, where there is any.
     pub motion_capture: Option<MotionCaptureSettings>,
+    /// A second event camera, where there is one.
+    pub second_camera: Option<&'a SecondCamera>,
     /// Kind of the recording.
     pub format: RecordingFormat,
+}
+
+impl SimulatedRecording<'_> {
+    /// How many slices are simulated, of all cameras.
+    pub fn slice_count(&self) -> usize {
+        self.simulation.slice_count() * if self.second_camera.is_some() { 2 } else { 1 }
+    }
 }
 
 /// What was written.
@@ -73,26 +83,29 @@ pub enum SimulatedFolderError {
 /// Whether a file of a folder is one that [`write_folder`] writes.
 pub fn is_result(file: &Path) -> bool {
     let others = [TRUTH, TRAJECTORY, FRAMES, INERTIA, MOTION_CAPTURE];
-    RecordingFormat::ALL.iter().any(|format| Path::new(&format.file_name()) == file)
-        || others.iter().any(|name| Path::new(name) == file)
+    let is_recording = |format: &RecordingFormat| {
+        Path::new(&format.file_name()) == file || Path::new(&recording_name(*format)) == file
+    };
+    RecordingFormat::ALL.iter().any(is_recording) || others.iter().any(|name| Path::new(name) == file)
 }
 
 /// Simulates, and writes `events.aedat4` (or `.dvraw`, `.csv`, `.bin`), `truth.json`, `trajectory.txt` (TUM, 1000
 /// poses a second), and with frames `frames.csv`, with inertial samples `imu.csv`, with motion
-/// capture `motion_capture.txt` (TUM, `T_mocap_body`). What was there of an earlier
-/// simulation goes. `progress` is called with the number of slices done ([`Simulation::slice_count`] in all).
+/// capture `motion_capture.txt` (TUM, `T_mocap_body`), with a second camera `second.aedat4` (or `.csv`, `.bin`). What was there of
+/// an earlier simulation goes. `progress` is called with the number of slices done ([`SimulatedRecording::slice_count`] in all).
 ///
 /// # Errors
 /// [`SimulatedFolderError`] names the file that could not be written.
 pub fn write_folder(
     folder: &OutputFolder,
     recorded: &SimulatedRecording,
-    progress: impl FnMut(usize),
+    mut progress: impl FnMut(usize),
 ) -> Result<WrittenFolder, SimulatedFolderError> {
-    let SimulatedRecording { simulation, camera, frame_camera, davis, motion_capture, format } = recorded;
+    let SimulatedRecording { simulation, camera, frame_camera, davis, motion_capture, second_camera, format } =
+        recorded;
     let path = folder.path().join(format.file_name());
     let file = NewFile::create(&path)?;
-    let (counts, davis_truth) = recording::write(simulation, davis, file.unfinished_path(), *format, progress)
+    let (counts, davis_truth) = recording::write(simulation, davis, file.unfinished_path(), *format, &mut progress)
         .map_err(|error| SimulatedFolderError::Recording { path: path.clone(), error })?;
     folder.remove_results(is_result)?;
     file.finish()?;
@@ -102,6 +115,17 @@ pub fn write_folder(
     if *davis != DavisSettings::default() {
         let frame_camera = frame_camera.map(CameraDescription::new);
         truth.davis = Some(DavisDescription { settings: *davis, frame_camera, imu_bias: davis_truth.bias });
+    }
+    if let Some(second) = second_camera {
+        let path = folder.path().join(recording_name(*format));
+        let file = NewFile::create(&path)?;
+        let done = simulation.slice_count();
+        let counts = second
+            .write(simulation, file.unfinished_path(), *format, |more| progress(done + more))
+            .map_err(|error| SimulatedFolderError::Recording { path: path.clone(), error })?;
+        file.finish()?;
+        written.push(path);
+        truth.second_camera = Some(SecondCameraDescription::new(second, counts));
     }
     let mut put = |name: &str, content: &[u8]| {
         let path = folder.path().join(name);

@@ -181,6 +181,8 @@ pub struct Motion {
     pace: f64,
     pauses: Ramps,
     absences: Ramps,
+    /// Where a second camera is on the one that is moved: `T_first_second`.
+    mount: Option<Isometry3<f64>>,
 }
 
 impl Motion {
@@ -210,6 +212,7 @@ impl Motion {
             pace: 0.5,
             pauses: Ramps::new(&settings.pauses, PAUSE_RAMP),
             absences: Ramps::new(&settings.absences, ABSENCE_RAMP),
+            mount: None,
         };
         // Speed grows with the pace but for the tremor, and a short recording sees another part of
         // the path at another pace: a few rounds settle both.
@@ -223,6 +226,11 @@ impl Motion {
         Some(motion)
     }
 
+    /// The motion of a second camera that is carried along, at `T_first_second`.
+    pub fn carrying(&self, first_second: Isometry3<f64>) -> Self {
+        Self { mount: Some(first_second), ..self.clone() }
+    }
+
     /// How the camera moves.
     pub fn settings(&self) -> &MotionSettings {
         &self.settings
@@ -230,6 +238,12 @@ impl Motion {
 
     /// `T_world_camera` at `t` seconds: metres, board in the plane z = 0, camera at z < 0.
     pub fn pose(&self, t: f64) -> Isometry3<f64> {
+        let moved = self.moved(t);
+        self.mount.map_or(moved, |mount| moved * mount)
+    }
+
+    /// The pose of the camera that the hand moves.
+    fn moved(&self, t: f64) -> Isometry3<f64> {
         let active = t - self.pauses.integral(t);
         let omega = std::f64::consts::TAU * VARIATION_FREQUENCY;
         let varied = active - self.settings.speed_variation / omega * libm::cos(omega * active);

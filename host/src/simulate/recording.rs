@@ -1,5 +1,6 @@
 //! A simulation as a file.
 
+use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use std::fs::File;
 use std::io::BufWriter;
@@ -67,6 +68,14 @@ impl RecordingFormat {
     /// Name of the recording in the folder of a simulation.
     pub(super) fn file_name(self) -> String {
         format!("events.{}", self.name())
+    }
+
+    /// The same, or, where only one camera has a place in it, AEDAT4.
+    pub(super) const fn of_second_camera(self) -> Self {
+        match self {
+            Self::Davis346 => Self::Aedat4,
+            other => other,
+        }
     }
 
     /// Whether frames and inertial samples have a place in it.
@@ -141,6 +150,38 @@ pub fn write(
             Ok(results)
         }
     }
+}
+
+/// Runs `simulation` and writes of the events what `stamped` makes of them into the file at `path`, and gives their number.
+/// `progress` is called with the number of slices done.
+///
+/// # Errors
+/// When the file cannot be written.
+pub(super) fn write_events(
+    simulation: &Simulation,
+    path: &Path,
+    format: RecordingFormat,
+    stamped: impl Fn(&[Event]) -> Vec<Event>,
+    mut progress: impl FnMut(usize),
+) -> Result<EventCounts, WriteError> {
+    let format = match format {
+        RecordingFormat::Text => text::OUTPUT,
+        RecordingFormat::EventCalib => event_calib::OUTPUT,
+        RecordingFormat::Aedat4 | RecordingFormat::Davis346 => aedat4::OUTPUT,
+    };
+    let mut writer = EventWriter::create(path, format, simulation.rays().sensor(), CAMERA_NAME)?;
+    let (mut done, mut counts) = (0, EventCounts::default());
+    simulation.run(|events| {
+        done += 1;
+        progress(done);
+        let events = stamped(events);
+        let on = events.iter().map(|event| event.polarity.index() as u64).sum::<u64>();
+        counts.on += on;
+        counts.off += events.len() as u64 - on;
+        writer.write(&events)
+    })?;
+    writer.finish()?;
+    Ok(counts)
 }
 
 /// The settings of a camera that sends this.

@@ -30,6 +30,9 @@ pub enum SimulationError {
     /// The lens sees nothing along the middle row or column.
     #[error("the camera model has no bearing for most of the sensor: check its parameters and the sensor size")]
     NoFieldOfView,
+    /// The lens of a second camera is none.
+    #[error("second_camera.camera is no lens: take it from a truth.json or calibration.json")]
+    SecondLens,
     /// A setting is outside its range.
     #[error("simulation setting {name} is {value}; it must be {range}")]
     Setting {

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::davis::DavisDescription;
 use super::motion_capture::MotionCaptureDescription;
+use super::second_camera::SecondCameraDescription;
 use super::{EventCounts, Simulation, SimulationSettings};
 use crate::lens::camera_file::CameraDescription;
 
@@ -33,6 +34,9 @@ pub struct Truth {
     /// Motion capture, if there is any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motion_capture: Option<MotionCaptureDescription>,
+    /// A second event camera, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub second_camera: Option<SecondCameraDescription>,
 }
 
 impl Truth {
@@ -52,6 +56,7 @@ impl Truth {
             settings,
             davis: None,
             motion_capture: None,
+            second_camera: None,
         }
     }
 }

@@ -178,7 +178,7 @@ impl StretchEquations {
 }
 
 /// Products of the pose with the global parameters.
-fn border_of(products: &RowProducts) -> BorderBlock {
+pub fn border_of(products: &RowProducts) -> BorderBlock {
     let mut border = [[0.0; GLOBAL_COUNT]; 6];
     for (axis, line) in border.iter_mut().enumerate() {
         for (entry, place) in line.iter_mut().zip(COMMON_PLACES) {

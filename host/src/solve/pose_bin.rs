@@ -3,7 +3,7 @@
 use evcal_core::spline::MAX_ORDER;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::trajectory::Trajectory;
+use crate::trajectory::{PoseSample, Trajectory};
 
 /// Pose, velocity and Jacobians that the events of a time bin share.
 #[derive(Clone, Debug)]
@@ -29,10 +29,14 @@ pub struct PoseBin {
 impl PoseBin {
     /// The pose of `trajectory` at time `t` in seconds; `None` outside its knots.
     pub fn new(trajectory: &Trajectory, t: f64) -> Option<Self> {
-        let sample = trajectory.sample(t)?;
+        Some(Self::of_sample(trajectory.sample(t)?))
+    }
+
+    /// That of a sample of a trajectory.
+    pub fn of_sample(sample: PoseSample) -> Self {
         let rotation = sample.rotation.rotation.to_rotation_matrix();
         let matrix = rotation.matrix();
-        Some(Self {
+        Self {
             rotation: std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])),
             translation: sample.translation.into(),
             angular_velocity: sample.rotation.angular_velocity.into(),
@@ -41,7 +45,7 @@ impl PoseBin {
             order: sample.basis.order,
             rotation_jacobians: sample.rotation.jacobians,
             weights: sample.basis.value,
-        })
+        }
     }
 }
 

@@ -80,48 +80,80 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
     };
     let count = last_pose.first + last_pose.order - first_pose.first;
     let mut equations = StretchEquations::new(first_pose.first, count, first_pose.order);
-    let mut products = RowProducts::default();
-    let mut batch = EdgeBatch::default();
-    let mut rows = RowBatch::default();
+    let mut sums = BinSums::default();
 
     for bin in bins {
         let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
         let events = observations.events.get(bin.first..bin.end).unwrap_or_default();
-        for part in events.chunks(LANES) {
-            find_edges(problem, state, bearings, (&pose, part), &mut batch);
-            for (lane, event) in part.iter().enumerate() {
-                let bias = &state.bias[class_of(event)];
-                rows.set_class(lane, bias, bias.sigma[usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1)]);
-            }
-            rows.weigh(batch.edges(), problem.settings.huber, problem.residual_scale(), part.len());
-            let (count, cost) = rows.collect(batch.cells(), part.iter().map(|event| class_of(event) as u8));
-            equations.count += count;
-            equations.cost += cost;
-            let (steps, classes) = rows.steps();
-            products.add(steps, classes);
-        }
-        equations.add_bin(&pose, &mut products);
+        sums.add_events((problem, state, bearings), &pose, events);
+        equations.add_bin(&pose, &mut sums.products);
     }
 
-    let inverse_sigma = 1.0 / problem.point_sigma;
     for point in points {
         let Some(pose) = PoseBin::new(trajectory, point.t) else { continue };
-        let Some(&center) = problem.circle_centers.get(point.circle) else { continue };
+        sums.add_point((problem, state), &pose, point);
+        equations.add_bin(&pose, &mut sums.products);
+    }
+    equations.add_globals(&sums.products);
+    (equations.cost, equations.count) = (sums.cost, sums.count);
+    equations
+}
+
+/// Products of the rows of observations that share a pose, and of all rows of a stretch.
+#[derive(Default)]
+pub struct BinSums<'a> {
+    /// The products.
+    pub products: RowProducts,
+    /// Sum of ρ over all rows.
+    pub cost: f64,
+    /// Number of observations.
+    pub count: usize,
+    batch: EdgeBatch<'a>,
+    rows: RowBatch,
+}
+
+impl<'a> BinSums<'a> {
+    /// Adds the events of a bin with this `pose`.
+    #[inline(always)]
+    pub fn add_events(
+        &mut self,
+        (problem, state, bearings): (&Problem, &State, &'a BearingTable),
+        pose: &PoseBin,
+        events: &[EventObservation],
+    ) {
+        for part in events.chunks(LANES) {
+            find_edges(problem, state, bearings, (pose, part), &mut self.batch);
+            for (lane, event) in part.iter().enumerate() {
+                let bias = &state.bias[class_of(event)];
+                let range = usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1);
+                self.rows.set_class(lane, bias, bias.sigma[range]);
+            }
+            self.rows.weigh(self.batch.edges(), problem.settings.huber, problem.residual_scale(), part.len());
+            let classes = part.iter().map(|event| class_of(event) as u8);
+            let (count, cost) = self.rows.collect(self.batch.cells(), classes);
+            self.count += count;
+            self.cost += cost;
+            let (steps, classes) = self.rows.steps();
+            self.products.add(steps, classes);
+        }
+    }
+
+    /// Adds a circle centre that was seen from this `pose`, where the model can project it.
+    pub fn add_point(&mut self, (problem, state): (&Problem, &State), pose: &PoseBin, point: &PointObservation) {
+        let inverse_sigma = 1.0 / problem.point_sigma;
+        let Some(&center) = problem.circle_centers.get(point.circle) else { return };
         let board = (&problem.area, &state.board);
-        let Some(rows) = point_rows(&state.camera, board, &pose, center, point.pixel) else { continue };
+        let Some(rows) = point_rows(&state.camera, board, pose, center, point.pixel) else { return };
         let error = rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]) * inverse_sigma;
         let (cost, root_weight) = huber(error, problem.settings.huber);
-        equations.cost += cost;
-        equations.count += 1;
         let mut weighed = [[0.0; ROW]; STEP];
         for (to, value) in weighed.iter_mut().flatten().zip(rows.iter().flatten()) {
             *to = (value * root_weight * inverse_sigma) as f32;
         }
-        products.add_without_biases(&weighed);
-        equations.add_bin(&pose, &mut products);
+        self.cost += cost;
+        self.count += 1;
+        self.products.add_without_biases(&weighed);
     }
-    equations.add_globals(&products);
-    equations
 }
 
 #[inline(always)]

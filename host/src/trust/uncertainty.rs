@@ -216,11 +216,13 @@ pub fn uncertainty(
     Ok(SolveUncertainty { intrinsics, board_sigma, board, bias_sigma, poses, formal })
 }
 
-/// Where the stretches of observations begin (segment, seconds), and how long all trajectories are (s).
-#[derive(Clone, Copy)]
-struct Time<'a> {
-    starts: &'a [(usize, f64)],
-    total: f64,
+/// When observations were made.
+#[derive(Clone, Copy, Debug)]
+pub struct Time<'a> {
+    /// Where stretches of them begin: segment, and seconds.
+    pub starts: &'a [(usize, f64)],
+    /// How long all trajectories are (s).
+    pub total: f64,
 }
 
 /// How many of the parameters that are `free` are intrinsics or the board's, which come first.
@@ -228,8 +230,9 @@ fn first_count(free: &[bool; GLOBAL_COUNT]) -> usize {
     free.iter().take(BOARD_INDEX + BOARD_PARAMETERS).filter(|&&free| free).count()
 }
 
-/// The stated covariance of the `first` parameters from what `part` makes of what each block of time says, its inflation, and the number of blocks behind it.
-fn stated(
+/// The stated covariance of the `first` parameters from what `part` makes of what each block of time says, its inflation, and the
+/// number of blocks behind it; `formal` is the inverse of the whole information, `contributions` what stretches of observations say.
+pub fn stated(
     formal: &DMatrix<f64>,
     (contributions, part): (&[Contribution], &dyn Fn(Contribution) -> Contribution),
     time: Time,

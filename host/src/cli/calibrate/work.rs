@@ -9,13 +9,16 @@ use evcal::calibrate::calibrated::{Calibrated, Evidence};
 use evcal::calibrate::error::CalibrateError;
 use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
 use evcal::calibrate::input::Input;
+use evcal::calibrate::mounted::SecondCamera;
 use evcal::calibrate::parameter_request::ParameterRequests;
+use evcal::calibrate::second::{calibrate_own_pictures, calibrate_second_camera};
 use evcal::calibrate::step::Step;
 use evcal::calibrate::{PictureUse, Task, calibrate};
 use evcal::files::folder::OutputFolder;
 use evcal::inertial::error::InertialError;
 use evcal::output::failure::{Failure, write_failure};
 use evcal::output::folder::write_folder;
+use evcal::second_camera::error::SecondCameraError;
 use evcal::settings::Settings;
 use evcal::trust::verdict::{Grade, Verdict};
 use evcal_core::sensor::Sensor;
@@ -42,6 +45,8 @@ fn files_of(failure: &Failure) -> String {
 pub struct Work<'a> {
     /// Recordings, or circles found before.
     pub inputs: Vec<Input>,
+    /// The recording of each other camera on the mount.
+    pub others: Vec<Input>,
     /// The board in them.
     pub board: Board,
     /// Size of the sensor, where they do not tell it.
@@ -63,10 +68,12 @@ pub struct Attempt {
 
 impl Work<'_> {
     fn task<'a>(&'a self, command_line: &'a str) -> Task<'a> {
-        let pictures = match (self.arguments.frames_only, self.arguments.joint_frames) {
-            (true, _) => PictureUse::Only,
-            (false, true) => PictureUse::Joint,
-            (false, false) => PictureUse::Witness,
+        let CalibrationArguments { frames_only, joint_frames, with_frames, .. } = self.arguments;
+        let pictures = match (frames_only, joint_frames, with_frames) {
+            (true, ..) => PictureUse::Only,
+            (_, true, _) => PictureUse::Joint,
+            (.., true) => PictureUse::SecondCamera,
+            (false, false, false) => PictureUse::Witness,
         };
         Task {
             inputs: &self.inputs,
@@ -111,6 +118,7 @@ impl Work<'_> {
             }
             None => Ok(()),
         };
+        let others = self.add_others(&mut calibrated, &task, &mut waiting);
         waiting.stage("results", None);
         let written = write_folder(folder, &calibrated, &task, &mut |step| waiting.stage(step.text, step.done))?;
         waiting.finish();
@@ -136,10 +144,51 @@ impl Work<'_> {
         }
         // The camera is written all the same.
         inertial?;
+        others?;
         match calibrated.verdict.grade {
             Grade::NotGood if !self.arguments.accept_any => Err(NotGoodEnough.into()),
             _ => Ok(()),
         }
+    }
+}
+
+/// Why one of the other cameras was not calibrated.
+#[derive(Debug, thiserror::Error)]
+enum OtherError {
+    #[error("{file}: {error}")]
+    Apart { file: String, error: CalibrateError },
+    #[error(transparent)]
+    Together(#[from] SecondCameraError),
+}
+
+impl Work<'_> {
+    /// Calibrates the other cameras, and keeps them with the first.
+    fn add_others(&self, first: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Result<(), OtherError> {
+        let uncertainty = &self.settings.uncertainty;
+        if task.pictures == PictureUse::SecondCamera {
+            waiting.stage("frames as a second camera", None);
+            keep(first, calibrate_own_pictures(first, uncertainty)?);
+        }
+        for input in &self.others {
+            let file = input.name();
+            let (inputs, pictures) = (std::slice::from_ref(input), PictureUse::Witness);
+            let task = Task { inputs, pictures, parameters: ParameterRequests::default(), ..*task };
+            let second = calibrate(&task, |step| {
+                waiting.stage(step.text, step.done);
+                ControlFlow::Continue(())
+            });
+            let second = second.map_err(|error| OtherError::Apart { file: file.clone(), error })?;
+            waiting.stage("both cameras", None);
+            let second = calibrate_second_camera(first, &second, &file, &self.board, uncertainty)?;
+            keep(first, second);
+        }
+        Ok(())
+    }
+}
+
+fn keep(first: &mut Calibrated, second: SecondCamera) {
+    if let Evidence::Events(events) = &mut first.evidence {
+        events.second_cameras.push(second);
     }
 }
 

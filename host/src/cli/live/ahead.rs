@@ -14,7 +14,7 @@ use evcal::settings::Settings;
 use usb_davis::dump::Growth;
 
 use super::super::calibrate::work::{Attempt, Work};
-use super::super::calibrate::{CalibrationArguments, calibrate_recordings};
+use super::super::calibrate::{CalibrationArguments, CameraRecordings, calibrate_recordings};
 use super::super::progress::Waiting;
 use evcal::files::folder::OutputFolder;
 
@@ -53,7 +53,7 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
             }
             inputs.push(growing.into());
             let parameters = arguments.parameters().ok()?;
-            let work = Work { inputs, board, sensor: None, parameters, arguments, settings };
+            let work = Work { inputs, others: Vec::new(), board, sensor: None, parameters, arguments, settings };
             // Workers of its own: those of the display must not wait for it.
             let pool = rayon::ThreadPoolBuilder::new().build().ok()?;
             let attempt = pool.install(|| {
@@ -92,7 +92,13 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
             (Some((work, attempt)), Some(waiting)) => work.finish(attempt, waiting, folder),
             (_, waiting) => {
                 waiting.into_iter().for_each(Waiting::finish);
-                calibrate_recordings(recordings, &RecordingOptions::default(), arguments, settings, folder)
+                calibrate_recordings(
+                    CameraRecordings::alone(recordings),
+                    &RecordingOptions::default(),
+                    arguments,
+                    settings,
+                    folder,
+                )
             }
         }
     }

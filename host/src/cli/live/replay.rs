@@ -12,7 +12,7 @@ use evcal::live::replay::replay;
 use evcal::recording::Recording;
 use evcal::settings::Settings;
 
-use super::super::calibrate::calibrate_recordings;
+use super::super::calibrate::{CameraRecordings, calibrate_recordings};
 use super::super::interrupt::Interrupt;
 use super::super::print;
 use super::lines::Lines;
@@ -72,7 +72,13 @@ pub fn run(
     if let Some(damage) = &report.damage {
         print::aside(damage);
     }
-    let calibrated = calibrate_recordings(&[path.to_owned()], &options, &arguments.calibration, settings, folder);
+    let calibrated = calibrate_recordings(
+        CameraRecordings::alone(&[path.to_owned()]),
+        &options,
+        &arguments.calibration,
+        settings,
+        folder,
+    );
     if let Some(window) = window {
         window.finish(sensor, seen, folder, &calibrated, false);
     }

@@ -1,19 +1,20 @@
-//! Normal equations of events and inertial samples together: bands of control points with a border that both share.
+//! Normal equations of events together with what else was seen along the trajectories: bands of control points with a border of
+//! any size.
 //!
-//! They have the form of those of the [joint solve](crate::solve), with the inertial parameters before the global parameters
-//! of the events in the border.
+//! They have the form of those of the [joint solve](crate::solve), with other parameters before the global parameters of the
+//! events in the border.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
-use super::error::InertialError;
+use super::normal::{Block, StretchEquations, banded_times};
+use super::smoothness::Acceleration;
+use super::system::{Contribution, NotPositiveDefinite};
 use crate::numerics::banded::BandedCholesky;
-use crate::solve::normal::{Block, StretchEquations, banded_times};
-use crate::solve::smoothness::Acceleration;
-use crate::solve::system::Contribution;
+use crate::trajectory::jerk::Jerk;
 
 /// Parameters of a control point.
 const POINT: usize = 6;
@@ -238,7 +239,17 @@ impl System {
         }
     }
 
-    fn eliminated(&self, damping: f64) -> Result<Vec<Eliminated>, InertialError> {
+    /// Adds the weighted jerks of the trajectory of `segment`.
+    pub fn add_jerks(&mut self, segment: usize, jerks: &[Jerk], weights: &[[f64; 2]]) {
+        let Some(segment) = self.segments.get_mut(segment).filter(|segment| segment.order > 3) else { return };
+        for (jerk, weights) in jerks.iter().zip(weights) {
+            let square = |from: usize| jerk.value.iter().skip(from).take(3).map(|value| value * value).sum::<f64>();
+            self.cost += 0.5 * (weights[0] * square(0) + weights[1] * square(3));
+            segment.add_jerk(jerk, *weights);
+        }
+    }
+
+    fn eliminated(&self, damping: f64) -> Result<Vec<Eliminated>, NotPositiveDefinite> {
         self.segments.par_iter().map(|segment| segment.eliminate(damping)).collect()
     }
 
@@ -260,8 +271,8 @@ impl System {
     /// The step to the least cost of the linear model.
     ///
     /// # Errors
-    /// [`InertialError::Singular`] when the observations do not determine it.
-    pub fn solve(&self, damping: f64) -> Result<Step, InertialError> {
+    /// [`NotPositiveDefinite`] when the observations do not determine it.
+    pub fn solve(&self, damping: f64) -> Result<Step, NotPositiveDefinite> {
         let eliminated = self.eliminated(damping)?;
         let schur = self.schur(&eliminated, damping);
         let mut right = -self.corner_gradient.clone();
@@ -282,8 +293,8 @@ impl System {
     /// The covariance of the border parameters if observations were independent.
     ///
     /// # Errors
-    /// [`InertialError::Singular`].
-    pub fn covariance(&self) -> Result<DMatrix<f64>, InertialError> {
+    /// [`NotPositiveDefinite`].
+    pub fn covariance(&self) -> Result<DMatrix<f64>, NotPositiveDefinite> {
         scaled_inverse(&self.schur(&self.eliminated(0.0)?, 0.0))
     }
 
@@ -291,8 +302,8 @@ impl System {
     /// where each block begins.
     ///
     /// # Errors
-    /// [`InertialError::Singular`].
-    pub fn contributions(&self, parts: &[Part], length: f64) -> Result<Blocks, InertialError> {
+    /// [`NotPositiveDefinite`].
+    pub fn contributions(&self, parts: &[Part], length: f64) -> Result<Blocks, NotPositiveDefinite> {
         let eliminated = self.eliminated(0.0)?;
         let mut groups: BTreeMap<(usize, i64), Vec<&Part>> = BTreeMap::new();
         for part in parts.iter().filter(|part| part.control_point_count() > 0) {
@@ -332,12 +343,12 @@ fn add_contribution(sum: &mut Contribution, part: &Part, follows: &DMatrix<f64>)
 }
 
 /// The inverse of a positive definite matrix whose rows have very different units.
-fn scaled_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, InertialError> {
+fn scaled_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, NotPositiveDefinite> {
     let scale = matrix.diagonal().map(|value| if value > 0.0 { 1.0 / value.sqrt() } else { 1.0 });
     let unit = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| {
         matrix[(row, column)] * scale[row] * scale[column]
     });
-    let inverse = unit.cholesky().ok_or(InertialError::Singular)?.inverse();
+    let inverse = unit.cholesky().ok_or(NotPositiveDefinite)?.inverse();
     Ok(DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| {
         inverse[(row, column)] * scale[row] * scale[column]
     }))
@@ -345,6 +356,10 @@ fn scaled_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, InertialError> 
 
 impl Segment {
     fn add(&mut self, acceleration: &Acceleration) {
+        // The acceleration couples three control points; a spline of degree 1 couples two.
+        if self.order < 3 {
+            return;
+        }
         let weight = |point: usize, axis: usize| {
             if axis < 3 { acceleration.rotation[point] } else { acceleration.translation[point] }
         };
@@ -364,7 +379,32 @@ impl Segment {
         }
     }
 
-    fn eliminate(&self, damping: f64) -> Result<Eliminated, InertialError> {
+    fn add_jerk(&mut self, jerk: &Jerk, [rotation, translation]: [f64; 2]) {
+        let [x, y, z, moving @ ..] = jerk.value;
+        for row in 0..4 {
+            let index = jerk.first + row;
+            let Some(gradient) =
+                self.gradient.as_mut_slice().get_mut(POINT * index..).and_then(|rest| rest.first_chunk_mut::<POINT>())
+            else {
+                return;
+            };
+            let turning = jerk.by_rotation[row].transpose() * Vector3::new(x, y, z) * rotation;
+            for axis in 0..3 {
+                gradient[axis] += turning[axis];
+                gradient[3 + axis] += translation * jerk.by_translation[row] * moving[axis];
+            }
+            for column in 0..=row {
+                let Some(block) = self.blocks.get_mut(index * self.order + row - column) else { return };
+                let mut turns = block.fixed_view_mut::<3, 3>(0, 0);
+                turns += jerk.by_rotation[row].transpose() * jerk.by_rotation[column] * rotation;
+                for axis in 3..POINT {
+                    block[(axis, axis)] += translation * jerk.by_translation[row] * jerk.by_translation[column];
+                }
+            }
+        }
+    }
+
+    fn eliminate(&self, damping: f64) -> Result<Eliminated, NotPositiveDefinite> {
         let (dimension, count) = (self.gradient.len(), self.gradient.len() / POINT);
         let mut band = BandedCholesky::zeros(dimension, (POINT * self.order - 1).min(dimension.saturating_sub(1)));
         let trace: f64 = self.blocks.iter().step_by(self.order).map(|block| block.trace()).sum();
@@ -382,7 +422,7 @@ impl Segment {
                 }
             }
         }
-        band.factor().map_err(|_| InertialError::Singular)?;
+        band.factor().map_err(|_| NotPositiveDefinite)?;
         let (mut gradient, mut follows) = (self.gradient.clone(), self.border.clone());
         band.solve_in_place(gradient.as_mut_slice());
         band.solve_in_place(follows.as_mut_slice());

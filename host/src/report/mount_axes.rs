@@ -1,4 +1,4 @@
-//! Where the inertial unit is and its axes point, drawn beside the axes of the camera.
+//! Where something on the mount of the camera is and its axes point, drawn beside the axes of the camera.
 
 use maud::{Markup, html};
 use nalgebra::{Isometry3, Vector2, Vector3};
@@ -8,7 +8,7 @@ const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 420.0;
 /// Length of an axis.
 const AXIS: f64 = 90.0;
-/// How far the unit is drawn from the camera, unless it is nearer than [`NEAR`].
+/// How far the thing is drawn from the camera, unless it is nearer than [`NEAR`].
 const APART: f64 = 170.0;
 /// Distance below which the drawing shrinks with it (m).
 const NEAR: f64 = 0.005;
@@ -17,19 +17,20 @@ const FORWARD: Vector2<f64> = Vector2::new(0.42, -0.3);
 /// Names of the axes, and their colours in the style sheet.
 const AXES: [(&str, &str); 3] = [("x", "var(--on)"), ("y", "var(--third)"), ("z", "var(--off)")];
 
-/// The axes of the camera and those of a unit whose place is `imu_from_camera` (T_imu_camera).
-pub fn drawing(imu_from_camera: &Isometry3<f64>) -> Markup {
-    let camera_from_imu = imu_from_camera.inverse();
-    let place = camera_from_imu.translation.vector;
+/// The axes of the camera and those of a thing, a noun, whose place is `thing_from_camera` (T_thing_camera); `names` are what is
+/// written beside both.
+pub fn drawing(thing: &str, names: [&str; 2], thing_from_camera: &Isometry3<f64>) -> Markup {
+    let camera_from_thing = thing_from_camera.inverse();
+    let place = camera_from_thing.translation.vector;
     let apart = on_paper(&place) * (APART / place.norm().max(NEAR));
     let camera = Vector2::new(0.5 * WIDTH, 0.5 * HEIGHT) - apart * 0.5;
     let unit = camera + apart;
     html! {
-        svg role="img" aria-label="Axes of the camera and of the inertial unit." viewBox={ "0 0 " (WIDTH) " " (HEIGHT) }
+        svg role="img" aria-label={ "Axes of the camera and of the " (thing) "." } viewBox={ "0 0 " (WIDTH) " " (HEIGHT) }
             style="width:100%;max-width:40rem" font-size="20" fill="currentColor" {
             (line(camera, unit, "currentColor", Some("3 6")))
-            (frame("camera", camera, |axis| axis))
-            (frame("unit", unit, |axis| camera_from_imu.rotation * axis))
+            (frame(names[0], camera, |axis| axis))
+            (frame(names[1], unit, |axis| camera_from_thing.rotation * axis))
         }
     }
 }
@@ -72,7 +73,7 @@ mod tests {
 
     /// Places of the circles at the tips, in the order in which they are drawn.
     fn tips(pose: &Isometry3<f64>) -> Vec<(f64, f64)> {
-        let text = drawing(pose).into_string();
+        let text = drawing("inertial unit", ["camera", "unit"], pose).into_string();
         let number = |part: &str, name: &str| {
             let rest = part.split_once(&format!("{name}=\"")).unwrap().1;
             rest.split_once('"').unwrap().0.parse::<f64>().unwrap()

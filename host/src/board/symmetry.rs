@@ -1,0 +1,73 @@
+//! The turns of a board after which it looks the same: what a camera alone cannot tell apart.
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+use super::Board;
+
+/// A turn of the board onto itself.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Symmetry {
+    /// From places on the board to those where they look the same (m).
+    pub pose: Isometry3<f64>,
+    /// For each circle the one in whose place it comes.
+    pub circles: Vec<u16>,
+}
+
+/// All turns of `board` about its normal onto itself, the one by nothing first.
+pub fn symmetries(board: &Board) -> Vec<Symmetry> {
+    (0..4).filter_map(|quarters| symmetry(board, quarters)).collect()
+}
+
+/// The turn by so many quarters, if the board looks the same after it.
+fn symmetry(board: &Board, quarters: u8) -> Option<Symmetry> {
+    let (low, high) = board.extent();
+    let middle = Vector3::new(0.5 * (low.x + high.x), 0.5 * (low.y + high.y), 0.0);
+    let angle = f64::from(quarters) * std::f64::consts::FRAC_PI_2;
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+    let pose = Isometry3::from_parts(Translation3::from(middle - turn * middle), turn);
+    let place = |index: usize| {
+        let center = board.circle_center(index);
+        let turned = (pose * Point3::new(center.x, center.y, 0.0)).xy();
+        let other = board.nearest_circle(turned.coords)?;
+        let apart = (board.circle_center(other) - turned.coords).norm();
+        (apart < 1e-6 * board.spacing).then_some(u16::try_from(other).ok()?)
+    };
+    let circles = (0..board.circle_count()).map(place).collect::<Option<_>>()?;
+    Some(Symmetry { pose, circles })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(board: &str) -> Vec<Symmetry> {
+        symmetries(&board.parse().unwrap())
+    }
+
+    #[test]
+    fn boards_with_an_odd_number_of_shifted_rows_have_none() {
+        for board in ["acircles:9x4:55mm:r17.5mm", "acircles:11x4:20mm:r5mm"] {
+            let [none] = found(board).try_into().unwrap();
+            assert_eq!(none.pose, Isometry3::identity());
+            assert!(none.circles.iter().enumerate().all(|(index, other)| index == usize::from(*other)));
+        }
+    }
+
+    #[test]
+    fn others_have_a_half_turn_and_squares_quarter_turns() {
+        assert_eq!(found("acircles:10x4:55mm:r17.5mm").len(), 2);
+        assert_eq!(found("circles:5x4:50mm:r15mm").len(), 2);
+        assert_eq!(found("circles:5x5:50mm:r15mm").len(), 4);
+    }
+
+    #[test]
+    fn circles_come_where_the_turn_puts_them() {
+        let board: Board = "circles:5x5:50mm:r15mm".parse().unwrap();
+        for Symmetry { pose, circles } in symmetries(&board) {
+            for (index, other) in circles.iter().enumerate() {
+                let (from, to) = (board.circle_center(index), board.circle_center(usize::from(*other)));
+                assert!((pose * Point3::new(from.x, from.y, 0.0) - Point3::new(to.x, to.y, 0.0)).norm() < 1e-12);
+            }
+        }
+    }
+}

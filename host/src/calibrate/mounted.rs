@@ -1,0 +1,28 @@
+//! Another camera on the mount of the first, as it was calibrated.
+
+use evcal_core::sensor::Sensor;
+
+use crate::lens::camera_file::CameraDescription;
+use crate::lens::covered_region::CoveredRegion;
+use crate::second_camera::calibration::SecondCalibration;
+
+/// Another camera on the mount of the first.
+#[derive(Clone, Debug)]
+pub struct SecondCamera {
+    /// Its recording.
+    pub file: String,
+    /// Size of its sensor.
+    pub sensor: Sensor,
+    /// Its lens, calibrated apart.
+    pub camera: CameraDescription,
+    /// Standard deviation of each parameter of the lens.
+    pub sigma: CameraDescription,
+    /// Where on its sensor the board was seen.
+    pub covered: CoveredRegion,
+    /// What the calibration of its lens says of itself.
+    pub lens_verdict: String,
+    /// Times of the first events of the first camera's recording and of this one, on their clocks (s).
+    pub starts: [f64; 2],
+    /// Where it is, and how its clock goes.
+    pub calibration: SecondCalibration,
+}

@@ -1,0 +1,98 @@
+//! Other cameras on the mount, after the first.
+
+use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use super::mounted::SecondCamera;
+use crate::board::Board;
+use crate::board::symmetry::symmetries;
+use crate::lens::camera_file::{CameraDescription, Parameters};
+use crate::second_camera::error::SecondCameraError;
+use crate::second_camera::{Apart, Pictures, calibrate_pictures_against, calibrate_second};
+use crate::trust::uncertainty::UncertaintySettings;
+
+/// Calibrates the camera of `second` against that of `first`; both were calibrated apart before the same `board`, from one recording
+/// each, the second from `file`.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong, and what to do; the cameras are calibrated all the same.
+pub fn calibrate_second_camera(
+    first: &Calibrated,
+    second: &Calibrated,
+    file: &str,
+    board: &Board,
+    settings: &UncertaintySettings,
+) -> Result<SecondCamera, SecondCameraError> {
+    if first.starts.len() != 1 || second.starts.len() != 1 {
+        return Err(SecondCameraError::SeveralRecordings);
+    }
+    let (of_first, of_second) = (along_trajectories(first)?, along_trajectories(second)?);
+    // Whatever is calibrated from the same events comes out the same to the last bit.
+    if of_first.refined.state.camera == of_second.refined.state.camera
+        && of_first.refined.problem.segments == of_second.refined.problem.segments
+    {
+        return Err(SecondCameraError::SameRecording { file: file.to_owned() });
+    }
+    let calibration = calibrate_second(
+        Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty },
+        Apart { refined: &of_second.refined, uncertainty: &second.trust.uncertainty },
+        &symmetries(board),
+        settings,
+    )?;
+    let start = |calibrated: &Calibrated| calibrated.starts.first().copied().unwrap_or(0.0);
+    let kind = second.camera().kind();
+    let sigma = Parameters::new(kind.parameter_names().iter().copied().zip(second.sigma()));
+    Ok(SecondCamera {
+        file: file.to_owned(),
+        sensor: second.sensor,
+        camera: CameraDescription::new(second.camera()),
+        sigma: CameraDescription { model: kind.name().to_owned(), parameters: sigma },
+        covered: second.covered_region(),
+        lens_verdict: second.verdict.sentence.clone(),
+        starts: [start(first), start(second)],
+        calibration,
+    })
+}
+
+/// Calibrates the camera's own pictures against its events, as if they were those of a second camera: both are of one eye, so that
+/// nothing should lie between them. `first` was calibrated with [`PictureUse::SecondCamera`](super::PictureUse).
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong, and what to do.
+pub fn calibrate_own_pictures(
+    first: &Calibrated,
+    settings: &UncertaintySettings,
+) -> Result<SecondCamera, SecondCameraError> {
+    if first.starts.len() != 1 {
+        return Err(SecondCameraError::SeveralRecordings);
+    }
+    let of_first = along_trajectories(first)?;
+    let pictures = of_first.own_pictures.as_ref().ok_or(SecondCameraError::NoTrajectory)?;
+    let refined = Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty };
+    let seen = Pictures {
+        camera: pictures.camera,
+        sigma: &pictures.sigma,
+        points: &pictures.points,
+        point_sigma: pictures.report.spread,
+    };
+    let calibration = calibrate_pictures_against(refined, seen, settings)?;
+    let start = first.starts.first().copied().unwrap_or(0.0);
+    let kind = pictures.camera.kind();
+    let sigma = Parameters::new(kind.parameter_names().iter().copied().zip(pictures.sigma.iter().copied()));
+    Ok(SecondCamera {
+        file: "the first camera's own frames".to_owned(),
+        sensor: first.sensor,
+        camera: CameraDescription::new(&pictures.camera),
+        sigma: CameraDescription { model: kind.name().to_owned(), parameters: sigma },
+        covered: first.covered_region(),
+        lens_verdict: format!("calibrated from {} frames", pictures.report.frames),
+        // Times of the dots are those of the events of their moment: the frames' own stamps are earlier by the offset found before.
+        starts: [start, start - pictures.report.time_offset],
+        calibration,
+    })
+}
+
+fn along_trajectories(calibrated: &Calibrated) -> Result<&EventCalibration, SecondCameraError> {
+    match &calibrated.evidence {
+        Evidence::Events(events) if events.measured == Measured::EventEdges => Ok(events),
+        Evidence::Events(_) | Evidence::Pictures(_) => Err(SecondCameraError::NoTrajectory),
+    }
+}

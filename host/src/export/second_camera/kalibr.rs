@@ -1,0 +1,43 @@
+//! Kalibr's `camchain.yaml` of several cameras, as `kalibr_common/ConfigReader.py` reads it.
+//!
+//! `T_cn_cnm1` maps coordinates of the camera before to those of this one. The format has a time shift against an inertial unit
+//! only (`timeshift_cam_imu`); the offset between cameras stands in a comment.
+
+use std::fmt::Write as _;
+
+use nalgebra::Isometry3;
+
+use super::{Pair, clocks};
+use crate::export::kalibr::FORMAT;
+use crate::export::number::decimals;
+use crate::result::calibrated_camera::CalibratedCamera;
+
+/// `camchain-cameras.yaml`; `None` where a camera has no model that the format holds, or there is no second one.
+pub fn write(pairs: &[Pair]) -> Option<String> {
+    let others: Vec<usize> = (1..=pairs.len()).collect();
+    let mut text = camera(&pairs.first()?.first, 0, &others)?;
+    let mut before = Isometry3::identity();
+    for (index, pair) in pairs.iter().enumerate() {
+        text += &camera(&pair.second, index + 1, &[0])?;
+        let from_before = pair.second_first * before.inverse();
+        let _ = writeln!(text, "  # from the coordinates of cam{index} to those of cam{}\n  T_cn_cnm1:", index + 1);
+        let rows = <[[f64; 4]; 4]>::from(from_before.to_homogeneous().transpose());
+        rows.iter().for_each(|row| text += &format!("  - [{}]\n", decimals(row)));
+        let _ = writeln!(text, "  # cam0 is the first, cam{} the second camera here: {}", index + 1, clocks(pair));
+        before = pair.second_first;
+    }
+    Some(text)
+}
+
+/// The part of one camera, whose number is `number` and whose views overlap with those of the cameras `with`.
+fn camera(calibrated: &CalibratedCamera, number: usize, with: &[usize]) -> Option<String> {
+    let topic = if number == 0 { calibrated.ros_topic.clone() } else { format!("/dvs{number}/image_raw") };
+    let named = CalibratedCamera { ros_topic: topic, ..calibrated.clone() };
+    let with: Vec<String> = with.iter().map(ToString::to_string).collect();
+    let text = FORMAT.export(&named).ok()?.text;
+    Some(text.replacen("cam0:", &format!("cam{number}:"), 1).replacen(
+        "cam_overlaps: []",
+        &format!("cam_overlaps: [{}]", with.join(", ")),
+        1,
+    ))
+}

@@ -1,0 +1,233 @@
+//! A second camera on the mount of the first, before the same board at the same time: where it is, and how its clock goes.
+//!
+//! Both cameras are calibrated apart first, each with a trajectory of its own. Their trajectories tell the offset of the clocks, which
+//! way round each camera sees the board, and a first transform ([`start`]). Then the events of the second camera become rows on the
+//! trajectories of the first, and both cameras, their event biases and what lies between them ([`mount`]) are solved from all events
+//! at once ([`joint`]). [`findings()`] are what speaks against the result.
+
+pub mod calibration;
+mod carried;
+pub mod error;
+pub mod estimate;
+pub mod finding;
+pub mod findings;
+pub mod joint;
+pub mod mount;
+mod rows;
+pub mod start;
+
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use nalgebra::Isometry3;
+
+use self::calibration::SecondCalibration;
+use self::error::SecondCameraError;
+use self::estimate::Estimate;
+use self::findings::findings;
+use self::joint::{Joint, Solved, own_rms, solve};
+use self::mount::{Mount, TRANSLATION};
+use self::start::{FEWEST_SECONDS, Start, sample_at};
+use crate::board::symmetry::Symmetry;
+use crate::circles::reference_frame::PointObservation;
+use crate::solve::left_out::covers;
+use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
+use crate::solve::refinement::Refined;
+use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
+use crate::trust::uncertainty::{Uncertainty, UncertaintySettings};
+
+/// A camera as it was calibrated apart, from one recording.
+#[derive(Clone, Copy)]
+pub struct Apart<'a> {
+    /// Camera, trajectories and events.
+    pub refined: &'a Refined,
+    /// How sure its intrinsics are.
+    pub uncertainty: &'a Uncertainty,
+}
+
+/// Calibrates the `second` camera against the `first`, before a board that looks the same after the turns `symmetries`.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong with the recordings or the motion, and what to do.
+pub fn calibrate_second(
+    first: Apart,
+    second: Apart,
+    symmetries: &[Symmetry],
+    settings: &UncertaintySettings,
+) -> Result<SecondCalibration, SecondCameraError> {
+    let trajectories = &first.refined.state.trajectories;
+    let start = start::start(trajectories, &second.refined.state.trajectories, symmetries)?;
+    let segments = seen_by_both(first.refined, second.refined, &start, symmetries);
+    let count = |segments: &[SegmentObservations]| segments.iter().map(|one| one.events.len()).sum::<usize>();
+    let left_out = 1.0 - count(&segments) as f64 / count(&second.refined.problem.segments).max(1) as f64;
+    let joint = Joint {
+        first: with_board_held(&first.refined.problem, first.refined.problem.segments.clone()),
+        second: with_board_held(&second.refined.problem, segments),
+    };
+    let estimate = Estimate {
+        first: first.refined.state.clone(),
+        second: State { board: first.refined.state.board, trajectories: Vec::new(), ..second.refined.state.clone() },
+        mount: start.mount,
+    };
+    let solved = solve(&joint, estimate, settings)?;
+    let known = Known {
+        correlation: Some(start.correlation),
+        seconds: start.seconds,
+        left_out,
+        own_rms: Some(own_rms(&second.refined.problem, &second.refined.state)),
+        sensors: [first, second].map(|apart| apart.refined.problem.sensor),
+    };
+    let sigma = [first, second].map(|apart| apart.uncertainty.sigma());
+    let before = [(&first.refined.state.camera, sigma[0].as_slice()), (&second.refined.state.camera, &sigma[1])];
+    Ok(finish(solved, &known, before))
+}
+
+/// Pictures that the first camera itself took, by a lens that was calibrated apart.
+#[derive(Clone, Copy)]
+pub struct Pictures<'a> {
+    /// The lens.
+    pub camera: Camera<f64>,
+    /// Standard deviation of each of its parameters.
+    pub sigma: &'a [f64],
+    /// Centres of dots for each trajectory of the first camera, on its clock.
+    pub points: &'a [Vec<PointObservation>],
+    /// Spread of a centre along one axis (px).
+    pub point_sigma: f64,
+}
+
+/// Calibrates `pictures` against the events of the same sensor, as if they were those of a second camera: nothing should lie between
+/// them.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong with the recording or the motion, and what to do.
+pub fn calibrate_pictures_against(
+    first: Apart,
+    pictures: Pictures,
+    settings: &UncertaintySettings,
+) -> Result<SecondCalibration, SecondCameraError> {
+    let of = |points: &Vec<PointObservation>| SegmentObservations { points: points.clone(), ..Default::default() };
+    let seen: Vec<f64> = pictures.points.iter().flatten().map(|point| point.t).collect();
+    let (Some(begin), Some(end)) = (seen.first(), seen.last()) else {
+        return Err(SecondCameraError::TooShort { seconds: 0.0, needed: FEWEST_SECONDS });
+    };
+    let (middle, seconds) = (0.5 * (begin + end), end - begin);
+    if seconds < FEWEST_SECONDS {
+        return Err(SecondCameraError::TooShort { seconds, needed: FEWEST_SECONDS });
+    }
+    let mut second = with_board_held(&first.refined.problem, pictures.points.iter().map(of).collect());
+    second.point_sigma = pictures.point_sigma;
+    second.free.biases = Default::default();
+    let count = pictures.camera.parameters().len();
+    second.free.intrinsics = std::array::from_fn(|index| index < count && pictures.sigma.get(index) > Some(&0.0));
+    let joint =
+        Joint { first: with_board_held(&first.refined.problem, first.refined.problem.segments.clone()), second };
+    let state = &first.refined.state;
+    let estimate = Estimate {
+        first: state.clone(),
+        second: State { camera: pictures.camera, trajectories: Vec::new(), ..state.clone() },
+        mount: Mount { second_first: Isometry3::identity(), offset: 0.0, rate: 0.0, middle },
+    };
+    let solved = solve(&joint, estimate, settings)?;
+    let sensor = first.refined.problem.sensor;
+    let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2] };
+    let before = (state.camera, pictures.camera);
+    let sigma = first.uncertainty.sigma();
+    let mut calibration = finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]);
+    // The focal length of the events is off by what no block of time shows, and that of pictures is not.
+    let place = TRANSLATION + 2;
+    calibration.covariance[(place, place)] += (settings.systematic_scale * distance(state)).powi(2);
+    calibration.findings = findings(&calibration);
+    Ok(calibration)
+}
+
+/// Mean distance of the camera from the plane of the board (m).
+fn distance(state: &State) -> f64 {
+    let points = || state.trajectories.iter().flat_map(|trajectory| &trajectory.translation);
+    points().map(|point| point.z.abs()).sum::<f64>() / points().count().max(1) as f64
+}
+
+/// What is known of two cameras beside their solve.
+struct Known {
+    correlation: Option<f64>,
+    seconds: f64,
+    left_out: f64,
+    own_rms: Option<f64>,
+    sensors: [Sensor; 2],
+}
+
+/// `before` are both cameras as they were calibrated apart, each with the σ of its parameters.
+fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) -> SecondCalibration {
+    let Solved { estimate, covariance, inflation, used, misfit, rms, .. } = solved;
+    let cameras = [estimate.first.camera, estimate.second.camera];
+    let moved = [0, 1].map(|index| camera_moved(before[index], &cameras[index]));
+    let mut calibration = SecondCalibration {
+        mount: estimate.mount,
+        covariance,
+        inflation,
+        correlation: known.correlation,
+        seconds: known.seconds,
+        used,
+        left_out: known.left_out,
+        looseness: known.own_rms.map(|own| rms / own),
+        misfit,
+        sensors: known.sensors,
+        cameras,
+        cameras_moved: moved,
+        findings: Vec::new(),
+    };
+    calibration.findings = findings(&calibration);
+    calibration
+}
+
+/// Largest change of an intrinsic parameter, in its σ.
+fn camera_moved((before, sigma): (&Camera<f64>, &[f64]), camera: &Camera<f64>) -> f64 {
+    let changes =
+        before.parameters().into_iter().zip(camera.parameters()).map(|(before, after)| (after - before).abs());
+    let known = changes.zip(sigma).filter(|(_, sigma)| **sigma > 0.0);
+    known.map(|(change, sigma)| change / sigma).fold(0.0, f64::max)
+}
+
+/// The problem with these observations, and the board held.
+fn with_board_held(problem: &Problem, segments: Vec<SegmentObservations>) -> Problem {
+    Problem {
+        sensor: problem.sensor,
+        circle_centers: problem.circle_centers.clone(),
+        area: problem.area,
+        mean_scale: problem.mean_scale,
+        point_sigma: problem.point_sigma,
+        associated_latencies: problem.associated_latencies,
+        segments,
+        stiffness: problem.stiffness.clone(),
+        free: FreeParameters { board: [false; BOARD_PARAMETERS], ..problem.free },
+        settings: problem.settings.clone(),
+    }
+}
+
+/// The second camera's observations at a time when the first has a trajectory, its circles counted as the first camera does.
+fn seen_by_both(first: &Refined, second: &Refined, start: &Start, symmetries: &[Symmetry]) -> Vec<SegmentObservations> {
+    let turn = |t: f64, segment: usize| {
+        let time = start.mount.first_time(t);
+        let (of_first, _) = sample_at(&first.state.trajectories, time)?;
+        if covers(&first.left_out, 0, time) {
+            return None;
+        }
+        symmetries.get(*start.turns.get(&(of_first, segment))?)
+    };
+    let of_segment = |(segment, observations): (usize, &SegmentObservations)| {
+        let mut seen = SegmentObservations::default();
+        for bin in &observations.bins {
+            let Some(turn) = turn(bin.t, segment) else { continue };
+            let begin = seen.events.len();
+            for event in observations.events.get(bin.first..bin.end).unwrap_or_default() {
+                let Some(&circle) = turn.circles.get(usize::from(event.circle)) else { continue };
+                seen.events.push(EventObservation { circle, ..*event });
+            }
+            seen.bins.push(EventBin { t: bin.t, first: begin, end: seen.events.len() });
+        }
+        for point in &observations.points {
+            let circle = turn(point.t, segment).and_then(|turn| turn.circles.get(point.circle));
+            seen.points.extend(circle.map(|&circle| PointObservation { circle: circle.into(), ..*point }));
+        }
+        seen
+    };
+    second.problem.segments.iter().enumerate().map(of_segment).collect()
+}

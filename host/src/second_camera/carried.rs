@@ -1,0 +1,152 @@
+//! The pose of the second camera as the mount carries it, and how it answers to the first camera's pose and to the mount.
+//!
+//! With `T_world_first` = (R, p), `T_second_first` = (S, s) and a = −Sᵀs, where the second camera is in the frame of the first:
+//! `T_world_second` = (R Sᵀ, p + R a). Where the first camera turns by δ (its axes) and moves by d (world), and the mount turns by
+//! ε (axes of the first camera) and moves by e (axes of the second), the second camera turns by S (δ − ε), in its own axes, and
+//! moves by d + R ((δ − ε) × a) − R Sᵀ e.
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use super::mount::{COUNT, Mount, OFFSET, RATE, ROTATION, TRANSLATION};
+use crate::solve::pose_bin::PoseBin;
+
+/// Parameters of a pose: rotation (camera frame), then translation (world).
+pub const POSE: usize = 6;
+/// What the second camera's pose answers to: the pose of the first, then the mount.
+pub const CAUSES: usize = POSE + COUNT;
+
+/// The second camera at one time.
+#[derive(Clone, Debug)]
+pub struct Carried {
+    /// Its pose; the control points are those of the first camera, and their Jacobians mean nothing here.
+    pub pose: PoseBin,
+    /// Derivative of its pose by the pose of the first camera and by the mount.
+    pub by: SMatrix<f64, POSE, CAUSES>,
+}
+
+impl Carried {
+    /// Where the first camera is at `first`, at `t` (s) of the second clock.
+    pub fn new(first: &PoseBin, mount: &Mount, t: f64) -> Self {
+        let second_first = mount.second_first.rotation.to_rotation_matrix().into_inner();
+        let aside = mount.second_first.inverse().translation.vector;
+        let (rotation, place) = (first.rotation_matrix(), first.translation_vector());
+        let turning = Vector3::from(first.angular_velocity);
+        let own_rotation = rotation * second_first.transpose();
+        // Seconds of the first clock in one of the second.
+        let pace = 1.0 - mount.rate;
+        let angular_velocity = second_first * turning * pace;
+        let velocity = (Vector3::from(first.linear_velocity) + rotation * turning.cross(&aside)) * pace;
+        let moved_by_turn = -(rotation * aside.cross_matrix());
+
+        let mut by = SMatrix::<f64, POSE, CAUSES>::zeros();
+        let mut put = |row: usize, column: usize, part: Matrix3<f64>| {
+            by.fixed_view_mut::<3, 3>(row, column).copy_from(&part);
+        };
+        put(0, 0, second_first);
+        put(3, 0, moved_by_turn);
+        put(3, 3, Matrix3::identity());
+        put(0, POSE + ROTATION, -second_first);
+        put(3, POSE + ROTATION, -moved_by_turn);
+        put(3, POSE + TRANSLATION, -own_rotation);
+        for (column, factor) in [(OFFSET, -1.0), (RATE, mount.middle - t)] {
+            by.fixed_view_mut::<3, 1>(0, POSE + column).copy_from(&(angular_velocity * (factor / pace)));
+            by.fixed_view_mut::<3, 1>(3, POSE + column).copy_from(&(velocity * (factor / pace)));
+        }
+        let pose = PoseBin {
+            rotation: std::array::from_fn(|row| std::array::from_fn(|column| own_rotation[(row, column)])),
+            translation: (place + rotation * aside).into(),
+            angular_velocity: angular_velocity.into(),
+            linear_velocity: velocity.into(),
+            ..first.clone()
+        };
+        Self { pose, by }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::spline::MAX_ORDER;
+    use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion};
+
+    use super::*;
+
+    const STEP: f64 = 1e-6;
+    const T: f64 = 3.2;
+
+    fn bin(pose: &Isometry3<f64>) -> PoseBin {
+        let matrix = pose.rotation.to_rotation_matrix();
+        PoseBin {
+            rotation: std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])),
+            translation: pose.translation.vector.into(),
+            angular_velocity: [0.7, -1.1, 2.0],
+            linear_velocity: [0.3, -0.2, 0.4],
+            first: 0,
+            order: 1,
+            rotation_jacobians: [Matrix3::identity(); MAX_ORDER],
+            weights: [1.0; MAX_ORDER],
+        }
+    }
+
+    fn first() -> Isometry3<f64> {
+        Isometry3::new(Vector3::new(0.2, 0.4, -0.7), Vector3::new(0.25, -0.3, 0.8))
+    }
+
+    /// Of a camera that turns and moves as `bin` says.
+    fn first_at(dt: f64) -> Isometry3<f64> {
+        let bin = bin(&first());
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::from(bin.angular_velocity) * dt);
+        let place = first().translation.vector + Vector3::from(bin.linear_velocity) * dt;
+        Isometry3::from_parts(Translation3::from(place), first().rotation * turn)
+    }
+
+    fn mount() -> Mount {
+        let second_first = Isometry3::new(Vector3::new(-0.1, 0.01, 0.02), Vector3::new(0.02, 0.1, -0.3));
+        Mount { second_first, offset: 0.5, rate: 1e-3, middle: 2.0 }
+    }
+
+    fn second(first: &Isometry3<f64>, mount: &Mount) -> Isometry3<f64> {
+        first * mount.second_first.inverse()
+    }
+
+    #[test]
+    fn derivatives_agree_with_central_differences() {
+        let carried = Carried::new(&bin(&first()), &mount(), T);
+        let at = second(&first(), &mount());
+        assert!((carried.pose.translation_vector() - at.translation.vector).norm() < 1e-12);
+        assert!((carried.pose.rotation_matrix() - at.rotation.to_rotation_matrix().matrix()).norm() < 1e-12);
+        let moved = |cause: usize, step: f64| {
+            let mut delta = [0.0; CAUSES];
+            delta[cause] = step;
+            let (turn, shift) = (Vector3::from_column_slice(&delta[..3]), Vector3::from_column_slice(&delta[3..6]));
+            let mount_moved = mount().moved(&delta[POSE..]);
+            // Where the clock moves, the first camera is somewhere else.
+            let first = first_at(mount_moved.first_time(T) - mount().first_time(T));
+            let first = Isometry3::from_parts(
+                Translation3::from(first.translation.vector + shift),
+                first.rotation * UnitQuaternion::from_scaled_axis(turn),
+            );
+            second(&first, &mount_moved)
+        };
+        for cause in 0..CAUSES {
+            let (after, before) = (moved(cause, STEP), moved(cause, -STEP));
+            let turn = (before.rotation.inverse() * after.rotation).scaled_axis() / (2.0 * STEP);
+            let shift = (after.translation.vector - before.translation.vector) / (2.0 * STEP);
+            let column = carried.by.column(cause);
+            assert!((column.fixed_rows::<3>(0) - turn).norm() < 1e-6, "{cause}: {column} {turn}");
+            assert!((column.fixed_rows::<3>(3) - shift).norm() < 1e-6, "{cause}: {column} {shift}");
+        }
+    }
+
+    #[test]
+    fn it_moves_as_its_poses_do() {
+        let carried = Carried::new(&bin(&first()), &mount(), T);
+        let at = |t: f64| second(&first_at(mount().first_time(t) - mount().first_time(T)), &mount());
+        let (after, before) = (at(T + STEP), at(T - STEP));
+        let turn = (before.rotation.inverse() * after.rotation).scaled_axis() / (2.0 * STEP);
+        let shift = (after.translation.vector - before.translation.vector) / (2.0 * STEP);
+        assert!((Vector3::from(carried.pose.angular_velocity) - turn).norm() < 1e-6);
+        assert!((Vector3::from(carried.pose.linear_velocity) - shift).norm() < 1e-6);
+        let expected = Rotation3::from_matrix_unchecked(carried.pose.rotation_matrix());
+        assert!(at(T).rotation.to_rotation_matrix().angle_to(&expected) < 1e-7);
+    }
+}

@@ -1,0 +1,90 @@
+//! Why a second camera cannot be calibrated against the first.
+
+use crate::solve::system::NotPositiveDefinite;
+
+/// Why a second camera cannot be calibrated against the first, and what to do.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SecondCameraError {
+    /// A camera was calibrated from pictures, each with a pose of its own, or from circles.
+    #[error(
+        "two cameras are calibrated along trajectories of events: leave out --frames-only, and give recordings of events"
+    )]
+    NoTrajectory,
+    /// Which recording of the first camera belongs to that of the second?
+    #[error("a second camera belongs to one recording of the first: give one recording before --with")]
+    SeveralRecordings,
+    /// The same events twice.
+    #[error(
+        "{file} holds the events of a camera that is there already: give the recording of another camera with --with"
+    )]
+    SameRecording {
+        /// The file.
+        file: String,
+    },
+    /// Too little in common.
+    #[error(
+        "only {seconds:.1} s have the board before both cameras; {needed:.0} s are needed: record longer, with the board in view of both"
+    )]
+    TooShort {
+        /// What there is.
+        seconds: f64,
+        /// What is needed.
+        needed: f64,
+    },
+    /// The cameras hardly turned.
+    #[error(
+        "the cameras turned by {rate:.1} °/s only, too little to tell the offset of their clocks: turn them quickly, back and forth"
+    )]
+    LittleRotation {
+        /// Root mean square of the angular velocity in degrees a second.
+        rate: f64,
+    },
+    /// The turns have nothing in common.
+    #[error(
+        "the second camera does not turn as the first does (best correlation {correlation:.2}, wanted {wanted}): give recordings of the same session that overlap in time"
+    )]
+    OtherMotion {
+        /// The largest correlation.
+        correlation: f64,
+        /// What is wanted.
+        wanted: f64,
+    },
+    /// The motion repeats itself.
+    #[error(
+        "the motion repeats itself, so that the clocks may be {first:.2} s or {second:.2} s apart: move less regularly"
+    )]
+    Ambiguous {
+        /// The better offset.
+        first: f64,
+        /// The other one.
+        second: f64,
+    },
+    /// The board looks the same from both sides, and so do both answers.
+    #[error(
+        "the board looks the same after a turn, and the motion does not tell which way round each camera sees it: use a board with an odd number of shifted rows, such as acircles:9x4"
+    )]
+    SymmetricBoard,
+    /// No fixed transform.
+    #[error(
+        "nothing fixed lies between the two cameras (they move by {:.1} mm and {degrees:.2}° against each other): fix both to one mount, and do not move the board",
+        1e3 * distance
+    )]
+    NotFixed {
+        /// Usual change of the place (m).
+        distance: f64,
+        /// Usual change of the rotation (degrees).
+        degrees: f64,
+    },
+    /// The equations have no solution.
+    #[error(
+        "the events do not determine where the second camera is: turn about two axes, with the board in view of both cameras"
+    )]
+    Singular,
+}
+
+impl From<NotPositiveDefinite> for SecondCameraError {
+    fn from(_: NotPositiveDefinite) -> Self {
+        Self::Singular
+    }
+}

@@ -1,0 +1,93 @@
+//! What speaks against the calibration of a second camera, in words with what to do.
+
+use std::fmt;
+
+/// What speaks against a result, or was not measured.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Finding {
+    /// The place of one camera on the other.
+    PlaceNotMeasured {
+        /// Largest σ (m).
+        sigma: f64,
+    },
+    /// The rotation.
+    RotationNotMeasured {
+        /// Largest σ (rad).
+        sigma: f64,
+    },
+    /// The offset of the clocks.
+    OffsetNotMeasured {
+        /// σ (s).
+        sigma: f64,
+    },
+    /// The clocks run at different rates.
+    ClockRate {
+        /// By how much the second is faster.
+        rate: f64,
+        /// Its σ.
+        sigma: f64,
+    },
+    /// The events of the second camera fit the trajectory of the first worse than its own.
+    Loose {
+        /// Ratio of the residuals.
+        ratio: f64,
+    },
+    /// The first camera did not see the board when the second did.
+    LeftOut {
+        /// Share of the second camera's events.
+        share: f64,
+    },
+    /// The solve of both moved a camera.
+    CameraMoved {
+        /// Which one: 0 or 1.
+        camera: usize,
+        /// By how many σ.
+        sigmas: f64,
+    },
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::PlaceNotMeasured { sigma } => write!(
+                f,
+                "where the cameras are on each other was hardly measured (± {:.1} mm): record longer, near the board",
+                1e3 * sigma
+            ),
+            Self::RotationNotMeasured { sigma } => write!(
+                f,
+                "how the cameras are turned against each other was hardly measured (± {:.2}°): record longer, near the board",
+                sigma.to_degrees()
+            ),
+            Self::OffsetNotMeasured { sigma } => write!(
+                f,
+                "the offset of the clocks was hardly measured (± {:.1} ms): move faster, back and forth",
+                1e3 * sigma
+            ),
+            Self::ClockRate { rate, sigma } => write!(
+                f,
+                "the second clock gains {:.1} ± {:.1} µs a second on the first; the offset is that in the middle of what both saw: put both \
+                 cameras on one clock",
+                1e6 * rate,
+                1e6 * sigma
+            ),
+            Self::Loose { ratio } => write!(
+                f,
+                "the second camera's events fit the trajectory of the first {ratio:.2} times worse than one of its own: fix both to a stiff \
+                 mount"
+            ),
+            Self::LeftOut { share } => write!(
+                f,
+                "{:.0} % of the second camera's events were left out, for the first did not see the board then: keep the board in view of \
+                 both",
+                100.0 * share
+            ),
+            Self::CameraMoved { camera, sigmas } => write!(
+                f,
+                "solving both together moved an intrinsic parameter of the {} camera by {sigmas:.1} σ: look at its own report",
+                ["first", "second"][(*camera).min(1)]
+            ),
+        }
+    }
+}

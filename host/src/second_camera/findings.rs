@@ -1,0 +1,51 @@
+//! Looks for what speaks against the calibration of a second camera.
+
+use super::calibration::SecondCalibration;
+use super::finding::Finding;
+use super::mount::{OFFSET, RATE, ROTATION, TRANSLATION};
+
+/// σ from which something was not measured: place (m), rotation (rad), offset (s).
+const PLACE_LIMIT: f64 = 5e-3;
+const ROTATION_LIMIT: f64 = 0.5 * std::f64::consts::PI / 180.0;
+const OFFSET_LIMIT: f64 = 1e-3;
+/// Difference of the clocks' rates that is told, and from how many σ.
+const DRIFT: f64 = 50e-6;
+const CERTAIN: f64 = 5.0;
+/// Residuals on the other camera's trajectory over those on its own from which the mount seems loose.
+const LOOSE: f64 = 1.3;
+/// Share of the events that may be left out before it is told.
+const MOST_LEFT_OUT: f64 = 0.3;
+/// Change of an intrinsic parameter in its σ that is told.
+const MOVED: f64 = 4.0;
+
+/// What speaks against `calibration`.
+pub fn findings(calibration: &SecondCalibration) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let largest = |first: usize| (first..first + 3).map(|index| calibration.sigma(index)).fold(0.0, f64::max);
+    let (place, rotation, offset) = (largest(TRANSLATION), largest(ROTATION), calibration.sigma(OFFSET));
+    if place > PLACE_LIMIT {
+        findings.push(Finding::PlaceNotMeasured { sigma: place });
+    }
+    if rotation > ROTATION_LIMIT {
+        findings.push(Finding::RotationNotMeasured { sigma: rotation });
+    }
+    if offset > OFFSET_LIMIT {
+        findings.push(Finding::OffsetNotMeasured { sigma: offset });
+    }
+    let (rate, sigma) = (calibration.mount.rate, calibration.sigma(RATE));
+    if rate.abs() > DRIFT.max(CERTAIN * sigma) {
+        findings.push(Finding::ClockRate { rate, sigma });
+    }
+    if let Some(ratio) = calibration.looseness.filter(|ratio| *ratio > LOOSE) {
+        findings.push(Finding::Loose { ratio });
+    }
+    if calibration.left_out > MOST_LEFT_OUT {
+        findings.push(Finding::LeftOut { share: calibration.left_out });
+    }
+    for (camera, sigmas) in calibration.cameras_moved.into_iter().enumerate() {
+        if sigmas > MOVED {
+            findings.push(Finding::CameraMoved { camera, sigmas });
+        }
+    }
+    findings
+}

@@ -1,0 +1,191 @@
+//! Both cameras in one solve: the events of the second are rows on the trajectories of the first.
+//!
+//! The border of the normal equations holds the mount (transform, offset, rate), then lens and event biases of the second camera,
+//! then those of the first. The board is held at what the first camera says of it: it is one board.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::error::SecondCameraError;
+use super::estimate::Estimate;
+use super::mount::{COUNT, RATE, RATE_SIGMA};
+use super::rows::{SecondPart, second_parts};
+use crate::solve::bearing_table::BearingTable;
+use crate::solve::bordered::{Part, Step, System};
+use crate::solve::levenberg::{linearised, moved};
+use crate::solve::smoothness::accelerations;
+use crate::solve::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
+use crate::solve::{GLOBAL_COUNT, Problem, State};
+use crate::trajectory::Trajectory;
+use crate::trajectory::jerk::jerks;
+use crate::trust::uncertainty::{Time, UncertaintySettings, stated};
+
+/// Most iterations.
+const ITERATIONS: usize = 15;
+/// Iterations end when the cost falls by less.
+const SETTLED: f64 = 0.02;
+const FIRST_DAMPING: f64 = 1e-9;
+const LARGEST_DAMPING: f64 = 1e4;
+
+/// What is solved; nothing of it changes.
+pub struct Joint {
+    /// The events of the first camera.
+    pub first: Problem,
+    /// The events of the second, at a time when the first had the board in view too, with circles counted as the first camera does.
+    pub second: Problem,
+}
+
+/// How well the second camera's events are explained over a stretch of time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Misfit {
+    /// Time of the first clock (s).
+    pub t: f64,
+    /// Root mean square distance from the edges, in σ of the events, with Huber's loss.
+    pub rms: f64,
+}
+
+/// The solution.
+pub struct Solved {
+    /// The parameters.
+    pub estimate: Estimate,
+    /// Covariance of the mount.
+    pub covariance: DMatrix<f64>,
+    /// How much larger it is than if events were independent.
+    pub inflation: f64,
+    /// Number of blocks of time that it was found with.
+    pub blocks: usize,
+    /// Events of the second camera.
+    pub used: usize,
+    /// How well they are explained, in order of time.
+    pub misfit: Vec<Misfit>,
+    /// The same over all of it.
+    pub rms: f64,
+}
+
+/// The equations at an estimate.
+struct Linearised {
+    parts: Vec<Part>,
+    system: System,
+    /// Observations of the first and the second camera.
+    counts: [usize; 2],
+    misfit: Vec<Misfit>,
+    /// Over all of it.
+    rms: f64,
+}
+
+/// Solves from `estimate` on.
+///
+/// # Errors
+/// [`SecondCameraError::Singular`] when the events do not determine the parameters.
+pub fn solve(
+    joint: &Joint,
+    mut estimate: Estimate,
+    settings: &UncertaintySettings,
+) -> Result<Solved, SecondCameraError> {
+    let mut now = linearise(joint, &estimate)?;
+    let mut damping = FIRST_DAMPING;
+    for _ in 0..ITERATIONS {
+        let step = now.system.solve(damping)?;
+        if step.predicted < SETTLED {
+            break;
+        }
+        let trial = stepped(joint, &estimate, &step).map(|trial| linearise(joint, &trial).map(|next| (trial, next)));
+        match trial.transpose()? {
+            // Observations that fall out of a model's domain must not make a step look good.
+            Some((trial, next)) if next.system.cost < now.system.cost && next.counts.iter().ge(now.counts.iter()) => {
+                let decrease = now.system.cost - next.system.cost;
+                (estimate, now) = (trial, next);
+                damping = (damping * 0.1).max(FIRST_DAMPING);
+                if decrease < SETTLED {
+                    break;
+                }
+            }
+            _ if damping > LARGEST_DAMPING => break,
+            _ => damping = (damping * 30.0).max(1e-5),
+        }
+    }
+    let formal = now.system.covariance()?;
+    let blocks = now.system.contributions(&now.parts, 0.5 * settings.block)?;
+    let total = estimate.first.trajectories.iter().map(|one| one.end() - one.start()).sum();
+    let time = Time { starts: &blocks.times, total };
+    let (covariance, inflation, blocks) = stated(&formal, (&blocks.contributions, &|all| all), time, COUNT, settings);
+    Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
+}
+
+fn free_globals(problem: &Problem) -> Vec<usize> {
+    let mask = problem.free.mask();
+    (0..mask.len()).filter(|&global| mask[global]).collect()
+}
+
+fn linearise(joint: &Joint, estimate: &Estimate) -> Result<Linearised, SecondCameraError> {
+    let (free, of_second) = (free_globals(&joint.first), free_globals(&joint.second));
+    let trajectories = &estimate.first.trajectories;
+    let order = trajectories.first().ok_or(SecondCameraError::Singular)?.degree + 1;
+    let globals = COUNT + of_second.len();
+    let mut parts: Vec<Part> = Vec::new();
+    let mut counts = [0; 2];
+    let bearings = BearingTable::new(&estimate.first.camera, joint.first.sensor);
+    // The equations of a stretch are large, and needed no longer than it takes to pick what is free.
+    for group in stretches(&joint.first.segments).chunks(STRETCHES_TOGETHER) {
+        for (stretch, equations) in linearised(&joint.first, &estimate.first, &bearings, group) {
+            let place = (stretch.segment, stretch.start(&joint.first.segments));
+            counts[0] += equations.count;
+            parts.push(Part::from_events(place, &equations, &free, globals, 1.0));
+        }
+    }
+    let bearings = BearingTable::new(&estimate.second.camera, joint.second.sensor);
+    let of_stretch = |stretch: &Stretch| second_parts(&joint.second, estimate, &bearings, &of_second, stretch);
+    let second: Vec<SecondPart> = stretches(&joint.second.segments).par_iter().flat_map_iter(of_stretch).collect();
+    let mut misfit = Vec::with_capacity(second.len());
+    let mut cost = 0.0;
+    for SecondPart { part, count } in second {
+        misfit.push(Misfit { t: part.t, rms: rms(part.cost, count) });
+        cost += part.cost;
+        counts[1] += count;
+        parts.push(part);
+    }
+    let control_points: Vec<usize> = trajectories.iter().map(Trajectory::control_point_count).collect();
+    let mut system = System::new(&control_points, order, globals + free.len(), parts.iter());
+    let smoothness: Vec<_> = trajectories.iter().map(|one| accelerations(one, &joint.first.settings)).collect();
+    system.add_smoothness(&smoothness);
+    for (segment, (trajectory, weights)) in trajectories.iter().zip(&joint.first.stiffness).enumerate() {
+        system.add_jerks(segment, &jerks(trajectory), weights);
+    }
+    system.add_prior(RATE, estimate.mount.rate, RATE_SIGMA);
+    Ok(Linearised { parts, system, counts, misfit, rms: rms(cost, counts[1]) })
+}
+
+/// Root mean square of `count` residuals whose sum of ρ is `cost`.
+fn rms(cost: f64, count: usize) -> f64 {
+    (2.0 * cost / count.max(1) as f64).sqrt()
+}
+
+/// How well the events of `problem` are explained by a `state` with trajectories of their own: what [`Misfit::rms`] is over all of
+/// it.
+pub fn own_rms(problem: &Problem, state: &State) -> f64 {
+    let bearings = BearingTable::new(&state.camera, problem.sensor);
+    let (mut cost, mut count) = (0.0, 0);
+    for group in stretches(&problem.segments).chunks(STRETCHES_TOGETHER) {
+        for (_, equations) in linearised(problem, state, &bearings, group) {
+            cost += equations.cost;
+            count += equations.count;
+        }
+    }
+    rms(cost, count)
+}
+
+/// `None` when a camera model refuses the step.
+fn stepped(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate> {
+    let mut globals = step.globals.iter().skip(COUNT);
+    let mut of_camera = |problem: &Problem| {
+        let mut all = [0.0; GLOBAL_COUNT];
+        for global in free_globals(problem) {
+            all[global] = globals.next().copied().unwrap_or(0.0);
+        }
+        all
+    };
+    let (of_second, of_first) = (of_camera(&joint.second), of_camera(&joint.first));
+    let second: State = moved(&estimate.second, &[], &of_second)?;
+    let first = moved(&estimate.first, &step.segments, &of_first)?;
+    Some(Estimate { first, second, mount: estimate.mount.moved(&step.globals) })
+}

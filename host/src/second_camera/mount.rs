@@ -1,0 +1,52 @@
+//! What lies between two cameras on one mount: where one is on the other, and how their clocks go.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// First of the three of the rotation of `T_second_first`, perturbed on the right: about the axes of the first camera (rad).
+pub const ROTATION: usize = 0;
+/// First of the three of its translation: along the axes of the second camera (m).
+pub const TRANSLATION: usize = 3;
+/// Offset of the clocks (s).
+pub const OFFSET: usize = 6;
+/// By how much the second clock is faster.
+pub const RATE: usize = 7;
+/// Number of parameters.
+pub const COUNT: usize = 8;
+
+/// σ of what two clocks differ by before any measurement.
+pub const RATE_SIGMA: f64 = 1e-4;
+
+/// What lies between two cameras.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mount {
+    /// `T_second_first`.
+    pub second_first: Isometry3<f64>,
+    /// t_second = t_first + offset + rate (t_second − middle).
+    pub offset: f64,
+    /// By how much the second clock is faster.
+    pub rate: f64,
+    /// Time of the second clock at which the offset holds (s).
+    pub middle: f64,
+}
+
+impl Mount {
+    /// Time of the first clock at `t` of the second.
+    pub fn first_time(&self, t: f64) -> f64 {
+        t - self.offset - self.rate * (t - self.middle)
+    }
+
+    /// After a step of the parameters; those that are missing stay.
+    pub fn moved(&self, step: &[f64]) -> Self {
+        let at = |index: usize| step.get(index).copied().unwrap_or(0.0);
+        let three = |first: usize| Vector3::from_fn(|axis, _| at(first + axis));
+        let Isometry3 { rotation, translation } = self.second_first;
+        let mut rotation = rotation * UnitQuaternion::from_scaled_axis(three(ROTATION));
+        rotation.renormalize();
+        Self {
+            second_first: Isometry3::from_parts(Translation3::from(translation.vector + three(TRANSLATION)), rotation),
+            offset: self.offset + at(OFFSET),
+            rate: self.rate + at(RATE),
+            ..*self
+        }
+    }
+}

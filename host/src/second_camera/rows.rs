@@ -1,0 +1,167 @@
+//! The equations of what the second camera sees: rows of its events by the trajectory of the first camera, by the mount, and by
+//! its own lens and event biases.
+
+use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, Vector6};
+
+use super::carried::{CAUSES, Carried, POSE};
+use super::estimate::Estimate;
+use super::mount::COUNT;
+use super::start::sample_at;
+use crate::solve::Problem;
+use crate::solve::bearing_table::BearingTable;
+use crate::solve::bordered::Part;
+use crate::solve::event_row::ROW_RESIDUAL;
+use crate::solve::normal::{Block, StretchEquations, border_of};
+use crate::solve::pose_bin::PoseBin;
+use crate::solve::row_products::RowProducts;
+use crate::solve::stretch::{BinSums, Stretch};
+
+/// What a part of the second camera's observations says.
+pub struct SecondPart {
+    /// Its equations.
+    pub part: Part,
+    /// Number of observations.
+    pub count: usize,
+}
+
+/// A bin or a circle centre, by its number, with both poses.
+struct Moment {
+    index: usize,
+    /// Time of the first clock (s).
+    t: f64,
+    segment: usize,
+    first: PoseBin,
+    carried: Carried,
+}
+
+/// The equations of a stretch of the second camera's observations, one for each segment of the first camera's trajectory that they
+/// meet. `bearings` are those of the second camera, `free` its free global parameters.
+pub fn second_parts(
+    problem: &Problem,
+    estimate: &Estimate,
+    bearings: &BearingTable,
+    free: &[usize],
+    stretch: &Stretch,
+) -> Vec<SecondPart> {
+    let Some(observations) = problem.segments.get(stretch.segment) else { return Vec::new() };
+    let moment = |index: usize, t: f64| {
+        let time = estimate.mount.first_time(t);
+        let (segment, sample) = sample_at(&estimate.first.trajectories, time)?;
+        let first = PoseBin::of_sample(sample);
+        let carried = Carried::new(&first, &estimate.mount, t);
+        Some(Moment { index, t: time, segment, first, carried })
+    };
+    let bins = stretch.bins.clone().filter_map(|bin| moment(bin, observations.bins.get(bin)?.t));
+    let bins: Vec<Moment> = bins.collect();
+    let points = stretch.points.clone().filter_map(|point| moment(point, observations.points.get(point)?.t));
+    let points: Vec<Moment> = points.collect();
+    let of_bins = bins.chunk_by(|a, b| a.segment == b.segment).map(|run| {
+        part_of(free, run, |sums, moment| {
+            let bin = observations.bins.get(moment.index);
+            let events = bin.and_then(|bin| observations.events.get(bin.first..bin.end)).unwrap_or_default();
+            sums.add_events((problem, &estimate.second, bearings), &moment.carried.pose, events);
+        })
+    });
+    let of_points = points.chunk_by(|a, b| a.segment == b.segment).map(|run| {
+        part_of(free, run, |sums, moment| {
+            if let Some(point) = observations.points.get(moment.index) {
+                sums.add_point((problem, &estimate.second), &moment.carried.pose, point);
+            }
+        })
+    });
+    of_bins.flatten().chain(of_points.flatten()).collect()
+}
+
+/// The equations of one run of moments, whose observations `add` adds.
+fn part_of<'a>(free: &[usize], run: &[Moment], add: impl Fn(&mut BinSums<'a>, &Moment)) -> Option<SecondPart> {
+    let (begin, end) = (run.first()?, run.last()?);
+    let (first, order) = (begin.first.first, begin.first.order);
+    let points = (end.first.first + order).checked_sub(first)?;
+    let globals = COUNT + free.len();
+    let mut part = Part {
+        segment: begin.segment,
+        t: begin.t,
+        first,
+        order,
+        blocks: vec![Block::zeros(); points * order],
+        globals: 0..globals,
+        border: DMatrix::zeros(POSE * points, globals),
+        gradient: DVector::zeros(POSE * points),
+        corner: DMatrix::zeros(globals, globals),
+        corner_gradient: DVector::zeros(globals),
+        cost: 0.0,
+    };
+    let mut sums = BinSums::default();
+    for moment in run {
+        add(&mut sums, moment);
+        add_moment(&mut part, moment, &sums.products, free);
+        sums.products.clear_pose();
+    }
+    let mut own = StretchEquations::new(0, 0, order);
+    own.add_globals(&sums.products);
+    for (row, &global) in free.iter().enumerate() {
+        for (column, &other) in free.iter().enumerate() {
+            part.corner[(COUNT + row, COUNT + column)] += own.corner[(global.max(other), global.min(other))];
+        }
+        part.corner_gradient[COUNT + row] += own.corner_gradient[global];
+    }
+    part.cost = sums.cost;
+    Some(SecondPart { part, count: sums.count })
+}
+
+/// Adds what `products` say of the second camera's pose, in terms of the control points of the first camera's trajectory and of the
+/// mount.
+fn add_moment(part: &mut Part, moment: &Moment, products: &RowProducts, free: &[usize]) {
+    if !products.is_touched {
+        return;
+    }
+    let (common, by) = (&products.common, &moment.carried.by);
+    let own = Matrix6::from_fn(|row, column| common[row.max(column)][row.min(column)]);
+    let gradient = by.tr_mul(&Vector6::from_fn(|row, _| common[ROW_RESIDUAL][row]));
+    let lens = border_of(products);
+    let with_lens = DMatrix::from_fn(POSE, free.len(), |row, column| lens[row][free[column]]);
+    let with_lens = by.transpose() * with_lens;
+    let causes: SMatrix<f64, CAUSES, CAUSES> = by.tr_mul(&(own * by));
+
+    let mut corner = part.corner.view_mut((0, 0), (COUNT, COUNT));
+    corner += causes.fixed_view::<COUNT, COUNT>(POSE, POSE);
+    let mixed = with_lens.rows(POSE, COUNT);
+    let mut corner = part.corner.view_mut((0, COUNT), (COUNT, free.len()));
+    corner += mixed;
+    let mut corner = part.corner.view_mut((COUNT, 0), (free.len(), COUNT));
+    corner += mixed.transpose();
+    let mut corner = part.corner_gradient.rows_mut(0, COUNT);
+    corner += gradient.fixed_rows::<COUNT>(POSE);
+
+    let pose = &moment.first;
+    let Some(before) = pose.first.checked_sub(part.first) else { return };
+    let of_point = |point: usize| {
+        let mut turn = Matrix6::identity() * pose.weights[point];
+        turn.fixed_view_mut::<3, 3>(0, 0).copy_from(&pose.rotation_jacobians[point]);
+        turn
+    };
+    let order = part.order;
+    for point in 0..order {
+        let turn = of_point(point);
+        let index = before + point;
+        let lines = turn.tr_mul(&causes.fixed_rows::<POSE>(0));
+        for other in 0..=point {
+            let block = lines.fixed_columns::<POSE>(0) * of_point(other);
+            if let Some(sum) = part.blocks.get_mut(index * order + point - other) {
+                *sum += block;
+            }
+        }
+        if POSE * (index + 1) > part.gradient.len() {
+            return;
+        }
+        let mut border = part.border.view_mut((POSE * index, 0), (POSE, COUNT));
+        border += lines.fixed_columns::<COUNT>(POSE);
+        let mut border = part.border.view_mut((POSE * index, COUNT), (POSE, free.len()));
+        border += turn.transpose() * with_lens.rows(0, POSE);
+        let mut sum = part.gradient.rows_mut(POSE * index, POSE);
+        sum += turn.tr_mul(&gradient.fixed_rows::<POSE>(0));
+    }
+}
+
+#[cfg(test)]
+mod tests;

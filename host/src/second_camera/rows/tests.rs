@@ -1,0 +1,163 @@
+//! The gradient is the slope of the cost, by the mount, by the lens of the second camera and by the first camera's trajectory.
+
+use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+use evcal_core::sensor::Sensor;
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::*;
+use crate::board::shape::{BoardShape, CircleArea};
+use crate::second_camera::mount::{Mount, OFFSET, RATE, ROTATION, TRANSLATION};
+use crate::solve::event_bias::bias::{Bias, Biases};
+use crate::solve::event_bias::{CLASS_COUNT, unknown};
+use crate::solve::levenberg::moved;
+use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
+use crate::solve::stretch::stretches;
+use crate::solve::{BOARD_PARAMETERS, FreeParameters, SolveSettings, State, bias_index};
+use crate::trajectory::fit::{TrajectoryShape, fit};
+use crate::trajectory::timed_pose::TimedPose;
+use crate::trajectory::{RotationSpline, Trajectory};
+
+const CENTERS: [[f64; 2]; 2] = [[0.11, 0.165], [0.165, 0.11]];
+const RADIUS: f64 = 0.0175;
+const AREA: CircleArea = CircleArea { middle: [0.19, 0.22], half: [0.19, 0.22] };
+const FLAT: BoardShape = BoardShape { print_ratio: 1.0, bend: [0.0; 2], radius: RADIUS };
+const BINS: usize = 9;
+
+fn trajectory() -> Trajectory {
+    let pose = |t: f64| {
+        let turn = Rotation3::from_euler_angles(0.25 + 0.7 * t, -0.3 - t, 0.8 + 2.0 * t);
+        let camera = Vector3::new(0.2 + 0.3 * t, 0.4 - 0.2 * t, -0.7 + 0.4 * t);
+        Isometry3::from_parts(Translation3::from(camera), UnitQuaternion::from_rotation_matrix(&turn))
+    };
+    let times = (0..=40).map(|index| 0.0025 * f64::from(index));
+    let poses: Vec<TimedPose> = times.map(|t| TimedPose { t, pose: pose(t) }).collect();
+    let shape = TrajectoryShape { degree: 3, rotation: RotationSpline::Quaternion, knot_spacing: 0.0175 };
+    fit(0, &poses, 0.0, 0.1, &shape).unwrap()
+}
+
+fn camera() -> Camera<f64> {
+    let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
+    Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap()
+}
+
+fn mount() -> Mount {
+    let second_first = Isometry3::new(Vector3::new(-0.05, 0.004, 0.007), Vector3::new(0.03, 0.05, -0.04));
+    Mount { second_first, offset: 3.25, rate: 1e-3, middle: 3.2 }
+}
+
+/// Events of the second camera beside the rims of two dots.
+fn observations(trajectory: &Trajectory) -> SegmentObservations {
+    let mut observations = SegmentObservations::default();
+    for bin in 0..BINS {
+        let time = 0.01 * (bin as f64 + 1.0);
+        let Mount { second_first, offset, rate, middle } = mount();
+        let t = (time + offset - rate * middle) / (1.0 - rate);
+        let pose = trajectory.pose(time).unwrap() * second_first.inverse();
+        let first = observations.events.len();
+        for event in 0..50 {
+            let (circle, angle) = (event % 2, 0.35 * event as f64 + bin as f64);
+            let [x, y] = CENTERS[circle];
+            let rim = Point3::new(x + RADIUS * angle.cos(), y + RADIUS * angle.sin(), 0.0);
+            let pixel = camera().project(&pose.inverse_transform_point(&rim).coords).unwrap();
+            observations.events.push(EventObservation {
+                dt: 0.0,
+                x: pixel.x.round() as u16,
+                y: pixel.y.round() as u16,
+                circle: circle as u16,
+                class: [0, 2][event / 25],
+                speed_range: 1,
+            });
+        }
+        observations.bins.push(EventBin { t, first, end: observations.events.len() });
+    }
+    observations
+}
+
+fn parts(problem: &Problem, estimate: &Estimate, free: &[usize]) -> Vec<SecondPart> {
+    let bearings = BearingTable::new(&estimate.second.camera, problem.sensor);
+    let of_stretch = |stretch: &Stretch| second_parts(problem, estimate, &bearings, free, stretch);
+    stretches(&problem.segments).iter().flat_map(of_stretch).collect()
+}
+
+#[test]
+fn the_gradient_is_the_slope_of_the_cost() {
+    let trajectory = trajectory();
+    let points = trajectory.control_point_count();
+    let problem = Problem {
+        sensor: Sensor::new(346, 260),
+        circle_centers: CENTERS.to_vec(),
+        area: AREA,
+        mean_scale: 1.0,
+        point_sigma: 1.0,
+        associated_latencies: [0.0; CLASS_COUNT],
+        segments: vec![observations(&trajectory)],
+        stiffness: Vec::new(),
+        free: FreeParameters {
+            intrinsics: [true; MAX_PARAMETERS],
+            board: [false; BOARD_PARAMETERS],
+            biases: [Biases::default(); CLASS_COUNT],
+        },
+        settings: SolveSettings { huber: 1e6, ..SolveSettings::default() },
+    };
+    let free = [0, 2, 3, 4, bias_index(0, Bias::Offset), bias_index(2, Bias::Latency)];
+    let mut bias = unknown(0.3);
+    bias.iter_mut().for_each(|class| class.biases[Bias::Offset] = -0.3);
+    let first = State { camera: camera(), board: FLAT, bias, trajectories: vec![trajectory] };
+    let second = State { trajectories: Vec::new(), ..first.clone() };
+    let estimate = Estimate { first, second, mount: mount() };
+    let found = parts(&problem, &estimate, &free);
+    let [SecondPart { part, count }] = found.as_slice() else { panic!("one part") };
+    assert_eq!((*count, part.segment, part.globals.clone()), (50 * BINS, 0, 0..COUNT + free.len()));
+
+    let cost = |globals: &[f64], step: &[f64]| {
+        let mut of_lens = [0.0; crate::solve::GLOBAL_COUNT];
+        free.iter().zip(&globals[COUNT..]).for_each(|(&global, value)| of_lens[global] = *value);
+        let none = [0.0; crate::solve::GLOBAL_COUNT];
+        let moved_estimate = Estimate {
+            first: moved(&estimate.first, &[step.to_vec()], &none).unwrap(),
+            second: moved(&estimate.second, &[], &of_lens).unwrap(),
+            mount: estimate.mount.moved(globals),
+        };
+        parts(&problem, &moved_estimate, &free).iter().map(|one| one.part.cost).sum::<f64>()
+    };
+    let slope = |index: usize, size: f64, of_points: bool| {
+        let at = |sign: f64| {
+            let (mut globals, mut step) = (vec![0.0; COUNT + free.len()], vec![0.0; POSE * points]);
+            let place = if of_points { &mut step } else { &mut globals };
+            place[index] = sign * size;
+            cost(&globals, &step)
+        };
+        (at(1.0) - at(-1.0)) / (2.0 * size)
+    };
+    // How far the cost is from a parabola: second order in the distance from the edge.
+    let assert_close = |found: f64, wanted: f64, scale: f64, what: &str| {
+        assert!((found - wanted).abs() < 0.02 * (wanted.abs() + scale), "{what}: {found} against {wanted}");
+    };
+    let of_mount = [(ROTATION, 1e-5), (TRANSLATION, 1e-5)].into_iter();
+    let of_mount = of_mount.flat_map(|(first, size)| (first..first + 3).map(move |index| (index, size)));
+    let of_clock = [(OFFSET, 1e-5), (RATE, 1e-4)];
+    let of_lens =
+        [0.01, 0.01, 0.01, 1e-4, 1e-3, 1e-6].into_iter().enumerate().map(|(index, size)| (COUNT + index, size));
+    for (index, size) in of_mount.chain(of_clock).chain(of_lens) {
+        assert_close(part.corner_gradient[index], slope(index, size, false), 0.05 / size, &format!("global {index}"));
+    }
+    for row in 0..part.gradient.len() {
+        let index = POSE * part.first + row;
+        assert_close(part.gradient[row], slope(index, 1e-5, true), 5e3, &format!("control point {index}"));
+    }
+
+    // The border, from the gradients of a moved mount: all of it is one quadratic function.
+    let step = 1e-6;
+    for column in ROTATION..COUNT {
+        let mut globals = [0.0; COUNT];
+        globals[column] = step;
+        let moved = Estimate { mount: estimate.mount.moved(&globals), ..estimate.clone() };
+        let after = &parts(&problem, &moved, &free)[0].part;
+        let change = (&after.gradient - &part.gradient) / step;
+        let expected = part.border.column(column);
+        assert!((&change - expected).norm() < 0.05 * expected.norm(), "column {column}: {change} {expected}");
+        let change = (&after.corner_gradient - &part.corner_gradient) / step;
+        let expected = part.corner.column(column);
+        assert!((&change - expected).norm() < 0.05 * expected.norm(), "column {column}: {change} {expected}");
+    }
+}
