@@ -43,7 +43,7 @@ impl CoveredRegion {
         Self { corners }
     }
 
-    /// The convex hull of what [`RIM_POINTS`] points on the rim of each of `circles`, given by centre and radius (px), stand for,
+    /// The convex hull of what 16 points on the rim of each of `circles`, given by centre and radius (px), stand for,
     /// as far as they are on the `sensor`.
     ///
     /// Most circles lie inside the hull of a few far out, and none of their points is a corner; so only the others are looked at.

@@ -14,7 +14,7 @@ pub struct EventObservation {
     pub y: u16,
     /// Index of the circle on the board.
     pub circle: u16,
-    /// Event class (see [`crate::solve::event_bias::class`]).
+    /// Event class (see [`crate::solve::event_bias::EventKind::class`]).
     pub class: u8,
     /// Range of the edge's normal speed (see [`crate::solve::event_bias::speed_range`]).
     pub speed_range: u8,
