@@ -20,13 +20,13 @@ if is_debian; then
 fi
 
 # No pkg-config: it would find the system's libusb and libudev, which cannot be linked statically.
-CARGO_INCREMENTAL=0 CARGO_PROFILE_RELEASE_DEBUG=false PKG_CONFIG=false RUSTFLAGS="-C target-feature=+crt-static" \
-    cargo build --release --locked -p evcal --no-default-features --features cli --target "$target"
+CARGO_INCREMENTAL=0 PKG_CONFIG=false RUSTFLAGS="-C target-feature=+crt-static" \
+    cargo build --profile distribution --locked -p evcal --no-default-features --features cli --target "$target"
 
 rm -rf "$packages"
 root=$packages/$name
 mkdir -p "$root/bin" "$root/share/udev" "$root/share/doc/evcal"
-strip -o "$root/bin/evcal" "$target_folder/$target/release/evcal"
+strip -o "$root/bin/evcal" "$target_folder/$target/distribution/evcal"
 "$root/bin/evcal" man "$root/share/man/man1" >/dev/null
 for completion in bash:bash-completion/completions/evcal zsh:zsh/site-functions/_evcal \
     fish:fish/vendor_completions.d/evcal.fish; do
