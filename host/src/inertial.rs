@@ -34,6 +34,7 @@ use stream::StreamReport;
 use crate::solve::left_out::covers;
 use crate::solve::refinement::Refined;
 use crate::trajectory::Trajectory;
+use crate::trajectory::mean_distance;
 use crate::trust::uncertainty::Uncertainty;
 
 /// Fewest seconds of samples along trajectories.
@@ -129,7 +130,7 @@ fn finish(
 ) -> Result<InertialCalibration, InertialError> {
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
     let (mut covariance, block_scatter) = uncertainty::covariance(&solved.system, &solved.parts, total)?;
-    uncertainty::add_systematic(&mut covariance, distance(&refined.state.trajectories));
+    uncertainty::add_systematic(&mut covariance, mean_distance(&refined.state.trajectories));
     let Solved { estimate, residuals, spectra, .. } = solved;
     let before = refined.state.camera.parameters();
     let moved = before.iter().zip(estimate.state.camera.parameters().iter().copied().collect::<Vec<f64>>());
@@ -156,12 +157,6 @@ fn finish(
     findings::explained(&calibration, joint.samples)?;
     calibration.findings = findings(&calibration);
     Ok(calibration)
-}
-
-/// Mean distance of the camera from the plane of the board (m).
-fn distance(trajectories: &[Trajectory]) -> f64 {
-    let points = || trajectories.iter().flat_map(|trajectory| &trajectory.translation);
-    points().map(|point| point.z.abs()).sum::<f64>() / points().count().max(1) as f64
 }
 
 /// The samples with times from the first event, which is at `start` of the file; where they are of another time altogether, as

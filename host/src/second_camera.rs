@@ -33,6 +33,7 @@ use crate::solve::left_out::covers;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::refinement::Refined;
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
+use crate::trajectory::mean_distance;
 use crate::trust::uncertainty::{Uncertainty, UncertaintySettings};
 
 /// A camera as it was calibrated apart, from one recording.
@@ -126,23 +127,15 @@ pub fn calibrate_pictures_against(
         second: State { camera: pictures.camera, trajectories: Vec::new(), ..state.clone() },
         mount: Mount { second_first: Isometry3::identity(), offset: 0.0, rate: 0.0, middle },
     };
-    let solved = solve(&joint, estimate, settings)?;
+    let mut solved = solve(&joint, estimate, settings)?;
+    // The focal length of the events is off by what no block of time shows, and that of pictures is not.
+    let place = TRANSLATION + 2;
+    solved.covariance[(place, place)] += (settings.systematic_scale * mean_distance(&state.trajectories)).powi(2);
     let sensor = first.refined.problem.sensor;
     let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2] };
     let before = (state.camera, pictures.camera);
     let sigma = first.uncertainty.sigma();
-    let mut calibration = finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]);
-    // The focal length of the events is off by what no block of time shows, and that of pictures is not.
-    let place = TRANSLATION + 2;
-    calibration.covariance[(place, place)] += (settings.systematic_scale * distance(state)).powi(2);
-    calibration.findings = findings(&calibration);
-    Ok(calibration)
-}
-
-/// Mean distance of the camera from the plane of the board (m).
-fn distance(state: &State) -> f64 {
-    let points = || state.trajectories.iter().flat_map(|trajectory| &trajectory.translation);
-    points().map(|point| point.z.abs()).sum::<f64>() / points().count().max(1) as f64
+    Ok(finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]))
 }
 
 /// What is known of two cameras beside their solve.
@@ -188,18 +181,8 @@ fn camera_moved((before, sigma): (&Camera<f64>, &[f64]), camera: &Camera<f64>) -
 
 /// The problem with these observations, and the board held.
 fn with_board_held(problem: &Problem, segments: Vec<SegmentObservations>) -> Problem {
-    Problem {
-        sensor: problem.sensor,
-        circle_centers: problem.circle_centers.clone(),
-        area: problem.area,
-        mean_scale: problem.mean_scale,
-        point_sigma: problem.point_sigma,
-        associated_latencies: problem.associated_latencies,
-        segments,
-        stiffness: problem.stiffness.clone(),
-        free: FreeParameters { board: [false; BOARD_PARAMETERS], ..problem.free },
-        settings: problem.settings.clone(),
-    }
+    let free = FreeParameters { board: [false; BOARD_PARAMETERS], ..problem.free };
+    Problem { free, ..problem.with_segments(segments) }
 }
 
 /// The second camera's observations at a time when the first has a trajectory, its circles counted as the first camera does.

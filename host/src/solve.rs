@@ -104,6 +104,16 @@ impl FreeParameters {
         }
         mask
     }
+
+    /// Where those that are free stand among the global parameters.
+    pub fn places(&self) -> Vec<usize> {
+        places(&self.mask())
+    }
+}
+
+/// Where the set flags of `mask` are.
+pub fn places(mask: &[bool; GLOBAL_COUNT]) -> Vec<usize> {
+    (0..GLOBAL_COUNT).filter(|&global| mask[global]).collect()
 }
 
 settings! {
@@ -154,6 +164,17 @@ pub struct Problem {
 }
 
 impl Problem {
+    /// The same with other observations.
+    pub fn with_segments(&self, segments: Vec<SegmentObservations>) -> Self {
+        Self {
+            segments,
+            stiffness: self.stiffness.clone(),
+            circle_centers: self.circle_centers.clone(),
+            settings: self.settings.clone(),
+            ..*self
+        }
+    }
+
     /// Metres on the board for each unit of the residual, where that is the same everywhere.
     pub fn residual_scale(&self) -> Option<f64> {
         match self.settings.residual {

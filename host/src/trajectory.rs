@@ -24,6 +24,12 @@ use evcal_core::spline::{Basis, Knots, RotationSample, SplineError, quaternion, 
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+/// Mean distance of the camera from the plane of the board along `trajectories` (m).
+pub fn mean_distance(trajectories: &[Trajectory]) -> f64 {
+    let points = || trajectories.iter().flat_map(|trajectory| &trajectory.translation);
+    points().map(|point| point.z.abs()).sum::<f64>() / points().count().max(1) as f64
+}
+
 /// Which curve of rotations a trajectory uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

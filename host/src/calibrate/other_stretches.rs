@@ -49,9 +49,8 @@ pub(super) fn follow_others(
     for frames in frames.chunk_by(|a, b| part(a) == part(b)) {
         progress.tell("trajectory of the other stretches")?;
         let frames: Vec<ReferenceFrame> = frames.iter().map(CompactFrame::without_events).collect();
-        let left_out_before: Vec<LeftOut> = refined.left_out.clone();
         // Where nothing can be followed no pose is written.
-        let Some(stretch) = follow_stretch(task, (refined, certainty), (&frames, sample), &left_out_before)? else {
+        let Some(stretch) = follow_stretch(task, (refined, certainty), (&frames, sample), &refined.left_out)? else {
             continue;
         };
         left_out.extend(stretch.1);

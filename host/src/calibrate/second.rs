@@ -4,7 +4,7 @@ use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use super::mounted::SecondCamera;
 use crate::board::Board;
 use crate::board::symmetry::symmetries;
-use crate::lens::camera_file::{CameraDescription, Parameters};
+use crate::lens::camera_file::CameraDescription;
 use crate::second_camera::error::SecondCameraError;
 use crate::second_camera::{Apart, Pictures, calibrate_pictures_against, calibrate_second};
 use crate::trust::uncertainty::UncertaintySettings;
@@ -38,13 +38,11 @@ pub fn calibrate_second_camera(
         settings,
     )?;
     let start = |calibrated: &Calibrated| calibrated.starts.first().copied().unwrap_or(0.0);
-    let kind = second.camera().kind();
-    let sigma = Parameters::new(kind.parameter_names().iter().copied().zip(second.sigma()));
     Ok(SecondCamera {
         file: file.to_owned(),
         sensor: second.sensor,
         camera: CameraDescription::new(second.camera()),
-        sigma: CameraDescription { model: kind.name().to_owned(), parameters: sigma },
+        sigma: CameraDescription::of_values(second.camera().kind(), second.sigma()),
         covered: second.covered_region(),
         lens_verdict: second.verdict.sentence.clone(),
         starts: [start(first), start(second)],
@@ -75,13 +73,11 @@ pub fn calibrate_own_pictures(
     };
     let calibration = calibrate_pictures_against(refined, seen, settings)?;
     let start = first.starts.first().copied().unwrap_or(0.0);
-    let kind = pictures.camera.kind();
-    let sigma = Parameters::new(kind.parameter_names().iter().copied().zip(pictures.sigma.iter().copied()));
     Ok(SecondCamera {
         file: "the first camera's own frames".to_owned(),
         sensor: first.sensor,
         camera: CameraDescription::new(&pictures.camera),
-        sigma: CameraDescription { model: kind.name().to_owned(), parameters: sigma },
+        sigma: CameraDescription::of_values(pictures.camera.kind(), pictures.sigma.iter().copied()),
         covered: first.covered_region(),
         lens_verdict: format!("calibrated from {} frames", pictures.report.frames),
         // Times of the dots are those of the events of their moment: the frames' own stamps are earlier by the offset found before.

@@ -14,13 +14,7 @@ use super::priors::priors;
 use super::sample::Sample;
 use super::sample_rows::{inertial_parts, residuals};
 use crate::numerics::gravity::STANDARD_GRAVITY;
-use crate::solve::Problem;
-use crate::solve::bearing_table::BearingTable;
-use crate::solve::bordered::{Part, Step, System};
-use crate::solve::levenberg::{linearised, moved};
-use crate::solve::normal::StretchEquations;
-use crate::solve::smoothness::accelerations;
-use crate::solve::stretch::{Stretch, stretches};
+use crate::solve::bordered::{Part, Step, System, event_parts, minimise, moved_by};
 use crate::trajectory::fit::fit_on_knots;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::{RotationSpline, Trajectory};
@@ -29,14 +23,8 @@ use crate::trajectory::{RotationSpline, Trajectory};
 const MARGIN: f64 = 0.02;
 /// Rounds of noise and solve.
 const ROUNDS: usize = 3;
-/// Most iterations in a round.
-const ITERATIONS: usize = 15;
-/// Stretches of events that are linearised together.
-const STRETCHES_TOGETHER: usize = 64;
 /// Iterations of the first round that linearise the events anew.
 const RELINEARISED: usize = 5;
-/// Iterations end when the cost falls by less.
-const SETTLED: f64 = 0.02;
 /// Noise densities of data sheets: °/s/√Hz and g/√Hz, doubled.
 const FIRST_GYROSCOPE: f64 = 0.02 * std::f64::consts::PI / 180.0;
 const FIRST_ACCELEROMETER: f64 = 600e-6 * STANDARD_GRAVITY;
@@ -107,7 +95,7 @@ pub fn first_noise() -> [Noise; 2] {
 pub fn solve(joint: &Joint, mut estimate: Estimate) -> Result<Solved, InertialError> {
     for round in 0..ROUNDS {
         let (solved, Linearised { events, parts, system }) =
-            minimise(joint, estimate, if round == 0 { RELINEARISED } else { 0 })?;
+            least_cost(joint, estimate, if round == 0 { RELINEARISED } else { 0 })?;
         estimate = solved;
         let parts = [events, parts].concat();
         let residuals = SENSORS.map(|sensor| residuals(joint, &estimate, sensor));
@@ -148,81 +136,40 @@ struct Linearised {
 }
 
 /// The events are linearised anew `relinearised` times; their cost is nearly quadratic.
-fn minimise(
-    joint: &Joint,
-    mut estimate: Estimate,
-    relinearised: usize,
-) -> Result<(Estimate, Linearised), InertialError> {
-    let events = event_parts(joint, &estimate);
-    let mut now = with_samples(joint, &estimate, events);
-    let mut damping = 1e-9;
-    for iteration in 0..ITERATIONS {
-        let step = now.system.solve(damping)?;
-        if step.predicted < SETTLED {
-            break;
-        }
-        let trial = moved_by(joint, &estimate, &step).map(|trial| {
+fn least_cost(joint: &Joint, estimate: Estimate, relinearised: usize) -> Result<(Estimate, Linearised), InertialError> {
+    let events = parts_of_events(joint, &estimate);
+    let start = with_samples(joint, &estimate, events);
+    let attempt = |iteration, (estimate, now): (&Estimate, &Linearised), step: &Step| {
+        let trial = stepped(joint, estimate, step).map(|trial| {
             let events = if iteration < relinearised {
-                event_parts(joint, &trial)
+                parts_of_events(joint, &trial)
             } else {
-                now.events.par_iter().map(|part| part.moved(&step)).collect()
+                now.events.par_iter().map(|part| part.moved(step)).collect()
             };
             let linearised = with_samples(joint, &trial, events);
             (trial, linearised)
         });
-        match trial {
-            Some((trial, linearised)) if linearised.system.cost < now.system.cost => {
-                let decrease = now.system.cost - linearised.system.cost;
-                (estimate, now) = (trial, linearised);
-                damping = (damping * 0.1).max(1e-9);
-                if decrease < SETTLED {
-                    break;
-                }
-            }
-            _ if damping > 1e4 => break,
-            _ => damping = (damping * 30.0).max(1e-5),
-        }
-    }
-    Ok((estimate, now))
+        Ok::<_, InertialError>(trial)
+    };
+    minimise((estimate, start), |now: &Linearised| &now.system, attempt)
 }
 
-fn moved_by(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate> {
-    let mask = joint.problem.free.mask();
-    let mut globals = [0.0; crate::solve::GLOBAL_COUNT];
-    let free = globals.iter_mut().zip(mask).filter(|(_, free)| *free);
-    free.zip(step.globals.iter().skip(COUNT)).for_each(|((global, _), value)| *global = *value);
-    let state = moved(&estimate.state, &step.segments, &globals)?;
+fn stepped(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate> {
+    let state = moved_by(&estimate.state, joint.problem, step, COUNT)?;
     Some(Estimate { state, parameters: estimate.parameters.moved(&step.globals), noise: estimate.noise })
 }
 
-fn event_parts(joint: &Joint, estimate: &Estimate) -> Vec<Part> {
-    let problem = joint.problem;
-    let free = free_globals(problem);
-    let bearings = BearingTable::new(&estimate.state.camera, problem.sensor);
-    let part = |(stretch, equations): &(Stretch, StretchEquations)| {
-        let place = (stretch.segment, stretch.start(&problem.segments));
-        Part::from_events(place, equations, &free, COUNT, 1.0 / joint.inflation)
-    };
-    // Their equations are large, and needed no longer than it takes to pick what is free.
-    let of_group = |group: &[Stretch]| -> Vec<Part> {
-        linearised(problem, &estimate.state, &bearings, group).par_iter().map(part).collect()
-    };
-    stretches(&problem.segments).chunks(STRETCHES_TOGETHER).flat_map(of_group).collect()
-}
-
-fn free_globals(problem: &Problem) -> Vec<usize> {
-    let mask = problem.free.mask();
-    (0..mask.len()).filter(|&global| mask[global]).collect()
+fn parts_of_events(joint: &Joint, estimate: &Estimate) -> Vec<Part> {
+    event_parts(joint.problem, &estimate.state, COUNT, 1.0 / joint.inflation).0
 }
 
 fn with_samples(joint: &Joint, estimate: &Estimate, events: Vec<Part>) -> Linearised {
     let trajectories = &estimate.state.trajectories;
     let parts = inertial_parts(joint, estimate);
     let counts: Vec<usize> = trajectories.iter().map(Trajectory::control_point_count).collect();
-    let globals = COUNT + free_globals(joint.problem).len();
+    let globals = COUNT + joint.problem.free.places().len();
     let mut system = System::new(&counts, ORDER, globals, events.iter().chain(&parts));
-    let smoothness: Vec<_> = trajectories.iter().map(|one| accelerations(one, &joint.problem.settings)).collect();
-    system.add_smoothness(&smoothness);
+    system.add_smoothness(trajectories, &joint.problem.settings);
     for (index, (distance, sigma)) in priors(&estimate.parameters, joint.settings).into_iter().enumerate() {
         system.add_prior(index, distance, sigma);
     }

@@ -65,26 +65,16 @@ impl Carried {
 
 #[cfg(test)]
 mod tests {
-    use evcal_core::spline::MAX_ORDER;
     use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion};
 
     use super::*;
+    use crate::solve::pose_bin::tests::moving_at;
 
     const STEP: f64 = 1e-6;
     const T: f64 = 3.2;
 
-    fn bin(pose: &Isometry3<f64>) -> PoseBin {
-        let matrix = pose.rotation.to_rotation_matrix();
-        PoseBin {
-            rotation: std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])),
-            translation: pose.translation.vector.into(),
-            angular_velocity: [0.7, -1.1, 2.0],
-            linear_velocity: [0.3, -0.2, 0.4],
-            first: 0,
-            order: 1,
-            rotation_jacobians: [Matrix3::identity(); MAX_ORDER],
-            weights: [1.0; MAX_ORDER],
-        }
+    fn first_bin() -> PoseBin {
+        moving_at(first().rotation.to_rotation_matrix(), first().translation.vector)
     }
 
     fn first() -> Isometry3<f64> {
@@ -93,7 +83,7 @@ mod tests {
 
     /// Of a camera that turns and moves as `bin` says.
     fn first_at(dt: f64) -> Isometry3<f64> {
-        let bin = bin(&first());
+        let bin = first_bin();
         let turn = UnitQuaternion::from_scaled_axis(Vector3::from(bin.angular_velocity) * dt);
         let place = first().translation.vector + Vector3::from(bin.linear_velocity) * dt;
         Isometry3::from_parts(Translation3::from(place), first().rotation * turn)
@@ -110,7 +100,7 @@ mod tests {
 
     #[test]
     fn derivatives_agree_with_central_differences() {
-        let carried = Carried::new(&bin(&first()), &mount(), T);
+        let carried = Carried::new(&first_bin(), &mount(), T);
         let at = second(&first(), &mount());
         assert!((carried.pose.translation_vector() - at.translation.vector).norm() < 1e-12);
         assert!((carried.pose.rotation_matrix() - at.rotation.to_rotation_matrix().matrix()).norm() < 1e-12);
@@ -139,7 +129,7 @@ mod tests {
 
     #[test]
     fn it_moves_as_its_poses_do() {
-        let carried = Carried::new(&bin(&first()), &mount(), T);
+        let carried = Carried::new(&first_bin(), &mount(), T);
         let at = |t: f64| second(&first_at(mount().first_time(t) - mount().first_time(T)), &mount());
         let (after, before) = (at(T + STEP), at(T - STEP));
         let turn = (before.rotation.inverse() * after.rotation).scaled_axis() / (2.0 * STEP);

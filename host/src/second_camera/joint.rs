@@ -11,21 +11,12 @@ use super::estimate::Estimate;
 use super::mount::{COUNT, RATE, RATE_SIGMA};
 use super::rows::{SecondPart, second_parts};
 use crate::solve::bearing_table::BearingTable;
-use crate::solve::bordered::{Part, Step, System};
-use crate::solve::levenberg::{linearised, moved};
-use crate::solve::smoothness::accelerations;
+use crate::solve::bordered::{Part, Step, System, event_parts, minimise, moved_by};
+use crate::solve::levenberg::linearised;
 use crate::solve::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
-use crate::solve::{GLOBAL_COUNT, Problem, State};
+use crate::solve::{Problem, State};
 use crate::trajectory::Trajectory;
-use crate::trajectory::jerk::jerks;
 use crate::trust::uncertainty::{Time, UncertaintySettings, stated};
-
-/// Most iterations.
-const ITERATIONS: usize = 15;
-/// Iterations end when the cost falls by less.
-const SETTLED: f64 = 0.02;
-const FIRST_DAMPING: f64 = 1e-9;
-const LARGEST_DAMPING: f64 = 1e4;
 
 /// What is solved; nothing of it changes.
 pub struct Joint {
@@ -77,33 +68,15 @@ struct Linearised {
 ///
 /// # Errors
 /// [`SecondCameraError::Singular`] when the events do not determine the parameters.
-pub fn solve(
-    joint: &Joint,
-    mut estimate: Estimate,
-    settings: &UncertaintySettings,
-) -> Result<Solved, SecondCameraError> {
-    let mut now = linearise(joint, &estimate)?;
-    let mut damping = FIRST_DAMPING;
-    for _ in 0..ITERATIONS {
-        let step = now.system.solve(damping)?;
-        if step.predicted < SETTLED {
-            break;
-        }
-        let trial = stepped(joint, &estimate, &step).map(|trial| linearise(joint, &trial).map(|next| (trial, next)));
-        match trial.transpose()? {
-            // Observations that fall out of a model's domain must not make a step look good.
-            Some((trial, next)) if next.system.cost < now.system.cost && next.counts.iter().ge(now.counts.iter()) => {
-                let decrease = now.system.cost - next.system.cost;
-                (estimate, now) = (trial, next);
-                damping = (damping * 0.1).max(FIRST_DAMPING);
-                if decrease < SETTLED {
-                    break;
-                }
-            }
-            _ if damping > LARGEST_DAMPING => break,
-            _ => damping = (damping * 30.0).max(1e-5),
-        }
-    }
+pub fn solve(joint: &Joint, estimate: Estimate, settings: &UncertaintySettings) -> Result<Solved, SecondCameraError> {
+    let start = linearise(joint, &estimate)?;
+    let attempt = |_, (estimate, now): (&Estimate, &Linearised), step: &Step| {
+        let Some(trial) = stepped(joint, estimate, step) else { return Ok(None) };
+        let next = linearise(joint, &trial)?;
+        // Observations that fall out of a model's domain must not make a step look good.
+        Ok::<_, SecondCameraError>(next.counts.iter().ge(now.counts.iter()).then_some((trial, next)))
+    };
+    let (estimate, now) = minimise((estimate, start), |now: &Linearised| &now.system, attempt)?;
     let formal = now.system.covariance()?;
     let blocks = now.system.contributions(&now.parts, 0.5 * settings.block)?;
     let total = estimate.first.trajectories.iter().map(|one| one.end() - one.start()).sum();
@@ -112,27 +85,13 @@ pub fn solve(
     Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
 }
 
-fn free_globals(problem: &Problem) -> Vec<usize> {
-    let mask = problem.free.mask();
-    (0..mask.len()).filter(|&global| mask[global]).collect()
-}
-
 fn linearise(joint: &Joint, estimate: &Estimate) -> Result<Linearised, SecondCameraError> {
-    let (free, of_second) = (free_globals(&joint.first), free_globals(&joint.second));
+    let of_second = joint.second.free.places();
     let trajectories = &estimate.first.trajectories;
     let order = trajectories.first().ok_or(SecondCameraError::Singular)?.degree + 1;
-    let globals = COUNT + of_second.len();
-    let mut parts: Vec<Part> = Vec::new();
-    let mut counts = [0; 2];
-    let bearings = BearingTable::new(&estimate.first.camera, joint.first.sensor);
-    // The equations of a stretch are large, and needed no longer than it takes to pick what is free.
-    for group in stretches(&joint.first.segments).chunks(STRETCHES_TOGETHER) {
-        for (stretch, equations) in linearised(&joint.first, &estimate.first, &bearings, group) {
-            let place = (stretch.segment, stretch.start(&joint.first.segments));
-            counts[0] += equations.count;
-            parts.push(Part::from_events(place, &equations, &free, globals, 1.0));
-        }
-    }
+    let offset = COUNT + of_second.len();
+    let (mut parts, first_count) = event_parts(&joint.first, &estimate.first, offset, 1.0);
+    let mut counts = [first_count, 0];
     let bearings = BearingTable::new(&estimate.second.camera, joint.second.sensor);
     let of_stretch = |stretch: &Stretch| second_parts(&joint.second, estimate, &bearings, &of_second, stretch);
     let second: Vec<SecondPart> = stretches(&joint.second.segments).par_iter().flat_map_iter(of_stretch).collect();
@@ -145,12 +104,10 @@ fn linearise(joint: &Joint, estimate: &Estimate) -> Result<Linearised, SecondCam
         parts.push(part);
     }
     let control_points: Vec<usize> = trajectories.iter().map(Trajectory::control_point_count).collect();
-    let mut system = System::new(&control_points, order, globals + free.len(), parts.iter());
-    let smoothness: Vec<_> = trajectories.iter().map(|one| accelerations(one, &joint.first.settings)).collect();
-    system.add_smoothness(&smoothness);
-    for (segment, (trajectory, weights)) in trajectories.iter().zip(&joint.first.stiffness).enumerate() {
-        system.add_jerks(segment, &jerks(trajectory), weights);
-    }
+    let globals = offset + joint.first.free.places().len();
+    let mut system = System::new(&control_points, order, globals, parts.iter());
+    system.add_smoothness(trajectories, &joint.first.settings);
+    system.add_jerks(trajectories, &joint.first.stiffness);
     system.add_prior(RATE, estimate.mount.rate, RATE_SIGMA);
     Ok(Linearised { parts, system, counts, misfit, rms: rms(cost, counts[1]) })
 }
@@ -176,16 +133,7 @@ pub fn own_rms(problem: &Problem, state: &State) -> f64 {
 
 /// `None` when a camera model refuses the step.
 fn stepped(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate> {
-    let mut globals = step.globals.iter().skip(COUNT);
-    let mut of_camera = |problem: &Problem| {
-        let mut all = [0.0; GLOBAL_COUNT];
-        for global in free_globals(problem) {
-            all[global] = globals.next().copied().unwrap_or(0.0);
-        }
-        all
-    };
-    let (of_second, of_first) = (of_camera(&joint.second), of_camera(&joint.first));
-    let second: State = moved(&estimate.second, &[], &of_second)?;
-    let first = moved(&estimate.first, &step.segments, &of_first)?;
+    let second = moved_by(&estimate.second, &joint.second, step, COUNT)?;
+    let first = moved_by(&estimate.first, &joint.first, step, COUNT + joint.second.free.places().len())?;
     Some(Estimate { first, second, mount: estimate.mount.moved(&step.globals) })
 }

@@ -7,19 +7,31 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::bearing_table::BearingTable;
+use super::levenberg::{linearised, moved};
 use super::normal::{Block, StretchEquations, banded_times};
-use super::smoothness::Acceleration;
+use super::smoothness::accelerations;
+use super::stiffness::{Stiffness, add_jerk};
+use super::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
 use super::system::{Contribution, NotPositiveDefinite};
+use super::{GLOBAL_COUNT, Problem, SolveSettings, State};
 use crate::numerics::banded::BandedCholesky;
-use crate::trajectory::jerk::Jerk;
+use crate::trajectory::Trajectory;
+use crate::trajectory::jerk::jerks;
 
 /// Parameters of a control point.
 const POINT: usize = 6;
 /// Smallest weight of a control point that no observation touches, as a share of the mean of its segment.
 const FLOOR: f64 = 1e-9;
+/// Most iterations.
+const ITERATIONS: usize = 15;
+/// Iterations end when the cost falls by less.
+const SETTLED: f64 = 0.02;
+const FIRST_DAMPING: f64 = 1e-9;
+const LARGEST_DAMPING: f64 = 1e4;
 
 /// What some observations of one segment say.
 #[derive(Clone, Debug)]
@@ -137,6 +149,67 @@ impl Part {
     }
 }
 
+/// What the events of `problem` say at `state`, weighed by `weight`, and their number; their free global parameters begin at `offset`
+/// of the border.
+pub fn event_parts(problem: &Problem, state: &State, offset: usize, weight: f64) -> (Vec<Part>, usize) {
+    let free = problem.free.places();
+    let bearings = BearingTable::new(&state.camera, problem.sensor);
+    let part = |(stretch, equations): &(Stretch, StretchEquations)| {
+        let place = (stretch.segment, stretch.start(&problem.segments));
+        (Part::from_events(place, equations, &free, offset, weight), equations.count)
+    };
+    // The equations of a stretch are large, and needed no longer than it takes to pick what is free.
+    let of_group = |group: &[Stretch]| -> Vec<(Part, usize)> {
+        linearised(problem, state, &bearings, group).par_iter().map(part).collect()
+    };
+    let (parts, counts): (Vec<Part>, Vec<usize>) =
+        stretches(&problem.segments).chunks(STRETCHES_TOGETHER).flat_map(of_group).unzip();
+    (parts, counts.iter().sum())
+}
+
+/// `state`, its free global parameters moved by `step` from `offset` of the border on, and its trajectories; `None` where the
+/// camera model refuses.
+pub fn moved_by(state: &State, problem: &Problem, step: &Step, offset: usize) -> Option<State> {
+    let mut globals = [0.0; GLOBAL_COUNT];
+    for (place, value) in problem.free.places().into_iter().zip(step.globals.iter().skip(offset)) {
+        globals[place] = *value;
+    }
+    moved(state, &step.segments, &globals)
+}
+
+/// Levenberg and Marquardt's way from an estimate and its equations, whose [`System`] `system` finds, to the least cost. `attempt`
+/// gets the number of the iteration, the estimate and its equations, and a step; it gives both after the step, or `None` where it
+/// leads nowhere.
+///
+/// # Errors
+/// Those of `attempt`, and where the system determines no step.
+pub fn minimise<E, L, F: From<NotPositiveDefinite>>(
+    (mut estimate, mut now): (E, L),
+    system: impl Fn(&L) -> &System,
+    mut attempt: impl FnMut(usize, (&E, &L), &Step) -> Result<Option<(E, L)>, F>,
+) -> Result<(E, L), F> {
+    let mut damping = FIRST_DAMPING;
+    for iteration in 0..ITERATIONS {
+        let step = system(&now).solve(damping)?;
+        if step.predicted < SETTLED {
+            break;
+        }
+        match attempt(iteration, (&estimate, &now), &step)? {
+            Some((trial, next)) if system(&next).cost < system(&now).cost => {
+                let decrease = system(&now).cost - system(&next).cost;
+                (estimate, now) = (trial, next);
+                damping = (damping * 0.1).max(FIRST_DAMPING);
+                if decrease < SETTLED {
+                    break;
+                }
+            }
+            _ if damping > LARGEST_DAMPING => break,
+            _ => damping = (damping * 30.0).max(1e-5),
+        }
+    }
+    Ok((estimate, now))
+}
+
 struct Segment {
     order: usize,
     blocks: Vec<Block>,
@@ -229,23 +302,24 @@ impl System {
         self.cost += 0.5 * weight * distance * distance;
     }
 
-    /// Adds the accelerations of the control points of each segment, in their order.
-    pub fn add_smoothness(&mut self, segments: &[Vec<Acceleration>]) {
-        for (segment, accelerations) in self.segments.iter_mut().zip(segments) {
-            for acceleration in accelerations {
-                segment.add(acceleration);
-                self.cost += 0.5 * acceleration.residual.iter().map(|value| value * value).sum::<f64>();
+    /// Adds the accelerations of the control points of each segment's trajectory, in their order.
+    pub fn add_smoothness(&mut self, trajectories: &[Trajectory], settings: &SolveSettings) {
+        for (segment, trajectory) in self.segments.iter_mut().zip(trajectories) {
+            let (gradient, _) = segment.gradient.as_mut_slice().as_chunks_mut();
+            for acceleration in accelerations(trajectory, settings) {
+                self.cost += acceleration.add_to(segment.order, &mut segment.blocks, gradient);
             }
         }
     }
 
-    /// Adds the weighted jerks of the trajectory of `segment`.
-    pub fn add_jerks(&mut self, segment: usize, jerks: &[Jerk], weights: &[[f64; 2]]) {
-        let Some(segment) = self.segments.get_mut(segment).filter(|segment| segment.order > 3) else { return };
-        for (jerk, weights) in jerks.iter().zip(weights) {
-            let square = |from: usize| jerk.value.iter().skip(from).take(3).map(|value| value * value).sum::<f64>();
-            self.cost += 0.5 * (weights[0] * square(0) + weights[1] * square(3));
-            segment.add_jerk(jerk, *weights);
+    /// Adds the jerks of each segment's trajectory, with their weights.
+    pub fn add_jerks(&mut self, trajectories: &[Trajectory], stiffness: &[Stiffness]) {
+        let segments = self.segments.iter_mut().zip(trajectories).zip(stiffness);
+        for ((segment, trajectory), weights) in segments.filter(|((segment, _), _)| segment.order > 3) {
+            let (gradient, _) = segment.gradient.as_mut_slice().as_chunks_mut();
+            for (jerk, weights) in jerks(trajectory).iter().zip(weights) {
+                self.cost += add_jerk((jerk, *weights), segment.order, &mut segment.blocks, gradient);
+            }
         }
     }
 
@@ -355,55 +429,6 @@ fn scaled_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, NotPositiveDefi
 }
 
 impl Segment {
-    fn add(&mut self, acceleration: &Acceleration) {
-        // The acceleration couples three control points; a spline of degree 1 couples two.
-        if self.order < 3 {
-            return;
-        }
-        let weight = |point: usize, axis: usize| {
-            if axis < 3 { acceleration.rotation[point] } else { acceleration.translation[point] }
-        };
-        for row in 0..3 {
-            let index = acceleration.first + row;
-            for (axis, residual) in acceleration.residual.iter().enumerate() {
-                if let Some(sum) = self.gradient.get_mut(POINT * index + axis) {
-                    *sum += weight(row, axis) * residual;
-                }
-            }
-            for column in 0..=row {
-                let Some(block) = self.blocks.get_mut(index * self.order + row - column) else { return };
-                for axis in 0..POINT {
-                    block[(axis, axis)] += weight(row, axis) * weight(column, axis);
-                }
-            }
-        }
-    }
-
-    fn add_jerk(&mut self, jerk: &Jerk, [rotation, translation]: [f64; 2]) {
-        let [x, y, z, moving @ ..] = jerk.value;
-        for row in 0..4 {
-            let index = jerk.first + row;
-            let Some(gradient) =
-                self.gradient.as_mut_slice().get_mut(POINT * index..).and_then(|rest| rest.first_chunk_mut::<POINT>())
-            else {
-                return;
-            };
-            let turning = jerk.by_rotation[row].transpose() * Vector3::new(x, y, z) * rotation;
-            for axis in 0..3 {
-                gradient[axis] += turning[axis];
-                gradient[3 + axis] += translation * jerk.by_translation[row] * moving[axis];
-            }
-            for column in 0..=row {
-                let Some(block) = self.blocks.get_mut(index * self.order + row - column) else { return };
-                let mut turns = block.fixed_view_mut::<3, 3>(0, 0);
-                turns += jerk.by_rotation[row].transpose() * jerk.by_rotation[column] * rotation;
-                for axis in 3..POINT {
-                    block[(axis, axis)] += translation * jerk.by_translation[row] * jerk.by_translation[column];
-                }
-            }
-        }
-    }
-
     fn eliminate(&self, damping: f64) -> Result<Eliminated, NotPositiveDefinite> {
         let (dimension, count) = (self.gradient.len(), self.gradient.len() / POINT);
         let mut band = BandedCholesky::zeros(dimension, (POINT * self.order - 1).min(dimension.saturating_sub(1)));

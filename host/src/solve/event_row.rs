@@ -123,11 +123,11 @@ mod tests {
     use crate::solve::edge_batch::{BatchEvent, EdgeBatch};
     use crate::solve::event_bias::bias::Biases;
     use crate::solve::event_bias::{CLASS_COUNT, unknown};
+    use crate::solve::pose_bin::tests::moving_at;
     use crate::solve::row_batch::RowBatch;
     use crate::solve::{FreeParameters, Problem, SolveSettings};
     use evcal_core::camera::{Camera, ModelKind};
-    use evcal_core::spline::MAX_ORDER;
-    use nalgebra::{Matrix3, Rotation3, Vector3};
+    use nalgebra::{Rotation3, Vector3};
 
     const CENTER: [f64; 2] = [0.11, 0.165];
     const RADIUS: f64 = 0.0175;
@@ -149,20 +149,6 @@ mod tests {
     }
 
     const PARAMETERS: [f64; 9] = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
-
-    fn pose(rotation: Rotation3<f64>, translation: Vector3<f64>) -> PoseBin {
-        let matrix = rotation.matrix();
-        PoseBin {
-            rotation: std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])),
-            translation: translation.into(),
-            angular_velocity: [0.7, -1.1, 2.0],
-            linear_velocity: [0.3, -0.2, 0.4],
-            first: 0,
-            order: 1,
-            rotation_jacobians: [Matrix3::identity(); MAX_ORDER],
-            weights: [1.0; MAX_ORDER],
-        }
-    }
 
     fn reference_pose() -> (Rotation3<f64>, Vector3<f64>) {
         (Rotation3::from_euler_angles(0.25, -0.3, 0.8), Vector3::new(0.2, 0.4, -0.7))
@@ -223,7 +209,7 @@ mod tests {
         };
         let (rotation, translation) = reference_pose();
         let reference = camera(&PARAMETERS);
-        let bin = pose(rotation, translation);
+        let bin = moving_at(rotation, translation);
         let rim = rim(&reference, &shape);
         let pixel = [rim.x + beside[0], rim.y + beside[1]];
         let (_, row) = residual(&reference, &bin, (0.0, pixel), &shape);
@@ -231,11 +217,11 @@ mod tests {
         for axis in 0..3 {
             let mut delta = Vector3::zeros();
             delta[axis] = STEP;
-            let turned = |delta: Vector3<f64>| pose(rotation * Rotation3::new(delta), translation);
+            let turned = |delta: Vector3<f64>| moving_at(rotation * Rotation3::new(delta), translation);
             let at = |delta: Vector3<f64>| residual(&reference, &turned(delta), (0.0, pixel), &shape).0;
             assert_close(row[axis], difference(at(delta), at(-delta)), "rotation");
             let at = |delta: Vector3<f64>| {
-                residual(&reference, &pose(rotation, translation + delta), (0.0, pixel), &shape).0
+                residual(&reference, &moving_at(rotation, translation + delta), (0.0, pixel), &shape).0
             };
             assert_close(row[3 + axis], difference(at(delta), at(-delta)), "translation");
         }
@@ -293,7 +279,7 @@ mod tests {
     fn a_batch_finds_the_edges_of_its_events_one_by_one() {
         let (rotation, translation) = reference_pose();
         let reference = camera(&PARAMETERS);
-        let (bin, rim, problem) = (pose(rotation, translation), rim(&reference, &FLAT), problem());
+        let (bin, rim, problem) = (moving_at(rotation, translation), rim(&reference, &FLAT), problem());
         let surface = flat();
         let table = BearingTable::new(&reference, problem.sensor);
         let pixel = |index: u32| [rim.x + f64::from(index % 5) * 0.7 - 1.4, rim.y + f64::from(index % 7) * 0.5 - 1.5];
@@ -325,7 +311,7 @@ mod tests {
     fn scale_is_the_board_distance_of_one_pixel_across_the_edge() {
         let (rotation, translation) = reference_pose();
         let reference = camera(&PARAMETERS);
-        let bin = pose(rotation, translation);
+        let bin = moving_at(rotation, translation);
         let metres = |x: f64, y: f64| {
             let bearing = reference.unproject(&nalgebra::Vector2::new(x, y)).unwrap();
             (BoardRay::new(&flat(), &bin, 0.0, &bearing.into()).point() - nalgebra::Vector2::from(CENTER)).norm()
@@ -344,7 +330,7 @@ mod tests {
     #[test]
     fn a_shaped_board_without_a_shape_is_the_flat_one() {
         let (rotation, translation) = reference_pose();
-        let (bin, reference) = (pose(rotation, translation), camera(&PARAMETERS));
+        let (bin, reference) = (moving_at(rotation, translation), camera(&PARAMETERS));
         let nearly = BoardShape { print_ratio: 1.0 + 1e-13, ..FLAT };
         let rim = rim(&reference, &FLAT);
         let [flat, shaped] = [FLAT, nearly].map(|shape| residual(&reference, &bin, (1e-4, [rim.x, rim.y]), &shape));
@@ -357,7 +343,7 @@ mod tests {
     fn board_velocity_is_the_motion_of_the_ray_on_the_board() {
         let (rotation, translation) = reference_pose();
         let reference = camera(&PARAMETERS);
-        let bin = pose(rotation, translation);
+        let bin = moving_at(rotation, translation);
         let bearing: [f64; 3] = reference.unproject(&nalgebra::Vector2::new(100.0, 50.0)).unwrap().into();
         let at = |dt: f64| BoardRay::new(&flat(), &bin, dt, &bearing);
         let numeric = (at(STEP).point() - at(-STEP).point()) / (2.0 * STEP);

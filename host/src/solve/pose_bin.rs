@@ -88,3 +88,25 @@ pub fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
 pub fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use nalgebra::Rotation3;
+
+    use super::*;
+
+    /// A camera with this pose (`T_world_camera`) that turns and moves, with one control point.
+    pub(crate) fn moving_at(rotation: Rotation3<f64>, translation: Vector3<f64>) -> PoseBin {
+        let matrix = rotation.matrix();
+        PoseBin {
+            rotation: std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])),
+            translation: translation.into(),
+            angular_velocity: [0.7, -1.1, 2.0],
+            linear_velocity: [0.3, -0.2, 0.4],
+            first: 0,
+            order: 1,
+            rotation_jacobians: [Matrix3::identity(); MAX_ORDER],
+            weights: [1.0; MAX_ORDER],
+        }
+    }
+}

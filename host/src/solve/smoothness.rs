@@ -9,6 +9,7 @@
 //! and the cost is a² / (2 σ²) with σ far above what events leave open.
 
 use super::SolveSettings;
+use super::normal::Block;
 use crate::trajectory::Trajectory;
 use crate::trajectory::jerk::turns;
 use crate::trajectory::knots::greville;
@@ -23,6 +24,33 @@ pub struct Acceleration {
     pub rotation: [f64; 3],
     /// Derivative of the translation's residual by each control point's translation, a multiple of unity.
     pub translation: [f64; 3],
+}
+
+impl Acceleration {
+    /// Adds it to the normal equations of a segment, of whose control points `order` act together: `blocks` of a control point with
+    /// itself and those before it, and `gradient`. What it adds to the cost.
+    pub fn add_to(&self, order: usize, blocks: &mut [Block], gradient: &mut [[f64; 6]]) -> f64 {
+        let cost = 0.5 * self.residual.iter().map(|value| value * value).sum::<f64>();
+        let weight = |point: usize, axis: usize| if axis < 3 { self.rotation[point] } else { self.translation[point] };
+        // The acceleration couples three control points; a spline of degree 1 couples two.
+        if order < 3 {
+            return cost;
+        }
+        for row in 0..3 {
+            let index = self.first + row;
+            let Some(gradient) = gradient.get_mut(index) else { return cost };
+            for (axis, (sum, residual)) in gradient.iter_mut().zip(self.residual).enumerate() {
+                *sum += weight(row, axis) * residual;
+            }
+            for column in 0..=row {
+                let Some(block) = blocks.get_mut(index * order + row - column) else { return cost };
+                for axis in 0..6 {
+                    block[(axis, axis)] += weight(row, axis) * weight(column, axis);
+                }
+            }
+        }
+        cost
+    }
 }
 
 /// The accelerations of all control points of `trajectory`.

@@ -8,8 +8,9 @@
 //! variance of a jerk given events and S, and γ = 1 − V τ / S the share of it that the events know, S = Σ j² τ / Σ γ over
 //! the neighbourhood. λ is by how much errors of events in common make their information smaller than it seems.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
+use super::normal::Block;
 use crate::numerics::banded::{BandedCholesky, SymmetricBand};
 use crate::trajectory::jerk::{Jerk, jerks};
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, Trajectory};
@@ -53,6 +54,39 @@ pub fn stiffness(trajectory: &Trajectory, cost: &Quadratic, noise: f64) -> Optio
         (step, inverse) = solved(&jerks, &weights, cost)?;
     }
     Some((weights, step))
+}
+
+/// Adds a jerk with the weights of rotation and centre to the normal equations of a segment, of whose control points `order` act
+/// together: `blocks` of a control point with itself and those before it, and `gradient`. What it adds to the cost.
+pub fn add_jerk(
+    (jerk, [rotation, translation]): (&Jerk, [f64; 2]),
+    order: usize,
+    blocks: &mut [Block],
+    gradient: &mut [[f64; CONTROL_POINT]],
+) -> f64 {
+    let square = |from: usize| jerk.value.iter().skip(from).take(3).map(|value| value * value).sum::<f64>();
+    let cost = 0.5 * (rotation * square(0) + translation * square(3));
+    let [x, y, z, moving @ ..] = jerk.value;
+    for row in 0..4 {
+        let index = jerk.first + row;
+        let Some(gradient) = gradient.get_mut(index) else { return cost };
+        let turning = jerk.by_rotation[row].transpose() * Vector3::new(x, y, z) * rotation;
+        for axis in 0..3 {
+            gradient[axis] += turning[axis];
+            gradient[3 + axis] += translation * jerk.by_translation[row] * moving[axis];
+        }
+        for column in 0..=row {
+            let Some(block) = blocks.get_mut(index * order + row - column) else { return cost };
+            let turns = jerk.by_rotation[row].transpose() * jerk.by_rotation[column] * rotation;
+            let mut view = block.fixed_view_mut::<3, 3>(0, 0);
+            view += turns;
+            let moved = translation * jerk.by_translation[row] * jerk.by_translation[column];
+            for axis in 3..CONTROL_POINT {
+                block[(axis, axis)] += moved;
+            }
+        }
+    }
+    cost
 }
 
 /// What one jerk says of S, for rotation and centre.

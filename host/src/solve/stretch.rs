@@ -276,7 +276,7 @@ pub fn point_residuals(problem: &Problem, state: &State) -> Vec<PointResidual> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
     use evcal_core::sensor::Sensor;
     use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -292,13 +292,13 @@ mod tests {
     use crate::trajectory::timed_pose::TimedPose;
     use crate::trajectory::{RotationSpline, Trajectory};
 
-    const CENTERS: [[f64; 2]; 2] = [[0.11, 0.165], [0.165, 0.11]];
-    const RADIUS: f64 = 0.0175;
-    const AREA: CircleArea = CircleArea { middle: [0.19, 0.22], half: [0.19, 0.22] };
+    pub(crate) const CENTERS: [[f64; 2]; 2] = [[0.11, 0.165], [0.165, 0.11]];
+    pub(crate) const RADIUS: f64 = 0.0175;
+    pub(crate) const AREA: CircleArea = CircleArea { middle: [0.19, 0.22], half: [0.19, 0.22] };
     const SHAPE: BoardShape = BoardShape { print_ratio: 1.01, bend: [0.004, -0.002], radius: RADIUS };
-    const BINS: usize = 9;
+    pub(crate) const BINS: usize = 9;
 
-    fn trajectory() -> Trajectory {
+    pub(crate) fn trajectory() -> Trajectory {
         let pose = |t: f64| {
             let turn = Rotation3::from_euler_angles(0.25 + 0.7 * t, -0.3 - t, 0.8 + 2.0 * t);
             let camera = Vector3::new(0.2 + 0.3 * t, 0.4 - 0.2 * t, -0.7 + 0.4 * t);

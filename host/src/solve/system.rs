@@ -1,13 +1,14 @@
 //! The whole bordered block-banded system: sum of the stretches, damping, Schur complement.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::GLOBAL_COUNT;
 use super::eliminated::{ControlCovariance, Eliminated, Following};
 use super::normal::{Block, BorderBlock, StretchEquations, banded_times};
 use super::smoothness::Acceleration;
+use super::stiffness::add_jerk;
 use super::stretch::Stretch;
+use super::{GLOBAL_COUNT, places};
 use crate::numerics::banded::BandedCholesky;
 use crate::trajectory::jerk::Jerk;
 
@@ -129,8 +130,7 @@ impl System {
     pub fn add_smoothness(&mut self, segments: &[Vec<Acceleration>]) {
         for (segment, accelerations) in self.segments.iter_mut().zip(segments) {
             for acceleration in accelerations {
-                self.cost += 0.5 * acceleration.residual.iter().map(|value| value * value).sum::<f64>();
-                segment.add(acceleration);
+                self.cost += acceleration.add_to(segment.order, &mut segment.blocks, &mut segment.gradient);
             }
         }
     }
@@ -139,9 +139,7 @@ impl System {
     pub fn add_jerks(&mut self, segment: usize, jerks: &[Jerk], weights: &[[f64; 2]]) {
         let Some(segment) = self.segments.get_mut(segment).filter(|segment| segment.order > 3) else { return };
         for (jerk, weights) in jerks.iter().zip(weights) {
-            let square = |from: usize| jerk.value.iter().skip(from).take(3).map(|value| value * value).sum::<f64>();
-            self.cost += 0.5 * (weights[0] * square(0) + weights[1] * square(3));
-            segment.add_jerk(jerk, *weights);
+            self.cost += add_jerk((jerk, *weights), segment.order, &mut segment.blocks, &mut segment.gradient);
         }
     }
 
@@ -161,7 +159,7 @@ impl System {
 
     /// The system, damped by `damping`, without its control points; of the global parameters those that are `free`.
     pub fn reduced(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Reduced, NotPositiveDefinite> {
-        let free: Vec<usize> = (0..GLOBAL_COUNT).filter(|&global| free[global]).collect();
+        let free = places(free);
         let eliminate = |segment: &SegmentSystem| {
             let factor = segment.factored(damping)?;
             Ok(Eliminated::new((factor, segment.order), &segment.border, &segment.gradient, &free))
@@ -292,52 +290,6 @@ impl SegmentSystem {
             }
         }
         product
-    }
-
-    fn add(&mut self, acceleration: &Acceleration) {
-        let weight = |point: usize, axis: usize| {
-            if axis < 3 { acceleration.rotation[point] } else { acceleration.translation[point] }
-        };
-        // The acceleration couples three control points; a spline of degree 1 couples two.
-        if self.order < 3 {
-            return;
-        }
-        for row in 0..3 {
-            let index = acceleration.first + row;
-            let Some(gradient) = self.gradient.get_mut(index) else { return };
-            for (axis, (sum, residual)) in gradient.iter_mut().zip(acceleration.residual).enumerate() {
-                *sum += weight(row, axis) * residual;
-            }
-            for column in 0..=row {
-                let Some(block) = self.blocks.get_mut(index * self.order + row - column) else { return };
-                for axis in 0..6 {
-                    block[(axis, axis)] += weight(row, axis) * weight(column, axis);
-                }
-            }
-        }
-    }
-
-    fn add_jerk(&mut self, jerk: &Jerk, [rotation, translation]: [f64; 2]) {
-        for row in 0..4 {
-            let index = jerk.first + row;
-            let Some(gradient) = self.gradient.get_mut(index) else { return };
-            let [x, y, z, moving @ ..] = jerk.value;
-            let turning = jerk.by_rotation[row].transpose() * Vector3::new(x, y, z) * rotation;
-            for axis in 0..3 {
-                gradient[axis] += turning[axis];
-                gradient[3 + axis] += translation * jerk.by_translation[row] * moving[axis];
-            }
-            for column in 0..=row {
-                let Some(block) = self.blocks.get_mut(index * self.order + row - column) else { return };
-                let turns = jerk.by_rotation[row].transpose() * jerk.by_rotation[column] * rotation;
-                let mut view = block.fixed_view_mut::<3, 3>(0, 0);
-                view += turns;
-                let moved = translation * jerk.by_translation[row] * jerk.by_translation[column];
-                for axis in 3..6 {
-                    block[(axis, axis)] += moved;
-                }
-            }
-        }
     }
 
     /// The factored matrix of the control points.

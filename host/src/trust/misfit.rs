@@ -118,14 +118,9 @@ fn intrinsics_of(kind: ModelKind) -> [bool; MAX_PARAMETERS] {
 
 /// `problem` with one in `step` of its events and these parameters free.
 fn thinned(problem: &Problem, step: usize, free: FreeParameters, iterations: usize) -> Problem {
-    Problem {
-        segments: problem.segments.iter().map(|segment| segment.every(step)).collect(),
-        stiffness: problem.stiffness.clone(),
-        circle_centers: problem.circle_centers.clone(),
-        settings: SolveSettings { iterations, ..problem.settings.clone() },
-        free,
-        ..*problem
-    }
+    let settings = SolveSettings { iterations, ..problem.settings.clone() };
+    let segments = problem.segments.iter().map(|segment| segment.every(step)).collect();
+    Problem { settings, free, ..problem.with_segments(segments) }
 }
 
 fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<BetterModel> {

@@ -129,14 +129,8 @@ fn statistics(problem: &Problem, state: &State) -> ResidualStatistics {
 
 /// Residuals of `half` with `camera`, its trajectories solved anew.
 fn with_camera_held(half: &Problem, own: &State, camera: &Camera<f64>) -> Option<ResidualStatistics> {
-    let held = Problem {
-        free: FreeParameters { intrinsics: [false; MAX_PARAMETERS], ..half.free },
-        segments: half.segments.clone(),
-        stiffness: half.stiffness.clone(),
-        circle_centers: half.circle_centers.clone(),
-        settings: half.settings.clone(),
-        ..*half
-    };
+    let free = FreeParameters { intrinsics: [false; MAX_PARAMETERS], ..half.free };
+    let held = Problem { free, ..half.with_segments(half.segments.clone()) };
     let step = one_step(&held, &State { camera: *camera, ..own.clone() }).ok()?;
     Some(statistics(&held, &step.state))
 }
@@ -144,11 +138,5 @@ fn with_camera_held(half: &Problem, own: &State, camera: &Camera<f64>) -> Option
 /// The slices of `problem` whose number has this parity.
 fn half(problem: &Problem, settings: &SplitHalfSettings, parity: i64) -> Problem {
     let wanted = |t: f64| (t / settings.slice).floor() as i64 & 1 == parity;
-    Problem {
-        segments: problem.segments.iter().map(|segment| segment.within(wanted)).collect(),
-        stiffness: problem.stiffness.clone(),
-        circle_centers: problem.circle_centers.clone(),
-        settings: problem.settings.clone(),
-        ..*problem
-    }
+    problem.with_segments(problem.segments.iter().map(|segment| segment.within(wanted)).collect())
 }

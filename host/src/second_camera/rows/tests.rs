@@ -2,38 +2,21 @@
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 use evcal_core::sensor::Sensor;
-use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::*;
-use crate::board::shape::{BoardShape, CircleArea};
+use crate::board::shape::BoardShape;
 use crate::second_camera::mount::{Mount, OFFSET, RATE, ROTATION, TRANSLATION};
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{CLASS_COUNT, unknown};
 use crate::solve::levenberg::moved;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::stretch::stretches;
+use crate::solve::stretch::tests::{AREA, BINS, CENTERS, RADIUS, trajectory};
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, SolveSettings, State, bias_index};
-use crate::trajectory::fit::{TrajectoryShape, fit};
-use crate::trajectory::timed_pose::TimedPose;
-use crate::trajectory::{RotationSpline, Trajectory};
+use crate::trajectory::Trajectory;
 
-const CENTERS: [[f64; 2]; 2] = [[0.11, 0.165], [0.165, 0.11]];
-const RADIUS: f64 = 0.0175;
-const AREA: CircleArea = CircleArea { middle: [0.19, 0.22], half: [0.19, 0.22] };
 const FLAT: BoardShape = BoardShape { print_ratio: 1.0, bend: [0.0; 2], radius: RADIUS };
-const BINS: usize = 9;
-
-fn trajectory() -> Trajectory {
-    let pose = |t: f64| {
-        let turn = Rotation3::from_euler_angles(0.25 + 0.7 * t, -0.3 - t, 0.8 + 2.0 * t);
-        let camera = Vector3::new(0.2 + 0.3 * t, 0.4 - 0.2 * t, -0.7 + 0.4 * t);
-        Isometry3::from_parts(Translation3::from(camera), UnitQuaternion::from_rotation_matrix(&turn))
-    };
-    let times = (0..=40).map(|index| 0.0025 * f64::from(index));
-    let poses: Vec<TimedPose> = times.map(|t| TimedPose { t, pose: pose(t) }).collect();
-    let shape = TrajectoryShape { degree: 3, rotation: RotationSpline::Quaternion, knot_spacing: 0.0175 };
-    fit(0, &poses, 0.0, 0.1, &shape).unwrap()
-}
 
 fn camera() -> Camera<f64> {
     let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
