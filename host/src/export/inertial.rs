@@ -20,9 +20,10 @@ mod vins_fusion;
 
 use std::fmt::Write as _;
 
-use nalgebra::{Isometry3, Matrix4, Rotation3, Translation3, UnitQuaternion};
+use nalgebra::Matrix4;
 
 use super::number::{decimal, decimals};
+use crate::numerics::rigid::pose_of_rows;
 use crate::result::calibrated_camera::CalibratedCamera;
 use crate::result::inertial_result::{InertialResult, SensorResult};
 
@@ -93,12 +94,7 @@ pub fn files(camera: &CalibratedCamera, inertial: &InertialResult) -> Vec<(&'sta
 
 /// `T_camera_imu` of `T_imu_camera`.
 fn camera_from_imu(rows: &[[f64; 4]; 4]) -> Matrix4<f64> {
-    let matrix = Matrix4::from(*rows).transpose();
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
-        matrix.fixed_view::<3, 3>(0, 0).into_owned(),
-    ));
-    let place = matrix.fixed_view::<3, 1>(0, 3).into_owned();
-    Isometry3::from_parts(Translation3::from(place), rotation).inverse().to_homogeneous()
+    pose_of_rows(rows).inverse().to_homogeneous()
 }
 
 fn mean(sensor: &SensorResult) -> f64 {

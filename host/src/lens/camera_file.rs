@@ -123,9 +123,13 @@ fn model_names() -> String {
 impl CameraDescription {
     /// Describes `camera`.
     pub fn new(camera: &Camera<f64>) -> Self {
-        let names = camera.kind().parameter_names().iter().copied();
-        let parameters = Parameters::new(names.zip(camera.parameters()));
-        Self { model: camera.kind().name().to_owned(), parameters }
+        Self::of_values(camera.kind(), camera.parameters())
+    }
+
+    /// A value for each parameter of cameras of this `kind`, in their order.
+    pub fn of_values(kind: ModelKind, values: impl IntoIterator<Item = f64>) -> Self {
+        let parameters = Parameters::new(kind.parameter_names().iter().copied().zip(values));
+        Self { model: kind.name().to_owned(), parameters }
     }
 
     /// The camera described.

@@ -1,6 +1,14 @@
-//! Rigid motions: small steps of a pose, and the rotation between two sets of directions.
+//! Rigid motions: poses of matrices, small steps of a pose, and the rotation between two sets of directions.
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
+
+/// The pose whose homogeneous matrix has these rows.
+pub fn pose_of_rows(rows: &[[f64; 4]; 4]) -> Isometry3<f64> {
+    let matrix = Matrix4::from(*rows).transpose();
+    let rotation = Rotation3::from_matrix_unchecked(matrix.fixed_view::<3, 3>(0, 0).into_owned());
+    let translation = Translation3::from(matrix.fixed_view::<3, 1>(0, 3).into_owned());
+    Isometry3::from_parts(translation, UnitQuaternion::from_rotation_matrix(&rotation))
+}
 
 /// `pose` with a small rotation (rad, camera axes) from the left and a small translation (m).
 pub fn step_pose(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {

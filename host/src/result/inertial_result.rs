@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use nalgebra::{Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Matrix4, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::inertial::calibration::InertialCalibration;
@@ -15,6 +15,7 @@ use crate::inertial::parameters::{
 };
 use crate::inertial::stream::StreamReport;
 use crate::numerics::gravity::STANDARD_GRAVITY;
+use crate::numerics::rigid::pose_of_rows;
 
 /// A number with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -215,11 +216,7 @@ impl InertialResult {
 
     fn place(&self, text: &mut String) {
         if let Some(rows) = &self.imu_from_camera {
-            let matrix = Matrix4::from(*rows).transpose();
-            let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
-                matrix.fixed_view::<3, 3>(0, 0).into_owned(),
-            ));
-            let vector = turn.scaled_axis().map(f64::to_degrees);
+            let vector = pose_of_rows(rows).rotation.scaled_axis().map(f64::to_degrees);
             let sigma = self.rotation_sigma.map(f64::to_degrees);
             let _ = writeln!(
                 text,

@@ -3,11 +3,12 @@
 use std::fmt::Write as _;
 
 use evcal_core::sensor::Sensor;
-use nalgebra::{Isometry3, Matrix4, Rotation3, RowDVector, SVector, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, RowDVector, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::mounted::SecondCamera;
 use crate::lens::camera_file::CameraDescription;
+use crate::numerics::rigid::pose_of_rows;
 use crate::result::inertial_result::Uncertain;
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::finding::Finding;
@@ -166,10 +167,7 @@ impl SecondCameraResult {
 
     /// `T_second_first`.
     pub fn pose(&self) -> Isometry3<f64> {
-        let matrix = Matrix4::from(self.second_from_first).transpose();
-        let rotation = Rotation3::from_matrix_unchecked(matrix.fixed_view::<3, 3>(0, 0).into_owned());
-        let translation = Translation3::from(matrix.fixed_view::<3, 1>(0, 3).into_owned());
-        Isometry3::from_parts(translation, UnitQuaternion::from_rotation_matrix(&rotation))
+        pose_of_rows(&self.second_from_first)
     }
 
     fn judged(&self, calibration: &SecondCalibration) -> String {

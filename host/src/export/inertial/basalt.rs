@@ -5,10 +5,11 @@
 //! gyroscope, whose axes are turned by C, I + S = (M C)⁻¹. `calib_accel_bias` is b, then S as its lower triangle by columns,
 //! `calib_gyro_bias` b, then S by columns. `*_noise_std` are densities.
 
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use serde_json::{Value, json};
 
 use super::{ACCELEROMETER_WALK, GYROSCOPE_WALK, Mounted};
+use crate::numerics::rigid::pose_of_rows;
 
 /// `basalt-imu.json` from the text of `basalt.json`, whose camera it has.
 pub fn write(mounted: &Mounted) -> Option<String> {
@@ -21,15 +22,12 @@ pub fn write(mounted: &Mounted) -> Option<String> {
     let accelerometer_bias = of_accelerometer * Vector3::from(inertial.accelerometer.bias.value);
     let (gyroscope, accelerometer) = (of_gyroscope - Matrix3::identity(), of_accelerometer - Matrix3::identity());
     let below = [(0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2)].map(|place| accelerometer[place]);
-    let pose = nalgebra::Matrix4::from(mounted.imu_from_camera?).transpose();
-    let rotation = Rotation3::from_matrix_unchecked(pose.fixed_view::<3, 3>(0, 0).into_owned());
-    let [x, y, z, w]: [f64; 4] = UnitQuaternion::from_rotation_matrix(&rotation).coords.into();
+    let pose = pose_of_rows(&mounted.imu_from_camera?);
+    let [px, py, pz]: [f64; 3] = pose.translation.vector.into();
+    let [x, y, z, w]: [f64; 4] = pose.rotation.coords.into();
     let calibration = file.get_mut("value0")?.as_object_mut()?;
     let entries = [
-        (
-            "T_imu_cam",
-            json!([{ "px": pose[(0, 3)], "py": pose[(1, 3)], "pz": pose[(2, 3)], "qx": x, "qy": y, "qz": z, "qw": w }]),
-        ),
+        ("T_imu_cam", json!([{ "px": px, "py": py, "pz": pz, "qx": x, "qy": y, "qz": z, "qw": w }])),
         ("calib_accel_bias", json!([accelerometer_bias.as_slice(), &below].concat())),
         ("calib_gyro_bias", json!([gyroscope_bias.as_slice(), gyroscope.as_slice()].concat())),
         ("imu_update_rate", json!(mounted.rate)),

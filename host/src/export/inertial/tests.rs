@@ -2,7 +2,7 @@
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
-use nalgebra::{Matrix3, Matrix4, Quaternion, UnitQuaternion, Vector3, Vector4};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3, Vector4};
 use serde_json::Value;
 use yaml_rust2::{Yaml, YamlLoader};
 
