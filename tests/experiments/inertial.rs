@@ -8,6 +8,7 @@
 
 use std::path::Path;
 
+use evcal_tests::values::measured_numbers;
 use evcal_tests::{BOARD, read_json, succeed, text};
 use nalgebra::{Matrix4, Rotation3, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -54,13 +55,6 @@ fn main() {
     }
 }
 
-fn numbers(value: &Value) -> Vec<f64> {
-    match value {
-        Value::Array(values) => values.iter().flat_map(numbers).collect(),
-        value => vec![value.as_f64().unwrap_or(f64::NAN)],
-    }
-}
-
 /// Errors with their σ; the delay as it is, for the latency of the pixels is part of it.
 fn trial(folder: &Path, seed: u64, options: &[String]) -> Vec<(&'static str, f64, f64)> {
     let (recording, result) = (folder.join("recording"), folder.join("result"));
@@ -71,7 +65,7 @@ fn trial(folder: &Path, seed: u64, options: &[String]) -> Vec<(&'static str, f64
     succeed(&["calibrate", text(&events), "--board", BOARD, "--imu", "--accept-any", "-o", text(&result)]);
     let found = &read_json(&result.join("calibration.json"))["inertial"];
     let bias = &read_json(&recording.join("truth.json"))["davis"]["imu_bias"];
-    let matrix = |value: &Value| Matrix4::from_row_slice(&numbers(value));
+    let matrix = |value: &Value| Matrix4::from_row_slice(&measured_numbers(value));
     let turn = |matrix: &Matrix4<f64>| {
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
             matrix.fixed_view::<3, 3>(0, 0).into_owned(),
@@ -85,46 +79,49 @@ fn trial(folder: &Path, seed: u64, options: &[String]) -> Vec<(&'static str, f64
         let pairs = errors.iter().zip(sigmas);
         list.extend(pairs.map(|(error, sigma)| (name, factor * error, factor * sigma)));
     };
-    add("rotation (degrees)", rotation.as_slice(), &numbers(&found["rotation_sigma"]), 1f64.to_degrees());
-    let (at, sigma) = (&found["position_in_camera"]["value"], numbers(&found["position_in_camera"]["sigma"]));
+    add("rotation (degrees)", rotation.as_slice(), &measured_numbers(&found["rotation_sigma"]), 1f64.to_degrees());
+    let (at, sigma) = (&found["position_in_camera"]["value"], measured_numbers(&found["position_in_camera"]["sigma"]));
     for (axis, name) in ["x (mm)", "y (mm)", "z (mm)"].into_iter().enumerate() {
-        add(name, &[numbers(at)[axis] - place[axis]], &[sigma[axis]], 1e3);
+        add(name, &[measured_numbers(at)[axis] - place[axis]], &[sigma[axis]], 1e3);
     }
     let delay = |sensor: &str| {
         let delay = &found[sensor]["delay"];
-        (numbers(&delay["value"])[0], numbers(&delay["sigma"])[0])
+        (measured_numbers(&delay["value"])[0], measured_numbers(&delay["sigma"])[0])
     };
     let ((gyroscope, of_gyroscope), (accelerometer, of_accelerometer)) = (delay("gyroscope"), delay("accelerometer"));
     add("gyroscope's delay less 2.9 (ms)", &[gyroscope - 2.9e-3], &[of_gyroscope], 1e3);
     add("its difference less 1 (ms)", &[gyroscope - accelerometer - 1e-3], &[of_accelerometer], 1e3);
-    let down = Vector3::from_vec(numbers(&found["gravity"])).normalize();
-    let of_down = numbers(&found["gravity_sigma"])[0];
+    let down = Vector3::from_vec(measured_numbers(&found["gravity"])).normalize();
+    let of_down = measured_numbers(&found["gravity_sigma"])[0];
     add("gravity (degrees)", &[down.x, down.z], &[of_down; 2], 1f64.to_degrees());
     let sensors = [
         ("gyroscope", "angular_velocity", "gyroscope's bias (degrees/s)", 1f64.to_degrees(), 1f64.to_radians()),
         ("accelerometer", "acceleration", "accelerometer's bias (mg)", 1e3 / 9.80665, 9.80665),
     ];
     for (sensor, truth, name, factor, unit) in sensors {
-        let truths = numbers(&bias[truth]).into_iter().map(|value| value * unit);
-        let errors: Vec<f64> =
-            numbers(&found[sensor]["bias"]["value"]).iter().zip(truths).map(|(found, truth)| found - truth).collect();
-        add(name, &errors, &numbers(&found[sensor]["bias"]["sigma"]), factor);
+        let truths = measured_numbers(&bias[truth]).into_iter().map(|value| value * unit);
+        let errors: Vec<f64> = measured_numbers(&found[sensor]["bias"]["value"])
+            .iter()
+            .zip(truths)
+            .map(|(found, truth)| found - truth)
+            .collect();
+        add(name, &errors, &measured_numbers(&found[sensor]["bias"]["sigma"]), factor);
     }
     for (sensor, truth, name) in [
         ("gyroscope", "gyroscope_matrix", "gyroscope's scale (%)"),
         ("accelerometer", "accelerometer_matrix", "accelerometer's scale (%)"),
     ] {
         let (found, truth, sigma) = (
-            numbers(&found[sensor]["matrix"]),
-            numbers(&bias["mount"][truth]),
-            numbers(&found[sensor]["matrix_sigma"]),
+            measured_numbers(&found[sensor]["matrix"]),
+            measured_numbers(&bias["mount"][truth]),
+            measured_numbers(&found[sensor]["matrix_sigma"]),
         );
         let errors = found.iter().zip(&truth).zip(&sigma).filter(|(_, sigma)| **sigma > 0.0);
         let (errors, sigmas): (Vec<f64>, Vec<f64>) =
             errors.map(|((found, truth), sigma)| (found - truth, *sigma)).unzip();
         add(name, &errors, &sigmas, 100.0);
     }
-    let mean = |value: &Value| numbers(value).iter().sum::<f64>() / 3.0;
+    let mean = |value: &Value| measured_numbers(value).iter().sum::<f64>() / 3.0;
     let density = mean(&found["gyroscope"]["noise_density"]).to_degrees() / 0.01;
     add("gyroscope's noise (%)", &[density - 1.0], &[0.05], 100.0);
     let density = mean(&found["accelerometer"]["noise_density"]) / 9.80665 / 300e-6;

@@ -8,8 +8,8 @@
 
 use std::path::Path;
 
+use evcal_tests::values::{measured_numbers, pose};
 use evcal_tests::{BOARD, json, read_json, succeed, text};
-use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion};
 use serde_json::Value;
 
 fn main() {
@@ -32,19 +32,6 @@ fn main() {
     }
 }
 
-fn numbers(value: &Value) -> Vec<f64> {
-    match value {
-        Value::Array(values) => values.iter().flat_map(numbers).collect(),
-        value => vec![value.as_f64().unwrap_or(f64::NAN)],
-    }
-}
-
-fn pose(value: &Value) -> Isometry3<f64> {
-    let matrix = Matrix4::from_row_slice(&numbers(value));
-    let rotation = UnitQuaternion::from_matrix(&matrix.fixed_view::<3, 3>(0, 0).into_owned());
-    Isometry3::from_parts(Translation3::from(matrix.fixed_view::<3, 1>(0, 3).into_owned()), rotation)
-}
-
 /// Errors of `T_camera_body`, the offset less that of the clocks (the latency of the pixels is part of it), and both errors of the
 /// trajectory.
 fn trial(folder: &Path, seed: u64, options: &[String]) -> String {
@@ -59,9 +46,9 @@ fn trial(folder: &Path, seed: u64, options: &[String]) -> String {
     let against = json(&["evaluate", text(&result), "--truth", text(&recording), "--json"]);
     let truth = read_json(&recording.join("truth.json"));
     let (is, was) = (pose(&found["T_camera_body"]["matrix"]), pose(&truth["motion_capture"]["T_camera_body"]));
-    let largest = |value: &Value| numbers(value).into_iter().fold(0.0, f64::max);
+    let largest = |value: &Value| measured_numbers(value).into_iter().fold(0.0, f64::max);
     let settings = &truth["motion_capture"]["settings"];
-    let number = |value: &Value| numbers(value)[0];
+    let number = |value: &Value| measured_numbers(value)[0];
     let middle = 0.5 * number(&truth["settings"]["duration"]);
     let clock = number(&settings["clock_offset"]) + 1e-6 * number(&settings["clock_drift"]) * middle;
     let (error, truth) = (

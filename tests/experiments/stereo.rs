@@ -8,8 +8,8 @@
 
 use std::path::Path;
 
+use evcal_tests::values::{measured_numbers, pose};
 use evcal_tests::{BOARD, read_json, succeed, text};
-use nalgebra::{Matrix4, Rotation3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
 /// Error and stated σ of one parameter.
@@ -80,21 +80,8 @@ fn row(figures: &[Figure]) -> String {
     )
 }
 
-fn numbers(value: &Value) -> Vec<f64> {
-    match value {
-        Value::Array(values) => values.iter().flat_map(numbers).collect(),
-        value => vec![value.as_f64().unwrap_or(f64::NAN)],
-    }
-}
-
 fn number(value: &Value) -> f64 {
-    numbers(value)[0]
-}
-
-fn pose(value: &Value) -> (UnitQuaternion<f64>, Vector3<f64>) {
-    let matrix = Matrix4::from_row_slice(&numbers(value));
-    let rotation = Rotation3::from_matrix_unchecked(matrix.fixed_view::<3, 3>(0, 0).into_owned());
-    (UnitQuaternion::from_rotation_matrix(&rotation), matrix.fixed_view::<3, 1>(0, 3).into_owned())
+    measured_numbers(value)[0]
 }
 
 fn trial(folder: &Path, seed: u64, options: &[String]) -> [Figure; NAMES.len()] {
@@ -116,15 +103,15 @@ fn trial(folder: &Path, seed: u64, options: &[String]) -> [Figure; NAMES.len()] 
     ]);
     let truth = &read_json(&recording.join("truth.json"))["second_camera"];
     let found = &read_json(&result.join("calibration.json"))["second_cameras"][0];
-    let ((turn, place), (true_turn, true_place)) = (pose(&found["T_second_first"]), pose(&truth["T_second_first"]));
-    let turned = (true_turn.inverse() * turn).scaled_axis().map(f64::to_degrees);
-    let moved = place - true_place;
+    let (is, was) = (pose(&found["T_second_first"]), pose(&truth["T_second_first"]));
+    let turned = (was.rotation.inverse() * is.rotation).scaled_axis().map(f64::to_degrees);
+    let moved = is.translation.vector - was.translation.vector;
     let settings = &truth["settings"];
     let rate = 1e-6 * number(&settings["clock_drift"]);
     // t_second = offset + t_first (1 + rate); the stated offset is that at a time of the second clock.
     let at = number(&found["time_offset_at"]);
     let offset = at - (at - number(&settings["clock_offset"])) / (1.0 + rate);
-    let sigma = |name: &str, axis: usize| numbers(&found[name])[axis];
+    let sigma = |name: &str, axis: usize| measured_numbers(&found[name])[axis];
     std::array::from_fn(|index| match index {
         0..3 => Figure { error: 1e3 * turned[index], sigma: 1e3 * sigma("rotation_sigma", index).to_degrees() },
         3..6 => Figure { error: 1e6 * moved[index - 3], sigma: 1e6 * sigma("translation_sigma", index - 3) },

@@ -14,6 +14,7 @@ use serde_json::Value;
 pub mod accuracy;
 pub mod lens;
 pub mod readers;
+pub mod values;
 
 use lens::Lens;
 

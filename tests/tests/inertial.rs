@@ -20,6 +20,7 @@ use evcal::inertial::{RecordedSamples, calibrate_unit};
 use evcal::numerics::gravity::STANDARD_GRAVITY;
 use evcal::recording::RecordingOptions;
 use evcal_tests::lens::{Lens, RADTAN4};
+use evcal_tests::values::numbers;
 use evcal_tests::{BOARD, read_json};
 use nalgebra::{Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -33,13 +34,6 @@ struct Truth {
     imu_from_camera: Matrix4<f64>,
     accelerometer: Matrix3<f64>,
     gyroscope: Matrix3<f64>,
-}
-
-fn numbers(value: &Value) -> Vec<f64> {
-    match value {
-        Value::Array(values) => values.iter().flat_map(numbers).collect(),
-        value => vec![value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))],
-    }
 }
 
 impl Truth {

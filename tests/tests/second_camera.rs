@@ -3,8 +3,9 @@
 use std::fs;
 use std::path::PathBuf;
 
+use evcal_tests::values::{numbers, pose};
 use evcal_tests::{BOARD, evcal, made, read_json, session, text};
-use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use serde_json::Value;
 
 fn simulation() -> PathBuf {
@@ -18,19 +19,6 @@ fn calibration() -> PathBuf {
     let folder = simulation();
     let (first, second) = (folder.join("events.aedat4"), folder.join("second.aedat4"));
     made("second-camera-calibrated", &["calibrate", text(&first), "--with", text(&second), "--board", BOARD])
-}
-
-fn numbers(value: &Value) -> Vec<f64> {
-    match value {
-        Value::Array(values) => values.iter().flat_map(numbers).collect(),
-        value => vec![value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))],
-    }
-}
-
-fn pose(value: &Value) -> Isometry3<f64> {
-    let matrix = Matrix4::from_row_slice(&numbers(value));
-    let rotation = UnitQuaternion::from_matrix(&matrix.fixed_view::<3, 3>(0, 0).into_owned());
-    Isometry3::from_parts(Translation3::from(matrix.fixed_view::<3, 1>(0, 3).into_owned()), rotation)
 }
 
 #[test]

@@ -1,0 +1,28 @@
+//! Numbers and poses in the JSON that the program writes.
+
+use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion};
+use serde_json::Value;
+
+/// All numbers in nested lists, in their order.
+pub fn numbers(value: &Value) -> Vec<f64> {
+    leaves(value).into_iter().map(|value| value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))).collect()
+}
+
+/// The same, with NaN for what was not measured.
+pub fn measured_numbers(value: &Value) -> Vec<f64> {
+    leaves(value).into_iter().map(|value| value.as_f64().unwrap_or(f64::NAN)).collect()
+}
+
+fn leaves(value: &Value) -> Vec<&Value> {
+    match value {
+        Value::Array(values) => values.iter().flat_map(leaves).collect(),
+        value => vec![value],
+    }
+}
+
+/// The pose whose homogeneous matrix is given row by row.
+pub fn pose(value: &Value) -> Isometry3<f64> {
+    let matrix = Matrix4::from_row_slice(&numbers(value));
+    let rotation = UnitQuaternion::from_matrix(&matrix.fixed_view::<3, 3>(0, 0).into_owned());
+    Isometry3::from_parts(Translation3::from(matrix.fixed_view::<3, 1>(0, 3).into_owned()), rotation)
+}
