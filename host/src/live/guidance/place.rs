@@ -34,7 +34,7 @@ const TILTS: [[f64; 2]; 13] = [
 ];
 /// Turns about the camera's axis.
 const ROLLS: [f64; 2] = [0.0, FRAC_PI_2];
-/// About this many candidates are kept.
+/// Of more than twice as many candidates, every third or fifth is kept.
 const MOST_CANDIDATES: usize = 180;
 /// How far a person's hands are from where they should be: radians and metres (standard deviations).
 const HAND_TURN: f64 = 0.12;
@@ -45,6 +45,8 @@ const JITTERS: usize = 8;
 const SMALLEST_RADIUS: f64 = 1.6;
 /// Share of the board's circles that must be in the image.
 const SHARE_IN_IMAGE: f64 = 2.0 / 3.0;
+/// Ends of a board that differ by less are the same (m).
+const SAME_END: f64 = 1e-9;
 /// Steepest view of the board: the cosine between its normal and the line of sight.
 const STEEPEST: f64 = 0.5;
 
@@ -70,9 +72,28 @@ impl Place {
     }
 }
 
-/// The circles (board plane, m) that a detector would find with the board at `pose`; `None` where it would not find the
-/// board.
+/// The circles (board plane, m) that a detector would find with the board at `pose`; `None` where a single window does not
+/// say where the board is: where the image cuts off the first or the last row or column, it could lie a row further
+/// ([`evcal_core::grid`]).
 pub fn visible(
+    camera: &Camera<f64>,
+    board: &Board,
+    sensor: Sensor,
+    pose: &Isometry3<f64>,
+) -> Option<Vec<Vector2<f64>>> {
+    in_image(camera, board, sensor, pose).filter(|circles| reach_all_ends(circles, board))
+}
+
+fn reach_all_ends(circles: &[Vector2<f64>], board: &Board) -> bool {
+    let (low, high) = board.extent();
+    let first = circles.iter().fold(high, |first, circle| first.inf(circle));
+    let last = circles.iter().fold(low, |last, circle| last.sup(circle));
+    (first - low).amax() < SAME_END && (high - last).amax() < SAME_END
+}
+
+/// The circles (board plane, m) that a detector would find with the board at `pose`, if windows before say where it is;
+/// `None` where too few are in the image, too small or too steep.
+pub fn in_image(
     camera: &Camera<f64>,
     board: &Board,
     sensor: Sensor,
