@@ -332,15 +332,16 @@ impl SecondCameraResult {
             )
         } else {
             let half = match frames.stamps {
-                Stamps::Middle => "".to_owned(),
-                Stamps::Start => format!(": as a stamp is the {stamps} of an exposure, half of the exposure is in it"),
-                Stamps::End => {
-                    format!(": as a stamp is the {stamps} of an exposure, half of the exposure is missing in it")
+                Stamps::Middle => String::new(),
+                Stamps::Start | Stamps::End => {
+                    format!(
+                        ", and differs by half an exposure from that of the clocks, as stamps are the {stamps} of an exposure"
+                    )
                 }
             };
             writeln!(
                 text,
-                "  the exposure times are not known, so that the offset is that of the middle of the exposures{half}"
+                "  the exposure times are not known: the offset is that between a stamp and the middle of its exposure{half}"
             )
         };
         let Uncertain { value, sigma } = frames.line_delay;

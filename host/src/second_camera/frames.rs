@@ -11,7 +11,7 @@ use super::calibration::SecondCalibration;
 use super::error::SecondCameraError;
 use super::estimate::Estimate;
 use super::findings::findings;
-use super::joint::{Joint, solve};
+use super::joint::{Joint, Solved, solve};
 use super::mount::{LINE_DELAY, Mount, TRANSLATION};
 use super::seen::Seen;
 use super::{Apart, Known, finish, problem_of_points, seen_by_both, start, with_board_held};
@@ -24,6 +24,14 @@ use crate::trust::uncertainty::UncertaintySettings;
 
 /// σ from which a line delay is none of chance.
 const CERTAIN: f64 = 3.0;
+
+/// Root mean square of the distances of centres, in their spread along one axis, with Huber's loss from 1.5 of it on: that of normal
+/// errors along both axes.
+const USUAL_RMS: f64 = 1.36;
+/// Spreads that are the same differ by less than this factor.
+const SAME_SPREAD: f64 = 1.2;
+/// Most solves until the spread of centres is known.
+const MOST_SOLVES: usize = 4;
 
 /// A frame with the board.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,7 +94,7 @@ pub fn calibrate_frames(
         second: State { camera: second.camera, trajectories: Vec::new(), ..state.clone() },
         mount: Mount { line_delay: Some(0.0), ..start.mount },
     };
-    let mut solved = solve(&joint, estimate, settings)?;
+    let mut solved = weighed(joint, estimate, settings)?;
     // The focal length of the events is off by what no block of time shows, and that of frames is not.
     let place = TRANSLATION + 2;
     solved.covariance[(place, place)] += (settings.systematic_scale * mean_distance(&state.trajectories)).powi(2);
@@ -108,4 +116,19 @@ pub fn calibrate_frames(
     calibration.rolling_shutter = second.rolling_shutter;
     calibration.findings = findings(&calibration);
     Ok(calibration)
+}
+
+/// Solves, and again with the spread of centres that was left as long as that is not the one that was taken for granted: alone, the
+/// frames of a rolling shutter fit no lens well.
+fn weighed(mut joint: Joint, estimate: Estimate, settings: &UncertaintySettings) -> Result<Solved, SecondCameraError> {
+    let mut solved = solve(&joint, estimate, settings)?;
+    for _ in 1..MOST_SOLVES {
+        let ratio = solved.rms / USUAL_RMS;
+        if (1.0 / SAME_SPREAD..SAME_SPREAD).contains(&ratio) {
+            break;
+        }
+        joint.second.point_sigma *= ratio;
+        solved = solve(&joint, solved.estimate, settings)?;
+    }
+    Ok(solved)
 }
