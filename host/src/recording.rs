@@ -41,6 +41,8 @@ mod foreign;
 mod format;
 #[cfg(feature = "hdf5")]
 mod hdf5;
+pub mod image_file;
+pub mod image_folder;
 pub mod information;
 mod memory;
 mod numbers;

@@ -11,9 +11,11 @@ pub mod error;
 pub mod estimate;
 pub mod finding;
 pub mod findings;
+pub mod frames;
 pub mod joint;
 pub mod mount;
 mod rows;
+pub mod seen;
 pub mod start;
 
 use evcal_core::camera::Camera;
@@ -26,7 +28,8 @@ use self::estimate::Estimate;
 use self::findings::findings;
 use self::joint::{Joint, Solved, own_rms, solve};
 use self::mount::{Mount, TRANSLATION};
-use self::start::{FEWEST_SECONDS, Start, sample_at};
+use self::seen::{Seen, sample_at};
+use self::start::{FEWEST_SECONDS, Start};
 use crate::board::symmetry::Symmetry;
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::left_out::covers;
@@ -56,8 +59,8 @@ pub fn calibrate_second(
     settings: &UncertaintySettings,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let trajectories = &first.refined.state.trajectories;
-    let start = start::start(trajectories, &second.refined.state.trajectories, symmetries)?;
-    let segments = seen_by_both(first.refined, second.refined, &start, symmetries);
+    let start = start::start(trajectories, &Seen::along(&second.refined.state.trajectories), symmetries)?;
+    let segments = seen_by_both(first.refined, &second.refined.problem.segments, &start, symmetries);
     let count = |segments: &[SegmentObservations]| segments.iter().map(|one| one.events.len()).sum::<usize>();
     let left_out = 1.0 - count(&segments) as f64 / count(&second.refined.problem.segments).max(1) as f64;
     let joint = Joint {
@@ -114,18 +117,15 @@ pub fn calibrate_pictures_against(
     if seconds < FEWEST_SECONDS {
         return Err(SecondCameraError::TooShort { seconds, needed: FEWEST_SECONDS });
     }
-    let mut second = with_board_held(&first.refined.problem, pictures.points.iter().map(of).collect());
-    second.point_sigma = pictures.point_sigma;
-    second.free.biases = Default::default();
-    let count = pictures.camera.parameters().len();
-    second.free.intrinsics = std::array::from_fn(|index| index < count && pictures.sigma.get(index) > Some(&0.0));
+    let points = pictures.points.iter().map(of).collect();
+    let second = problem_of_points(&first.refined.problem, points, pictures.sigma, pictures.point_sigma);
     let joint =
         Joint { first: with_board_held(&first.refined.problem, first.refined.problem.segments.clone()), second };
     let state = &first.refined.state;
     let estimate = Estimate {
         first: state.clone(),
         second: State { camera: pictures.camera, trajectories: Vec::new(), ..state.clone() },
-        mount: Mount { second_first: Isometry3::identity(), offset: 0.0, rate: 0.0, middle },
+        mount: Mount { second_first: Isometry3::identity(), offset: 0.0, rate: 0.0, middle, line_delay: None },
     };
     let mut solved = solve(&joint, estimate, settings)?;
     // The focal length of the events is off by what no block of time shows, and that of pictures is not.
@@ -136,6 +136,16 @@ pub fn calibrate_pictures_against(
     let before = (state.camera, pictures.camera);
     let sigma = first.uncertainty.sigma();
     Ok(finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]))
+}
+
+/// The problem of centres of dots with this spread (px), through a lens whose parameters have these `sigma`; those without any are
+/// held. Board and thresholds are those of `first`.
+fn problem_of_points(first: &Problem, points: Vec<SegmentObservations>, sigma: &[f64], point_sigma: f64) -> Problem {
+    let mut problem = with_board_held(first, points);
+    problem.point_sigma = point_sigma;
+    problem.free.biases = Default::default();
+    problem.free.intrinsics = std::array::from_fn(|index| sigma.get(index) > Some(&0.0));
+    problem
 }
 
 /// What is known of two cameras beside their solve.
@@ -165,6 +175,7 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
         sensors: known.sensors,
         cameras,
         cameras_moved: moved,
+        rolling_shutter: false,
         findings: Vec::new(),
     };
     calibration.findings = findings(&calibration);
@@ -186,7 +197,12 @@ fn with_board_held(problem: &Problem, segments: Vec<SegmentObservations>) -> Pro
 }
 
 /// The second camera's observations at a time when the first has a trajectory, its circles counted as the first camera does.
-fn seen_by_both(first: &Refined, second: &Refined, start: &Start, symmetries: &[Symmetry]) -> Vec<SegmentObservations> {
+fn seen_by_both(
+    first: &Refined,
+    second: &[SegmentObservations],
+    start: &Start,
+    symmetries: &[Symmetry],
+) -> Vec<SegmentObservations> {
     let turn = |t: f64, segment: usize| {
         let time = start.mount.first_time(t);
         let (of_first, _) = sample_at(&first.state.trajectories, time)?;
@@ -212,5 +228,5 @@ fn seen_by_both(first: &Refined, second: &Refined, start: &Start, symmetries: &[
         }
         seen
     };
-    second.problem.segments.iter().enumerate().map(of_segment).collect()
+    second.iter().enumerate().map(of_segment).collect()
 }

@@ -8,8 +8,8 @@
 //! stream of random numbers.
 //!
 //! A DAVIS sends frames ([`frame`]) and inertial samples ([`inertia`]) of the same motion too
-//! ([`davis`]), and a capture system can follow the camera ([`motion_capture`]); they change nothing of the events. A second event camera
-//! ([`second_camera`]) can be carried along.
+//! ([`davis`]), and a capture system can follow the camera ([`motion_capture`]); they change nothing of the events. A second camera
+//! ([`second_camera`]), of events or of frames ([`frame_camera`]), can be carried along.
 //!
 //! Time runs in slices of 25 ms that bound the memory, slices in ticks of 50 µs at which poses are
 //! known; each pixel looks at the ticks it needs.
@@ -39,6 +39,7 @@ pub mod dots;
 pub mod effects;
 pub mod folder;
 pub mod frame;
+pub mod frame_camera;
 pub mod inertia;
 pub mod inertial_truth;
 pub mod lens;

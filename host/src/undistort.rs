@@ -3,7 +3,6 @@
 //! Events go from their pixel to that of the new camera and are rounded, or keep their fractions; pictures are
 //! interpolated bilinearly at the exact place in the old picture, black beyond its rim.
 
-pub mod image_file;
 pub mod picture;
 pub mod recording;
 pub mod sub_pixel;

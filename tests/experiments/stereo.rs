@@ -1,5 +1,6 @@
-//! Is the second camera where it should be, and are the stated uncertainties true? Simulates recordings of two event cameras on one
-//! mount, calibrates each with `--with`, and compares with the truth.
+//! Is the second camera where it should be, and are the stated uncertainties true? Simulates recordings of two cameras on one
+//! mount, calibrates each with `--with`, and compares with the truth. The second takes frames with `--second-frames`, or with `frames`
+//! in a file of `--second-camera` behind `--motion` and the like.
 //!
 //! ```text
 //! cargo build --release --workspace --examples
@@ -19,7 +20,7 @@ struct Figure {
 }
 
 /// Names of the figures of a trial, with the units in which they are printed.
-const NAMES: [&str; 8] = [
+const NAMES: [&str; 9] = [
     "rotation about x (0.001°)",
     "rotation about y (0.001°)",
     "rotation about z (0.001°)",
@@ -28,6 +29,7 @@ const NAMES: [&str; 8] = [
     "place along z (µm)",
     "offset (µs)",
     "clock rate (ppm)",
+    "line delay (ns)",
 ];
 
 fn main() {
@@ -51,7 +53,7 @@ fn main() {
     println!("{:<28} {:>9} {:>9} {:>9} {:>9}", "", "mean", "scatter", "σ", "error/σ");
     for (index, name) in NAMES.into_iter().enumerate() {
         let of = || trials.iter().map(|figures| &figures[index]);
-        // Rates are not stated for short recordings.
+        // Rates are not stated for short recordings, line delays not for events.
         if of().any(|figure| figure.error.is_nan()) {
             continue;
         }
@@ -87,21 +89,21 @@ fn number(value: &Value) -> f64 {
 fn trial(folder: &Path, seed: u64, options: &[String]) -> [Figure; NAMES.len()] {
     let (recording, result) = (folder.join("recording"), folder.join("result"));
     let seed = seed.to_string();
-    let simulate = ["simulate", "-o", text(&recording), "--board", BOARD, "--second-camera", "--seed", &seed];
+    let mut simulate = vec!["simulate", "-o", text(&recording), "--board", BOARD, "--seed", &seed];
+    if !options.iter().any(|option| option == "--second-camera") {
+        simulate.push("--second-camera");
+    }
     succeed(&[&simulate[..], &options.iter().map(String::as_str).collect::<Vec<_>>()].concat());
-    let [first, second] = ["events.aedat4", "second.aedat4"].map(|name| recording.join(name));
-    succeed(&[
-        "calibrate",
-        text(&first),
-        "--with",
-        text(&second),
-        "--board",
-        BOARD,
-        "--accept-any",
-        "-o",
-        text(&result),
-    ]);
     let truth = &read_json(&recording.join("truth.json"))["second_camera"];
+    let frames = &truth["settings"]["frames"];
+    let line_delay = if frames.is_null() { 0.0 } else { 1e-6 * number(&frames["line_delay"]) };
+    let name = if frames.is_null() { "second.aedat4" } else { "second" };
+    let (first, second) = (recording.join("events.aedat4"), recording.join(name));
+    let mut calibrate = vec!["calibrate", text(&first), "--with", text(&second), "--board", BOARD, "--accept-any"];
+    if line_delay != 0.0 {
+        calibrate.push("--rolling-shutter");
+    }
+    succeed(&[&calibrate[..], &["-o", text(&result)]].concat());
     let found = &read_json(&result.join("calibration.json"))["second_cameras"][0];
     let (is, was) = (pose(&found["T_second_first"]), pose(&truth["T_second_first"]));
     let turned = (was.rotation.inverse() * is.rotation).scaled_axis().map(f64::to_degrees);
@@ -110,7 +112,9 @@ fn trial(folder: &Path, seed: u64, options: &[String]) -> [Figure; NAMES.len()] 
     let rate = 1e-6 * number(&settings["clock_drift"]);
     // t_second = offset + t_first (1 + rate); the stated offset is that at a time of the second clock.
     let at = number(&found["time_offset_at"]);
-    let offset = at - (at - number(&settings["clock_offset"])) / (1.0 + rate);
+    let clocks = at - (at - number(&settings["clock_offset"])) / (1.0 + rate);
+    // Frames are stamped by their first row; the offset is that of the middle one.
+    let offset = clocks - line_delay * 0.5 * (number(&truth["sensor"]["height"]) - 1.0);
     let sigma = |name: &str, axis: usize| measured_numbers(&found[name])[axis];
     std::array::from_fn(|index| match index {
         0..3 => Figure { error: 1e3 * turned[index], sigma: 1e3 * sigma("rotation_sigma", index).to_degrees() },
@@ -118,6 +122,10 @@ fn trial(folder: &Path, seed: u64, options: &[String]) -> [Figure; NAMES.len()] 
         6 => Figure {
             error: 1e6 * (number(&found["time_offset"]["value"]) - offset),
             sigma: 1e6 * number(&found["time_offset"]["sigma"]),
+        },
+        8 => Figure {
+            error: 1e9 * (number(&found["frames"]["line_delay"]["value"]) - line_delay),
+            sigma: 1e9 * number(&found["frames"]["line_delay"]["sigma"]),
         },
         _ => Figure {
             // The rate is that of the first clock against the second.

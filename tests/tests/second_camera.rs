@@ -1,7 +1,8 @@
-//! Two simulated event cameras on one mount: where the second one is, how its clock goes, and mistakes named.
+//! Two simulated cameras on one mount, the second of events or of frames: where the second one is, how its clock goes, and mistakes
+//! named.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use evcal_tests::values::{numbers, pose};
 use evcal_tests::{BOARD, evcal, made, read_json, session, text};
@@ -86,6 +87,104 @@ fn mistakes_are_named() {
     );
     let other = other.join("events.aedat4");
     refused("recordings of the same session", &[text(&first), "--with", text(&other)]);
+}
+
+/// Pixels of events that answer at once, so that nothing but the clocks is in the offset.
+const FRAMES: [&str; 11] =
+    ["simulate", "--board", BOARD, "--motion", "fast", "--duration", "8s", "--seed", "41", "--light", "ideal"];
+
+fn frame_simulation() -> PathBuf {
+    made("second-frames", &[&FRAMES[..], &["--second-frames"]].concat())
+}
+
+fn rolling_simulation() -> PathBuf {
+    let settings = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/rolling-shutter.json");
+    made("second-rolling", &[&FRAMES[..], &["--second-camera", text(&settings)]].concat())
+}
+
+fn calibrated_with_frames(name: &str, simulation: &Path, options: &[&str]) -> PathBuf {
+    let (first, second) = (simulation.join("events.aedat4"), simulation.join("second"));
+    made(name, &[&["calibrate", text(&first), "--with", text(&second), "--board", BOARD], options].concat())
+}
+
+/// Transform within 0.02° and 0.5 mm, offset within 0.1 ms, all within a few σ.
+fn check_frame_camera(found: &Value, truth: &Value, line_delay: f64) {
+    let (is, was) = (pose(&found["T_second_first"]), pose(&truth["T_second_first"]));
+    let moved = is.translation.vector - was.translation.vector;
+    let turned = (was.rotation.inverse() * is.rotation).scaled_axis();
+    for (name, error, bound) in [("translation_sigma", moved, 5e-4), ("rotation_sigma", turned, 0.02f64.to_radians())] {
+        let sigma = Vector3::from_vec(numbers(&found[name]));
+        assert!(error.norm() < bound && sigma.amax() < bound, "{name}: off by {error}, σ {sigma}");
+        assert!(error.component_div(&sigma).amax() < 4.5, "{name}: off by {error}, σ {sigma}");
+    }
+    let settings = &truth["settings"];
+    let rate = 1e-6 * numbers(&settings["clock_drift"])[0];
+    let at = numbers(&found["time_offset_at"])[0];
+    let clocks = at - (at - numbers(&settings["clock_offset"])[0]) / (1.0 + rate);
+    // Stamps are those of the first row, and the offset is that of the middle one, which is later.
+    let rows = 0.5 * (numbers(&found["sensor"]["height"])[0] - 1.0);
+    let error = numbers(&found["time_offset"]["value"])[0] - (clocks - line_delay * rows);
+    let sigma = numbers(&found["time_offset"]["sigma"])[0];
+    assert!(error.abs() < 1e-4 && sigma < 1e-4, "{error} ± {sigma}");
+}
+
+#[test]
+fn a_camera_of_frames_is_found_where_it_is() {
+    let simulation = frame_simulation();
+    let folder = calibrated_with_frames("second-frames-calibrated", &simulation, &[]);
+    let found = &read_json(&folder.join("calibration.json"))["second_cameras"][0];
+    let truth = &read_json(&simulation.join("truth.json"))["second_camera"];
+    check_frame_camera(found, truth, 0.0);
+    let frames = &found["frames"];
+    let delay = numbers(&frames["line_delay"]["value"])[0];
+    assert!(delay.abs() < 3.0 * numbers(&frames["line_delay"]["sigma"])[0] && delay.abs() < 2e-7, "{frames}");
+    assert_eq!((&frames["stamps"], &frames["exposure_known"]), (&"middle".into(), &false.into()));
+    assert!(found["from_identity"].is_null());
+    let focal = |camera: &Value| numbers(&camera["parameters"]["fx"])[0];
+    let (lens, was) = (focal(&found["solved_together"][1]["camera"]), focal(&truth["camera"]));
+    assert!((lens - was).abs() < 0.3, "{lens} {was}");
+    let report = fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(report.contains("a global shutter") && report.contains("stereo.yaml"));
+}
+
+#[test]
+fn a_rolling_shutter_is_measured_where_it_is_declared_and_refused_where_not() {
+    let simulation = rolling_simulation();
+    let folder = calibrated_with_frames("second-rolling-calibrated", &simulation, &["--rolling-shutter"]);
+    let found = &read_json(&folder.join("calibration.json"))["second_cameras"][0];
+    let truth = &read_json(&simulation.join("truth.json"))["second_camera"];
+    let line_delay = 1e-6 * numbers(&truth["settings"]["frames"]["line_delay"])[0];
+    check_frame_camera(found, truth, line_delay);
+    let delay = &found["frames"]["line_delay"];
+    let error = numbers(&delay["value"])[0] - line_delay;
+    assert!(error.abs() < 0.02 * line_delay && error.abs() < 4.5 * numbers(&delay["sigma"])[0], "{delay}");
+
+    let scratch = tempfile::tempdir().unwrap();
+    let (first, second) = (simulation.join("events.aedat4"), simulation.join("second"));
+    let result = scratch.path().join("undeclared");
+    let finished = evcal(&["calibrate", text(&first), "--with", text(&second), "--board", BOARD, "-o", text(&result)]);
+    assert_eq!(finished.code, Some(1));
+    assert!(finished.stderr.contains("add --rolling-shutter"), "{}", finished.stderr);
+    // The first camera is calibrated all the same.
+    assert!(read_json(&result.join("calibration.json"))["second_cameras"].as_array().is_none_or(Vec::is_empty));
+}
+
+#[test]
+fn mistakes_in_a_folder_of_frames_are_named() {
+    let scratch = tempfile::tempdir().unwrap();
+    let first = frame_simulation().join("events.aedat4");
+    let result = scratch.path().join("result");
+    let refused = |words: &str| {
+        let folder = scratch.path().join("cam1");
+        let finished =
+            evcal(&["calibrate", text(&first), "--with", text(&folder), "--board", BOARD, "-o", text(&result)]);
+        assert_eq!(finished.code, Some(1), "{}", finished.stderr);
+        assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
+    };
+    fs::create_dir(scratch.path().join("cam1")).unwrap();
+    refused("holds no data.csv");
+    fs::write(scratch.path().join("cam1/data.csv"), "#timestamp [ns],filename\n1000,1000.png\n").unwrap();
+    refused("data.csv: line 2: there is no file");
 }
 
 /// Frames and events of a DAVIS have one eye.

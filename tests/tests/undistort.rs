@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use evcal::recording::image_file::{self, ImageFile, Samples};
 use evcal::recording::{Recording, RecordingOptions};
-use evcal::undistort::image_file::{self, ImageFile, Samples};
 use evcal_core::event::Event;
 use evcal_tests::lens::{KANNALA_BRANDT, Lens, RADTAN};
 use evcal_tests::readers::{ask, python};

@@ -89,7 +89,7 @@ pub struct LargerBoard {
 pub fn larger_board(inputs: &[Input], board: &Board, settings: &DetectionSettings) -> Option<LargerBoard> {
     let recordings = inputs.iter().filter_map(|input| match input {
         Input::Events(recording) => Some(recording),
-        Input::Circles { .. } => None,
+        Input::Images(_) | Input::Circles { .. } => None,
     });
     // Where none is recognised there is nothing to tell.
     let found = recognise_layout(&recordings.collect::<Vec<_>>(), settings).ok()?;

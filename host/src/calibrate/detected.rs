@@ -117,6 +117,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                 all.recordings.push(pass.to_report());
                 damage = damage.or(pass.damage);
             }
+            Input::Images(_) => return Err(CalibrateError::OnlyFrames { file: input.name() }),
             Input::Circles { frames, start, notes, detection, .. } => {
                 all.detection.add(detection);
                 let count = frames.iter().map(|frame| frame.circles.len() as u64).sum();
@@ -166,13 +167,15 @@ pub(super) fn common_sensor(task: &Task) -> Result<Sensor, CalibrateError> {
 /// The sensor of an input, or that which is `given` where it does not tell.
 fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateError> {
     let sensor = match input {
+        // Nothing of the search in frames depends on their size.
+        Input::Images(folder) => return Ok(folder.sensor()),
         Input::Events(recording) => recording.open()?.information().sensor.or(given),
         Input::Circles { sensor, .. } => given.or(*sensor),
     };
     let sensor = sensor.ok_or_else(|| {
         let likely = match input {
             Input::Events(recording) => likely_sensor_of(recording),
-            Input::Circles { .. } => None,
+            Input::Images(_) | Input::Circles { .. } => None,
         };
         CalibrateError::SensorUnknown { file: input.name(), likely }
     })?;

@@ -8,6 +8,7 @@ use crate::initial::InitialError;
 use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
 use crate::recording::RecordingError;
+use crate::recording::image_folder::ImageFolderError;
 use crate::recording::information::sensor_advice;
 use crate::solve::SolveError;
 use crate::solve::refinement::RefinementError;
@@ -116,6 +117,15 @@ pub enum CalibrateError {
     /// The joint solve failed.
     #[error(transparent)]
     Solve(SolveError),
+    /// A folder of images could not be read.
+    #[error(transparent)]
+    Images(#[from] ImageFolderError),
+    /// Events are needed, and there are only frames.
+    #[error("{file} holds frames, not events: give a recording of events, and the frames with --with")]
+    OnlyFrames {
+        /// The folder.
+        file: String,
+    },
     /// There are no pictures.
     #[error("{file} holds no frames, and frames were asked for: record with --frames, or leave them out")]
     NoPictures {

@@ -48,7 +48,7 @@ fn recorded_samples(
     for (recording, input) in inputs.iter().enumerate() {
         let samples = match input {
             Input::Events(file) => stream::read(file)?,
-            Input::Circles { .. } => Vec::new(),
+            Input::Images(_) | Input::Circles { .. } => Vec::new(),
         };
         if !samples.is_empty() {
             recorded.push(RecordedSamples { recording, samples, start: start(recording) });

@@ -1,4 +1,4 @@
-//! What a calibration is made from: recordings of events, or circles that were found before.
+//! What a calibration is made from: recordings of events, circles that were found before, or frames.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -11,13 +11,16 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
+use crate::recording::image_folder::{ImageFolder, ImageFolderError, Stamps};
 use crate::recording::pass::{Batch, Pass, read_while};
 use crate::recording::{ReadReport, Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
 
-/// One input: events or circles.
+/// One input: events, circles or frames.
 pub enum Input {
     /// A recording of events.
     Events(Recording),
+    /// Frames of a camera that sends no events.
+    Images(ImageFolder),
     /// Reference frames from a circle track or circle stream, times from `start`.
     Circles {
         /// The file or port.
@@ -46,7 +49,26 @@ impl Input {
     pub fn name(&self) -> String {
         match self {
             Self::Events(recording) => recording.path().display().to_string(),
+            Self::Images(folder) => folder.path().display().to_string(),
             Self::Circles { path, .. } => path.display().to_string(),
+        }
+    }
+
+    /// Opens what another camera on the mount recorded: a folder of images with time stamps that are those of `stamps`, or what
+    /// [`Input::open`] opens.
+    ///
+    /// # Errors
+    /// [`InputError`] when it is neither, or cannot be read.
+    pub fn open_other(
+        path: &Path,
+        options: &RecordingOptions,
+        board: &Board,
+        stamps: Stamps,
+    ) -> Result<Self, InputError> {
+        if path.is_dir() {
+            Ok(Self::Images(ImageFolder::open(path, stamps)?))
+        } else {
+            Self::open(path, options, board)
         }
     }
 
@@ -124,4 +146,7 @@ pub enum InputError {
     /// It is a circle track with a mistake in it, or a circle stream without circles.
     #[error(transparent)]
     Circles(#[from] CircleTrackError),
+    /// It is a folder without images, or with mistakes in its table.
+    #[error(transparent)]
+    Images(#[from] ImageFolderError),
 }

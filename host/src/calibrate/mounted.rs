@@ -4,6 +4,7 @@ use evcal_core::sensor::Sensor;
 
 use crate::lens::camera_file::CameraDescription;
 use crate::lens::covered_region::CoveredRegion;
+use crate::recording::image_folder::Stamps;
 use crate::second_camera::calibration::SecondCalibration;
 
 /// Another camera on the mount of the first.
@@ -23,6 +24,19 @@ pub struct SecondCamera {
     pub lens_verdict: String,
     /// Times of the first events of the first camera's recording and of this one, on their clocks (s).
     pub starts: [f64; 2],
+    /// Its frames, where it takes frames.
+    pub frames: Option<SecondFrames>,
     /// Where it is, and how its clock goes.
     pub calibration: SecondCalibration,
+}
+
+/// The frames of another camera on the mount.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SecondFrames {
+    /// How many show the board and were used.
+    pub used: usize,
+    /// What their time stamps stand for.
+    pub stamps: Stamps,
+    /// Whether they came with their exposure times.
+    pub exposure_known: bool,
 }

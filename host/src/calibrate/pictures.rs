@@ -14,7 +14,9 @@ use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
 use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, calibrate_pictures};
 use crate::picture_calibration::joint::{JointPoints, joint_points};
+use crate::recording::image_folder::ImageFolderError;
 use crate::recording::pass::RecordingReport;
+use crate::recording::pictures::{TimedImage, visit_frames};
 use crate::solve::refinement::Refined;
 use crate::trust::examine_pictures;
 use crate::trust::uncertainty::Uncertainty;
@@ -44,7 +46,12 @@ pub(super) fn see_pictures(
         let origin = match input {
             Input::Events(recording) if recording.may_hold_frames() => {
                 progress.tell(format!("looking for the board in the frames of {}", input.name()))?;
-                detection.search(recording, number, start)?
+                detection.search(number, start, |visit| visit_frames(recording, visit))?
+            }
+            Input::Images(folder) => {
+                progress.tell(format!("looking for the board in the frames of {}", input.name()))?;
+                let images = |visit: &mut dyn FnMut(TimedImage)| folder.visit(visit).map(|()| None);
+                detection.search::<ImageFolderError>(number, start, images)?
             }
             _ => start.unwrap_or(0),
         };

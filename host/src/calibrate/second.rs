@@ -1,11 +1,16 @@
 //! Other cameras on the mount, after the first.
 
 use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
-use super::mounted::SecondCamera;
+use super::mounted::{SecondCamera, SecondFrames};
 use crate::board::Board;
 use crate::board::symmetry::symmetries;
+use crate::circles::reference_frame::{ObservedCircle, PointObservation, ReferenceFrame};
+use crate::initial::PosedFrame;
 use crate::lens::camera_file::CameraDescription;
+use crate::recording::image_folder::ImageFolder;
+use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::error::SecondCameraError;
+use crate::second_camera::frames::{FrameCamera, SeenFrame, calibrate_frames};
 use crate::second_camera::{Apart, Pictures, calibrate_pictures_against, calibrate_second};
 use crate::trust::uncertainty::UncertaintySettings;
 
@@ -37,8 +42,19 @@ pub fn calibrate_second_camera(
         &symmetries(board),
         settings,
     )?;
+    Ok(mounted(first, second, file, None, calibration))
+}
+
+/// A camera that was calibrated apart, as what stands beside the first one.
+fn mounted(
+    first: &Calibrated,
+    second: &Calibrated,
+    file: &str,
+    frames: Option<SecondFrames>,
+    calibration: SecondCalibration,
+) -> SecondCamera {
     let start = |calibrated: &Calibrated| calibrated.starts.first().copied().unwrap_or(0.0);
-    Ok(SecondCamera {
+    SecondCamera {
         file: file.to_owned(),
         sensor: second.sensor,
         camera: CameraDescription::new(second.camera()),
@@ -46,8 +62,49 @@ pub fn calibrate_second_camera(
         covered: second.covered_region(),
         lens_verdict: second.verdict.sentence.clone(),
         starts: [start(first), start(second)],
+        frames,
         calibration,
-    })
+    }
+}
+
+/// Calibrates a camera of frames against that of `first`; `second` was calibrated apart from the images of `folder` alone. Its rows
+/// may be exposed one after the other if `rolling_shutter` says so.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong, and what to do; the cameras are calibrated all the same.
+pub fn calibrate_frame_camera(
+    first: &Calibrated,
+    second: &Calibrated,
+    (folder, rolling_shutter): (&ImageFolder, bool),
+    board: &Board,
+    settings: &UncertaintySettings,
+) -> Result<SecondCamera, SecondCameraError> {
+    if first.starts.len() != 1 {
+        return Err(SecondCameraError::SeveralRecordings);
+    }
+    let of_first = along_trajectories(first)?;
+    let Evidence::Pictures(pictures) = &second.evidence else { return Err(SecondCameraError::NoTrajectory) };
+    let frames: Vec<SeenFrame> = second.posed().map(|(posed, frame)| seen_frame(posed, frame)).collect();
+    let sigma = second.sigma();
+    let camera = FrameCamera {
+        camera: pictures.camera,
+        sigma: &sigma,
+        sensor: second.sensor,
+        frames: &frames,
+        point_sigma: pictures.spread,
+        rolling_shutter,
+    };
+    let apart = Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty };
+    let calibration = calibrate_frames(apart, camera, &symmetries(board), settings)?;
+    let used = SecondFrames { used: frames.len(), stamps: folder.stamps(), exposure_known: folder.exposure_known() };
+    Ok(mounted(first, second, &folder.path().display().to_string(), Some(used), calibration))
+}
+
+/// A frame with its pose and the images of its circles' centres.
+fn seen_frame(posed: &PosedFrame, frame: &ReferenceFrame) -> SeenFrame {
+    let t = frame.t();
+    let circle = |circle: &ObservedCircle| PointObservation { t, pixel: circle.center, circle: circle.index };
+    SeenFrame { t, pose: posed.pose, circles: posed.circles.iter().map(circle).collect() }
 }
 
 /// Calibrates the camera's own pictures against its events, as if they were those of a second camera: both are of one eye, so that
@@ -82,6 +139,7 @@ pub fn calibrate_own_pictures(
         lens_verdict: format!("calibrated from {} frames", pictures.report.frames),
         // Times of the dots are those of the events of their moment: the frames' own stamps are earlier by the offset found before.
         starts: [start, start - pictures.report.time_offset],
+        frames: None,
         calibration,
     })
 }

@@ -19,6 +19,7 @@ use evcal::inertial::settings::InertialSettings;
 use evcal::initial::model_choice::ModelRequest;
 use evcal::numerics::gravity::STANDARD_GRAVITY;
 use evcal::output::folder::is_result;
+use evcal::recording::image_folder::Stamps;
 use evcal::recording::{Recording, RecordingKind, RecordingOptions, sniff};
 use evcal::second_camera::error::SecondCameraError;
 use evcal::settings::{Settings, SettingsError};
@@ -28,7 +29,7 @@ use evcal_core::circle::Extraction;
 use self::work::{Failed, Work};
 use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
-use super::{NotGoodEnough, UsageError, print};
+use super::{NotGoodEnough, UsageError, print, value};
 
 /// What is told while circles come through a serial port.
 pub(super) const LISTENING: &str = "listening to the serial port";
@@ -40,10 +41,22 @@ pub struct Arguments {
     /// streams, or the serial port of a detector, serial:PORT?baud=921600&seconds=10
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
-    /// The recording of another event camera that is fixed to this one, of the same board at the same time: where it is, and how its
-    /// clock goes, from one recording of each (docs/second-camera.md); can be repeated
+    /// The recording of another camera that is fixed to this one, of the same board at the same time: where it is, and how its
+    /// clock goes, from one recording of each (docs/second-camera.md). Events, or a folder of images with data.csv (EuRoC form); can
+    /// be repeated
     #[arg(long, value_name = "RECORDING", conflicts_with = "frames_only")]
     with: Vec<PathBuf>,
+    /// What the time stamps of the images of --with stand for
+    #[arg(
+        long,
+        requires = "with",
+        default_value = Stamps::default().name(),
+        value_parser = value::named(Stamps::ALL, Stamps::name, Stamps::description)
+    )]
+    with_stamps: Stamps,
+    /// The images of --with are of a rolling shutter: their rows are exposed one after the other
+    #[arg(long, requires = "with")]
+    rolling_shutter: bool,
     #[command(flatten)]
     source: SourceArguments,
     #[command(flatten)]
@@ -219,7 +232,12 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     arguments.calibration.parameters()?;
     let folder = arguments.calibration.open_folder()?;
     let settings = arguments.calibration.method.settings()?;
-    let recordings = CameraRecordings { first: &arguments.recordings, others: &arguments.with };
+    let others = OtherCameras {
+        recordings: &arguments.with,
+        stamps: arguments.with_stamps,
+        rolling_shutter: arguments.rolling_shutter,
+    };
+    let recordings = CameraRecordings { first: &arguments.recordings, others };
     calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
 }
 
@@ -227,13 +245,23 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
 #[derive(Clone, Copy)]
 pub struct CameraRecordings<'a> {
     pub first: &'a [PathBuf],
-    pub others: &'a [PathBuf],
+    pub others: OtherCameras<'a>,
+}
+
+/// A recording of each other camera.
+#[derive(Clone, Copy, Default)]
+pub struct OtherCameras<'a> {
+    pub recordings: &'a [PathBuf],
+    /// What the time stamps of images stand for.
+    pub stamps: Stamps,
+    /// Whether the rows of images are exposed one after the other.
+    pub rolling_shutter: bool,
 }
 
 impl<'a> CameraRecordings<'a> {
     /// Of one camera alone.
     pub fn alone(first: &'a [PathBuf]) -> Self {
-        Self { first, others: &[] }
+        Self { first, others: OtherCameras::default() }
     }
 }
 
@@ -245,7 +273,7 @@ pub fn calibrate_recordings(
     settings: &Settings,
     folder: &OutputFolder,
 ) -> super::Outcome {
-    check_others(recordings, others)?;
+    check_others(recordings, others.recordings)?;
     let mut waiting = Waiting::new(arguments.json);
     let board = arguments.method.choose_board(recordings, options, &settings.detection)?;
     let inputs = recordings
@@ -253,8 +281,10 @@ pub fn calibrate_recordings(
         .map(|path| open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)))
         .collect::<Result<Vec<Input>, _>>()?;
     let parameters = arguments.parameters()?;
-    let others = others.iter().map(|path| Input::open(path, options, &board)).collect::<Result<_, _>>()?;
-    let work = Work { inputs, others, board, sensor: options.sensor, parameters, arguments, settings };
+    let rolling_shutter = others.rolling_shutter;
+    let open = |path: &PathBuf| Input::open_other(path, options, &board, others.stamps);
+    let others = others.recordings.iter().map(open).collect::<Result<_, _>>()?;
+    let work = Work { inputs, others, rolling_shutter, board, sensor: options.sensor, parameters, arguments, settings };
     let attempt = work.calibrate(|step| {
         waiting.stage(step.text, step.done);
         ControlFlow::Continue(())

@@ -31,7 +31,8 @@ use super::{UsageError, print, value};
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Folder for events.aedat4 (or .dvraw, .csv, .bin), truth.json, trajectory.txt, and with
-    /// --frames frames.csv, with --imu imu.csv, with --motion-capture motion_capture.txt, with --second-camera second.aedat4
+    /// --frames frames.csv, with --imu imu.csv, with --motion-capture motion_capture.txt, with --second-camera second.aedat4,
+    /// with --second-frames the folder second
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Replace the simulation that is in the folder
@@ -119,6 +120,10 @@ pub struct Arguments {
     /// second.aedat4; or as a file says (the part "second_camera.settings" of a truth.json)
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]
     second_camera: Option<String>,
+    /// The second camera takes frames in place of events, 30 a second on a sensor of 640x512 pixels, as a folder second with
+    /// data.csv and images (the form of EuRoC data sets); other frames with "frames" in the file of --second-camera
+    #[arg(long)]
+    second_frames: bool,
     /// Print the truth as JSON
     #[arg(long)]
     json: bool,
@@ -295,7 +300,11 @@ fn second_camera(
     first: &Camera<f64>,
     sensor: Sensor,
 ) -> Result<Option<SecondCamera>, Box<dyn Error>> {
-    let settings: Option<SecondCameraSettings> = usual_or_file("--second-camera", arguments.second_camera.as_deref())?;
+    let mut settings: Option<SecondCameraSettings> =
+        usual_or_file("--second-camera", arguments.second_camera.as_deref())?;
+    if arguments.second_frames {
+        settings.get_or_insert_default().frames.get_or_insert_default();
+    }
     Ok(settings.map(|settings| SecondCamera::new(settings, first, sensor, arguments.seed)).transpose()?)
 }
 

@@ -88,7 +88,15 @@ fn pair<'a>(first: &CalibratedCamera, result: &'a SecondCameraResult) -> Result<
 
 /// What is said of the clocks where a format has no place for them.
 fn clocks(pair: &Pair) -> String {
-    format!("t_second = t_first + {} s (stamps of events of the same moment)", pair.result.time_offset.value)
+    let offset = pair.result.time_offset.value;
+    match pair.result.frames {
+        Some(frames) if frames.rolling_shutter => format!(
+            "t_second = t_first + {offset} s (of the middle row of a frame), line delay {} s",
+            frames.line_delay.value
+        ),
+        Some(_) => format!("t_second = t_first + {offset} s (stamps of events and of a frame of the same moment)"),
+        None => format!("t_second = t_first + {offset} s (stamps of events of the same moment)"),
+    }
 }
 
 #[cfg(test)]

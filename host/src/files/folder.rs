@@ -86,23 +86,27 @@ impl Drop for OutputFolder {
     }
 }
 
-/// The files in `folder` and in its folders, in the order of their names.
+/// How many folders deep results may be.
+const DEPTH: usize = 2;
+
+/// The files in `folder` and in its folders, down to [`DEPTH`], in the order of their names.
 fn files(folder: &Path) -> Vec<PathBuf> {
-    let entries = |folder: &Path| {
-        let mut paths: Vec<PathBuf> =
-            fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-        paths.sort();
-        paths
-    };
     let mut found = Vec::new();
-    for path in entries(folder) {
-        if path.is_dir() {
-            found.extend(entries(&path).into_iter().filter(|inner| !inner.is_dir()));
-        } else {
+    add_files(folder, DEPTH, &mut found);
+    found.iter().filter_map(|path| path.strip_prefix(folder).ok()).map(Path::to_owned).collect()
+}
+
+fn add_files(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) {
+    let mut paths: Vec<PathBuf> =
+        fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    for path in paths {
+        if !path.is_dir() {
             found.push(path);
+        } else if depth > 0 {
+            add_files(&path, depth - 1, found);
         }
     }
-    found.iter().filter_map(|path| path.strip_prefix(folder).ok()).map(Path::to_owned).collect()
 }
 
 #[cfg(test)]

@@ -25,6 +25,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
 fn one(second: &SecondCamera) -> Markup {
     let sentences = SecondCameraResult::new(second).sentences();
     let mut lines = sentences.lines();
+    let seen = if second.frames.is_some() { Seen::CIRCLES } else { Seen::EVENTS };
     html! {
         p { (capital(lines.next().unwrap_or_default().trim())) }
         ul { @for sentence in lines { li { (capital(sentence.trim())) } } }
@@ -37,9 +38,9 @@ fn one(second: &SecondCamera) -> Markup {
                 }
             }
             figure {
-                (over_time(&second.calibration.misfit))
+                (over_time(&second.calibration.misfit, &seen))
                 figcaption {
-                    "How far events of the second camera are from the edges that the trajectory of the first puts before it, in units of their "
+                    (seen.distance) ", in units of their "
                     "usual spread. It should be even over time: where it rises, the mount gave way, or a trajectory is uncertain."
                 }
             }
@@ -47,7 +48,27 @@ fn one(second: &SecondCamera) -> Markup {
     }
 }
 
-fn over_time(misfit: &[Misfit]) -> Markup {
+/// Words for what the second camera saw.
+struct Seen {
+    name: &'static str,
+    distance: &'static str,
+    unit: &'static str,
+}
+
+impl Seen {
+    const EVENTS: Self = Self {
+        name: "events",
+        distance: "How far events of the second camera are from the edges that the trajectory of the first puts before it",
+        unit: "rms (σ of an event)",
+    };
+    const CIRCLES: Self = Self {
+        name: "circles",
+        distance: "How far circles in the second camera's frames are from where the trajectory of the first puts them",
+        unit: "rms (σ of a circle)",
+    };
+}
+
+fn over_time(misfit: &[Misfit], seen: &Seen) -> Markup {
     let piece = misfit.len().div_ceil(POINTS).max(1);
     let mean = |piece: &[Misfit]| {
         let squares: f64 = piece.iter().map(|one| one.rms * one.rms).sum();
@@ -56,15 +77,8 @@ fn over_time(misfit: &[Misfit]) -> Markup {
     let curve: Vec<(f64, f64)> = misfit.chunks(piece).map(mean).collect();
     let x = range_of(curve.iter().map(|point| point.0), 1.0);
     let top = range_of(curve.iter().map(|point| point.1).chain([0.0]), 1e-6).end;
-    let series = vec![Series { name: "events".to_owned(), color: Color::Off, curves: vec![curve], points: Vec::new() }];
+    let series =
+        vec![Series { name: seen.name.to_owned(), color: Color::Off, curves: vec![curve], points: Vec::new() }];
     let description = "Residuals of the second camera over time.".to_owned();
-    Chart {
-        description,
-        x_label: "time of the first camera (s)",
-        y_label: "rms (σ of an event)",
-        x,
-        y: 0.0..top,
-        series,
-    }
-    .render()
+    Chart { description, x_label: "time of the first camera (s)", y_label: seen.unit, x, y: 0.0..top, series }.render()
 }

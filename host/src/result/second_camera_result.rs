@@ -6,13 +6,14 @@ use evcal_core::sensor::Sensor;
 use nalgebra::{Isometry3, RowDVector, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::calibrate::mounted::SecondCamera;
+use crate::calibrate::mounted::{SecondCamera, SecondFrames};
 use crate::lens::camera_file::CameraDescription;
 use crate::numerics::rigid::pose_of_rows;
+use crate::recording::image_folder::Stamps;
 use crate::result::inertial_result::Uncertain;
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::finding::Finding;
-use crate::second_camera::mount::{COUNT, OFFSET, RATE, ROTATION, TRANSLATION};
+use crate::second_camera::mount::{COUNT, LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
 
 /// Seconds with the board before both cameras from which the rates of the clocks are stated.
 const LONG_ENOUGH_FOR_RATE: f64 = 20.0;
@@ -59,6 +60,33 @@ impl FromIdentity {
         let covariance = calibration.covariance.fixed_view::<6, 6>(ROTATION, ROTATION).into_owned();
         let chi_squared = covariance.cholesky().map_or(f64::INFINITY, |factor| off.dot(&factor.solve(&off)));
         Self { chi_squared, agrees: chi_squared < RARELY }
+    }
+}
+
+/// The frames of a second camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FramesOfSecond {
+    /// How many show the board and were used.
+    pub used: usize,
+    /// What their time stamps stand for, as it was said.
+    pub stamps: Stamps,
+    /// Whether they came with exposure times: if not, the offset of the clocks is that of the moment at which a frame was stamped.
+    pub exposure_known: bool,
+    /// By how much each row is exposed later than the one above it (s). Offset and transform are those of the middle row.
+    pub line_delay: Uncertain<f64>,
+    /// Whether the rows were said to be exposed one after the other.
+    pub rolling_shutter: bool,
+}
+
+impl FramesOfSecond {
+    fn new(frames: &SecondFrames, calibration: &SecondCalibration) -> Option<Self> {
+        Some(Self {
+            used: frames.used,
+            stamps: frames.stamps,
+            exposure_known: frames.exposure_known,
+            line_delay: Uncertain { value: calibration.mount.line_delay?, sigma: calibration.sigma(LINE_DELAY) },
+            rolling_shutter: calibration.rolling_shutter,
+        })
     }
 }
 
@@ -115,6 +143,9 @@ pub struct SecondCameraResult {
     /// For the first camera's own frames, which see through the same eye: how far the transform is from none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from_identity: Option<FromIdentity>,
+    /// Its frames and their shutter, where it takes frames.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frames: Option<FramesOfSecond>,
     /// What speaks against it.
     pub findings: Vec<String>,
 }
@@ -159,6 +190,7 @@ impl SecondCameraResult {
             inflation: calibration.inflation,
             looseness: calibration.looseness,
             from_identity: calibration.correlation.is_none().then(|| FromIdentity::new(calibration)),
+            frames: second.frames.as_ref().and_then(|frames| FramesOfSecond::new(frames, calibration)),
             findings: calibration.findings.iter().map(ToString::to_string).collect(),
         };
         result.verdict = result.judged(calibration);
@@ -198,9 +230,13 @@ impl SecondCameraResult {
 
     /// The result in words: each number with its σ, each transform and offset with its direction.
     pub fn sentences(&self) -> String {
+        let what = match self.frames {
+            Some(frames) => format!("{} circles in {} frames", self.used, frames.used),
+            None => format!("{} events", self.used),
+        };
         let mut text = format!(
-            "second camera ({}), from {} events in {:.1} s with the board before both:\n",
-            self.recording, self.used, self.seconds
+            "second camera ({}), from {what} in {:.1} s with the board before both:\n",
+            self.recording, self.seconds
         );
         let _ = writeln!(text, "  {}", self.verdict);
         let pose = self.pose();
@@ -233,6 +269,9 @@ impl SecondCameraResult {
             1e3 * self.baseline.sigma
         );
         self.clocks(&mut text);
+        if let Some(frames) = &self.frames {
+            self.shutter(frames, &mut text);
+        }
         if let Some(FromIdentity { chi_squared, agrees }) = self.from_identity {
             let verdict = if agrees {
                 "it is the identity within its σ"
@@ -281,6 +320,45 @@ impl SecondCameraResult {
                 let _ = writeln!(text, "  the rates of the clocks are not compared: that takes more than 20 s");
             }
         }
+    }
+
+    /// What is known of exposure and shutter of the frames of the second camera.
+    fn shutter(&self, frames: &FramesOfSecond, text: &mut String) {
+        let stamps = frames.stamps.name();
+        let _ = if frames.exposure_known {
+            writeln!(
+                text,
+                "  its time stamps are taken for the {stamps} of the exposures; the offset is that of their middle"
+            )
+        } else {
+            let half = match frames.stamps {
+                Stamps::Middle => String::new(),
+                Stamps::Start | Stamps::End => {
+                    format!(
+                        ", and differs by half an exposure from that of the clocks, as stamps are the {stamps} of an exposure"
+                    )
+                }
+            };
+            writeln!(
+                text,
+                "  the exposure times are not known: the offset is that between a stamp and the middle of its exposure{half}"
+            )
+        };
+        let Uncertain { value, sigma } = frames.line_delay;
+        let shutter = if frames.rolling_shutter {
+            format!(
+                "rolling shutter: {:.2} ms from the first row to the last; the offset is that of the middle row",
+                1e3 * value * f64::from(self.sensor.height)
+            )
+        } else {
+            "within 3 σ of none: a global shutter".to_owned()
+        };
+        let _ = writeln!(
+            text,
+            "  each row of its frames is exposed {:.3} ± {:.3} µs after the one above it, {shutter}",
+            1e6 * value,
+            1e6 * sigma
+        );
     }
 
     /// Pairs of parameters that are strongly correlated.

@@ -35,6 +35,8 @@ pub struct SecondCalibration {
     pub cameras: [Camera<f64>; 2],
     /// Largest change of an intrinsic parameter of each camera by the solve of both, in its σ.
     pub cameras_moved: [f64; 2],
+    /// Whether the rows of the second camera's frames were said to be exposed one after the other.
+    pub rolling_shutter: bool,
     /// What speaks against it.
     pub findings: Vec<Finding>,
 }

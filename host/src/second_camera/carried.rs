@@ -7,13 +7,13 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::mount::{COUNT, Mount, OFFSET, RATE, ROTATION, TRANSLATION};
+use super::mount::{LINE_DELAY, MOST, Mount, OFFSET, RATE, ROTATION, TRANSLATION};
 use crate::solve::pose_bin::PoseBin;
 
 /// Parameters of a pose: rotation (camera frame), then translation (world).
 pub const POSE: usize = 6;
 /// What the second camera's pose answers to: the pose of the first, then the mount.
-pub const CAUSES: usize = POSE + COUNT;
+pub const CAUSES: usize = POSE + MOST;
 
 /// The second camera at one time.
 #[derive(Clone, Debug)]
@@ -25,8 +25,9 @@ pub struct Carried {
 }
 
 impl Carried {
-    /// Where the first camera is at `first`, at `t` (s) of the second clock.
-    pub fn new(first: &PoseBin, mount: &Mount, t: f64) -> Self {
+    /// Where the first camera is at `first`, at `t` (s) of the second clock, which is that of a row so many `rows` below the middle of
+    /// a frame.
+    pub fn new(first: &PoseBin, mount: &Mount, t: f64, rows: f64) -> Self {
         let second_first = mount.second_first.rotation.to_rotation_matrix().into_inner();
         let aside = mount.second_first.inverse().translation.vector;
         let (rotation, place) = (first.rotation_matrix(), first.translation_vector());
@@ -48,7 +49,7 @@ impl Carried {
         put(0, POSE + ROTATION, -second_first);
         put(3, POSE + ROTATION, -moved_by_turn);
         put(3, POSE + TRANSLATION, -own_rotation);
-        for (column, factor) in [(OFFSET, -1.0), (RATE, mount.middle - t)] {
+        for (column, factor) in [(OFFSET, -1.0), (RATE, mount.middle - t), (LINE_DELAY, rows * pace)] {
             by.fixed_view_mut::<3, 1>(0, POSE + column).copy_from(&(angular_velocity * (factor / pace)));
             by.fixed_view_mut::<3, 1>(3, POSE + column).copy_from(&(velocity * (factor / pace)));
         }
@@ -72,6 +73,7 @@ mod tests {
 
     const STEP: f64 = 1e-6;
     const T: f64 = 3.2;
+    const ROWS: f64 = 0.7;
 
     fn first_bin() -> PoseBin {
         moving_at(first().rotation.to_rotation_matrix(), first().translation.vector)
@@ -91,7 +93,7 @@ mod tests {
 
     fn mount() -> Mount {
         let second_first = Isometry3::new(Vector3::new(-0.1, 0.01, 0.02), Vector3::new(0.02, 0.1, -0.3));
-        Mount { second_first, offset: 0.5, rate: 1e-3, middle: 2.0 }
+        Mount { second_first, offset: 0.5, rate: 1e-3, middle: 2.0, line_delay: Some(2e-5) }
     }
 
     fn second(first: &Isometry3<f64>, mount: &Mount) -> Isometry3<f64> {
@@ -100,7 +102,7 @@ mod tests {
 
     #[test]
     fn derivatives_agree_with_central_differences() {
-        let carried = Carried::new(&first_bin(), &mount(), T);
+        let carried = Carried::new(&first_bin(), &mount(), T, ROWS);
         let at = second(&first(), &mount());
         assert!((carried.pose.translation_vector() - at.translation.vector).norm() < 1e-12);
         assert!((carried.pose.rotation_matrix() - at.rotation.to_rotation_matrix().matrix()).norm() < 1e-12);
@@ -110,7 +112,8 @@ mod tests {
             let (turn, shift) = (Vector3::from_column_slice(&delta[..3]), Vector3::from_column_slice(&delta[3..6]));
             let mount_moved = mount().moved(&delta[POSE..]);
             // Where the clock moves, the first camera is somewhere else.
-            let first = first_at(mount_moved.first_time(T) - mount().first_time(T));
+            let stamp = T - mount().line_delay.unwrap() * ROWS;
+            let first = first_at(mount_moved.first_time(mount_moved.row_time(stamp, ROWS)) - mount().first_time(T));
             let first = Isometry3::from_parts(
                 Translation3::from(first.translation.vector + shift),
                 first.rotation * UnitQuaternion::from_scaled_axis(turn),
@@ -129,7 +132,7 @@ mod tests {
 
     #[test]
     fn it_moves_as_its_poses_do() {
-        let carried = Carried::new(&first_bin(), &mount(), T);
+        let carried = Carried::new(&first_bin(), &mount(), T, ROWS);
         let at = |t: f64| second(&first_at(mount().first_time(t) - mount().first_time(T)), &mount());
         let (after, before) = (at(T + STEP), at(T - STEP));
         let turn = (before.rotation.inverse() * after.rotation).scaled_axis() / (2.0 * STEP);

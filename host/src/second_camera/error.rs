@@ -8,7 +8,7 @@ use crate::solve::system::NotPositiveDefinite;
 pub enum SecondCameraError {
     /// A camera was calibrated from pictures, each with a pose of its own, or from circles.
     #[error(
-        "two cameras are calibrated along trajectories of events: leave out --frames-only, and give recordings of events"
+        "cameras are calibrated against the trajectory of the first one's events: leave out --frames-only, and give a recording of events before --with"
     )]
     NoTrajectory,
     /// Which recording of the first camera belongs to that of the second?
@@ -75,6 +75,19 @@ pub enum SecondCameraError {
         distance: f64,
         /// Usual change of the rotation (degrees).
         degrees: f64,
+    },
+    /// The rows of its frames are exposed one after the other, which nobody said.
+    #[error(
+        "the second camera has a rolling shutter: each row of its frames is exposed {:.2} ± {:.2} µs after the one above it ({:.1} ms from the first to the last): add --rolling-shutter",
+        1e6 * line_delay, 1e6 * sigma, 1e3 * line_delay * f64::from(*rows)
+    )]
+    RollingShutter {
+        /// Time from row to row (s).
+        line_delay: f64,
+        /// Its σ.
+        sigma: f64,
+        /// Number of rows.
+        rows: u16,
     },
     /// The equations have no solution.
     #[error(

@@ -38,6 +38,13 @@ pub enum Finding {
         /// Share of the second camera's events.
         share: f64,
     },
+    /// A rolling shutter was declared, and none was found.
+    NoLineDelay {
+        /// Time from row to row (s).
+        line_delay: f64,
+        /// Its σ.
+        sigma: f64,
+    },
     /// The solve of both moved a camera.
     CameraMoved {
         /// Which one: 0 or 1.
@@ -79,9 +86,15 @@ impl fmt::Display for Finding {
             ),
             Self::LeftOut { share } => write!(
                 f,
-                "{:.0} % of the second camera's events were left out, for the first did not see the board then: keep the board in view of \
+                "{:.0} % of what the second camera saw was left out, for the first did not see the board then: keep the board in view of \
                  both",
                 100.0 * share
+            ),
+            Self::NoLineDelay { line_delay, sigma } => write!(
+                f,
+                "no line delay was found ({:.3} ± {:.3} µs a row): the shutter is a global one, leave out --rolling-shutter",
+                1e6 * line_delay,
+                1e6 * sigma
             ),
             Self::CameraMoved { camera, sigmas } => write!(
                 f,

@@ -2,7 +2,7 @@
 
 use super::calibration::SecondCalibration;
 use super::finding::Finding;
-use super::mount::{OFFSET, RATE, ROTATION, TRANSLATION};
+use super::mount::{LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
 
 /// σ from which something was not measured: place (m), rotation (rad), offset (s).
 const PLACE_LIMIT: f64 = 5e-3;
@@ -15,6 +15,8 @@ const CERTAIN: f64 = 5.0;
 const LOOSE: f64 = 1.3;
 /// Share of the events that may be left out before it is told.
 const MOST_LEFT_OUT: f64 = 0.3;
+/// σ below which a line delay is none.
+const NO_DELAY: f64 = 3.0;
 /// Change of an intrinsic parameter in its σ that is told.
 const MOVED: f64 = 4.0;
 
@@ -42,8 +44,16 @@ pub fn findings(calibration: &SecondCalibration) -> Vec<Finding> {
     if calibration.left_out > MOST_LEFT_OUT {
         findings.push(Finding::LeftOut { share: calibration.left_out });
     }
+    if let Some(line_delay) = calibration.mount.line_delay.filter(|_| calibration.rolling_shutter) {
+        let sigma = calibration.sigma(LINE_DELAY);
+        if line_delay.abs() < NO_DELAY * sigma {
+            findings.push(Finding::NoLineDelay { line_delay, sigma });
+        }
+    }
     for (camera, sigmas) in calibration.cameras_moved.into_iter().enumerate() {
-        if sigmas > MOVED {
+        // Apart, the lens of a camera with a rolling shutter was calibrated as if all rows were exposed at once.
+        let is_of_other_rows = camera == 1 && calibration.rolling_shutter;
+        if sigmas > MOVED && !is_of_other_rows {
             findings.push(Finding::CameraMoved { camera, sigmas });
         }
     }

@@ -1,6 +1,6 @@
 //! Both cameras in one solve: the events of the second are rows on the trajectories of the first.
 //!
-//! The border of the normal equations holds the mount (transform, offset, rate), then lens and event biases of the second camera,
+//! The border of the normal equations holds the mount (transform, offset, rate, of frames the line delay), then lens and event biases of the second camera,
 //! then those of the first. The board is held at what the first camera says of it: it is one board.
 
 use nalgebra::DMatrix;
@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::error::SecondCameraError;
 use super::estimate::Estimate;
-use super::mount::{COUNT, RATE, RATE_SIGMA};
+use super::mount::{RATE, RATE_SIGMA};
 use super::rows::{SecondPart, second_parts};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::bordered::{Part, Step, System, event_parts, minimise, moved_by};
@@ -81,7 +81,8 @@ pub fn solve(joint: &Joint, estimate: Estimate, settings: &UncertaintySettings) 
     let blocks = now.system.contributions(&now.parts, 0.5 * settings.block)?;
     let total = estimate.first.trajectories.iter().map(|one| one.end() - one.start()).sum();
     let time = Time { starts: &blocks.times, total };
-    let (covariance, inflation, blocks) = stated(&formal, (&blocks.contributions, &|all| all), time, COUNT, settings);
+    let count = estimate.mount.count();
+    let (covariance, inflation, blocks) = stated(&formal, (&blocks.contributions, &|all| all), time, count, settings);
     Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
 }
 
@@ -89,7 +90,7 @@ fn linearise(joint: &Joint, estimate: &Estimate) -> Result<Linearised, SecondCam
     let of_second = joint.second.free.places();
     let trajectories = &estimate.first.trajectories;
     let order = trajectories.first().ok_or(SecondCameraError::Singular)?.degree + 1;
-    let offset = COUNT + of_second.len();
+    let offset = estimate.mount.count() + of_second.len();
     let (mut parts, first_count) = event_parts(&joint.first, &estimate.first, offset, 1.0);
     let mut counts = [first_count, 0];
     let bearings = BearingTable::new(&estimate.second.camera, joint.second.sensor);
@@ -133,7 +134,8 @@ pub fn own_rms(problem: &Problem, state: &State) -> f64 {
 
 /// `None` when a camera model refuses the step.
 fn stepped(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate> {
-    let second = moved_by(&estimate.second, &joint.second, step, COUNT)?;
-    let first = moved_by(&estimate.first, &joint.first, step, COUNT + joint.second.free.places().len())?;
+    let count = estimate.mount.count();
+    let second = moved_by(&estimate.second, &joint.second, step, count)?;
+    let first = moved_by(&estimate.first, &joint.first, step, count + joint.second.free.places().len())?;
     Some(Estimate { first, second, mount: estimate.mount.moved(&step.globals) })
 }

@@ -10,8 +10,12 @@ pub const TRANSLATION: usize = 3;
 pub const OFFSET: usize = 6;
 /// By how much the second clock is faster.
 pub const RATE: usize = 7;
-/// Number of parameters.
+/// Number of parameters that every mount has.
 pub const COUNT: usize = 8;
+/// Time from one row of a frame to the next (s), of cameras that take frames.
+pub const LINE_DELAY: usize = 8;
+/// Largest number of parameters.
+pub const MOST: usize = 9;
 
 /// σ of what two clocks differ by before any measurement.
 pub const RATE_SIGMA: f64 = 1e-4;
@@ -27,12 +31,24 @@ pub struct Mount {
     pub rate: f64,
     /// Time of the second clock at which the offset holds (s).
     pub middle: f64,
+    /// By how much each row of a frame is exposed later than the one above it (s); `None` for events, which have times of their own.
+    pub line_delay: Option<f64>,
 }
 
 impl Mount {
     /// Time of the first clock at `t` of the second.
     pub fn first_time(&self, t: f64) -> f64 {
         t - self.offset - self.rate * (t - self.middle)
+    }
+
+    /// Number of parameters.
+    pub fn count(&self) -> usize {
+        if self.line_delay.is_some() { MOST } else { COUNT }
+    }
+
+    /// When a frame of the time `t` was exposed so many rows below its middle, on the second clock.
+    pub fn row_time(&self, t: f64, rows: f64) -> f64 {
+        t + self.line_delay.unwrap_or(0.0) * rows
     }
 
     /// After a step of the parameters; those that are missing stay.
@@ -46,6 +62,7 @@ impl Mount {
             second_first: Isometry3::from_parts(Translation3::from(translation.vector + three(TRANSLATION)), rotation),
             offset: self.offset + at(OFFSET),
             rate: self.rate + at(RATE),
+            line_delay: self.line_delay.map(|delay| delay + at(LINE_DELAY)),
             ..*self
         }
     }

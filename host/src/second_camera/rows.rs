@@ -5,8 +5,7 @@ use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, Vector6};
 
 use super::carried::{CAUSES, Carried, POSE};
 use super::estimate::Estimate;
-use super::mount::COUNT;
-use super::start::sample_at;
+use super::seen::sample_at;
 use crate::solve::Problem;
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::bordered::Part;
@@ -44,26 +43,32 @@ pub fn second_parts(
     stretch: &Stretch,
 ) -> Vec<SecondPart> {
     let Some(observations) = problem.segments.get(stretch.segment) else { return Vec::new() };
-    let moment = |index: usize, t: f64| {
-        let time = estimate.mount.first_time(t);
+    let mount = &estimate.mount;
+    let moment = |index: usize, t: f64, rows: f64| {
+        let t = mount.row_time(t, rows);
+        let time = mount.first_time(t);
         let (segment, sample) = sample_at(&estimate.first.trajectories, time)?;
         let first = PoseBin::of_sample(sample);
-        let carried = Carried::new(&first, &estimate.mount, t);
+        let carried = Carried::new(&first, mount, t, rows);
         Some(Moment { index, t: time, segment, first, carried })
     };
-    let bins = stretch.bins.clone().filter_map(|bin| moment(bin, observations.bins.get(bin)?.t));
+    let bins = stretch.bins.clone().filter_map(|bin| moment(bin, observations.bins.get(bin)?.t, 0.0));
     let bins: Vec<Moment> = bins.collect();
-    let points = stretch.points.clone().filter_map(|point| moment(point, observations.points.get(point)?.t));
+    let middle = 0.5 * (f64::from(problem.sensor.height) - 1.0);
+    let points = stretch.points.clone().filter_map(|index| {
+        let point = observations.points.get(index)?;
+        moment(index, point.t, point.pixel.y - middle)
+    });
     let points: Vec<Moment> = points.collect();
     let of_bins = bins.chunk_by(|a, b| a.segment == b.segment).map(|run| {
-        part_of(free, run, |sums, moment| {
+        part_of((mount.count(), free), run, |sums, moment| {
             let bin = observations.bins.get(moment.index);
             let events = bin.and_then(|bin| observations.events.get(bin.first..bin.end)).unwrap_or_default();
             sums.add_events((problem, &estimate.second, bearings), &moment.carried.pose, events);
         })
     });
     let of_points = points.chunk_by(|a, b| a.segment == b.segment).map(|run| {
-        part_of(free, run, |sums, moment| {
+        part_of((mount.count(), free), run, |sums, moment| {
             if let Some(point) = observations.points.get(moment.index) {
                 sums.add_point((problem, &estimate.second), &moment.carried.pose, point);
             }
@@ -73,11 +78,17 @@ pub fn second_parts(
 }
 
 /// The equations of one run of moments, whose observations `add` adds.
-fn part_of<'a>(free: &[usize], run: &[Moment], add: impl Fn(&mut BinSums<'a>, &Moment)) -> Option<SecondPart> {
-    let (begin, end) = (run.first()?, run.last()?);
-    let (first, order) = (begin.first.first, begin.first.order);
-    let points = (end.first.first + order).checked_sub(first)?;
-    let globals = COUNT + free.len();
+fn part_of<'a>(
+    (of_mount, free): (usize, &[usize]),
+    run: &[Moment],
+    add: impl Fn(&mut BinSums<'a>, &Moment),
+) -> Option<SecondPart> {
+    let begin = run.first()?;
+    // Rows of a frame need not be in order of time.
+    let of_points = || run.iter().map(|moment| moment.first.first);
+    let (first, order) = (of_points().min()?, begin.first.order);
+    let points = (of_points().max()? + order).checked_sub(first)?;
+    let globals = of_mount + free.len();
     let mut part = Part {
         segment: begin.segment,
         t: begin.t,
@@ -94,16 +105,16 @@ fn part_of<'a>(free: &[usize], run: &[Moment], add: impl Fn(&mut BinSums<'a>, &M
     let mut sums = BinSums::default();
     for moment in run {
         add(&mut sums, moment);
-        add_moment(&mut part, moment, &sums.products, free);
+        add_moment(&mut part, moment, &sums.products, (of_mount, free));
         sums.products.clear_pose();
     }
     let mut own = StretchEquations::new(0, 0, order);
     own.add_globals(&sums.products);
     for (row, &global) in free.iter().enumerate() {
         for (column, &other) in free.iter().enumerate() {
-            part.corner[(COUNT + row, COUNT + column)] += own.corner[(global.max(other), global.min(other))];
+            part.corner[(of_mount + row, of_mount + column)] += own.corner[(global.max(other), global.min(other))];
         }
-        part.corner_gradient[COUNT + row] += own.corner_gradient[global];
+        part.corner_gradient[of_mount + row] += own.corner_gradient[global];
     }
     part.cost = sums.cost;
     Some(SecondPart { part, count: sums.count })
@@ -111,7 +122,7 @@ fn part_of<'a>(free: &[usize], run: &[Moment], add: impl Fn(&mut BinSums<'a>, &M
 
 /// Adds what `products` say of the second camera's pose, in terms of the control points of the first camera's trajectory and of the
 /// mount.
-fn add_moment(part: &mut Part, moment: &Moment, products: &RowProducts, free: &[usize]) {
+fn add_moment(part: &mut Part, moment: &Moment, products: &RowProducts, (of_mount, free): (usize, &[usize])) {
     if !products.is_touched {
         return;
     }
@@ -123,15 +134,15 @@ fn add_moment(part: &mut Part, moment: &Moment, products: &RowProducts, free: &[
     let with_lens = by.transpose() * with_lens;
     let causes: SMatrix<f64, CAUSES, CAUSES> = by.tr_mul(&(own * by));
 
-    let mut corner = part.corner.view_mut((0, 0), (COUNT, COUNT));
-    corner += causes.fixed_view::<COUNT, COUNT>(POSE, POSE);
-    let mixed = with_lens.rows(POSE, COUNT);
-    let mut corner = part.corner.view_mut((0, COUNT), (COUNT, free.len()));
+    let mut corner = part.corner.view_mut((0, 0), (of_mount, of_mount));
+    corner += causes.view((POSE, POSE), (of_mount, of_mount));
+    let mixed = with_lens.rows(POSE, of_mount);
+    let mut corner = part.corner.view_mut((0, of_mount), (of_mount, free.len()));
     corner += mixed;
-    let mut corner = part.corner.view_mut((COUNT, 0), (free.len(), COUNT));
+    let mut corner = part.corner.view_mut((of_mount, 0), (free.len(), of_mount));
     corner += mixed.transpose();
-    let mut corner = part.corner_gradient.rows_mut(0, COUNT);
-    corner += gradient.fixed_rows::<COUNT>(POSE);
+    let mut corner = part.corner_gradient.rows_mut(0, of_mount);
+    corner += gradient.rows(POSE, of_mount);
 
     let pose = &moment.first;
     let Some(before) = pose.first.checked_sub(part.first) else { return };
@@ -154,9 +165,9 @@ fn add_moment(part: &mut Part, moment: &Moment, products: &RowProducts, free: &[
         if POSE * (index + 1) > part.gradient.len() {
             return;
         }
-        let mut border = part.border.view_mut((POSE * index, 0), (POSE, COUNT));
-        border += lines.fixed_columns::<COUNT>(POSE);
-        let mut border = part.border.view_mut((POSE * index, COUNT), (POSE, free.len()));
+        let mut border = part.border.view_mut((POSE * index, 0), (POSE, of_mount));
+        border += lines.columns(POSE, of_mount);
+        let mut border = part.border.view_mut((POSE * index, of_mount), (POSE, free.len()));
         border += turn.transpose() * with_lens.rows(0, POSE);
         let mut sum = part.gradient.rows_mut(POSE * index, POSE);
         sum += turn.tr_mul(&gradient.fixed_rows::<POSE>(0));

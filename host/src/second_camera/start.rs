@@ -12,17 +12,13 @@ use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternio
 
 use super::error::SecondCameraError;
 use super::mount::{COUNT, Mount, OFFSET, RATE, RATE_SIGMA, ROTATION, TRANSLATION};
+use super::seen::{STEP, Seen, SeenPose, inner_sample, pose_of, rates};
 use crate::board::symmetry::Symmetry;
 use crate::numerics::lag::{NoLag, Rules, lag};
 use crate::numerics::rigid::best_rotation;
 use crate::numerics::statistics::median;
-use crate::trajectory::{PoseSample, Trajectory};
+use crate::trajectory::Trajectory;
 
-/// Step of the grid on which turns are compared (s), and steps from one pair of poses to the next.
-const STEP: f64 = 0.005;
-const PAIR_STEPS: usize = 4;
-/// Time at the ends of a trajectory that is left out (s).
-const MARGIN: f64 = 0.03;
 /// Smallest correlation that is believed.
 const CORRELATION: f64 = 0.9;
 /// Share of the best peak that another one must stay below.
@@ -74,21 +70,21 @@ struct Pair {
     poses: (Isometry3<f64>, Isometry3<f64>),
 }
 
-/// Finds a start from the trajectories of both cameras, each from the first event of its recording on, before a board that looks
-/// the same after the turns `symmetries`.
+/// Finds a start from the trajectories of the first camera and what is known of the motion of the second, each from the beginning of
+/// its recording on, before a board that looks the same after the turns `symmetries`.
 ///
 /// # Errors
 /// [`SecondCameraError`] says what was not found, and why.
-pub fn start(first: &[Trajectory], second: &[Trajectory], symmetries: &[Symmetry]) -> Result<Start, SecondCameraError> {
-    let (of_first, of_second) = (rates(first), rates(second));
+pub fn start(first: &[Trajectory], second: &Seen, symmetries: &[Symmetry]) -> Result<Start, SecondCameraError> {
+    let of_first = rates(first);
     let known: Vec<f64> = of_first.1.iter().flatten().copied().collect();
     let rate = (known.iter().map(|rate| rate * rate).sum::<f64>() / known.len().max(1) as f64).sqrt();
     if rate < LEAST_RATE {
         return Err(SecondCameraError::LittleRotation { rate: rate.to_degrees() });
     }
-    let (offset, correlation) = offset(&of_first, &of_second)?;
-    let pairs = pairs(first, second, offset);
-    let seconds = pairs.len() as f64 * STEP * PAIR_STEPS as f64;
+    let (offset, correlation) = offset(&of_first, &second.rates)?;
+    let pairs = pairs(first, &second.poses, offset);
+    let seconds = pairs.len() as f64 * second.every;
     let (Some(begin), Some(end)) = (pairs.first(), pairs.last()) else {
         return Err(SecondCameraError::TooShort { seconds, needed: FEWEST_SECONDS });
     };
@@ -97,7 +93,7 @@ pub fn start(first: &[Trajectory], second: &[Trajectory], symmetries: &[Symmetry
     }
     let middle = 0.5 * (begin.t + end.t);
     let (first_second, turns) = ways_round(&pairs, symmetries)?;
-    let mount = Mount { second_first: first_second.inverse(), offset, rate: 0.0, middle };
+    let mount = Mount { second_first: first_second.inverse(), offset, rate: 0.0, middle, line_delay: None };
     let seen = pairs.iter().filter_map(|pair| {
         let turn = symmetries.get(*turns.get(&pair.segments)?)?;
         Some((pair.t, turn.pose * pair.poses.1))
@@ -106,39 +102,6 @@ pub fn start(first: &[Trajectory], second: &[Trajectory], symmetries: &[Symmetry
     let mount = fitted(first, &seen, mount)?;
     fixed(first, &seen, &mount)?;
     Ok(Start { mount, correlation, turns, seconds })
-}
-
-/// The first of the trajectories that knows `t`, and what is known there.
-pub fn sample_at(trajectories: &[Trajectory], t: f64) -> Option<(usize, PoseSample)> {
-    trajectories.iter().enumerate().find_map(|(index, one)| Some((index, one.sample(t)?)))
-}
-
-/// The same but for the ends of trajectories.
-fn inner_sample(trajectories: &[Trajectory], t: f64) -> Option<(usize, PoseSample)> {
-    sample_at(trajectories, t).filter(|(index, _)| {
-        trajectories.get(*index).is_some_and(|one| t > one.start() + MARGIN && t < one.end() - MARGIN)
-    })
-}
-
-fn pose_of(sample: &PoseSample) -> Isometry3<f64> {
-    Isometry3::from_parts(Translation3::from(sample.translation), sample.rotation.rotation)
-}
-
-/// First and last time of trajectories (s).
-fn span(trajectories: &[Trajectory]) -> (f64, f64) {
-    let ends = trajectories.iter().map(|one| (one.start(), one.end()));
-    ends.fold((f64::INFINITY, f64::NEG_INFINITY), |span, one| (span.0.min(one.0), span.1.max(one.1)))
-}
-
-/// How fast a camera turns, at even times from the first one on, where that is known.
-fn rates(trajectories: &[Trajectory]) -> (f64, Vec<Option<f64>>) {
-    let (start, end) = span(trajectories);
-    let count = if end > start { ((end - start) / STEP) as usize + 1 } else { 0 };
-    let rate = |index: usize| {
-        let (_, sample) = inner_sample(trajectories, start + STEP * index as f64)?;
-        Some(sample.rotation.angular_velocity.norm())
-    };
-    (start, (0..count).map(rate).collect())
 }
 
 /// t_second − t_first, and the correlation there.
@@ -160,17 +123,12 @@ fn offset(first: &(f64, Vec<Option<f64>>), second: &(f64, Vec<Option<f64>>)) -> 
     }
 }
 
-fn pairs(first: &[Trajectory], second: &[Trajectory], offset: f64) -> Vec<Pair> {
-    let (start, end) = span(second);
-    let step = STEP * PAIR_STEPS as f64;
-    let count = if end > start { ((end - start) / step) as usize + 1 } else { 0 };
-    let pair = |index: usize| {
-        let t = start + step * index as f64;
-        let (of_second, second) = inner_sample(second, t)?;
-        let (of_first, first) = inner_sample(first, t - offset)?;
-        Some(Pair { t, segments: (of_first, of_second), poses: (pose_of(&first), pose_of(&second)) })
+fn pairs(first: &[Trajectory], second: &[SeenPose], offset: f64) -> Vec<Pair> {
+    let pair = |seen: &SeenPose| {
+        let (of_first, first) = inner_sample(first, seen.t - offset)?;
+        Some(Pair { t: seen.t, segments: (of_first, seen.segment), poses: (pose_of(&first), seen.pose) })
     };
-    (0..count).filter_map(pair).collect()
+    second.iter().filter_map(pair).collect()
 }
 
 /// `T_first_second` of the pairs, with a turn of the board between them.

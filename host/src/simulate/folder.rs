@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use evcal_core::camera::Camera;
 
 use super::davis::{DavisDescription, DavisSettings, DavisTruth};
+use super::frame_camera;
 use super::motion_capture::{MotionCaptureDescription, MotionCaptureSettings};
 use super::recording::{self, RecordingFormat};
 use super::second_camera::{SecondCamera, SecondCameraDescription, recording_name};
@@ -15,6 +16,7 @@ use crate::files::folder::OutputFolder;
 use crate::files::{self, FileError, NewFile};
 use crate::lens::camera_file::CameraDescription;
 use crate::recording::encode::WriteError;
+use crate::recording::image_folder::{IMAGES, TABLE};
 use crate::trajectory::tum;
 
 /// Rate of the poses in the trajectory file in hertz.
@@ -37,7 +39,7 @@ pub struct SimulatedRecording<'a> {
     pub davis: DavisSettings,
     /// Motion capture of the camera, where there is any.
     pub motion_capture: Option<MotionCaptureSettings>,
-    /// A second event camera, where there is one.
+    /// A second camera, where there is one.
     pub second_camera: Option<&'a SecondCamera>,
     /// Kind of the recording.
     pub format: RecordingFormat,
@@ -86,12 +88,19 @@ pub fn is_result(file: &Path) -> bool {
     let is_recording = |format: &RecordingFormat| {
         Path::new(&format.file_name()) == file || Path::new(&recording_name(*format)) == file
     };
-    RecordingFormat::ALL.iter().any(is_recording) || others.iter().any(|name| Path::new(name) == file)
+    let frames = Path::new(frame_camera::FOLDER);
+    let is_image = file.parent() == Some(&frames.join(IMAGES)) && file.extension().is_some_and(|one| one == "png");
+    let is_table = file == frames.join(TABLE);
+    is_image
+        || is_table
+        || RecordingFormat::ALL.iter().any(is_recording)
+        || others.iter().any(|name| Path::new(name) == file)
 }
 
 /// Simulates, and writes `events.aedat4` (or `.dvraw`, `.csv`, `.bin`), `truth.json`, `trajectory.txt` (TUM, 1000
 /// poses a second), and with frames `frames.csv`, with inertial samples `imu.csv`, with motion
-/// capture `motion_capture.txt` (TUM, `T_mocap_body`), with a second camera `second.aedat4` (or `.csv`, `.bin`). What was there of
+/// capture `motion_capture.txt` (TUM, `T_mocap_body`), with a second camera `second.aedat4` (or `.csv`, `.bin`), or of
+/// frames the folder `second`. What was there of
 /// an earlier simulation goes. `progress` is called with the number of slices done ([`SimulatedRecording::slice_count`] in all).
 ///
 /// # Errors
@@ -117,15 +126,10 @@ pub fn write_folder(
         truth.davis = Some(DavisDescription { settings: *davis, frame_camera, imu_bias: davis_truth.bias });
     }
     if let Some(second) = second_camera {
-        let path = folder.path().join(recording_name(*format));
-        let file = NewFile::create(&path)?;
         let done = simulation.slice_count();
-        let counts = second
-            .write(simulation, file.unfinished_path(), *format, |more| progress(done + more))
-            .map_err(|error| SimulatedFolderError::Recording { path: path.clone(), error })?;
-        file.finish()?;
+        let (path, description) = write_second(folder, simulation, second, *format, |more| progress(done + more))?;
         written.push(path);
-        truth.second_camera = Some(SecondCameraDescription::new(second, counts));
+        truth.second_camera = Some(description);
     }
     let mut put = |name: &str, content: &[u8]| {
         let path = folder.path().join(name);
@@ -153,4 +157,28 @@ pub fn write_folder(
         put(INERTIA, davis_truth.imu_csv().as_bytes())?;
     }
     Ok(WrittenFolder { files: written, truth, counts, davis: davis_truth })
+}
+
+/// Writes the recording of a second camera: a file, or of one that takes frames a folder.
+fn write_second(
+    folder: &OutputFolder,
+    simulation: &Simulation,
+    second: &SecondCamera,
+    format: RecordingFormat,
+    progress: impl FnMut(usize),
+) -> Result<(PathBuf, SecondCameraDescription), SimulatedFolderError> {
+    if let Some(frames) = second.frames() {
+        let path = folder.path().join(frame_camera::FOLDER);
+        let files = second.write_frames(simulation, frames, &path, progress)?;
+        // One of them is the table.
+        let count = files.len().saturating_sub(1);
+        return Ok((path, SecondCameraDescription::new(second, EventCounts::default(), Some(count))));
+    }
+    let path = folder.path().join(recording_name(format));
+    let file = NewFile::create(&path)?;
+    let counts = second
+        .write(simulation, file.unfinished_path(), format, progress)
+        .map_err(|error| SimulatedFolderError::Recording { path: path.clone(), error })?;
+    file.finish()?;
+    Ok((path, SecondCameraDescription::new(second, counts, None)))
 }

@@ -179,21 +179,38 @@ impl FrameSensor {
     }
 
     /// Frame `number` of a camera that moves along `pose` (`T_world_camera` at a time in seconds).
-    pub fn expose(&self, stage: &Stage, pose: impl Fn(f64) -> Isometry3<f64>, number: u32) -> SimulatedFrame {
+    pub fn expose(&self, stage: &Stage, pose: impl Fn(f64) -> Isometry3<f64> + Sync, number: u32) -> SimulatedFrame {
+        self.expose_rolling(stage, pose, number, 0.0)
+    }
+
+    /// The same with a rolling shutter: each row is exposed `line_delay` (µs) later than the one above it, the first one at the
+    /// times of the frame.
+    pub fn expose_rolling(
+        &self,
+        stage: &Stage,
+        pose: impl Fn(f64) -> Isometry3<f64> + Sync,
+        number: u32,
+        line_delay: f64,
+    ) -> SimulatedFrame {
         let times = FrameTimes::new(&self.settings, number);
         let moments = f64::from(self.settings.moments);
-        let views: Vec<(View, f64)> = (0..self.settings.moments)
-            .map(|moment| {
+        let views_at = |start: f64| -> Vec<(View, f64)> {
+            let of_moment = |moment: u16| {
                 let share = (f64::from(moment) + 0.5) / moments;
-                let t = times.exposure_start as f64 + share * f64::from(self.settings.exposure);
+                let t = start + share * f64::from(self.settings.exposure);
                 (View::new(&pose(t * 1e-6)).at(t * 1e-6), stage.scene.light(t))
-            })
-            .collect();
+            };
+            (0..self.settings.moments).map(of_moment).collect()
+        };
+        let start = times.exposure_start as f64;
+        let of_all = views_at(start);
         let width = usize::from(stage.rays.sensor().width).max(1);
         let mut pixels = vec![0; self.pattern.len()];
         pixels.par_chunks_mut(width).zip(self.pattern.par_chunks(width)).enumerate().for_each(
             |(y, (pixels, pattern))| {
                 let y = y as u16;
+                let own = (line_delay != 0.0).then(|| views_at(start + line_delay * f64::from(y)));
+                let views = own.as_ref().unwrap_or(&of_all);
                 let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
                 rng.set_stream(FRAME_STREAM + (u64::from(number) << 16) + u64::from(y));
                 for (x, (pixel, &(offset, gain))) in (0..).zip(pixels.iter_mut().zip(pattern)) {
@@ -300,6 +317,22 @@ mod tests {
         // 4² of pixels, 2² of columns, 7² of gain, and what is left of the noise in a mean of 40.
         let expected = 16.0 + 4.0 + 49.0 + expected / 40.0;
         assert!((pattern / count - expected).abs() < 0.05 * expected, "{}", pattern / count);
+    }
+
+    /// Each row is that of a frame with a global shutter at the row's own time.
+    #[test]
+    fn rows_of_a_rolling_shutter_have_times_of_their_own() {
+        let stage = stage();
+        let sensor = FrameSensor::new(&stage, ExposureModel::ideal(), 1);
+        let (line_delay, row) = (20.0, 100);
+        let rolling = sensor.expose_rolling(&stage, sliding, 3, line_delay);
+        let later = |t: f64| sliding(t + 1e-6 * line_delay * row as f64);
+        let global = sensor.expose(&stage, later, 3);
+        let of_row = |frame: &SimulatedFrame| frame.pixels[row * 346..(row + 1) * 346].to_vec();
+        // The times differ in their last bit.
+        let off = of_row(&rolling).iter().zip(of_row(&global)).map(|(a, b)| a.abs_diff(b)).max();
+        assert!(off <= Some(1), "{off:?}");
+        assert_ne!(of_row(&rolling), of_row(&sensor.expose(&stage, sliding, 3)));
     }
 
     #[test]

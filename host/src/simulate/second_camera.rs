@@ -1,6 +1,7 @@
-//! A second event camera that is fixed to the simulated one: another lens, noise of its own, and a clock of its own.
+//! A second camera, of events or of frames, that is fixed to the simulated one: another lens, noise of its own, and a clock of its
+//! own.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use evcal_core::camera::Camera;
 use evcal_core::event::Event;
@@ -8,9 +9,11 @@ use evcal_core::sensor::Sensor;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::frame_camera::{self, FrameCameraSettings};
 use super::rays::Rays;
 use super::recording::{self, RecordingFormat};
 use super::{EventCounts, Simulation, SimulationError};
+use crate::files::FileError;
 use crate::lens::camera_file::CameraDescription;
 use crate::recording::encode::WriteError;
 
@@ -37,6 +40,9 @@ pub struct SecondCameraSettings {
     pub clock_offset: f64,
     /// By how much its clock is faster, in parts per million.
     pub clock_drift: f64,
+    /// For a camera that takes frames in place of events: its sensor and its shutter.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<FrameCameraSettings>,
 }
 
 impl Default for SecondCameraSettings {
@@ -50,6 +56,7 @@ impl Default for SecondCameraSettings {
             begins_later: 0.4,
             clock_offset: 3.214_17,
             clock_drift: 35.0,
+            frames: None,
         }
     }
 }
@@ -86,9 +93,12 @@ impl SecondCamera {
         if let Some((name, value, _, range)) = checks.into_iter().find(|(.., right, _)| !right) {
             return Err(SimulationError::Setting { name, value, range });
         }
+        settings.frames.map_or(Ok(()), |frames| frames.check())?;
+        let of_first = sensor;
+        let sensor = settings.frames.map_or(sensor, |frames| frames.sensor);
         let camera = match &settings.camera {
             Some(description) => description.camera().ok(),
-            None => beside(first, sensor),
+            None => beside(first, of_first, sensor),
         };
         let camera = camera.ok_or(SimulationError::SecondLens)?;
         let seed = seed.wrapping_add(settings.seed_above);
@@ -102,8 +112,13 @@ impl SecondCamera {
         Isometry3::from_parts(Translation3::from(Vector3::from(position)), rotation)
     }
 
-    /// Simulates what it sees while `first` runs, into the file at `path`; what has no place for events of a second clock, as
-    /// dumps of a DAVIS346, is AEDAT4 here. `progress` is called with the number of slices done.
+    /// How it takes frames, where it sends no events.
+    pub fn frames(&self) -> Option<&FrameCameraSettings> {
+        self.settings.frames.as_ref()
+    }
+
+    /// Simulates the events that it sends while `first` runs, into the file at `path`; what has no place for events of a second
+    /// clock, as dumps of a DAVIS346, is AEDAT4 here. `progress` is called with the number of slices done.
     ///
     /// # Errors
     /// When the file cannot be written.
@@ -114,20 +129,48 @@ impl SecondCamera {
         format: RecordingFormat,
         progress: impl FnMut(usize),
     ) -> Result<EventCounts, WriteError> {
-        let rays = Rays::new(&self.camera, self.sensor);
-        let simulation = first.second(rays, self.second_first().inverse(), self.seed);
-        let begin = (1e6 * self.settings.begins_later) as i64;
+        let begin = self.begin();
         let stamped = |events: &[Event]| {
             let seen = events.iter().filter(|event| event.t >= begin);
             seen.map(|event| Event { t: self.stamp(event.t), ..*event }).collect()
         };
-        recording::write_events(&simulation, path, format.of_second_camera(), stamped, progress)
+        recording::write_events(&self.simulation(first), path, format.of_second_camera(), stamped, progress)
+    }
+
+    /// Simulates the frames that it takes as `settings` say while `first` runs, as a folder of images at `path`, and gives the
+    /// names of the files in it. `progress` is called with the number of slices done.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn write_frames(
+        &self,
+        first: &Simulation,
+        settings: &FrameCameraSettings,
+        path: &Path,
+        progress: impl FnMut(usize),
+    ) -> Result<Vec<PathBuf>, FileError> {
+        let stamp = |t: f64| (1e3 * self.own_time(t)).round() as i64;
+        frame_camera::write(&self.simulation(first), settings, (self.begin(), &stamp), path, progress)
+    }
+
+    fn simulation(&self, first: &Simulation) -> Simulation {
+        first.second(Rays::new(&self.camera, self.sensor), self.second_first().inverse(), self.seed)
+    }
+
+    /// When its recording begins (µs of the first clock).
+    fn begin(&self) -> i64 {
+        (1e6 * self.settings.begins_later) as i64
     }
 
     /// Microseconds of its own clock at `t` of the first one's.
     fn stamp(&self, t: i64) -> i64 {
+        self.own_time(t as f64).round() as i64
+    }
+
+    /// The same, not rounded.
+    fn own_time(&self, t: f64) -> f64 {
         let SecondCameraSettings { clock_offset, clock_drift, .. } = self.settings;
-        (1e6 * clock_offset + t as f64 * (1.0 + 1e-6 * clock_drift)).round() as i64
+        1e6 * clock_offset + t * (1.0 + 1e-6 * clock_drift)
     }
 }
 
@@ -136,12 +179,18 @@ pub(super) fn recording_name(format: RecordingFormat) -> String {
     format!("second.{}", format.of_second_camera().name())
 }
 
-/// A lens a little longer than `first`.
-fn beside(first: &Camera<f64>, sensor: Sensor) -> Option<Camera<f64>> {
+/// A lens a little longer than `first`, for a `sensor` in place of that `of_first`.
+fn beside(first: &Camera<f64>, of_first: Sensor, sensor: Sensor) -> Option<Camera<f64>> {
     let mut parameters = first.parameters();
-    let changes = [(FOCAL_RATIO, 0.0), (FOCAL_RATIO, 0.0), (1.0, ASIDE[0]), (1.0, ASIDE[1])];
-    for (parameter, (factor, aside)) in parameters.iter_mut().zip(changes) {
-        *parameter = factor * *parameter + aside * f64::from(sensor.width);
+    let wider = f64::from(sensor.width) / f64::from(of_first.width.max(1));
+    let higher = f64::from(sensor.height) / f64::from(of_first.height.max(1));
+    let aside = ASIDE.map(|aside| aside * f64::from(sensor.width));
+    // Pixels are counted from their middles.
+    let middle = |scale: f64| 0.5 * (scale - 1.0);
+    let focal = FOCAL_RATIO * wider;
+    let changes = [(focal, 0.0), (focal, 0.0), (wider, middle(wider) + aside[0]), (higher, middle(higher) + aside[1])];
+    for (parameter, (factor, more)) in parameters.iter_mut().zip(changes) {
+        *parameter = factor * *parameter + more;
     }
     Camera::from_parameters(first.kind(), &parameters)
 }
@@ -165,11 +214,14 @@ pub struct SecondCameraDescription {
     pub off_events: u64,
     /// Number of ON events.
     pub on_events: u64,
+    /// Number of frames, where it takes frames.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame_count: Option<usize>,
 }
 
 impl SecondCameraDescription {
-    /// Of `second`, which gave these `counts` of events.
-    pub fn new(second: &SecondCamera, counts: EventCounts) -> Self {
+    /// Of `second`, which gave these `counts` of events or so many frames.
+    pub fn new(second: &SecondCamera, counts: EventCounts, frame_count: Option<usize>) -> Self {
         Self {
             settings: second.settings.clone(),
             sensor: second.sensor,
@@ -178,6 +230,7 @@ impl SecondCameraDescription {
             second_first: second.second_first().to_homogeneous().transpose().into(),
             off_events: counts.off,
             on_events: counts.on,
+            frame_count,
         }
     }
 }
@@ -185,6 +238,7 @@ impl SecondCameraDescription {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::image_folder::{ImageFolder, Stamps};
     use crate::simulate::motion::MotionSettings;
     use crate::simulate::scene::SceneSettings;
     use crate::simulate::sensor::SensorModel;
@@ -238,6 +292,7 @@ mod tests {
             begins_later: 0.05,
             clock_offset: 7.0,
             clock_drift: 1000.0,
+            frames: None,
         };
         let second = SecondCamera::new(settings, &radtan(), SENSOR, 4).unwrap();
         let directory = tempfile::tempdir().unwrap();
@@ -258,6 +313,29 @@ mod tests {
             assert!((found.t as f64 - own).abs() < 0.51, "{} {own}", found.t);
         }
         assert_eq!(counts.on + counts.off, found.len() as u64);
+    }
+
+    #[test]
+    fn frames_are_taken_by_its_own_clock_and_stand_in_their_table() {
+        let frames = FrameCameraSettings { sensor: Sensor::new(64, 48), stamps: Stamps::Start, ..Default::default() };
+        let settings = SecondCameraSettings { begins_later: 0.05, frames: Some(frames), ..Default::default() };
+        let SecondCameraSettings { clock_offset, clock_drift, .. } = settings;
+        let second = SecondCamera::new(settings, &radtan(), SENSOR, 4).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let written = second.write_frames(&simulation(), &frames, directory.path(), |_| {}).unwrap();
+        let folder = ImageFolder::open(directory.path(), frames.stamps).unwrap();
+        let mut images = Vec::new();
+        folder.visit(|image| images.push(image)).unwrap();
+        // At 66.7, 100, 133 and 167 ms; the one at 33 is before its beginning, that at 200 after the end.
+        assert_eq!((images.len(), written.len(), folder.sensor()), (4, 5, Sensor::new(64, 48)));
+        for (index, image) in images.iter().enumerate() {
+            let time = 33_333.0 * (index + 2) as f64;
+            let own = 1e6 * clock_offset + time * (1.0 + 1e-6 * clock_drift);
+            assert!((image.exposure.0 as f64 - own).abs() <= 0.501, "{:?} {own}", image.exposure);
+        }
+        let levels = images[0].image.as_ref().unwrap();
+        let (darkest, brightest) = (levels.pixels.iter().min().unwrap(), levels.pixels.iter().max().unwrap());
+        assert!(*darkest < 60 && *brightest > 140, "{darkest} {brightest}");
     }
 
     #[test]

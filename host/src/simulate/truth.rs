@@ -34,7 +34,7 @@ pub struct Truth {
     /// Motion capture, if there is any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motion_capture: Option<MotionCaptureDescription>,
-    /// A second event camera, if there is one.
+    /// A second camera, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub second_camera: Option<SecondCameraDescription>,
 }

@@ -4,9 +4,9 @@ use evcal_core::sensor::Sensor;
 use std::path::{Path, PathBuf};
 
 use super::PixelMap;
-use super::image_file::{self, ImageFile, ImageFileError, Samples};
 use crate::files::FileError;
 use crate::recording::extras::Frame;
+use crate::recording::image_file::{self, ImageFile, ImageFileError, Samples};
 
 /// A picture could not be undistorted.
 #[derive(Debug, thiserror::Error)]

@@ -11,7 +11,7 @@ use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
 use evcal::calibrate::input::Input;
 use evcal::calibrate::mounted::SecondCamera;
 use evcal::calibrate::parameter_request::ParameterRequests;
-use evcal::calibrate::second::{calibrate_own_pictures, calibrate_second_camera};
+use evcal::calibrate::second::{calibrate_frame_camera, calibrate_own_pictures, calibrate_second_camera};
 use evcal::calibrate::step::Step;
 use evcal::calibrate::{PictureUse, Task, calibrate};
 use evcal::files::folder::OutputFolder;
@@ -47,6 +47,8 @@ pub struct Work<'a> {
     pub inputs: Vec<Input>,
     /// The recording of each other camera on the mount.
     pub others: Vec<Input>,
+    /// Whether the rows of their frames are exposed one after the other.
+    pub rolling_shutter: bool,
     /// The board in them.
     pub board: Board,
     /// Size of the sensor, where they do not tell it.
@@ -171,7 +173,8 @@ impl Work<'_> {
         }
         for input in &self.others {
             let file = input.name();
-            let (inputs, pictures) = (std::slice::from_ref(input), PictureUse::Witness);
+            let inputs = std::slice::from_ref(input);
+            let pictures = if let Input::Images(_) = input { PictureUse::Only } else { PictureUse::Witness };
             let task = Task { inputs, pictures, parameters: ParameterRequests::default(), ..*task };
             let second = calibrate(&task, |step| {
                 waiting.stage(step.text, step.done);
@@ -179,7 +182,15 @@ impl Work<'_> {
             });
             let second = second.map_err(|error| OtherError::Apart { file: file.clone(), error })?;
             waiting.stage("both cameras", None);
-            let second = calibrate_second_camera(first, &second, &file, &self.board, uncertainty)?;
+            let second = match input {
+                Input::Images(folder) => {
+                    let frames = (folder, self.rolling_shutter);
+                    calibrate_frame_camera(first, &second, frames, &self.board, uncertainty)?
+                }
+                Input::Events(_) | Input::Circles { .. } => {
+                    calibrate_second_camera(first, &second, &file, &self.board, uncertainty)?
+                }
+            };
             keep(first, second);
         }
         Ok(())

@@ -53,7 +53,16 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
             }
             inputs.push(growing.into());
             let parameters = arguments.parameters().ok()?;
-            let work = Work { inputs, others: Vec::new(), board, sensor: None, parameters, arguments, settings };
+            let work = Work {
+                inputs,
+                others: Vec::new(),
+                rolling_shutter: false,
+                board,
+                sensor: None,
+                parameters,
+                arguments,
+                settings,
+            };
             // Workers of its own: those of the display must not wait for it.
             let pool = rayon::ThreadPoolBuilder::new().build().ok()?;
             let attempt = pool.install(|| {

@@ -15,8 +15,7 @@ use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 use crate::detection::board_finder::{BoardFinder, within_capacity};
 use crate::detection::no_board::NoBoard;
 use crate::numerics::statistics::median;
-use crate::recording::pictures::{GreyImage, TimedImage, visit_frames};
-use crate::recording::{Recording, RecordingError};
+use crate::recording::pictures::{GreyImage, TimedImage};
 
 /// Pictures that are searched in one go.
 const PICTURES_TOGETHER: usize = 64;
@@ -80,17 +79,23 @@ impl<'a> PictureSearch<'a> {
         Self { board, settings, fewest, frames: Vec::new(), blurs: Vec::new(), report }
     }
 
-    /// Searches the pictures of `recording`, which is number `number` of the camera; their times count
-    /// from `start` (µs on the recording's clock), or else from the exposure of the first.
+    /// Searches the pictures of recording number `number` of the camera, which `hand_on` hands on in order of time; their times
+    /// count from `start` (µs on the recording's clock), or else from the exposure of the first. `hand_on` returns in a sentence
+    /// what could not be read.
     ///
     /// Returns the time from which they count.
     ///
     /// # Errors
-    /// When the file cannot be opened.
-    pub fn search(&mut self, recording: &Recording, number: usize, start: Option<i64>) -> Result<i64, RecordingError> {
+    /// Those of `hand_on`.
+    pub fn search<E>(
+        &mut self,
+        number: usize,
+        start: Option<i64>,
+        hand_on: impl FnOnce(&mut dyn FnMut(TimedImage)) -> Result<Option<String>, E>,
+    ) -> Result<i64, E> {
         let mut waiting: Vec<TimedImage> = Vec::new();
         let mut origin = start;
-        let note = visit_frames(recording, |image| {
+        let note = hand_on(&mut |image| {
             origin = origin.or(Some(image.exposure.0));
             waiting.push(image);
             if waiting.len() >= PICTURES_TOGETHER {

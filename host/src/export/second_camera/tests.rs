@@ -53,6 +53,7 @@ fn result(index: usize) -> SecondCameraResult {
         inflation: 4.0,
         looseness: Some(1.0),
         from_identity: None,
+        frames: None,
         findings: Vec::new(),
     }
 }

@@ -1,0 +1,357 @@
+//! A folder of images with time stamps, as EuRoC data sets have it: `data.csv`, and the images in `data` beside it.
+//!
+//! `data.csv` has a line `#timestamp [ns],filename` of names, then a line an image. A third column, `exposure [ns]` (or us, ms, s),
+//! tells how long each was exposed. Images are PNG or JPEG, all of one size. They are read one at a time.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use evcal_core::sensor::Sensor;
+use serde::{Deserialize, Serialize};
+
+use super::image_file::{self, ImageFile, ImageFileError, Samples};
+use super::pictures::{GreyImage, TimedImage};
+
+/// Name of the table of an image folder.
+pub const TABLE: &str = "data.csv";
+/// Name of the folder of its images.
+pub const IMAGES: &str = "data";
+/// The line of names.
+pub const HEADER: &str = "#timestamp [ns],filename";
+
+/// What the time stamp of an image stands for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Stamps {
+    /// The start of its exposure.
+    Start,
+    /// The middle of its exposure.
+    #[default]
+    Middle,
+    /// The end of its exposure.
+    End,
+}
+
+impl Stamps {
+    /// All of them.
+    pub const ALL: &[Self] = &[Self::Start, Self::Middle, Self::End];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Start => "start",
+            Self::Middle => "middle",
+            Self::End => "end",
+        }
+    }
+
+    /// What it means, in a few words.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::Start => "A time stamp is the start of the exposure",
+            Self::Middle => "A time stamp is the middle of the exposure",
+            Self::End => "A time stamp is the end of the exposure",
+        }
+    }
+
+    /// Start and end of an exposure of this length with a `stamp` (all in ns).
+    const fn exposure(self, stamp: i64, length: i64) -> (i64, i64) {
+        let before = match self {
+            Self::Start => 0,
+            Self::Middle => length / 2,
+            Self::End => length,
+        };
+        let start = stamp.saturating_sub(before);
+        (start, start.saturating_add(length))
+    }
+}
+
+/// Why a folder of images cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ImageFolderError {
+    /// The system says so.
+    #[error("{}: cannot be read: {error}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
+    /// There is no table.
+    #[error("{} holds no data.csv: name a folder with data.csv (timestamp [ns], filename) and its images in data beside it", .0.display())]
+    NoTable(PathBuf),
+    /// There are several folders of images.
+    #[error("{} holds the images of several cameras ({names}): name the folder of one", path.display())]
+    SeveralCameras {
+        /// The folder.
+        path: PathBuf,
+        /// Their folders.
+        names: String,
+    },
+    /// A line of the table is wrong.
+    #[error("{}: line {line}: {what}", path.display())]
+    Line {
+        /// The table.
+        path: PathBuf,
+        /// Number of the line, from 1.
+        line: usize,
+        /// What is wrong with it, and what to do.
+        what: LineError,
+    },
+    /// There is no image in the table.
+    #[error("{} names no image: one line each is needed, TIMESTAMP_NS,FILENAME", .0.display())]
+    NoImages(PathBuf),
+    /// An image cannot be read.
+    #[error("{}: {error}: copy it again, or take its line out of data.csv", path.display())]
+    Image {
+        /// The image.
+        path: PathBuf,
+        /// Why.
+        error: ImageFileError,
+    },
+    /// An image has another size than those before it.
+    #[error(
+        "{} has {} x {} pixels, the images before it {} x {}: give the images of one camera, in one size",
+        path.display(), size.0, size.1, before.width, before.height
+    )]
+    Size {
+        /// The image.
+        path: PathBuf,
+        /// Its width and height.
+        size: (u32, u32),
+        /// That of the first image.
+        before: Sensor,
+    },
+}
+
+/// What is wrong with a line of the table.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LineError {
+    /// It has too few columns.
+    #[error("{0:?} is no time stamp in ns, comma, name of a file")]
+    Columns(String),
+    /// The time is no whole number.
+    #[error("{0:?} is no whole number of nanoseconds")]
+    Time(String),
+    /// The exposure is no number.
+    #[error("{0:?} is no exposure time, which is a number from 0 on")]
+    Exposure(String),
+    /// Time stands still or goes back.
+    #[error(
+        "{time} ns is not after {before} ns, the time stamp before it: sort the lines by time, and leave out doubles"
+    )]
+    Back {
+        /// Its time.
+        time: i64,
+        /// That of the line before.
+        before: i64,
+    },
+    /// The image is not there.
+    #[error("there is no file {}: copy it there, or take out the line", .0.display())]
+    Missing(PathBuf),
+}
+
+/// A line of the table.
+#[derive(Clone, Debug, PartialEq)]
+struct Entry {
+    /// Its time stamp (ns).
+    stamp: i64,
+    /// How long it was exposed (ns), where the table tells it.
+    exposure: Option<i64>,
+    path: PathBuf,
+}
+
+/// A folder of images of one camera.
+#[derive(Clone, Debug)]
+pub struct ImageFolder {
+    path: PathBuf,
+    entries: Vec<Entry>,
+    sensor: Sensor,
+    stamps: Stamps,
+}
+
+impl ImageFolder {
+    /// Reads the table in the folder at `path`, and the size of the first image. The folder of a data set with one camera,
+    /// `mav0/cam0` in it, will do too. The time stamps are those of `stamps` of the exposures.
+    ///
+    /// # Errors
+    /// [`ImageFolderError`] names the line or the file that is wrong.
+    pub fn open(path: &Path, stamps: Stamps) -> Result<Self, ImageFolderError> {
+        let folder = camera_folder(path)?;
+        let table = folder.join(TABLE);
+        let io = |error| ImageFolderError::Io { path: table.clone(), error };
+        let text = String::from_utf8(fs::read(&table).map_err(io)?)
+            .map_err(|error| io(io::Error::new(io::ErrorKind::InvalidData, error)))?;
+        let entries = entries(&text, &folder.join(IMAGES)).map_err(|(line, what)| ImageFolderError::Line {
+            path: table.clone(),
+            line,
+            what,
+        })?;
+        let first = entries.first().ok_or_else(|| ImageFolderError::NoImages(table.clone()))?;
+        let sensor = sensor_of(&read(&first.path)?);
+        let sensor = sensor
+            .ok_or_else(|| ImageFolderError::Image { path: first.path.clone(), error: ImageFileError::Unknown })?;
+        Ok(Self { path: path.to_owned(), entries, sensor, stamps })
+    }
+
+    /// The folder as it was named.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Width and height of the images.
+    pub fn sensor(&self) -> Sensor {
+        self.sensor
+    }
+
+    /// What the time stamps stand for.
+    pub fn stamps(&self) -> Stamps {
+        self.stamps
+    }
+
+    /// Whether the table tells how long the images were exposed.
+    pub fn exposure_known(&self) -> bool {
+        self.entries.iter().all(|entry| entry.exposure.is_some())
+    }
+
+    /// Hands the images to `visit`, in the order of time, times in µs.
+    ///
+    /// # Errors
+    /// [`ImageFolderError`] names the image that cannot be read or has another size.
+    pub fn visit(&self, mut visit: impl FnMut(TimedImage)) -> Result<(), ImageFolderError> {
+        for entry in &self.entries {
+            let image = read(&entry.path)?;
+            if sensor_of(&image) != Some(self.sensor) {
+                let (path, size, before) = (entry.path.clone(), image.size, self.sensor);
+                return Err(ImageFolderError::Size { path, size, before });
+            }
+            let (start, end) = self.stamps.exposure(entry.stamp, entry.exposure.unwrap_or(0));
+            let micros = |time: i64| time.saturating_add(500).div_euclid(1000);
+            visit(TimedImage {
+                exposure: (micros(start), micros(end)),
+                exposure_known: entry.exposure.is_some(),
+                position: (0, 0),
+                image: grey(image).ok_or(super::pictures::NoImage::NotGrey),
+            });
+        }
+        Ok(())
+    }
+}
+
+/// The folder with the table: `path`, or the only camera in it.
+fn camera_folder(path: &Path) -> Result<PathBuf, ImageFolderError> {
+    if path.join(TABLE).is_file() {
+        return Ok(path.to_owned());
+    }
+    let of = |folder: PathBuf| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_camera = |path: &PathBuf| {
+        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        name.starts_with("cam") && path.join(TABLE).is_file()
+    };
+    let mut cameras: Vec<PathBuf> = of(path.to_owned()).chain(of(path.join("mav0"))).filter(is_camera).collect();
+    cameras.sort();
+    match cameras.as_slice() {
+        [] => Err(ImageFolderError::NoTable(path.to_owned())),
+        [camera] => Ok(camera.clone()),
+        cameras => {
+            let name = |camera: &PathBuf| camera.strip_prefix(path).unwrap_or(camera).display().to_string();
+            let names = cameras.iter().map(name).collect::<Vec<_>>().join(", ");
+            Err(ImageFolderError::SeveralCameras { path: path.to_owned(), names })
+        }
+    }
+}
+
+/// Nanoseconds of a unit.
+fn unit(name: &str) -> Option<f64> {
+    [("[ns]", 1.0), ("[us]", 1e3), ("[µs]", 1e3), ("[ms]", 1e6), ("[s]", 1e9)]
+        .into_iter()
+        .find_map(|(unit, factor)| name.ends_with(unit).then_some(factor))
+}
+
+/// The lines of a table with images in the folder `images`, or which one is wrong and why.
+fn entries(text: &str, images: &Path) -> Result<Vec<Entry>, (usize, LineError)> {
+    let mut entries: Vec<Entry> = Vec::new();
+    // Place and unit of the exposure.
+    let mut exposure = None;
+    for (number, line) in (1..).zip(text.trim_start_matches('\u{feff}').lines()) {
+        let line = line.trim();
+        if line.is_empty() {
+            continue;
+        }
+        if let Some(names) = line.strip_prefix('#') {
+            let mut names = names.split(',').map(str::trim).enumerate();
+            exposure = exposure.or_else(|| {
+                names.find_map(|(place, name)| Some((place, unit(name)?)).filter(|_| name.starts_with("exposure")))
+            });
+            continue;
+        }
+        let wrong = |what| (number, what);
+        let columns: Vec<&str> = line.split(',').map(str::trim).collect();
+        let [time, name, ..] = columns.as_slice() else { return Err(wrong(LineError::Columns(line.to_owned()))) };
+        if name.is_empty() {
+            return Err(wrong(LineError::Columns(line.to_owned())));
+        }
+        let stamp: i64 = time.parse().map_err(|_| wrong(LineError::Time((*time).to_owned())))?;
+        if let Some(Entry { stamp: before, .. }) = entries.last().filter(|before| before.stamp >= stamp) {
+            return Err(wrong(LineError::Back { time: stamp, before: *before }));
+        }
+        let exposure = exposure.map(|(place, unit)| {
+            let text = columns.get(place).copied().unwrap_or_default();
+            let length = text.parse::<f64>().ok().filter(|length| (0.0..1e18).contains(&(length * unit)));
+            length
+                .map(|length| (length * unit).round() as i64)
+                .ok_or_else(|| wrong(LineError::Exposure(text.to_owned())))
+        });
+        let path = images.join(name);
+        if !path.is_file() {
+            return Err(wrong(LineError::Missing(path)));
+        }
+        entries.push(Entry { stamp, exposure: exposure.transpose()?, path });
+    }
+    Ok(entries)
+}
+
+fn read(path: &Path) -> Result<ImageFile, ImageFolderError> {
+    image_file::read(path).map_err(|error| ImageFolderError::Image { path: path.to_owned(), error })
+}
+
+fn sensor_of(image: &ImageFile) -> Option<Sensor> {
+    let side = |side: u32| u16::try_from(side).ok().filter(|side| *side > 0);
+    Some(Sensor::new(side(image.size.0)?, side(image.size.1)?))
+}
+
+/// The image in 256 grey levels. Of 16 bits the highest 8 that are used in it count.
+fn grey(image: ImageFile) -> Option<GreyImage> {
+    let (width, height) = (usize::try_from(image.size.0).ok()?, usize::try_from(image.size.1).ok()?);
+    let bytes = match image.samples {
+        Samples::Eight(samples) => samples,
+        Samples::Sixteen(samples) => {
+            let highest = samples.iter().copied().max().unwrap_or(0);
+            let unused = (16 - highest.leading_zeros()).saturating_sub(8);
+            samples.iter().map(|sample| (sample >> unused) as u8).collect()
+        }
+    };
+    let pixels = match image.channels {
+        1 => bytes,
+        2 => bytes.chunks_exact(2).filter_map(|pixel| pixel.first().copied()).collect(),
+        3 | 4 => bytes
+            .chunks_exact(image.channels)
+            .filter_map(|pixel| match *pixel {
+                // Weighed as ITU-R BT.601 does.
+                [red, green, blue, ..] => {
+                    let sum = 299 * u32::from(red) + 587 * u32::from(green) + 114 * u32::from(blue);
+                    Some(((sum + 500) / 1000).min(255) as u8)
+                }
+                _ => None,
+            })
+            .collect(),
+        _ => return None,
+    };
+    GreyImage::new(width, height, pixels)
+}
+
+#[cfg(test)]
+mod tests;

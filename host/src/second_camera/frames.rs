@@ -1,0 +1,134 @@
+//! A second camera that takes ordinary frames: circles in its frames on the trajectories of the first camera.
+//!
+//! Each frame has a pose of its own at first, from the calibration of its lens apart. In the solve of both cameras a circle belongs
+//! to the time of its row: the frame's time and the line delay for each row below the middle. The line delay is always solved for.
+
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use nalgebra::Isometry3;
+
+use super::calibration::SecondCalibration;
+use super::error::SecondCameraError;
+use super::estimate::Estimate;
+use super::findings::findings;
+use super::joint::{Joint, Solved, solve};
+use super::mount::{LINE_DELAY, Mount, TRANSLATION};
+use super::seen::Seen;
+use super::{Apart, Known, finish, problem_of_points, seen_by_both, start, with_board_held};
+use crate::board::symmetry::Symmetry;
+use crate::circles::reference_frame::PointObservation;
+use crate::solve::State;
+use crate::solve::observation::SegmentObservations;
+use crate::trajectory::mean_distance;
+use crate::trust::uncertainty::UncertaintySettings;
+
+/// σ from which a line delay is none of chance.
+const CERTAIN: f64 = 3.0;
+
+/// Root mean square of the distances of centres, in their spread along one axis, with Huber's loss from 1.5 of it on: that of normal
+/// errors along both axes.
+const USUAL_RMS: f64 = 1.36;
+/// Spreads that are the same differ by less than this factor.
+const SAME_SPREAD: f64 = 1.2;
+/// Most solves until the spread of centres is known.
+const MOST_SOLVES: usize = 4;
+
+/// A frame with the board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SeenFrame {
+    /// The middle of its exposure, or what its time stamp says, from the first frame of the recording on (s).
+    pub t: f64,
+    /// `T_world_camera`.
+    pub pose: Isometry3<f64>,
+    /// Images of the centres of circles, at this time.
+    pub circles: Vec<PointObservation>,
+}
+
+/// A camera that takes frames, as it was calibrated apart.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameCamera<'a> {
+    /// The lens.
+    pub camera: Camera<f64>,
+    /// Standard deviation of each of its parameters.
+    pub sigma: &'a [f64],
+    /// Size of its sensor.
+    pub sensor: Sensor,
+    /// Its frames, in order of time.
+    pub frames: &'a [SeenFrame],
+    /// Spread of a centre along one axis (px).
+    pub point_sigma: f64,
+    /// Whether its rows are said to be exposed one after the other.
+    pub rolling_shutter: bool,
+}
+
+/// Calibrates a camera of frames, the `second`, against the `first`, before a board that looks the same after the turns
+/// `symmetries`.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong with the recordings or the motion, and what to do.
+pub fn calibrate_frames(
+    first: Apart,
+    second: FrameCamera,
+    symmetries: &[Symmetry],
+    settings: &UncertaintySettings,
+) -> Result<SecondCalibration, SecondCameraError> {
+    let state = &first.refined.state;
+    let seen = Seen::in_frames(second.frames.iter().map(|frame| (frame.t, frame.pose)));
+    let start = start::start(&state.trajectories, &seen, symmetries)?;
+    let mut of_segments: Vec<SegmentObservations> = Vec::new();
+    for (frame, seen) in second.frames.iter().zip(&seen.poses) {
+        of_segments.resize_with(of_segments.len().max(seen.segment + 1), SegmentObservations::default);
+        if let Some(segment) = of_segments.last_mut() {
+            segment.points.extend(&frame.circles);
+        }
+    }
+    let segments = seen_by_both(first.refined, &of_segments, &start, symmetries);
+    let count = |segments: &[SegmentObservations]| segments.iter().map(|one| one.points.len()).sum::<usize>();
+    let left_out = 1.0 - count(&segments) as f64 / count(&of_segments).max(1) as f64;
+    let mut of_frames = problem_of_points(&first.refined.problem, segments, second.sigma, second.point_sigma);
+    of_frames.sensor = second.sensor;
+    let of_first = with_board_held(&first.refined.problem, first.refined.problem.segments.clone());
+    let joint = Joint { first: of_first, second: of_frames };
+    let estimate = Estimate {
+        first: state.clone(),
+        second: State { camera: second.camera, trajectories: Vec::new(), ..state.clone() },
+        mount: Mount { line_delay: Some(0.0), ..start.mount },
+    };
+    let mut solved = weighed(joint, estimate, settings)?;
+    // The focal length of the events is off by what no block of time shows, and that of frames is not.
+    let place = TRANSLATION + 2;
+    solved.covariance[(place, place)] += (settings.systematic_scale * mean_distance(&state.trajectories)).powi(2);
+    let known = Known {
+        correlation: Some(start.correlation),
+        seconds: start.seconds,
+        left_out,
+        own_rms: None,
+        sensors: [first.refined.problem.sensor, second.sensor],
+    };
+    let sigma = first.uncertainty.sigma();
+    let mut calibration = finish(solved, &known, [(&state.camera, &sigma), (&second.camera, second.sigma)]);
+    let line_delay = calibration.mount.line_delay.unwrap_or(0.0);
+    let sigma = calibration.sigma(LINE_DELAY);
+    if !second.rolling_shutter && line_delay.abs() > CERTAIN * sigma {
+        let rows = second.sensor.height;
+        return Err(SecondCameraError::RollingShutter { line_delay, sigma, rows });
+    }
+    calibration.rolling_shutter = second.rolling_shutter;
+    calibration.findings = findings(&calibration);
+    Ok(calibration)
+}
+
+/// Solves, and again with the spread of centres that was left as long as that is not the one that was taken for granted: alone, the
+/// frames of a rolling shutter fit no lens well.
+fn weighed(mut joint: Joint, estimate: Estimate, settings: &UncertaintySettings) -> Result<Solved, SecondCameraError> {
+    let mut solved = solve(&joint, estimate, settings)?;
+    for _ in 1..MOST_SOLVES {
+        let ratio = solved.rms / USUAL_RMS;
+        if (1.0 / SAME_SPREAD..SAME_SPREAD).contains(&ratio) {
+            break;
+        }
+        joint.second.point_sigma *= ratio;
+        solved = solve(&joint, solved.estimate, settings)?;
+    }
+    Ok(solved)
+}
