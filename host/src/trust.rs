@@ -101,12 +101,11 @@ pub struct ExamineSettings<'a> {
     pub verdict: &'a VerdictSettings,
 }
 
-/// A lens model that follows the lens of `refined` where its own cannot, by more than the verdict lets pass.
+/// A lens model that follows the lens of `refined` where its own cannot.
 pub fn better_model(refined: &Refined, inflation: f64, settings: ExamineSettings) -> Option<ModelKind> {
     let (problem, state) = (&refined.problem, &refined.state);
     let residuals = residual_map(problem, state, &residuals_at(problem, state), settings.map);
-    let misfit = misfit_of(problem, state, &residuals, inflation, settings)?;
-    misfit.better.filter(|_| misfit.rms > settings.verdict.misfit).map(|better| better.kind)
+    misfit_of(problem, state, &residuals, inflation, settings)?.better.map(|better| better.kind)
 }
 
 fn misfit_of(
