@@ -160,7 +160,7 @@ fn inputs_and_board(
     let inputs = inputs_of(given, said, &any)?;
     let recordings = inputs.iter().map(|input| match input {
         Input::Events(recording) => Ok(recording),
-        Input::Circles { .. } => Err(failed(BoardChoiceError::NoEvents)),
+        Input::Images(_) | Input::Circles { .. } => Err(failed(BoardChoiceError::NoEvents)),
     });
     let recordings = recordings.collect::<PyResult<Vec<&Recording>>>()?;
     let board = given.py().detach(|| choose_board(request, &recordings, &settings.detection)).map_err(failed)?;
