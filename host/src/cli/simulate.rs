@@ -82,7 +82,8 @@ pub struct Arguments {
     )]
     format: RecordingFormat,
     /// What goes wrong in the room, separated by commas: flicker:100Hz:20% (of lamps), background (textured, moving), hand
-    /// (over part of the board), glare, smudges (on the lens), defocus:2px, hot-pixels:300, dead-columns:5
+    /// (over part of the board), glare, smudges (on the lens), vignetting:60% (less light in the corners), defocus:2px,
+    /// hot-pixels:300, dead-columns:5
     #[arg(long, value_name = "EFFECTS", value_delimiter = ',')]
     effects: Vec<Effect>,
     /// What is printed in place of the dots

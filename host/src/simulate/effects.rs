@@ -22,6 +22,8 @@ pub enum Effect {
     Glare,
     /// Dirt on the lens.
     Smudges,
+    /// A lens that gets this share less light to the corners than to the middle, in place of the usual 25 %.
+    Vignetting(f64),
     /// A lens out of focus, by this standard deviation of its blur in pixels.
     Defocus(f64),
     /// So many pixels that fire on their own.
@@ -33,7 +35,7 @@ pub enum Effect {
 /// A text that names no effect.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{0} is no effect: write flicker:100Hz:20%, background, hand, glare, smudges, defocus:2px, hot-pixels:300 or dead-columns:5"
+    "{0} is no effect: write flicker:100Hz:20%, background, hand, glare, smudges, vignetting:60%, defocus:2px, hot-pixels:300 or dead-columns:5"
 )]
 pub struct EffectError(String);
 
@@ -53,6 +55,7 @@ impl FromStr for Effect {
             ["hand"] => Some(Self::Hand),
             ["glare"] => Some(Self::Glare),
             ["smudges"] => Some(Self::Smudges),
+            ["vignetting", share] => number(share, "%").map(|percent| Self::Vignetting(0.01 * percent)),
             ["defocus", blur] => number(blur, "px").map(Self::Defocus),
             ["hot-pixels", pixels] => count(pixels).map(Self::HotPixels),
             ["dead-columns", columns] => count(columns).map(Self::DeadColumns),
@@ -71,6 +74,7 @@ impl Effect {
             Self::Hand => scene.hand = Some(Hand::default()),
             Self::Glare => scene.glare = Some(Glare::default()),
             Self::Smudges => sensor.smudges = Some(Smudges::default()),
+            Self::Vignetting(share) => sensor.vignette = share,
             Self::Defocus(blur) => sensor.point_spread = libm::hypot(sensor.point_spread, blur),
             Self::HotPixels(pixels) => sensor.hot_pixels = pixels,
             Self::DeadColumns(columns) => sensor.dead_columns = columns,
@@ -89,11 +93,13 @@ mod tests {
             ("flicker:100Hz:20%", Effect::Flicker(lamp)),
             ("hand", Effect::Hand),
             ("defocus:1.5px", Effect::Defocus(1.5)),
+            ("vignetting:60%", Effect::Vignetting(0.6)),
             ("dead-columns:4", Effect::DeadColumns(4)),
         ] {
             assert_eq!(text.parse(), Ok(effect));
         }
-        for text in ["", "flicker", "flicker:100:20", "hand:2", "hot-pixels:-1", "defocus:px", "fog"] {
+        for text in ["", "flicker", "flicker:100:20", "hand:2", "hot-pixels:-1", "vignetting:0.6", "defocus:px", "fog"]
+        {
             assert!(text.parse::<Effect>().is_err(), "{text}");
         }
     }
