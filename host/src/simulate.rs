@@ -27,7 +27,8 @@ use self::arbiter::Bus;
 use self::motion::Motion;
 use self::rays::Rays;
 use self::row::{BadPixels, Row, STEPPING, Slice, Stage, TICK};
-use self::scene::{Scene, View};
+use self::scene::Scene;
+use self::view::View;
 use crate::board::Board;
 use crate::numerics::random::uniform;
 use crate::trajectory::timed_pose::TimedPose;
@@ -36,6 +37,7 @@ mod arbiter;
 mod clock;
 pub mod davis;
 pub mod dots;
+mod edge_profile;
 pub mod effects;
 pub mod folder;
 pub mod frame;
@@ -59,6 +61,7 @@ mod settings;
 pub mod smudges;
 pub mod surroundings;
 pub mod truth;
+pub mod view;
 
 #[cfg(test)]
 mod tests;

@@ -17,8 +17,8 @@ use serde::{Deserialize, Serialize};
 
 use super::SimulationError;
 use super::row::Stage;
-use super::scene::View;
 use super::smudges::scattered;
+use super::view::View;
 use crate::numerics::random::normal;
 
 /// Largest value of a pixel: 10 bits.

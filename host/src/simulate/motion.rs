@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::clock::{Interval, Ramps};
 use super::rays::{Ray, Rays};
-use super::scene::View;
+use super::view::View;
 use crate::board::Board;
 use crate::numerics::random::{uniform, uniform_in};
 

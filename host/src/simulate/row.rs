@@ -15,9 +15,10 @@ use rand_chacha::ChaCha8Rng;
 use super::motion::{SPEED_GRID, image_speeds};
 use super::pixel::{Pixel, RowOutput};
 use super::rays::Rays;
-use super::scene::{Sample, Scene, View};
+use super::scene::{Sample, Scene};
 use super::sensor::SensorModel;
 use super::smudges::scattered;
+use super::view::View;
 
 /// Time between two ticks, in microseconds.
 pub const TICK: f64 = 50.0;
