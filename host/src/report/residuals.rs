@@ -130,7 +130,7 @@ fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
                 "Mean displacements of the cells are " strong { (format!("{shift_ratio:.1} times")) } " as large as noise alone would make them (1 is noise, from "
                 "about 2 on there is a pattern); beyond noise they are " (signed(shift, 3)) " px."
                 @if outward_ratio > 0.0 {
-                    " In or out of the dots, edges lie " (format!("{outward_ratio:.1}")) " times as far as by noise, " (signed(outward, 3)) " px beyond it."
+                    " Edges are displaced into or out of the dots " (format!("{outward_ratio:.1}")) " times as far as noise alone would; beyond noise that is " (signed(outward, 3)) " px."
                 }
             }
         }
