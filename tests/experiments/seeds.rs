@@ -27,7 +27,12 @@ struct Trial {
     /// The same of the two halves of the recording.
     halves: Option<(f64, [f64; 2])>,
     poses: Poses,
+    /// Measures of the board, of [`MEASURES`], that were taken for other than they are stated. The simulated ones are as stated.
+    misjudged: Vec<&'static str>,
 }
+
+/// What can be different about a board from what is stated of it.
+const MEASURES: [&str; 4] = ["print_ratio", "bend_x", "bend_y", "radius"];
 
 /// How far the camera centres of one recording are from the truth, both in the frame of the board.
 struct Poses {
@@ -87,6 +92,9 @@ fn main() {
         poses().map(|poses| poses.undetermined).sum::<usize>()
     );
     println!("verdict \"not good enough\": {}", poses().filter(|poses| poses.refused).count());
+    let misjudged = |measure| trials.iter().filter(|trial| trial.misjudged.contains(measure)).count();
+    let counts: Vec<String> = MEASURES.iter().map(|measure| format!("{} {measure}", misjudged(measure))).collect();
+    println!("boards taken for other than they are, of {}: {}", trials.len(), counts.join(", "));
 }
 
 fn trial(lens: Lens, seed: u64, options: &[String]) -> Option<Trial> {
@@ -136,6 +144,10 @@ impl Trial {
                 .as_f64()
                 .map(|bound| (number(&halves["difference_rms"]), [number(&halves["expected_rms"]), bound])),
             poses: Poses::of(calibration, truth, result["verdict"]["grade"] == "not-good"),
+            misjudged: MEASURES
+                .into_iter()
+                .filter(|measure| result["printed_board"][*measure]["estimated"] == true)
+                .collect(),
         }
     }
 }
