@@ -7,7 +7,7 @@ use crate::board::symmetry::symmetries;
 use crate::circles::reference_frame::{ObservedCircle, PointObservation, ReferenceFrame};
 use crate::initial::PosedFrame;
 use crate::lens::camera_file::CameraDescription;
-use crate::recording::image_folder::ImageFolder;
+use crate::recording::images::Images;
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::error::SecondCameraError;
 use crate::second_camera::frames::{FrameCamera, SeenFrame, calibrate_frames};
@@ -67,7 +67,7 @@ fn mounted(
     }
 }
 
-/// Calibrates a camera of frames against that of `first`; `second` was calibrated apart from the images of `folder` alone. Its rows
+/// Calibrates a camera of frames against that of `first`; `second` was calibrated apart from `images` alone. Its rows
 /// may be exposed one after the other if `rolling_shutter` says so.
 ///
 /// # Errors
@@ -75,7 +75,7 @@ fn mounted(
 pub fn calibrate_frame_camera(
     first: &Calibrated,
     second: &Calibrated,
-    (folder, rolling_shutter): (&ImageFolder, bool),
+    (images, rolling_shutter): (&Images, bool),
     board: &Board,
     settings: &UncertaintySettings,
 ) -> Result<SecondCamera, SecondCameraError> {
@@ -96,8 +96,8 @@ pub fn calibrate_frame_camera(
     };
     let apart = Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty };
     let calibration = calibrate_frames(apart, camera, &symmetries(board), settings)?;
-    let used = SecondFrames { used: frames.len(), stamps: folder.stamps(), exposure_known: folder.exposure_known() };
-    Ok(mounted(first, second, &folder.path().display().to_string(), Some(used), calibration))
+    let used = SecondFrames { used: frames.len(), stamps: images.stamps(), exposure_known: images.exposure_known() };
+    Ok(mounted(first, second, &images.name(), Some(used), calibration))
 }
 
 /// A frame with its pose and the images of its circles' centres.

@@ -75,6 +75,10 @@ impl Work<'_> {
             (true, ..) => PictureUse::Only,
             (_, true, _) => PictureUse::Joint,
             (.., true) => PictureUse::SecondCamera,
+            // Those in the bag are another camera's.
+            _ if self.others.iter().any(|other| matches!(other, Input::Images(_)) && self.is_of_first(other)) => {
+                PictureUse::Ignore
+            }
             (false, false, false) => PictureUse::Witness,
         };
         Task {
@@ -87,6 +91,11 @@ impl Work<'_> {
             settings: self.settings,
             command_line,
         }
+    }
+
+    /// Whether the recording of another camera is in a file of the first one's.
+    fn is_of_first(&self, other: &Input) -> bool {
+        self.inputs.iter().any(|input| input.is_of_file_of(other))
     }
 
     /// Calibrates. `tell` hears what is going on, and may end it.
@@ -174,7 +183,12 @@ impl Work<'_> {
         for input in &self.others {
             let file = input.name();
             let inputs = std::slice::from_ref(input);
-            let pictures = if let Input::Images(_) = input { PictureUse::Only } else { PictureUse::Witness };
+            let pictures = match input {
+                Input::Images(_) => PictureUse::Only,
+                // Frames in it are the first camera's.
+                _ if self.is_of_first(input) => PictureUse::Ignore,
+                _ => PictureUse::Witness,
+            };
             let task = Task { inputs, pictures, parameters: ParameterRequests::default(), ..*task };
             let second = calibrate(&task, |step| {
                 waiting.stage(step.text, step.done);
@@ -183,8 +197,8 @@ impl Work<'_> {
             let second = second.map_err(|error| OtherError::Apart { file: file.clone(), error })?;
             waiting.stage("both cameras", None);
             let second = match input {
-                Input::Images(folder) => {
-                    let frames = (folder, self.rolling_shutter);
+                Input::Images(images) => {
+                    let frames = (images, self.rolling_shutter);
                     calibrate_frame_camera(first, &second, frames, &self.board, uncertainty)?
                 }
                 Input::Events(_) | Input::Circles { .. } => {
