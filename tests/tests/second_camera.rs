@@ -68,6 +68,43 @@ fn what_was_found_is_in_words_and_files() {
     }
 }
 
+/// With both lenses held at the true ones, the transform is the true one all the more.
+#[test]
+fn intrinsics_can_be_held() {
+    let folder = simulation();
+    let (first, second) = (folder.join("events.aedat4"), folder.join("second.aedat4"));
+    let truth = &read_json(&folder.join("truth.json"));
+    let lens = folder.join("second-lens.json");
+    let of_second = &truth["second_camera"];
+    let sensor = &truth["sensor"];
+    fs::write(&lens, serde_json::json!({ "sensor": sensor, "camera": of_second["camera"] }).to_string()).unwrap();
+    let held = ["--camera", text(&folder), "--with-camera", text(&lens)];
+    let options = [&["calibrate", text(&first), "--with", text(&second), "--board", BOARD], &held[..]].concat();
+    let found = &read_json(&made("second-camera-held", &options).join("calibration.json"))["second_cameras"][0];
+    assert_eq!(found["held"], serde_json::json!([true, true]));
+    for (solved, was) in [(0, &truth["camera"]), (1, &of_second["camera"])] {
+        assert_eq!(&found["solved_together"][solved]["camera"], was);
+    }
+    let (is, was) = (pose(&found["T_second_first"]), pose(&of_second["T_second_first"]));
+    let error = is.translation.vector - was.translation.vector;
+    let sigma = Vector3::from_vec(numbers(&found["translation_sigma"]));
+    assert!(error.norm() < 2e-4 && error.component_div(&sigma).amax() < 4.5, "off by {error}, σ {sigma}");
+    let joint = &read_json(&calibration().join("calibration.json"))["second_cameras"][0];
+    let free = Vector3::from_vec(numbers(&joint["translation_sigma"]));
+    assert!(sigma.norm() < 1.1 * free.norm(), "{sigma} {free}");
+
+    let scratch = tempfile::tempdir().unwrap();
+    let result = scratch.path().join("result");
+    let refused = |words: &str, arguments: &[&str]| {
+        let options = ["--board", BOARD, "-o", text(&result)];
+        let finished = evcal(&[&["calibrate", text(&first)], arguments, &options].concat());
+        assert_ne!(finished.code, Some(0));
+        assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
+    };
+    refused("--camera holds intrinsics for --imu and --with", &["--camera", text(&folder)]);
+    refused("one --with-camera for each", &["--with", text(&second), "--with-camera", "a", "--with-camera", "b"]);
+}
+
 #[test]
 fn mistakes_are_named() {
     let folder = simulation();
@@ -204,7 +241,7 @@ fn a_topic_of_images_gives_what_the_folder_gives() {
     for name in ["T_second_first", "rotation_sigma", "translation_sigma", "time_offset", "frames", "camera"] {
         assert_eq!(of_bag[name], of_folder[name], "{name}");
     }
-    assert!(of_bag["file"].as_str().unwrap().ends_with("both.bag, /dvs/image_raw"), "{}", of_bag["file"]);
+    assert!(of_bag["recording"].as_str().unwrap().ends_with("both.bag, /dvs/image_raw"), "{}", of_bag["recording"]);
 
     let refused = |words: &str, options: &[&str]| {
         let options = [&["calibrate", text(&bag), "--with", text(&bag)], options].concat();

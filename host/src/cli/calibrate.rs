@@ -1,5 +1,6 @@
 //! `evcal calibrate`.
 
+pub mod held;
 pub mod work;
 
 use std::error::Error;
@@ -26,6 +27,7 @@ use evcal::settings::{Settings, SettingsError};
 use evcal::trajectory::RotationSpline;
 use evcal_core::circle::Extraction;
 
+use self::held::{HeldCamera, HeldCameras};
 use self::work::{Failed, Work};
 use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
@@ -61,10 +63,34 @@ pub struct Arguments {
     /// The images of --with are of a rolling shutter: their rows are exposed one after the other
     #[arg(long, requires = "with")]
     rolling_shutter: bool,
+    /// Hold the camera's intrinsics at those of this calibration, or other camera file, where they are solved for together with --imu
+    /// or --with [default: they are solved for]
+    #[arg(long, value_name = "FILE|DIR")]
+    camera: Option<PathBuf>,
+    /// The same for the camera of --with; can be repeated, in the order of --with
+    #[arg(long, value_name = "FILE|DIR", requires = "with")]
+    with_camera: Vec<PathBuf>,
     #[command(flatten)]
     source: SourceArguments,
     #[command(flatten)]
     calibration: CalibrationArguments,
+}
+
+impl Arguments {
+    /// The cameras whose intrinsics are held.
+    fn held_cameras(&self) -> Result<HeldCameras, Box<dyn Error>> {
+        let together = self.calibration.imu.is_some() || self.calibration.with_frames || !self.with.is_empty();
+        if self.camera.is_some() && !together {
+            let advice = "--camera holds intrinsics for --imu and --with: add one of them, or leave it out";
+            return Err(UsageError(advice.to_owned()).into());
+        }
+        if self.with_camera.len() > self.with.len() {
+            return Err(UsageError("give one --with-camera for each --with at most, in their order".to_owned()).into());
+        }
+        let first = self.camera.as_deref().map(HeldCamera::read).transpose()?;
+        let others = self.with_camera.iter().map(|path| HeldCamera::read(path)).collect::<Result<_, _>>()?;
+        Ok(HeldCameras { first, others })
+    }
 }
 
 /// Where results go, and what is printed.
@@ -242,15 +268,15 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
         stamps: arguments.with_stamps,
         rolling_shutter: arguments.rolling_shutter,
     };
-    let recordings = CameraRecordings { first: &arguments.recordings, others };
+    let recordings = CameraRecordings { first: &arguments.recordings, others, held: arguments.held_cameras()? };
     calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
 }
 
 /// Recordings of one camera, and one of each other camera on its mount.
-#[derive(Clone, Copy)]
 pub struct CameraRecordings<'a> {
     pub first: &'a [PathBuf],
     pub others: OtherCameras<'a>,
+    pub held: HeldCameras,
 }
 
 /// A recording of each other camera.
@@ -276,13 +302,13 @@ impl<'a> OtherCameras<'a> {
 impl<'a> CameraRecordings<'a> {
     /// Of one camera alone.
     pub fn alone(first: &'a [PathBuf]) -> Self {
-        Self { first, others: OtherCameras::default() }
+        Self { first, others: OtherCameras::default(), held: HeldCameras::default() }
     }
 }
 
 /// Calibrates from `recordings` and writes the results.
 pub fn calibrate_recordings(
-    CameraRecordings { first: recordings, others }: CameraRecordings,
+    CameraRecordings { first: recordings, others, held }: CameraRecordings,
     options: &RecordingOptions,
     arguments: &CalibrationArguments,
     settings: &Settings,
@@ -299,7 +325,8 @@ pub fn calibrate_recordings(
     let rolling_shutter = others.rolling_shutter;
     let open = |(path, stream): (&PathBuf, _)| Input::open_other(path, stream, others.stamps, options, &board);
     let others = others.with_streams().map(open).collect::<Result<_, _>>()?;
-    let work = Work { inputs, others, rolling_shutter, board, sensor: options.sensor, parameters, arguments, settings };
+    let work =
+        Work { inputs, others, rolling_shutter, held, board, sensor: options.sensor, parameters, arguments, settings };
     let attempt = work.calibrate(|step| {
         waiting.stage(step.text, step.done);
         ControlFlow::Continue(())

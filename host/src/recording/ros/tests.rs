@@ -313,9 +313,12 @@ fn a_topic_is_chosen_by_name() {
     }
 }
 
-/// Messages of these topics, events or images of this encoding (the bytes of two rows of three pixels each).
-fn images_of(topics: &[(&'static str, &str)], wire: Wire) -> Messages {
-    let message = |(index, (topic, encoding)): (usize, &(&'static str, &str))| match *encoding {
+/// A topic, and what it holds: events, or images of an encoding.
+type Held = (&'static str, &'static str);
+
+/// Messages of these topics; images have two rows of three pixels each.
+fn images_of(topics: &[Held], wire: Wire) -> Messages {
+    let message = |(index, (topic, encoding)): (usize, &Held)| match *encoding {
         "events" => (*topic, "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 3))),
         encoding => {
             let step = if encoding == "mono16" { 6 } else { 3 };
@@ -330,7 +333,8 @@ fn images_of(topics: &[(&'static str, &str)], wire: Wire) -> Messages {
 fn a_topic_of_images_is_the_one_that_is_named_or_the_only_one() {
     let (one, two) = (("/left", "mono8"), ("/right", "mono16"));
     let with_events = ("/dvs", "events");
-    let cases: [(&[(&'static str, &str)], Option<&str>, Result<Option<&str>, &str>); 8] = [
+    type Expected = Result<Option<&'static str>, &'static str>;
+    let cases: [(&[Held], Option<&str>, Expected); 8] = [
         (&[one, one, one], None, Ok(Some("/left"))),
         (&[one, two], None, Err("several topics (/left (sensor_msgs/msg/Image), /right")),
         (&[one, two], Some("/right"), Ok(Some("/right"))),
