@@ -15,5 +15,6 @@
 pub mod captured;
 pub mod comparison;
 pub mod intrinsics;
+pub mod pose_by_intrinsics;
 pub mod printed_board;
 pub mod trajectory_error;

@@ -26,11 +26,13 @@ use calibration::InertialCalibration;
 use error::InertialError;
 use findings::findings;
 use joint::{Estimate, Joint};
+use parameters::COUNT;
 use sample::Sample;
 use settings::InertialSettings;
 use solve::Solved;
 use stream::StreamReport;
 
+use crate::solve::held_intrinsics::{self, HeldIntrinsics, share_of_held};
 use crate::solve::left_out::covers;
 use crate::solve::refinement::Refined;
 use crate::trajectory::Trajectory;
@@ -56,7 +58,8 @@ pub struct RecordedSamples {
     pub start: f64,
 }
 
-/// Calibrates the inertial unit that gave `recorded` while `refined` was seen, whose camera is as sure as `camera` says.
+/// Calibrates the inertial unit that gave `recorded` while `refined` was seen, whose camera is as sure as `camera` says. The
+/// intrinsics are solved for too, unless they are `held`.
 ///
 /// # Errors
 /// [`InertialError`] names what is wrong with the samples or the motion, and what to do.
@@ -64,6 +67,7 @@ pub fn calibrate_unit(
     recorded: Vec<RecordedSamples>,
     refined: &Refined,
     camera: &Uncertainty,
+    held: Option<&HeldIntrinsics>,
     settings: &InertialSettings,
 ) -> Result<InertialCalibration, InertialError> {
     let recordings = recorded.iter().map(|one| one.recording + 1).max().unwrap_or(0);
@@ -105,8 +109,9 @@ pub fn calibrate_unit(
     if seconds < FEWEST_SECONDS {
         return Err(InertialError::TooShort { seconds, needed: FEWEST_SECONDS });
     }
+    let with_held = held.map(|_| held_intrinsics::held(&refined.problem));
     let joint = Joint {
-        problem: &refined.problem,
+        problem: with_held.as_ref().unwrap_or(&refined.problem),
         inflation: camera.inflation,
         samples: &samples,
         used,
@@ -116,30 +121,37 @@ pub fn calibrate_unit(
     };
     let mut state = refined.state.clone();
     state.trajectories = trajectories;
+    state.camera = held.map_or(state.camera, |held| held.camera);
     let estimate = Estimate { state, parameters: start.parameters, noise: solve::first_noise() };
     let solved = solve::solve(&joint, estimate)?;
-    finish(&joint, solved, refined, camera, (start.correlation, streams, clock_origin))
+    let calibration = finish(&joint, solved, (refined, camera, held), (start.correlation, streams, clock_origin))?;
+    findings::explained(&calibration, joint.samples)?;
+    Ok(InertialCalibration { findings: findings(&calibration), ..calibration })
 }
 
 fn finish(
     joint: &Joint,
     solved: Solved,
-    refined: &Refined,
-    camera: &Uncertainty,
+    (refined, camera, held): (&Refined, &Uncertainty, Option<&HeldIntrinsics>),
     (correlation, streams, clock_origin): (f64, Vec<StreamReport>, f64),
 ) -> Result<InertialCalibration, InertialError> {
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
     let (mut covariance, block_scatter) = uncertainty::covariance(&solved.system, &solved.parts, total)?;
     uncertainty::add_systematic(&mut covariance, mean_distance(&refined.state.trajectories));
     let Solved { estimate, residuals, spectra, .. } = solved;
-    let before = refined.state.camera.parameters();
-    let moved = before.iter().zip(estimate.state.camera.parameters().iter().copied().collect::<Vec<f64>>());
-    let camera_moved = moved
-        .zip(camera.sigma())
-        .filter(|(_, sigma)| *sigma > 0.0)
-        .map(|((before, after), sigma)| (after - before).abs() / sigma)
-        .fold(0.0, f64::max);
-    let mut calibration = InertialCalibration {
+    if let Some(held) = held {
+        let opened = held.opened(joint.problem);
+        let system = solve::system_at(&joint.of_problem(&opened), &estimate);
+        let known = held.of_opened();
+        let share = share_of_held(&system, &[(COUNT..COUNT + known.nrows(), known)])?;
+        covariance += share.view((0, 0), (COUNT, COUNT));
+    }
+    let (own, sigma) = (&refined.state.camera, camera.sigma());
+    let camera_moved = match held {
+        Some(held) => held.distance(own, &sigma),
+        None => HeldIntrinsics { camera: estimate.state.camera, covariance: None }.distance(own, &sigma),
+    };
+    Ok(InertialCalibration {
         prior_sigma: priors::priors(&estimate.parameters, joint.settings).map(|(_, sigma)| sigma),
         parameters: estimate.parameters,
         covariance,
@@ -149,14 +161,12 @@ fn finish(
         used: joint.used.iter().map(ExactSizeIterator::len).sum(),
         clock_origin,
         camera_moved,
+        held: held.map(|held| held.camera),
         block_scatter,
         residuals,
         spectra,
         findings: Vec::new(),
-    };
-    findings::explained(&calibration, joint.samples)?;
-    calibration.findings = findings(&calibration);
-    Ok(calibration)
+    })
 }
 
 /// The samples with times from the first event, which is at `start` of the file; where they are of another time altogether, as
@@ -177,3 +187,6 @@ fn on_events_clock<'a>(
     samples.iter_mut().for_each(|sample| sample.t -= moved);
     (samples, moved)
 }
+
+#[cfg(test)]
+mod tests;

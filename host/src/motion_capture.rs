@@ -12,12 +12,14 @@
 //! | [`start`] | offset, rotation, translations, each with a test that it was found |
 //! | [`fit`] | maximum likelihood of all of it |
 //! | [`uncertainty`] | its σ, from the scatter of blocks of time |
+//! | [`intrinsics_error`] | what the uncertainty of the intrinsics adds |
 //! | [`held_out`](mod@held_out) | what is left in slices of time that were not fitted |
 
 pub mod error;
 pub mod file;
 pub mod fit;
 pub mod held_out;
+pub mod intrinsics_error;
 pub mod path;
 pub mod start;
 pub mod uncertainty;
@@ -25,8 +27,9 @@ pub mod uncertainty;
 use nalgebra::{Isometry3, Vector3};
 
 use self::error::MotionCaptureError;
-use self::fit::{COUNT, DRIFT, HandEye, OFFSET, SCALE, Spread};
+use self::fit::{COUNT, DRIFT, Fitted, HandEye, OFFSET, SCALE, Spread};
 use self::held_out::{HeldOut, held_out};
+use self::intrinsics_error::{IntrinsicsError, variances};
 use self::path::Path;
 use self::uncertainty::sigmas;
 use crate::numerics::statistics::median;
@@ -82,6 +85,8 @@ pub struct Compared {
     pub scale: Measured,
     /// Scatter of both trajectories about each other: position (m) and rotation (rad) of each axis.
     pub spread: Spread,
+    /// Whether σ contain the error of the camera's intrinsics.
+    pub intrinsics_known: bool,
     /// Errors in the fitted slices of time and in the others.
     pub errors: HeldOut,
 }
@@ -95,11 +100,15 @@ impl Compared {
 }
 
 /// Compares the poses of a camera, `T_world_camera` on the clock of its events, with those of a body fixed to it,
-/// `T_mocap_body` on the clock of the capture; both in order of time.
+/// `T_mocap_body` on the clock of the capture; both in order of time. σ contain the error of the camera's intrinsics, where that is known.
 ///
 /// # Errors
 /// [`MotionCaptureError`] says what is wrong with the capture or the motion, and what to do.
-pub fn compare(camera: &[TimedPose], capture: &[TimedPose]) -> Result<Compared, MotionCaptureError> {
+pub fn compare(
+    camera: &[TimedPose],
+    capture: &[TimedPose],
+    intrinsics: Option<&IntrinsicsError>,
+) -> Result<Compared, MotionCaptureError> {
     let interval = checked_interval(capture)?;
     let path = Path::new(camera)?;
     let start = start::start(camera, capture)?;
@@ -110,8 +119,16 @@ pub fn compare(camera: &[TimedPose], capture: &[TimedPose]) -> Result<Compared, 
     let drifts = seconds > fit::LONG_ENOUGH_FOR_DRIFT;
     let all = fit::fit(&path, capture, start.hand_eye, drifts, |_| true)?;
     let scaled = fit::with_scale(&path, capture, &all, drifts)?;
-    let sigma = sigmas(&path, capture, &all)?;
-    let scale_sigma = sigmas(&path, capture, &scaled)?[SCALE];
+    let sigma = |fitted: &Fitted| {
+        let mut sigma = sigmas(&path, capture, fitted)?;
+        if let Some(intrinsics) = intrinsics {
+            let variances = variances(&path, capture, fitted, intrinsics)?;
+            sigma.iter_mut().zip(&variances).for_each(|(sigma, variance)| *sigma = sigma.hypot(variance.sqrt()));
+        }
+        Ok::<_, MotionCaptureError>(sigma)
+    };
+    let scale_sigma = sigma(&scaled)?[SCALE];
+    let sigma = sigma(&all)?;
     let errors = held_out(&path, capture, &all, (drifts, interval))?;
     let HandEye { camera_body, mocap_world, offset, drift, .. } = all.hand_eye;
     let span = capture.last().zip(capture.first()).map_or(0.0, |(last, first)| last.t - first.t);
@@ -127,6 +144,7 @@ pub fn compare(camera: &[TimedPose], capture: &[TimedPose]) -> Result<Compared, 
         drift: drifts.then_some(Measured { value: drift, sigma: sigma[DRIFT] }),
         scale: Measured { value: scaled.hand_eye.scale, sigma: scale_sigma },
         spread: all.spread,
+        intrinsics_known: intrinsics.is_some(),
         errors,
     })
 }

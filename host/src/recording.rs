@@ -43,6 +43,7 @@ mod format;
 mod hdf5;
 pub mod image_file;
 pub mod image_folder;
+pub mod images;
 pub mod information;
 mod memory;
 mod numbers;

@@ -26,12 +26,13 @@ use self::calibration::SecondCalibration;
 use self::error::SecondCameraError;
 use self::estimate::Estimate;
 use self::findings::findings;
-use self::joint::{Joint, Solved, own_rms, solve};
+use self::joint::{Joint, Lenses, Solved, own_rms, share_of_lenses, solve};
 use self::mount::{Mount, TRANSLATION};
 use self::seen::{Seen, sample_at};
 use self::start::{FEWEST_SECONDS, Start};
 use crate::board::symmetry::Symmetry;
 use crate::circles::reference_frame::PointObservation;
+use crate::solve::held_intrinsics::{self, HeldIntrinsics};
 use crate::solve::left_out::covers;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::refinement::Refined;
@@ -48,7 +49,8 @@ pub struct Apart<'a> {
     pub uncertainty: &'a Uncertainty,
 }
 
-/// Calibrates the `second` camera against the `first`, before a board that looks the same after the turns `symmetries`.
+/// Calibrates the `second` camera against the `first`, before a board that looks the same after the turns `symmetries`. Intrinsics are
+/// solved for too, unless they are in `lenses`.
 ///
 /// # Errors
 /// [`SecondCameraError`] says what is wrong with the recordings or the motion, and what to do.
@@ -56,6 +58,7 @@ pub fn calibrate_second(
     first: Apart,
     second: Apart,
     symmetries: &[Symmetry],
+    lenses: Lenses,
     settings: &UncertaintySettings,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let trajectories = &first.refined.state.trajectories;
@@ -72,13 +75,14 @@ pub fn calibrate_second(
         second: State { board: first.refined.state.board, trajectories: Vec::new(), ..second.refined.state.clone() },
         mount: start.mount,
     };
-    let solved = solve(&joint, estimate, settings)?;
+    let solved = solve_holding(joint, estimate, lenses, settings)?;
     let known = Known {
         correlation: Some(start.correlation),
         seconds: start.seconds,
         left_out,
         own_rms: Some(own_rms(&second.refined.problem, &second.refined.state)),
         sensors: [first, second].map(|apart| apart.refined.problem.sensor),
+        lenses,
     };
     let sigma = [first, second].map(|apart| apart.uncertainty.sigma());
     let before = [(&first.refined.state.camera, sigma[0].as_slice()), (&second.refined.state.camera, &sigma[1])];
@@ -99,13 +103,14 @@ pub struct Pictures<'a> {
 }
 
 /// Calibrates `pictures` against the events of the same sensor, as if they were those of a second camera: nothing should lie between
-/// them.
+/// them. The intrinsics of the events are solved for too, unless they are `held`.
 ///
 /// # Errors
 /// [`SecondCameraError`] says what is wrong with the recording or the motion, and what to do.
 pub fn calibrate_pictures_against(
     first: Apart,
     pictures: Pictures,
+    held: Option<&HeldIntrinsics>,
     settings: &UncertaintySettings,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let of = |points: &Vec<PointObservation>| SegmentObservations { points: points.clone(), ..Default::default() };
@@ -127,12 +132,13 @@ pub fn calibrate_pictures_against(
         second: State { camera: pictures.camera, trajectories: Vec::new(), ..state.clone() },
         mount: Mount { second_first: Isometry3::identity(), offset: 0.0, rate: 0.0, middle, line_delay: None },
     };
-    let mut solved = solve(&joint, estimate, settings)?;
+    let lenses = [held, None];
+    let mut solved = solve_holding(joint, estimate, lenses, settings)?;
     // The focal length of the events is off by what no block of time shows, and that of pictures is not.
     let place = TRANSLATION + 2;
     solved.covariance[(place, place)] += (settings.systematic_scale * mean_distance(&state.trajectories)).powi(2);
     let sensor = first.refined.problem.sensor;
-    let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2] };
+    let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2], lenses };
     let before = (state.camera, pictures.camera);
     let sigma = first.uncertainty.sigma();
     Ok(finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]))
@@ -149,19 +155,53 @@ fn problem_of_points(first: &Problem, points: Vec<SegmentObservations>, sigma: &
 }
 
 /// What is known of two cameras beside their solve.
-struct Known {
+struct Known<'a> {
     correlation: Option<f64>,
     seconds: f64,
     left_out: f64,
     own_rms: Option<f64>,
     sensors: [Sensor; 2],
+    lenses: Lenses<'a>,
+}
+
+/// Solves with `lenses` held; what their uncertainty does is in the covariance.
+fn solve_holding(
+    joint: Joint,
+    estimate: Estimate,
+    lenses: Lenses,
+    settings: &UncertaintySettings,
+) -> Result<Solved, SecondCameraError> {
+    let (joint, estimate) = holding(joint, estimate, lenses);
+    let mut solved = solve(&joint, estimate, settings)?;
+    if let Some(share) = share_of_lenses(&joint, &solved.estimate, lenses)? {
+        solved.covariance += share;
+    }
+    Ok(solved)
+}
+
+/// The same with `lenses` held.
+fn holding(mut joint: Joint, mut estimate: Estimate, lenses: Lenses) -> (Joint, Estimate) {
+    let [first, second] = lenses;
+    if let Some(lens) = first {
+        joint.first = held_intrinsics::held(&joint.first);
+        estimate.first.camera = lens.camera;
+    }
+    if let Some(lens) = second {
+        joint.second = held_intrinsics::held(&joint.second);
+        estimate.second.camera = lens.camera;
+    }
+    (joint, estimate)
 }
 
 /// `before` are both cameras as they were calibrated apart, each with the σ of its parameters.
 fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) -> SecondCalibration {
     let Solved { estimate, covariance, inflation, used, misfit, rms, .. } = solved;
     let cameras = [estimate.first.camera, estimate.second.camera];
-    let moved = [0, 1].map(|index| camera_moved(before[index], &cameras[index]));
+    let moved = [0, 1].map(|index| {
+        let (before, sigma) = before[index];
+        let solved = || HeldIntrinsics { camera: cameras[index], covariance: None }.distance(before, sigma);
+        known.lenses[index].map_or_else(solved, |lens| lens.distance(before, sigma))
+    });
     let mut calibration = SecondCalibration {
         mount: estimate.mount,
         covariance,
@@ -175,19 +215,12 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
         sensors: known.sensors,
         cameras,
         cameras_moved: moved,
+        held: known.lenses.map(|lens| lens.is_some()),
         rolling_shutter: false,
         findings: Vec::new(),
     };
     calibration.findings = findings(&calibration);
     calibration
-}
-
-/// Largest change of an intrinsic parameter, in its σ.
-fn camera_moved((before, sigma): (&Camera<f64>, &[f64]), camera: &Camera<f64>) -> f64 {
-    let changes =
-        before.parameters().into_iter().zip(camera.parameters()).map(|(before, after)| (after - before).abs());
-    let known = changes.zip(sigma).filter(|(_, sigma)| **sigma > 0.0);
-    known.map(|(change, sigma)| change / sigma).fold(0.0, f64::max)
 }
 
 /// The problem with these observations, and the board held.

@@ -18,6 +18,7 @@ pub mod event_bias;
 pub mod event_row;
 pub mod event_sample;
 pub mod held_camera;
+pub mod held_intrinsics;
 pub mod knot_choice;
 pub mod knot_fit;
 pub mod left_out;

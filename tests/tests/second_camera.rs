@@ -2,8 +2,15 @@
 //! named.
 
 use std::fs;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
+use evcal::recording::encode::Description;
+use evcal::recording::extras::{Extra, Frame, OtherStreams};
+use evcal::recording::image_folder::Stamps;
+use evcal::recording::images::Images;
+use evcal::recording::ros::BAG_FORMAT;
+use evcal::recording::{Damage, Recording, RecordingOptions};
 use evcal_tests::values::{numbers, pose};
 use evcal_tests::{BOARD, evcal, made, read_json, session, text};
 use nalgebra::Vector3;
@@ -59,6 +66,43 @@ fn what_was_found_is_in_words_and_files() {
     for name in files {
         assert!(folder.join("exports").join(name).exists() && report.contains(name), "{name}");
     }
+}
+
+/// With both lenses held at the true ones, the transform is the true one all the more.
+#[test]
+fn intrinsics_can_be_held() {
+    let folder = simulation();
+    let (first, second) = (folder.join("events.aedat4"), folder.join("second.aedat4"));
+    let truth = &read_json(&folder.join("truth.json"));
+    let lens = folder.join("second-lens.json");
+    let of_second = &truth["second_camera"];
+    let sensor = &truth["sensor"];
+    fs::write(&lens, serde_json::json!({ "sensor": sensor, "camera": of_second["camera"] }).to_string()).unwrap();
+    let held = ["--camera", text(&folder), "--with-camera", text(&lens)];
+    let options = [&["calibrate", text(&first), "--with", text(&second), "--board", BOARD], &held[..]].concat();
+    let found = &read_json(&made("second-camera-held", &options).join("calibration.json"))["second_cameras"][0];
+    assert_eq!(found["held"], serde_json::json!([true, true]));
+    for (solved, was) in [(0, &truth["camera"]), (1, &of_second["camera"])] {
+        assert_eq!(&found["solved_together"][solved]["camera"], was);
+    }
+    let (is, was) = (pose(&found["T_second_first"]), pose(&of_second["T_second_first"]));
+    let error = is.translation.vector - was.translation.vector;
+    let sigma = Vector3::from_vec(numbers(&found["translation_sigma"]));
+    assert!(error.norm() < 2e-4 && error.component_div(&sigma).amax() < 4.5, "off by {error}, σ {sigma}");
+    let joint = &read_json(&calibration().join("calibration.json"))["second_cameras"][0];
+    let free = Vector3::from_vec(numbers(&joint["translation_sigma"]));
+    assert!(sigma.norm() < 1.1 * free.norm(), "{sigma} {free}");
+
+    let scratch = tempfile::tempdir().unwrap();
+    let result = scratch.path().join("result");
+    let refused = |words: &str, arguments: &[&str]| {
+        let options = ["--board", BOARD, "-o", text(&result)];
+        let finished = evcal(&[&["calibrate", text(&first)], arguments, &options].concat());
+        assert_ne!(finished.code, Some(0));
+        assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
+    };
+    refused("--camera holds intrinsics for --imu and --with", &["--camera", text(&folder)]);
+    refused("one --with-camera for each", &["--with", text(&second), "--with-camera", "a", "--with-camera", "b"]);
 }
 
 #[test]
@@ -145,6 +189,69 @@ fn a_camera_of_frames_is_found_where_it_is() {
     assert!((lens - was).abs() < 0.3, "{lens} {was}");
     let report = fs::read_to_string(folder.join("report.html")).unwrap();
     assert!(report.contains("a global shutter") && report.contains("stereo.yaml"));
+}
+
+/// The events and the images of `simulation` in one bag.
+fn bag(simulation: &Path) -> PathBuf {
+    let path = simulation.join("both.bag");
+    let images = Images::open(&simulation.join("second"), None, Damage::Refuse, Stamps::Middle).unwrap().unwrap();
+    let mut frames = Vec::new();
+    images.visit(|image| frames.push(image)).unwrap();
+    let mut reader =
+        Recording::new(simulation.join("events.aedat4"), RecordingOptions::default()).unwrap().open().unwrap();
+    let sensor = reader.information().sensor.unwrap();
+    let others = OtherStreams { frames: true, imu: false };
+    let description = Description { sensor, camera_name: "", others, zero: 0 };
+    let mut file = || File::create(&path);
+    let mut encoder = (BAG_FORMAT.output.unwrap().create)(&mut file, &description).unwrap();
+    let mut batch = Vec::new();
+    while reader.next_batch(&mut batch).unwrap() {
+        encoder.write(&batch).unwrap();
+    }
+    for frame in frames {
+        let image = frame.image.unwrap();
+        let size = (image.width() as u16, image.height() as u16);
+        let frame = Frame {
+            t: frame.exposure.0,
+            exposure: None,
+            readout: None,
+            size,
+            position: (0, 0),
+            channels: 1,
+            pixels: image.pixels,
+        };
+        assert!(encoder.extra(Extra::Frame(frame)).unwrap());
+    }
+    encoder.finish().unwrap();
+    path
+}
+
+/// The same from a bag with the events of the first camera and the images of the second.
+#[test]
+fn a_topic_of_images_gives_what_the_folder_gives() {
+    let simulation = frame_simulation();
+    let bag = bag(&simulation);
+    let images = ["--with", text(&bag), "--with-stream", "/dvs/image_raw", "--board", BOARD];
+    let result = simulation.join("from-the-bag");
+    let finished = evcal(&[&["calibrate", text(&bag)], &images[..], &["--force", "-o", text(&result)]].concat());
+    assert_eq!(finished.code, Some(0), "{}", finished.stderr);
+    let folder = calibrated_with_frames("second-frames-calibrated", &simulation, &[]);
+    let [of_bag, of_folder] =
+        [result, folder].map(|folder| read_json(&folder.join("calibration.json"))["second_cameras"][0].clone());
+    for name in ["T_second_first", "rotation_sigma", "translation_sigma", "time_offset", "frames", "camera"] {
+        assert_eq!(of_bag[name], of_folder[name], "{name}");
+    }
+    assert!(of_bag["recording"].as_str().unwrap().ends_with("both.bag, /dvs/image_raw"), "{}", of_bag["recording"]);
+
+    let refused = |words: &str, options: &[&str]| {
+        let options = [&["calibrate", text(&bag), "--with", text(&bag)], options].concat();
+        let scratch = tempfile::tempdir().unwrap();
+        let finished = evcal(&[&options[..], &["--board", BOARD, "-o", text(&scratch.path().join("out"))]].concat());
+        assert_eq!(finished.code, Some(1), "{}", finished.stderr);
+        assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
+    };
+    refused("a camera that is there already", &[]);
+    refused("no topic \"/up\"", &["--with-stream", "/up"]);
 }
 
 #[test]

@@ -168,7 +168,7 @@ pub(super) fn common_sensor(task: &Task) -> Result<Sensor, CalibrateError> {
 fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateError> {
     let sensor = match input {
         // Nothing of the search in frames depends on their size.
-        Input::Images(folder) => return Ok(folder.sensor()),
+        Input::Images(images) => return Ok(images.sensor()),
         Input::Events(recording) => recording.open()?.information().sensor.or(given),
         Input::Circles { sensor, .. } => given.or(*sensor),
     };

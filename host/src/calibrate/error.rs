@@ -8,7 +8,7 @@ use crate::initial::InitialError;
 use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
 use crate::recording::RecordingError;
-use crate::recording::image_folder::ImageFolderError;
+use crate::recording::images::ImagesError;
 use crate::recording::information::sensor_advice;
 use crate::solve::SolveError;
 use crate::solve::refinement::RefinementError;
@@ -117,9 +117,9 @@ pub enum CalibrateError {
     /// The joint solve failed.
     #[error(transparent)]
     Solve(SolveError),
-    /// A folder of images could not be read.
+    /// Images could not be read.
     #[error(transparent)]
-    Images(#[from] ImageFolderError),
+    Images(#[from] ImagesError),
     /// Events are needed, and there are only frames.
     #[error("{file} holds frames, not events: give a recording of events, and the frames with --with")]
     OnlyFrames {

@@ -8,6 +8,7 @@ use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::error::InertialError;
 use crate::inertial::settings::InertialSettings;
 use crate::inertial::{RecordedSamples, calibrate_unit, csv, stream};
+use crate::solve::held_intrinsics::HeldIntrinsics;
 
 /// Which inertial unit is calibrated, and what is known of it.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -18,7 +19,8 @@ pub struct InertialRequest {
     pub settings: InertialSettings,
 }
 
-/// Calibrates the inertial unit of `inputs`, from which `calibrated` was made.
+/// Calibrates the inertial unit of `inputs`, from which `calibrated` was made; the camera's intrinsics are solved for too, unless they
+/// are `held`.
 ///
 /// # Errors
 /// [`InertialError`] says what is wrong, and what to do; the camera is calibrated all the same.
@@ -26,10 +28,11 @@ pub fn calibrate_inertial(
     calibrated: &Calibrated,
     inputs: &[Input],
     request: &InertialRequest,
+    held: Option<&HeldIntrinsics>,
 ) -> Result<InertialCalibration, InertialError> {
     let Evidence::Events(events) = &calibrated.evidence else { return Err(InertialError::NoTrajectory) };
     let recorded = recorded_samples(inputs, &calibrated.starts, request)?;
-    calibrate_unit(recorded, &events.refined, &calibrated.trust.uncertainty, &request.settings)
+    calibrate_unit(recorded, &events.refined, &calibrated.trust.uncertainty, held, &request.settings)
 }
 
 fn recorded_samples(

@@ -11,7 +11,8 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
-use crate::recording::image_folder::{ImageFolder, ImageFolderError, Stamps};
+use crate::recording::image_folder::Stamps;
+use crate::recording::images::{Images, ImagesError};
 use crate::recording::pass::{Batch, Pass, read_while};
 use crate::recording::{ReadReport, Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
 
@@ -20,7 +21,7 @@ pub enum Input {
     /// A recording of events.
     Events(Recording),
     /// Frames of a camera that sends no events.
-    Images(ImageFolder),
+    Images(Images),
     /// Reference frames from a circle track or circle stream, times from `start`.
     Circles {
         /// The file or port.
@@ -49,27 +50,41 @@ impl Input {
     pub fn name(&self) -> String {
         match self {
             Self::Events(recording) => recording.path().display().to_string(),
-            Self::Images(folder) => folder.path().display().to_string(),
+            Self::Images(images) => images.name(),
             Self::Circles { path, .. } => path.display().to_string(),
         }
     }
 
-    /// Opens what another camera on the mount recorded: a folder of images with time stamps that are those of `stamps`, or what
-    /// [`Input::open`] opens.
+    /// Whether both are read from one file.
+    pub fn is_of_file_of(&self, other: &Self) -> bool {
+        let file = |input: &Self| {
+            let path = match input {
+                Self::Events(recording) => recording.path(),
+                Self::Images(images) => images.path(),
+                Self::Circles { path, .. } => path,
+            };
+            path.canonicalize().unwrap_or_else(|_| path.to_owned())
+        };
+        file(self) == file(other)
+    }
+
+    /// Opens what another camera on the mount recorded: images with time stamps that are those of `stamps` (see [`Images::open`]), or
+    /// what [`Input::open`] opens. `stream` is its stream or topic; without it, that of the options counts for events.
     ///
     /// # Errors
     /// [`InputError`] when it is neither, or cannot be read.
     pub fn open_other(
         path: &Path,
+        stream: Option<&str>,
+        stamps: Stamps,
         options: &RecordingOptions,
         board: &Board,
-        stamps: Stamps,
     ) -> Result<Self, InputError> {
-        if path.is_dir() {
-            Ok(Self::Images(ImageFolder::open(path, stamps)?))
-        } else {
-            Self::open(path, options, board)
+        if let Some(images) = Images::open(path, stream, options.damage, stamps)? {
+            return Ok(Self::Images(images));
         }
+        let stream = stream.map(str::to_owned).or_else(|| options.stream.clone());
+        Self::open(path, &RecordingOptions { stream, ..options.clone() }, board)
     }
 
     /// Opens a recording, a circle track or a circle stream, whichever `path` is. Circles without a place on
@@ -146,7 +161,7 @@ pub enum InputError {
     /// It is a circle track with a mistake in it, or a circle stream without circles.
     #[error(transparent)]
     Circles(#[from] CircleTrackError),
-    /// It is a folder without images, or with mistakes in its table.
+    /// Its images cannot be read.
     #[error(transparent)]
-    Images(#[from] ImageFolderError),
+    Images(#[from] ImagesError),
 }

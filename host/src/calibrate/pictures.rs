@@ -14,7 +14,7 @@ use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
 use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, calibrate_pictures};
 use crate::picture_calibration::joint::{JointPoints, joint_points};
-use crate::recording::image_folder::ImageFolderError;
+use crate::recording::images::ImagesError;
 use crate::recording::pass::RecordingReport;
 use crate::recording::pictures::{TimedImage, visit_frames};
 use crate::solve::refinement::Refined;
@@ -48,10 +48,10 @@ pub(super) fn see_pictures(
                 progress.tell(format!("looking for the board in the frames of {}", input.name()))?;
                 detection.search(number, start, |visit| visit_frames(recording, visit))?
             }
-            Input::Images(folder) => {
+            Input::Images(images) => {
                 progress.tell(format!("looking for the board in the frames of {}", input.name()))?;
-                let images = |visit: &mut dyn FnMut(TimedImage)| folder.visit(visit).map(|()| None);
-                detection.search::<ImageFolderError>(number, start, images)?
+                let images = |visit: &mut dyn FnMut(TimedImage)| images.visit(visit);
+                detection.search::<ImagesError>(number, start, images)?
             }
             _ => start.unwrap_or(0),
         };

@@ -7,15 +7,17 @@ use crate::board::symmetry::symmetries;
 use crate::circles::reference_frame::{ObservedCircle, PointObservation, ReferenceFrame};
 use crate::initial::PosedFrame;
 use crate::lens::camera_file::CameraDescription;
-use crate::recording::image_folder::ImageFolder;
+use crate::recording::images::Images;
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::error::SecondCameraError;
 use crate::second_camera::frames::{FrameCamera, SeenFrame, calibrate_frames};
+use crate::second_camera::joint::Lenses;
 use crate::second_camera::{Apart, Pictures, calibrate_pictures_against, calibrate_second};
+use crate::solve::held_intrinsics::HeldIntrinsics;
 use crate::trust::uncertainty::UncertaintySettings;
 
 /// Calibrates the camera of `second` against that of `first`; both were calibrated apart before the same `board`, from one recording
-/// each, the second from `file`.
+/// each, the second from `file`. Intrinsics are solved for too, unless they are in `lenses`.
 ///
 /// # Errors
 /// [`SecondCameraError`] says what is wrong, and what to do; the cameras are calibrated all the same.
@@ -24,6 +26,7 @@ pub fn calibrate_second_camera(
     second: &Calibrated,
     file: &str,
     board: &Board,
+    lenses: Lenses,
     settings: &UncertaintySettings,
 ) -> Result<SecondCamera, SecondCameraError> {
     if first.starts.len() != 1 || second.starts.len() != 1 {
@@ -40,6 +43,7 @@ pub fn calibrate_second_camera(
         Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty },
         Apart { refined: &of_second.refined, uncertainty: &second.trust.uncertainty },
         &symmetries(board),
+        lenses,
         settings,
     )?;
     Ok(mounted(first, second, file, None, calibration))
@@ -67,16 +71,17 @@ fn mounted(
     }
 }
 
-/// Calibrates a camera of frames against that of `first`; `second` was calibrated apart from the images of `folder` alone. Its rows
-/// may be exposed one after the other if `rolling_shutter` says so.
+/// Calibrates a camera of frames against that of `first`; `second` was calibrated apart from `images` alone. Its rows
+/// may be exposed one after the other if `rolling_shutter` says so. Intrinsics are solved for too, unless they are in `lenses`.
 ///
 /// # Errors
 /// [`SecondCameraError`] says what is wrong, and what to do; the cameras are calibrated all the same.
 pub fn calibrate_frame_camera(
     first: &Calibrated,
     second: &Calibrated,
-    (folder, rolling_shutter): (&ImageFolder, bool),
+    (images, rolling_shutter): (&Images, bool),
     board: &Board,
+    lenses: Lenses,
     settings: &UncertaintySettings,
 ) -> Result<SecondCamera, SecondCameraError> {
     if first.starts.len() != 1 {
@@ -95,9 +100,9 @@ pub fn calibrate_frame_camera(
         rolling_shutter,
     };
     let apart = Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty };
-    let calibration = calibrate_frames(apart, camera, &symmetries(board), settings)?;
-    let used = SecondFrames { used: frames.len(), stamps: folder.stamps(), exposure_known: folder.exposure_known() };
-    Ok(mounted(first, second, &folder.path().display().to_string(), Some(used), calibration))
+    let calibration = calibrate_frames(apart, camera, &symmetries(board), lenses, settings)?;
+    let used = SecondFrames { used: frames.len(), stamps: images.stamps(), exposure_known: images.exposure_known() };
+    Ok(mounted(first, second, &images.name(), Some(used), calibration))
 }
 
 /// A frame with its pose and the images of its circles' centres.
@@ -114,6 +119,7 @@ fn seen_frame(posed: &PosedFrame, frame: &ReferenceFrame) -> SeenFrame {
 /// [`SecondCameraError`] says what is wrong, and what to do.
 pub fn calibrate_own_pictures(
     first: &Calibrated,
+    held: Option<&HeldIntrinsics>,
     settings: &UncertaintySettings,
 ) -> Result<SecondCamera, SecondCameraError> {
     if first.starts.len() != 1 {
@@ -128,7 +134,7 @@ pub fn calibrate_own_pictures(
         points: &pictures.points,
         point_sigma: pictures.report.spread,
     };
-    let calibration = calibrate_pictures_against(refined, seen, settings)?;
+    let calibration = calibrate_pictures_against(refined, seen, held, settings)?;
     let start = first.starts.first().copied().unwrap_or(0.0);
     Ok(SecondCamera {
         file: "the first camera's own frames".to_owned(),

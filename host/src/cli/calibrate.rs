@@ -1,5 +1,6 @@
 //! `evcal calibrate`.
 
+pub mod held;
 pub mod work;
 
 use std::error::Error;
@@ -26,6 +27,7 @@ use evcal::settings::{Settings, SettingsError};
 use evcal::trajectory::RotationSpline;
 use evcal_core::circle::Extraction;
 
+use self::held::{HeldCamera, HeldCameras};
 use self::work::{Failed, Work};
 use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
@@ -42,10 +44,14 @@ pub struct Arguments {
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
     /// The recording of another camera that is fixed to this one, of the same board at the same time: where it is, and how its
-    /// clock goes, from one recording of each (docs/second-camera.md). Events, or a folder of images with data.csv (EuRoC form); can
-    /// be repeated
+    /// clock goes, from one recording of each (docs/second-camera.md). Events, a folder of images with data.csv (EuRoC form), or a bag
+    /// with images and no events; can be repeated
     #[arg(long, value_name = "RECORDING", conflicts_with = "frames_only")]
     with: Vec<PathBuf>,
+    /// Name of the stream or topic to read in the file of --with, of events or of images [default: as --stream, or the only
+    /// topic of images]; can be repeated, in the order of --with
+    #[arg(long, value_name = "STREAM", requires = "with")]
+    with_stream: Vec<String>,
     /// What the time stamps of the images of --with stand for
     #[arg(
         long,
@@ -57,10 +63,34 @@ pub struct Arguments {
     /// The images of --with are of a rolling shutter: their rows are exposed one after the other
     #[arg(long, requires = "with")]
     rolling_shutter: bool,
+    /// Hold the camera's intrinsics at those of this calibration, or other camera file, where they are solved for together with --imu
+    /// or --with [default: they are solved for]
+    #[arg(long, value_name = "FILE|DIR")]
+    camera: Option<PathBuf>,
+    /// The same for the camera of --with; can be repeated, in the order of --with
+    #[arg(long, value_name = "FILE|DIR", requires = "with")]
+    with_camera: Vec<PathBuf>,
     #[command(flatten)]
     source: SourceArguments,
     #[command(flatten)]
     calibration: CalibrationArguments,
+}
+
+impl Arguments {
+    /// The cameras whose intrinsics are held.
+    fn held_cameras(&self) -> Result<HeldCameras, Box<dyn Error>> {
+        let together = self.calibration.imu.is_some() || self.calibration.with_frames || !self.with.is_empty();
+        if self.camera.is_some() && !together {
+            let advice = "--camera holds intrinsics for --imu and --with: add one of them, or leave it out";
+            return Err(UsageError(advice.to_owned()).into());
+        }
+        if self.with_camera.len() > self.with.len() {
+            return Err(UsageError("give one --with-camera for each --with at most, in their order".to_owned()).into());
+        }
+        let first = self.camera.as_deref().map(HeldCamera::read).transpose()?;
+        let others = self.with_camera.iter().map(|path| HeldCamera::read(path)).collect::<Result<_, _>>()?;
+        Ok(HeldCameras { first, others })
+    }
 }
 
 /// Where results go, and what is printed.
@@ -234,46 +264,57 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     let settings = arguments.calibration.method.settings()?;
     let others = OtherCameras {
         recordings: &arguments.with,
+        streams: &arguments.with_stream,
         stamps: arguments.with_stamps,
         rolling_shutter: arguments.rolling_shutter,
     };
-    let recordings = CameraRecordings { first: &arguments.recordings, others };
+    let recordings = CameraRecordings { first: &arguments.recordings, others, held: arguments.held_cameras()? };
     calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
 }
 
 /// Recordings of one camera, and one of each other camera on its mount.
-#[derive(Clone, Copy)]
 pub struct CameraRecordings<'a> {
     pub first: &'a [PathBuf],
     pub others: OtherCameras<'a>,
+    pub held: HeldCameras,
 }
 
 /// A recording of each other camera.
 #[derive(Clone, Copy, Default)]
 pub struct OtherCameras<'a> {
     pub recordings: &'a [PathBuf],
+    /// Which of their streams to read, for the first of them.
+    pub streams: &'a [String],
     /// What the time stamps of images stand for.
     pub stamps: Stamps,
     /// Whether the rows of images are exposed one after the other.
     pub rolling_shutter: bool,
 }
 
+impl<'a> OtherCameras<'a> {
+    /// The recordings, each with the stream that is named for it.
+    fn with_streams(self) -> impl Iterator<Item = (&'a PathBuf, Option<&'a str>)> {
+        let streams = self.streams.iter().map(|stream| Some(stream.as_str())).chain(std::iter::repeat(None));
+        self.recordings.iter().zip(streams)
+    }
+}
+
 impl<'a> CameraRecordings<'a> {
     /// Of one camera alone.
     pub fn alone(first: &'a [PathBuf]) -> Self {
-        Self { first, others: OtherCameras::default() }
+        Self { first, others: OtherCameras::default(), held: HeldCameras::default() }
     }
 }
 
 /// Calibrates from `recordings` and writes the results.
 pub fn calibrate_recordings(
-    CameraRecordings { first: recordings, others }: CameraRecordings,
+    CameraRecordings { first: recordings, others, held }: CameraRecordings,
     options: &RecordingOptions,
     arguments: &CalibrationArguments,
     settings: &Settings,
     folder: &OutputFolder,
 ) -> super::Outcome {
-    check_others(recordings, others.recordings)?;
+    check_others(recordings, others, options)?;
     let mut waiting = Waiting::new(arguments.json);
     let board = arguments.method.choose_board(recordings, options, &settings.detection)?;
     let inputs = recordings
@@ -282,9 +323,10 @@ pub fn calibrate_recordings(
         .collect::<Result<Vec<Input>, _>>()?;
     let parameters = arguments.parameters()?;
     let rolling_shutter = others.rolling_shutter;
-    let open = |path: &PathBuf| Input::open_other(path, options, &board, others.stamps);
-    let others = others.recordings.iter().map(open).collect::<Result<_, _>>()?;
-    let work = Work { inputs, others, rolling_shutter, board, sensor: options.sensor, parameters, arguments, settings };
+    let open = |(path, stream): (&PathBuf, _)| Input::open_other(path, stream, others.stamps, options, &board);
+    let others = others.with_streams().map(open).collect::<Result<_, _>>()?;
+    let work =
+        Work { inputs, others, rolling_shutter, held, board, sensor: options.sensor, parameters, arguments, settings };
     let attempt = work.calibrate(|step| {
         waiting.stage(step.text, step.done);
         ControlFlow::Continue(())
@@ -293,17 +335,30 @@ pub fn calibrate_recordings(
 }
 
 /// What is wrong with the recordings of other cameras before they are opened.
-fn check_others(recordings: &[PathBuf], others: &[PathBuf]) -> Result<(), SecondCameraError> {
-    if !others.is_empty() && recordings.len() > 1 {
-        return Err(SecondCameraError::SeveralRecordings);
+fn check_others(
+    recordings: &[PathBuf],
+    others: OtherCameras,
+    options: &RecordingOptions,
+) -> Result<(), Box<dyn Error>> {
+    if !others.recordings.is_empty() && recordings.len() > 1 {
+        return Err(SecondCameraError::SeveralRecordings.into());
     }
+    if others.streams.len() > others.recordings.len() {
+        return Err(UsageError("give one --with-stream for each --with at most, in their order".to_owned()).into());
+    }
+    let own = options.stream.as_deref();
     let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
-    let mut known: Vec<PathBuf> = recordings.iter().map(place).collect();
-    for other in others {
-        if known.contains(&place(other)) {
-            return Err(SecondCameraError::SameRecording { file: other.display().to_string() });
+    let mut known: Vec<(PathBuf, Option<&str>)> = recordings.iter().map(|path| (place(path), own)).collect();
+    for (other, stream) in others.with_streams() {
+        if stream.is_some() && other.is_dir() {
+            let folder = other.display();
+            return Err(UsageError(format!("{folder} is a folder of images, without streams: leave out --with-stream, or name other files of --with first")).into());
         }
-        known.push(place(other));
+        let this = (place(other), stream.or(own));
+        if known.contains(&this) {
+            return Err(SecondCameraError::SameRecording { file: other.display().to_string() }.into());
+        }
+        known.push(this);
     }
     Ok(())
 }

@@ -4,10 +4,14 @@ use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
+use nalgebra::Isometry3;
+
 use super::comparison::TRAJECTORY_FILE;
+use super::pose_by_intrinsics::{KnownCamera, pose_by_intrinsics};
 use crate::lens::camera_file::camera_path;
 use crate::motion_capture::error::MotionCaptureError;
 use crate::motion_capture::file::{self, CaptureFileError};
+use crate::motion_capture::intrinsics_error::IntrinsicsError;
 use crate::motion_capture::{Compared, compare};
 use crate::trajectory::tum::{self, TumError};
 
@@ -59,16 +63,22 @@ pub enum CapturedError {
     },
 }
 
-/// Compares the trajectory of a calibration with a capture; beside the result, the trajectory's file.
+/// Compares the trajectory of a calibration with a capture; beside the result, the trajectory's file. With the camera, σ contain the
+/// error of its intrinsics.
 ///
 /// # Errors
 /// [`CapturedError`] names the file, what is wrong with it, and what to do.
-pub fn compare_captured(files: &CapturedFiles) -> Result<(PathBuf, Compared), CapturedError> {
+pub fn compare_captured(
+    files: &CapturedFiles,
+    known: Option<&KnownCamera>,
+) -> Result<(PathBuf, Compared), CapturedError> {
     let beside = || camera_path(&files.calibration).with_file_name(TRAJECTORY_FILE);
     let trajectory = files.trajectory.clone().unwrap_or_else(beside);
     let camera = read_trajectory(&trajectory)?;
     let capture = file::read(&files.capture, files.body.as_deref())?;
-    match compare(&camera, &capture) {
+    let poses_by = |pose: &Isometry3<f64>| known.and_then(|known| pose_by_intrinsics(known, pose));
+    let intrinsics = known.map(|known| IntrinsicsError { covariance: known.covariance.clone(), poses_by: &poses_by });
+    match compare(&camera, &capture, intrinsics.as_ref()) {
         Ok(compared) => Ok((trajectory, compared)),
         Err(error) => Err(CapturedError::Compare { trajectory, capture: files.capture.clone(), error }),
     }

@@ -75,6 +75,9 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 /// Name and content of each file that can hold camera and unit; where the place of the unit was not measured, of those that need
 /// none.
 pub fn files(camera: &CalibratedCamera, inertial: &InertialResult) -> Vec<(&'static str, String)> {
+    // The unit belongs to the intrinsics that it was solved with.
+    let held = inertial.held_camera.as_ref().and_then(|held| held.camera().ok());
+    let camera = &CalibratedCamera { camera: held.unwrap_or(camera.camera), ..camera.clone() };
     let text = |format: &super::content::ExportFormat| format.export(camera).ok().map(|exported| exported.text);
     let (camchain, basalt) = (text(&super::kalibr::FORMAT), text(&super::basalt::FORMAT));
     let dv_processing = text(&super::dv_processing::FORMAT);

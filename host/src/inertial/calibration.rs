@@ -1,5 +1,8 @@
 //! What the calibration of an inertial unit gives.
 
+use std::ops::Range;
+
+use evcal_core::camera::Camera;
 use nalgebra::DMatrix;
 
 use super::finding::Finding;
@@ -7,6 +10,9 @@ use super::joint::{Noise, Residual};
 use super::noise::Line;
 use super::parameters::{COUNT, InertialParameters};
 use super::stream::StreamReport;
+
+/// σ over that before any measurement, from which a parameter was not measured.
+const PRIOR_SHARE: f64 = 0.5;
 
 /// A calibrated inertial unit.
 #[derive(Clone, Debug)]
@@ -27,8 +33,11 @@ pub struct InertialCalibration {
     pub used: usize,
     /// By how much stamps of the unit were moved before all else because the clocks have different origins (s).
     pub clock_origin: f64,
-    /// Largest change of an intrinsic parameter by the solve with the unit, in its σ.
-    pub camera_moved: f64,
+    /// Largest distance of an intrinsic parameter from that of the camera calibrated alone, in its σ; `None` where intrinsics of
+    /// another model were held.
+    pub camera_moved: Option<f64>,
+    /// The camera at which intrinsics were held; `None` where they were solved for.
+    pub held: Option<Camera<f64>>,
     /// Scatter of blocks over the formal variance, the mean over rotation, place and delays.
     pub block_scatter: f64,
     /// Residuals of gyroscope (rad/s) and accelerometer (m/s²).
@@ -43,6 +52,12 @@ impl InertialCalibration {
     /// Standard deviation of a parameter.
     pub fn sigma(&self, parameter: usize) -> f64 {
         self.covariance[(parameter, parameter)].max(0.0).sqrt()
+    }
+
+    /// Whether the samples tell all of these parameters, such as the scales of a sensor, much better than what is expected of such chips.
+    pub fn is_measured(&self, parameters: Range<usize>) -> bool {
+        let sigmas = self.prior_sigma.iter().enumerate().skip(parameters.start).take(parameters.len());
+        sigmas.into_iter().all(|(index, prior)| self.sigma(index) <= PRIOR_SHARE * prior)
     }
 
     /// Root mean square of the residuals of gyroscope (rad/s) and accelerometer (m/s²), over all axes.

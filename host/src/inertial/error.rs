@@ -79,6 +79,14 @@ pub enum InertialError {
         /// Root mean square of the angular velocity.
         rate: f64,
     },
+    /// The camera turned at the same rate all the time.
+    #[error(
+        "the camera turned by {rate:.1} °/s all the time: neither delays nor where the unit is can be told from that: turn it back and forth about two of its axes"
+    )]
+    EvenRotation {
+        /// Root mean square of the angular velocity.
+        rate: f64,
+    },
     /// The camera turned about one axis.
     #[error(
         "the camera turned about one axis only, its {axis}: where the unit lies along that axis cannot be measured: turn it about another axis too"

@@ -48,6 +48,16 @@ pub enum Finding {
         /// Its σ with the accelerometer's linearity.
         sigma: f64,
     },
+    /// The solve with the unit moved the camera.
+    CameraMoved {
+        /// By how many σ.
+        sigmas: f64,
+    },
+    /// Intrinsics were held at others than those of this recording.
+    OtherCamera {
+        /// How many σ they are apart.
+        sigmas: f64,
+    },
     /// Blocks of time disagree.
     Loose {
         /// Scatter of blocks over the formal one.
@@ -97,6 +107,14 @@ impl fmt::Display for Finding {
             Self::BoardSpacing { scale, sigma } => write!(
                 f,
                 "the board seems to be {scale:.4} ± {sigma:.4} of its stated size: measure its spacing with a ruler"
+            ),
+            Self::CameraMoved { sigmas } => write!(
+                f,
+                "solving with the inertial unit moved an intrinsic parameter by {sigmas:.1} σ: hold the intrinsics at those of a slower recording with --camera DIR"
+            ),
+            Self::OtherCamera { sigmas } => write!(
+                f,
+                "the intrinsics that were held are {sigmas:.1} σ from those of this recording: hold those of the same lens with the same focus"
             ),
             Self::Loose { .. } => write!(
                 f,

@@ -7,17 +7,16 @@ use super::error::InertialError;
 use super::finding::Finding;
 use super::parameters::{
     ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, BOARD_SCALE, CLOCK_DRIFT, GYROSCOPE_DELAY, GYROSCOPE_MATRIX, POSITION,
-    ROTATION,
+    ROTATION, TRIANGLE,
 };
 use super::sample::Sample;
 use super::stream::StreamReport;
 
-/// σ from which something was not measured: place (m), rotation (rad), delays (s).
+/// σ from which something was not measured: place (m), rotation (rad).
 const POSITION_LIMIT: f64 = 0.01;
 const ROTATION_LIMIT: f64 = std::f64::consts::PI / 180.0;
-const DELAY_LIMIT: f64 = 1e-3;
-/// σ over that before any measurement, from which scale or misalignment was not measured.
-const PRIOR_SHARE: f64 = 0.5;
+/// The same of a delay (s).
+pub const DELAY_LIMIT: f64 = 1e-3;
 /// Drift of the clock that is told, and from how many σ.
 const DRIFT: f64 = 50e-6;
 const CERTAIN: f64 = 5.0;
@@ -28,6 +27,10 @@ const MISSING: f64 = 0.01;
 const SATURATED: f64 = 0.001;
 /// Scatter of blocks over the formal one from which the unit seems loose.
 const LOOSE: f64 = 25.0;
+/// Distance of an intrinsic parameter from that of the camera alone, in its σ, that is told: of intrinsics that were solved for, and
+/// of others that were held.
+const MOVED: f64 = 2.0;
+const OTHER: f64 = 5.0;
 /// Residuals over the signal above which nothing is explained.
 const UNEXPLAINED: f64 = 0.3;
 
@@ -45,13 +48,10 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
     if sigma(GYROSCOPE_DELAY).max(sigma(ACCELEROMETER_DELAY)) > DELAY_LIMIT {
         findings.push(Finding::DelayNotMeasured);
     }
-    let share = |first: usize| {
-        (first..first + 6).map(|index| sigma(index) / calibration.prior_sigma[index]).fold(0.0, f64::max)
-    };
-    if share(ACCELEROMETER_MATRIX) > PRIOR_SHARE {
+    if !calibration.is_measured(ACCELEROMETER_MATRIX..ACCELEROMETER_MATRIX + TRIANGLE.len()) {
         findings.push(Finding::AccelerometerNotMeasured);
     }
-    if share(GYROSCOPE_MATRIX) > PRIOR_SHARE {
+    if !calibration.is_measured(GYROSCOPE_MATRIX..GYROSCOPE_MATRIX + TRIANGLE.len()) {
         findings.push(Finding::GyroscopeNotMeasured);
     }
     let drift = calibration.parameters.clock_drift;
@@ -69,6 +69,12 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
     let (scale, of_scale) = (calibration.parameters.board_scale, sigma(BOARD_SCALE).hypot(LINEARITY));
     if (scale - 1.0).abs() > 3.0 * of_scale {
         findings.push(Finding::BoardSpacing { scale, sigma: of_scale });
+    }
+    let distance = calibration.camera_moved.unwrap_or(0.0);
+    match calibration.held {
+        None if distance > MOVED => findings.push(Finding::CameraMoved { sigmas: distance }),
+        Some(_) if distance > OTHER => findings.push(Finding::OtherCamera { sigmas: distance }),
+        _ => {}
     }
     if calibration.block_scatter > LOOSE {
         findings.push(Finding::Loose { scatter: calibration.block_scatter });

@@ -90,6 +90,13 @@ pub struct Joint<'a> {
     pub settings: &'a InertialSettings,
 }
 
+impl Joint<'_> {
+    /// The same with another problem of the same events.
+    pub fn of_problem<'a>(&'a self, problem: &'a Problem) -> Joint<'a> {
+        Joint { problem, used: self.used.clone(), ..*self }
+    }
+}
+
 /// What is solved for.
 #[derive(Clone)]
 pub struct Estimate {

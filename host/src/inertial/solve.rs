@@ -128,6 +128,11 @@ fn spectra_of(residuals: &[Residual], rate: f64) -> Vec<Vec<Line>> {
     (0..3).map(axis).collect()
 }
 
+/// All equations at an estimate.
+pub fn system_at(joint: &Joint, estimate: &Estimate) -> System {
+    with_samples(joint, estimate, parts_of_events(joint, estimate)).system
+}
+
 /// The equations at an estimate: those of the events, then those of the samples, and all together.
 struct Linearised {
     events: Vec<Part>,

@@ -29,6 +29,8 @@ const PEAK_DISTANCE: f64 = 0.4;
 const OVERLAP: f64 = 0.4;
 /// Root mean square of the angular velocity below which the camera hardly turned (rad/s).
 const LEAST_RATE: f64 = 0.08;
+/// Share of the angular velocity that changes, below which it is the same all the time.
+const EVENLY: f64 = 0.5;
 /// Second singular value over the first below which the camera turned about one axis.
 const ONE_AXIS: f64 = 0.01;
 /// How far the size of gravity may be from what it is, as a share.
@@ -68,17 +70,30 @@ pub struct Start {
 /// # Errors
 /// [`InertialError`] says what was not found, and why.
 pub fn start(trajectories: &[&Trajectory], samples: &[Sample], gravity: f64) -> Result<Start, InertialError> {
-    let camera = camera_rates(trajectories).without_mean();
+    let turning = camera_rates(trajectories);
+    let whole = root_mean_square(&turning);
+    let camera = turning.without_mean();
     let unit = unit_values(samples, |sample| sample.angular_velocity).without_mean();
-    let count = camera.known().count().max(1) as f64;
-    let rate = (camera.known().map(|w| w.norm_squared()).sum::<f64>() / count).sqrt();
+    let rate = root_mean_square(&camera);
+    if rate < LEAST_RATE && rate < EVENLY * whole {
+        return Err(InertialError::EvenRotation { rate: whole.to_degrees() });
+    }
     if rate < LEAST_RATE {
         return Err(InertialError::LittleRotation { rate: rate.to_degrees() });
+    }
+    let turns = camera.known().map(|rate| rate * rate.transpose()).sum::<Matrix3<f64>>();
+    if let Some(axis) = only_axis(&turns) {
+        return Err(InertialError::OneAxis { axis });
     }
     let (delay, correlation) = delay(&camera, &unit)?;
     let rotation = rotation(&camera, &unit, delay)?;
     let parameters = lever_arm(trajectories, samples, (delay, rotation), gravity)?;
     Ok(Start { parameters, correlation })
+}
+
+fn root_mean_square(grid: &Grid) -> f64 {
+    let count = grid.known().count().max(1) as f64;
+    (grid.known().map(|rate| rate.norm_squared()).sum::<f64>() / count).sqrt()
 }
 
 fn camera_rates(trajectories: &[&Trajectory]) -> Grid {
@@ -139,6 +154,16 @@ fn delay(camera: &Grid, unit: &Grid) -> Result<(f64, f64), InertialError> {
     }
 }
 
+/// The axis of the camera about which it turned if there was no other; `turns` is the sum of the products of angular velocities with
+/// those of the camera.
+fn only_axis(turns: &Matrix3<f64>) -> Option<&'static str> {
+    let svd = turns.svd(false, true);
+    let axis = svd.v_t?.row(0).transpose().iamax();
+    let sizes = svd.singular_values;
+    let axis = ["x axis (to the right)", "y axis (downwards)", "z axis (the line of sight)"][axis];
+    (sizes[1] < ONE_AXIS * sizes[0]).then_some(axis)
+}
+
 /// R_imu_camera.
 fn rotation(camera: &Grid, unit: &Grid, delay: f64) -> Result<UnitQuaternion<f64>, InertialError> {
     let mut product = Matrix3::zeros();
@@ -167,9 +192,7 @@ fn rotation(camera: &Grid, unit: &Grid, delay: f64) -> Result<UnitQuaternion<f64
     if !(0.7..1.4).contains(&factor) {
         return Err(InertialError::AngularUnit { factor, unit: "another unit than stated" });
     }
-    if sizes[1] < ONE_AXIS * sizes[0] {
-        let axis = right.row(0).transpose();
-        let axis = ["x axis (to the right)", "y axis (downwards)", "z axis (the line of sight)"][axis.iamax()];
+    if let Some(axis) = only_axis(&product) {
         return Err(InertialError::OneAxis { axis });
     }
     let determinant = (left * right).determinant().signum();

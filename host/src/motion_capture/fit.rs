@@ -110,6 +110,19 @@ impl HandEye {
         (SVector::from_fn(|row, _| if row < 3 { position[row] } else { rotation[row - 3] }), by)
     }
 
+    /// Derivatives of what [`HandEye::row`] gives by the camera's pose: its translation (m, axes of the world), its rotation (rad, about the
+    /// axes of the camera).
+    pub(super) fn by_camera_pose(&self, moment: &Moment) -> SMatrix<f64, ROWS, 6> {
+        let matrix = |rotation: UnitQuaternion<f64>| rotation.to_rotation_matrix().into_inner();
+        let room = matrix(self.mocap_world.rotation);
+        let mut by = SMatrix::<f64, ROWS, 6>::zeros();
+        by.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-room * self.scale));
+        let body = self.camera_body.translation.vector.cross_matrix();
+        by.fixed_view_mut::<3, 3>(0, 3).copy_from(&(room * matrix(moment.pose.rotation) * body));
+        by.fixed_view_mut::<3, 3>(3, 3).copy_from(&-matrix(self.camera_body.rotation.inverse()));
+        by
+    }
+
     fn moved(&self, step: &Gradient) -> Self {
         let moved = |pose: &Isometry3<f64>, first: usize| {
             let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(first).into_owned());
@@ -134,6 +147,21 @@ pub struct Spread {
     pub position: f64,
     /// Rotation (rad).
     pub rotation: f64,
+}
+
+impl Spread {
+    /// Loss and weight of an error in position and in rotation.
+    fn losses(&self, error: &SVector<f64, ROWS>) -> [(f64, f64); 2] {
+        [(0, self.position), (3, self.rotation)].map(|(first, sigma)| {
+            let (cost, root_weight) = huber(error.fixed_rows::<3>(first).norm() / sigma, HUBER);
+            (cost, (root_weight / sigma).powi(2))
+        })
+    }
+
+    /// Weight of an error in position and in rotation.
+    pub(super) fn weights(&self, error: &SVector<f64, ROWS>) -> [f64; 2] {
+        self.losses(error).map(|(_, weight)| weight)
+    }
 }
 
 /// What is expected of drift and scale: σ of each about 0 and 1.
@@ -184,10 +212,8 @@ impl Equations {
 
     /// Adds one pose, position and rotation each with its own loss.
     pub(super) fn add(&mut self, (error, by): &(SVector<f64, ROWS>, Row), spread: &Spread) {
-        for (first, sigma) in [(0, spread.position), (3, spread.rotation)] {
+        for (first, (cost, weight)) in [0, 3].into_iter().zip(spread.losses(error)) {
             let (error, by) = (error.fixed_rows::<3>(first), by.fixed_rows::<3>(first));
-            let (cost, root_weight) = huber(error.norm() / sigma, HUBER);
-            let weight = (root_weight / sigma).powi(2);
             self.normal += by.tr_mul(&by) * weight;
             self.gradient += by.tr_mul(&error) * weight;
             self.cost += cost;

@@ -66,7 +66,7 @@ fn changed(change: impl Fn(Isometry3<f64>) -> Isometry3<f64>) -> Vec<TimedPose> 
 
 #[test]
 fn a_perfect_capture_gives_the_truth() {
-    let found = compare(&camera_poses(free()), &capture(free(), (0.0, 0.0))).unwrap();
+    let found = compare(&camera_poses(free()), &capture(free(), (0.0, 0.0)), None).unwrap();
     let moved = found.camera_body.pose.inverse() * camera_body();
     assert!(moved.translation.vector.norm() < 1e-6 && moved.rotation.angle() < 1e-6, "{found:?}");
     let moved = found.mocap_world.pose.inverse() * mocap_world();
@@ -80,7 +80,7 @@ fn a_perfect_capture_gives_the_truth() {
 #[test]
 fn noise_is_told_and_taken_off() {
     let (position, rotation) = (3e-4, 0.2);
-    let found = compare(&camera_poses(free()), &capture(free(), (position, rotation))).unwrap();
+    let found = compare(&camera_poses(free()), &capture(free(), (position, rotation)), None).unwrap();
     let moved = found.camera_body.pose.inverse() * camera_body();
     assert!(moved.translation.vector.norm() < 5.0 * found.camera_body.translation_sigma.norm());
     assert!(found.camera_body.translation_sigma.norm() < 1e-4, "{found:?}");
@@ -107,7 +107,7 @@ fn the_error_of_a_trajectory_is_found_under_the_noise() {
         .iter()
         .map(|pose| TimedPose { t: pose.t, pose: Translation3::from(wrong(pose.t)) * pose.pose })
         .collect();
-    let found = compare(&poses, &capture(free(), (3e-4, 0.2))).unwrap();
+    let found = compare(&poses, &capture(free(), (3e-4, 0.2)), None).unwrap();
     let truth = (1.5f64).sqrt() * 4e-4;
     let errors = &found.errors.held_out.position;
     assert!((errors.error.value / truth - 1.0).abs() < 0.05 && errors.error.sigma < 0.05 * truth, "{errors:?} {truth}");
@@ -121,7 +121,7 @@ fn missing_and_wild_poses_do_no_harm() {
     for pose in capture.iter_mut().step_by(97) {
         pose.pose.translation.vector.x += 0.05;
     }
-    let found = compare(&camera_poses(free()), &capture).unwrap();
+    let found = compare(&camera_poses(free()), &capture, None).unwrap();
     let moved = found.camera_body.pose.inverse() * camera_body();
     assert!(moved.translation.vector.norm() < 2e-4 && moved.rotation.angle() < 2e-4, "{found:?}");
     assert!((0.07..0.13).contains(&found.missing), "{}", found.missing);
@@ -129,17 +129,17 @@ fn missing_and_wild_poses_do_no_harm() {
 
 #[test]
 fn motion_that_tells_too_little_is_refused() {
-    let refused = |turn: Vector3<f64>| compare(&camera_poses(turn), &capture(turn, (3e-4, 0.2))).unwrap_err();
+    let refused = |turn: Vector3<f64>| compare(&camera_poses(turn), &capture(turn, (3e-4, 0.2)), None).unwrap_err();
     assert!(matches!(refused(Vector3::zeros()), MotionCaptureError::LittleRotation { .. }));
     for (axis, name) in ["x axis", "y axis", "z axis"].into_iter().enumerate() {
         let error = refused(Vector3::from_fn(|row, _| if row == axis { 1.0 } else { 0.0 }));
         assert!(error.to_string().contains(name), "{error}");
     }
     let short = &capture(free(), (3e-4, 0.2))[..600];
-    let error = compare(&camera_poses(free()), short).unwrap_err();
+    let error = compare(&camera_poses(free()), short, None).unwrap_err();
     assert!(matches!(error, MotionCaptureError::TooShort { .. }), "{error}");
     let sparse: Vec<TimedPose> = camera_poses(free()).into_iter().step_by(8).collect();
-    let error = compare(&sparse, &capture(free(), (0.0, 0.0))).unwrap_err();
+    let error = compare(&sparse, &capture(free(), (0.0, 0.0)), None).unwrap_err();
     assert!(error.to_string().contains("every 40 ms"), "{error}");
 }
 
@@ -147,7 +147,7 @@ fn motion_that_tells_too_little_is_refused() {
 fn mistakes_in_a_capture_are_named() {
     let camera = camera_poses(free());
     let refused = |words: &str, capture: &[TimedPose]| {
-        let error = compare(&camera, capture).unwrap_err().to_string();
+        let error = compare(&camera, capture, None).unwrap_err().to_string();
         assert!(error.contains(words), "wanted {words:?}: {error}");
     };
     let longer = |factor: f64| {
@@ -195,7 +195,7 @@ fn mistakes_in_a_capture_are_named() {
 fn a_slightly_wrong_board_is_told() {
     let capture =
         changed(|pose| Isometry3::from_parts(Translation3::from(pose.translation.vector * 1.01), pose.rotation));
-    let found = compare(&camera_poses(free()), &capture).unwrap();
+    let found = compare(&camera_poses(free()), &capture, None).unwrap();
     // The body's distance from the camera grows with the rest.
     assert!((found.scale.value - 1.01).abs() < 3e-4, "{:?}", found.scale);
     assert!(found.lengths_differ());

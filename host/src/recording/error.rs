@@ -97,6 +97,52 @@ pub enum RecordingErrorKind {
         /// Those that exist.
         available: String,
     },
+    /// The topic asked for is not there.
+    #[error("has no topic {wanted:?} with events or images; it has {available}")]
+    NoSuchTopic {
+        /// Its name.
+        wanted: String,
+        /// Those that exist.
+        available: String,
+    },
+    /// Images of several cameras.
+    #[error("holds images of several topics ({0}): choose one with --with-stream")]
+    SeveralImageTopics(String),
+    /// A topic without an image.
+    #[error("has no image in its topic {0}: record that topic again")]
+    NoImages(String),
+    /// Images of a kind that is not read.
+    #[error("has images of {topic} in the encoding {encoding:?}; mono8, mono16, bgr8 and rgb8 are read: convert them")]
+    ImageEncoding {
+        /// The topic.
+        topic: String,
+        /// The encoding.
+        encoding: String,
+    },
+    /// An image has another size than those before it.
+    #[error("image {image} of {topic} has {} x {} pixels, those before it another size: record one camera, in one size", size.0, size.1)]
+    ImageSize {
+        /// The topic.
+        topic: String,
+        /// Number of the image, from 1.
+        image: u64,
+        /// Its width and height.
+        size: (u16, u16),
+    },
+    /// Time stamps of images stand still or go back.
+    #[error(
+        "image {image} of {topic} is stamped {time} µs, not after {before} µs of the image before it: let the driver of the camera stamp each image"
+    )]
+    ImageTime {
+        /// The topic.
+        topic: String,
+        /// Number of the image, from 1.
+        image: u64,
+        /// Its time stamp.
+        time: i64,
+        /// That of the image before.
+        before: i64,
+    },
     /// A database of which the latest part is in another file.
     #[error("is not whole: the latest messages are in {log}; merge them with sqlite3 and `PRAGMA wal_checkpoint(TRUNCATE)`", log = log.display())]
     Unmerged {

@@ -11,7 +11,7 @@ use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use super::image_file::{self, ImageFile, ImageFileError, Samples};
-use super::pictures::{GreyImage, TimedImage};
+use super::pictures::{GreyImage, TimedImage, highest_bits};
 
 /// Name of the table of an image folder.
 pub const TABLE: &str = "data.csv";
@@ -328,11 +328,7 @@ fn grey(image: ImageFile) -> Option<GreyImage> {
     let (width, height) = (usize::try_from(image.size.0).ok()?, usize::try_from(image.size.1).ok()?);
     let bytes = match image.samples {
         Samples::Eight(samples) => samples,
-        Samples::Sixteen(samples) => {
-            let highest = samples.iter().copied().max().unwrap_or(0);
-            let unused = (16 - highest.leading_zeros()).saturating_sub(8);
-            samples.iter().map(|sample| (sample >> unused) as u8).collect()
-        }
+        Samples::Sixteen(samples) => highest_bits(&samples),
     };
     let pixels = match image.channels {
         1 => bytes,

@@ -33,6 +33,13 @@ impl GreyImage {
     }
 }
 
+/// The highest 8 bits that are used in samples of 16: many cameras use 10 or 12 of them.
+pub fn highest_bits(samples: &[u16]) -> Vec<u8> {
+    let highest = samples.iter().copied().max().unwrap_or(0);
+    let unused = (16 - highest.leading_zeros()).saturating_sub(8);
+    samples.iter().map(|sample| (sample >> unused) as u8).collect()
+}
+
 /// A picture of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TimedImage {

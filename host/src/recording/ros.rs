@@ -15,6 +15,7 @@ mod db3;
 mod events;
 mod extras;
 mod fields;
+mod images;
 mod mcap;
 mod message;
 mod packet;
@@ -25,4 +26,5 @@ mod write;
 
 pub use bag::FORMAT as BAG_FORMAT;
 pub use db3::FORMAT as DB3_FORMAT;
+pub use images::ImageTopic;
 pub use mcap::FORMAT as MCAP_FORMAT;

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use evcal_core::camera::Camera;
+use nalgebra::DMatrix;
 use serde::Deserialize;
 
 use crate::board::Board;
@@ -107,6 +108,14 @@ impl CalibratedCamera {
             Some(_) => Self::of_calibration(camera_file::parse(path)?, path),
             None => Self::of_other(camera_file::parse(path)?, path),
         }
+    }
+
+    /// Covariance of the parameters, if known.
+    pub fn covariance_matrix(&self) -> Option<DMatrix<f64>> {
+        let count = self.camera.kind().parameter_names().len();
+        let rows = self.covariance.as_ref().filter(|rows| rows.len() == count)?;
+        let is_square = rows.iter().all(|row| row.len() == count);
+        is_square.then(|| DMatrix::from_row_iterator(count, count, rows.iter().flatten().copied()))
     }
 
     fn of_calibration(file: CalibrationFile, path: &Path) -> Result<Self, CameraFileError> {

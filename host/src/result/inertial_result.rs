@@ -7,13 +7,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::finding::Finding;
-use crate::inertial::findings::LINEARITY;
+use crate::inertial::findings::{DELAY_LIMIT, LINEARITY};
 use crate::inertial::joint::Noise;
 use crate::inertial::parameters::{
     ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, BOARD_SCALE, CLOCK_DRIFT, GRAVITY, GYROSCOPE_BIAS,
     GYROSCOPE_DELAY, GYROSCOPE_MATRIX, POSITION, ROTATION, TRIANGLE,
 };
 use crate::inertial::stream::StreamReport;
+use crate::lens::camera_file::CameraDescription;
 use crate::numerics::gravity::STANDARD_GRAVITY;
 use crate::numerics::rigid::pose_of_rows;
 
@@ -37,12 +38,23 @@ pub struct SensorResult {
     pub matrix: [[f64; 3]; 3],
     /// σ of the lower triangle of M, row by row: three rows of three with zeros above the diagonal.
     pub matrix_sigma: [[f64; 3]; 3],
+    /// Whether the motion told the delay.
+    #[serde(default = "measured")]
+    pub delay_measured: bool,
+    /// Whether the motion told the matrix; else it is what is expected of such chips, and mixed with bias and gravity.
+    #[serde(default = "measured")]
+    pub matrix_measured: bool,
     /// White noise of each axis: m/s²/√Hz or rad/s/√Hz. A sample's standard deviation is this times the root of the rate.
     pub noise_density: [f64; 3],
     /// Whether the noise was measured; else it is twice that of a usual data sheet.
     pub noise_measured: bool,
     /// Root mean square of the residuals, m/s² or rad/s.
     pub residual_rms: f64,
+}
+
+/// What files without a word about it mean.
+fn measured() -> bool {
+    true
 }
 
 /// A calibrated inertial unit.
@@ -78,8 +90,12 @@ pub struct InertialResult {
     pub used: usize,
     /// One a recording.
     pub streams: Vec<StreamReport>,
-    /// Largest change of an intrinsic parameter by solving with the unit, in its σ.
-    pub camera_moved: f64,
+    /// Largest distance of an intrinsic parameter from that of the camera calibrated alone, in its σ; none where intrinsics of another
+    /// model were held.
+    pub camera_moved: Option<f64>,
+    /// The camera at which intrinsics were held; absent where they were solved for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub held_camera: Option<CameraDescription>,
     /// Scatter of blocks of time over the formal variance.
     pub block_scatter: f64,
     /// Correlation of rotation, place and delays (gyroscope, accelerometer).
@@ -110,6 +126,8 @@ impl InertialResult {
                     delay: Uncertain { value: delay.0, sigma: sigma(delay.1) },
                     bias: Uncertain { value: (*bias.0).into(), sigma: three(bias.1) },
                     matrix: rows(matrix.0),
+                    delay_measured: sigma(delay.1) <= DELAY_LIMIT,
+                    matrix_measured: calibration.is_measured(matrix.1..matrix.1 + TRIANGLE.len()),
                     matrix_sigma,
                     noise_density: density,
                     noise_measured: measured,
@@ -146,6 +164,7 @@ impl InertialResult {
             used: calibration.used,
             streams: calibration.streams.clone(),
             camera_moved: calibration.camera_moved,
+            held_camera: calibration.held.as_ref().map(CameraDescription::new),
             block_scatter: calibration.block_scatter,
             correlations: std::array::from_fn(|row| {
                 std::array::from_fn(|column| calibration.covariance[(row, column)] / (sigma(row) * sigma(column)))
@@ -156,10 +175,15 @@ impl InertialResult {
 
     /// The result in words: each number with its σ, each transform and delay with its direction.
     pub fn sentences(&self) -> String {
-        let mut text = format!("inertial unit, from {} samples:\n", self.used);
+        let held = if self.held_camera.is_some() { ", the camera's intrinsics held" } else { "" };
+        let mut text = format!("inertial unit, from {} samples{held}:\n", self.used);
         self.place(&mut text);
         for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {
             let Uncertain { value, sigma } = sensor.delay;
+            if !sensor.delay_measured {
+                let _ = writeln!(text, "  delay of the {name}: not measured");
+                continue;
+            }
             let way = if value >= 0.0 { "later" } else { "earlier" };
             let _ = writeln!(
                 text,
@@ -190,6 +214,10 @@ impl InertialResult {
             list(sigma, milli, 2)
         );
         for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {
+            if !sensor.matrix_measured {
+                let _ = writeln!(text, "  scale of the {name}: not measured");
+                continue;
+            }
             let diagonal = |matrix: &[[f64; 3]; 3]| std::array::from_fn(|axis| matrix[axis][axis]);
             let scale: [f64; 3] = diagonal(&sensor.matrix);
             let _ = writeln!(

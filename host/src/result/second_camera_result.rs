@@ -126,8 +126,12 @@ pub struct SecondCameraResult {
     pub correlations: [[f64; COUNT]; COUNT],
     /// Both cameras as the solve of all events has them: what belongs to the transform most exactly.
     pub solved_together: [SolvedCamera; 2],
-    /// Largest change of an intrinsic parameter of each camera by that solve, in its σ.
-    pub cameras_moved: [f64; 2],
+    /// Largest distance of an intrinsic parameter of each camera from that of the camera calibrated apart, in its σ; none where
+    /// intrinsics of another model were held.
+    pub cameras_moved: [Option<f64>; 2],
+    /// Whether the intrinsics of each camera were held; else they were solved for.
+    #[serde(default)]
+    pub held: [bool; 2],
     /// Seconds with the board before both cameras.
     pub seconds: f64,
     /// Events, or centres of dots, of the second camera that were used.
@@ -183,6 +187,7 @@ impl SecondCameraResult {
             }),
             solved_together: [0, 1].map(solved),
             cameras_moved: calibration.cameras_moved,
+            held: calibration.held,
             seconds: calibration.seconds,
             used: calibration.used,
             left_out: calibration.left_out,
@@ -213,11 +218,11 @@ impl SecondCameraResult {
                     | Finding::Loose { .. }
             )
         };
+        let is_of_lens =
+            |finding: &Finding| matches!(finding, Finding::CameraMoved { .. } | Finding::OtherCamera { .. });
         let grade = match calibration.findings.as_slice() {
             findings if findings.iter().any(fails) => "Not good enough",
-            findings if findings.iter().any(|finding| matches!(finding, Finding::CameraMoved { .. })) => {
-                "Usable, with what the notes say"
-            }
+            findings if findings.iter().any(is_of_lens) => "Usable, with what the notes say",
             _ => "Good",
         };
         format!(
@@ -239,6 +244,17 @@ impl SecondCameraResult {
             self.recording, self.seconds
         );
         let _ = writeln!(text, "  {}", self.verdict);
+        if let Some(whose) = match self.held {
+            [true, true] => Some("both cameras were"),
+            [true, false] => Some("the first camera were"),
+            [false, true] => Some("the second camera were"),
+            [false, false] => None,
+        } {
+            let _ = writeln!(
+                text,
+                "  the intrinsics of {whose} held; their σ, where they are known, are part of those below"
+            );
+        }
         let pose = self.pose();
         let vector = pose.rotation.scaled_axis().map(f64::to_degrees);
         let sigma = self.rotation_sigma.map(f64::to_degrees);

@@ -33,8 +33,11 @@ pub struct SecondCalibration {
     pub sensors: [Sensor; 2],
     /// Both cameras as the solve of both has them.
     pub cameras: [Camera<f64>; 2],
-    /// Largest change of an intrinsic parameter of each camera by the solve of both, in its σ.
-    pub cameras_moved: [f64; 2],
+    /// Largest distance of an intrinsic parameter of each camera from that of the camera calibrated apart, in its σ; `None` where intrinsics
+    /// of another model were held.
+    pub cameras_moved: [Option<f64>; 2],
+    /// Whether the intrinsics of each camera were held.
+    pub held: [bool; 2],
     /// Whether the rows of the second camera's frames were said to be exposed one after the other.
     pub rolling_shutter: bool,
     /// What speaks against it.

@@ -52,6 +52,13 @@ pub enum Finding {
         /// By how many σ.
         sigmas: f64,
     },
+    /// Intrinsics were held at others than those of this recording.
+    OtherCamera {
+        /// Which camera's: 0 or 1.
+        camera: usize,
+        /// How many σ they are apart.
+        sigmas: f64,
+    },
 }
 
 impl fmt::Display for Finding {
@@ -99,6 +106,12 @@ impl fmt::Display for Finding {
             Self::CameraMoved { camera, sigmas } => write!(
                 f,
                 "solving both together moved an intrinsic parameter of the {} camera by {sigmas:.1} σ: look at its own report",
+                ["first", "second"][(*camera).min(1)]
+            ),
+            Self::OtherCamera { camera, sigmas } => write!(
+                f,
+                "the intrinsics of the {} camera that were held are {sigmas:.1} σ from those of this recording: hold those of the same lens with \
+                 the same focus",
                 ["first", "second"][(*camera).min(1)]
             ),
         }

@@ -17,7 +17,7 @@ const LOOSE: f64 = 1.3;
 const MOST_LEFT_OUT: f64 = 0.3;
 /// σ below which a line delay is none.
 const NO_DELAY: f64 = 3.0;
-/// Change of an intrinsic parameter in its σ that is told.
+/// Distance of an intrinsic parameter from that of the camera calibrated apart, in its σ, that is told.
 const MOVED: f64 = 4.0;
 
 /// What speaks against `calibration`.
@@ -53,9 +53,11 @@ pub fn findings(calibration: &SecondCalibration) -> Vec<Finding> {
     for (camera, sigmas) in calibration.cameras_moved.into_iter().enumerate() {
         // Apart, the lens of a camera with a rolling shutter was calibrated as if all rows were exposed at once.
         let is_of_other_rows = camera == 1 && calibration.rolling_shutter;
-        if sigmas > MOVED && !is_of_other_rows {
-            findings.push(Finding::CameraMoved { camera, sigmas });
-        }
+        let Some(sigmas) = sigmas.filter(|sigmas| *sigmas > MOVED && !is_of_other_rows) else { continue };
+        findings.push(match calibration.held[camera] {
+            true => Finding::OtherCamera { camera, sigmas },
+            false => Finding::CameraMoved { camera, sigmas },
+        });
     }
     findings
 }

@@ -11,10 +11,10 @@ use super::calibration::SecondCalibration;
 use super::error::SecondCameraError;
 use super::estimate::Estimate;
 use super::findings::findings;
-use super::joint::{Joint, Solved, solve};
+use super::joint::{Joint, Lenses, Solved, share_of_lenses, solve};
 use super::mount::{LINE_DELAY, Mount, TRANSLATION};
 use super::seen::Seen;
-use super::{Apart, Known, finish, problem_of_points, seen_by_both, start, with_board_held};
+use super::{Apart, Known, finish, holding, problem_of_points, seen_by_both, start, with_board_held};
 use crate::board::symmetry::Symmetry;
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::State;
@@ -62,7 +62,7 @@ pub struct FrameCamera<'a> {
 }
 
 /// Calibrates a camera of frames, the `second`, against the `first`, before a board that looks the same after the turns
-/// `symmetries`.
+/// `symmetries`. Intrinsics are solved for too, unless they are in `lenses`.
 ///
 /// # Errors
 /// [`SecondCameraError`] says what is wrong with the recordings or the motion, and what to do.
@@ -70,6 +70,7 @@ pub fn calibrate_frames(
     first: Apart,
     second: FrameCamera,
     symmetries: &[Symmetry],
+    lenses: Lenses,
     settings: &UncertaintySettings,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let state = &first.refined.state;
@@ -94,7 +95,7 @@ pub fn calibrate_frames(
         second: State { camera: second.camera, trajectories: Vec::new(), ..state.clone() },
         mount: Mount { line_delay: Some(0.0), ..start.mount },
     };
-    let mut solved = weighed(joint, estimate, settings)?;
+    let mut solved = weighed(joint, estimate, lenses, settings)?;
     // The focal length of the events is off by what no block of time shows, and that of frames is not.
     let place = TRANSLATION + 2;
     solved.covariance[(place, place)] += (settings.systematic_scale * mean_distance(&state.trajectories)).powi(2);
@@ -104,6 +105,7 @@ pub fn calibrate_frames(
         left_out,
         own_rms: None,
         sensors: [first.refined.problem.sensor, second.sensor],
+        lenses,
     };
     let sigma = first.uncertainty.sigma();
     let mut calibration = finish(solved, &known, [(&state.camera, &sigma), (&second.camera, second.sigma)]);
@@ -120,7 +122,13 @@ pub fn calibrate_frames(
 
 /// Solves, and again with the spread of centres that was left as long as that is not the one that was taken for granted: alone, the
 /// frames of a rolling shutter fit no lens well.
-fn weighed(mut joint: Joint, estimate: Estimate, settings: &UncertaintySettings) -> Result<Solved, SecondCameraError> {
+fn weighed(
+    joint: Joint,
+    estimate: Estimate,
+    lenses: Lenses,
+    settings: &UncertaintySettings,
+) -> Result<Solved, SecondCameraError> {
+    let (mut joint, estimate) = holding(joint, estimate, lenses);
     let mut solved = solve(&joint, estimate, settings)?;
     for _ in 1..MOST_SOLVES {
         let ratio = solved.rms / USUAL_RMS;
@@ -129,6 +137,9 @@ fn weighed(mut joint: Joint, estimate: Estimate, settings: &UncertaintySettings)
         }
         joint.second.point_sigma *= ratio;
         solved = solve(&joint, solved.estimate, settings)?;
+    }
+    if let Some(share) = share_of_lenses(&joint, &solved.estimate, lenses)? {
+        solved.covariance += share;
     }
     Ok(solved)
 }

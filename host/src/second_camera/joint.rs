@@ -12,11 +12,15 @@ use super::mount::{RATE, RATE_SIGMA};
 use super::rows::{SecondPart, second_parts};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::bordered::{Part, Step, System, event_parts, minimise, moved_by};
+use crate::solve::held_intrinsics::{HeldIntrinsics, share_of_held};
 use crate::solve::levenberg::linearised;
 use crate::solve::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
 use crate::solve::{Problem, State};
 use crate::trajectory::Trajectory;
 use crate::trust::uncertainty::{Time, UncertaintySettings, stated};
+
+/// Intrinsics of the first and the second camera that are held; those of the others are solved for.
+pub type Lenses<'a> = [Option<&'a HeldIntrinsics>; 2];
 
 /// What is solved; nothing of it changes.
 pub struct Joint {
@@ -84,6 +88,34 @@ pub fn solve(joint: &Joint, estimate: Estimate, settings: &UncertaintySettings) 
     let count = estimate.mount.count();
     let (covariance, inflation, blocks) = stated(&formal, (&blocks.contributions, &|all| all), time, count, settings);
     Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
+}
+
+/// What lenses that are held add to the covariance of the mount at `estimate`: those of the first and the second camera.
+///
+/// # Errors
+/// [`SecondCameraError::Singular`] when the events do not determine the parameters.
+pub fn share_of_lenses(
+    joint: &Joint,
+    estimate: &Estimate,
+    lenses: Lenses,
+) -> Result<Option<DMatrix<f64>>, SecondCameraError> {
+    if lenses.iter().all(Option::is_none) {
+        return Ok(None);
+    }
+    let opened = |lens: Option<&HeldIntrinsics>, problem: &Problem| match lens {
+        Some(lens) => lens.opened(problem),
+        None => problem.with_segments(problem.segments.clone()),
+    };
+    let opened = Joint { first: opened(lenses[0], &joint.first), second: opened(lenses[1], &joint.second) };
+    let system = linearise(&opened, estimate)?.system;
+    let of_second = estimate.mount.count();
+    let of_first = of_second + opened.second.free.places().len();
+    let held = lenses.into_iter().zip([of_first, of_second]).filter_map(|(lens, place)| {
+        let covariance = lens?.of_opened();
+        Some((place..place + covariance.nrows(), covariance))
+    });
+    let share = share_of_held(&system, &held.collect::<Vec<_>>())?;
+    Ok(Some(share.view((0, 0), (of_second, of_second)).into_owned()))
 }
 
 fn linearise(joint: &Joint, estimate: &Estimate) -> Result<Linearised, SecondCameraError> {

@@ -364,12 +364,20 @@ impl System {
         Ok(Step { segments, globals: globals.as_slice().to_vec(), predicted })
     }
 
+    /// The normal equations of the border parameters, the control points following them.
+    ///
+    /// # Errors
+    /// [`NotPositiveDefinite`].
+    pub fn normal(&self) -> Result<DMatrix<f64>, NotPositiveDefinite> {
+        Ok(self.schur(&self.eliminated(0.0)?, 0.0))
+    }
+
     /// The covariance of the border parameters if observations were independent.
     ///
     /// # Errors
     /// [`NotPositiveDefinite`].
     pub fn covariance(&self) -> Result<DMatrix<f64>, NotPositiveDefinite> {
-        scaled_inverse(&self.schur(&self.eliminated(0.0)?, 0.0))
+        scaled_inverse(&self.normal()?)
     }
 
     /// What the parts of each block of `length` seconds say of the border parameters, the control points following them, and
@@ -417,7 +425,10 @@ fn add_contribution(sum: &mut Contribution, part: &Part, follows: &DMatrix<f64>)
 }
 
 /// The inverse of a positive definite matrix whose rows have very different units.
-fn scaled_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, NotPositiveDefinite> {
+///
+/// # Errors
+/// [`NotPositiveDefinite`].
+pub fn scaled_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, NotPositiveDefinite> {
     let scale = matrix.diagonal().map(|value| if value > 0.0 { 1.0 / value.sqrt() } else { 1.0 });
     let unit = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| {
         matrix[(row, column)] * scale[row] * scale[column]

@@ -7,7 +7,7 @@ use evcal::board::Board;
 use evcal::calibrate::board_choice::{LargerBoard, larger_board};
 use evcal::calibrate::calibrated::{Calibrated, Evidence};
 use evcal::calibrate::error::CalibrateError;
-use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
+use evcal::calibrate::inertia::calibrate_inertial;
 use evcal::calibrate::input::Input;
 use evcal::calibrate::mounted::SecondCamera;
 use evcal::calibrate::parameter_request::ParameterRequests;
@@ -20,12 +20,14 @@ use evcal::output::failure::{Failure, write_failure};
 use evcal::output::folder::write_folder;
 use evcal::second_camera::error::SecondCameraError;
 use evcal::settings::Settings;
+use evcal::solve::held_intrinsics::HeldIntrinsics;
 use evcal::trust::verdict::{Grade, Verdict};
 use evcal_core::sensor::Sensor;
 
 use super::super::progress::Waiting;
 use super::super::{NotGoodEnough, Outcome, command_line, print};
 use super::CalibrationArguments;
+use super::held::{HeldCameras, OtherSensor};
 
 /// A calibration that failed, and what it left.
 #[derive(Debug, thiserror::Error)]
@@ -49,6 +51,8 @@ pub struct Work<'a> {
     pub others: Vec<Input>,
     /// Whether the rows of their frames are exposed one after the other.
     pub rolling_shutter: bool,
+    /// Cameras whose intrinsics are held where they are solved with something else.
+    pub held: HeldCameras,
     /// The board in them.
     pub board: Board,
     /// Size of the sensor, where they do not tell it.
@@ -75,6 +79,10 @@ impl Work<'_> {
             (true, ..) => PictureUse::Only,
             (_, true, _) => PictureUse::Joint,
             (.., true) => PictureUse::SecondCamera,
+            // Those in the bag are another camera's.
+            _ if self.others.iter().any(|other| matches!(other, Input::Images(_)) && self.is_of_first(other)) => {
+                PictureUse::Ignore
+            }
             (false, false, false) => PictureUse::Witness,
         };
         Task {
@@ -87,6 +95,11 @@ impl Work<'_> {
             settings: self.settings,
             command_line,
         }
+    }
+
+    /// Whether the recording of another camera is in a file of the first one's.
+    fn is_of_first(&self, other: &Input) -> bool {
+        self.inputs.iter().any(|input| input.is_of_file_of(other))
     }
 
     /// Calibrates. `tell` hears what is going on, and may end it.
@@ -113,13 +126,7 @@ impl Work<'_> {
                 return Err(Failed { error, failure }.into());
             }
         };
-        let inertial = match self.arguments.inertial_request() {
-            Some(request) => {
-                waiting.stage("inertial unit", None);
-                add_inertial(&mut calibrated, &self.inputs, &request)
-            }
-            None => Ok(()),
-        };
+        let inertial = self.add_inertial(&mut calibrated, &mut waiting);
         let others = self.add_others(&mut calibrated, &task, &mut waiting);
         waiting.stage("results", None);
         let written = write_folder(folder, &calibrated, &task, &mut |step| waiting.stage(step.text, step.done))?;
@@ -154,9 +161,13 @@ impl Work<'_> {
     }
 }
 
-/// Why one of the other cameras was not calibrated.
+/// Why the inertial unit or one of the other cameras was not calibrated.
 #[derive(Debug, thiserror::Error)]
-enum OtherError {
+enum BesideError {
+    #[error(transparent)]
+    Inertial(#[from] InertialError),
+    #[error(transparent)]
+    Held(#[from] OtherSensor),
     #[error("{file}: {error}")]
     Apart { file: String, error: CalibrateError },
     #[error(transparent)]
@@ -164,31 +175,53 @@ enum OtherError {
 }
 
 impl Work<'_> {
+    /// Calibrates the inertial unit, where it is asked for, and keeps it with the camera.
+    fn add_inertial(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), BesideError> {
+        let Some(request) = self.arguments.inertial_request() else { return Ok(()) };
+        waiting.stage("inertial unit", None);
+        let inertial = calibrate_inertial(calibrated, &self.inputs, &request, self.held_of_first(calibrated)?)?;
+        if let Evidence::Events(events) = &mut calibrated.evidence {
+            events.inertial = Some(inertial);
+        }
+        Ok(())
+    }
+
+    fn held_of_first(&self, first: &Calibrated) -> Result<Option<&HeldIntrinsics>, OtherSensor> {
+        self.held.first.as_ref().map(|held| held.of(first.sensor)).transpose()
+    }
+
     /// Calibrates the other cameras, and keeps them with the first.
-    fn add_others(&self, first: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Result<(), OtherError> {
+    fn add_others(&self, first: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Result<(), BesideError> {
         let uncertainty = &self.settings.uncertainty;
         if task.pictures == PictureUse::SecondCamera {
             waiting.stage("frames as a second camera", None);
-            keep(first, calibrate_own_pictures(first, uncertainty)?);
+            keep(first, calibrate_own_pictures(first, self.held_of_first(first)?, uncertainty)?);
         }
-        for input in &self.others {
+        for (number, input) in self.others.iter().enumerate() {
             let file = input.name();
             let inputs = std::slice::from_ref(input);
-            let pictures = if let Input::Images(_) = input { PictureUse::Only } else { PictureUse::Witness };
+            let pictures = match input {
+                Input::Images(_) => PictureUse::Only,
+                // Frames in it are the first camera's.
+                _ if self.is_of_first(input) => PictureUse::Ignore,
+                _ => PictureUse::Witness,
+            };
             let task = Task { inputs, pictures, parameters: ParameterRequests::default(), ..*task };
             let second = calibrate(&task, |step| {
                 waiting.stage(step.text, step.done);
                 ControlFlow::Continue(())
             });
-            let second = second.map_err(|error| OtherError::Apart { file: file.clone(), error })?;
+            let second = second.map_err(|error| BesideError::Apart { file: file.clone(), error })?;
             waiting.stage("both cameras", None);
+            let held = self.held.others.get(number).map(|held| held.of(second.sensor)).transpose()?;
+            let lenses = [self.held_of_first(first)?, held];
             let second = match input {
-                Input::Images(folder) => {
-                    let frames = (folder, self.rolling_shutter);
-                    calibrate_frame_camera(first, &second, frames, &self.board, uncertainty)?
+                Input::Images(images) => {
+                    let frames = (images, self.rolling_shutter);
+                    calibrate_frame_camera(first, &second, frames, &self.board, lenses, uncertainty)?
                 }
                 Input::Events(_) | Input::Circles { .. } => {
-                    calibrate_second_camera(first, &second, &file, &self.board, uncertainty)?
+                    calibrate_second_camera(first, &second, &file, &self.board, lenses, uncertainty)?
                 }
             };
             keep(first, second);
@@ -201,15 +234,6 @@ fn keep(first: &mut Calibrated, second: SecondCamera) {
     if let Evidence::Events(events) = &mut first.evidence {
         events.second_cameras.push(second);
     }
-}
-
-/// Calibrates the inertial unit of `inputs`, and keeps it with the camera.
-fn add_inertial(calibrated: &mut Calibrated, inputs: &[Input], request: &InertialRequest) -> Result<(), InertialError> {
-    let inertial = calibrate_inertial(calibrated, inputs, request)?;
-    if let Evidence::Events(events) = &mut calibrated.evidence {
-        events.inertial = Some(inertial);
-    }
-    Ok(())
 }
 
 /// The summary with its verdict in green, yellow or red, where someone looks at it.

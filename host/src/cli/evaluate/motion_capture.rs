@@ -1,8 +1,12 @@
 //! `evcal evaluate --motion-capture`.
 
+use std::path::Path;
+
 use evcal::evaluate::captured::{CapturedFiles, compare_captured};
+use evcal::evaluate::pose_by_intrinsics::KnownCamera;
 use evcal::motion_capture::held_out::{Errors, SLICE, SliceErrors};
 use evcal::motion_capture::{Compared, Measured, MeasuredPose};
+use evcal::result::calibrated_camera::CalibratedCamera;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
@@ -10,7 +14,7 @@ use crate::cli::print;
 
 /// Compares, and prints what was found.
 pub fn run(files: &CapturedFiles, as_json: bool) -> crate::cli::Outcome {
-    let (trajectory, compared) = compare_captured(files)?;
+    let (trajectory, compared) = compare_captured(files, known_camera(&files.calibration).as_ref())?;
     if as_json {
         let mut value = to_json(&compared);
         value["trajectory"] = json!(trajectory);
@@ -19,6 +23,13 @@ pub fn run(files: &CapturedFiles, as_json: bool) -> crate::cli::Outcome {
     }
     print::line(format!("trajectory {}\nmotion capture {}\n", trajectory.display(), files.capture.display()))?;
     print::line(text(&compared))
+}
+
+/// The camera of a calibration; `None` where there is none beside the trajectory, or it tells no σ.
+fn known_camera(calibration: &Path) -> Option<KnownCamera> {
+    let known = CalibratedCamera::read(calibration).ok()?;
+    let covariance = known.covariance_matrix()?;
+    Some(KnownCamera { camera: known.camera, sensor: known.sensor, covariance, board: known.board? })
 }
 
 fn text(compared: &Compared) -> String {
@@ -33,6 +44,9 @@ fn text(compared: &Compared) -> String {
     lines.extend(pose_lines(&compared.camera_body, "the body's origin, seen from the camera"));
     lines.push("T_mocap_world: from the board to the frame of the capture".to_owned());
     lines.extend(pose_lines(&compared.mocap_world, "the board's first circle, in the capture"));
+    if !compared.intrinsics_known {
+        lines.push("  note: without σ of the intrinsics beside the trajectory, these σ lack their share".to_owned());
+    }
     let Measured { value, sigma } = compared.offset;
     lines.push(format!(
         "the capture's stamps are {:.3} ± {:.3} ms {} than those of the events (t_mocap = t_events + {value:.6} s)",
@@ -124,6 +138,7 @@ fn to_json(compared: &Compared) -> Value {
         "correlation": compared.correlation,
         "T_camera_body": pose(&compared.camera_body),
         "T_mocap_world": pose(&compared.mocap_world),
+        "sigma_with_intrinsics": compared.intrinsics_known,
         "offset": measured(&compared.offset),
         "drift": compared.drift.as_ref().map(measured),
         "scale": measured(&compared.scale),

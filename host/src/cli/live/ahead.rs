@@ -13,6 +13,7 @@ use evcal::recording::{Recording, RecordingOptions};
 use evcal::settings::Settings;
 use usb_davis::dump::Growth;
 
+use super::super::calibrate::held::HeldCameras;
 use super::super::calibrate::work::{Attempt, Work};
 use super::super::calibrate::{CalibrationArguments, CameraRecordings, calibrate_recordings};
 use super::super::progress::Waiting;
@@ -57,6 +58,7 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
                 inputs,
                 others: Vec::new(),
                 rolling_shutter: false,
+                held: HeldCameras::default(),
                 board,
                 sensor: None,
                 parameters,

@@ -33,7 +33,8 @@ const CHUNK: u8 = 5;
 const CONNECTION: u8 = 7;
 const MESSAGE: u8 = 2;
 
-fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+/// Opens such a file of messages.
+pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     let mut file = ByteReader::open(path)?;
     file.seek(MAGIC.len() as u64)?;
     Ok(Box::new(Bag {

@@ -32,7 +32,8 @@ struct Bag {
     row: Vec<u8>,
 }
 
-fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+/// Opens such a file of messages.
+pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     let mut pages = Pages::open(path)?;
     let tables = pages.tables()?;
     let table = |name: &str, columns: &[&str]| {

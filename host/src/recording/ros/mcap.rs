@@ -37,7 +37,8 @@ const DATA_END: u8 = 15;
 /// Kind and length of a record.
 const RECORD_HEAD: usize = 9;
 
-fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+/// Opens such a file of messages.
+pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     let mut file = ByteReader::open(path)?;
     file.seek(MAGIC.len() as u64)?;
     Ok(Box::new(Mcap {

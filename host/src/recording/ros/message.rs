@@ -6,6 +6,7 @@ use evcal_core::sensor::Sensor;
 use super::fields::{Fields, MessageError, Wire};
 use super::packet::PacketDecoder;
 use crate::recording::extras::{Frame, InertialSample};
+use crate::recording::pictures::highest_bits;
 
 /// Standard gravity in m/s².
 pub const GRAVITY: f64 = 9.806_65;
@@ -101,6 +102,15 @@ pub fn events(
     }
 }
 
+/// The encoding of an `Image`.
+pub fn encoding(wire: Wire, message: &[u8]) -> Result<String, MessageError> {
+    let mut fields = Fields::new(wire, message)?;
+    fields.header()?;
+    fields.u32("its size")?;
+    fields.u32("its size")?;
+    Ok(String::from_utf8_lossy(fields.text("its encoding")?).into_owned())
+}
+
 /// The picture of an `Image`; `None` if it is neither grey nor in colour, such as a depth.
 pub fn frame(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
     let mut fields = Fields::new(wire, message)?;
@@ -124,8 +134,10 @@ pub fn frame(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> 
     let rows_of_bytes = data.chunks_exact(step).take(rows.into()).filter_map(|row| row.get(..row_bytes));
     let pixels = match encoding {
         b"mono16" | b"16UC1" => {
-            let upper = usize::from(!big_endian);
-            rows_of_bytes.flat_map(|row| row.as_chunks::<2>().0).map(|pixel| pixel[upper]).collect()
+            let number =
+                |pixel: &[u8; 2]| if big_endian { u16::from_be_bytes(*pixel) } else { u16::from_le_bytes(*pixel) };
+            let samples: Vec<u16> = rows_of_bytes.flat_map(|row| row.as_chunks::<2>().0).map(number).collect();
+            highest_bits(&samples)
         }
         b"rgb8" => rows_of_bytes.flat_map(|row| row.as_chunks().0).flat_map(|&[r, g, b]| [b, g, r]).collect(),
         _ => rows_of_bytes.flatten().copied().collect(),

@@ -7,6 +7,7 @@ use std::io::{Cursor, Write};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
+use super::ImageTopic;
 use super::fields::Wire;
 use super::write::{BAG_OUTPUT, MCAP_OUTPUT};
 use crate::recording::convert::open_extras;
@@ -270,6 +271,8 @@ fn every_container_gives_events_frames_and_samples() {
 fn pictures_of_other_encodings_become_eight_bits() {
     for (encoding, step, bytes, pixels, channels) in [
         ("mono16", 6, [[9, 1], [9, 2], [9, 3], [9, 4], [9, 5], [9, 255]].concat(), vec![1, 2, 3, 4, 5, 255], 1),
+        // 12 of the 16 bits are used.
+        ("mono16", 6, [[16, 0], [32, 0], [0, 1], [255, 15], [15, 0], [0, 0]].concat(), vec![1, 2, 16, 255, 0, 0], 1),
         ("rgb8", 9, (0..18).collect(), vec![2, 1, 0, 5, 4, 3, 8, 7, 6, 11, 10, 9, 14, 13, 12, 17, 16, 15], 3),
     ] {
         let message = image(Wire::Cdr, 5, encoding, step, &bytes);
@@ -307,6 +310,75 @@ fn a_topic_is_chosen_by_name() {
         assert!(b.information.unwrap().notes.iter().any(|note| note.contains("sensor's clock")));
         let error = testing::read_with(&content, options("/c")).error.unwrap();
         assert!(error.contains("/a (event_camera_msgs/msg/EventPacket), /b"), "{error}");
+    }
+}
+
+/// A topic, and what it holds: events, or images of an encoding.
+type Held = (&'static str, &'static str);
+
+/// Messages of these topics; images have two rows of three pixels each.
+fn images_of(topics: &[Held], wire: Wire) -> Messages {
+    let message = |(index, (topic, encoding)): (usize, &Held)| match *encoding {
+        "events" => (*topic, "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 3))),
+        encoding => {
+            let step = if encoding == "mono16" { 6 } else { 3 };
+            let pixels: Vec<u8> = (1..=2 * step as u8).collect();
+            (*topic, "sensor_msgs/msg/Image", image(wire, START + 1000 * index as i64, encoding, step, &pixels))
+        }
+    };
+    topics.iter().enumerate().map(message).collect()
+}
+
+#[test]
+fn a_topic_of_images_is_the_one_that_is_named_or_the_only_one() {
+    let (one, two) = (("/left", "mono8"), ("/right", "mono16"));
+    let with_events = ("/dvs", "events");
+    type Expected = Result<Option<&'static str>, &'static str>;
+    let cases: [(&[Held], Option<&str>, Expected); 8] = [
+        (&[one, one, one], None, Ok(Some("/left"))),
+        (&[one, two], None, Err("several topics (/left (sensor_msgs/msg/Image), /right")),
+        (&[one, two], Some("/right"), Ok(Some("/right"))),
+        (&[with_events, one], None, Ok(None)),
+        (&[one, with_events], Some("/left"), Ok(Some("/left"))),
+        (&[one, with_events], Some("/dvs"), Ok(None)),
+        (&[one, with_events], Some("/up"), Err("no topic \"/up\" with events or images; it has /dvs")),
+        (&[("/depth", "32FC1")], None, Err("\"32FC1\"; mono8, mono16")),
+    ];
+    for (topics, wanted, expected) in cases {
+        for content in files(|wire| images_of(topics, wire)) {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording");
+            std::fs::write(&path, &content).unwrap();
+            match (ImageTopic::open(&path, wanted, Damage::Refuse), expected) {
+                (Ok(Some(images)), Ok(Some(topic))) => {
+                    assert!(images.name().ends_with(&format!(", {topic}")));
+                    assert_eq!(images.sensor(), Sensor::new(3, 2));
+                    let mut times = Vec::new();
+                    assert_eq!(images.visit(|image| times.push(image.exposure.0)).unwrap(), None);
+                    let of_topic = topics.iter().enumerate().filter(|(_, (name, _))| *name == topic);
+                    assert!(times.iter().copied().eq(of_topic.map(|(index, _)| START + 1000 * index as i64)));
+                }
+                (Ok(None), Ok(None)) => {}
+                (Err(error), Err(part)) => assert!(error.to_string().contains(part), "{error}"),
+                (found, _) => panic!("{topics:?} {wanted:?}: {found:?}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn images_that_stand_still_in_time_are_refused() {
+    let still = |wire| {
+        let message = || ("/left", "sensor_msgs/msg/Image", image(wire, START, "mono8", 3, &[1, 2, 3, 4, 5, 6]));
+        vec![message(), message()]
+    };
+    for content in files(still) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let images = ImageTopic::open(&path, None, Damage::Refuse).unwrap().unwrap();
+        let error = images.visit(|_| {}).unwrap_err().to_string();
+        assert!(error.contains("image 2 of /left") && error.contains("stamp each image"), "{error}");
     }
 }
 

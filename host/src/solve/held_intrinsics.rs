@@ -1,0 +1,96 @@
+//! Intrinsics that are held at those of another calibration while something else is solved for, and what their uncertainty makes of
+//! that.
+
+use std::ops::Range;
+
+use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use nalgebra::DMatrix;
+
+use super::bordered::System;
+use super::system::NotPositiveDefinite;
+use super::{FreeParameters, Problem};
+
+/// Intrinsics that are held.
+#[derive(Clone, Debug)]
+pub struct HeldIntrinsics {
+    /// The camera that has them.
+    pub camera: Camera<f64>,
+    /// Covariance of its parameters, in their order; `None` where it is not known.
+    pub covariance: Option<DMatrix<f64>>,
+}
+
+/// `problem` with all intrinsics held.
+pub fn held(problem: &Problem) -> Problem {
+    with_intrinsics(problem, [false; MAX_PARAMETERS])
+}
+
+fn with_intrinsics(problem: &Problem, intrinsics: [bool; MAX_PARAMETERS]) -> Problem {
+    let free = FreeParameters { intrinsics, ..problem.free };
+    Problem { free, ..problem.with_segments(problem.segments.clone()) }
+}
+
+impl HeldIntrinsics {
+    /// σ of each parameter; 0 where it is not known.
+    pub fn sigma(&self) -> Vec<f64> {
+        let count = self.camera.parameters().into_iter().count();
+        let known = |covariance: &DMatrix<f64>| covariance.diagonal().iter().map(|one| one.max(0.0).sqrt()).collect();
+        self.covariance.as_ref().map_or_else(|| vec![0.0; count], known)
+    }
+
+    /// `problem` with those intrinsics free whose σ is known.
+    pub fn opened(&self, problem: &Problem) -> Problem {
+        let sigma = self.sigma();
+        with_intrinsics(problem, std::array::from_fn(|index| sigma.get(index) > Some(&0.0)))
+    }
+
+    /// Covariance of the parameters that [`HeldIntrinsics::opened`] frees, in their order.
+    pub fn of_opened(&self) -> DMatrix<f64> {
+        let sigma = self.sigma();
+        let known: Vec<usize> = (0..sigma.len()).filter(|index| sigma[*index] > 0.0).collect();
+        let at =
+            |row: usize, column: usize| self.covariance.as_ref().map_or(0.0, |all| all[(known[row], known[column])]);
+        DMatrix::from_fn(known.len(), known.len(), at)
+    }
+
+    /// Largest distance of a parameter from that of `own`, whose σ are `sigma`, in the σ of their difference; `None` where the models
+    /// differ.
+    pub fn distance(&self, own: &Camera<f64>, sigma: &[f64]) -> Option<f64> {
+        let pairs = self.camera.parameters().into_iter().zip(own.parameters());
+        let sigmas = self.sigma().into_iter().zip(sigma).map(|(one, other)| one.hypot(*other));
+        let known = pairs.zip(sigmas).filter(|(_, sigma)| *sigma > 0.0);
+        let largest = known.map(|((held, own), sigma)| (held - own).abs() / sigma).fold(0.0, f64::max);
+        (self.camera.kind() == own.kind()).then_some(largest)
+    }
+}
+
+/// What the uncertainty of intrinsics that were held adds to the covariance of the other border parameters of `system`, in which
+/// they are free. Each of `held` has the places of a camera's intrinsics in the border, and their covariance. Rows and columns of
+/// the intrinsics are 0.
+///
+/// With the normal equations S of the border, an error e of the intrinsics moves the others by −S_oo⁻¹ S_oh e.
+///
+/// # Errors
+/// [`NotPositiveDefinite`] when the others are not determined.
+pub fn share_of_held(
+    system: &System,
+    held: &[(Range<usize>, DMatrix<f64>)],
+) -> Result<DMatrix<f64>, NotPositiveDefinite> {
+    let normal = system.normal()?;
+    let of_held = |index: usize| held.iter().any(|(range, _)| range.contains(&index));
+    let others: Vec<usize> = (0..normal.nrows()).filter(|index| !of_held(*index)).collect();
+    let by_others = DMatrix::from_fn(others.len(), others.len(), |row, column| normal[(others[row], others[column])]);
+    let inverse = super::bordered::scaled_inverse(&by_others)?;
+    let mut share = DMatrix::zeros(normal.nrows(), normal.nrows());
+    for (range, covariance) in held {
+        let between =
+            DMatrix::from_fn(others.len(), range.len(), |row, column| normal[(others[row], range.start + column)]);
+        let follows = &inverse * between;
+        let of_others = &follows * covariance * follows.transpose();
+        for (row, to_row) in others.iter().enumerate() {
+            for (column, to_column) in others.iter().enumerate() {
+                share[(*to_row, *to_column)] += of_others[(row, column)];
+            }
+        }
+    }
+    Ok(share)
+}
