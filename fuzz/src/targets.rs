@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use evcal::board::{Board, BoardProblem};
 use evcal::circles::{stream, track};
+use evcal::recording::image_folder::{self, ImageFolder, ImageFolderError, Stamps};
 use evcal::recording::{Damage, FORMATS, Recording, RecordingErrorKind, RecordingOptions, pictures};
 use evcal::result::calibrated_camera::CalibratedCamera;
 use evcal::settings::Settings;
@@ -66,6 +67,7 @@ pub const TARGETS: &[Target] = &[
     bytes("board", read_board),
     bytes("wire", read_wire),
     bytes("evt", read_evt),
+    bytes("image-folder", |bytes| _ = images_in(bytes)),
 ];
 
 /// More events than any input of a fuzzer can hold.
@@ -210,6 +212,48 @@ fn cobs(frame: &[u8]) -> Vec<u8> {
         parts.flat_map(|part| std::iter::once(part.len() as u8 + 1).chain(part.to_vec())).collect();
     coded.push(0);
     coded
+}
+
+/// Images in a folder whose table is what comes before the first zero byte. Behind it the images follow, each after two bytes with
+/// its length; their names are 0, 1 and so on. How many there are.
+pub fn images_in(bytes: &[u8]) -> Result<usize, ImageFolderError> {
+    let (table, mut rest) = bytes.split_at(bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len()));
+    rest = rest.get(1..).unwrap_or_default();
+    let folder = scratch(&[]).with_extension("images");
+    let images = folder.join(image_folder::IMAGES);
+    fs::create_dir_all(&images).expect("the scratch folder can be made");
+    fs::write(folder.join(image_folder::TABLE), table).expect("the scratch file can be written");
+    let mut number = 0;
+    while let [low, high, behind @ ..] = rest {
+        let (image, behind) = behind.split_at(behind.len().min(usize::from(u16::from_le_bytes([*low, *high]))));
+        fs::write(images.join(number.to_string()), image).expect("the scratch file can be written");
+        (rest, number) = (behind, number + 1);
+    }
+    let seen = read_images(&folder);
+    let _ = fs::remove_dir_all(folder);
+    seen
+}
+
+fn read_images(folder: &Path) -> Result<usize, ImageFolderError> {
+    let mut count = 0;
+    for &stamps in Stamps::ALL {
+        let images = ImageFolder::open(folder, stamps)?;
+        let (sensor, mut before) = (images.sensor(), i64::MIN);
+        count = 0;
+        images.visit(|image| {
+            let (start, end) = image.exposure;
+            assert!(start <= end, "an exposure ends before it begins");
+            if stamps == Stamps::Start {
+                assert!(start >= before, "times go back");
+                before = start;
+            }
+            if let Ok(image) = &image.image {
+                assert_eq!((image.width(), image.height()), (sensor.width.into(), sensor.height.into()));
+            }
+            count += 1;
+        })?;
+    }
+    Ok(count)
 }
 
 fn read_settings(path: &Path) {

@@ -98,7 +98,7 @@ impl<'a> Task<'a> {
 
 /// Calibrates a camera. `progress` is told what is going on: the same words many times while events are read, with how
 /// far that is. When it breaks, the calibration ends as soon as it can, which is within the reading of a few ten thousand events or else
-/// at the end of a solve.
+/// between two iterations of a solve.
 ///
 /// # Errors
 /// [`CalibrateError`] says which stage found nothing to go on with, and what to do.

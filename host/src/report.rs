@@ -48,8 +48,20 @@ pub struct ResultFile {
 /// The report of `calibrated`, which came from `task`, as HTML, to be put beside `files`. `progress` is told which part of
 /// it is done, 0 to 1.
 pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progress: &mut dyn FnMut(f64)) -> String {
+    sections(calibrated, task, progress).beside(files)
+}
+
+/// A report but for the list of the files beside it.
+pub struct Sections<'a> {
+    calibrated: &'a Calibrated,
+    task: &'a Task<'a>,
+    made: Vec<Option<Section>>,
+}
+
+/// Makes what takes time of a report; see [`report`].
+pub fn sections<'a>(calibrated: &'a Calibrated, task: &'a Task, progress: &mut dyn FnMut(f64)) -> Sections<'a> {
     let board = task.board;
-    let sections: [&(dyn Fn() -> Option<Section> + Sync); 13] = [
+    let sections: [&(dyn Fn() -> Option<Section> + Sync); 12] = [
         &|| numbers::section(calibrated, board),
         &|| trusted_places::section(calibrated),
         &|| board_places::section(calibrated, board),
@@ -62,12 +74,20 @@ pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progre
         &|| inertial::section(calibrated),
         &|| second_camera::section(calibrated),
         &|| stages::section(calibrated),
-        &|| provenance::section(calibrated, task, files),
     ];
     let mut made: Vec<Option<Section>> = Vec::new();
     for group in sections.chunks(TOGETHER) {
         made.par_extend(group.par_iter().map(|section| section()));
         progress(made.len() as f64 / sections.len() as f64);
     }
-    page::page(&overview::title(calibrated), &overview::head(calibrated, task), made.into_iter().flatten().collect())
+    Sections { calibrated, task, made }
+}
+
+impl Sections<'_> {
+    /// The report beside these files.
+    pub fn beside(self, files: &[ResultFile]) -> String {
+        let Self { calibrated, task, made } = self;
+        let sections = made.into_iter().chain([provenance::section(calibrated, task, files)]).flatten().collect();
+        page::page(&overview::title(calibrated), &overview::head(calibrated, task), sections)
+    }
 }

@@ -139,9 +139,13 @@ pub fn examine(
     // The halves have the same misfit: they cannot tell it.
     let split_half = split_half(problem, state, uncertainty.inflation, settings.halves);
     let of_events = residuals_at(problem, state);
-    let residuals = residual_map(problem, state, &of_events, settings.map);
-    let classes = class_residuals(&of_events, |kind| kind.class());
-    let ranks = class_residuals(&of_events, |kind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank));
+    let ((classes, ranks), residuals) = rayon::join(
+        || {
+            let rank = |kind: EventKind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank);
+            (class_residuals(&of_events, |kind| kind.class()), class_residuals(&of_events, rank))
+        },
+        || residual_map(problem, state, &of_events, settings.map),
+    );
     drop(of_events);
     let misfit = misfit_of(problem, state, &residuals, uncertainty.inflation, settings);
     let uncertainty = match &misfit {

@@ -38,6 +38,16 @@ fn the_corpus_is_read_as_it_is() {
     }
 }
 
+/// Images are kept whatever comes of them: those of the seeds are to be read.
+#[test]
+fn the_seeds_of_image_folders_are_images() {
+    let target = TARGETS.iter().find(|target| target.name == "image-folder").unwrap();
+    for file in files(target).iter().filter(|file| file.file_name().unwrap().to_str().unwrap().starts_with("seed")) {
+        let images = targets::images_in(&fs::read(file).unwrap());
+        assert!(matches!(images, Ok(2)), "{}: {images:?}", file.display());
+    }
+}
+
 #[test]
 fn the_corpus_is_read_cut_off() {
     for target in TARGETS {

@@ -1,23 +1,17 @@
 #!/bin/sh
 # Makes the packages and uses them where nothing else is: in a bare Debian root, the .deb is installed and calibrates the
-# fixture, and the tarball's program is the same one. Says so where it cannot make a root.
+# fixture, and the tarball's program is the same one; then the Python wheel, in a root of its own. Says so where it cannot make
+# a root.
 set -eu
 cd "$(dirname "$0")/../.."
 script=packages
 . tools/setup/packages.sh
 . tools/package/names.sh
-suite=bookworm
-session=fixtures/board
-board=acircles:9x4:55mm:r17.5mm
 largest=15000000
 
 sh tools/package/build.sh
 [ -f "$deb" ] || exit 0
 binary=$packages/$name/bin/evcal
-fail() {
-    echo "packages: $*" >&2
-    exit 1
-}
 
 # Small, whole, and in need of nothing.
 [ "$(stat -c %s "$binary")" -le "$largest" ] || fail "the program has more than $largest bytes"
@@ -34,13 +28,8 @@ if ! is_debian || ! run_as_root true 2>/dev/null; then
     echo "packages: the .deb was not installed: this needs Debian and root" >&2
     exit 0
 fi
-install_packages debootstrap
 root=$(cd "$target_folder" && pwd)/package-root
-if [ ! -x "$root/bin/sh" ]; then
-    run_as_root rm -rf "$root"
-    run_as_root debootstrap --variant=minbase "$suite" "$root" >"$packages/debootstrap.log" 2>&1 ||
-        { tail -n 5 "$packages/debootstrap.log" >&2; fail "no bare Debian root"; }
-fi
+bare_root "$root" ""
 run_as_root cp "$deb" "$session/events.dvraw" "$session/truth.json" "$root/tmp/"
 run_as_root chroot "$root" dpkg --install "/tmp/${deb##*/}" >/dev/null
 inside() {
@@ -57,3 +46,4 @@ cmp -s "$root/usr/bin/evcal" "$binary" || fail "tarball and .deb hold different 
 inside dpkg --purge evcal >/dev/null
 inside sh -c '! command -v evcal' >/dev/null || fail "evcal is still there after it was removed"
 echo "packages: installed in a bare Debian root, used for a calibration, removed again"
+sh tools/package/test-wheel.sh "$root/tmp/calibration"

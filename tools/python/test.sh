@@ -4,28 +4,14 @@
 set -eu
 cd "$(dirname "$0")/../.."
 
-script=test-python
-. tools/setup/packages.sh
-
-if is_debian; then
-    install_packages python3-venv
-else
-    echo "test-python: this is not Debian or a relative; install python3 with venv yourself" >&2
-fi
-
+sh tools/python/wheel.sh
 target="${CARGO_TARGET_DIR:-$PWD/target}/python"
-environment="$target/environment"
-install_python_packages "$environment" python/tests/requirements.txt
-PATH="$environment/bin:$PATH"
+PATH="$target/environment/bin:$PATH"
 export PATH
 
 cargo fmt --manifest-path python/Cargo.toml --check
 LIBUDEV_NO_PKG_CONFIG=1 CARGO_TARGET_DIR="$target" cargo clippy --quiet --release --locked --manifest-path python/Cargo.toml -- -D warnings
 
-# libusb comes with the wheel, and speaks to the kernel itself.
-rm -rf "$target/wheels"
-LIBUDEV_NO_PKG_CONFIG=1 CARGO_TARGET_DIR="$target" \
-    maturin build --quiet --release --locked --manifest-path python/Cargo.toml --out "$target/wheels"
 pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "$target"/wheels/*.whl
 ls -l "$target"/wheels/*.whl | awk '{ print "test-python: " $9 ": " $5 " bytes" }'
 

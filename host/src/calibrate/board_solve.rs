@@ -188,6 +188,7 @@ fn hold(
     progress.tell("joint solve without what is not determined")?;
     let (mut refined, system) =
         refined_from(task, &with(input, free_board, held), State { camera, ..state }, progress)?;
+    progress.tell("uncertainty")?;
     for &index in undetermined {
         refined.problem.free.intrinsics[index] = true;
     }

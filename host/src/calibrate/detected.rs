@@ -36,6 +36,8 @@ pub(super) struct Detected {
     pub(super) events: Option<Vec<u64>>,
     /// As many of them as fit into memory.
     pub(super) sample: EventSample,
+    /// For each input whether it is known to hold no pictures.
+    pub(super) without_pictures: Vec<bool>,
     /// Stretches in which the readout was saturated.
     pub(super) saturated: Vec<LeftOut>,
     /// How the light and the pixels were, one entry for each recording.
@@ -64,6 +66,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
         detection: DetectionReport::default(),
         events: None,
         sample: EventSample::new(SAMPLE_TIMES * task.settings.association.most_events),
+        without_pictures: vec![false; task.inputs.len()],
         saturated: Vec::new(),
         health: Vec::new(),
     };
@@ -115,6 +118,9 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                 all.events.get_or_insert_default().push(pass.count);
                 all.starts.push(pass.first as f64 * 1e-6);
                 all.recordings.push(pass.to_report());
+                if let Some(without) = all.without_pictures.get_mut(index) {
+                    *without = pass.damage.is_none() && pass.report.frames == Some(0);
+                }
                 damage = damage.or(pass.damage);
             }
             Input::Images(_) => return Err(CalibrateError::OnlyFrames { file: input.name() }),

@@ -47,8 +47,19 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let settings = task.settings;
     let looks =
         ExamineSettings { halves: &settings.split_half, map: &settings.residual_map, verdict: &settings.verdict };
-    let Detected { sensor, windows, frames, starts, recordings, detection, events, sample, saturated, health } =
-        detect_all(task, progress)?;
+    let Detected {
+        sensor,
+        windows,
+        frames,
+        starts,
+        recordings,
+        detection,
+        events,
+        sample,
+        without_pictures,
+        saturated,
+        health,
+    } = detect_all(task, progress)?;
     let choice = choose_stretches(&windows, task, sensor);
     let (mut frames, other_windows) = taken(windows, frames, choice.as_ref());
     let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
@@ -71,7 +82,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let from_pictures = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => None,
         PictureUse::Witness | PictureUse::Joint | PictureUse::SecondCamera => {
-            let seen = pictures::see_pictures(task, Some(&starts), progress)?;
+            let seen = pictures::see_pictures(task, Some(&starts), &without_pictures, progress)?;
             pictures::picture_calibration(task, seen, sensor, initial.camera.kind(), progress)
         }
     };

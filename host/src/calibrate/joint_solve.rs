@@ -28,13 +28,8 @@ pub(super) fn refined(
     progress: &Progress,
 ) -> Result<(Refined, System), CalibrateError> {
     let stage = stage_settings(task.settings);
-    // An answer that it should end is heard when the round reads its events.
-    let tell = |round| {
-        let _ = progress.tell(format!("joint solve, round {}", round + 1));
-    };
-    let refined = refine(input, state, stage, tell)?;
-    progress.go_on()?;
-    Ok(refined)
+    let tell = |round, done| progress.tell_part(&format!("joint solve, round {}", round + 1), done);
+    Ok(refine(input, state, stage, tell)?)
 }
 
 /// How sure a joint solve is whose result has this `system`.
@@ -50,6 +45,7 @@ pub(super) fn solve(
     progress: &Progress,
 ) -> Result<(Refined, SolveUncertainty), CalibrateError> {
     let (refined, system) = refined(task, input, state, progress)?;
+    progress.tell("uncertainty")?;
     let certainty = certainty(task, &refined, system)?;
     Ok((refined, certainty))
 }

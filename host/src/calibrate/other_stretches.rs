@@ -45,9 +45,11 @@ pub(super) fn follow_others(
     progress: &Progress,
 ) -> Result<Vec<FollowedStretch>, CalibrateError> {
     let part = |frame: &CompactFrame| (frame.recording, (frame.t() / LENGTH).floor() as i64);
-    let mut followed = Vec::new();
+    let (mut followed, mut seen) = (Vec::new(), 0);
+    let all = frames.len() as f64;
     for frames in frames.chunk_by(|a, b| part(a) == part(b)) {
-        progress.tell("trajectory of the other stretches")?;
+        progress.tell_part("trajectory of the other stretches", seen as f64 / all)?;
+        seen += frames.len();
         let frames: Vec<ReferenceFrame> = frames.iter().map(CompactFrame::without_events).collect();
         // Where nothing can be followed no pose is written.
         let Some(stretch) = follow_stretch(task, (refined, certainty), (&frames, sample), &refined.left_out)? else {

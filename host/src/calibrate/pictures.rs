@@ -31,11 +31,12 @@ pub(super) struct SeenPictures {
     starts: Vec<f64>,
 }
 
-/// Looks for the board in all pictures. Their times count from `starts` (s), or else from the first
-/// picture of each recording.
+/// Looks for the board in all pictures, but for those of inputs that are known to hold none (`without`, one flag each; may be
+/// empty). Their times count from `starts` (s), or else from the first picture of each recording.
 pub(super) fn see_pictures(
     task: &Task,
     starts: Option<&[f64]>,
+    without: &[bool],
     progress: &Progress,
 ) -> Result<SeenPictures, CalibrateError> {
     let fewest = task.settings.detection.fewest_circles(&task.board.pattern);
@@ -44,7 +45,7 @@ pub(super) fn see_pictures(
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
-            Input::Events(recording) if recording.may_hold_frames() => {
+            Input::Events(recording) if recording.may_hold_frames() && without.get(number) != Some(&true) => {
                 progress.tell(format!("looking for the board in the frames of {}", input.name()))?;
                 detection.search(number, start, |visit| visit_frames(recording, visit))?
             }
@@ -132,7 +133,7 @@ fn no_pictures(task: &Task) -> CalibrateError {
 /// [`CalibrateError`] says what is missing, and what to do.
 pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let sensor = common_sensor(task)?;
-    let seen = see_pictures(task, None, progress)?;
+    let seen = see_pictures(task, None, &[], progress)?;
     let starts = seen.starts.clone();
     let (model, model_choice) = match task.model {
         ModelRequest::Given(model) => (model, None),

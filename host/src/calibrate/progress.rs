@@ -22,6 +22,8 @@ struct State<'a> {
     text: String,
     /// Events of each recording that was read to its end, by its place among the inputs.
     known: Vec<Option<u64>>,
+    /// Which part of that is done, where it has a measure of its own.
+    done: Option<f64>,
     /// Events read since the text was told.
     read: u64,
     stopped: bool,
@@ -42,6 +44,9 @@ impl State<'_> {
     /// one of which the reader knows it.
     fn done(&mut self, count: usize, of_file: Option<f64>) -> Option<f64> {
         self.read += count as u64;
+        if self.done.is_some() {
+            return self.done;
+        }
         match self.total() {
             Some(total) if total > 0 => Some((self.read as f64 / total as f64).min(1.0)),
             _ => of_file,
@@ -53,7 +58,7 @@ impl<'a> Progress<'a> {
     /// Of a calibration of so many `inputs`.
     pub(super) fn new(inputs: &[Input], tell: &'a mut Tell<'a>) -> Self {
         let known = inputs.iter().map(|input| matches!(input, Input::Circles { .. }).then_some(0)).collect();
-        Self(Mutex::new(State { tell, text: String::new(), known, read: 0, stopped: false }))
+        Self(Mutex::new(State { tell, text: String::new(), done: None, known, read: 0, stopped: false }))
     }
 
     /// Tells what begins now.
@@ -63,8 +68,21 @@ impl<'a> Progress<'a> {
     pub(super) fn tell(&self, text: impl Into<String>) -> Result<(), CalibrateError> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         state.text = text.into();
-        state.read = 0;
+        (state.done, state.read) = (None, 0);
         state.ask(None)
+    }
+
+    /// Tells that of what `text` says this part is done, 0 to 1. It never goes back, and reading does not count.
+    ///
+    /// # Errors
+    /// As [`Progress::tell`].
+    pub(super) fn tell_part(&self, text: &str, done: f64) -> Result<(), CalibrateError> {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = state.done.filter(|_| state.text == text).unwrap_or(0.0);
+        text.clone_into(&mut state.text);
+        state.done = Some(done.max(before));
+        let done = state.done;
+        state.ask(done)
     }
 
     /// Tells the same again: is it still to go on?
@@ -72,7 +90,9 @@ impl<'a> Progress<'a> {
     /// # Errors
     /// As [`Progress::tell`].
     pub(super) fn go_on(&self) -> Result<(), CalibrateError> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).ask(None)
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let done = state.done;
+        state.ask(done)
     }
 
     /// Hands all events of an input to `visit`, as [`read_events`] does, as long as the caller lets it.
@@ -106,7 +126,8 @@ impl<'a> Progress<'a> {
         }
         if state.total().is_some_and(|total| state.read >= total) {
             // What follows the reading takes its time too, nobody knows how long.
-            state.ask(None)?;
+            let done = state.done;
+            state.ask(done)?;
         }
         Ok(pass)
     }
@@ -177,6 +198,30 @@ mod tests {
         let second = of("second");
         assert!(second.is_sorted() && second.last() == Some(&1.0), "{second:?}");
         assert!(second.iter().any(|done| (done - 0.5).abs() < 1e-9), "{second:?}");
+    }
+
+    #[test]
+    fn what_has_a_measure_of_its_own_never_goes_back_while_it_reads() {
+        let inputs = input();
+        let mut told: Vec<(String, Option<f64>)> = Vec::new();
+        let mut tell = |step: Step| {
+            told.push((step.text.to_owned(), step.done));
+            ControlFlow::Continue(())
+        };
+        let progress = Progress::new(&inputs, &mut tell);
+        progress.tell_part("round", 0.1).unwrap();
+        progress.read(&inputs, 0, &mut |_| {}).unwrap();
+        progress.tell_part("round", 0.4).unwrap();
+        progress.tell_part("round", 0.3).unwrap();
+        progress.go_on().unwrap();
+        progress.tell_part("next round", 0.2).unwrap();
+        progress.tell("end").unwrap();
+        drop(progress);
+        let of = |text: &str| told.iter().filter(|(other, _)| other == text).map(|(_, done)| *done).collect::<Vec<_>>();
+        let round = of("round");
+        assert!(round.len() > 4 && round[..round.len() - 3].iter().all(|done| *done == Some(0.1)), "{round:?}");
+        assert_eq!(round[round.len() - 3..], [Some(0.4); 3]);
+        assert_eq!((of("next round"), of("end")), (vec![Some(0.2)], vec![None]));
     }
 
     #[test]

@@ -187,12 +187,14 @@ pub fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
 fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
-    if text.trim_start().starts_with('{') {
-        return serde_json::from_str(&text).map_err(|error| CameraFileError::Parse { file, error });
-    }
-    let camera = yaml::parse(&text).map_err(|error| CameraFileError::Yaml { file: file.clone(), error })?;
-    let json = serde_json::to_value(camera).and_then(serde_json::from_value);
-    json.map_err(|error| CameraFileError::Parse { file, error })
+    // Always from text: of what is read in several ways the program has several copies.
+    let json = if text.trim_start().starts_with('{') {
+        Ok(text)
+    } else {
+        let camera = yaml::parse(&text).map_err(|error| CameraFileError::Yaml { file: file.clone(), error })?;
+        serde_json::to_string(&camera)
+    };
+    json.and_then(|json| serde_json::from_str(&json)).map_err(|error| CameraFileError::Parse { file, error })
 }
 
 /// The error for a camera that is none.

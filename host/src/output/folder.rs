@@ -20,7 +20,7 @@ use crate::files::{self, FileError};
 use crate::initial::PosedFrame;
 use crate::recording::pictures::image_at;
 use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_picture};
-use crate::report::{ResultFile, report};
+use crate::report::{ResultFile, sections};
 use crate::result::calibrated_camera::CalibratedCamera;
 use crate::result::calibration_file::CalibrationFile;
 use crate::result::stage_report::stage_report;
@@ -107,9 +107,8 @@ pub fn write_folder(
     folder: &OutputFolder,
     calibrated: &Calibrated,
     task: &Task,
-    progress: &mut dyn FnMut(Step),
+    progress: &mut (dyn FnMut(Step) + Send),
 ) -> Result<Written, FileError> {
-    let put = |path: PathBuf, content: &[u8]| files::write(&path, content);
     let calibration = CalibrationFile::new(calibrated, task.board);
     let json = serde_json::to_string_pretty(&calibration)
         .map_err(|error| FileError::new(&folder.path().join("calibration.json"), error.into()))?;
@@ -117,6 +116,31 @@ pub fn write_folder(
     let mut summary = summary(&calibration);
     folder.remove_results(|file| is_result(file) || is_failure(file))?;
     let folder = folder.path();
+    let texts = Texts { calibration: &calibration, json: &json, stage_report: &stage_report };
+    let mut tell = |done| progress(Step { text: "report", done: Some(done) });
+    let (notes, sections) =
+        rayon::join(|| write_files(folder, calibrated, task, &texts), || sections(calibrated, task, &mut tell));
+    summary += &notes?;
+    files::write(&folder.join("report.html"), sections.beside(&results_in(folder)).as_bytes())?;
+    Ok(Written { json, summary, stage_report })
+}
+
+/// What is known of a result before its files are written.
+struct Texts<'a> {
+    calibration: &'a CalibrationFile,
+    json: &'a str,
+    stage_report: &'a str,
+}
+
+/// Writes everything but the report. What the summary is to say of it, line by line, each begun with a new line.
+fn write_files(
+    folder: &Path,
+    calibrated: &Calibrated,
+    task: &Task,
+    Texts { calibration, json, stage_report }: &Texts,
+) -> Result<String, FileError> {
+    let put = |path: PathBuf, content: &[u8]| files::write(&path, content);
+    let mut summary = String::new();
     put(folder.join("calibration.json"), json.as_bytes())?;
     put(folder.join("settings.toml"), task.settings.to_commented_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
@@ -186,10 +210,7 @@ pub fn write_folder(
             let _ = write!(summary, "\nno files of several cameras: {error}");
         }
     }
-    let mut tell = |done| progress(Step { text: "report", done: Some(done) });
-    let page = report(calibrated, task, &results_in(folder), &mut tell);
-    put(folder.join("report.html"), page.as_bytes())?;
-    Ok(Written { json, summary, stage_report })
+    Ok(summary)
 }
 
 /// The results in `folder`, in the order of their names.

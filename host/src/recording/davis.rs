@@ -191,7 +191,7 @@ mod tests {
                 events.extend_from_slice(&batch);
             }
             assert_eq!(events, expected);
-            assert_eq!(reader.report().damaged_packets, 0);
+            assert_eq!((reader.report().damaged_packets, reader.report().frames), (0, Some(0)));
         }
     }
 

@@ -45,9 +45,31 @@ pub enum ImageFileError {
     /// It is damaged.
     #[error("not a whole JPEG: {0}")]
     Jpeg(String),
+    /// It says that it is larger than a file of its length can be.
+    #[error("not a whole picture: it says that it has {} x {} pixels, too many for a file of {length} bytes", size.0, size.1)]
+    TooLarge {
+        /// The width and height that it states.
+        size: (u32, u32),
+        /// Bytes of the file.
+        length: u64,
+    },
     /// It is something else.
     #[error("neither PNG nor JPEG: convert it to PNG first")]
     Unknown,
+}
+
+/// Deflate makes data at most so many times as short.
+const DEFLATE: u64 = 1032;
+/// Pixels that a byte of a JPEG holds at most: no block of 64 takes less than a bit.
+const JPEG_PIXELS: u64 = 512;
+
+/// Whether a file of `length` bytes, each of which holds at most so many `pixels`, can hold a picture of this `size`. Memory is
+/// taken for the size that a file states.
+fn check_size(size: (u32, u32), pixels: u64, length: u64) -> Result<(), ImageFileError> {
+    if u64::from(size.0).saturating_mul(size.1.into()) > length.saturating_mul(pixels) {
+        return Err(ImageFileError::TooLarge { size, length });
+    }
+    Ok(())
 }
 
 /// Reads the PNG or JPEG at `path`, told apart by its content. Palettes and few bits become 8 bits.
@@ -69,9 +91,14 @@ pub fn read(path: &Path) -> Result<ImageFile, ImageFileError> {
 }
 
 fn read_png(file: BufReader<File>) -> Result<ImageFile, ImageFileError> {
+    let file_length = file.get_ref().metadata()?.len();
     let mut decoder = png::Decoder::new(file);
     decoder.set_transformations(Transformations::EXPAND);
     let mut reader = decoder.read_info()?;
+    let header = reader.info();
+    // Samples of less than a byte become bytes.
+    let pixels = DEFLATE * 8 / header.bits_per_pixel().max(1) as u64;
+    check_size(header.size(), pixels, file_length)?;
     let length = reader.output_buffer_size().ok_or(png::DecodingError::LimitsExceeded)?;
     let mut bytes = vec![0; length];
     let information = reader.next_frame(&mut bytes)?;
@@ -88,16 +115,18 @@ fn read_png(file: BufReader<File>) -> Result<ImageFile, ImageFileError> {
 }
 
 fn read_jpeg(file: BufReader<File>) -> Result<ImageFile, ImageFileError> {
+    let length = file.get_ref().metadata()?.len();
     let failed = |error| ImageFileError::Jpeg(format!("{error:?}"));
     let mut decoder = JpegDecoder::new(file);
     decoder.decode_headers().map_err(failed)?;
     let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
     let colors = if grey { ColorSpace::Luma } else { ColorSpace::RGB };
     decoder.set_options(DecoderOptions::default().jpeg_set_out_colorspace(colors));
-    let samples = decoder.decode().map_err(failed)?;
     let size = decoder.dimensions().ok_or_else(|| ImageFileError::Jpeg("it has no size".to_owned()))?;
     let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
     let size = (side(size.0), side(size.1));
+    check_size(size, JPEG_PIXELS, length)?;
+    let samples = decoder.decode().map_err(failed)?;
     Ok(ImageFile { size, channels: if grey { 1 } else { 3 }, samples: Samples::Eight(samples) })
 }
 
@@ -140,6 +169,40 @@ impl ImageFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A flat picture is as small as a file can be; one byte of its size makes it larger than its file.
+    #[test]
+    fn a_picture_larger_than_its_file_can_hold_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("picture.png");
+        let samples = Samples::Eight(vec![0; 1000 * 1000]);
+        ImageFile { size: (1000, 1000), channels: 1, samples }.write_png(&path).unwrap();
+        assert_eq!(read(&path).unwrap().size, (1000, 1000));
+        let mut png = std::fs::read(&path).unwrap();
+        // Width and height stand behind the mark, and the length and name of the first chunk; its checksum follows 13 bytes.
+        png[16..24].copy_from_slice(&[0, 0, 0xFF, 0xFF, 0, 0, 0xFF, 0xFF]);
+        let sum = crc32(&png[12..29]);
+        png[29..33].copy_from_slice(&sum.to_be_bytes());
+        // Of a grey JPEG the beginning.
+        let jpeg = [
+            &[0xFF, 0xD8, 0xFF, 0xC0, 0, 11, 8, 0x3F, 0xFF, 0x3F, 0xFF, 1, 1, 0x11, 0][..],
+            &[0xFF, 0xDA, 0, 8, 1, 1, 0, 0, 63, 0, 0x5F, 0xFF, 0xD9],
+        ]
+        .concat();
+        for (bytes, size) in [(png, 0xFFFF), (jpeg, 0x3FFF)] {
+            std::fs::write(&path, &bytes).unwrap();
+            let refused = read(&path).unwrap_err();
+            let ImageFileError::TooLarge { size: stated, length } = refused else { panic!("{refused}") };
+            assert_eq!((stated, length), ((size, size), bytes.len() as u64));
+        }
+    }
+
+    /// That of PNG.
+    fn crc32(bytes: &[u8]) -> u32 {
+        !bytes.iter().fold(u32::MAX, |sum, byte| {
+            (0..8).fold(sum ^ u32::from(*byte), |sum, _| (sum >> 1) ^ (0xEDB8_8320 & (sum & 1).wrapping_neg()))
+        })
+    }
 
     #[test]
     fn every_kind_of_png_comes_back() {

@@ -153,6 +153,11 @@ mod tests {
         encoder.advance(100_000).unwrap();
         encoder.finish().unwrap();
         let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        // Whoever reads the events knows at their end how many there are.
+        let (mut reader, mut batch) = (recording.open().unwrap(), Vec::new());
+        assert_eq!(reader.report().frames, None);
+        while reader.next_batch(&mut batch).unwrap() {}
+        assert_eq!(reader.report().frames, Some(2));
         let mut images = Vec::new();
         assert_eq!(visit_frames(&recording, |image| images.push(image)).unwrap(), None);
         let [global, rolling] = &images[..] else { panic!("{} images", images.len()) };

@@ -77,6 +77,9 @@ pub struct ReadReport {
     pub stream: StreamFaults,
     /// Packets of other streams that were passed over, by stream.
     pub other_packets: BTreeMap<String, u64>,
+    /// Pictures of the whole recording, where the reader of the events meets them on its way to its end.
+    #[serde(skip)]
+    pub frames: Option<u64>,
     /// Set when the file ends too early.
     pub truncated: Option<Truncation>,
 }

@@ -2,6 +2,7 @@
 
 use maud::html;
 use nalgebra::Vector2;
+use rayon::prelude::*;
 
 use super::example_frames::{figure, scale};
 use super::number::count;
@@ -23,6 +24,8 @@ use evcal_core::sensor::Sensor;
 const BOARD_COLUMNS: u16 = 800;
 /// Most rows of the picture of the board.
 const MOST_ROWS: u16 = 1600;
+/// Events that a thread carries in a go.
+const PIECE: usize = 100_000;
 /// Time over which the camera's motion is taken to be even (s).
 const BIN: f64 = 0.5e-3;
 
@@ -47,6 +50,13 @@ impl Accumulation {
         let counts = if polarity == Polarity::On { &mut self.on } else { &mut self.off };
         if let Some(count) = counts.get_mut(row as usize * usize::from(self.size.width) + column as usize) {
             *count += 1;
+        }
+    }
+
+    /// Adds what was seen in another picture of this size.
+    fn include(&mut self, other: &Self) {
+        for (counts, more) in [(&mut self.on, &other.on), (&mut self.off, &other.off)] {
+            counts.iter_mut().zip(more).for_each(|(count, more)| *count += more);
         }
     }
 
@@ -82,19 +92,29 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     }
     let bearings = BearingTable::new(calibrated.camera(), calibrated.sensor);
     let frame = BoardFrame::new(task.board);
-    let mut sensor = Accumulation::new(calibrated.sensor);
-    let mut board = Accumulation::new(frame.size);
-    let mut used = 0_u64;
-    for recording in 0..task.inputs.len() {
+    let nothing = || (Accumulation::new(calibrated.sensor), Accumulation::new(frame.size), 0_u64);
+    let carry = |recording: usize, piece: &[RankedEvent]| {
+        let (mut sensor, mut board, mut used) = nothing();
         let mut carrier = Carrier::new(events, recording, &bearings);
-        for event in events.sample.events(recording) {
+        for event in piece {
             if let Some(point) = carrier.carry(event) {
                 used += 1;
                 sensor.add(Vector2::new(f64::from(event.x), f64::from(event.y)), event.polarity);
                 board.add(frame.place(point), event.polarity);
             }
         }
-    }
+        (sensor, board, used)
+    };
+    let pieces: Vec<(usize, &[RankedEvent])> = (0..task.inputs.len())
+        .flat_map(|recording| events.sample.events(recording).chunks(PIECE).map(move |piece| (recording, piece)))
+        .collect();
+    let carried = pieces.into_par_iter().map(|(recording, piece)| carry(recording, piece));
+    let (sensor, board, used) =
+        carried.reduce(nothing, |(mut sensor, mut board, used), (on_sensor, on_board, more)| {
+            sensor.include(&on_sensor);
+            board.include(&on_board);
+            (sensor, board, used + more)
+        });
     if used == 0 {
         return None;
     }

@@ -167,10 +167,17 @@ impl EventSample {
         let (Some(kept), true) = (self.recordings.get(recording), share <= self.share) else { return false };
         let places = places(share);
         let mut batch = Vec::new();
-        for (events, at) in kept.events.chunks(BATCH).zip(kept.places.chunks(BATCH)) {
-            batch.clear();
-            let both = events.iter().zip(at).filter(|(_, place)| u64::from(**place) < places);
-            batch.extend(both.map(|(event, _)| *event));
+        for (event, place) in kept.events.iter().zip(&kept.places) {
+            if u64::from(*place) < places {
+                batch.push(*event);
+            }
+            // Full ones, however small the share: what is done with them is shared among threads.
+            if batch.len() == BATCH {
+                visit(&batch);
+                batch.clear();
+            }
+        }
+        if !batch.is_empty() {
             visit(&batch);
         }
         true

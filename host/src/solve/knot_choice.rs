@@ -115,8 +115,7 @@ fn level_costs(grid: &KnotGrid, fit: &KnotFit, equations: &SegmentSystem) -> Opt
     let spans = grid.finest_spans();
     let degree = fit.trajectory.degree;
     let finest = fit.step(equations)?;
-    let mut costs = vec![vec![0.0; spans]];
-    for level in 1..=grid.levels() {
+    let of_level = |level: usize| {
         let coarser = fit.displacement(&grid.even(level, degree), equations)?;
         let difference: Displacement =
             coarser.iter().zip(&finest).map(|(a, b)| std::array::from_fn(|axis| a[axis] - b[axis])).collect();
@@ -131,9 +130,10 @@ fn level_costs(grid: &KnotGrid, fit: &KnotFit, equations: &SegmentSystem) -> Opt
                 }
             }
         }
-        costs.push(of_spans);
-    }
-    Some(costs)
+        Some(of_spans)
+    };
+    let coarser: Option<Vec<Vec<f64>>> = (1..=grid.levels()).into_par_iter().map(of_level).collect();
+    Some([vec![vec![0.0; spans]], coarser?].concat())
 }
 
 /// Costs averaged over neighbouring spans of their level, in units of the noise.

@@ -1,5 +1,7 @@
 //! Levenberg-Marquardt over all parameters.
 
+use std::ops::ControlFlow;
+
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
@@ -32,7 +34,20 @@ pub struct Solved {
 ///
 /// # Errors
 /// [`SolveError`] when there is nothing to solve from, or it does not determine the parameters.
-pub fn solve(problem: &Problem, mut state: State) -> Result<Solved, SolveError> {
+pub fn solve(problem: &Problem, state: State) -> Result<Solved, SolveError> {
+    solve_telling(problem, state, &mut |_| ControlFlow::Continue(()))
+}
+
+/// As [`solve`]; after each iteration but the last `tell` hears which part is done, 0 to 1, and may end it: the result is then
+/// that of the iterations so far.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_telling(
+    problem: &Problem,
+    mut state: State,
+    tell: &mut dyn FnMut(f64) -> ControlFlow<()>,
+) -> Result<Solved, SolveError> {
     let stretches = stretches(&problem.segments);
     let free = problem.free.mask();
     let mut system = assemble(problem, &state, &stretches);
@@ -46,7 +61,14 @@ pub fn solve(problem: &Problem, mut state: State) -> Result<Solved, SolveError> 
         ..SolveReport::default()
     };
     let mut damping = FIRST_DAMPING;
+    let mut done = 0.0_f64;
     for _ in 0..problem.settings.iterations {
+        if report.iterations > 0 {
+            done = done.max(report.iterations as f64 / problem.settings.iterations as f64);
+            if tell(done).is_break() {
+                break;
+            }
+        }
         report.iterations += 1;
         let step = match system.solve(damping, &free) {
             Ok(step) => step,
@@ -78,9 +100,17 @@ pub fn solve(problem: &Problem, mut state: State) -> Result<Solved, SolveError> 
         if decrease < problem.settings.tolerance {
             break;
         }
+        done = done.max(settled(decrease, problem.settings.tolerance));
     }
     report.final_cost = system.cost;
     Ok(Solved { state, system, report })
+}
+
+/// How near a solve is to its end, 0 to 1, when an iteration made its cost smaller by the share `decrease`: each iteration does so
+/// by a smaller share, and those below `tolerance` are the last.
+fn settled(decrease: f64, tolerance: f64) -> f64 {
+    let share = decrease.ln() / tolerance.ln();
+    if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
 }
 
 /// What one Gauss-Newton step from a state gives.
@@ -187,4 +217,50 @@ pub fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<St
         trajectory.update(step);
     }
     Some(State { camera, board, bias, trajectories })
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::{Camera, MAX_PARAMETERS};
+
+    use super::*;
+    use crate::solve::BOARD_PARAMETERS;
+    use crate::solve::stretch::tests::example;
+
+    /// A problem whose focal lengths are free, and a state that has them wrong.
+    fn displaced() -> (Problem, State) {
+        let (mut problem, state) = example();
+        problem.free.intrinsics = std::array::from_fn::<_, MAX_PARAMETERS, _>(|index| index < 2);
+        problem.free.board = [false; BOARD_PARAMETERS];
+        let mut parameters = state.camera.parameters().to_vec();
+        (parameters[0], parameters[1]) = (parameters[0] + 6.0, parameters[1] - 4.0);
+        let camera = Camera::from_parameters(state.camera.kind(), &parameters).unwrap();
+        (problem, State { camera, ..state })
+    }
+
+    #[test]
+    fn a_solve_tells_how_far_it_is_and_can_be_ended() {
+        let (problem, state) = displaced();
+        let mut told = Vec::new();
+        let whole = solve_telling(&problem, state.clone(), &mut |done| {
+            told.push(done);
+            ControlFlow::Continue(())
+        });
+        let whole = whole.unwrap().report;
+        assert!(whole.final_cost < 0.9 * whole.initial_cost, "{whole:?}");
+        assert_eq!(told.len() + 1, whole.iterations);
+        assert!(told.len() > 1 && told.is_sorted() && told[0] > 0.0 && told[told.len() - 1] <= 1.0, "{told:?}");
+        let ended = solve_telling(&problem, state, &mut |_| ControlFlow::Break(())).unwrap().report;
+        assert!(ended.iterations == 1 && ended.final_cost > whole.final_cost, "{ended:?}");
+    }
+
+    #[test]
+    fn a_share_as_small_as_the_tolerance_is_the_end() {
+        assert_eq!(settled(1e-5, 1e-5), 1.0);
+        assert!((settled(1e-2, 1e-4) - 0.5).abs() < 1e-12);
+        assert!(settled(0.5, 1e-5) < 0.1);
+        for tolerance in [0.0, 1.0] {
+            assert_eq!(settled(0.5, tolerance), 0.0);
+        }
+    }
 }

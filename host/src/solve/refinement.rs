@@ -1,6 +1,8 @@
 //! Stages 10 and 11 in turn: associate, solve, associate anew with the better model, until it stops
 //! paying.
 
+use std::ops::ControlFlow;
+
 use evcal_core::camera::refit::difference;
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
@@ -19,7 +21,7 @@ use crate::solve::event_bias::{CLASS_COUNT, EventBias, is_own_bias, unknown};
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::left_out::{LeftOut, leave_out};
-use crate::solve::levenberg::{Solved, solve};
+use crate::solve::levenberg::{Solved, solve_telling};
 use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::{EventResidual, residuals, residuals_at};
@@ -152,16 +154,22 @@ pub enum RefinementError<E> {
     Solve(#[from] SolveError),
 }
 
-/// Associates and solves in turn from `state` on. Beside the result the system at it.
+/// Which part of a round is done when its events are associated, when its solve begins and when that ends, 0 to 1.
+const ASSOCIATED: f64 = 0.3;
+const READY: f64 = 0.35;
+const SOLVED: f64 = 0.95;
+
+/// Associates and solves in turn from `state` on. Beside the result the system at it. `progress` is told the round, from 0 on, and
+/// which part of it is done, 0 to 1; once it fails the refinement ends as soon as it can.
 ///
 /// # Errors
-/// [`RefinementError::Read`] when a recording cannot be read, [`RefinementError::Solve`] when the
+/// [`RefinementError::Read`] when a recording cannot be read, or with what `progress` says; [`RefinementError::Solve`] when the
 /// observations do not determine the camera.
 pub fn refine<E: Send>(
     input: &RefinementInput<E>,
     mut state: State,
     settings: StageSettings,
-    mut progress: impl FnMut(usize),
+    mut progress: impl FnMut(usize, f64) -> Result<(), E>,
 ) -> Result<(Refined, System), RefinementError<E>> {
     let mut rounds: Vec<RoundReport> = Vec::new();
     let mut kept_share = 1.0;
@@ -171,7 +179,9 @@ pub fn refine<E: Send>(
     let count = input.events.as_ref().map_or(1, |events| events.counts.iter().sum::<u64>().max(1)) as f64;
     let mut last_early = false;
     loop {
-        progress(rounds.len());
+        let round = rounds.len();
+        let mut tell = |done| progress(round, done);
+        tell(0.0).map_err(RefinementError::Read)?;
         let first = rounds.is_empty();
         // The last round uses all events that the settings allow; the ones before only as many as
         // it takes to get near.
@@ -179,7 +189,11 @@ pub fn refine<E: Send>(
         let wanted = if final_round { settings.association.most_events } else { settings.refinement.early_events };
         let share = (wanted as f64 / (count * kept_share)).min(1.0);
         let bearings = BearingTable::new(&state.camera, input.sensor);
-        let (segments, association) = associate_all(input, &state, &bearings, settings, !first, share)?;
+        // An answer that it should end is heard at once after it.
+        let mut associating = |done| _ = tell(ASSOCIATED * done);
+        let (segments, association) =
+            associate_all(input, &state, &bearings, settings, (!first, share), &mut associating)?;
+        tell(ASSOCIATED).map_err(RefinementError::Read)?;
         kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
         let mut problem = problem(input, settings, segments, &state);
         leave_out(&mut problem, &state, input.left_out);
@@ -200,7 +214,10 @@ pub fn refine<E: Send>(
             choice.report
         });
         let before = state.camera;
-        let Solved { state: solved, mut system, report: solve_report } = solve(&problem, state)?;
+        tell(READY).map_err(RefinementError::Read)?;
+        let solving = &mut |done| flow(tell(READY + (SOLVED - READY) * done));
+        let Solved { state: solved, mut system, report: solve_report } = solve_telling(&problem, state, solving)?;
+        tell(SOLVED).map_err(RefinementError::Read)?;
         state = solved;
         let moved = difference(&before, &state.camera, input.sensor);
         let change = (moved.compared > 0).then_some(moved.root_mean_square);
@@ -210,7 +227,9 @@ pub fn refine<E: Send>(
             let unexplained = unexplained(&problem, &state, &last, settings.unexplained);
             if !unexplained.is_empty() {
                 leave_out(&mut problem, &state, &unexplained);
-                Solved { state, system, .. } = solve(&problem, state)?;
+                let solving = &mut |done| flow(tell(SOLVED + (1.0 - SOLVED) * done));
+                Solved { state, system, .. } = solve_telling(&problem, state, solving)?;
+                tell(1.0).map_err(RefinementError::Read)?;
                 last = residuals_at(&problem, &state);
             }
             let residuals = residual_statistics(&problem, &state, &last);
@@ -221,16 +240,23 @@ pub fn refine<E: Send>(
     }
 }
 
+/// Whether to go on after this answer.
+fn flow<E>(answer: Result<(), E>) -> ControlFlow<()> {
+    if answer.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+}
+
+/// The events of all recordings, a `share` of 0 to 1 of each, as observations. `tell` hears which part was seen, 0 to 1.
 pub(super) fn associate_all<E: Send>(
     input: &RefinementInput<E>,
     state: &State,
     bearings: &BearingTable,
     settings: StageSettings,
-    sigma_known: bool,
-    share: f64,
+    (sigma_known, share): (bool, f64),
+    tell: &mut dyn FnMut(f64),
 ) -> Result<(Vec<SegmentObservations>, AssociationReport), RefinementError<E>> {
     let mut segments = vec![SegmentObservations::default(); state.trajectories.len()];
     let mut report = AssociationReport::default();
+    let (mut seen, total) = (0, input.events.as_ref().map_or(0, |events| events.counts.iter().sum::<u64>()));
     for (recording, &count, events) in input
         .events
         .iter()
@@ -245,7 +271,12 @@ pub(super) fn associate_all<E: Send>(
             settings: settings.association,
         };
         let mut associator = Associator::new(context, recording);
-        (events.read)(recording, share, &mut |batch| associator.push(batch)).map_err(RefinementError::Read)?;
+        let take = &mut |batch: &[RankedEvent]| {
+            associator.push(batch);
+            seen += batch.len();
+            tell((seen as f64 / (total as f64 * share)).min(1.0));
+        };
+        (events.read)(recording, share, take).map_err(RefinementError::Read)?;
         let (found, part) = associator.finish();
         report.add(&AssociationReport { events: count, thinned: count.saturating_sub(part.events), ..part });
         for (index, observations) in found {

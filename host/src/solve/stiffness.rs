@@ -9,6 +9,7 @@
 //! the neighbourhood. λ is by how much errors of events in common make their information smaller than it seems.
 
 use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
 
 use super::normal::Block;
 use crate::numerics::banded::{BandedCholesky, SymmetricBand};
@@ -22,6 +23,8 @@ pub type Stiffness = Vec<[f64; 2]>;
 const ROUNDS: usize = 12;
 /// Half the neighbourhood in which the motion is of one kind (s).
 const NEIGHBOURHOOD: f64 = 0.06;
+/// Jerks that a thread looks at in a go, at least.
+const PIECE: usize = 256;
 /// Part that the whole trajectory has in every neighbourhood, in jerks.
 const WHOLE: f64 = 0.05;
 
@@ -42,7 +45,8 @@ pub fn stiffness(trajectory: &Trajectory, cost: &Quadratic, noise: f64) -> Optio
     let mut first = true;
     for _ in 0..ROUNDS {
         let samples: Vec<Sample> = jerks
-            .iter()
+            .par_iter()
+            .with_min_len(PIECE)
             .zip(&weights)
             .map(|(jerk, weight)| Sample::new(jerk, *weight, &step, &inverse, noise, first))
             .collect();
@@ -143,16 +147,12 @@ fn densities(samples: &[Sample]) -> Vec<[f64; 2]> {
         })
     };
     let whole = sums(samples).map(|[power, known]| ratio(power, known));
-    let (mut first, mut end) = (0, 0);
     samples
-        .iter()
+        .par_iter()
+        .with_min_len(PIECE)
         .map(|sample| {
-            while samples.get(end).is_some_and(|other| other.t <= sample.t + NEIGHBOURHOOD) {
-                end += 1;
-            }
-            while samples.get(first).is_some_and(|other| other.t < sample.t - NEIGHBOURHOOD) {
-                first += 1;
-            }
+            let first = samples.partition_point(|other| other.t < sample.t - NEIGHBOURHOOD);
+            let end = samples.partition_point(|other| other.t <= sample.t + NEIGHBOURHOOD);
             let near = sums(samples.get(first..end).unwrap_or_default());
             std::array::from_fn(|part| (near[part][0] + WHOLE * whole[part]) / (near[part][1] + WHOLE))
         })

@@ -346,13 +346,11 @@ pub(crate) mod tests {
         (equations.cost, equations)
     }
 
-    /// The gradient is that of the cost: by each global parameter and by each control point.
-    #[test]
-    fn the_gradient_is_the_slope_of_the_cost() {
+    /// Events of a known camera, and where it is; the cost is a parabola.
+    pub(crate) fn example() -> (Problem, State) {
         let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
         let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
         let trajectory = trajectory();
-        let control_points = trajectory.control_point_count();
         let problem = Problem {
             sensor: Sensor::new(346, 260),
             circle_centers: CENTERS.to_vec(),
@@ -371,7 +369,14 @@ pub(crate) mod tests {
         };
         let mut bias = unknown(0.3);
         bias.iter_mut().for_each(|class| class.biases[Bias::Offset] = -0.3);
-        let state = State { camera, board: SHAPE, bias, trajectories: vec![trajectory] };
+        (problem, State { camera, board: SHAPE, bias, trajectories: vec![trajectory] })
+    }
+
+    /// The gradient is that of the cost: by each global parameter and by each control point.
+    #[test]
+    fn the_gradient_is_the_slope_of_the_cost() {
+        let (problem, state) = example();
+        let control_points = state.trajectories[0].control_point_count();
         let (_, equations) = cost_and_gradient(&problem, &state);
         let slope = |globals: &[f64], points: &[f64]| {
             let cost = |sign: f64| {

@@ -104,7 +104,7 @@ impl Window {
 
     /// What is in the folder of the results.
     fn outcome(&self, folder: &Path) -> Result<Outcome, Box<dyn Error>> {
-        let calibration: CalibrationFile = serde_json::from_slice(&fs::read(folder.join("calibration.json"))?)?;
+        let calibration: CalibrationFile = serde_json::from_str(&fs::read_to_string(folder.join("calibration.json"))?)?;
         let report = fs::read_to_string(folder.join("report.html"))?;
         let camera = calibration.camera.camera()?;
         let parameters = camera.parameters();

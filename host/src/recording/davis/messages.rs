@@ -165,6 +165,7 @@ impl Messages {
                 report.other_packets.insert(name.to_owned(), count);
             }
         }
+        report.frames = self.ended.then_some(self.other[0]);
         let unfinished = self.capture.damage().unfinished;
         if self.ended && unfinished > 0 {
             let byte = std::fs::metadata(&self.path).map_or(0, |file| file.len()).saturating_sub(unfinished);
