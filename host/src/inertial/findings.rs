@@ -70,14 +70,16 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
     if (scale - 1.0).abs() > 3.0 * of_scale {
         findings.push(Finding::BoardSpacing { scale, sigma: of_scale });
     }
+    let loose = calibration.block_scatter > LOOSE;
+    if loose {
+        findings.push(Finding::Loose { scatter: calibration.block_scatter });
+    }
     let distance = calibration.camera_moved.unwrap_or(0.0);
     match calibration.held {
-        None if distance > MOVED => findings.push(Finding::CameraMoved { sigmas: distance }),
+        // A loose unit pulls at the camera, too.
+        None if distance > MOVED && !loose => findings.push(Finding::CameraMoved { sigmas: distance }),
         Some(_) if distance > OTHER => findings.push(Finding::OtherCamera { sigmas: distance }),
         _ => {}
-    }
-    if calibration.block_scatter > LOOSE {
-        findings.push(Finding::Loose { scatter: calibration.block_scatter });
     }
     findings
 }
