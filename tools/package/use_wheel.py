@@ -1,12 +1,15 @@
-"""Calibrates /tmp/events.dvraw with the installed package, and compares with /tmp/truth.json. Run by test-wheel.sh."""
+"""Calibrates /tmp/events.dvraw with the installed package, and compares with /tmp/truth.json and with /tmp/program.json, the
+calibration of the program from the .deb. Run by test-wheel.sh."""
 
 import sys
 
 import evcal
 
+# The latter two may differ in the last digits of sines and cosines, for which each has another C library.
+LIMITS = {"/tmp/truth.json": 0.05, "/tmp/program.json": 0.001}
+
 result = evcal.calibrate("/tmp/events.dvraw", board=sys.argv[1])
-result.write("/tmp/calibration")
-rms = evcal.evaluate(result, "/tmp/truth.json")["rms"]
-print("wheel: rms", rms, "px")
-# As the program from the .deb.
-sys.exit(rms > 0.05)
+differences = {other: evcal.evaluate(result, other)["rms"] for other in LIMITS}
+for other, rms in differences.items():
+    print(f"wheel: {rms:.6f} px rms from {other}")
+sys.exit(any(rms > LIMITS[other] for other, rms in differences.items()))
