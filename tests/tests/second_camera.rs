@@ -100,8 +100,9 @@ fn intrinsics_can_be_held() {
     let free = Vector3::from_vec(numbers(&joint["translation_sigma"]));
     assert!(sigma.norm() < 1.1 * free.norm(), "{sigma} {free}");
 
+    let other = scratch.path().join("other");
     let refused = |words: &str, arguments: &[&str]| {
-        let options = ["--board", BOARD, "-o", text(&result)];
+        let options = ["--board", BOARD, "-o", text(&other)];
         let finished = evcal(&[&["calibrate", text(&first)], arguments, &options].concat());
         assert_ne!(finished.code, Some(0));
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
