@@ -125,18 +125,19 @@ fn mistakes_are_named() {
         result
     };
     refused("a camera that is there already", &[text(&first), "--with", text(&first)]);
-    // Known by its events, not by its name; the first camera is calibrated all the same.
-    let copy = scratch.path().join("copy.aedat4");
-    fs::copy(&first, &copy).unwrap();
-    let result = refused("there already: give the recording", &[text(&first), "--with", text(&copy)]);
-    assert!(result.join("calibration.json").exists());
     refused("give one recording before --with", &[text(&first), text(&second), "--with", text(&second)]);
+    // Known by its events, not by its name; the first camera is calibrated all the same.
+    let session = session().join("events.dvraw");
+    let copy = scratch.path().join("copy.dvraw");
+    fs::copy(&session, &copy).unwrap();
+    let result = refused("there already: give the recording", &[text(&session), "--with", text(&copy)]);
+    assert!(result.join("calibration.json").exists());
     let other = made(
         "second-camera-other",
-        &["simulate", "--board", BOARD, "--motion", "fast", "--duration", "4s", "--seed", "33"],
+        &["simulate", "--board", BOARD, "--motion", "fast", "--duration", "3s", "--seed", "33"],
     );
     let other = other.join("events.aedat4");
-    refused("recordings of the same session", &[text(&first), "--with", text(&other)]);
+    refused("recordings of the same session", &[text(&session), "--with", text(&other)]);
 }
 
 /// Pixels of events that answer at once, so that nothing but the clocks is in the offset.
