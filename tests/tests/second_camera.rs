@@ -29,26 +29,40 @@ fn calibration() -> PathBuf {
     made("second-camera-calibrated", &["calibrate", text(&first), "--with", text(&second), "--board", BOARD])
 }
 
-#[test]
-fn the_second_camera_is_found_where_it_is() {
-    let truth = &read_json(&simulation().join("truth.json"))["second_camera"];
-    let found = &read_json(&calibration().join("calibration.json"))["second_cameras"][0];
+/// The transform is within so many metres and 0.02° of the truth, σ as well, and within a few σ.
+fn check_transform(found: &Value, truth: &Value, metres: f64) {
     let (is, was) = (pose(&found["T_second_first"]), pose(&truth["T_second_first"]));
     let moved = is.translation.vector - was.translation.vector;
     let turned = (was.rotation.inverse() * is.rotation).scaled_axis();
-    let bounds = [("translation_sigma", moved, 2e-4), ("rotation_sigma", turned, 0.02f64.to_radians())];
+    let bounds = [("translation_sigma", moved, metres), ("rotation_sigma", turned, 0.02f64.to_radians())];
     for (name, error, bound) in bounds {
         let sigma = Vector3::from_vec(numbers(&found[name]));
         assert!(error.norm() < bound && sigma.amax() < bound, "{name}: off by {error}, σ {sigma}");
         assert!(error.component_div(&sigma).amax() < 4.5, "{name}: off by {error}, σ {sigma}");
     }
-    // t_second = clock_offset + t_first (1 + drift); pixels of both answer equally late.
+}
+
+/// The true offset of the clocks at the time for which one was found: t_second = clock_offset + t_first (1 + drift).
+fn clock_offset(found: &Value, truth: &Value) -> f64 {
     let settings = &truth["settings"];
     let rate = 1e-6 * numbers(&settings["clock_drift"])[0];
     let at = numbers(&found["time_offset_at"])[0];
-    let offset = at - (at - numbers(&settings["clock_offset"])[0]) / (1.0 + rate);
-    let error = numbers(&found["time_offset"]["value"])[0] - offset;
-    let sigma = numbers(&found["time_offset"]["sigma"])[0];
+    at - (at - numbers(&settings["clock_offset"])[0]) / (1.0 + rate)
+}
+
+/// How far the offset that was found is from `offset`, and its σ (s).
+fn offset_error(found: &Value, offset: f64) -> (f64, f64) {
+    let of = |name| numbers(&found["time_offset"][name])[0];
+    (of("value") - offset, of("sigma"))
+}
+
+#[test]
+fn the_second_camera_is_found_where_it_is() {
+    let truth = &read_json(&simulation().join("truth.json"))["second_camera"];
+    let found = &read_json(&calibration().join("calibration.json"))["second_cameras"][0];
+    check_transform(found, truth, 2e-4);
+    // Pixels of both answer equally late.
+    let (error, sigma) = offset_error(found, clock_offset(found, truth));
     assert!(error.abs() < 4.5 * sigma && error.abs() < 6e-5 && sigma < 6e-5, "{error} ± {sigma}");
     assert!(found["clock_rate"].is_null(), "9 s are too short to state it");
     // The lens of the second camera is another one.
@@ -158,24 +172,12 @@ fn calibrated_with_frames(name: &str, simulation: &Path, options: &[&str]) -> Pa
     made(name, &[&["calibrate", text(&first), "--with", text(&second), "--board", BOARD], options].concat())
 }
 
-/// Transform within 0.02° and 0.5 mm, offset within 0.1 ms, all within a few σ.
+/// Transform within 0.02° and 0.5 mm and a few σ, offset within 0.1 ms.
 fn check_frame_camera(found: &Value, truth: &Value, line_delay: f64) {
-    let (is, was) = (pose(&found["T_second_first"]), pose(&truth["T_second_first"]));
-    let moved = is.translation.vector - was.translation.vector;
-    let turned = (was.rotation.inverse() * is.rotation).scaled_axis();
-    for (name, error, bound) in [("translation_sigma", moved, 5e-4), ("rotation_sigma", turned, 0.02f64.to_radians())] {
-        let sigma = Vector3::from_vec(numbers(&found[name]));
-        assert!(error.norm() < bound && sigma.amax() < bound, "{name}: off by {error}, σ {sigma}");
-        assert!(error.component_div(&sigma).amax() < 4.5, "{name}: off by {error}, σ {sigma}");
-    }
-    let settings = &truth["settings"];
-    let rate = 1e-6 * numbers(&settings["clock_drift"])[0];
-    let at = numbers(&found["time_offset_at"])[0];
-    let clocks = at - (at - numbers(&settings["clock_offset"])[0]) / (1.0 + rate);
+    check_transform(found, truth, 5e-4);
     // Stamps are those of the first row, and the offset is that of the middle one, which is later.
     let rows = 0.5 * (numbers(&found["sensor"]["height"])[0] - 1.0);
-    let error = numbers(&found["time_offset"]["value"])[0] - (clocks - line_delay * rows);
-    let sigma = numbers(&found["time_offset"]["sigma"])[0];
+    let (error, sigma) = offset_error(found, clock_offset(found, truth) - line_delay * rows);
     assert!(error.abs() < 1e-4 && sigma < 1e-4, "{error} ± {sigma}");
 }
 
