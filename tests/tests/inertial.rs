@@ -1,7 +1,7 @@
 //! The inertial unit beside the camera, from a simulated recording: found where it is, and mistakes in its samples named.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use evcal::calibrate::calibrated::{Calibrated, Evidence};
 use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
@@ -22,7 +22,7 @@ use evcal::numerics::gravity::STANDARD_GRAVITY;
 use evcal::recording::RecordingOptions;
 use evcal_tests::lens::{Lens, RADTAN4};
 use evcal_tests::values::numbers;
-use evcal_tests::{BOARD, read_json};
+use evcal_tests::{BOARD, Finished, evcal, open_motion, read_json, text};
 use nalgebra::{Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
@@ -164,6 +164,44 @@ fn a_spacing_that_is_stated_wrong_is_told() {
     let found = calibrate_inertial(&calibrated, &inputs, &InertialRequest::default(), None).unwrap();
     let [Finding::BoardSpacing { scale, sigma }] = found.findings.as_slice() else { panic!("{:?}", found.findings) };
     assert!((scale - 1.0 / 1.01).abs() < 3e-3 && *sigma < 3.5e-3, "{scale} ± {sigma}");
+}
+
+/// Runs `evcal calibrate` with the inertial unit on a simulated recording, and another unit's samples where they are named.
+fn calibrated(simulation: &Path, samples: Option<&Path>, result: &Path) -> Finished {
+    let events = simulation.join("events.aedat4");
+    let samples: Vec<&str> = samples.map(text).into_iter().collect();
+    let options = ["--board", BOARD, "--accept-any", "-o", text(result), "--imu"];
+    evcal(&[&["calibrate", text(&events)], &options[..], &samples].concat())
+}
+
+/// Each with what to do, and without a number; the camera is calibrated all the same.
+#[test]
+fn motions_that_leave_something_open_are_refused_or_flagged() {
+    let scratch = tempfile::tempdir().unwrap();
+    for (motion, words) in [
+        ("slide", "°/s only: turn it about two of its axes, back and forth, quickly"),
+        ("one-axis", "about one axis only, its y axis (downwards)"),
+        ("even-turn", "60.0 °/s all the time"),
+        ("to-and-fro", "the motion repeats itself"),
+    ] {
+        let result = scratch.path().join(motion);
+        let finished = calibrated(&open_motion(motion), None, &result);
+        assert_eq!(finished.code, Some(1), "{motion}: {}", finished.stdout);
+        assert!(finished.stderr.contains(words), "{motion}: wanted {words:?}: {}", finished.stderr);
+        assert!(!finished.stdout.contains("inertial unit"), "{motion}: {}", finished.stdout);
+        let file = read_json(&result.join("calibration.json"));
+        assert!(file["inertial"].is_null() && file["camera"].is_object(), "{motion}");
+    }
+    let finished = calibrated(&open_motion("little-turns"), None, &scratch.path().join("little-turns"));
+    assert_eq!(finished.code, Some(0), "{}", finished.stderr);
+    let told = "note: the camera was tilted by 1";
+    assert!(finished.stdout.contains(told), "{}", finished.stdout);
+    assert!(finished.stdout.contains("tilt it by more than 30 degrees to all sides"), "{}", finished.stdout);
+
+    let other = open_motion("one-axis").join("imu.csv");
+    let finished = calibrated(&open_motion("little-turns"), Some(&other), &scratch.path().join("other"));
+    assert_eq!(finished.code, Some(1), "{}", finished.stdout);
+    assert!(finished.stderr.contains("are not those of the camera"), "{}", finished.stderr);
 }
 
 fn mistakes(bench: &Bench) {

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use evcal_tests::values::{numbers, pose};
-use evcal_tests::{BOARD, evcal, json, made, read_json, text};
+use evcal_tests::{BOARD, evcal, json, made, open_motion, read_json, text};
 use nalgebra::Vector3;
 use serde_json::Value;
 
@@ -101,12 +101,11 @@ fn motions_that_leave_the_body_open_are_refused() {
         ("even-turn", "°/s all the time, which leaves the offset of the clocks open: turn it back and forth"),
         ("to-and-fro", "the motion repeats itself"),
     ] {
-        let name = format!("motion-capture-{motion}");
-        let options = ["--motion", motion, "--duration", "5s", "--motion-capture"];
-        let simulation = made(&name, &[&["simulate", "--board", BOARD], &options[..]].concat());
+        let simulation = open_motion(motion);
         let events = simulation.join("events.aedat4");
         let options = ["--board", BOARD, "--model", "radtan4", "--accept-any"];
-        let calibration = made(&format!("{name}-calibrated"), &[&["calibrate", text(&events)], &options[..]].concat());
+        let name = format!("motion-{motion}-calibrated");
+        let calibration = made(&name, &[&["calibrate", text(&events)], &options[..]].concat());
         let capture = simulation.join("motion_capture.txt");
         let finished = evcal(&["evaluate", text(&calibration), "--motion-capture", text(&capture)]);
         assert_eq!(finished.code, Some(1), "{motion}: {}", finished.stdout);

@@ -157,12 +157,13 @@ fn mistakes_are_named() {
 /// Motions that leave the offset of the clocks open, each told with what to do.
 #[test]
 fn motions_that_leave_the_clocks_open_are_refused() {
-    for (motion, words) in [
-        ("even-turn", "°/s all the time, which leaves the offset of their clocks open: turn them back and forth"),
-        ("to-and-fro", "the motion repeats itself"),
+    for (motion, duration, words) in [
+        ("even-turn", "4s", "°/s all the time, which leaves the offset of their clocks open: turn them back and forth"),
+        // Three times the same way.
+        ("to-and-fro", "6s", "the motion repeats itself"),
     ] {
         let name = format!("second-camera-{motion}");
-        let options = ["--motion", motion, "--duration", "5s", "--second-camera"];
+        let options = ["--motion", motion, "--duration", duration, "--second-camera"];
         let simulation = made(&name, &[&["simulate", "--board", BOARD], &options[..]].concat());
         let (first, second) = (simulation.join("events.aedat4"), simulation.join("second.aedat4"));
         let scratch = tempfile::tempdir().unwrap();
