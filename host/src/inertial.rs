@@ -22,6 +22,8 @@ mod start;
 pub mod stream;
 mod uncertainty;
 
+use nalgebra::Vector3;
+
 use calibration::InertialCalibration;
 use error::InertialError;
 use findings::findings;
@@ -151,6 +153,7 @@ fn finish(
         Some(held) => held.distance(own, &sigma),
         None => HeldIntrinsics { camera: estimate.state.camera, covariance: None }.distance(own, &sigma),
     };
+    let tilt = tilt(&estimate.state.trajectories, &estimate.parameters.gravity);
     Ok(InertialCalibration {
         prior_sigma: priors::priors(&estimate.parameters, joint.settings).map(|(_, sigma)| sigma),
         parameters: estimate.parameters,
@@ -163,10 +166,27 @@ fn finish(
         camera_moved,
         held: held.map(|held| held.camera),
         block_scatter,
+        tilt,
         residuals,
         spectra,
         findings: Vec::new(),
     })
+}
+
+/// Largest angle between `gravity` and its mean direction, seen from the camera.
+fn tilt(trajectories: &[Trajectory], gravity: &Vector3<f64>) -> f64 {
+    const STEP: f64 = 0.02;
+    let along = |trajectory: &Trajectory| {
+        let count = ((trajectory.end() - trajectory.start()) / STEP) as usize;
+        let seen = |index: usize| {
+            let pose = trajectory.pose(trajectory.start() + STEP * index as f64)?;
+            Some(pose.rotation.inverse_transform_vector(gravity))
+        };
+        (0..=count).filter_map(seen).collect::<Vec<_>>()
+    };
+    let seen: Vec<Vector3<f64>> = trajectories.iter().flat_map(along).collect();
+    let mean = seen.iter().sum::<Vector3<f64>>();
+    seen.iter().map(|one| one.angle(&mean)).fold(0.0, f64::max)
 }
 
 /// The samples with times from the first event, which is at `start` of the file; where they are of another time altogether, as

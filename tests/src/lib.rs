@@ -161,6 +161,12 @@ pub fn session_calibration() -> PathBuf {
     made("session", &["calibrate", text(&session().join("events.dvraw")), "--board", BOARD])
 }
 
+/// Folder of a simulated recording of 5 s with this motion, which leaves something open, with inertial samples and motion capture.
+pub fn open_motion(motion: &str) -> PathBuf {
+    let options = ["--motion", motion, "--duration", "5s", "--imu", "davis346", "--motion-capture"];
+    made(&format!("motion-{motion}"), &[&["simulate", "--board", BOARD], &options[..]].concat())
+}
+
 /// The folder that the program writes when it is run with `arguments` and `-o FOLDER`. Each is made
 /// once for this very program, whatever the number of tests, processes and runs.
 pub fn made(name: &str, arguments: &[&str]) -> PathBuf {

@@ -54,7 +54,7 @@ pub struct Arguments {
     /// The board: layout, rows x columns, spacing (asymmetric: half the distance in a row), radius
     #[arg(long, default_value = "acircles:9x4:55mm:r17.5mm")]
     board: Board,
-    /// How fast the camera moves
+    /// How the camera moves
     #[arg(
         long,
         default_value = MotionPreset::Slow.name(),

@@ -40,6 +40,8 @@ pub struct InertialCalibration {
     pub held: Option<Camera<f64>>,
     /// Scatter of blocks over the formal variance, the mean over rotation, place and delays.
     pub block_scatter: f64,
+    /// Largest angle between gravity and its mean direction, seen from the camera (rad).
+    pub tilt: f64,
     /// Residuals of gyroscope (rad/s) and accelerometer (m/s²).
     pub residuals: [Vec<Residual>; 2],
     /// Their spectra, for each axis.

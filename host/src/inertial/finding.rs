@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::numerics::gravity::STANDARD_GRAVITY;
+
 /// What speaks against a result, or was not measured.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
@@ -22,6 +24,13 @@ pub enum Finding {
     DelayNotMeasured,
     /// Scale and misalignment of the accelerometer are mixed with its bias and gravity.
     AccelerometerNotMeasured,
+    /// The camera was hardly tilted: gravity looks like the accelerometer's bias.
+    HardlyTilted {
+        /// Largest angle between gravity and its mean direction, seen from the camera (rad).
+        tilt: f64,
+        /// Largest σ of the accelerometer's bias (m/s²).
+        sigma: f64,
+    },
     /// Scale and misalignment of the gyroscope.
     GyroscopeNotMeasured,
     /// The clocks run at different rates.
@@ -81,6 +90,12 @@ impl fmt::Display for Finding {
             Self::AccelerometerNotMeasured => write!(
                 f,
                 "scale and misalignment of the accelerometer were not measured, and blur its bias and gravity: tilt the camera by more than 30 degrees to all sides"
+            ),
+            Self::HardlyTilted { tilt, sigma } => write!(
+                f,
+                "the camera was tilted by {:.0}° at most, so that the accelerometer's bias and the direction of gravity are known to {:.1} mg only: tilt it by more than 30 degrees to all sides",
+                tilt.to_degrees(),
+                1e3 * sigma / STANDARD_GRAVITY
             ),
             Self::GyroscopeNotMeasured => write!(
                 f,

@@ -6,8 +6,8 @@ use super::calibration::InertialCalibration;
 use super::error::InertialError;
 use super::finding::Finding;
 use super::parameters::{
-    ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, BOARD_SCALE, CLOCK_DRIFT, GYROSCOPE_DELAY, GYROSCOPE_MATRIX, POSITION,
-    ROTATION, TRIANGLE,
+    ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, BOARD_SCALE, CLOCK_DRIFT, GYROSCOPE_DELAY,
+    GYROSCOPE_MATRIX, POSITION, ROTATION, TRIANGLE,
 };
 use super::sample::Sample;
 use super::stream::StreamReport;
@@ -17,6 +17,8 @@ const POSITION_LIMIT: f64 = 0.01;
 const ROTATION_LIMIT: f64 = std::f64::consts::PI / 180.0;
 /// The same of a delay (s).
 pub const DELAY_LIMIT: f64 = 1e-3;
+/// Tilt below which gravity and the accelerometer's bias are hardly told apart (rad).
+const LEAST_TILT: f64 = 15.0 * std::f64::consts::PI / 180.0;
 /// Drift of the clock that is told, and from how many σ.
 const DRIFT: f64 = 50e-6;
 const CERTAIN: f64 = 5.0;
@@ -50,6 +52,9 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
     }
     if !calibration.is_measured(ACCELEROMETER_MATRIX..ACCELEROMETER_MATRIX + TRIANGLE.len()) {
         findings.push(Finding::AccelerometerNotMeasured);
+    } else if calibration.tilt < LEAST_TILT {
+        let sigma = (0..3).map(|axis| sigma(ACCELEROMETER_BIAS + axis)).fold(0.0, f64::max);
+        findings.push(Finding::HardlyTilted { tilt: calibration.tilt, sigma });
     }
     if !calibration.is_measured(GYROSCOPE_MATRIX..GYROSCOPE_MATRIX + TRIANGLE.len()) {
         findings.push(Finding::GyroscopeNotMeasured);

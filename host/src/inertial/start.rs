@@ -147,6 +147,7 @@ fn delay(camera: &Grid, unit: &Grid) -> Result<(f64, f64), InertialError> {
     let delay_of = |steps: f64| unit.start - camera.start + steps * STEP;
     match lag(&of_camera, &of_unit, &rules) {
         Ok(found) => Ok((delay_of(found.steps), found.correlation)),
+        Err(NoLag::Steady { mean }) => Err(InertialError::EvenRotation { rate: mean.to_degrees() }),
         Err(NoLag::Unlike { correlation }) => Err(InertialError::OtherMotion { correlation }),
         Err(NoLag::Ambiguous { first, second }) => {
             Err(InertialError::Ambiguous { first: delay_of(first), second: delay_of(second) })

@@ -227,6 +227,19 @@ fn a_unit_that_was_hardly_tilted_or_moved_leaves_the_scale_of_its_accelerometer_
     assert!(!found.is_measured(parameters::ACCELEROMETER_MATRIX..parameters::ACCELEROMETER_MATRIX + 6));
 }
 
+/// Quick motion tells the scale of the accelerometer without any tilt, but gravity from its bias hardly.
+#[test]
+fn a_camera_that_was_hardly_tilted_is_told() {
+    let found = Bench::new(9, motion(9, turned([0.12; 3]))).calibrated(None).unwrap();
+    let tilted: Vec<&Finding> =
+        found.findings.iter().filter(|finding| matches!(finding, Finding::HardlyTilted { .. })).collect();
+    let [Finding::HardlyTilted { tilt, sigma }] = tilted.as_slice() else { panic!("{:?}", found.findings) };
+    // 0.12 rad about each of two axes at most, and the mean of the motion besides.
+    assert!((0.08..0.2).contains(tilt), "{tilt}");
+    let error = (found.parameters.accelerometer_bias - unit().accelerometer_bias).amax();
+    assert!(error < 4.5 * sigma, "{error} ± {sigma}");
+}
+
 /// A focal length that is held a little too long puts the unit further away; σ knows of it if that of the focal length is known.
 #[test]
 fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {

@@ -37,6 +37,14 @@ pub enum MotionCaptureError {
         /// Root mean square of the angular velocity.
         rate: f64,
     },
+    /// The camera turned at the same rate all the time.
+    #[error(
+        "the camera turned by {rate:.1} °/s all the time, which leaves the offset of the clocks open: turn it back and forth"
+    )]
+    EvenRotation {
+        /// Mean of the angular velocity.
+        rate: f64,
+    },
     /// The camera turned about one axis, as it does where it moves in a plane.
     #[error(
         "the camera turned about one axis only, near its {axis}: where the body sits along it cannot be told: turn about another axis too"

@@ -162,6 +162,7 @@ fn offset(camera: &Turns, body: &Turns) -> Result<(f64, f64), MotionCaptureError
     let offset_of = |steps: f64| body.start - camera.start + steps * STEP;
     match lag(&of_camera, &of_body, &rules) {
         Ok(found) => Ok((offset_of(found.steps), found.correlation)),
+        Err(NoLag::Steady { mean }) => Err(MotionCaptureError::EvenRotation { rate: mean.to_degrees() }),
         Err(NoLag::Unlike { correlation }) => Err(MotionCaptureError::OtherMotion { correlation, wanted: CORRELATION }),
         Err(NoLag::Ambiguous { first, second }) => {
             Err(MotionCaptureError::Ambiguous { first: offset_of(first), second: offset_of(second) })

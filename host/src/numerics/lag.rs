@@ -37,7 +37,15 @@ pub enum NoLag {
         /// The other.
         second: f64,
     },
+    /// The first series is nearly the same all the time, and no shift shows.
+    Steady {
+        /// Its mean.
+        mean: f64,
+    },
 }
+
+/// Standard deviation over the mean below which a series of sizes is nearly the same all the time.
+const STEADY: f64 = 0.2;
 
 /// Sums over the pairs of one shift.
 #[derive(Default)]
@@ -73,6 +81,18 @@ impl Pairs {
 /// # Errors
 /// [`NoLag`] when no shift is clearly the best.
 pub fn lag(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules) -> Result<Lag, NoLag> {
+    best(first, second, rules).map_err(|error| steady(first).map_or(error, |mean| NoLag::Steady { mean }))
+}
+
+/// The mean of a series that is nearly the same all the time.
+fn steady(series: &[Option<f64>]) -> Option<f64> {
+    let count = series.iter().flatten().count().max(1) as f64;
+    let mean = series.iter().flatten().sum::<f64>() / count;
+    let variance = series.iter().flatten().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+    (variance.sqrt() < STEADY * mean).then_some(mean)
+}
+
+fn best(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules) -> Result<Lag, NoLag> {
     let (from, to) = (-(first.len() as i64), second.len() as i64);
     let correlations: Vec<f64> = (from..=to)
         .map(|shift| {
@@ -147,5 +167,16 @@ mod tests {
         let Err(NoLag::Ambiguous { first, second }) = found else { panic!("{found:?}") };
         let periods = (first - second) * 0.05 / std::f64::consts::TAU;
         assert!((periods - periods.round()).abs() < 0.02 && periods.round() != 0.0, "{periods}");
+    }
+
+    #[test]
+    fn a_series_that_is_steady_is_told() {
+        let steady = |seed: f64| series(move |t| 3.0 + 0.1 * (seed * t * t).sin(), 0.0, 1000);
+        let found = lag(&steady(0.017), &steady(0.041), &RULES);
+        assert!(matches!(found, Err(NoLag::Steady { mean }) if (mean - 3.0).abs() < 0.05), "{found:?}");
+        // What little there is of a change is enough where it shows.
+        let changes = |later: f64| series(|t| 30.0 + wavy(t), later, 1000);
+        let found = lag(&changes(0.0), &changes(40.0), &RULES).unwrap();
+        assert!((found.steps + 40.0).abs() < 0.05, "{found:?}");
     }
 }

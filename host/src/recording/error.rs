@@ -112,7 +112,9 @@ pub enum RecordingErrorKind {
     #[error("has no image in its topic {0}: record that topic again")]
     NoImages(String),
     /// Images of a kind that is not read.
-    #[error("has images of {topic} in the encoding {encoding:?}; mono8, mono16, bgr8 and rgb8 are read: convert them")]
+    #[error(
+        "has images of {topic} in the encoding {encoding:?}; mono8, mono16, bgr8, rgb8, bayer_*8, bayer_*16, JPEG and PNG are read: convert them"
+    )]
     ImageEncoding {
         /// The topic.
         topic: String,

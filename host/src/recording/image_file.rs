@@ -1,7 +1,7 @@
 //! Pictures on the disk: PNG of any kind, JPEG for reading.
 
 use std::fs::File;
-use std::io::{self, BufReader, Read, Seek, Write};
+use std::io::{self, BufRead, BufReader, Cursor, Read, Seek, Write};
 use std::path::Path;
 
 use png::{BitDepth, ColorType, Transformations};
@@ -77,21 +77,33 @@ fn check_size(size: (u32, u32), pixels: u64, length: u64) -> Result<(), ImageFil
 /// # Errors
 /// [`ImageFileError`].
 pub fn read(path: &Path) -> Result<ImageFile, ImageFileError> {
-    let mut file = BufReader::new(File::open(path)?);
+    let file = File::open(path)?;
+    let length = file.metadata()?.len();
+    read_from(BufReader::new(file), length)
+}
+
+/// Reads a PNG or JPEG that is in memory.
+///
+/// # Errors
+/// [`ImageFileError`].
+pub fn decode(bytes: &[u8]) -> Result<ImageFile, ImageFileError> {
+    read_from(Cursor::new(bytes), bytes.len() as u64)
+}
+
+fn read_from(mut file: impl BufRead + Seek, length: u64) -> Result<ImageFile, ImageFileError> {
     let mut head = Vec::new();
     file.by_ref().take(8).read_to_end(&mut head)?;
     file.rewind()?;
     if head.starts_with(b"\x89PNG") {
-        read_png(file)
+        read_png(file, length)
     } else if head.starts_with(&[0xFF, 0xD8]) {
-        read_jpeg(file)
+        read_jpeg(file, length)
     } else {
         Err(ImageFileError::Unknown)
     }
 }
 
-fn read_png(file: BufReader<File>) -> Result<ImageFile, ImageFileError> {
-    let file_length = file.get_ref().metadata()?.len();
+fn read_png(file: impl BufRead + Seek, file_length: u64) -> Result<ImageFile, ImageFileError> {
     let mut decoder = png::Decoder::new(file);
     decoder.set_transformations(Transformations::EXPAND);
     let mut reader = decoder.read_info()?;
@@ -114,8 +126,7 @@ fn read_png(file: BufReader<File>) -> Result<ImageFile, ImageFileError> {
     Ok(ImageFile { size: (information.width, information.height), channels, samples })
 }
 
-fn read_jpeg(file: BufReader<File>) -> Result<ImageFile, ImageFileError> {
-    let length = file.get_ref().metadata()?.len();
+fn read_jpeg(file: impl BufRead + Seek, length: u64) -> Result<ImageFile, ImageFileError> {
     let failed = |error| ImageFileError::Jpeg(format!("{error:?}"));
     let mut decoder = JpegDecoder::new(file);
     decoder.decode_headers().map_err(failed)?;

@@ -4,12 +4,14 @@
 //! |---|---|
 //! | `dvs_msgs/EventArray`, `prophesee_event_msgs/EventArray` | events |
 //! | `event_camera_msgs/EventPacket` | events, encodings `evt3`, `libcaer`, `libcaer_cmp`, `mono` |
-//! | `sensor_msgs/Image` | frames: `mono8`, `mono16`, `bgr8`, `rgb8` |
+//! | `sensor_msgs/Image` | frames: `mono8`, `mono16`, `bgr8`, `rgb8`, `bayer_rggb8` and other Bayer patterns of 8 and 16 bits |
+//! | `sensor_msgs/CompressedImage` | images of a second camera: JPEG and PNG |
 //! | `sensor_msgs/Imu` | inertial samples |
 //!
 //! Times are those in the messages, which a sensor gave; when a message was recorded decides on the order only.
 
 mod bag;
+mod bayer;
 mod container;
 mod db3;
 mod events;
@@ -19,6 +21,7 @@ mod images;
 mod mcap;
 mod message;
 mod packet;
+mod picture;
 mod sqlite;
 #[cfg(test)]
 mod tests;

@@ -40,6 +40,14 @@ pub enum SecondCameraError {
         /// Root mean square of the angular velocity in degrees a second.
         rate: f64,
     },
+    /// The cameras turned at the same rate all the time.
+    #[error(
+        "the cameras turned by {rate:.1} °/s all the time, which leaves the offset of their clocks open: turn them back and forth"
+    )]
+    EvenRotation {
+        /// Mean of the angular velocity in degrees a second.
+        rate: f64,
+    },
     /// The turns have nothing in common.
     #[error(
         "the second camera does not turn as the first does (best correlation {correlation:.2}, wanted {wanted}): give recordings of the same session that overlap in time"

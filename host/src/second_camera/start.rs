@@ -116,6 +116,7 @@ fn offset(first: &(f64, Vec<Option<f64>>), second: &(f64, Vec<Option<f64>>)) -> 
     let offset_of = |steps: f64| second.0 - first.0 + steps * STEP;
     match lag(&first.1, &second.1, &rules) {
         Ok(found) => Ok((offset_of(found.steps), found.correlation)),
+        Err(NoLag::Steady { mean }) => Err(SecondCameraError::EvenRotation { rate: mean.to_degrees() }),
         Err(NoLag::Unlike { correlation }) => Err(SecondCameraError::OtherMotion { correlation, wanted: CORRELATION }),
         Err(NoLag::Ambiguous { first, second }) => {
             Err(SecondCameraError::Ambiguous { first: offset_of(first), second: offset_of(second) })

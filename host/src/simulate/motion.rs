@@ -4,138 +4,26 @@
 //! far away and how tilted and turned it is. Each of these six is a sum of two sinusoids with
 //! frequencies and phases from the seed, bounded so that the circles stay in view while they reach
 //! every edge of the sensor. A tremor of the hand comes on top. How fast the sinusoids run is set
-//! such that the board's mean speed in the image is the stated one.
+//! such that the board's mean speed in the image is the stated one. Motions that leave something open, such as
+//! those without any turning, have the same places of the board in the image with a [`Turning`] of their own.
+
+mod settings;
+mod turning;
+
+pub use settings::MotionSettings;
+pub use turning::Turning;
 
 use evcal_core::sensor::Sensor;
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 
-use super::clock::{Interval, Ramps};
+use super::clock::Ramps;
 use super::rays::{Ray, Rays};
 use super::view::View;
 use crate::board::Board;
 use crate::numerics::random::{uniform, uniform_in};
 
-/// How the camera moves.
-///
-/// | preset | mean image speed |
-/// |---|---|
-/// | [`MotionSettings::slow`] | 150 px/s |
-/// | [`MotionSettings::fast`] | 350 px/s |
-/// | [`MotionSettings::interrupted`], [`MotionSettings::paused`] | 350 px/s while the camera moves |
-/// | [`MotionSettings::blur`] | 700 px/s |
-/// | [`MotionSettings::violent`] | 850 px/s, with jerks |
-/// | [`MotionSettings::far`], [`MotionSettings::head_on`], [`MotionSettings::corner`] | 350 px/s |
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MotionSettings {
-    /// Mean speed in the image of the board's points in view, in pixels per second, while the
-    /// camera moves.
-    pub mean_speed: f64,
-    /// Relative rise and fall of the speed within two seconds, 0 to 0.9.
-    pub speed_variation: f64,
-    /// Size of the circle area relative to the shorter side of the image, from farthest to nearest
-    /// (0.6 and 1: 0.6 m to 1 m for a lens of 330 px and a board of 0.45 m).
-    pub fill: [f64; 2],
-    /// Factor on the distance from the board.
-    pub distance_scale: f64,
-    /// Greatest angle between the line of sight and the board's normal, in degrees, below 80.
-    pub tilt: f64,
-    /// Greatest turn about the line of sight from `roll_offset` to each side, in degrees.
-    pub roll: f64,
-    /// Mean turn about the line of sight, in degrees.
-    pub roll_offset: f64,
-    /// How far the circle area may leave the image, as a share of the half field of view.
-    pub overshoot: f64,
-    /// Where in the image the board's middle is on average, right and down from the middle of the image, as
-    /// a share of the half field of view.
-    pub aim: [f64; 2],
-    /// How much of the room that the image leaves the board's middle uses, 0 to 1.
-    pub reach: f64,
-    /// Amplitude of the tremor in degrees.
-    pub tremor: f64,
-    /// Spans in which the camera is held still; 0.2 s of slowing down and speeding up around them.
-    pub pauses: Vec<Interval>,
-    /// Spans in which the camera looks away; 0.8 s of turning around them.
-    pub absences: Vec<Interval>,
-}
-
-impl MotionSettings {
-    /// Slow sweeps: 150 px/s.
-    pub fn slow() -> Self {
-        Self {
-            mean_speed: 150.0,
-            speed_variation: 0.4,
-            fill: [0.6, 1.0],
-            distance_scale: 1.0,
-            tilt: 45.0,
-            roll: 50.0,
-            roll_offset: 0.0,
-            overshoot: 0.1,
-            aim: [0.0, 0.0],
-            reach: 1.0,
-            tremor: 0.06,
-            pauses: Vec::new(),
-            absences: Vec::new(),
-        }
-    }
-
-    /// Quick sweeps: 350 px/s.
-    pub fn fast() -> Self {
-        Self { mean_speed: 350.0, tremor: 0.1, ..Self::slow() }
-    }
-
-    /// Quick sweeps of 350 px/s with a pause in every three seconds, and a look away in every three
-    /// seconds, up to `duration` seconds.
-    pub fn interrupted(duration: f64) -> Self {
-        let spans = |first: f64| {
-            let starts = (0..).map(move |round| first + INTERRUPTION_PERIOD * f64::from(round));
-            let starts = starts.take_while(|start| *start < duration);
-            starts.map(|start| Interval { start, end: start + INTERRUPTION_LENGTH }).collect()
-        };
-        Self { pauses: spans(FIRST_PAUSE), absences: spans(FIRST_ABSENCE), ..Self::fast() }
-    }
-
-    /// Quick sweeps of 350 px/s with one pause of two seconds in the middle of `duration` seconds.
-    pub fn paused(duration: f64) -> Self {
-        let middle = 0.5 * duration;
-        Self { pauses: vec![Interval { start: middle - 1.0, end: middle + 1.0 }], ..Self::fast() }
-    }
-
-    /// Quick sweeps two and a half times as far away: the board fills a third of the image.
-    pub fn far() -> Self {
-        Self { distance_scale: 2.6, ..Self::fast() }
-    }
-
-    /// Quick sweeps in which the board is hardly tilted.
-    pub fn head_on() -> Self {
-        Self { tilt: 8.0, ..Self::fast() }
-    }
-
-    /// Quick motion in the upper left corner of the image only.
-    pub fn corner() -> Self {
-        Self { fill: [0.35, 0.45], aim: [-0.45, -0.45], reach: 0.15, ..Self::fast() }
-    }
-
-    /// Sweeps that blur every picture: 700 px/s.
-    pub fn blur() -> Self {
-        Self { mean_speed: 700.0, tremor: 0.15, ..Self::slow() }
-    }
-
-    /// Shaking: 850 px/s on average, several times as fast at times, and a strong tremor.
-    pub fn violent() -> Self {
-        Self { mean_speed: 850.0, speed_variation: 0.55, tremor: 1.5, ..Self::slow() }
-    }
-}
-
-/// Time from one pause, or one look away, to the next in seconds.
-const INTERRUPTION_PERIOD: f64 = 3.0;
-/// Length of a pause or a look away in seconds, without its ramps.
-const INTERRUPTION_LENGTH: f64 = 0.3;
-const FIRST_PAUSE: f64 = 0.6;
-const FIRST_ABSENCE: f64 = 2.0;
 const PAUSE_RAMP: f64 = 0.2;
 const ABSENCE_RAMP: f64 = 0.8;
 /// Frequency of the rise and fall of the speed in hertz.
@@ -247,14 +135,19 @@ impl Motion {
         let active = t - self.pauses.integral(t);
         let omega = std::f64::consts::TAU * VARIATION_FREQUENCY;
         let varied = active - self.settings.speed_variation / omega * libm::cos(omega * active);
-        let phase = self.pace * varied;
+        let phase = self.pace * self.settings.period.map_or(varied, |period| to_and_fro(varied, period));
 
         let [farthest, nearest] = self.settings.fill;
         let fill = 0.5 * (farthest + nearest) + 0.5 * (nearest - farthest) * self.distance.at(phase);
         let size = self.half_size.max();
         let distance = self.settings.distance_scale * size / libm::tan(fill * self.half_view.min());
 
-        let roll = (self.settings.roll_offset + self.settings.roll * self.roll.at(phase)).to_radians();
+        let own_turn =
+            self.settings.turning.rotation(active, [self.tilt[0], self.tilt[1], self.roll].map(|wave| wave.at(phase)));
+        let roll = match own_turn {
+            Some(turn) => libm::atan2(turn[(1, 0)], turn[(0, 0)]),
+            None => (self.settings.roll_offset + self.settings.roll * self.roll.at(phase)).to_radians(),
+        };
         let (sine, cosine) = libm::sincos(roll);
         let extent = Vector2::new(
             libm::hypot(self.half_size.x * cosine, self.half_size.y * sine),
@@ -279,7 +172,7 @@ impl Motion {
             * Rotation3::from_axis_angle(&Vector3::y_axis(), azimuth)
             * Rotation3::from_axis_angle(&Vector3::x_axis(), -elevation);
         let board_turn = Rotation3::from_axis_angle(&Vector3::z_axis(), roll) * Rotation3::new(tilt);
-        let rotation = line_of_sight * board_turn;
+        let rotation = own_turn.unwrap_or(line_of_sight * board_turn);
         let translation = line_of_sight * Vector3::new(0.0, 0.0, distance) - rotation * self.middle;
         Isometry3::from_parts(Translation3::from(translation), UnitQuaternion::from_rotation_matrix(&rotation))
             .inverse()
@@ -305,6 +198,12 @@ impl Motion {
         }
         if count == 0 { 0.0 } else { sum / f64::from(count) }
     }
+}
+
+/// Time that runs to and fro with this `period`, as fast as `t` in the middle of each way.
+fn to_and_fro(t: f64, period: f64) -> f64 {
+    let omega = std::f64::consts::TAU / period;
+    libm::sin(omega * t) / omega
 }
 
 /// How fast the board plane passes the image at time `t`, in pixels per second, and at which of its points, where `pose` is
@@ -350,129 +249,4 @@ fn range(angles: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 #[cfg(test)]
-mod tests {
-    use nalgebra::Point3;
-
-    use evcal_core::sensor::Sensor;
-
-    use super::*;
-    use crate::simulate::tests::{board, kannala_brandt, radtan};
-
-    const SIZE: Sensor = Sensor::new(346, 260);
-
-    fn presets() -> [(MotionSettings, f64); 3] {
-        [(MotionSettings::slow(), 150.0), (MotionSettings::fast(), 350.0), (MotionSettings::blur(), 700.0)]
-    }
-
-    #[test]
-    fn presets_keep_their_speed_and_the_board_in_view() {
-        let board = board();
-        for (camera, nearest, farthest) in [(radtan(), 0.5, 1.1), (kannala_brandt(), 0.25, 0.6)] {
-            let rays = Rays::new(&camera, SIZE);
-            for (settings, speed) in presets() {
-                let duration = 10.0;
-                let motion = Motion::new(&settings, &board, &rays, duration, 4).unwrap();
-                let mean = motion.mean_speed(&board, &rays, duration);
-                assert!((mean - speed).abs() < 0.02 * speed, "{mean} px/s, not {speed}");
-                let (mut seen, mut all) = (0, 0);
-                let mut cells = [false; 48];
-                let mut steepest = 0.0f64;
-                for step in 0..1000 {
-                    let pose = motion.pose(f64::from(step) * 0.01);
-                    steepest = steepest.max((pose.rotation * Vector3::z()).z.acos().to_degrees());
-                    let distance = (pose.translation.vector - motion.middle).norm();
-                    assert!((nearest..farthest).contains(&distance), "{distance} m");
-                    assert!(pose.translation.z < 0.0);
-                    for index in 0..board.circle_count() {
-                        let center = board.circle_center(index);
-                        let point = pose.inverse() * Point3::new(center.x, center.y, 0.0);
-                        all += 1;
-                        let pixel = camera.project(&point.coords).filter(|pixel| {
-                            (0.0..346.0).contains(&pixel.x) && (0.0..260.0).contains(&pixel.y) && point.z > 0.0
-                        });
-                        if let Some(pixel) = pixel {
-                            seen += 1;
-                            cells[(pixel.y / 260.0 * 6.0) as usize * 8 + (pixel.x / 346.0 * 8.0) as usize] = true;
-                        }
-                    }
-                }
-                assert!(f64::from(seen) > 0.85 * f64::from(all), "{seen} of {all} circles in view");
-                assert!(cells.iter().filter(|cell| **cell).count() >= 46, "{cells:?}");
-                println!("{speed} px/s: {seen} of {all} circles, steepest line of sight {steepest:.0} deg");
-            }
-        }
-    }
-
-    #[test]
-    fn the_tilt_stays_within_its_limit() {
-        let board = board();
-        let rays = Rays::new(&radtan(), SIZE);
-        let settings = MotionSettings { tremor: 0.0, ..MotionSettings::fast() };
-        let motion = Motion::new(&settings, &board, &rays, 20.0, 9).unwrap();
-        let angles = (0..2000).map(|step| {
-            let pose = motion.pose(f64::from(step) * 0.01);
-            // The line of sight that the tilt is measured from goes to the middle of the board.
-            let sight = (motion.middle - pose.translation.vector).normalize();
-            sight.z.acos().to_degrees()
-        });
-        let steepest = angles.fold(0.0, f64::max);
-        assert!(steepest < 45.0 && steepest > 30.0, "{steepest}");
-    }
-
-    #[test]
-    fn a_pause_is_still_and_an_absence_sees_nothing() {
-        let board = board();
-        let camera = radtan();
-        let rays = Rays::new(&camera, SIZE);
-        let settings = MotionSettings {
-            pauses: vec![Interval { start: 1.0, end: 1.5 }],
-            absences: vec![Interval { start: 4.0, end: 4.5 }],
-            ..MotionSettings::fast()
-        };
-        let motion = Motion::new(&settings, &board, &rays, 6.0, 4).unwrap();
-        let still = motion.pose(1.0);
-        for step in 0..=50 {
-            let pose = motion.pose(1.0 + 0.01 * f64::from(step));
-            assert!((pose.translation.vector - still.translation.vector).norm() < 1e-12);
-            assert!(pose.rotation.angle_to(&still.rotation) < 1e-12);
-        }
-        assert!((motion.pose(0.79).translation.vector - motion.pose(0.81).translation.vector).norm() > 1e-4);
-        for step in 0..=50 {
-            let view = View::new(&motion.pose(4.0 + 0.01 * f64::from(step)));
-            let seen = rays.grid(40, 30).flatten().filter_map(|ray| view.gaze(ray)).filter(|gaze| {
-                let offset = gaze.point - board.middle();
-                offset.x.abs() < 0.27 && offset.y.abs() < 0.3
-            });
-            assert_eq!(seen.count(), 0);
-        }
-    }
-
-    #[test]
-    fn the_motion_is_smooth() {
-        let board = board();
-        let rays = Rays::new(&kannala_brandt(), SIZE);
-        let settings = MotionSettings {
-            pauses: vec![Interval { start: 0.5, end: 0.8 }],
-            absences: vec![Interval { start: 2.0, end: 2.1 }],
-            ..MotionSettings::blur()
-        };
-        let motion = Motion::new(&settings, &board, &rays, 3.0, 1).unwrap();
-        let h = 1e-4;
-        let position = |t: f64| motion.pose(t).translation.vector;
-        let acceleration = |t: f64| (position(t + h) - 2.0 * position(t) + position(t - h)) / (h * h);
-        // A jump of position, velocity or acceleration would stand out between samples 0.1 ms apart.
-        for step in 10..30_000 {
-            let t = f64::from(step) * 1e-4;
-            let change = (acceleration(t + 1e-4) - acceleration(t)).norm();
-            assert!(change < 5.0, "{change} m/s² at {t}");
-        }
-    }
-
-    #[test]
-    fn other_seeds_move_otherwise() {
-        let rays = Rays::new(&radtan(), SIZE);
-        let pose = |seed: u64| Motion::new(&MotionSettings::fast(), &board(), &rays, 2.0, seed).unwrap().pose(1.0);
-        assert_eq!(pose(1), pose(1));
-        assert!((pose(1).translation.vector - pose(2).translation.vector).norm() > 1e-3);
-    }
-}
+mod tests;

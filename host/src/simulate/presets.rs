@@ -6,7 +6,7 @@ pub use sensor::SensorPreset;
 
 use super::frame::ExposureModel;
 use super::inertia::InertialSettings;
-use super::motion::MotionSettings;
+use super::motion::{MotionSettings, Turning};
 use super::sensor::SensorModel;
 
 /// How the camera moves.
@@ -31,6 +31,16 @@ pub enum MotionPreset {
     HeadOn,
     /// 350 px/s, in one corner of the image only.
     Corner,
+    /// 350 px/s, without any turning.
+    Slide,
+    /// 350 px/s, turned about the camera's y axis only.
+    OneAxis,
+    /// 350 px/s, turned about the line of sight, at the same rate all the time.
+    EvenTurn,
+    /// 350 px/s, turned by a few degrees only.
+    LittleTurns,
+    /// 350 px/s, to and fro along the same path every two seconds.
+    ToAndFro,
 }
 
 impl MotionPreset {
@@ -45,6 +55,11 @@ impl MotionPreset {
         Self::Far,
         Self::HeadOn,
         Self::Corner,
+        Self::Slide,
+        Self::OneAxis,
+        Self::EvenTurn,
+        Self::LittleTurns,
+        Self::ToAndFro,
     ];
 
     /// Its name.
@@ -59,6 +74,11 @@ impl MotionPreset {
             Self::Far => "far",
             Self::HeadOn => "head-on",
             Self::Corner => "corner",
+            Self::Slide => "slide",
+            Self::OneAxis => "one-axis",
+            Self::EvenTurn => "even-turn",
+            Self::LittleTurns => "little-turns",
+            Self::ToAndFro => "to-and-fro",
         }
     }
 
@@ -74,6 +94,11 @@ impl MotionPreset {
             Self::Far => "350 px/s, the board far away",
             Self::HeadOn => "350 px/s, the board hardly tilted",
             Self::Corner => "350 px/s, in one corner of the image only",
+            Self::Slide => "350 px/s, without any turning",
+            Self::OneAxis => "350 px/s, turned about the camera's y axis only",
+            Self::EvenTurn => "350 px/s, turned about the line of sight, at the same rate all the time",
+            Self::LittleTurns => "350 px/s, turned by a few degrees only",
+            Self::ToAndFro => "350 px/s, to and fro along the same path every two seconds",
         }
     }
 
@@ -89,6 +114,11 @@ impl MotionPreset {
             Self::Far => MotionSettings::far(),
             Self::HeadOn => MotionSettings::head_on(),
             Self::Corner => MotionSettings::corner(),
+            Self::Slide => MotionSettings::turned(Turning::Never),
+            Self::OneAxis => MotionSettings::turned(Turning::OneAxis),
+            Self::EvenTurn => MotionSettings::turned(Turning::Evenly),
+            Self::LittleTurns => MotionSettings::turned(Turning::Little),
+            Self::ToAndFro => MotionSettings::to_and_fro(),
         }
     }
 }

@@ -163,7 +163,7 @@ pub fn summarise(open: OpenContainer, path: &Path) -> Result<Vec<StreamSummary>,
                 let _ = message::events(topic.kind, wire, message, decoder, &mut events);
                 (events.len() as u64, events.first().zip(events.last()).map(|(first, last)| (first.t, last.t)))
             }
-            Kind::Image | Kind::Imu => {
+            Kind::Image | Kind::CompressedImage | Kind::Imu => {
                 let time = super::fields::Fields::new(wire, message).and_then(|mut fields| fields.header()).ok();
                 (1, time.map(|t| (t, t)))
             }

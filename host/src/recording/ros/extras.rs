@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::container::{Container, OpenContainer};
 use super::message::{self, Kind};
+use super::picture;
 use crate::recording::extras::{Extra, OtherStreams, ReadExtras, take_until};
 use crate::recording::pictures::TimedImage;
 use crate::recording::{RecordingError, RecordingErrorKind};
@@ -29,7 +30,7 @@ fn next(container: &mut dyn Container, topics: &mut [Option<usize>; 2]) -> Resul
         let [pictures, samples] = topics;
         match topic.kind {
             Kind::Image if *pictures.get_or_insert(head.topic) == head.topic => {
-                if let Some(frame) = message::frame(topic.wire, container.message()).map_err(damaged)? {
+                if let Some(frame) = picture::frame(topic.kind, topic.wire, container.message()).map_err(damaged)? {
                     return Ok(Some(Extra::Frame(frame)));
                 }
             }

@@ -10,7 +10,7 @@ pub enum Wire {
 }
 
 /// A message ends within a field, or a field contradicts its type.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MessageError {
     /// There are fewer bytes than the fields need.
     #[error("the message ends within {0}")]
@@ -21,6 +21,9 @@ pub enum MessageError {
     /// A picture whose rows are longer than it says.
     #[error("the picture has fewer bytes in a row than pixels")]
     Rows,
+    /// A picture whose JPEG or PNG cannot be read.
+    #[error("the picture is {0}")]
+    Picture(String),
     /// An encoding of events that is not known.
     #[error("the events are encoded in a way that is not known here (known: evt3, libcaer, libcaer_cmp, mono)")]
     Encoding,

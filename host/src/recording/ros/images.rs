@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use evcal_core::sensor::Sensor;
 
 use super::container::{MessageHead, OpenContainer, Topic};
-use super::message::{self, Kind};
-use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, mcap};
+use super::message::Kind;
+use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, mcap, picture};
 use crate::recording::extras::Frame;
 use crate::recording::pictures::TimedImage;
 use crate::recording::{Damage, FileFormat, Head, RecordingError, RecordingErrorKind};
@@ -38,7 +38,7 @@ impl ImageTopic {
         let topics = topics(open, path, wanted, damage)?;
         let of_kind = |fits: fn(Kind) -> bool| topics.iter().filter(move |topic| fits(topic.kind));
         let events = || of_kind(Kind::holds_events);
-        let images: Vec<&Topic> = of_kind(|kind| kind == Kind::Image).collect();
+        let images: Vec<&Topic> = of_kind(Kind::holds_images).collect();
         let list = |topics: Vec<&Topic>| topics.into_iter().map(Topic::description).collect::<Vec<_>>().join(", ");
         let topic = match wanted {
             Some(wanted) if events().any(|topic| topic.name == wanted) => return Ok(None),
@@ -123,14 +123,14 @@ impl ImageTopic {
             let Some(topic) = container.topics().get(topic).filter(|topic| is_images(topic, &self.topic)) else {
                 continue;
             };
-            match message::frame(topic.wire, container.message()) {
+            match picture::frame(topic.kind, topic.wire, container.message()) {
                 Ok(Some(frame)) => {
                     if !visit(frame) {
                         return Ok(None);
                     }
                 }
                 Ok(None) => {
-                    let encoding = message::encoding(topic.wire, container.message()).unwrap_or_default();
+                    let encoding = picture::encoding(topic.kind, topic.wire, container.message()).unwrap_or_default();
                     let kind = RecordingErrorKind::ImageEncoding { topic: topic.name.clone(), encoding };
                     return Err(RecordingError::new(&self.path, kind));
                 }
@@ -146,7 +146,7 @@ impl ImageTopic {
 }
 
 fn is_images(topic: &Topic, name: &str) -> bool {
-    topic.kind == Kind::Image && topic.name == name
+    topic.kind.holds_images() && topic.name == name
 }
 
 fn is_skipped(error: &RecordingError, damage: Damage) -> bool {

@@ -5,8 +5,7 @@ use evcal_core::sensor::Sensor;
 
 use super::fields::{Fields, MessageError, Wire};
 use super::packet::PacketDecoder;
-use crate::recording::extras::{Frame, InertialSample};
-use crate::recording::pictures::highest_bits;
+use crate::recording::extras::InertialSample;
 
 /// Standard gravity in m/s².
 pub const GRAVITY: f64 = 9.806_65;
@@ -20,6 +19,8 @@ pub enum Kind {
     EventPacket,
     /// A picture.
     Image,
+    /// A picture in a file's bytes.
+    CompressedImage,
     /// An inertial sample.
     Imu,
     /// Anything else.
@@ -34,6 +35,7 @@ impl Kind {
             (Some("dvs_msgs" | "prophesee_event_msgs"), Some("EventArray")) => Self::EventArray,
             (Some("event_camera_msgs" | "event_array_msgs"), Some("EventPacket" | "EventArray")) => Self::EventPacket,
             (Some("sensor_msgs"), Some("Image")) => Self::Image,
+            (Some("sensor_msgs"), Some("CompressedImage")) => Self::CompressedImage,
             (Some("sensor_msgs"), Some("Imu")) => Self::Imu,
             _ => Self::Other,
         }
@@ -42,6 +44,11 @@ impl Kind {
     /// Whether it holds events.
     pub fn holds_events(self) -> bool {
         matches!(self, Self::EventArray | Self::EventPacket)
+    }
+
+    /// Whether it holds a picture.
+    pub fn holds_images(self) -> bool {
+        matches!(self, Self::Image | Self::CompressedImage)
     }
 }
 
@@ -98,51 +105,8 @@ pub fn events(
             let payload = fields.bytes("the events")?;
             decoder.decode(encoding, time_base, payload, events)
         }
-        Kind::Image | Kind::Imu | Kind::Other => Ok(()),
+        Kind::Image | Kind::CompressedImage | Kind::Imu | Kind::Other => Ok(()),
     }
-}
-
-/// The encoding of an `Image`.
-pub fn encoding(wire: Wire, message: &[u8]) -> Result<String, MessageError> {
-    let mut fields = Fields::new(wire, message)?;
-    fields.header()?;
-    fields.u32("its size")?;
-    fields.u32("its size")?;
-    Ok(String::from_utf8_lossy(fields.text("its encoding")?).into_owned())
-}
-
-/// The picture of an `Image`; `None` if it is neither grey nor in colour, such as a depth.
-pub fn frame(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
-    let mut fields = Fields::new(wire, message)?;
-    let t = fields.header()?;
-    let (height, width) = (fields.u32("its size")?, fields.u32("its size")?);
-    let encoding = fields.text("its encoding")?;
-    let big_endian = fields.u8("its byte order")? != 0;
-    let step = usize::try_from(fields.u32("its step")?).unwrap_or(usize::MAX);
-    let data = fields.bytes("the picture")?;
-    let (channels, bytes) = match encoding {
-        b"mono8" | b"8UC1" => (1, 1),
-        b"mono16" | b"16UC1" => (1, 2),
-        b"bgr8" | b"rgb8" | b"8UC3" => (3, 3),
-        _ => return Ok(None),
-    };
-    let (Ok(columns), Ok(rows)) = (u16::try_from(width), u16::try_from(height)) else { return Ok(None) };
-    let row_bytes = usize::from(columns) * bytes;
-    if step < row_bytes || step == 0 || data.len() < step.saturating_mul(rows.into()) {
-        return Err(MessageError::Rows);
-    }
-    let rows_of_bytes = data.chunks_exact(step).take(rows.into()).filter_map(|row| row.get(..row_bytes));
-    let pixels = match encoding {
-        b"mono16" | b"16UC1" => {
-            let number =
-                |pixel: &[u8; 2]| if big_endian { u16::from_be_bytes(*pixel) } else { u16::from_le_bytes(*pixel) };
-            let samples: Vec<u16> = rows_of_bytes.flat_map(|row| row.as_chunks::<2>().0).map(number).collect();
-            highest_bits(&samples)
-        }
-        b"rgb8" => rows_of_bytes.flat_map(|row| row.as_chunks().0).flat_map(|&[r, g, b]| [b, g, r]).collect(),
-        _ => rows_of_bytes.flatten().copied().collect(),
-    };
-    Ok(Some(Frame { t, exposure: None, readout: None, size: (columns, rows), position: (0, 0), channels, pixels }))
 }
 
 /// The sample of an `Imu`.

@@ -1,6 +1,7 @@
 //! Bags and MCAP files put together byte by byte.
 
 mod database;
+mod picture;
 
 use std::io::{Cursor, Write};
 
@@ -13,6 +14,7 @@ use super::write::{BAG_OUTPUT, MCAP_OUTPUT};
 use crate::recording::convert::open_extras;
 use crate::recording::encode::{Description, OutputFormat, WriteError};
 use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams};
+use crate::recording::image_file::{ImageFile, Samples};
 use crate::recording::testing::{self, Outcome};
 use crate::recording::{Damage, Recording, RecordingOptions};
 
@@ -267,23 +269,6 @@ fn every_container_gives_events_frames_and_samples() {
     }
 }
 
-#[test]
-fn pictures_of_other_encodings_become_eight_bits() {
-    for (encoding, step, bytes, pixels, channels) in [
-        ("mono16", 6, [[9, 1], [9, 2], [9, 3], [9, 4], [9, 5], [9, 255]].concat(), vec![1, 2, 3, 4, 5, 255], 1),
-        // 12 of the 16 bits are used.
-        ("mono16", 6, [[16, 0], [32, 0], [0, 1], [255, 15], [15, 0], [0, 0]].concat(), vec![1, 2, 16, 255, 0, 0], 1),
-        ("rgb8", 9, (0..18).collect(), vec![2, 1, 0, 5, 4, 3, 8, 7, 6, 11, 10, 9, 14, 13, 12, 17, 16, 15], 3),
-    ] {
-        let message = image(Wire::Cdr, 5, encoding, step, &bytes);
-        let frame = super::message::frame(Wire::Cdr, &message).unwrap().unwrap();
-        assert_eq!((frame.pixels, frame.channels), (pixels, channels));
-    }
-    assert_eq!(super::message::frame(Wire::Ros1, &image(Wire::Ros1, 5, "32FC1", 12, &[0; 24])), Ok(None));
-    assert!(super::message::frame(Wire::Ros1, &image(Wire::Ros1, 5, "mono8", 2, &[0; 4])).is_err());
-    assert!(super::message::frame(Wire::Ros1, &image(Wire::Ros1, 5, "mono8", u32::MAX, &[0; 4])).is_err());
-}
-
 /// Packets of two encodings under two names.
 fn packets(wire: Wire) -> Messages {
     let name = "event_camera_msgs/msg/EventPacket";
@@ -313,6 +298,19 @@ fn a_topic_is_chosen_by_name() {
     }
 }
 
+/// A PNG of two rows of three pixels, which are numbered.
+fn png() -> Vec<u8> {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("picture.png");
+    let samples = Samples::Eight(vec![1, 2, 3, 4, 5, 6]);
+    ImageFile { size: (3, 2), channels: 1, samples }.write_png(&path).unwrap();
+    std::fs::read(path).unwrap()
+}
+
+fn compressed_image(wire: Wire, t: i64, format: &str, bytes: &[u8]) -> Vec<u8> {
+    Message::new(wire, t).text(format).bytes(bytes).finish()
+}
+
 /// A topic, and what it holds: events, or images of an encoding.
 type Held = (&'static str, &'static str);
 
@@ -320,6 +318,10 @@ type Held = (&'static str, &'static str);
 fn images_of(topics: &[Held], wire: Wire) -> Messages {
     let message = |(index, (topic, encoding)): (usize, &Held)| match *encoding {
         "events" => (*topic, "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 3))),
+        "png" => {
+            let message = compressed_image(wire, START + 1000 * index as i64, "mono8; png compressed ", &png());
+            (*topic, "sensor_msgs/msg/CompressedImage", message)
+        }
         encoding => {
             let step = if encoding == "mono16" { 6 } else { 3 };
             let pixels: Vec<u8> = (1..=2 * step as u8).collect();
@@ -332,12 +334,15 @@ fn images_of(topics: &[Held], wire: Wire) -> Messages {
 #[test]
 fn a_topic_of_images_is_the_one_that_is_named_or_the_only_one() {
     let (one, two) = (("/left", "mono8"), ("/right", "mono16"));
-    let with_events = ("/dvs", "events");
+    let (with_events, packed) = (("/dvs", "events"), ("/left/compressed", "png"));
     type Expected = Result<Option<&'static str>, &'static str>;
-    let cases: [(&[Held], Option<&str>, Expected); 8] = [
+    let cases: [(&[Held], Option<&str>, Expected); 11] = [
         (&[one, one, one], None, Ok(Some("/left"))),
         (&[one, two], None, Err("several topics (/left (sensor_msgs/msg/Image), /right")),
         (&[one, two], Some("/right"), Ok(Some("/right"))),
+        (&[packed, packed], None, Ok(Some("/left/compressed"))),
+        (&[one, packed], None, Err("/left/compressed (sensor_msgs/msg/CompressedImage)")),
+        (&[one, packed, with_events], Some("/left/compressed"), Ok(Some("/left/compressed"))),
         (&[with_events, one], None, Ok(None)),
         (&[one, with_events], Some("/left"), Ok(Some("/left"))),
         (&[one, with_events], Some("/dvs"), Ok(None)),
