@@ -90,7 +90,7 @@ check-oldest-rust: setup
 	@sh tools/check/oldest-rust.sh
 
 build: setup
-	@echo "evcal is being built: 5 to 15 minutes the first time, most of them for OpenCV's bindings and for evcal itself"
+	@echo "evcal is being built: about 4 minutes on two cores the first time, most of them for OpenCV's bindings and for evcal itself"
 	cargo build --release --locked -p evcal
 
 # The programs as the tests have them: their dependencies have features that only tests ask for, and another build
