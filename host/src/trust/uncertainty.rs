@@ -54,7 +54,7 @@ settings! {
         pub systematic_scale: f64 = 1.5e-4, "", at_least(0.0);
         /// How far what is wrong with the model of events moves the projection (σ, px rms over the sensor), for each square pixel of
         /// variance that one event alone would leave it open by. More events do not make it smaller.
-        pub model_error: f64 = 1.5e-4, "1/px", at_least(0.0);
+        pub model_error: f64 = 2e-4, "1/px", at_least(0.0);
         /// The same of the circles' radius, where it is estimated (σ).
         pub systematic_radius: f64 = 0.03, "px", at_least(0.0);
     }
