@@ -16,15 +16,15 @@
 //! it may be, one standard deviation below.
 //!
 //! No scatter shows an error that every part of a recording has. Simulated recordings with known truth do: what the biases of
-//! the events do not follow, some thousandths of a pixel, moves the camera in the directions that the views hardly determine. It counts as
-//! much as if there were only [`UncertaintySettings::most_independent`] events, and the focal lengths are never surer than
+//! the events do not follow, some thousandths of a pixel, moves the camera in the directions that the views hardly determine, the further
+//! the less they do ([`UncertaintySettings::model_error`]), and the focal lengths are never surer than
 //! [`UncertaintySettings::systematic_scale`].
 
 pub mod blocks;
 pub mod projection;
 
 use evcal_core::settings;
-use evcal_core::settings::{above, at_least, from_to};
+use evcal_core::settings::{at_least, from_to};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +37,7 @@ use crate::solve::system::{Contribution, System};
 use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, Problem, SolveError, State, bias_index};
 use crate::trust::board_evidence::{BoardEvidence, RADIUS, after, with_board};
 use blocks::{Scatter, scatter, sum_by_block};
+use projection::{NoView, ProjectionUncertainty, projection_uncertainty};
 
 settings! {
     /// How the stated σ come about; nothing of it changes the camera.
@@ -51,9 +52,9 @@ settings! {
         /// Least error of the focal lengths that all events have in common and that does not become smaller with more of
         /// them, as a share of the focal lengths (σ).
         pub systematic_scale: f64 = 1.5e-4, "", at_least(0.0);
-        /// The camera is never stated to be surer than so many independent events would make it: what is wrong with the model of
-        /// events does not become less with more of them.
-        pub most_independent: f64 = 1e5, "events", above(0.0);
+        /// How far what is wrong with the model of events moves the projection (σ, px rms over the sensor), for each square pixel of
+        /// variance that one event alone would leave it open by. More events do not make it smaller.
+        pub model_error: f64 = 2e-4, "1/px", at_least(0.0);
         /// The same of the circles' radius, where it is estimated (σ).
         pub systematic_radius: f64 = 0.03, "px", at_least(0.0);
     }
@@ -212,7 +213,14 @@ pub fn uncertainty(
     let covariance = intrinsics_of(&stated, &free, count);
     let has_events = problem.segments.iter().any(|segment| !segment.events.is_empty());
     let covariance = if has_events {
-        let common = intrinsics_of(&formal, &free, count) * (observations as f64 / settings.most_independent);
+        let formal = intrinsics_of(&formal, &free, count);
+        let common = match projection_uncertainty(&state.camera, &formal, problem.sensor) {
+            // The formal covariance, with a projection error of `model_error` times that of one event, squared.
+            Ok(ProjectionUncertainty { rms, .. }) => {
+                formal * (settings.model_error * observations as f64 * rms).powi(2)
+            }
+            Err(NoView) => formal,
+        };
         let focal_lengths = std::array::from_fn(|axis| if free[axis] { state.camera.parameters()[axis] } else { 0.0 });
         covariance + with_scale_error(common, focal_lengths, settings.systematic_scale)
     } else {
