@@ -8,7 +8,7 @@ use evcal::recording::image_folder::Stamps;
 use evcal::recording::images::Images;
 use evcal::recording::pictures::GreyImage;
 use evcal_tests::readers::{ask, python};
-use evcal_tests::{evcal, succeed, text};
+use evcal_tests::{evcal, text};
 use serde_json::{Value, json};
 
 /// The only image of a topic.

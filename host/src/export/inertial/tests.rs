@@ -64,7 +64,6 @@ fn unit() -> InertialResult {
         camera_moved: Some(0.1),
         held_camera: None,
         block_scatter: 1.0,
-        tilt: 1.0,
         correlations: [[0.0; 8]; 8],
         findings: Vec::new(),
     }
