@@ -82,7 +82,7 @@ fn follow_stretch(
     let counts: Vec<u64> = (0..=recording).map(|one| if one == recording { events.len() as u64 } else { 0 }).collect();
     let read = |index: usize, _: f64, visit: &mut dyn FnMut(&[RankedEvent])| {
         if index == recording {
-            visit(events);
+            visit(&events);
         }
         Ok::<(), CalibrateError>(())
     };
@@ -104,7 +104,7 @@ fn follow_stretch(
             // Too few events, say.
             Err(RefinementError::Solve(_)) => return Ok(None),
         };
-    let Ok(reduced) = system.reduced(0.0, &problem.free.mask()) else { return Ok(None) };
+    let Ok(reduced) = system.into_reduced(0.0, &problem.free.mask()) else { return Ok(None) };
     let places: Vec<usize> = reduced.places(&problem.free.mask());
     let Some(controls) = reduced.into_follows().control_covariances(&places, &certainty.formal) else {
         return Ok(None);

@@ -14,7 +14,7 @@ use crate::report::drawing::Picture;
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_ray::{BoardRay, is_in_front};
 use crate::solve::board_surface::{BoardGround, BoardSurface};
-use crate::solve::event_sample::RankedEvent;
+use crate::solve::event_sample::{RankedEvent, Run};
 use crate::solve::pose_bin::PoseBin;
 use crate::trajectory::Trajectory;
 use evcal_core::event::Polarity;
@@ -24,8 +24,8 @@ use evcal_core::sensor::Sensor;
 const BOARD_COLUMNS: u16 = 800;
 /// Most rows of the picture of the board.
 const MOST_ROWS: u16 = 1600;
-/// Events that a thread carries in a go.
-const PIECE: usize = 100_000;
+/// Runs of events that a thread carries in a go.
+const PIECE: usize = 3;
 /// Time over which the camera's motion is taken to be even (s).
 const BIN: f64 = 0.5e-3;
 
@@ -93,11 +93,11 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let bearings = BearingTable::new(calibrated.camera(), calibrated.sensor);
     let frame = BoardFrame::new(task.board);
     let nothing = || (Accumulation::new(calibrated.sensor), Accumulation::new(frame.size), 0_u64);
-    let carry = |recording: usize, piece: &[RankedEvent]| {
+    let carry = |recording: usize, piece: &[Run]| {
         let (mut sensor, mut board, mut used) = nothing();
         let mut carrier = Carrier::new(events, recording, &bearings);
-        for event in piece {
-            if let Some(point) = carrier.carry(event) {
+        for event in piece.iter().flat_map(Run::events) {
+            if let Some(point) = carrier.carry(&event) {
                 used += 1;
                 sensor.add(Vector2::new(f64::from(event.x), f64::from(event.y)), event.polarity);
                 board.add(frame.place(point), event.polarity);
@@ -105,8 +105,8 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
         }
         (sensor, board, used)
     };
-    let pieces: Vec<(usize, &[RankedEvent])> = (0..task.inputs.len())
-        .flat_map(|recording| events.sample.events(recording).chunks(PIECE).map(move |piece| (recording, piece)))
+    let pieces: Vec<(usize, &[Run])> = (0..task.inputs.len())
+        .flat_map(|recording| events.sample.runs(recording).chunks(PIECE).map(move |piece| (recording, piece)))
         .collect();
     let carried = pieces.into_par_iter().map(|(recording, piece)| carry(recording, piece));
     let (sensor, board, used) =

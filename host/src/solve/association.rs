@@ -270,7 +270,8 @@ impl<'a> Associator<'a> {
             .zip(self.segments.par_iter())
             .map(|((mut found, far), (segment, trajectory))| {
                 found.sort_by_key(|(bin, observation)| (*bin, observation.class));
-                let mut observations = SegmentObservations { far, ..SegmentObservations::default() };
+                let events = Vec::with_capacity(found.len());
+                let mut observations = SegmentObservations { events, far, ..SegmentObservations::default() };
                 for group in found.chunk_by(|a, b| a.0 == b.0) {
                     let Some(&(bin, _)) = group.first() else { continue };
                     let first = observations.events.len();

@@ -78,25 +78,108 @@ const STAYS: f64 = 0.75;
 /// Events that are handed out in one batch.
 const BATCH: usize = 32_768;
 
-/// The ranked events of one recording that are kept.
+/// Events of a run, at most.
+const RUN: usize = 32_768;
+
+/// Some events in a row, in 13 bytes each.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Time of the first event (µs).
+    start: i64,
+    events: Vec<CompactEvent>,
+    kinds: Vec<CompactKind>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct CompactEvent {
+    /// Time after the start of the run (µs).
+    t: u32,
+    x: u16,
+    y: u16,
+    /// Place in the order of thinning.
+    place: u32,
+}
+
+/// Polarity, rank and what came before in one byte.
+#[derive(Clone, Copy, Debug)]
+struct CompactKind(u8);
+
+impl CompactKind {
+    fn new(polarity: Polarity, place: BurstPlace) -> Self {
+        Self(polarity.index() as u8 | u8::from(place.after_short) << 1 | place.rank << 2)
+    }
+
+    fn polarity(self) -> Polarity {
+        if self.0 & 1 == 0 { Polarity::Off } else { Polarity::On }
+    }
+
+    fn place(self) -> BurstPlace {
+        BurstPlace { rank: self.0 >> 2, after_short: self.0 & 2 != 0 }
+    }
+}
+
+impl Run {
+    fn starting_at(start: i64) -> Self {
+        Self { start, events: Vec::with_capacity(RUN), kinds: Vec::with_capacity(RUN) }
+    }
+
+    /// How long after its start a time is, where an event of that time has room.
+    fn room_for(&self, t: i64) -> Option<u32> {
+        let after = t.checked_sub(self.start).and_then(|after| u32::try_from(after).ok())?;
+        (self.events.len() < RUN).then_some(after)
+    }
+
+    /// Its events in order of time.
+    pub fn events(&self) -> impl Iterator<Item = RankedEvent> + '_ {
+        self.placed().map(|(event, _)| event)
+    }
+
+    /// The same, each with its place in the order of thinning.
+    fn placed(&self) -> impl Iterator<Item = (RankedEvent, u32)> + '_ {
+        self.events.iter().zip(&self.kinds).map(|(&CompactEvent { t, x, y, place }, kind)| {
+            let t = self.start + i64::from(t);
+            (RankedEvent { t, x, y, polarity: kind.polarity(), place: kind.place() }, place)
+        })
+    }
+
+    /// Time of the last event (µs).
+    fn end(&self) -> i64 {
+        self.start + self.events.last().map_or(0, |event| i64::from(event.t))
+    }
+}
+
+/// The ranked events of one recording that are kept, in runs, so that no more room is taken than they need.
 #[derive(Clone, Debug, Default)]
 struct Kept {
-    events: Vec<RankedEvent>,
-    places: Vec<u32>,
+    runs: Vec<Run>,
 }
 
 impl Kept {
+    fn len(&self) -> usize {
+        self.runs.iter().map(|run| run.events.len()).sum()
+    }
+
+    fn push(&mut self, event: RankedEvent, place: u32) {
+        let RankedEvent { t, x, y, polarity, place: in_burst } = event;
+        let after = match self.runs.last().and_then(|run| run.room_for(t)) {
+            Some(after) => after,
+            None => {
+                self.runs.push(Run::starting_at(t));
+                0
+            }
+        };
+        if let Some(run) = self.runs.last_mut() {
+            run.events.push(CompactEvent { t: after, x, y, place });
+            run.kinds.push(CompactKind::new(polarity, in_burst));
+        }
+    }
+
     fn thin_to(&mut self, places: u64) {
-        let mut to = 0;
-        for from in 0..self.events.len() {
-            if u64::from(self.places[from]) < places {
-                self.events[to] = self.events[from];
-                self.places[to] = self.places[from];
-                to += 1;
+        for run in std::mem::take(&mut self.runs) {
+            for (event, place) in run.placed().filter(|(_, place)| u64::from(*place) < places) {
+                self.push(event, place);
             }
         }
-        self.events.truncate(to);
-        self.places.truncate(to);
     }
 }
 
@@ -109,7 +192,7 @@ pub struct EventSample {
 }
 
 impl EventSample {
-    /// Room for `most` events, at least one, of all recordings together; each takes 20 bytes.
+    /// Room for `most` events, at least one, of all recordings together; each takes 13 bytes.
     pub fn new(most: usize) -> Self {
         Self { recordings: Vec::new(), most: most.max(1), share: 1.0 }
     }
@@ -123,15 +206,12 @@ impl EventSample {
     pub fn push(&mut self, events: &[Event], thinning: &mut Thinning) {
         let places = places(self.share);
         let Some(kept) = self.recordings.last_mut() else { return };
-        thinning.push(events, places, |event, place| {
-            kept.events.push(event);
-            kept.places.push(place);
-        });
+        thinning.push(events, places, |event, place| kept.push(event, place));
         self.thin();
     }
 
     fn thin(&mut self) {
-        while self.recordings.iter().map(|kept| kept.events.len()).sum::<usize>() > self.most {
+        while self.recordings.iter().map(Kept::len).sum::<usize>() > self.most {
             self.share *= STAYS;
             let places = self::places(self.share);
             self.recordings.iter_mut().for_each(|kept| kept.thin_to(places));
@@ -142,23 +222,20 @@ impl EventSample {
     pub fn thinned(mut self, most: usize) -> Self {
         self.most = most.max(1);
         self.thin();
-        for kept in &mut self.recordings {
-            kept.events.shrink_to_fit();
-            kept.places.shrink_to_fit();
-        }
         self
     }
 
     /// All events of a recording that it has, in the order of time.
-    pub fn events(&self, recording: usize) -> &[RankedEvent] {
-        self.recordings.get(recording).map_or(&[], |kept| &kept.events)
+    pub fn runs(&self, recording: usize) -> &[Run] {
+        self.recordings.get(recording).map_or(&[], |kept| &kept.runs)
     }
 
     /// Those of a recording whose times (µs) are in `span`.
-    pub fn within(&self, recording: usize, span: std::ops::Range<i64>) -> &[RankedEvent] {
-        let events = self.events(recording);
-        let place = |t: i64| events.partition_point(|event| event.t < t);
-        events.get(place(span.start)..place(span.end)).unwrap_or_default()
+    pub fn within(&self, recording: usize, span: std::ops::Range<i64>) -> Vec<RankedEvent> {
+        let runs = self.runs(recording);
+        let first = runs.partition_point(|run| run.end() < span.start);
+        let runs = runs.iter().skip(first).take_while(|run| run.start < span.end);
+        runs.flat_map(Run::events).filter(|event| span.contains(&event.t)).collect()
     }
 
     /// Hands the events of a share of 0 to 1 of a recording to `visit`, batch by batch in the order of time. False, and
@@ -167,9 +244,9 @@ impl EventSample {
         let (Some(kept), true) = (self.recordings.get(recording), share <= self.share) else { return false };
         let places = places(share);
         let mut batch = Vec::new();
-        for (event, place) in kept.events.iter().zip(&kept.places) {
-            if u64::from(*place) < places {
-                batch.push(*event);
+        for (event, place) in kept.runs.iter().flat_map(Run::placed) {
+            if u64::from(place) < places {
+                batch.push(event);
             }
             // Full ones, however small the share: what is done with them is shared among threads.
             if batch.len() == BATCH {
@@ -228,7 +305,7 @@ mod tests {
     fn the_sample_gives_what_the_recording_gives() {
         let recordings = [events(20_000), events(30_000)];
         let sample = sampled(&recordings, 10_000);
-        let held: usize = sample.recordings.iter().map(|kept| kept.events.len()).sum();
+        let held: usize = sample.recordings.iter().map(Kept::len).sum();
         assert!((7_000..=10_000).contains(&held), "{held}");
         for (index, events) in recordings.iter().enumerate() {
             for share in [0.0, 0.01, 0.1, sample.share] {

@@ -70,32 +70,37 @@ pub fn solve_telling(
             }
         }
         report.iterations += 1;
-        let step = match system.solve(damping, &free) {
+        // Systems are large: there is one at a time, and that of a state is made again where a step from there was none.
+        let (cost, count) = (system.cost, system.count);
+        let step = match system.into_step(damping, &free) {
             Ok(step) => step,
             Err(_) if damping < LARGEST_DAMPING => {
+                system = assemble(problem, &state, &stretches);
                 damping *= 100.0;
                 continue;
             }
             Err(_) => return Err(SolveError::Singular),
         };
         let Some(trial) = moved(&state, &step.segments, &step.globals) else {
+            system = assemble(problem, &state, &stretches);
             damping *= 10.0;
             continue;
         };
-        let trial_system = assemble(problem, &trial, &stretches);
+        system = assemble(problem, &trial, &stretches);
         // Observations that fall out of the model's domain must not make a step look good.
-        let better = trial_system.count >= system.count && trial_system.cost < system.cost;
+        let better = system.count >= count && system.cost < cost;
         if !better {
+            drop(system);
+            system = assemble(problem, &state, &stretches);
             report.rejected += 1;
-            if damping > LARGEST_DAMPING || step.predicted < problem.settings.tolerance * system.cost {
+            if damping > LARGEST_DAMPING || step.predicted < problem.settings.tolerance * cost {
                 break;
             }
             damping = (damping * 30.0).max(1e-4);
             continue;
         }
-        let decrease = (system.cost - trial_system.cost) / system.cost;
+        let decrease = (cost - system.cost) / cost;
         state = trial;
-        system = trial_system;
         damping = (damping * 0.1).max(SMALLEST_DAMPING);
         if decrease < problem.settings.tolerance {
             break;
@@ -113,25 +118,27 @@ fn settled(decrease: f64, tolerance: f64) -> f64 {
     if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// What one Gauss-Newton step from a state gives.
-pub struct OneStep {
-    /// The state after the step.
-    pub state: State,
-    /// Covariance of the intrinsics before it, as [`intrinsics_covariance`] states it.
-    pub formal_covariance: DMatrix<f64>,
-}
-
-/// One step from `state`, which solves a problem that is nearly `problem`, towards the solution of this one.
+/// One Gauss-Newton step from `state`, which solves a problem that is nearly `problem`, towards the solution of this one.
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the free parameters, or the camera model refuses the step.
-pub fn one_step(problem: &Problem, state: &State) -> Result<OneStep, SolveError> {
-    let free = problem.free.mask();
+pub fn one_step(problem: &Problem, state: &State) -> Result<State, SolveError> {
+    step_in(assemble(problem, state, &stretches(&problem.segments)), problem, state)
+}
+
+/// As [`one_step`], with the covariance of the intrinsics before it, as [`intrinsics_covariance`] states it.
+///
+/// # Errors
+/// As [`one_step`].
+pub fn one_step_with_covariance(problem: &Problem, state: &State) -> Result<(State, DMatrix<f64>), SolveError> {
     let system = assemble(problem, state, &stretches(&problem.segments));
-    let step = system.solve(FIRST_DAMPING, &free).map_err(|_| SolveError::Singular)?;
-    let next = moved(state, &step.segments, &step.globals).ok_or(SolveError::Singular)?;
-    let formal_covariance = intrinsics_covariance(&system, &free, state.camera.parameters().len())?;
-    Ok(OneStep { state: next, formal_covariance })
+    let covariance = intrinsics_covariance(&system, &problem.free.mask(), state.camera.parameters().len())?;
+    Ok((step_in(system, problem, state)?, covariance))
+}
+
+fn step_in(system: System, problem: &Problem, state: &State) -> Result<State, SolveError> {
+    let step = system.into_step(FIRST_DAMPING, &problem.free.mask()).map_err(|_| SolveError::Singular)?;
+    moved(state, &step.segments, &step.globals).ok_or(SolveError::Singular)
 }
 
 /// Covariance of the first `count` parameters, the intrinsics, if observations were independent, from the `system` at a solution;

@@ -24,7 +24,7 @@ use crate::solve::left_out::{LeftOut, leave_out};
 use crate::solve::levenberg::{Solved, solve_telling};
 use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
-use crate::solve::stretch::{EventResidual, residuals, residuals_at};
+use crate::solve::stretch::{EventResidual, residuals_and_scale, residuals_at};
 use crate::solve::system::System;
 use crate::solve::unexplained::{UnexplainedSettings, unexplained};
 use crate::solve::{
@@ -197,11 +197,8 @@ pub fn refine<E: Send>(
         kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
         let mut problem = problem(input, settings, segments, &state);
         leave_out(&mut problem, &state, input.left_out);
-        let residuals = residuals(&problem, &state, &bearings);
-        if !residuals.is_empty() {
-            problem.mean_scale =
-                residuals.iter().map(|event| f64::from(event.scale)).sum::<f64>() / residuals.len() as f64;
-        }
+        let (residuals, mean_scale) = residuals_and_scale(&problem, &state, &bearings);
+        problem.mean_scale = mean_scale.unwrap_or(problem.mean_scale);
         state.bias = updated_bias(&state, residuals, settings);
         problem.free = free_parameters(&state.camera, &problem, settings.refinement);
         problem.free.board = input.free_board;

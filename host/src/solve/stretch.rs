@@ -182,10 +182,10 @@ fn find_edges<'a>(
 /// The residual of one event.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EventResidual {
-    /// Index of the segment.
-    pub segment: usize,
     /// Time since the start of its recording, less the latency of its class (s).
     pub t: f64,
+    /// Index of the segment.
+    pub segment: u32,
     /// Column and row.
     pub pixel: [u16; 2],
     /// Unit vector across the edge in the image, out of the circle.
@@ -196,17 +196,20 @@ pub struct EventResidual {
     pub speed_range: u8,
     /// Distance from where the model puts the event (px).
     pub residual: f32,
-    /// Metres on the board for each pixel across the edge.
-    pub scale: f32,
 }
 
-/// The residuals of all events, in their order, without a table of bearings that is there already.
+/// The residuals of all events, in their order.
 pub fn residuals_at(problem: &Problem, state: &State) -> Vec<EventResidual> {
-    residuals(problem, state, &BearingTable::new(&state.camera, problem.sensor))
+    residuals_and_scale(problem, state, &BearingTable::new(&state.camera, problem.sensor)).0
 }
 
-/// The residuals of all events, in their order; `bearings` are those of the state's camera.
-pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> Vec<EventResidual> {
+/// The residuals of all events, in their order, and the mean of the metres on the board for each pixel across the edge, `None`
+/// without events; `bearings` are those of the state's camera.
+pub fn residuals_and_scale(
+    problem: &Problem,
+    state: &State,
+    bearings: &BearingTable,
+) -> (Vec<EventResidual>, Option<f64>) {
     let of_stretch = |stretch: &Stretch| {
         let mut found = Vec::new();
         let (Some(observations), Some(trajectory)) =
@@ -224,27 +227,32 @@ pub fn residuals(problem: &Problem, state: &State, bearings: &BearingTable) -> V
                 for (lane, (event, _)) in in_view {
                     let scale = edges.scale[lane];
                     let bias = &state.bias[class_of(event)];
-                    found.push(EventResidual {
-                        segment: stretch.segment,
+                    let residual = EventResidual {
                         t: bin.t + f64::from(event.dt),
+                        segment: stretch.segment as u32,
                         pixel: [event.x, event.y],
                         normal: [0, 1].map(|axis| (edges.by_pixel[axis][lane] / scale) as f32),
                         class: event.class,
                         speed_range: event.speed_range,
                         residual: (edges.pixels[lane] - bias.distance(&edges.passage(lane))) as f32,
-                        scale: scale as f32,
-                    });
+                    };
+                    found.push((residual, scale as f32));
                 }
             }
         }
         found
     };
     let mut found = Vec::with_capacity(problem.segments.iter().map(|segment| segment.events.len()).sum());
+    let mut scales = 0.0;
     // A few at a time, so that they are not held twice.
     for group in stretches(&problem.segments).chunks(STRETCHES_TOGETHER) {
-        group.par_iter().map(of_stretch).collect::<Vec<_>>().into_iter().for_each(|part| found.extend(part));
+        for (residual, scale) in group.par_iter().map(of_stretch).collect::<Vec<_>>().into_iter().flatten() {
+            scales += f64::from(scale);
+            found.push(residual);
+        }
     }
-    found
+    let count = found.len();
+    (found, (count > 0).then(|| scales / count as f64))
 }
 
 /// The residual of one circle centre.

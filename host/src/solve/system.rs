@@ -143,9 +143,12 @@ impl System {
         }
     }
 
-    /// Solves the system damped by `damping` (relative to the diagonal) for the free parameters.
-    pub fn solve(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Step, NotPositiveDefinite> {
-        let Reduced { free, segments: eliminated, schur, right } = self.reduced(damping, free)?;
+    /// Solves the system damped by `damping` (relative to the diagonal) for the free parameters. Takes the system, for what it is
+    /// made into is as large.
+    pub fn into_step(self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Step, NotPositiveDefinite> {
+        let gradients: Vec<Vec<[f64; 6]>> = self.segments.iter().map(|segment| segment.gradient.clone()).collect();
+        let corner_gradient = self.corner_gradient.clone();
+        let Reduced { free, segments: eliminated, schur, right } = self.into_reduced(damping, free)?;
         let factor = schur.cholesky().ok_or(NotPositiveDefinite)?;
         let reduced = factor.solve(&right);
         let mut globals = vec![0.0; GLOBAL_COUNT];
@@ -153,41 +156,40 @@ impl System {
             globals[global] = *value;
         }
         let segments: Vec<Vec<f64>> = eliminated.iter().map(|part| part.back_substitute(&reduced)).collect();
-        let predicted = self.predicted_decrease(&segments, &globals);
+        let predicted = predicted_decrease((&gradients, &corner_gradient), &segments, &globals);
         Ok(Step { segments, globals, predicted })
     }
 
     /// The system, damped by `damping`, without its control points; of the global parameters those that are `free`.
     pub fn reduced(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Reduced, NotPositiveDefinite> {
         let free = places(free);
-        let eliminate = |segment: &SegmentSystem| {
-            let factor = segment.factored(damping)?;
-            Ok(Eliminated::new((factor, segment.order), &segment.border, &segment.gradient, &free))
-        };
-        let segments: Vec<Eliminated> =
-            self.segments.par_iter().map(eliminate).collect::<Result<_, NotPositiveDefinite>>()?;
-        let mut schur = DMatrix::from_fn(free.len(), free.len(), |row, column| {
-            let value = self.corner[(free[row], free[column])];
-            if row == column { value * (1.0 + damping) } else { value }
-        });
-        let mut right = DVector::from_fn(free.len(), |row, _| -self.corner_gradient[free[row]]);
-        for part in &segments {
-            let (of_segment, right_of_segment) = part.schur();
-            schur -= of_segment;
-            right -= right_of_segment;
-        }
-        Ok(Reduced { free, segments, schur, right })
+        let segments = self.segments.par_iter().map(|segment| segment.eliminated(damping, &free));
+        let segments = segments.collect::<Result<_, NotPositiveDefinite>>()?;
+        Ok(Reduced::new(free, segments, (&self.corner, &self.corner_gradient), damping))
     }
 
-    /// −gᵀδ − ½ δᵀHδ, using Hδ = −g − damping·Dδ: for small damping half of −gᵀδ.
-    fn predicted_decrease(&self, segments: &[Vec<f64>], globals: &[f64]) -> f64 {
-        let mut sum = 0.0;
-        for (segment, step) in self.segments.iter().zip(segments) {
-            sum += segment.gradient.iter().flatten().zip(step).map(|(g, s)| g * s).sum::<f64>();
-        }
-        sum += self.corner_gradient.iter().zip(globals).map(|(g, s)| g * s).sum::<f64>();
-        -0.5 * sum
+    /// The same where the system is of no use afterwards: each of its segments goes as soon as it is eliminated.
+    pub fn into_reduced(self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Reduced, NotPositiveDefinite> {
+        let free = places(free);
+        let segments = self.segments.into_par_iter().map(|segment| segment.eliminated(damping, &free));
+        let segments = segments.collect::<Result<_, NotPositiveDefinite>>()?;
+        Ok(Reduced::new(free, segments, (&self.corner, &self.corner_gradient), damping))
     }
+}
+
+/// −gᵀδ − ½ δᵀHδ, using Hδ = −g − damping·Dδ: for small damping half of −gᵀδ. Gradients of the control points of each segment and of
+/// the global parameters.
+fn predicted_decrease(
+    (gradients, corner_gradient): (&[Vec<[f64; 6]>], &DVector<f64>),
+    segments: &[Vec<f64>],
+    globals: &[f64],
+) -> f64 {
+    let mut sum = 0.0;
+    for (gradient, step) in gradients.iter().zip(segments) {
+        sum += gradient.iter().flatten().zip(step).map(|(g, s)| g * s).sum::<f64>();
+    }
+    sum += corner_gradient.iter().zip(globals).map(|(g, s)| g * s).sum::<f64>();
+    -0.5 * sum
 }
 
 /// A system without its control points.
@@ -199,6 +201,26 @@ pub struct Reduced {
 }
 
 impl Reduced {
+    /// From its `segments` and what the system says of the global parameters.
+    fn new(
+        free: Vec<usize>,
+        segments: Vec<Eliminated>,
+        (corner, gradient): (&DMatrix<f64>, &DVector<f64>),
+        damping: f64,
+    ) -> Self {
+        let mut schur = DMatrix::from_fn(free.len(), free.len(), |row, column| {
+            let value = corner[(free[row], free[column])];
+            if row == column { value * (1.0 + damping) } else { value }
+        });
+        let mut right = DVector::from_fn(free.len(), |row, _| -gradient[free[row]]);
+        for part in &segments {
+            let (of_segment, right_of_segment) = part.schur();
+            schur -= of_segment;
+            right -= right_of_segment;
+        }
+        Self { free, segments, schur, right }
+    }
+
     /// Where those of its global parameters that are `free` stand among all of its own.
     pub fn places(&self, free: &[bool; GLOBAL_COUNT]) -> Vec<usize> {
         (0..self.free.len()).filter(|&place| free[self.free[place]]).collect()
@@ -290,6 +312,12 @@ impl SegmentSystem {
             }
         }
         product
+    }
+
+    /// Its control points eliminated, damped by `damping`, from the global parameters that are `free`.
+    fn eliminated(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
+        let factor = self.factored(damping)?;
+        Ok(Eliminated::new((factor, self.order), &self.border, &self.gradient, free))
     }
 
     /// The factored matrix of the control points.

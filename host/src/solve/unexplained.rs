@@ -50,7 +50,7 @@ pub fn unexplained(
         let cells = ((trajectory.end() - trajectory.start()) / settings.cell).ceil().max(0.0) as usize;
         let cell_of = |t: f64| ((t - trajectory.start()) / settings.cell).max(0.0) as usize;
         let mut sizes: Vec<Vec<f32>> = vec![Vec::new(); cells];
-        for event in residuals.iter().filter(|event| event.segment == segment) {
+        for event in residuals.iter().filter(|event| event.segment as usize == segment) {
             let sigma = state
                 .bias
                 .get(usize::from(event.class))

@@ -11,11 +11,12 @@
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::settings;
 use evcal_core::settings::at_least;
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::lens::camera_file::CameraDescription;
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
-use crate::solve::levenberg::{OneStep, Solved, intrinsics_covariance, one_step, solve};
+use crate::solve::levenberg::{Solved, intrinsics_covariance, one_step, one_step_with_covariance, solve};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::residuals_at;
 use crate::solve::{FreeParameters, Problem, SolveError, State};
@@ -74,9 +75,9 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
         return None;
     }
     let halves = [0, 1].map(|parity| half(problem, settings, parity));
-    let (first, first_residuals) = solved(&halves[0], state).ok()?;
-    let (second, second_residuals) = solved(&halves[1], state).ok()?;
+    let [first, second] = [solved(&halves[0], state).ok()?, solved(&halves[1], state).ok()?];
     let covariance = (&first.formal_covariance + &second.formal_covariance) * inflation;
+    let (first_residuals, second_residuals) = (first.residuals, second.residuals);
     let (first, second) = (&first.state, &second.state);
     let difference = projection_difference(&first.camera, &second.camera, problem.sensor).ok()?;
     let expected = projection_uncertainty(&state.camera, &covariance, problem.sensor).ok()?;
@@ -106,21 +107,29 @@ const FEWEST_LEFT: f64 = 0.999;
 /// See there.
 const MOST_WORSE: f64 = 1.01;
 
-/// The solution of `half` from `state` on, which solves the whole, and the residuals there.
-fn solved(half: &Problem, state: &State) -> Result<(OneStep, ResidualStatistics), SolveError> {
+/// What one half says.
+struct SolvedHalf {
+    state: State,
+    /// Covariance of the intrinsics, if observations were independent.
+    formal_covariance: DMatrix<f64>,
+    residuals: ResidualStatistics,
+}
+
+/// The solution of `half` from `state` on, which solves the whole.
+fn solved(half: &Problem, state: &State) -> Result<SolvedHalf, SolveError> {
     let before = statistics(half, state);
-    let two_steps = one_step(half, state).and_then(|first| one_step(half, &first.state));
-    if let Ok(step) = two_steps {
-        let after = statistics(half, &step.state);
-        if after.count as f64 > FEWEST_LEFT * before.count as f64 && after.rms < MOST_WORSE * before.rms {
-            return Ok((step, after));
+    let two_steps = one_step(half, state).and_then(|first| one_step_with_covariance(half, &first));
+    if let Ok((state, formal_covariance)) = two_steps {
+        let residuals = statistics(half, &state);
+        if residuals.count as f64 > FEWEST_LEFT * before.count as f64 && residuals.rms < MOST_WORSE * before.rms {
+            return Ok(SolvedHalf { state, formal_covariance, residuals });
         }
     }
     // Too far for them.
     let Solved { state: own, system, .. } = solve(half, state.clone())?;
     let formal_covariance = intrinsics_covariance(&system, &half.free.mask(), own.camera.parameters().len())?;
     let residuals = statistics(half, &own);
-    Ok((OneStep { state: own, formal_covariance }, residuals))
+    Ok(SolvedHalf { state: own, formal_covariance, residuals })
 }
 
 fn statistics(problem: &Problem, state: &State) -> ResidualStatistics {
@@ -131,8 +140,8 @@ fn statistics(problem: &Problem, state: &State) -> ResidualStatistics {
 fn with_camera_held(half: &Problem, own: &State, camera: &Camera<f64>) -> Option<ResidualStatistics> {
     let free = FreeParameters { intrinsics: [false; MAX_PARAMETERS], ..half.free };
     let held = Problem { free, ..half.with_segments(half.segments.clone()) };
-    let step = one_step(&held, &State { camera: *camera, ..own.clone() }).ok()?;
-    Some(statistics(&held, &step.state))
+    let followed = one_step(&held, &State { camera: *camera, ..own.clone() }).ok()?;
+    Some(statistics(&held, &followed))
 }
 
 /// The slices of `problem` whose number has this parity.

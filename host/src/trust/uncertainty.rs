@@ -169,15 +169,14 @@ pub fn uncertainty(
     let stretches = stretches(&problem.segments);
     let free = problem.free.mask();
     let singular = |_| SolveError::Singular;
-    let reduced = system.reduced(0.0, &with_board(problem).mask()).map_err(singular)?;
+    let observations = system.count;
+    // Long trajectories have large systems: there is one of a kind at a time.
+    let reduced = system.into_reduced(0.0, &with_board(problem).mask()).map_err(singular)?;
     let places = reduced.places(&free);
     let formal = reduced.covariance(&places).map_err(singular)?;
     let all_places = reduced.places(&with_board(problem).mask());
     let formal_with_board = reduced.covariance(&all_places).ok();
     let step_with_board = reduced.global_step().ok();
-    let observations = system.count;
-    // Long trajectories have large systems.
-    drop(system);
     let follows = reduced.into_follows();
     let controls = follows.control_covariances(&places, &formal).ok_or(SolveError::Singular)?;
     let contributions_with_board = contributions(problem, state, &follows, &stretches);
