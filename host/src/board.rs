@@ -46,6 +46,9 @@ pub enum BoardProblem {
     /// A board that is not made of circles.
     #[error("{0} cannot be used, only boards of circles can; print one with evcal board --pdf board.pdf")]
     NoCircles(&'static str),
+    /// The name of a file.
+    #[error("looks like a file, not like a description; recordings stand apart from --board")]
+    File,
     /// A part is missing or too much.
     #[error("has {0} part(s) between colons, not 4")]
     Parts(usize),
@@ -197,7 +200,8 @@ impl FromStr for Board {
             return Err(error(BoardProblem::NoCircles(kind)));
         }
         let &[layout, size, spacing, radius] = parts.as_slice() else {
-            return Err(error(BoardProblem::Parts(parts.len())));
+            let is_file = parts.len() == 1 && text.contains('.');
+            return Err(error(if is_file { BoardProblem::File } else { BoardProblem::Parts(parts.len()) }));
         };
         let layout = match layout {
             "acircles" => Layout::Asymmetric,

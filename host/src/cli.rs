@@ -21,6 +21,7 @@ mod info;
 mod interrupt;
 mod live;
 mod man;
+mod mistaken;
 mod print;
 mod progress;
 mod record;
@@ -135,7 +136,8 @@ struct NotGoodEnough;
 /// Runs the program.
 pub fn run() -> ExitCode {
     // clap exits with 2 on wrong usage.
-    let matches = help::command().get_matches();
+    let words = || std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+    let matches = help::command().try_get_matches().unwrap_or_else(|error| mistaken::explained(error, words()).exit());
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     if let Some(threads) = arguments.threads
         && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()

@@ -85,7 +85,7 @@ settings! {
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
     /// The file could not be read.
-    #[error("{file}: {error}")]
+    #[error("{file} cannot be read as settings: {error}; the settings.toml of a calibration shows their form")]
     Read {
         /// The file.
         file: String,

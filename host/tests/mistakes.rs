@@ -72,6 +72,21 @@ const USAGE: &[Mistake] = &[
     mistake("repeat a.csv --board BOARD --seconds 4", 2, "--seconds", "6s"),
     mistake("live --board auto -o DIR/out", 1, "recognised in events only", "--board acircles:9x4:55mm:r17.5mm"),
     mistake("live --sensor 346x260 --board BOARD -o DIR/out", 2, "needs one", "--replay RECORDING"),
+    mistake("DIR/sizeless.csv", 2, "unrecognized subcommand", "evcal info"),
+    mistake("calibrate BOARD --board DIR/sizeless.csv -o DIR/out", 2, "looks like a file", "acircles:9x4:55mm:r17.5mm"),
+    mistake("calibrate a.csv -board BOARD -o DIR/out", 2, "'-b'", "two hyphens: '--board'"),
+    mistake("calibrate a.csv --board acircles:9x4:55,5mm:r17,5mm -o DIR/out", 2, "55,5mm", "acircles:9x4:55mm:r17.5mm"),
+    mistake("calibrate a.csv --board acircles:9*4:55mm:r17.5mm -o DIR/out", 2, "9*4", "acircles:9x4:55mm:r17.5mm"),
+    mistake(
+        "simulate -o DIR/out --model radtan4 --parameters 300;300;172;129;0;0;0;0",
+        2,
+        "300;300",
+        "331.6,331.1,176.9,134.2",
+    ),
+    mistake("simulate -o DIR/out --duration 3,5s", 2, "3,5s", "for example 6s"),
+    mistake("record DIR/out.dvraw --duration 10", 2, "'10'", "for example 6s"),
+    mistake("record DIR/out.aedat4", 2, "recorded as .dvraw", "evcal convert"),
+    mistake("board --paper a9 --pdf DIR/out.pdf", 2, "a9", "600x400mm"),
 ];
 
 /// Mistakes with files.
@@ -80,9 +95,60 @@ const FILES: &[Mistake] = &[
         "calibrate DIR/missing.dvraw --board BOARD -o DIR/out",
         1,
         "missing.dvraw: cannot be read: No such file",
-        "",
+        "is the path right?",
     ),
+    mistake("calibrate DIR/my recording.dvraw --board BOARD -o DIR/out", 1, "/my: cannot be read", "needs quotes"),
+    mistake(
+        "calibrate DIR/*.aedat4 --board BOARD -o DIR/out",
+        1,
+        "*.aedat4: cannot be read",
+        "is it the right folder?",
+    ),
+    mistake("calibrate ~/a.bag --board BOARD -o DIR/out", 1, "~/a.bag: cannot be read", "write the whole path"),
+    mistake("calibrate https://example.org/a.raw --board BOARD -o DIR/out", 1, "an address is no file", "download it"),
+    mistake("calibrate /dev/ttyACM99 --board BOARD -o DIR/out", 1, "cannot be read", "serial:PORT"),
     mistake("calibrate DIR/camera --board BOARD -o DIR/out", 1, "is a folder", "name"),
+    mistake(
+        "calibrate DIR/several --board BOARD -o DIR/out",
+        1,
+        "is a folder",
+        "name the recording in it (a.raw, b.raw, c.raw …)",
+    ),
+    mistake(
+        "calibrate DIR/video.mp4 --board BOARD -o DIR/out",
+        1,
+        "is a video file",
+        "the events that the camera recorded",
+    ),
+    mistake(
+        "calibrate DIR/video.avi --board BOARD -o DIR/out",
+        1,
+        "is a video file",
+        "the events that the camera recorded",
+    ),
+    mistake("calibrate DIR/recording.tar --board BOARD -o DIR/out", 1, "is a tar file", "unpack it with tar"),
+    mistake("calibrate DIR/recording.7z --board BOARD -o DIR/out", 1, "is a 7z file", "unpack it first"),
+    mistake("calibrate DIR/recording.rar --board BOARD -o DIR/out", 1, "is a RAR file", "unpack it first"),
+    mistake("calibrate DIR/events.parquet --board BOARD -o DIR/out", 1, "is a Parquet file", "numpy.savez"),
+    mistake("calibrate DIR/events.pkl --board BOARD -o DIR/out", 1, "is a Python pickle file", "numpy.savez"),
+    mistake("calibrate DIR/events.mat --board BOARD -o DIR/out", 1, "is a MATLAB file", "-v7.3"),
+    mistake("calibrate DIR/page.raw --board BOARD -o DIR/out", 1, "is a downloaded HTML file", "download it again"),
+    mistake("calibrate DIR/pointer.aedat4 --board BOARD -o DIR/out", 1, "Git LFS pointer", "git lfs pull"),
+    mistake("calibrate DIR/windows.csv --board BOARD -o DIR/out", 1, "is a UTF-16 text file", "save it as UTF-8"),
+    mistake(
+        "calibrate DIR/german.csv --sensor 346x260 --board BOARD -o DIR/out",
+        1,
+        "line 2: has 5 fields, not 4",
+        "write 0.5, not 0,5",
+    ),
+    mistake("calibrate FIXTURE --imu DIR/missing.csv --board BOARD -o DIR/out", 1, "missing.csv", "is the path right?"),
+    mistake(
+        "calibrate FIXTURE --settings FIXTURE --board BOARD -o DIR/out",
+        1,
+        "cannot be read as settings",
+        "settings.toml",
+    ),
+    mistake("compare FIXTURE FIXTURE", 1, "events.dvraw", "calibration.json"),
     mistake("calibrate DIR/empty.csv --board BOARD -o DIR/out", 1, "empty.csv", "empty"),
     mistake("calibrate DIR/picture.png --board BOARD -o DIR/out", 1, "picture.png", "PNG"),
     mistake(
@@ -120,9 +186,9 @@ const FILES: &[Mistake] = &[
     ),
     mistake("evaluate DIR/camera --truth DIR/foreign.json", 1, "no camera file", "\"parameters\": {\"fx\""),
     mistake("evaluate DIR/camera --truth DIR/foreign.yaml", 1, "no camera file", "\"model\": \"radtan4\""),
-    mistake("export DIR --format ros", 1, "calibration.json", ""),
+    mistake("export DIR --format ros", 1, "calibration.json: No such file", "or its folder"),
     mistake("export DIR/camera --format rospy", 2, "rospy", "ros"),
-    mistake("undistort DIR/camera -c FIXTURE -o DIR/new.csv", 1, "events.dvraw", ""),
+    mistake("undistort DIR/camera -c FIXTURE -o DIR/new.csv", 1, "events.dvraw", "or its folder"),
     mistake("convert FIXTURE DIR/events.xyz", 1, "events.xyz", "csv"),
     mistake("repeat FIXTURE --board BOARD", 1, "3.0 s long", "--seconds 1.4s"),
 ];
@@ -183,6 +249,24 @@ fn prepare() -> TempDir {
     put("milliseconds.csv", format!("{head}{}", (0..50_000).map(slow).collect::<String>()).as_bytes());
     let shuffled: String = (0..20_000_u32).map(|index| line(index * 7919 % 20_011 * 1000)).collect();
     put("shuffled.csv", format!("t_us,x,y,p\n{shuffled}").as_bytes());
+    put("video.mp4", &[b"\0\0\0\x20ftypisom".as_slice(), &[0; 1000]].concat());
+    put("video.avi", &[b"RIFF\x24\x08\0\0AVI LIST".as_slice(), &[0; 1000]].concat());
+    put("recording.tar", &[[0_u8; 257].as_slice(), b"ustar", &[0; 1000]].concat());
+    put("recording.7z", &[b"7z\xbc\xaf\x27\x1c".as_slice(), &[0; 1000]].concat());
+    put("recording.rar", &[b"Rar!\x1a\x07\x01".as_slice(), &[0; 1000]].concat());
+    put("events.parquet", &[b"PAR1".as_slice(), &[0; 1000]].concat());
+    put("events.pkl", &[b"\x80\x04\x95".as_slice(), &[0; 1000]].concat());
+    put("events.mat", &[b"MATLAB 5.0 MAT-file, Platform: GLNXA64".as_slice(), &[0; 1000]].concat());
+    put("page.raw", b"<!DOCTYPE html><html><body>Not Found</body></html>");
+    put("pointer.aedat4", b"version https://git-lfs.github.com/spec/v1\noid sha256:0123\nsize 12345\n");
+    let windows: Vec<u8> = format!("\u{feff}t,x,y,p\n{}", line(1)).encode_utf16().flat_map(u16::to_le_bytes).collect();
+    put("windows.csv", &windows);
+    let comma = |index: u32| format!("0,{:06};{};{};1\n", index * 4, index % 346, index * 7 % 260);
+    put("german.csv", format!("t;x;y;p\n{}", (0..20_000).map(comma).collect::<String>()).as_bytes());
+    fs::create_dir(directory.path().join("several")).unwrap();
+    for name in ["a.raw", "b.raw", "c.raw", "d.raw"] {
+        put(&format!("several/{name}"), b"% evt 3.0\n");
+    }
     put("settings.toml", b"[detection.cluster]\nepsilonn = 3.0\n");
     put("foreign.json", br#"{"K": [[300, 0, 172], [0, 300, 129], [0, 0, 1]], "dist": [0, 0, 0, 0, 0]}"#);
     put("foreign.yaml", b"image_width: 346\nimage_height: 260\ncamera_name: dvs\n");

@@ -16,6 +16,7 @@ use evcal::calibrate::parameter_request::ParameterRequests;
 use evcal::circles::serial::{SerialAddress, SerialError};
 use evcal::detection::settings::{DetectionSettings, Grid};
 use evcal::files::folder::{FolderError, OutputFolder};
+use evcal::inertial;
 use evcal::inertial::settings::InertialSettings;
 use evcal::initial::model_choice::ModelRequest;
 use evcal::numerics::gravity::STANDARD_GRAVITY;
@@ -260,8 +261,11 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     // Before the work, not after it.
     arguments.calibration.parameters()?;
-    let folder = arguments.calibration.open_folder()?;
     let settings = arguments.calibration.method.settings()?;
+    if let Some(Some(samples)) = &arguments.calibration.imu {
+        inertial::csv::read(samples)?;
+    }
+    let folder = arguments.calibration.open_folder()?;
     let others = OtherCameras {
         recordings: &arguments.with,
         streams: &arguments.with_stream,

@@ -42,7 +42,14 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", requires = "parameters", value_parser = value::model())]
     model: Option<ModelKind>,
     /// Parameters of the model: fx,fy,cx,cy in pixels, then the distortion coefficients
-    #[arg(long, value_name = "NUMBERS", requires = "model", value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "NUMBERS",
+        requires = "model",
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        value_parser = value::number_of_list
+    )]
     parameters: Vec<f64>,
     /// Take lens and sensor size from this calibration.json or truth.json, or from that of this folder
     #[arg(long, value_name = "FILE|DIR", conflicts_with_all = ["model", "parameters", "sensor"])]
@@ -106,7 +113,14 @@ pub struct Arguments {
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25")]
     frames: Option<f64>,
     /// Another lens for the frames, to see a calibration notice: parameters of the same model
-    #[arg(long, value_name = "NUMBERS", requires = "frames", value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "NUMBERS",
+        requires = "frames",
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        value_parser = value::number_of_list
+    )]
     frame_lens: Vec<f64>,
     /// Inertial samples too, 1000 a second (aedat4 and dvraw): of a perfect unit in the camera, or, with davis346, of a
     /// real one beside it with filters, scale and misalignment; or as a file says (the part "imu" of a truth.json's

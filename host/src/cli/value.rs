@@ -35,6 +35,13 @@ const OTHER_NAMES: &[(&str, &str)] = &[
     ("atan", "the field-of-view model is fov"),
 ];
 
+/// Reads one of several numbers that have commas between them.
+pub fn number_of_list(text: &str) -> Result<f64, &'static str> {
+    text.trim()
+        .parse()
+        .map_err(|_| "write numbers with a point in them and a comma between them, such as 331.6,331.1,176.9,134.2")
+}
+
 /// Reads the name of a camera model; the help lists them all.
 pub fn model() -> impl TypedValueParser<Value = ModelKind> {
     NameParser { names: ModelKind::ALL.iter().map(|kind| kind.name()).collect() }

@@ -13,7 +13,7 @@ use crate::numerics::gravity::STANDARD_GRAVITY;
 #[non_exhaustive]
 pub enum CsvError {
     /// The system says so.
-    #[error("{}: {error}", path.display())]
+    #[error("{}: {error}; is the path right?", path.display())]
     Io {
         /// The file.
         path: PathBuf,

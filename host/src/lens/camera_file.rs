@@ -56,7 +56,7 @@ pub fn camera_path(path: &Path) -> PathBuf {
 #[non_exhaustive]
 pub enum CameraFileError {
     /// The file could not be read.
-    #[error("{file}: {error}")]
+    #[error("{file}: {error}; name the calibration.json that evcal calibrate wrote, or its folder")]
     Read {
         /// The file.
         file: String,

@@ -26,12 +26,20 @@ pub enum RecordingErrorKind {
     /// The operating system refused.
     #[error("cannot be read: {0}")]
     Io(io::Error),
+    /// There is no such file.
+    #[error("cannot be read: {error}; {advice}")]
+    Missing {
+        /// What the system said.
+        error: io::Error,
+        /// What to do.
+        advice: &'static str,
+    },
     /// A pipe or device.
     #[error("is not an ordinary file; recordings are read several times, so a pipe has to be saved to a file first")]
     NotAFile,
     /// A directory.
-    #[error("is a folder: name the recording in it")]
-    Directory,
+    #[error("is a folder: name the recording in it{0}")]
+    Directory(String),
     /// No byte in it.
     #[error("is empty")]
     Empty,

@@ -1,7 +1,7 @@
 //! What a format of recordings can do, and how it is told from others.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{self, Read};
 use std::path::Path;
 
 use usb_davis::capture::{Capture, CaptureError};
@@ -85,10 +85,15 @@ pub struct Head {
 impl Head {
     /// Reads the beginning of the file at `path`, which must be an ordinary file.
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
-        let io = |error| RecordingError::io(path, error);
+        let io = |error: io::Error| match error.kind() {
+            io::ErrorKind::NotFound => {
+                RecordingError::new(path, RecordingErrorKind::Missing { error, advice: where_else(path) })
+            }
+            _ => RecordingError::io(path, error),
+        };
         let metadata = std::fs::metadata(path).map_err(io)?;
         if metadata.is_dir() {
-            return Err(RecordingError::new(path, RecordingErrorKind::Directory));
+            return Err(RecordingError::new(path, RecordingErrorKind::Directory(recordings_in(path))));
         }
         if !metadata.is_file() {
             return Err(RecordingError::new(path, RecordingErrorKind::NotAFile));
@@ -107,3 +112,40 @@ impl Head {
         text.chars().all(is_text).then(|| text.trim_start_matches('\u{feff}'))
     }
 }
+
+/// What to do about a path that leads nowhere.
+fn where_else(path: &Path) -> &'static str {
+    let text = path.to_string_lossy();
+    if text.contains("://") {
+        "an address is no file: download it first"
+    } else if text.contains(['*', '?']) {
+        "no name is of this form: is it the right folder?"
+    } else if text.starts_with('~') {
+        "within quotes ~ is a name like others: write the whole path of your home folder"
+    } else if text.starts_with("/dev/tty") {
+        "a detector on a serial port is named serial:PORT; is it plugged in?"
+    } else {
+        "is the path right? one with spaces needs quotes"
+    }
+}
+
+/// Names of files in a folder told to who named the folder, at most.
+const MOST_NAMED: usize = 3;
+
+/// The recordings in the folder `path` by their names, the first few of them: as words to append.
+fn recordings_in(path: &Path) -> String {
+    let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
+    let mut names: Vec<String> = entries
+        .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_file()))
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .filter(|name| name.rsplit_once('.').is_some_and(|(_, extension)| USUAL_EXTENSIONS.contains(&extension)))
+        .collect();
+    names.sort();
+    let more = if names.len() > MOST_NAMED { " …" } else { "" };
+    names.truncate(MOST_NAMED);
+    if names.is_empty() { String::new() } else { format!(" ({}{more})", names.join(", ")) }
+}
+
+/// How names of recordings usually end.
+const USUAL_EXTENSIONS: [&str; 12] =
+    ["aedat4", "aedat", "dvraw", "raw", "dat", "bag", "mcap", "db3", "h5", "hdf5", "npz", "csv"];

@@ -136,7 +136,7 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     );
     let content = html! {
         p {
-            "The same " (count(used)) " events twice. On the left each is drawn where the sensor saw it: the moving board is a blur. On the right "
+            "The same " (count(used)) " events twice. First each is drawn where the sensor saw it: the moving board is a blur. Then "
             "each is carried through the calibrated lens and the camera's pose at its own time onto the board. The better lens "
             "and trajectory are, the sharper the rims of the dots."
         }

@@ -78,7 +78,7 @@ fn witnessed(calibrated: &Calibrated, witness: &PictureWitness) -> Markup {
         p { strong { (capital(&comparison.sentence)) "." } }
         p {
             "They look through the same lens with the same pixels, but share neither light nor method with the events: a second, independent calibration. Both differ by "
-            (signed(comparison.difference_rms, 3)) " px over the sensor; their uncertainties let expect " (signed(comparison.expected.rms, 3)) " px ("
+            (signed(comparison.difference_rms, 3)) " px over the sensor; by their uncertainties one expects " (signed(comparison.expected.rms, 3)) " px ("
             (signed(comparison.expected.events, 3)) " px from the events, " (signed(comparison.expected.frames, 3)) " px from the frames)."
         }
         div.pair {

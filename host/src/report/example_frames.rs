@@ -37,7 +37,7 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let content = html! {
         p {
             "Events of single time windows: ON red, OFF blue. Black rings are the circles found, yellow lines join those of a row. Green is "
-            "where the result puts the board: it should lie on the events. On the right the same without the lens's distortion: the yellow "
+            "where the result puts the board: it should lie on the events. The second picture of each is without the lens's distortion: the yellow "
             "lines should be straight."
         }
         @for (name, frame, pictures) in examples {

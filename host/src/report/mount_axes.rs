@@ -14,6 +14,11 @@ const APART: f64 = 170.0;
 const NEAR: f64 = 0.005;
 /// Where the line of sight, which leads away from the reader, is drawn: to the upper right, half as long.
 const FORWARD: Vector2<f64> = Vector2::new(0.42, -0.3);
+/// Where a name stands: above its origin, or below where the other name is in the way.
+const ABOVE: f64 = -12.0;
+const BELOW: f64 = 28.0;
+/// Distance of the origins on paper below which names are in each other's way.
+const CROWDED: f64 = 60.0;
 /// Names of the axes, and their colours in the style sheet.
 const AXES: [(&str, &str); 3] = [("x", "var(--on)"), ("y", "var(--third)"), ("z", "var(--off)")];
 
@@ -29,8 +34,8 @@ pub fn drawing(thing: &str, names: [&str; 2], thing_from_camera: &Isometry3<f64>
         svg role="img" aria-label={ "Axes of the camera and of the " (thing) "." } viewBox={ "0 0 " (WIDTH) " " (HEIGHT) }
             style="width:100%;max-width:40rem" font-size="20" fill="currentColor" {
             (line(camera, unit, "currentColor", Some("3 6")))
-            (frame(names[0], camera, |axis| axis))
-            (frame(names[1], unit, |axis| camera_from_thing.rotation * axis))
+            (frame((names[0], ABOVE), camera, |axis| axis))
+            (frame((names[1], if apart.norm() < CROWDED { BELOW } else { ABOVE }), unit, |axis| camera_from_thing.rotation * axis))
         }
     }
 }
@@ -40,8 +45,8 @@ fn on_paper(direction: &Vector3<f64>) -> Vector2<f64> {
     direction.xy() + FORWARD * direction.z
 }
 
-/// Three axes, each turned to the camera frame by `turn`.
-fn frame(name: &str, origin: Vector2<f64>, turn: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Markup {
+/// Three axes, each turned to the camera frame by `turn`, and a name to the left of their origin, so far above or below it.
+fn frame((name, height): (&str, f64), origin: Vector2<f64>, turn: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Markup {
     let tip = |index: usize| origin + on_paper(&turn(Vector3::ith(index, 1.0))) * AXIS;
     let axes = AXES.iter().enumerate().map(|(index, axis)| (axis, tip(index)));
     html! {
@@ -52,7 +57,7 @@ fn frame(name: &str, origin: Vector2<f64>, turn: impl Fn(Vector3<f64>) -> Vector
             text x=(round(label.x)) y=(round(label.y + 6.0)) text-anchor="middle" fill=(color) { (axis) }
         }
         circle cx=(round(origin.x)) cy=(round(origin.y)) r="6" {}
-        text x=(round(origin.x - 12.0)) y=(round(origin.y - 12.0)) text-anchor="end" { (name) }
+        text x=(round(origin.x - 12.0)) y=(round(origin.y + height)) text-anchor="end" { (name) }
     }
 }
 
@@ -93,5 +98,17 @@ mod tests {
         assert!(camera_z.0 > camera.0 && camera_z.1 < camera.1);
         assert!(unit.1 > camera.1 + 160.0 && unit.0 == camera.0);
         assert!(unit_x.0 < unit.0 - 80.0 && unit_y.1 < unit.1 - 80.0 && unit_z.0 > unit.0);
+    }
+
+    /// The names of a camera and a unit in one place were drawn one over the other.
+    #[test]
+    fn names_of_what_is_in_one_place_do_not_overlap() {
+        let text = drawing("inertial unit", ["camera", "unit"], &Isometry3::translation(1e-5, 0.0, 2e-5)).into_string();
+        let height = |name: &str| {
+            let before = text.split_once(&format!(">{name}<")).unwrap().0;
+            let rest = before.rsplit_once(" y=\"").unwrap().1;
+            rest.split_once('"').unwrap().0.parse::<f64>().unwrap()
+        };
+        assert!((height("camera") - height("unit")).abs() > 20.0, "{text}");
     }
 }

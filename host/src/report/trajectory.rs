@@ -39,7 +39,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         (left_out(&events.trust.left_out))
         @if recordings > PLOTTED { p.faint { "The other recordings are in the trajectory files." } }
         details {
-            summary { (trajectories.len()) " segments" }
+            summary { (trajectories.len()) @if trajectories.len() == 1 { " segment" } @else { " segments" } }
             (scrolling("Segments", &segments(refined)))
             @if trajectories.len() > LISTED { p.faint { "The first " (LISTED) " segments; all are in calibration.json." } }
         }

@@ -74,7 +74,8 @@ fn event_lines(events: &EventCalibration) -> Vec<StageLine> {
     lines.extend(events.choice.as_ref().map(|choice| choice_line(events, choice)));
     lines.push(initial_line(&events.initial.report));
     let segments = &events.segments;
-    let kept = format!("frames in {} segments of {:.3} s", segments.segments, segments.duration);
+    let plural = if segments.segments == 1 { "" } else { "s" };
+    let kept = format!("frames in {} segment{plural} of {:.3} s", segments.segments, segments.duration);
     let taken = Amount::new(segments.frames_in as u64, "frames");
     lines.push(StageLine::new("Trajectory segments", taken, Amount::new(segments.frames_out as u64, kept)).dropping([
         (segments.too_few_frames as u64, "groups of too few frames".to_owned()),

@@ -127,9 +127,11 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
     let mut buffer = vec![0; RECOMMENDED_BUFFER_SIZE];
     let archive = ZipArchive::from_file(file, &mut buffer).map_err(damaged)?;
     let mut members = Vec::new();
+    let mut is_spreadsheet = false;
     let mut entries = archive.entries(&mut buffer);
     while let Some(entry) = entries.next_entry().map_err(damaged)? {
         let name = String::from_utf8_lossy(entry.file_path().as_ref()).into_owned();
+        is_spreadsheet |= name.starts_with("xl/");
         let Some(name) = name.strip_suffix(EXTENSION).map(str::to_owned) else { continue };
         let deflated = match entry.compression_method() {
             CompressionMethod::STORE => false,
@@ -144,7 +146,13 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
         }
     }
     if members.is_empty() {
-        return Err(unsupported(path, "unpack it first"));
+        return Err(match is_spreadsheet {
+            true => {
+                let kind = RecordingErrorKind::Unsupported { format: "spreadsheet", advice: "save its events as CSV" };
+                RecordingError::new(path, kind)
+            }
+            false => unsupported(path, "unpack it first"),
+        });
     }
     Ok(members)
 }

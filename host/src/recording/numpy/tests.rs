@@ -198,6 +198,7 @@ fn archives_without_events_say_what_they_hold() {
     unequal[1].1 = array("'<u2'", false, "(2,)", &[0; 4]);
     for (members, part) in [
         (vec![("picture.png", vec![1])], "unpack it first"),
+        (vec![("xl/workbook.xml", vec![1])], "is a spreadsheet file, which is not supported; save its events as CSV"),
         (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "its streams: a"),
         (unequal, "x has 2 elements"),
     ] {
