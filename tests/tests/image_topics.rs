@@ -1,6 +1,5 @@
 //! Images of a frame camera in bags that rosbags wrote, their JPEG and PNG by OpenCV.
 
-use std::fs;
 use std::path::Path;
 
 use evcal::recording::Damage;

@@ -11,6 +11,9 @@ use crate::circles::reference_frame::ReferenceFrame;
 /// Most columns and most rows of cells.
 const MOST_CELLS: u16 = 64;
 
+/// Views whose tilts are looked at again, at most: the focal length is known better and better, but hardly changes after so many.
+const MOST_VIEWS: usize = 2048;
+
 /// The side of the board that is nearest to the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -78,8 +81,11 @@ pub struct LiveCoverage {
     sensor: Sensor,
     cells: Vec<u64>,
     /// Homographies from the board (in spacings) to pixels from the middle of the sensor, divided by
-    /// its width.
+    /// its width; the latest ones.
     views: Vec<Matrix3<f64>>,
+    /// Tilts of those before.
+    settled: [u64; 4],
+    boards: u64,
     distances: [u64; 3],
     /// Focal length in widths of the sensor, where a camera is known.
     focal_length: Option<f64>,
@@ -91,7 +97,17 @@ impl LiveCoverage {
         let (columns, rows) = (settings.columns.clamp(1, MOST_CELLS), settings.rows.clamp(1, MOST_CELLS));
         let cells = vec![0; usize::from(columns) * usize::from(rows)];
         let settings = LiveSettings { columns, rows, ..settings.clone() };
-        Self { settings, board: *board, sensor, cells, views: Vec::new(), distances: [0; 3], focal_length: None }
+        Self {
+            settings,
+            board: *board,
+            sensor,
+            cells,
+            views: Vec::new(),
+            settled: [0; 4],
+            boards: 0,
+            distances: [0; 3],
+            focal_length: None,
+        }
     }
 
     /// Takes a window with the board.
@@ -119,7 +135,13 @@ impl LiveCoverage {
         if let Some(count) = self.distances.get_mut(distance) {
             *count += 1;
         }
+        self.boards += 1;
         self.views.push(view);
+        if self.views.len() > MOST_VIEWS {
+            let recent = self.views.split_off(MOST_VIEWS / 2);
+            self.settled = self.tilts();
+            self.views = recent;
+        }
     }
 
     /// The board's longer side in the image as a share of the sensor's shorter side, were it not tilted.
@@ -161,7 +183,7 @@ impl LiveCoverage {
 
     /// Windows with the board.
     pub fn boards(&self) -> u64 {
-        self.views.len() as u64
+        self.boards
     }
 
     /// Share of the sensor's cells in which circles were seen, 0 to 1.
@@ -173,7 +195,7 @@ impl LiveCoverage {
     /// How often the board was tilted to each side, in the order of [`Tilt::ALL`].
     pub fn tilts(&self) -> [u64; 4] {
         let focal_length = self.focal_length.unwrap_or_else(|| focal_length(&self.views));
-        let mut counts = [0; 4];
+        let mut counts = self.settled;
         for view in &self.views {
             let Some(tilt) = tilt(view, focal_length, self.settings.tilt.to_radians()) else { continue };
             if let Some(count) = counts.get_mut(tilt as usize) {
@@ -293,6 +315,22 @@ mod tests {
 
     fn ahead() -> Vector3<f64> {
         Vector3::new(0.0, 0.0, 1.0)
+    }
+
+    /// However long it goes on, no more is kept and looked at again.
+    #[test]
+    fn of_many_views_the_older_ones_are_only_counted() {
+        let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
+        let tilted = [Vector3::new(0.0, 0.5, 0.0), Vector3::new(0.5, 0.0, 0.0)].map(|turn| view(turn, ahead(), 330.0));
+        for frame in tilted.iter().cycle().take(5 * MOST_VIEWS) {
+            coverage.add(frame);
+        }
+        assert_eq!(coverage.boards(), 5 * MOST_VIEWS as u64);
+        assert!(coverage.views.len() <= MOST_VIEWS, "{}", coverage.views.len());
+        let mut counts = coverage.tilts();
+        counts.sort_unstable();
+        let half = 5 * MOST_VIEWS as u64 / 2;
+        assert_eq!(counts, [0, 0, half, half]);
     }
 
     #[test]
