@@ -57,10 +57,10 @@ pub enum InertialError {
     },
     /// Gravity was taken off.
     #[error(
-        "accelerations are {reading:.2} g in the middle, so that gravity seems to be removed: give the raw readings of the accelerometer"
+        "accelerations show {reading:.2} g only, so that gravity seems to be removed: give the raw readings of the accelerometer"
     )]
     GravityRemoved {
-        /// Median size of the acceleration in g.
+        /// Median size of the acceleration, or gravity where it was fitted, in g.
         reading: f64,
     },
     /// Angular velocities are in another unit.

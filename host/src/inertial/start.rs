@@ -35,6 +35,8 @@ const EVENLY: f64 = 0.5;
 const ONE_AXIS: f64 = 0.01;
 /// How far the size of gravity may be from what it is, as a share.
 const GRAVITY_ERROR: f64 = 0.07;
+/// Share of gravity below which it was taken off the accelerations, rather than measured wrongly.
+const GRAVITY_LEFT: f64 = 0.2;
 
 /// A vector at even times, where it is known.
 struct Grid {
@@ -249,6 +251,9 @@ fn lever_arm(
     }
     let down: Vector3<f64> = solution.fixed_rows::<3>(0).into_owned();
     let size = down.norm();
+    if size < GRAVITY_LEFT * gravity {
+        return Err(InertialError::GravityRemoved { reading: size / gravity });
+    }
     if (size / gravity - 1.0).abs() > GRAVITY_ERROR {
         return Err(InertialError::GravitySize { size, stated: gravity });
     }

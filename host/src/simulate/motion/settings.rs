@@ -48,10 +48,10 @@ pub struct MotionSettings {
     /// Spans in which the camera looks away; 0.8 s of turning around them.
     pub absences: Vec<Interval>,
     /// How the camera turns.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Turning::is_free")]
     pub turning: Turning,
     /// Seconds after which the motion repeats itself; without them it never does.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub period: Option<f64>,
 }
 
