@@ -11,7 +11,7 @@ use serde_json::Value;
 fn simulation() -> PathBuf {
     made(
         "motion-capture",
-        &["simulate", "--board", BOARD, "--motion", "fast", "--duration", "20s", "--seed", "31", "--motion-capture"],
+        &["simulate", "--board", BOARD, "--motion", "fast", "--duration", "12s", "--seed", "31", "--motion-capture"],
     )
 }
 
@@ -46,7 +46,7 @@ fn the_body_is_found_where_it_is() {
     // t_mocap = clock_offset + t (1 + drift), less what pixels take to answer, here 0.1 to 0.2 ms.
     let settings = &truth["settings"];
     let clock = |t: f64| numbers(&settings["clock_offset"])[0] + t * 1e-6 * numbers(&settings["clock_drift"])[0];
-    let offset = numbers(&found["offset"]["value"])[0] - clock(10.0);
+    let offset = numbers(&found["offset"]["value"])[0] - clock(6.0);
     assert!((-2.5e-4..0.5e-4).contains(&offset), "{offset}");
     assert!(numbers(&found["offset"]["sigma"])[0] < 1e-4);
     assert!((numbers(&found["scale"]["value"])[0] - 1.0).abs() < 2e-3, "{}", found["scale"]);

@@ -8,10 +8,6 @@
 //! ∂f/∂ω = b × Rᵀh (rotation perturbed in the camera frame), ∂f/∂p = h / λ,
 //! ∂f/∂pixel = Rᵀh · ∂b/∂pixel, and s = ‖∂f/∂pixel‖ is the local scale in metres per pixel.
 //!
-//! The image of the edge is nearly an ellipse. With D = |∂X/∂pixel| (square metres of the board for a square pixel), its curvature is
-//! D² / (radius s³): that of an ellipse with half axes a and b at a tangent that is p from its centre is p³ / (a b)², where
-//! p = radius / s and a b = radius² / D.
-//!
 //! On a board that is not as stated ([`board_surface`](super::board_surface)), X is the place on the print, and z is taken along
 //! the surface's normal.
 //!
@@ -61,8 +57,6 @@ pub struct EdgeDistance {
     pub by_translation: [f64; 3],
     /// Derivative of `metres` by a rotation perturbation in the camera frame (metres per radian).
     pub by_rotation: [f64; 3],
-    /// Square metres on the board for each square pixel.
-    pub area: f64,
     /// How fast a pixel's ray slides along the edge, in m/s.
     pub sliding: f64,
     /// Direction out of the circle on the print.
@@ -114,28 +108,18 @@ impl<S: BoardSurface> BoardRay<S> {
         let distance = (x * x + y * y).sqrt();
         let inverse = 1.0 / distance;
         let (normal_x, normal_y) = (x * inverse, y * inverse);
-        let (by_translation, by_bearing) = self.derivatives(pose, [normal_x, normal_y]);
-        let (_, tangent_by_bearing) = self.derivatives(pose, [-normal_y, normal_x]);
+        let gradient = self.surface.scaled([normal_x, normal_y]);
+        let along = gradient[0] * self.direction[0] + gradient[1] * self.direction[1];
+        let by_translation = S::by_camera(self.slope, gradient, along * self.inverse);
+        let [x, y, z] = by_translation;
+        let by_bearing = pose.to_camera(&[self.depth * x, self.depth * y, self.depth * z]);
         let by_rotation = cross(&self.bearing, &by_bearing);
-        let tangent = [dot(&tangent_by_bearing, &by_pixel[0]), dot(&tangent_by_bearing, &by_pixel[1])];
         let by_pixel = [dot(&by_bearing, &by_pixel[0]), dot(&by_bearing, &by_pixel[1])];
-        let area = (by_pixel[0] * tangent[1] - by_pixel[1] * tangent[0]).abs();
         let scale = (by_pixel[0] * by_pixel[0] + by_pixel[1] * by_pixel[1]).sqrt();
         let velocity = self.velocity(pose);
         let sliding = normal_x * velocity[1] - normal_y * velocity[0];
         let normal = [normal_x, normal_y];
-        EdgeDistance { metres: distance - radius, scale, by_pixel, by_translation, by_rotation, area, sliding, normal }
-    }
-
-    /// Derivatives by the camera centre (world frame) and by the bearing (camera frame) of how far along `direction` on the print
-    /// the ray meets it.
-    #[inline(always)]
-    fn derivatives(&self, pose: &PoseBin, direction: [f64; 2]) -> ([f64; 3], [f64; 3]) {
-        let gradient = self.surface.scaled(direction);
-        let along = gradient[0] * self.direction[0] + gradient[1] * self.direction[1];
-        let by_translation = S::by_camera(self.slope, gradient, along * self.inverse);
-        let [x, y, z] = by_translation;
-        (by_translation, pose.to_camera(&[self.depth * x, self.depth * y, self.depth * z]))
+        EdgeDistance { metres: distance - radius, scale, by_pixel, by_translation, by_rotation, sliding, normal }
     }
 
     /// Derivatives of an edge's `distance` by print ratio and bends, in metres for each of their units.

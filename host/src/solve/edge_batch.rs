@@ -85,7 +85,7 @@ pub struct Edges {
     /// Derivative of the pixel by fx and fy.
     pub by_focal_length: [Lane; 2],
     normal_speed: Lane,
-    curvature: Lane,
+    inverse_radius: Lane,
     corner_share: Lane,
     acceleration: Lane,
 }
@@ -105,7 +105,7 @@ impl Edges {
         beside_cell: [NOTHING; 2],
         by_focal_length: [NOTHING; 2],
         normal_speed: NOTHING,
-        curvature: NOTHING,
+        inverse_radius: NOTHING,
         corner_share: NOTHING,
         acceleration: NOTHING,
     };
@@ -115,7 +115,7 @@ impl Edges {
     pub fn passage(&self, lane: usize) -> EdgePassage {
         EdgePassage {
             normal_speed: self.normal_speed[lane],
-            curvature: self.curvature[lane],
+            inverse_radius: self.inverse_radius[lane],
             corner_share: self.corner_share[lane],
             acceleration: self.acceleration[lane],
         }
@@ -308,7 +308,7 @@ fn edges<S: BoardSurface>(
             found.by_shape[axis][lane] = by_shape;
         }
         found.normal_speed[lane] = passage.normal_speed;
-        found.curvature[lane] = passage.curvature;
+        found.inverse_radius[lane] = passage.inverse_radius;
         found.corner_share[lane] = passage.corner_share;
         found.acceleration[lane] = passage.acceleration;
     }

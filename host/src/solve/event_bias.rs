@@ -5,9 +5,9 @@
 //! edge more than a straight one, and the pixel's latency moves edges along the motion, less than in
 //! proportion at high speed, and more towards the corners, where lenses give less light. Each event
 //! class (polarity × rank in the burst × whether the burst before was short) therefore has its own biases and spread, estimated together
-//! with the camera: an event of class c on an edge that moves with normal speed v and has the curvature
-//! κ in the image, lies
-//! `offset + curvature κ + bend v² + corner_latency v s² + curvature_latency v κ + memory a`
+//! with the camera: an event of class c on an edge that moves with normal speed v, of a dot whose
+//! radius is ρ pixels, lies
+//! `offset + curvature / ρ + bend v² + corner_latency v s² + curvature_latency v / ρ + memory a`
 //! from the edge, `latency` after its passage; s is the distance from the middle of the sensor, 1 at
 //! its corners, and a the acceleration with which a round dot passes a pixel off its middle.
 //! Its spread depends on the speed: slow edges give noise the time to move events, fast ones turn
@@ -95,8 +95,8 @@ pub fn speed_range(normal_speed: f64) -> usize {
 pub struct EdgePassage {
     /// Normal speed in px/s, positive where the pixel leaves the dot.
     pub normal_speed: f64,
-    /// Curvature of the edge in the image, in one over pixels: for a dot that is not tilted, one over its radius.
-    pub curvature: f64,
+    /// One over the dot's radius in pixels.
+    pub inverse_radius: f64,
     /// Squared distance from the middle of the sensor, 1 at its corners.
     pub corner_share: f64,
     /// Second derivative of the distance from the edge by time (px/s²).
@@ -112,9 +112,9 @@ impl EdgePassage {
         derivatives[Bias::Offset] = 1.0;
         derivatives[Bias::Latency] = speed;
         derivatives[Bias::Bend] = speed * speed;
-        derivatives[Bias::Curvature] = self.curvature;
+        derivatives[Bias::Curvature] = self.inverse_radius;
         derivatives[Bias::CornerLatency] = speed * self.corner_share;
-        derivatives[Bias::CurvatureLatency] = speed * self.curvature;
+        derivatives[Bias::CurvatureLatency] = speed * self.inverse_radius;
         derivatives[Bias::Memory] = self.acceleration;
         derivatives
     }
@@ -132,12 +132,12 @@ impl ClassBias {
 /// Distance in pixels from the edge at which an event with these biases is expected, the latency left out.
 #[inline(always)]
 pub fn expected_distance(biases: &Biases<f64>, passage: &EdgePassage) -> f64 {
-    let EdgePassage { normal_speed, curvature, corner_share, acceleration } = *passage;
+    let EdgePassage { normal_speed, inverse_radius, corner_share, acceleration } = *passage;
     let latency = biases[Bias::Bend] * normal_speed
         + biases[Bias::CornerLatency] * corner_share
-        + biases[Bias::CurvatureLatency] * curvature;
+        + biases[Bias::CurvatureLatency] * inverse_radius;
     biases[Bias::Offset]
-        + biases[Bias::Curvature] * curvature
+        + biases[Bias::Curvature] * inverse_radius
         + biases[Bias::Memory] * acceleration
         + normal_speed * latency
 }
@@ -182,7 +182,8 @@ mod tests {
 
     #[test]
     fn derivatives_are_those_of_the_distance() {
-        let passage = EdgePassage { normal_speed: 300.0, curvature: 0.1, corner_share: 0.6, acceleration: -2000.0 };
+        let passage =
+            EdgePassage { normal_speed: 300.0, inverse_radius: 0.1, corner_share: 0.6, acceleration: -2000.0 };
         let [known, ..] = unknown(1.0);
         for bias in Bias::ALL.into_iter().filter(|&bias| bias != Bias::Latency) {
             let mut moved = known;

@@ -15,12 +15,12 @@ pub enum Bias {
     /// What the square of the normal speed in px/s adds to the distance, relative to class 0 (s²/px): at
     /// high speed the pixel's low-pass no longer delays by a constant time.
     Bend,
-    /// What the edge's curvature in the image (one over pixels) adds to the distance (px²).
+    /// What one over the dot's radius in pixels adds to the distance (px²).
     Curvature,
     /// What the latency grows by from the middle of the sensor to its corners, with the square of the
     /// distance (s).
     CornerLatency,
-    /// What that curvature adds to the latency (s px).
+    /// What one over the dot's radius in pixels adds to the latency (s px).
     CurvatureLatency,
     /// What the acceleration of the edge in px/s² adds to the distance (s²): a slow pixel remembers where
     /// the edge was before.
