@@ -5,6 +5,11 @@ use serde::{Deserialize, Serialize};
 use super::turning::Turning;
 use crate::simulate::clock::Interval;
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_free(turning: &Turning) -> bool {
+    *turning == Turning::Free
+}
+
 /// How the camera moves.
 ///
 /// | preset | mean image speed |
@@ -48,7 +53,7 @@ pub struct MotionSettings {
     /// Spans in which the camera looks away; 0.8 s of turning around them.
     pub absences: Vec<Interval>,
     /// How the camera turns.
-    #[serde(default, skip_serializing_if = "Turning::is_free")]
+    #[serde(default, skip_serializing_if = "is_free")]
     pub turning: Turning,
     /// Seconds after which the motion repeats itself; without them it never does.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -31,12 +31,6 @@ const SMALL: f64 = 8.0;
 const RATE: f64 = 60.0;
 
 impl Turning {
-    /// Whether the camera turns as a hand does.
-    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-    pub fn is_free(&self) -> bool {
-        *self == Self::Free
-    }
-
     /// The rotation from the board's axes to the camera's at time `t` where three waves are at `waves`; `None` where it is free.
     pub fn rotation(self, t: f64, waves: [f64; 3]) -> Option<Rotation3<f64>> {
         let turn = match self {
