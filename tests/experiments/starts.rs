@@ -25,7 +25,7 @@ use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use evcal_tests::lens::KANNALA_BRANDT;
-use evcal_tests::{BOARD, session};
+use evcal_tests::{BOARD, all_events, session};
 
 /// Length of the recordings (µs).
 const LENGTH: i64 = 2_000_000;
@@ -67,11 +67,7 @@ fn recording_for(kind: ModelKind) -> std::path::PathBuf {
 /// The first events of a recording, times from its first.
 fn events(path: &Path) -> Vec<Event> {
     let recording = Recording::new(path, RecordingOptions::default()).expect("a recording");
-    let mut reader = recording.open().expect("its header is whole");
-    let (mut all, mut batch) = (Vec::new(), Vec::new());
-    while reader.next_batch(&mut batch).expect("it is whole") {
-        all.extend_from_slice(&batch);
-    }
+    let mut all = all_events(&mut recording.open().expect("its header is whole"));
     let start = all.first().map_or(0, |event: &Event| event.t);
     all.iter_mut().for_each(|event| event.t -= start);
     all.retain(|event| event.t < LENGTH);

@@ -8,7 +8,9 @@ use std::sync::OnceLock;
 use std::time::SystemTime;
 use std::{fs, io};
 
+use evcal::recording::EventReader;
 use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::event::Event;
 use serde_json::Value;
 
 pub mod accuracy;
@@ -149,6 +151,15 @@ pub fn camera(file: &Path) -> Camera<f64> {
 /// A path as an argument.
 pub fn text(path: &Path) -> &str {
     path.to_str().expect("paths of tests are UTF-8")
+}
+
+/// All events of a recording.
+pub fn all_events(reader: &mut EventReader) -> Vec<Event> {
+    let (mut events, mut batch) = (Vec::new(), Vec::new());
+    while reader.next_batch(&mut batch).expect("it is whole") {
+        events.append(&mut batch);
+    }
+    events
 }
 
 /// The simulated session in `fixtures`, with its truth.

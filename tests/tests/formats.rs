@@ -12,7 +12,7 @@ use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use evcal_tests::readers::{ask, python};
-use evcal_tests::{evcal, text};
+use evcal_tests::{all_events, evcal, text};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -39,11 +39,7 @@ fn rows(events: &[Event]) -> Value {
 
 fn read(path: &Path, options: RecordingOptions) -> Vec<Event> {
     let mut reader = Recording::new(path, options).unwrap().open().unwrap();
-    let (mut all, mut batch) = (Vec::new(), Vec::new());
-    while reader.next_batch(&mut batch).unwrap() {
-        all.append(&mut batch);
-    }
-    all
+    all_events(&mut reader)
 }
 
 /// Files of these programs, with these extensions, that hold `events`.

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
-use evcal_tests::{BOARD, program, session, session_calibration};
+use evcal_tests::{BOARD, all_events, program, session, session_calibration};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -58,10 +58,7 @@ fn assert_same(left: &BTreeMap<String, Vec<u8>>, right: &BTreeMap<String, Vec<u8
 fn events(path: &Path) -> Vec<Event> {
     let recording = Recording::new(path, RecordingOptions::default()).expect("it is known");
     let mut reader = recording.open().expect("it can be read");
-    let (mut events, mut batch) = (Vec::new(), Vec::new());
-    while reader.next_batch(&mut batch).expect("it is whole") {
-        events.extend_from_slice(&batch);
-    }
+    let events = all_events(&mut reader);
     let report = reader.report();
     assert_eq!((report.damaged_packets, report.steps_back, report.out_of_range), (0, 0, 0));
     events

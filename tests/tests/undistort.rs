@@ -8,7 +8,7 @@ use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::Event;
 use evcal_tests::lens::{KANNALA_BRANDT, Lens, RADTAN};
 use evcal_tests::readers::{ask, python};
-use evcal_tests::{evcal, json, read_json, text};
+use evcal_tests::{all_events, evcal, json, read_json, text};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -19,11 +19,7 @@ fn recording(lens: &Lens) -> PathBuf {
 
 fn events(path: &Path) -> Vec<Event> {
     let mut reader = Recording::new(path, RecordingOptions::default()).unwrap().open().unwrap();
-    let (mut all, mut batch) = (Vec::new(), Vec::new());
-    while reader.next_batch(&mut batch).unwrap() {
-        all.append(&mut batch);
-    }
-    all
+    all_events(&mut reader)
 }
 
 /// fx 0 cx, 0 fy cy, 0 0 1 of a camera file, and the coefficients.

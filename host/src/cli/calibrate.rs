@@ -262,6 +262,7 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     // Before the work, not after it.
     arguments.calibration.parameters()?;
     let settings = arguments.calibration.method.settings()?;
+    // Read again after the camera: in a live session the file may still grow meanwhile.
     if let Some(Some(samples)) = &arguments.calibration.imu {
         inertial::csv::read(samples)?;
     }

@@ -25,6 +25,7 @@ use evcal_core::sensor::Sensor;
 use serde::de::DeserializeOwned;
 
 use super::progress::Waiting;
+use super::value::Numbers;
 use super::{UsageError, print, value};
 
 /// Arguments of `evcal simulate`.
@@ -42,15 +43,8 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", requires = "parameters", value_parser = value::model())]
     model: Option<ModelKind>,
     /// Parameters of the model: fx,fy,cx,cy in pixels, then the distortion coefficients
-    #[arg(
-        long,
-        value_name = "NUMBERS",
-        requires = "model",
-        value_delimiter = ',',
-        allow_hyphen_values = true,
-        value_parser = value::number_of_list
-    )]
-    parameters: Vec<f64>,
+    #[arg(long, value_name = "NUMBERS", requires = "model", allow_hyphen_values = true)]
+    parameters: Option<Numbers>,
     /// Take lens and sensor size from this calibration.json or truth.json, or from that of this folder
     #[arg(long, value_name = "FILE|DIR", conflicts_with_all = ["model", "parameters", "sensor"])]
     camera: Option<PathBuf>,
@@ -113,15 +107,8 @@ pub struct Arguments {
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25")]
     frames: Option<f64>,
     /// Another lens for the frames, to see a calibration notice: parameters of the same model
-    #[arg(
-        long,
-        value_name = "NUMBERS",
-        requires = "frames",
-        value_delimiter = ',',
-        allow_hyphen_values = true,
-        value_parser = value::number_of_list
-    )]
-    frame_lens: Vec<f64>,
+    #[arg(long, value_name = "NUMBERS", requires = "frames", allow_hyphen_values = true)]
+    frame_lens: Option<Numbers>,
     /// Inertial samples too, 1000 a second (aedat4 and dvraw): of a perfect unit in the camera, or, with davis346, of a
     /// real one beside it with filters, scale and misalignment; or as a file says (the part "imu" of a truth.json's
     /// "davis.settings")
@@ -191,9 +178,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         SimulationSettings { duration: arguments.duration, seed: arguments.seed, scene, sensor: pixels, motion };
     let davis = davis_settings(arguments)?;
     let mut simulation = Simulation::new(Rays::new(&camera, sensor), arguments.board, settings)?;
-    let frame_camera = match arguments.frame_lens.as_slice() {
-        [] => None,
-        parameters => Some(of_model(camera.kind(), parameters)?),
+    let frame_camera = match &arguments.frame_lens {
+        Some(parameters) => Some(of_model(camera.kind(), parameters)?),
+        None => None,
     };
     if let Some(lens) = &frame_camera {
         simulation = simulation.with_frame_rays(Rays::new(lens, sensor));
@@ -344,13 +331,13 @@ fn lens(arguments: &Arguments) -> Result<(Camera<f64>, Sensor), Box<dyn Error>> 
         return Ok(camera_file::read(file)?);
     }
     let sensor = arguments.sensor.map_or(DAVIS346_SENSOR, SensorChoice::size);
-    let camera = match arguments.model {
-        Some(kind) => of_model(kind, &arguments.parameters)?,
-        None => usual_lens(sensor)?,
+    let camera = match (arguments.model, &arguments.parameters) {
+        (Some(kind), Some(parameters)) => of_model(kind, parameters)?,
+        _ => usual_lens(sensor)?,
     };
     Ok((camera, sensor))
 }
 
-fn of_model(kind: ModelKind, parameters: &[f64]) -> Result<Camera<f64>, UsageError> {
+fn of_model(kind: ModelKind, Numbers(parameters): &Numbers) -> Result<Camera<f64>, UsageError> {
     lens::lens(kind, parameters).map_err(|error| UsageError(error.to_string()))
 }

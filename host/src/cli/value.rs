@@ -2,6 +2,7 @@
 
 use std::ffi::OsStr;
 use std::ops::RangeInclusive;
+use std::str::FromStr;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, StringValueParser, TypedValueParser};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -35,11 +36,19 @@ const OTHER_NAMES: &[(&str, &str)] = &[
     ("atan", "the field-of-view model is fov"),
 ];
 
-/// Reads one of several numbers that have commas between them.
-pub fn number_of_list(text: &str) -> Result<f64, &'static str> {
-    text.trim()
-        .parse()
-        .map_err(|_| "write numbers with a point in them and a comma between them, such as 331.6,331.1,176.9,134.2")
+/// Numbers with commas between them.
+#[derive(Clone, Debug)]
+pub struct Numbers(pub Vec<f64>);
+
+impl FromStr for Numbers {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let numbers = text.split(',').map(|number| number.trim().parse()).collect::<Result<_, _>>();
+        numbers
+            .map(Self)
+            .map_err(|_| "write numbers with a point in them and a comma between them, such as 331.6,331.1,176.9,134.2")
+    }
 }
 
 /// Reads the name of a camera model; the help lists them all.

@@ -11,7 +11,7 @@ use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use super::image_file::{self, ImageFile, ImageFileError, Samples};
-use super::pictures::{GreyImage, TimedImage, highest_bits};
+use super::pictures::{GreyImage, TimedImage, brightness, highest_bits};
 
 /// Name of the table of an image folder.
 pub const TABLE: &str = "data.csv";
@@ -336,11 +336,7 @@ fn grey(image: ImageFile) -> Option<GreyImage> {
         3 | 4 => bytes
             .chunks_exact(image.channels)
             .filter_map(|pixel| match *pixel {
-                // Weighed as ITU-R BT.601 does.
-                [red, green, blue, ..] => {
-                    let sum = 299 * u32::from(red) + 587 * u32::from(green) + 114 * u32::from(blue);
-                    Some(((sum + 500) / 1000).min(255) as u8)
-                }
+                [red, green, blue, ..] => Some(brightness(red, green, blue)),
                 _ => None,
             })
             .collect(),

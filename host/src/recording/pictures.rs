@@ -40,6 +40,12 @@ pub fn highest_bits(samples: &[u16]) -> Vec<u8> {
     samples.iter().map(|sample| (sample >> unused) as u8).collect()
 }
 
+/// Of a coloured pixel, as ITU-R BT.601 weighs.
+pub fn brightness(red: u8, green: u8, blue: u8) -> u8 {
+    let sum = 299 * u32::from(red) + 587 * u32::from(green) + 114 * u32::from(blue);
+    ((sum + 500) / 1000).min(255) as u8
+}
+
 /// A picture of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TimedImage {
@@ -70,15 +76,12 @@ impl From<Frame> for TimedImage {
         let (width, height) = (usize::from(frame.size.0), usize::from(frame.size.1));
         let grey = match frame.channels {
             1 => frame.pixels,
-            // Blue, green, red (and alpha), weighed as ITU-R BT.601 does.
+            // Blue, green, red, and alpha.
             3 | 4 => frame
                 .pixels
                 .chunks_exact(frame.channels)
                 .map(|pixel| match *pixel {
-                    [blue, green, red, ..] => {
-                        let sum = 299 * u32::from(red) + 587 * u32::from(green) + 114 * u32::from(blue);
-                        ((sum + 500) / 1000).min(255) as u8
-                    }
+                    [blue, green, red, ..] => brightness(red, green, blue),
                     _ => 0,
                 })
                 .collect(),
