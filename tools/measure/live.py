@@ -3,11 +3,13 @@
     python3 tools/measure/live.py checkpoints EVCAL FOLDER [SEEDS]    when it stops, stated and true error
     python3 tools/measure/live.py about EVCAL FOLDER [SEEDS]          "about" against what is stated afterwards
     python3 tools/measure/live.py page EVCAL FOLDER BROWSER           age of what is drawn, CPU and memory of the page
+    python3 tools/measure/live.py long EVCAL FOLDER BROWSER           the same over ten minutes at 2 Mev/s (6 GB in FOLDER)
 
 Simulates the recordings in FOLDER first, unless they are there.
 """
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -21,6 +23,10 @@ BOARD = "acircles:9x4:55mm:r17.5mm"
 # Pages measured for so long (s).
 WATCHED = 15
 TICKS = 100
+# Twenty seconds at 1.32 Mev/s, so many times, played so many times as fast: ten minutes at 1.98 Mev/s.
+REPEATED, SPEED = 45, 1.5
+# Looked at so often during the ten minutes (s).
+LOOK = 60
 
 
 def run(*command):
@@ -124,15 +130,15 @@ def measure(command, browser_program):
             browser = Browser(browser_program)
             tab = Tab(browser, url, 1440, 900, "light")
             tab.wait("window.evcal && evcal.shown > 20")
-            tab.script("evcal.ages.length = 0")
+            tab.script("evcal.ages.length = evcal.outlines.length = 0")
         else:
             time.sleep(3)
         (before, _), began = usage(process.pid), time.monotonic()
         time.sleep(WATCHED)
         (after, memory), span = usage(process.pid), time.monotonic() - began
         shares = {name: (seconds - before.get(name, 0.0)) / span for name, seconds in after.items()}
-        ages = sorted(tab.script("evcal.ages")) if tab else []
-        return shares, memory, ages
+        ages = tab.script("[evcal.ages, evcal.outlines]") if tab else [[], []]
+        return shares, memory, *ages
     finally:
         if browser:
             browser.close()
@@ -140,20 +146,84 @@ def measure(command, browser_program):
         process.wait()
 
 
+def without_checkpoints(folder):
+    """Checkpoints have a row of their own, and would begin in the middle."""
+    settings = folder / "no-checkpoints.toml"
+    settings.write_text("[live]\nfirst_checkpoint = 10000.0\n")
+    return settings
+
+
+def middle_and_end(name, ages):
+    ages = sorted(ages)
+    if ages:
+        print(f"{name}: median {ages[len(ages) // 2]:.0f} ms, 95 % {ages[len(ages) * 95 // 100]:.0f} ms, {len(ages)} of them")
+
+
 def page(evcal, folder, browser_program):
     recording = simulated(evcal, folder, 1, "fast") / "events.dvraw"
-    # Checkpoints have a row of their own, and would begin in the middle.
-    settings = folder / "no-checkpoints.toml"
-    settings.write_text("[live]\nfirst_checkpoint = 1000.0\n")
+    settings = without_checkpoints(folder)
     command = live(evcal, recording, folder / "page-live", "--settings", str(settings))
-    without, alone, _ = measure([*command, "--no-page"], None)
-    with_page, served, ages = measure([*command, "--port", "0"], browser_program)
+    without, alone, _, _ = measure([*command, "--no-page"], None)
+    with_page, served, ages, outlines = measure([*command, "--port", "0"], browser_program)
     print(f"all of evcal: {100 * sum(without.values()):.1f} % of a core without a page, {100 * sum(with_page.values()):.1f} % with one")
     print(f"thread of the server: {100 * with_page.get('page', 0.0):.1f} % of a core")
     print(f"memory: {alone:.1f} MB without a page, {served:.1f} MB with one")
-    if ages:
-        print(f"state made -> drawn: median {ages[len(ages) // 2]} ms, 95 % {ages[len(ages) * 95 // 100]} ms, {len(ages) / WATCHED:.0f} a second")
-        print("an event waits up to 33 ms more for the state that it is in")
+    middle_and_end(f"state made -> drawn, in {WATCHED} s", ages)
+    print("an event waits up to 33 ms more for the state that it is in")
+    middle_and_end("middle of the window with the board -> its outline drawn", outlines)
+
+
+def repeated(evcal, folder):
+    """An EVT 3.0 file whose body is that of a simulated one again and again, and the simulated one."""
+    once, again = folder / "once.raw", folder / "repeated.raw"
+    if not again.exists():
+        simulation = folder / "fast-21"
+        if not simulation.exists():
+            run(evcal, "simulate", "-o", str(simulation), "--motion", "fast", "--duration", "20s", "--seed", "21")
+        run(evcal, "convert", str(simulation / "events.aedat4"), str(once))
+        content = once.read_bytes()
+        end = content.index(b"% end\n") + len(b"% end\n")
+        with open(again, "wb") as file:
+            file.write(content[:end])
+            for _ in range(REPEATED):
+                file.write(content[end:])
+    return once, again
+
+
+def long(evcal, folder, browser_program):
+    once, recording = repeated(evcal, folder)
+    # What any recording costs that is searched for the board: reading and detection.
+    before = os.times()
+    run(evcal, "detect", str(once), "--board", BOARD, "-o", str(folder / "once.csv"))
+    after = os.times()
+    searched = after.children_user + after.children_system - before.children_user - before.children_system
+    print(f"evcal detect: {searched:.2f} s for 20 s of the recording")
+    options = ["--settings", str(without_checkpoints(folder)), "--speed", str(SPEED), "--port", "0"]
+    process = subprocess.Popen(live(evcal, recording, folder / "long-live", *options), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    browser = Browser(browser_program)
+    try:
+        url = re.search(r"http://\S+", process.stderr.readline())[0]
+        tab = Tab(browser, url, 1440, 900, "light")
+        tab.wait("window.evcal && evcal.shown > 20")
+        began, last = time.monotonic(), None
+        print("| played (s) | in (s) | memory (MB) | CPU, share of 1 s at this rate: all, server | beyond reading and detection |")
+        print("|---|---|---|---|---|")
+        # The length of the recording, less the last look.
+        while tab.script("evcal.state.t") < REPEATED * 20 - LOOK * SPEED:
+            time.sleep(LOOK)
+            (seconds, memory), played = usage(process.pid), tab.script("evcal.state.t")
+            if last:
+                span = (played - last[1]) / SPEED
+                share = {name: (value - last[0].get(name, 0.0)) / span for name, value in seconds.items()}
+                beyond = sum(share.values()) - searched / 20 * SPEED
+                row = f"{100 * sum(share.values()):.1f} %, {100 * share.get('page', 0.0):.1f} % | {100 * beyond:.1f} %"
+                print(f"| {played:.0f} | {time.monotonic() - began:.0f} | {memory:.1f} | {row} |", flush=True)
+            last = (seconds, played)
+        print(f"{tab.script('evcal.shown')} states drawn")
+    finally:
+        browser.close()
+        process.kill()
+        process.wait()
 
 
 if __name__ == "__main__":
@@ -162,4 +232,4 @@ if __name__ == "__main__":
     if what in ("checkpoints", "about"):
         {"checkpoints": checkpoints, "about": about}[what](evcal, Path(folder), int(rest[0]) if rest else 5)
     else:
-        page(evcal, Path(folder), rest[0])
+        {"page": page, "long": long}[what](evcal, Path(folder), rest[0])

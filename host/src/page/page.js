@@ -11,7 +11,7 @@ const decoder = new TextDecoder();
 const pause = (seconds) => new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
 
 // For tests, and for whoever wants to look.
-const page = { number: 0, shown: 0, skipped: 0, phase: "", hint: "", state: null, ages: [] };
+const page = { number: 0, shown: 0, skipped: 0, phase: "", hint: "", state: null, ages: [], outlines: [], outlined: null };
 const MOST_AGES = 1000;
 window.evcal = page;
 
@@ -43,6 +43,11 @@ function sound(before, state) {
   else if (was === "keep moving here") [659, 784].forEach((note) => tone(note, 0.3));
 }
 
+function note(ages, age) {
+  ages.push(age);
+  if (ages.length > MOST_AGES) ages.shift();
+}
+
 function take(buffer) {
   const view = new DataView(buffer);
   const length = view.getUint32(0, true);
@@ -57,8 +62,12 @@ function take(buffer) {
   page.hint = byId("hint").textContent;
   page.shown += 1;
   // How old the state was when it was drawn (ms), by the computer's clock, which server and page share.
-  page.ages.push(Date.now() - state.made);
-  if (page.ages.length > MOST_AGES) page.ages.shift();
+  note(page.ages, Date.now() - state.made);
+  // How long ago the events of a board were when its outline was first drawn (ms).
+  if (state.board && state.board.t !== page.outlined) {
+    page.outlined = state.board.t;
+    note(page.outlines, Date.now() - state.made + 1000 * (state.t - state.board.t));
+  }
 }
 
 function tell(text) {

@@ -220,16 +220,19 @@ pub fn refine<E: Send>(
         let change = (moved.compared > 0).then_some(moved.root_mean_square);
         rounds.push(RoundReport { association, knots, solve: solve_report, change });
         if final_round {
-            let mut last = residuals_at(&problem, &state);
-            let unexplained = unexplained(&problem, &state, &last, settings.unexplained);
+            let last = residuals_at(&problem, &state);
+            let (unexplained, mut residuals) = rayon::join(
+                || unexplained(&problem, &state, &last, settings.unexplained),
+                || residual_statistics(&problem, &state, &last),
+            );
+            drop(last);
             if !unexplained.is_empty() {
                 leave_out(&mut problem, &state, &unexplained);
                 let solving = &mut |done| flow(tell(SOLVED + (1.0 - SOLVED) * done));
                 Solved { state, system, .. } = solve_telling(&problem, state, solving)?;
                 tell(1.0).map_err(RefinementError::Read)?;
-                last = residuals_at(&problem, &state);
+                residuals = residual_statistics(&problem, &state, &residuals_at(&problem, &state));
             }
-            let residuals = residual_statistics(&problem, &state, &last);
             let left_out = input.left_out.iter().chain(&unexplained).copied().collect();
             return Ok((Refined { state, problem, residuals, left_out, rounds }, system));
         }

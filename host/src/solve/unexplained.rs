@@ -5,6 +5,7 @@
 
 use evcal_core::settings;
 use evcal_core::settings::{above, at_least};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::left_out::{LeftOut, Reason};
@@ -12,6 +13,7 @@ use super::observation::SegmentObservations;
 use super::stretch::EventResidual;
 use super::{Problem, State};
 use crate::numerics::statistics::median;
+use crate::trajectory::Trajectory;
 
 settings! {
     /// Which stretches of time no curve explains: they leave the solve and the written trajectory, and the verdict names
@@ -45,51 +47,67 @@ pub fn unexplained(
     residuals: &[EventResidual],
     settings: &UnexplainedSettings,
 ) -> Vec<LeftOut> {
+    let segments = problem.segments.par_iter().zip(&state.trajectories).enumerate();
+    let of_segments: Vec<Vec<LeftOut>> = segments
+        .map(|(segment, (observations, trajectory))| {
+            let place = |segment: usize| residuals.partition_point(|event| (event.segment as usize) < segment);
+            let residuals = residuals.get(place(segment)..place(segment + 1)).unwrap_or_default();
+            unexplained_cells(state, trajectory, (observations, residuals), settings)
+        })
+        .collect();
     let mut found: Vec<(LeftOut, usize)> = Vec::new();
-    for (segment, (observations, trajectory)) in problem.segments.iter().zip(&state.trajectories).enumerate() {
-        let cells = ((trajectory.end() - trajectory.start()) / settings.cell).ceil().max(0.0) as usize;
-        let cell_of = |t: f64| ((t - trajectory.start()) / settings.cell).max(0.0) as usize;
-        let mut sizes: Vec<Vec<f32>> = vec![Vec::new(); cells];
-        for event in residuals.iter().filter(|event| event.segment as usize == segment) {
-            let sigma = state
-                .bias
-                .get(usize::from(event.class))
-                .and_then(|bias| bias.sigma.get(usize::from(event.speed_range)));
-            if let (Some(cell), Some(sigma)) = (sizes.get_mut(cell_of(event.t)), sigma) {
-                cell.push(event.residual.abs() / *sigma as f32);
+    for stretch in of_segments.into_iter().flatten() {
+        let adjoins = |last: &LeftOut| last.recording == stretch.recording && last.end >= stretch.start;
+        match found.last_mut().filter(|(last, _)| adjoins(last)) {
+            Some((last, cells)) => {
+                last.end = stretch.end;
+                *cells += 1;
             }
-        }
-        let far = far_counts(observations, cells, cell_of);
-        let mut counts: Vec<f64> = far.iter().map(|&count| f64::from(count)).collect();
-        let usual = median(&mut counts, f64::total_cmp).unwrap_or(0.0);
-        for (cell, (sizes, far)) in sizes.iter_mut().zip(&far).enumerate() {
-            let (near, far) = (sizes.len(), f64::from(*far));
-            let wide = near >= FEWEST
-                && median(sizes, f32::total_cmp)
-                    .is_some_and(|middle| f64::from(middle) > settings.spread * NORMAL_MEDIAN);
-            let lost = far >= FEWEST as f64 && far > settings.far_ratio * near as f64 && far > UNUSUAL * usual;
-            if !wide && !lost {
-                continue;
-            }
-            // A cell on both sides, for a curve that misses in one pulls at the next.
-            let start = trajectory.start() + settings.cell * (cell as f64 - 1.0);
-            let stretch = LeftOut {
-                recording: trajectory.recording,
-                start: start.max(trajectory.start()),
-                end: (start + 3.0 * settings.cell).min(trajectory.end()),
-                reason: Reason::Unexplained,
-            };
-            let adjoins = |last: &LeftOut| last.recording == stretch.recording && last.end >= stretch.start;
-            match found.last_mut().filter(|(last, _)| adjoins(last)) {
-                Some((last, cells)) => {
-                    last.end = stretch.end;
-                    *cells += 1;
-                }
-                None => found.push((stretch, 1)),
-            }
+            None => found.push((stretch, 1)),
         }
     }
     found.into_iter().filter(|(_, cells)| *cells >= FEWEST_CELLS).map(|(stretch, _)| stretch).collect()
+}
+
+/// The unexplained cells of one segment, each with its neighbours.
+fn unexplained_cells(
+    state: &State,
+    trajectory: &Trajectory,
+    (observations, residuals): (&SegmentObservations, &[EventResidual]),
+    settings: &UnexplainedSettings,
+) -> Vec<LeftOut> {
+    let cells = ((trajectory.end() - trajectory.start()) / settings.cell).ceil().max(0.0) as usize;
+    let cell_of = |t: f64| ((t - trajectory.start()) / settings.cell).max(0.0) as usize;
+    let mut sizes: Vec<Vec<f32>> = vec![Vec::new(); cells];
+    for event in residuals {
+        let sigma =
+            state.bias.get(usize::from(event.class)).and_then(|bias| bias.sigma.get(usize::from(event.speed_range)));
+        if let (Some(cell), Some(sigma)) = (sizes.get_mut(cell_of(event.t)), sigma) {
+            cell.push(event.residual.abs() / *sigma as f32);
+        }
+    }
+    let far = far_counts(observations, cells, cell_of);
+    let mut counts: Vec<f64> = far.iter().map(|&count| f64::from(count)).collect();
+    let usual = median(&mut counts, f64::total_cmp).unwrap_or(0.0);
+    let mut found = Vec::new();
+    for (cell, (sizes, far)) in sizes.iter_mut().zip(&far).enumerate() {
+        let (near, far) = (sizes.len(), f64::from(*far));
+        let wide = near >= FEWEST
+            && median(sizes, f32::total_cmp).is_some_and(|middle| f64::from(middle) > settings.spread * NORMAL_MEDIAN);
+        let lost = far >= FEWEST as f64 && far > settings.far_ratio * near as f64 && far > UNUSUAL * usual;
+        if !wide && !lost {
+            continue;
+        }
+        // A cell on both sides, for a curve that misses in one pulls at the next.
+        let start = trajectory.start() + settings.cell * (cell as f64 - 1.0);
+        found.push(LeftOut {
+            recording: trajectory.recording,
+            start: start.max(trajectory.start()),
+            end: (start + 3.0 * settings.cell).min(trajectory.end()),
+            reason: Reason::Unexplained,
+        });
+    }
+    found
 }
 
 fn far_counts(observations: &SegmentObservations, cells: usize, cell_of: impl Fn(f64) -> usize) -> Vec<u32> {

@@ -124,6 +124,8 @@ fn record_one(
             lines.tell(seen, Some(status));
         },
     )?;
+    // The calibration goes on at once, while the display comes to its end.
+    growth.end();
     interrupt.release();
     drop(feed);
     lines.finish()?;

@@ -1,6 +1,8 @@
 //! Offsets and spreads of the event classes straight from residuals, for the solve to start from and to
 //! weigh with.
 
+use rayon::prelude::*;
+
 use super::bias::Bias;
 use super::{CLASS_COUNT, EventBias, SPEED_RANGE_COUNT};
 use crate::numerics::statistics::{SIGMA_BY_MEDIAN, median};
@@ -9,23 +11,28 @@ use crate::solve::stretch::EventResidual;
 /// Fewer events than this leave a class as it was.
 const FEWEST: usize = 100;
 
+/// Residuals that a thread takes in a go, at least.
+const MIN_LENGTH: usize = 65_536;
+
 /// No class is better than this: pixels are whole (px).
 const SMALLEST_SIGMA: f64 = 0.05;
 
 /// Adds the median residual of each class to its offset, and takes it off the residuals.
 pub fn shift_offsets(bias: &mut EventBias, residuals: &mut [EventResidual]) {
     let mut medians = [0.0_f32; CLASS_COUNT];
-    for (class, (bias, shift)) in bias.iter_mut().zip(&mut medians).enumerate() {
+    medians.par_iter_mut().enumerate().for_each(|(class, shift)| {
         let of_class = residuals.iter().filter(|event| usize::from(event.class) == class);
         let mut values: Vec<f32> = of_class.map(|event| event.residual).collect();
         if values.len() >= FEWEST {
             *shift = median(&mut values, f32::total_cmp).unwrap_or(0.0);
-            bias.biases[Bias::Offset] += f64::from(*shift);
         }
+    });
+    for (bias, shift) in bias.iter_mut().zip(medians) {
+        bias.biases[Bias::Offset] += f64::from(shift);
     }
-    for event in residuals {
+    residuals.par_iter_mut().with_min_len(MIN_LENGTH).for_each(|event| {
         event.residual -= medians.get(usize::from(event.class)).copied().unwrap_or(0.0);
-    }
+    });
 }
 
 /// Spread of each class in each range of speed: the scaled median of the residuals' sizes. Ranges with
@@ -38,10 +45,10 @@ pub fn class_spreads(bias: &mut EventBias, residuals: &[EventResidual]) {
             values.push(event.residual.abs());
         }
     }
-    for (bias, ranges) in bias.iter_mut().zip(&mut sizes) {
-        let Some(of_class) = spread(&mut ranges.concat()) else { continue };
+    bias.par_iter_mut().zip(&mut sizes).for_each(|(bias, ranges)| {
+        let Some(of_class) = spread(&mut ranges.concat()) else { return };
         bias.sigma = std::array::from_fn(|range| spread(&mut ranges[range]).unwrap_or(of_class));
-    }
+    });
 }
 
 /// One spread for all classes: without offsets they are not told apart.
