@@ -20,10 +20,11 @@ test:
 test-times: setup
 	@sh tools/measure/time-tests.sh $(COLD) $(TESTS)
 
-# All tests that cargo runs.
+# All tests that cargo runs. Without OpenCV, the units and the tests of the program that calibrate most.
 test-workspace: setup
 	cargo test --workspace --release --locked
-	cargo test -p evcal --release --locked --no-default-features --features cli
+	cargo test -p evcal --release --locked --no-default-features --features cli \
+		--lib --test cli --test first_contact --test live --test regressions
 
 # report.html and the page of evcal live in a headless browser, as a phone and as a desktop; installs the browser.
 test-report: programs

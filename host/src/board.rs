@@ -59,10 +59,10 @@ pub enum BoardProblem {
     #[error("{0:?} is not ROWSxCOLUMNS with numbers from 2 to 64")]
     Size(String),
     /// The spacing cannot be read.
-    #[error("spacing {0:?} is not a length with a unit, from 0.001mm to 1000m")]
+    #[error("spacing {0:?} is not a length with a unit, from 0.001mm to 10m")]
     Spacing(String),
     /// The radius cannot be read.
-    #[error("radius {0:?} is not r and a length with a unit, from 0.001mm to 1000m")]
+    #[error("radius {0:?} is not r and a length with a unit, from 0.001mm to 10m")]
     Radius(String),
     /// A board to recognise, described in too many or too few words.
     #[error("a board to recognise is auto:SPACING:rRADIUS")]
@@ -162,8 +162,9 @@ pub fn layout_name(pattern: &Pattern) -> String {
     format!("{layout}:{}x{}", pattern.rows, pattern.columns)
 }
 
-/// What is printed of a board is rounded to nanometres; with these bounds (in metres) it is read back as the same.
-const LENGTHS: RangeInclusive<f64> = 1e-6..=1e3;
+/// What is printed of a board is rounded to nanometres; with these bounds (in metres) it is read back as the same. Circles ten
+/// metres apart are millimetres written as metres.
+const LENGTHS: RangeInclusive<f64> = 1e-6..=10.0;
 
 fn length(text: &str) -> Option<f64> {
     any_length(text).filter(|metres| LENGTHS.contains(metres))
@@ -258,6 +259,7 @@ mod tests {
             "circles:3x4:nanmm:r1mm",
             "circles:3x4:1e-9m:r1e-10m",
             "circles:3x4:1e300m:r1m",
+            "acircles:9x4:55m:r17.5m",
         ] {
             let message = text.parse::<Board>().unwrap_err().to_string();
             assert!(message.contains("acircles:9x4:55mm:r17.5mm"), "{message}");

@@ -18,7 +18,7 @@ const UNFINISHED: &str = ".part";
 
 /// A file or folder that cannot be written.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {error}", path.display())]
+#[error("{}: {error}{}", path.display(), advice(error.kind()))]
 pub struct FileError {
     /// The file or folder.
     pub path: PathBuf,
@@ -30,6 +30,17 @@ impl FileError {
     /// An error of this file.
     pub fn new(path: &Path, error: io::Error) -> Self {
         Self { path: path.to_owned(), error }
+    }
+}
+
+/// What to do about an error of this kind, as words to append.
+fn advice(kind: io::ErrorKind) -> &'static str {
+    match kind {
+        io::ErrorKind::NotFound => "; does the folder exist?",
+        io::ErrorKind::IsADirectory => "; name a file in it",
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => "; name a place where you may write",
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "; make room there, or name another disk",
+        _ => "",
     }
 }
 
@@ -56,13 +67,19 @@ impl NewFile {
     /// [`FileError`] when nothing can be written there.
     pub fn create(path: &Path) -> Result<Self, FileError> {
         let failed = |error| FileError::new(path, error);
-        if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+        let there = fs::metadata(path);
+        if there.as_ref().is_ok_and(fs::Metadata::is_dir) {
+            return Err(failed(io::Error::from(io::ErrorKind::IsADirectory)));
+        }
+        if there.is_ok_and(|there| !there.is_file()) {
             let content = Content::InPlace(BufWriter::with_capacity(BUFFER, File::create(path).map_err(failed)?));
             return Ok(Self { path: path.to_owned(), content });
         }
         // The target of a link is replaced, not the link.
         let place = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         let folder = place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        // Said without the name of a temporary file.
+        fs::metadata(folder).map_err(failed)?;
         let mut prefix = std::ffi::OsString::from(".");
         prefix.push(place.file_name().unwrap_or_default());
         prefix.push(".");
@@ -70,7 +87,10 @@ impl NewFile {
         builder.prefix(&prefix).suffix(UNFINISHED);
         #[cfg(unix)]
         builder.permissions(permissions(&place));
-        let content = Content::Beside(BufWriter::with_capacity(BUFFER, builder.tempfile_in(folder).map_err(failed)?));
+        let content = Content::Beside(BufWriter::with_capacity(
+            BUFFER,
+            builder.tempfile_in(folder).map_err(failed)?,
+        ));
         Ok(Self { path: place, content })
     }
 
@@ -182,6 +202,16 @@ mod tests {
         file.finish().unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"whole");
         assert_eq!(names(folder.path()), ["result.csv"]);
+    }
+
+    #[test]
+    fn what_cannot_be_a_file_is_refused_before_anything_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let refused = |path: &Path| NewFile::create(path).unwrap_err().to_string();
+        assert!(refused(folder.path()).contains("name a file in it"), "{}", refused(folder.path()));
+        let nowhere = refused(&folder.path().join("missing/result.csv"));
+        assert!(nowhere.ends_with("(os error 2); does the folder exist?"), "{nowhere}");
+        assert_eq!(names(folder.path()), [""; 0]);
     }
 
     #[test]

@@ -76,6 +76,7 @@ const USAGE: &[Mistake] = &[
     mistake("calibrate BOARD --board DIR/sizeless.csv -o DIR/out", 2, "looks like a file", "acircles:9x4:55mm:r17.5mm"),
     mistake("calibrate a.csv -board BOARD -o DIR/out", 2, "'-b'", "two hyphens: '--board'"),
     mistake("calibrate a.csv --board acircles:9x4:55,5mm:r17,5mm -o DIR/out", 2, "55,5mm", "acircles:9x4:55mm:r17.5mm"),
+    mistake("calibrate a.csv --board acircles:9x4:55m:r17.5m -o DIR/out", 2, "55m", "acircles:9x4:55mm:r17.5mm"),
     mistake("calibrate a.csv --board acircles:9*4:55mm:r17.5mm -o DIR/out", 2, "9*4", "acircles:9x4:55mm:r17.5mm"),
     mistake(
         "simulate -o DIR/out --model radtan4 --parameters 300;300;172;129;0;0;0;0",
@@ -188,6 +189,8 @@ const FILES: &[Mistake] = &[
     mistake("evaluate DIR/camera --truth DIR/foreign.yaml", 1, "no camera file", "\"model\": \"radtan4\""),
     mistake("export DIR --format ros", 1, "calibration.json: No such file", "or its folder"),
     mistake("export DIR/camera --format rospy", 2, "rospy", "ros"),
+    mistake("export DIR/camera --format ros -o DIR", 1, "is a directory", "name a file in it"),
+    mistake("board --pdf DIR/missing/out.pdf", 1, "missing/out.pdf", "does the folder exist?"),
     mistake("undistort DIR/camera -c FIXTURE -o DIR/new.csv", 1, "events.dvraw", "or its folder"),
     mistake("convert FIXTURE DIR/events.xyz", 1, "events.xyz", "csv"),
     mistake("repeat FIXTURE --board BOARD", 1, "3.0 s long", "--seconds 1.4s"),

@@ -1,6 +1,7 @@
 //! What the tests of every format do.
 
 use evcal_core::event::Event;
+use tempfile::TempDir;
 
 use super::{Damage, ReadReport, Recording, RecordingInformation, RecordingOptions};
 
@@ -18,9 +19,15 @@ pub fn read(content: &[u8]) -> Outcome {
     read_with(content, RecordingOptions::default())
 }
 
+/// A folder for thousands of files that are there for a moment each: in memory where the system allows that, for disks may
+/// take a millisecond to forget one.
+fn short_lived() -> TempDir {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
+}
+
 /// Reads a file with this content, and what it holds beside events.
 pub fn read_with(content: &[u8], options: RecordingOptions) -> Outcome {
-    let directory = tempfile::tempdir().unwrap();
+    let directory = short_lived();
     let path = directory.path().join("recording");
     std::fs::write(&path, content).unwrap();
     let mut outcome = Outcome { events: Vec::new(), information: None, report: ReadReport::default(), error: None };
