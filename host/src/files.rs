@@ -87,10 +87,7 @@ impl NewFile {
         builder.prefix(&prefix).suffix(UNFINISHED);
         #[cfg(unix)]
         builder.permissions(permissions(&place));
-        let content = Content::Beside(BufWriter::with_capacity(
-            BUFFER,
-            builder.tempfile_in(folder).map_err(failed)?,
-        ));
+        let content = Content::Beside(BufWriter::with_capacity(BUFFER, builder.tempfile_in(folder).map_err(failed)?));
         Ok(Self { path: place, content })
     }
 
