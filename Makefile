@@ -20,11 +20,13 @@ test:
 test-times: setup
 	@sh tools/measure/time-tests.sh $(COLD) $(TESTS)
 
-# All tests that cargo runs. Without OpenCV, the units and the tests of the program that calibrate most.
+# All tests that cargo runs. Without OpenCV, the tests of the program that calibrate most, and the units; but for those that take
+# long and never come near OpenCV.
 test-workspace: setup
 	cargo test --workspace --release --locked
 	cargo test -p evcal --release --locked --no-default-features --features cli \
-		--lib --test cli --test first_contact --test live --test regressions
+		--lib --test cli --test first_contact --test regressions \
+		-- --skip inertial:: --skip simulate:: --skip live:: --skip export::
 
 # report.html and the page of evcal live in a headless browser, as a phone and as a desktop; installs the browser.
 test-report: programs

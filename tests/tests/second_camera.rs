@@ -178,7 +178,7 @@ fn motions_that_leave_the_clocks_open_are_refused() {
 
 /// Pixels of events that answer at once, so that nothing but the clocks is in the offset.
 const FRAMES: [&str; 11] =
-    ["simulate", "--board", BOARD, "--motion", "fast", "--duration", "8s", "--seed", "41", "--light", "ideal"];
+    ["simulate", "--board", BOARD, "--motion", "fast", "--duration", "5s", "--seed", "41", "--light", "ideal"];
 
 fn frame_simulation() -> PathBuf {
     made("second-frames", &[&FRAMES[..], &["--second-frames"]].concat())
