@@ -178,9 +178,7 @@ pub fn uncertainty(
     let formal_with_board = reduced.covariance(&all_places).ok();
     let step_with_board = reduced.global_step().ok();
     let follows = reduced.into_follows();
-    let controls = follows.control_covariances(&places, &formal).ok_or(SolveError::Singular)?;
     let contributions_with_board = contributions(problem, state, &follows, &stretches);
-    drop(follows);
     let times: Vec<(usize, f64)> =
         stretches.iter().map(|stretch| (stretch.segment, stretch.start(&problem.segments))).collect();
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
@@ -191,40 +189,42 @@ pub fn uncertainty(
     let board = formal_with_board.zip(step_with_board).map(|(formal, step)| {
         board_evidence(problem, state, (&formal, &step), &contributions_with_board, time, settings)
     });
-    let poses = PoseCovariance::new(controls, inflation);
+    drop(contributions_with_board);
 
     let count = state.camera.parameters().len();
+    // What all parts of the recording have in common, as a share of the formal covariance and as an error of the focal lengths.
+    let common = common_share(problem, state, &intrinsics_of(&formal, &free, count), observations, settings);
+    let focal_lengths = std::array::from_fn(|axis| if free[axis] { state.camera.parameters()[axis] } else { 0.0 });
+    let before = intrinsics_of(&stated, &free, count) + intrinsics_of(&formal, &free, count) * common;
+    let scale = if common > 0.0 {
+        scale_error(&before, focal_lengths, settings.systematic_scale)
+    } else {
+        DVector::zeros(count)
+    };
+    let covariance = &before + &scale * scale.transpose();
+
+    // The poses follow the camera: what moves it moves them.
+    let scale = DVector::from_fn(places.len(), |row, _| scale.get(places[row]).copied().unwrap_or(0.0));
+    let of_globals = &formal * (1.0 + common / inflation) + &scale * scale.transpose() / inflation;
+    let controls = follows.control_covariances(&places, &of_globals).ok_or(SolveError::Singular)?;
+    drop(follows);
+    let poses = PoseCovariance::new(controls, inflation);
+
     let mut variances = [0.0; GLOBAL_COUNT];
     let places = (0..GLOBAL_COUNT).filter(|&global| free[global]);
     for (global, variance) in places.zip(formal.diagonal().iter()) {
-        variances[global] = inflation * variance.max(0.0);
+        variances[global] = (inflation + common) * variance.max(0.0);
     }
     let bias_sigma = std::array::from_fn(|class| Biases::from_fn(|bias| variances[bias_index(class, bias)].sqrt()));
     let first_of_board = free.iter().take(BOARD_INDEX).filter(|&&free| free).count();
     let mut board_sigma = [0.0; BOARD_PARAMETERS];
     let free_of_board = board_sigma.iter_mut().zip(problem.free.board).filter(|(_, free)| *free);
     for (place, (sigma, _)) in (first_of_board..).zip(free_of_board) {
-        *sigma = stated[(place, place)].max(0.0).sqrt();
+        *sigma = (stated[(place, place)] + common * formal[(place, place)]).max(0.0).sqrt();
     }
     if problem.free.board[RADIUS] {
         board_sigma[RADIUS] = libm::hypot(board_sigma[RADIUS], settings.systematic_radius * problem.mean_scale);
     }
-    let covariance = intrinsics_of(&stated, &free, count);
-    let has_events = problem.segments.iter().any(|segment| !segment.events.is_empty());
-    let covariance = if has_events {
-        let formal = intrinsics_of(&formal, &free, count);
-        let common = match projection_uncertainty(&state.camera, &formal, problem.sensor) {
-            // The formal covariance, with a projection error of `model_error` times that of one event, squared.
-            Ok(ProjectionUncertainty { rms, .. }) => {
-                formal * (settings.model_error * observations as f64 * rms).powi(2)
-            }
-            Err(NoView) => formal,
-        };
-        let focal_lengths = std::array::from_fn(|axis| if free[axis] { state.camera.parameters()[axis] } else { 0.0 });
-        covariance + with_scale_error(common, focal_lengths, settings.systematic_scale)
-    } else {
-        covariance
-    };
     let intrinsics = Uncertainty { covariance, inflation, observations, blocks };
     Ok(SolveUncertainty { intrinsics, board_sigma, board, bias_sigma, poses, formal })
 }
@@ -286,9 +286,27 @@ fn board_evidence(
     BoardEvidence::new(state, step, parameters.board, (variances.into_iter(), radius_error))
 }
 
-/// `covariance` of intrinsics that begin with the `focal_lengths`, enlarged by a common error of both so that neither σ is below this
-/// `share` of it.
-fn with_scale_error(mut covariance: DMatrix<f64>, focal_lengths: [f64; 2], share: f64) -> DMatrix<f64> {
+/// What the model of events gets wrong, as a share of the `formal` covariance of the intrinsics; zero where there are no events.
+fn common_share(
+    problem: &Problem,
+    state: &State,
+    formal: &DMatrix<f64>,
+    observations: usize,
+    settings: &UncertaintySettings,
+) -> f64 {
+    if problem.segments.iter().all(|segment| segment.events.is_empty()) {
+        return 0.0;
+    }
+    match projection_uncertainty(&state.camera, formal, problem.sensor) {
+        // A projection error of `model_error` times that of one event, squared.
+        Ok(ProjectionUncertainty { rms, .. }) => (settings.model_error * observations as f64 * rms).powi(2),
+        Err(NoView) => 1.0,
+    }
+}
+
+/// The common error of both `focal_lengths`, the first intrinsics, that keeps their σ from being below this `share` of them; it is to be
+/// added to `covariance`.
+fn scale_error(covariance: &DMatrix<f64>, focal_lengths: [f64; 2], share: f64) -> DVector<f64> {
     let lacking = |axis: usize| {
         let focal_length = focal_lengths[axis];
         if focal_length > 0.0 { share * share - covariance[(axis, axis)] / (focal_length * focal_length) } else { 0.0 }
@@ -296,8 +314,7 @@ fn with_scale_error(mut covariance: DMatrix<f64>, focal_lengths: [f64; 2], share
     let share = lacking(0).max(lacking(1)).max(0.0).sqrt();
     let mut common = DVector::zeros(covariance.nrows());
     common.iter_mut().zip(focal_lengths).for_each(|(entry, focal_length)| *entry = share * focal_length);
-    covariance.ger(1.0, &common, &common, 1.0);
-    covariance
+    common
 }
 
 #[cfg(test)]
@@ -307,10 +324,14 @@ mod tests {
     #[test]
     fn a_common_error_moves_both_focal_lengths_together() {
         let before = DMatrix::from_diagonal(&DVector::from_column_slice(&[0.0225, 0.04, 0.01, 0.01]));
-        let after = with_scale_error(before.clone(), [300.0, 400.0], 1e-3);
+        let with_scale_error = |covariance: DMatrix<f64>, share: f64| {
+            let error = scale_error(&covariance, [300.0, 400.0], share);
+            covariance + &error * error.transpose()
+        };
+        let after = with_scale_error(before.clone(), 1e-3);
         // Of 0.3 px and 0.4 px, 0.15 px and 0.2 px are stated already.
         assert!((after[(0, 0)] - 0.09).abs() < 1e-12 && (after[(1, 1)] - 0.16).abs() < 1e-12, "{after}");
-        assert_eq!(with_scale_error(after.clone(), [300.0, 400.0], 9e-4), after);
+        assert_eq!(with_scale_error(after.clone(), 9e-4), after);
         let difference = after - before;
         // Their ratio is as well known as before.
         let ratio = DVector::from_column_slice(&[1.0 / 300.0, -1.0 / 400.0, 0.0, 0.0]);

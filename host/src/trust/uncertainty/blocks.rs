@@ -1,13 +1,18 @@
 //! Scatter of the estimate when blocks of time are left out.
 
+use std::collections::BTreeMap;
+
 use nalgebra::DMatrix;
 
 use crate::solve::system::Contribution;
 
-/// Sums what the stretches of observations that begin at `times` (segment, seconds) say, for each block of
-/// `length` seconds of a segment.
-pub fn sum_by_block(times: &[(usize, f64)], contributions: &[Contribution], length: f64) -> Vec<Contribution> {
-    let block = |&(segment, t): &(usize, f64)| (segment, (t / length).floor() as i64);
+/// Sums what the stretches of observations that begin at `starts` (segment, seconds) say, for even blocks of about `length` seconds.
+///
+/// Time between segments does not count: what drifts over a recording that was seen in pieces shows between its parts all the same.
+pub fn sum_by_block(starts: &[(usize, f64)], contributions: &[Contribution], length: f64) -> Vec<Contribution> {
+    let (times, total) = observed_times(starts);
+    let count = (total / length).round().max(1.0);
+    let block = |t: &f64| (t / total * count).floor().min(count - 1.0) as usize;
     let mut keyed: Vec<_> = times.iter().map(block).zip(contributions).collect();
     keyed.sort_by_key(|(block, _)| *block);
     keyed
@@ -21,6 +26,27 @@ pub fn sum_by_block(times: &[(usize, f64)], contributions: &[Contribution], leng
             }))
         })
         .collect()
+}
+
+/// The same times when the segments follow each other without pause, from 0 on, and how long all of it is; a stretch is as long as those
+/// of its segment are on average.
+fn observed_times(starts: &[(usize, f64)]) -> (Vec<f64>, f64) {
+    let mut spans: BTreeMap<usize, (f64, f64, usize)> = BTreeMap::new();
+    for &(segment, t) in starts {
+        let (first, last, count) = spans.entry(segment).or_insert((t, t, 0));
+        (*first, *last, *count) = (first.min(t), last.max(t), *count + 1);
+    }
+    let (stretches, spanned) =
+        spans.values().fold((0, 0.0), |(number, sum), (first, last, count)| (number + count - 1, sum + last - first));
+    // One that is alone in its segment is as long as the others.
+    let usual = if stretches > 0 { spanned / stretches as f64 } else { 1.0 };
+    let mut before = BTreeMap::new();
+    let mut total = 0.0;
+    for (segment, (first, last, _)) in spans {
+        before.insert(segment, total - first);
+        total += last - first + usual;
+    }
+    (starts.iter().map(|(segment, t)| t + before.get(segment).copied().unwrap_or(0.0)).collect(), total)
 }
 
 /// How the estimate scatters from block to block.
@@ -119,6 +145,22 @@ mod tests {
     #[test]
     fn copies_count_once() {
         assert!((ratio(10, 0.1) / ratio(1, 0.1) - 10.0).abs() < 1e-9);
+    }
+
+    /// What drifts from one end of a recording to the other shows in its halves, also where it was seen in pieces with pauses between.
+    #[test]
+    fn a_recording_in_pieces_has_halves_too() {
+        let one = |value: f64| Contribution {
+            gradient: DVector::from_element(1, value),
+            information: DMatrix::from_element(1, 1, 1.0),
+        };
+        let pieces: Vec<(usize, f64)> =
+            (0..40).map(|index| (index / 4, (index / 4) as f64 * 7.0 + (index % 4) as f64 * 0.25)).collect();
+        let drift: Vec<Contribution> = (0..40).map(|index| one(if index < 20 { -1.0 } else { 1.0 })).collect();
+        let halves = sum_by_block(&pieces, &drift, 5.0);
+        let gradients: Vec<f64> = halves.iter().map(|half| half.gradient[0]).collect();
+        assert_eq!(gradients, [-20.0, 20.0]);
+        assert_eq!(sum_by_block(&pieces, &drift, 1.0).len(), 10);
     }
 
     #[test]
