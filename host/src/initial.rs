@@ -37,7 +37,6 @@ use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 use crate::board::Board;
-use crate::board::homography::MINIMUM_POINTS;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use bundle::{Bundle, BundleView, bundle};
 use cross_validation::cross_validate;
@@ -125,9 +124,7 @@ pub fn initial_model(
     settings: &InitialSettings,
 ) -> Result<InitialModel, InitialError> {
     let mut report = InitialReport { frames_in: frames.len(), ..InitialReport::default() };
-    // Small boards may be used when they are complete.
-    let min_circles = settings.min_circles.min(board.circle_count()).max(MINIMUM_POINTS);
-    let settings = &InitialSettings { min_circles, ..settings.clone() };
+    let settings = &settings.of_frames(frames, board);
     let sightings = accepted_sightings(frames, board, settings, &mut report)?;
     let camera = first_camera(&sightings, board, sensor, kind, settings, &mut report)?.camera;
 
@@ -158,8 +155,7 @@ pub fn posed_frames(
     settings: &InitialSettings,
 ) -> Vec<PosedFrame> {
     let mut report = InitialReport { frames_in: frames.len(), ..InitialReport::default() };
-    let min_circles = settings.min_circles.min(board.circle_count()).max(MINIMUM_POINTS);
-    let settings = &InitialSettings { min_circles, min_frames: 1, ..settings.clone() };
+    let settings = &InitialSettings { min_frames: 1, ..settings.of_frames(frames, board) };
     let Ok(sightings) = accepted_sightings(frames, board, settings, &mut report) else { return Vec::new() };
     let mut posed = poses(camera, sightings, settings, &mut report);
     let kept = velocity_gate(&waypoints(&posed), board, settings);

@@ -4,6 +4,11 @@ use evcal_core::settings;
 use evcal_core::settings::{above, at_least, from_to};
 use serde::{Deserialize, Serialize};
 
+use crate::board::Board;
+use crate::board::homography::MINIMUM_POINTS;
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::numerics::statistics::median;
+
 /// What the first camera and the poses of frames start from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "opencv", derive(Default))]
@@ -61,13 +66,14 @@ settings! {
         pub start_retries: usize = 3, "times", at_least(0.0);
         /// Distance from which an observation counts linearly instead of squared.
         pub huber: f64 = 0.5, "px", above(0.0);
-        /// Largest distance of a circle from its projection; beyond, it is left out of its frame.
+        /// Largest distance of a circle from its projection; beyond, it is left out of its frame. Circles with radii above 12 px may
+        /// be further away, in proportion.
         pub max_circle_error: f64 = 3.0, "px", above(0.0);
         /// Samples of RANSAC for each frame.
         pub ransac_iterations: u16 = 100, "samples", at_least(1.0);
         /// Smallest share of a frame's circles that must agree with its pose.
         pub min_inlier_fraction: f64 = 0.6, "", above(0.0).at_most(1.0);
-        /// Largest root mean square error of a frame.
+        /// Largest root mean square error of a frame; larger for circles with radii above 12 px, in proportion.
         pub max_frame_rms: f64 = 2.0, "px", above(0.0);
         /// Largest root mean square error of a frame as a multiple of the median of all frames.
         pub max_frame_rms_ratio: f64 = 5.0, "", at_least(1.0);
@@ -94,6 +100,26 @@ settings! {
     }
 }
 
+/// Radius of circles up to which the gates of pixels are as stated (px). What perspective, distortion and motion within a window do to the
+/// centre of a circle's image grows with it.
+const USUAL_RADIUS: f64 = 12.0;
+
+impl InitialSettings {
+    /// As they are for `frames` of `board`: small boards may be used when they are complete, and large circles may be further from where
+    /// they are expected.
+    pub fn of_frames(&self, frames: &[ReferenceFrame], board: &Board) -> Self {
+        let mut radii: Vec<f64> =
+            frames.iter().flat_map(|frame| &frame.circles).filter_map(|circle| circle.radius).collect();
+        let larger = median(&mut radii, f64::total_cmp).map_or(1.0, |radius| (radius / USUAL_RADIUS).max(1.0));
+        Self {
+            min_circles: self.min_circles.min(board.circle_count()).max(MINIMUM_POINTS),
+            max_circle_error: self.max_circle_error * larger,
+            max_frame_rms: self.max_frame_rms * larger,
+            ..self.clone()
+        }
+    }
+}
+
 settings! {
     /// Circles found again where the first model expects them.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -117,5 +143,29 @@ settings! {
         pub max_center_deviation: f64 = 0.5, "px", above(0.0);
         /// Smallest share of the frame's circles inside the sensor that must pass.
         pub min_fraction: f64 = 0.5, "", from_to(0.0, 1.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::circles::reference_frame::{ObservedCircle, SeenIn};
+
+    /// Dots of 35 mm half a metre away are 22 px large; with the bound of small ones, no frame of theirs had a pose.
+    #[test]
+    fn gates_of_pixels_grow_with_large_circles() {
+        let board: Board = "circles:3x4:90mm:r35mm".parse().unwrap();
+        let of_radius = |radius: Option<f64>| {
+            let circle = ObservedCircle { index: 0, t: 0.0, center: Vector2::zeros(), radius, velocity: None };
+            let circles = vec![circle];
+            let frame = ReferenceFrame { recording: 0, start: 0.0, end: 0.01, circles, seen_in: SeenIn::Circles };
+            InitialSettings::default().of_frames(&[frame], &board)
+        };
+        assert_eq!((of_radius(Some(24.0)).max_circle_error, of_radius(Some(24.0)).max_frame_rms), (6.0, 4.0));
+        for small in [Some(7.0), None] {
+            assert_eq!(of_radius(small), InitialSettings::default());
+        }
     }
 }

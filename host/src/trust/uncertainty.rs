@@ -17,7 +17,7 @@
 //!
 //! No scatter shows an error that every part of a recording has. Simulated recordings with known truth do: what the biases of
 //! the events do not follow, some thousandths of a pixel, moves the camera in the directions that the views hardly determine, the further
-//! the less they do ([`UncertaintySettings::model_error`]), and the focal lengths are never surer than
+//! the less they do ([`UncertaintySettings::model_error`]; the poses and the board go with it), and the focal lengths are never surer than
 //! [`UncertaintySettings::systematic_scale`].
 
 pub mod blocks;
@@ -52,9 +52,10 @@ settings! {
         /// Least error of the focal lengths that all events have in common and that does not become smaller with more of
         /// them, as a share of the focal lengths (σ).
         pub systematic_scale: f64 = 1.5e-4, "", at_least(0.0);
-        /// How far what is wrong with the model of events moves the projection (σ, px rms over the sensor), for each square pixel of
-        /// variance that one event alone would leave it open by. More events do not make it smaller.
-        pub model_error: f64 = 2e-4, "1/px", at_least(0.0);
+        /// How far what is wrong with the model of events moves the projection (σ, px rms over the sensor), for each unit of
+        /// leverage: the variance that one event alone would leave of the projection, over the event's own. More events do not make it
+        /// smaller.
+        pub model_error: f64 = 3.2e-6, "px", at_least(0.0);
         /// The same of the circles' radius, where it is estimated (σ).
         pub systematic_radius: f64 = 0.03, "px", at_least(0.0);
     }
@@ -195,13 +196,13 @@ pub fn uncertainty(
     // What all parts of the recording have in common, as a share of the formal covariance and as an error of the focal lengths.
     let common = common_share(problem, state, &intrinsics_of(&formal, &free, count), observations, settings);
     let focal_lengths = std::array::from_fn(|axis| if free[axis] { state.camera.parameters()[axis] } else { 0.0 });
-    let before = intrinsics_of(&stated, &free, count) + intrinsics_of(&formal, &free, count) * common;
+    let of_model = intrinsics_of(&formal, &free, count) * common;
     let scale = if common > 0.0 {
-        scale_error(&before, focal_lengths, settings.systematic_scale)
+        scale_error(&of_model, focal_lengths, settings.systematic_scale)
     } else {
         DVector::zeros(count)
     };
-    let covariance = &before + &scale * scale.transpose();
+    let covariance = intrinsics_of(&stated, &free, count) + of_model + &scale * scale.transpose();
 
     // The poses follow the camera: what moves it moves them.
     let scale = DVector::from_fn(places.len(), |row, _| scale.get(places[row]).copied().unwrap_or(0.0));
@@ -298,10 +299,25 @@ fn common_share(
         return 0.0;
     }
     match projection_uncertainty(&state.camera, formal, problem.sensor) {
-        // A projection error of `model_error` times that of one event, squared.
-        Ok(ProjectionUncertainty { rms, .. }) => (settings.model_error * observations as f64 * rms).powi(2),
+        // A projection error of `model_error` times the leverage N rms² / s².
+        Ok(ProjectionUncertainty { rms, .. }) => {
+            (settings.model_error * observations as f64 * rms / spread_squared(problem, state)).powi(2)
+        }
         Err(NoView) => 1.0,
     }
+}
+
+/// The square of the spread that weighs the events of `problem` (px²), the harmonic mean over all of them.
+fn spread_squared(problem: &Problem, state: &State) -> f64 {
+    let (mut weights, mut count) = (0.0, 0_usize);
+    for event in problem.segments.iter().flat_map(|segment| &segment.events) {
+        let sigma = state.bias.get(usize::from(event.class)).and_then(|bias| bias.sigma.get(usize::from(event.speed_range)));
+        if let Some(sigma) = sigma.filter(|&&sigma| sigma > 0.0) {
+            weights += 1.0 / (sigma * sigma);
+            count += 1;
+        }
+    }
+    if weights > 0.0 { count as f64 / weights } else { 1.0 }
 }
 
 /// The common error of both `focal_lengths`, the first intrinsics, that keeps their σ from being below this `share` of them; it is to be
