@@ -5,6 +5,7 @@
 //! transfers that they have no time for are left out of the display, and counted. [`replay`](mod@replay) does the same
 //! with a recording.
 
+pub mod background;
 pub mod checkpoint;
 mod coverage;
 pub mod guidance;
