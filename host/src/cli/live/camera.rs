@@ -15,6 +15,7 @@ use evcal::page::view::Losses;
 use evcal::recording::RecordingOptions;
 use evcal::settings::Settings;
 use evcal_core::sensor::Sensor;
+use usb_davis::device::Camera;
 use usb_davis::dump::Growth;
 
 use super::super::interrupt::Interrupt;
@@ -40,10 +41,16 @@ pub fn run(
     interrupt: &Interrupt,
 ) -> super::super::Outcome {
     let board = arguments.calibration.method.choose_board(&[], &RecordingOptions::default(), &settings.detection)?;
+    // Whoever has no camera need not open a page first.
+    let mut opened = Some(arguments.camera.open()?);
     let window = open_window(arguments)?;
     // Those that are calibrated together.
     let mut recordings = Vec::new();
     for number in 1.. {
+        let camera = match opened.take() {
+            Some(camera) => camera,
+            None => arguments.camera.open()?,
+        };
         let path = folder.path().join(name(number));
         let shared = Shared::default();
         let before = recordings.clone();
@@ -52,7 +59,7 @@ pub fn run(
             let calibration = &arguments.calibration;
             let ahead = Ahead::start(scope, (&before, &path), board, calibration, settings, &shared);
             let recorded =
-                record_one(arguments, settings, &board, (&path, &shared.growth), interrupt, window.as_ref())?;
+                record_one(camera, arguments, settings, &board, (&path, &shared.growth), interrupt, window.as_ref())?;
             let calibrated = ahead.finish(&recordings, calibration, settings, folder);
             Ok::<_, Box<dyn Error>>((recorded, calibrated))
         });
@@ -81,8 +88,9 @@ struct Recorded {
     report: RecorderReport,
 }
 
-/// Records into `path` until enough was seen.
+/// Records `camera` into `path` until enough was seen.
 fn record_one(
+    mut camera: Camera,
     arguments: &Arguments,
     settings: &Settings,
     board: &Board,
@@ -91,7 +99,6 @@ fn record_one(
     window: Option<&Window>,
 ) -> Result<Recorded, Box<dyn Error>> {
     let json = arguments.calibration.json;
-    let mut camera = arguments.camera.open()?;
     let header = camera.header();
     let sensor: Sensor = header.registers.layout().dvs.size().into();
     let checkpoints =
