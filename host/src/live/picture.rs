@@ -1,6 +1,7 @@
 //! What the sensor sees, for the eye: events gathered between two pictures.
 
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -108,6 +109,7 @@ struct Shared {
 pub struct PictureFeed {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
+    left_out: AtomicU64,
 }
 
 impl PictureFeed {
@@ -118,8 +120,8 @@ impl PictureFeed {
         let (of_thread, mut decoder) = (Arc::clone(&shared), Decoder::new(header.registers.layout()));
         let thread = thread::spawn(move || {
             let mut picture = EventPicture::new(Sensor::new(width, height));
-            let mut shown = Instant::now();
-            while let Some(pieces) = next(&of_thread, PICTURE_INTERVAL.saturating_sub(shown.elapsed())) {
+            let mut due = Instant::now() + PICTURE_INTERVAL;
+            while let Some(pieces) = next(&of_thread, due.saturating_duration_since(Instant::now())) {
                 for (gap, payload) in pieces {
                     if gap {
                         decoder.gap(|_| {});
@@ -130,20 +132,27 @@ impl PictureFeed {
                         }
                     });
                 }
-                if shown.elapsed() >= PICTURE_INTERVAL {
-                    shown = Instant::now();
+                let now = Instant::now();
+                if now >= due {
+                    due = (due + PICTURE_INTERVAL).max(now);
                     show(&picture);
                     picture.clear();
                 }
             }
         });
-        Self { shared, thread: Some(thread) }
+        Self { shared, thread: Some(thread), left_out: AtomicU64::new(0) }
+    }
+
+    /// Transfers that are in no picture because the pictures lagged behind.
+    pub fn left_out(&self) -> u64 {
+        self.left_out.load(Ordering::Relaxed)
     }
 
     /// Takes a transfer. Does not wait: when the pictures lag behind, what waits for them is left out.
     pub fn take(&self, transfer: &Transfer<'_>) {
         let mut queue = self.shared.queue.lock().unwrap_or_else(PoisonError::into_inner);
         if queue.bytes + transfer.payload.len() > MOST_WAITING {
+            self.left_out.fetch_add(queue.waiting.len() as u64, Ordering::Relaxed);
             queue.waiting.clear();
             queue.bytes = 0;
             queue.gap = true;
