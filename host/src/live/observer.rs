@@ -224,6 +224,14 @@ impl<'a> Observer<'a> {
         told.is_some()
     }
 
+    /// Not one event came for so long (s), which the sensor's clock does not tell.
+    pub fn silence(&mut self, seconds: f64) {
+        self.explainer.silence();
+        if let Some(guidance) = &mut self.guidance {
+            guidance.advise(self.latest + seconds);
+        }
+    }
+
     /// Looks at all events that wait, and tells coverage as of now.
     pub fn finish(&mut self) {
         self.search();

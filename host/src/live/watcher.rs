@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use evcal_core::event::Event;
 use usb_davis::capture::GapRepair;
@@ -21,6 +21,8 @@ use crate::recording::davis::{CameraClock, event};
 
 /// How often checkpoints are looked after while nothing comes.
 const PATIENCE: Duration = Duration::from_millis(100);
+/// A camera that sends not one event for so long is told to be silent, and again after the same time.
+const SILENCE: Duration = Duration::from_secs(1);
 
 /// A transfer on its way to the detector.
 struct Piece {
@@ -135,7 +137,13 @@ fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen:
     let (mut repair, mut clock) = (GapRepair::default(), CameraClock::default());
     let mut events: Vec<Event> = Vec::new();
     let (mut first, mut latest) = (None, i64::MIN);
+    let (mut heard, mut silence) = (Instant::now(), SILENCE);
     while let Some(piece) = next(shared) {
+        if heard.elapsed() >= silence {
+            observer.silence(heard.elapsed().as_secs_f64());
+            silence += SILENCE;
+            seen.set(observer.seen());
+        }
         let Some(piece) = piece else {
             if observer.check() {
                 seen.set(observer.seen());
@@ -155,6 +163,9 @@ fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen:
                 events.extend(new.iter().map(|wire| event(wire, shift)));
             }
         });
+        if !events.is_empty() {
+            (heard, silence) = (Instant::now(), SILENCE);
+        }
         for event in &mut events {
             latest = latest.max(event.t);
             event.t = latest - *first.get_or_insert(latest);
