@@ -13,7 +13,7 @@ use usb_davis::protocol::{Decoder, Message};
 use super::LiveSettings;
 use super::checkpoint::Checkpoints;
 use super::latest::Latest;
-use super::observer::{Observer, Seen};
+use super::observer::{Memory, Observer, Seen};
 use crate::board::Board;
 use crate::detection::settings::DetectionSettings;
 use crate::initial::InitialSettings;
@@ -51,7 +51,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 pub struct Watcher {
     shared: Arc<Shared>,
     latest: Latest,
-    thread: Option<JoinHandle<()>>,
+    thread: Option<JoinHandle<Memory>>,
     longest_wait_ns: u64,
     /// A transfer was left out since the latest one taken.
     gap: bool,
@@ -60,7 +60,7 @@ pub struct Watcher {
 
 impl Watcher {
     /// Starts a detector with these settings for the camera that `header` describes; `checkpoints` calibrate what it
-    /// records.
+    /// records. What earlier recordings showed counts, where they are calibrated together.
     pub fn start(
         detection: &DetectionSettings,
         initial: &InitialSettings,
@@ -68,6 +68,7 @@ impl Watcher {
         board: &Board,
         header: &DumpHeader,
         checkpoints: Checkpoints,
+        memory: Option<Memory>,
     ) -> Self {
         let sensor = header.registers.layout().dvs.size().into();
         let shared = Arc::new(Shared::default());
@@ -78,7 +79,12 @@ impl Watcher {
         let (detection, initial, live, board) = (detection.clone(), initial.clone(), live.clone(), *board);
         let thread = thread::spawn(move || {
             let observer = Observer::new(&detection, &initial, &live, &board, sensor).with_checkpoints(checkpoints);
-            look(&of_thread, decoder, observer, &latest_of_thread);
+            let observer = match memory {
+                Some(memory) => observer.with_memory(memory),
+                None => observer,
+            };
+            latest_of_thread.set(observer.seen());
+            look(&of_thread, decoder, observer, &latest_of_thread)
         });
         Self { shared, latest, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }
     }
@@ -110,19 +116,17 @@ impl Watcher {
     }
 
     /// Waits until everything taken has been looked at, [`super::LiveSettings::longest_wait`] of it at
-    /// most.
-    pub fn finish(mut self) -> Seen {
-        self.end();
-        self.seen()
+    /// most. What was seen, and what is to be remembered of it.
+    pub fn finish(mut self) -> (Seen, Option<Memory>) {
+        let memory = self.end();
+        (self.seen(), memory)
     }
 
-    fn end(&mut self) {
+    fn end(&mut self) -> Option<Memory> {
         lock(&self.shared.queue).ended = true;
         self.shared.filled.notify_one();
-        if let Some(thread) = self.thread.take() {
-            // If it panicked, what it had seen before still counts.
-            let _ = thread.join();
-        }
+        // If it panicked, what it had seen before still counts.
+        self.thread.take().and_then(|thread| thread.join().ok())
     }
 }
 
@@ -133,7 +137,7 @@ impl Drop for Watcher {
 }
 
 /// The detector's thread.
-fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen: &Latest) {
+fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen: &Latest) -> Memory {
     let (mut repair, mut clock) = (GapRepair::default(), CameraClock::default());
     let mut events: Vec<Event> = Vec::new();
     let (mut first, mut latest) = (None, i64::MIN);
@@ -176,6 +180,7 @@ fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen:
     }
     observer.finish();
     seen.set(observer.seen());
+    observer.into_memory()
 }
 
 /// The next piece, or none for a while; `None` when there will be no more.

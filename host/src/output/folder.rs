@@ -215,7 +215,7 @@ fn write_files(
 }
 
 /// The results in `folder`, in the order of their names.
-fn results_in(folder: &Path) -> Vec<ResultFile> {
+pub fn results_in(folder: &Path) -> Vec<ResultFile> {
     let entries = [PathBuf::new(), EXPORTS.into()].into_iter().flat_map(|place| {
         let entries = std::fs::read_dir(folder.join(&place)).into_iter().flatten().flatten();
         entries.map(move |entry| (place.join(entry.file_name()), entry.metadata()))
