@@ -103,6 +103,24 @@ fn an_absent_camera_is_a_failure_with_advice() {
     assert!(!recording.exists() && !output.exists());
 }
 
+/// Of two cameras, `--serial` takes the one with that number, whichever comes first on the bus.
+#[test]
+fn a_camera_is_chosen_by_its_serial_number() {
+    let bus = EmulatedBus::start(camera(3000)).unwrap();
+    let _second = bus.start_beside(Model::new("00000043", || events(6000))).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let listing = json(&run(&bus, &["devices", "--json"]).1);
+    let serials: Vec<&str> =
+        listing.as_array().unwrap().iter().map(|camera| camera["serial"].as_str().unwrap()).collect();
+    assert_eq!(serials, ["00000042", "00000043"]);
+    for (serial, events) in [("00000042", 3000), ("00000043", 6000)] {
+        let path = directory.path().join(format!("{serial}.dvraw"));
+        let (code, _, errors) = run(&bus, &["record", text(&path), "--serial", serial, "--duration", "1s"]);
+        assert_eq!(code, Some(0), "{errors}");
+        assert_eq!(count(&path), events, "{serial}");
+    }
+}
+
 #[test]
 fn a_recording_ends_with_its_time_or_at_ctrl_c_and_has_everything() {
     const COUNT: u64 = 200_000;

@@ -34,11 +34,12 @@ function hintOf(state, mirrored) {
   return mirrored ? state.hint.mirrored : state.hint.plain;
 }
 
-// A colour between good and bad: how far the error of a cell is above what is wanted, up to three times that.
+// A colour for the error of a cell: blue where it is what is wanted, orange from ten times that on, equal steps for equal ratios.
+const MOST = 10;
 function shade(sigma, target) {
   if (sigma === null || sigma === undefined) return "var(--faint)";
-  const share = Math.min(1, Math.max(0, (sigma / target - 1) / 2));
-  return `color-mix(in srgb, var(--bad) ${Math.round(100 * share)}%, var(--good))`;
+  const share = Math.min(1, Math.max(0, Math.log(sigma / target) / Math.log(MOST)));
+  return `color-mix(in srgb, var(--off) ${Math.round(100 * share)}%, var(--on))`;
 }
 
 function showCells({ coverage, target, checkpoint }) {
@@ -125,7 +126,7 @@ export function show(state, mirrored) {
   const gained = state.phase === "done" ? 1 : state.ghost ? state.ghost.gained : null;
   byId("ring").querySelector(".fill").setAttribute("stroke-dasharray", `${100 * (gained ?? 0)} 100`);
   setText(byId("gained"), gained === null ? "–" : percent(gained));
-  byId("ring").style.display = isOver ? "none" : "";
+  byId("ring").toggleAttribute("hidden", isOver);
   byId("total").value = 100 * progress;
   setText(byId("percent"), percent(progress));
   const missing = state.missing[side];
