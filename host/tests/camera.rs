@@ -17,7 +17,9 @@ use usb_davis::emulator::umockdev::{Access, EmulatedBus};
 use usb_davis::emulator::{Failures, Faults, Model, Pace};
 use usb_davis::registers::mux;
 
-use helpers::{BOARD, board_recording, camera, command, count, easy_settings, json, start, text, total, wait_for};
+use helpers::{
+    BOARD, board_recording, camera, command, count, easy_settings, events, json, start, text, total, wait_for,
+};
 
 const NOBODY: u32 = 65_534;
 fn run(bus: &EmulatedBus, arguments: &[&str]) -> (Option<i32>, String, String) {
