@@ -127,6 +127,7 @@ export function show(state, mirrored) {
   byId("ring").querySelector(".fill").setAttribute("stroke-dasharray", `${100 * (gained ?? 0)} 100`);
   setText(byId("gained"), gained === null ? "–" : percent(gained));
   byId("ring").toggleAttribute("hidden", isOver);
+  byId("total").parentElement.hidden = isOver;
   byId("total").value = 100 * progress;
   setText(byId("percent"), percent(progress));
   const missing = state.missing[side];
