@@ -105,7 +105,9 @@ impl Window {
 
     /// A recording begins, which is calibrated together with so many `before`.
     pub fn begin(&self, before: usize) {
-        *self.context() = Context { losses: Losses::default(), before, ..*self.context() };
+        let mut context = self.context();
+        (context.losses, context.before) = (Losses::default(), before);
+        drop(context);
         self.page.begin();
     }
 
