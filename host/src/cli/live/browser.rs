@@ -36,10 +36,10 @@ fn is_root() -> bool {
 pub fn open(url: &str, folder: &Path) -> io::Result<Redirect> {
     // Such files are their user's alone (0600).
     let mut file = tempfile::Builder::new().prefix("open-page-").suffix(".html").tempfile_in(folder)?;
-    write!(
+    writeln!(
         file,
         "<!doctype html><meta charset=\"utf-8\"><meta name=\"referrer\" content=\"no-referrer\">\
-         <meta http-equiv=\"refresh\" content=\"0; url={url}\"><title>evcal live</title>\n"
+         <meta http-equiv=\"refresh\" content=\"0; url={url}\"><title>evcal live</title>"
     )?;
     file.flush()?;
     let mut opener = Command::new("xdg-open")
