@@ -28,6 +28,7 @@ use std::sync::LazyLock;
 
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
+use rayon::ThreadPool;
 
 use self::calibrated::Calibrated;
 use self::error::CalibrateError;
@@ -74,6 +75,8 @@ pub struct Task<'a> {
     pub settings: &'a Settings,
     /// The command line, for the report; may be empty.
     pub command_line: &'a str,
+    /// Who reads the recordings and looks for the board; `None`: the workers of whoever calls.
+    pub readers: Option<&'a ThreadPool>,
 }
 
 /// The settings of a [`Task`] that says nothing of them.
@@ -92,6 +95,7 @@ impl<'a> Task<'a> {
             parameters: ParameterRequests::default(),
             settings: &DEFAULTS,
             command_line: "",
+            readers: None,
         }
     }
 }

@@ -5,8 +5,10 @@
 //! transfers that they have no time for are left out of the display, and counted. [`replay`](mod@replay) does the same
 //! with a recording.
 
+pub mod background;
 pub mod checkpoint;
 mod coverage;
+pub mod frames;
 pub mod guidance;
 pub mod health;
 pub mod latest;
@@ -15,6 +17,7 @@ pub mod obstacle;
 pub mod picture;
 pub mod recorder;
 pub mod replay;
+pub mod wanted;
 mod watcher;
 
 use std::ops::ControlFlow;
@@ -29,7 +32,7 @@ use usb_davis::dump::Transfer;
 use self::recorder::{Moment, RecorderReport, RecordingError, RecordingPlan, RecordingStatus, record};
 
 pub use self::coverage::{CoverageSummary, DISTANCES, LiveCoverage, Tilt};
-pub use self::observer::Seen;
+pub use self::observer::{Memory, Seen};
 pub use self::watcher::Watcher;
 
 settings! {

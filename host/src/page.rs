@@ -1,6 +1,6 @@
 //! The page of `evcal live`: what the camera sees, where the board should go, and the result, in a browser.
 //!
-//! It is served on this computer alone (127.0.0.1). A request must name this server as its host, so that no foreign
+//! It is served on this computer alone (127.0.0.1) unless another address is given. A request must name this server as its host, so that no foreign
 //! name that leads here is answered, and data and commands need a token that is new with every run and stands behind
 //! the `#` of the address, which browsers send to no one ([`gate`]).
 //!
@@ -15,7 +15,8 @@ mod tests;
 pub mod view;
 
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
@@ -32,7 +33,7 @@ const PORT: u16 = 8346;
 const MORE_PORTS: u16 = 10;
 
 /// A state as the page gets it: length of the JSON and number of the state (each 4 bytes, little-endian), the JSON, and
-/// one byte for each pixel of the sensor.
+/// one byte for each pixel of the sensor and of the frame beside it.
 #[derive(Clone, Debug, Default)]
 struct State {
     number: u32,
@@ -46,10 +47,24 @@ struct Shared {
     /// Path of the report, which nobody can guess, and the report.
     report: Mutex<Option<Bytes>>,
     report_path: String,
+    /// Where files of the results are, behind a part of the path that nobody can guess, and which there are.
+    files_path: String,
+    files: Mutex<Vec<ServedFile>>,
+    /// Whether the page shows frames.
+    frames: AtomicBool,
     finish: AtomicBool,
     next: Mutex<Option<Next>>,
     /// When a page last asked.
     asked: Mutex<Option<Instant>>,
+}
+
+/// A file of the results.
+#[derive(Clone, Debug)]
+struct ServedFile {
+    /// Its path on the server.
+    path: String,
+    /// Where it is.
+    file: PathBuf,
 }
 
 /// What comes after a recording.
@@ -68,9 +83,11 @@ pub enum Next {
 pub enum PageError {
     /// No port is free.
     #[error(
-        "no page: ports {first} to {last} of this computer cannot be used: {error}; choose one with --port, or --no-page"
+        "no page: ports {first} to {last} of {address} cannot be used: {error}; choose one with --port, or --no-page"
     )]
     Port {
+        /// Of this address.
+        address: IpAddr,
         /// The first that was tried.
         first: u16,
         /// The last.
@@ -92,19 +109,22 @@ pub struct Page {
 }
 
 impl Page {
-    /// Serves a page on `port` of this computer (0: any free one), or on the first free one from 8346 on.
+    /// Serves a page at `address` of this computer, on `port` (0: any free one) or on the first free one from 8346 on.
     ///
     /// # Errors
     /// [`PageError`].
-    pub fn start(port: Option<u16>) -> Result<Self, PageError> {
-        let listener = listen(port)?;
+    pub fn start(address: IpAddr, port: Option<u16>) -> Result<Self, PageError> {
+        let listener = listen(address, port)?;
         let address = listener.local_addr().map_err(PageError::System)?;
-        let (token, report) = (Secret::new()?, Secret::new()?);
+        let (token, report, files) = (Secret::new()?, Secret::new()?, Secret::new()?);
         let shared = Arc::new(Shared {
-            gate: Gate::new(address.port(), token),
+            gate: Gate::new(address, token),
             newest: watch::Sender::new(State::default()),
             report: Mutex::default(),
             report_path: format!("/report/{report}"),
+            files_path: format!("/files/{files}"),
+            files: Mutex::default(),
+            frames: AtomicBool::new(false),
             finish: AtomicBool::new(false),
             next: Mutex::default(),
             asked: Mutex::default(),
@@ -122,7 +142,11 @@ impl Page {
 
     /// Where it is, with the token.
     pub fn url(&self) -> String {
-        format!("http://{}/#{}", self.address, self.shared.gate.token())
+        let address = match self.address.ip().is_unspecified() {
+            true => SocketAddr::new(outward(self.address.ip()).unwrap_or(self.address.ip()), self.address.port()),
+            false => self.address,
+        };
+        format!("http://{address}/#{}", self.shared.gate.token())
     }
 
     /// Something that publishes states, for another thread.
@@ -134,6 +158,17 @@ impl Page {
     pub fn set_report(&self, html: String) -> String {
         *self.shared.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(html.into());
         self.shared.report_path.clone()
+    }
+
+    /// Makes files of the folder of the results available: of those `names`, no others. Their paths on this server, in the same order.
+    pub fn set_files(&self, folder: &Path, names: &[String]) -> Vec<String> {
+        let served: Vec<ServedFile> = names
+            .iter()
+            .map(|name| ServedFile { path: format!("{}/{name}", self.shared.files_path), file: folder.join(name) })
+            .collect();
+        let paths = served.iter().map(|served| served.path.clone()).collect();
+        *self.shared.files.lock().unwrap_or_else(PoisonError::into_inner) = served;
+        paths
     }
 
     /// Whether the person asked to end the recording.
@@ -177,33 +212,48 @@ impl Drop for Page {
 pub struct Publisher(Arc<Shared>);
 
 impl Publisher {
-    /// Publishes a state; `pixels` are those of [`EventPicture`](crate::live::picture::EventPicture). Never waits for a
-    /// page.
-    pub fn publish(&self, head: &impl Serialize, pixels: &[u8]) {
+    /// Whether the page shows frames.
+    pub fn are_frames_wanted(&self) -> bool {
+        self.0.frames.load(Ordering::Relaxed)
+    }
+
+    /// Publishes a state; `pixels` are those of [`EventPicture`](crate::live::picture::EventPicture), `frame` those of a
+    /// frame. Never waits for a page.
+    pub fn publish(&self, head: &impl Serialize, pixels: &[u8], frame: &[u8]) {
         // What the view holds can always be written as JSON.
         let Ok(head) = serde_json::to_vec(head) else { return };
         self.0.newest.send_modify(|state| {
             let number = state.number.wrapping_add(1).max(1);
-            let mut body = Vec::with_capacity(8 + head.len() + pixels.len());
+            let mut body = Vec::with_capacity(8 + head.len() + pixels.len() + frame.len());
             body.extend_from_slice(&(head.len() as u32).to_le_bytes());
             body.extend_from_slice(&number.to_le_bytes());
             body.extend_from_slice(&head);
             body.extend_from_slice(pixels);
+            body.extend_from_slice(frame);
             *state = State { number, body: body.into() };
         });
     }
 }
 
-/// Only this computer is listened to.
-fn listen(port: Option<u16>) -> Result<TcpListener, PageError> {
+/// The address of this computer that others see: that from which it would send elsewhere. Nothing is sent.
+fn outward(unspecified: IpAddr) -> Option<IpAddr> {
+    let socket = UdpSocket::bind((unspecified, 0)).ok()?;
+    // Addresses for documentation (RFC 5737, RFC 3849): they lead nowhere.
+    let elsewhere = if unspecified.is_ipv4() { "192.0.2.1:9" } else { "[2001:db8::1]:9" };
+    socket.connect(elsewhere).ok()?;
+    Some(socket.local_addr().ok()?.ip())
+}
+
+/// The first port that is free.
+fn listen(address: IpAddr, port: Option<u16>) -> Result<TcpListener, PageError> {
     let (first, last) = port.map_or((PORT, PORT + MORE_PORTS), |port| (port, port));
     let mut failure = None;
     for port in first..=last {
-        match TcpListener::bind((Ipv4Addr::LOCALHOST, port)) {
+        match TcpListener::bind((address, port)) {
             Ok(listener) => return Ok(listener),
             Err(error) => failure = Some(error),
         }
     }
     let error = failure.unwrap_or_else(|| io::ErrorKind::AddrInUse.into());
-    Err(PageError::Port { first, last, error })
+    Err(PageError::Port { address, first, last, error })
 }

@@ -17,7 +17,9 @@ use usb_davis::emulator::umockdev::{Access, EmulatedBus};
 use usb_davis::emulator::{Failures, Faults, Model, Pace};
 use usb_davis::registers::mux;
 
-use helpers::{BOARD, board_recording, camera, command, count, easy_settings, json, start, text, total, wait_for};
+use helpers::{
+    BOARD, board_recording, camera, command, count, easy_settings, events, json, start, text, total, wait_for,
+};
 
 const NOBODY: u32 = 65_534;
 fn run(bus: &EmulatedBus, arguments: &[&str]) -> (Option<i32>, String, String) {
@@ -101,6 +103,24 @@ fn an_absent_camera_is_a_failure_with_advice() {
         assert_eq!(is_full, arguments == ["devices"], "{errors}");
     }
     assert!(!recording.exists() && !output.exists());
+}
+
+/// Of two cameras, `--serial` takes the one with that number, whichever comes first on the bus.
+#[test]
+fn a_camera_is_chosen_by_its_serial_number() {
+    let bus = EmulatedBus::start(camera(3000)).unwrap();
+    let _second = bus.start_beside(Model::new("00000043", || events(6000))).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let listing = json(&run(&bus, &["devices", "--json"]).1);
+    let serials: Vec<&str> =
+        listing.as_array().unwrap().iter().map(|camera| camera["serial"].as_str().unwrap()).collect();
+    assert_eq!(serials, ["00000042", "00000043"]);
+    for (serial, events) in [("00000042", 3000), ("00000043", 6000)] {
+        let path = directory.path().join(format!("{serial}.dvraw"));
+        let (code, _, errors) = run(&bus, &["record", text(&path), "--serial", serial, "--duration", "1s"]);
+        assert_eq!(code, Some(0), "{errors}");
+        assert_eq!(count(&path), events, "{serial}");
+    }
 }
 
 #[test]

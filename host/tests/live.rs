@@ -4,18 +4,23 @@
 use std::convert::Infallible;
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
 use evcal::calibrate::beginning::calibrate_beginning;
 use evcal::calibrate::calibrated::Calibrated;
 use evcal::calibrate::{Task, calibrate};
 use evcal::live::checkpoint::{Checkpoints, Stated, Telling};
+use evcal::live::frames::FrameFeed;
+use evcal::live::guidance::Hint;
 use evcal::live::health::{Health, HealthMonitor};
 use evcal::live::latest::Latest;
 use evcal::live::observer::Observer;
 use evcal::live::obstacle::{Obstacle, explain};
 use evcal::live::replay::replay;
 use evcal::recording::pass::read_recording;
+use evcal::recording::pictures::visit_frames;
 use evcal::settings::Settings;
 use evcal::simulate::lens::lens;
 use evcal::simulate::motion::MotionSettings;
@@ -224,7 +229,9 @@ fn replay_ends_in_the_camera_of_calibrate() {
         let output =
             command.args(arguments).args(["--board", BOARD, "--json", "--force", "-o"]).arg(&out).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::Deserializer::from_slice(&output.stdout).into_iter().map(Result::unwrap).collect::<Vec<Value>>()
+        // One object a line, the calibration as well.
+        let text = String::from_utf8(output.stdout).unwrap();
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect::<Vec<Value>>()
     };
     let live = run(&["live", "--replay", RECORDING, "--speed", "max", "--no-page"]);
     let calibrated = run(&["calibrate", RECORDING]);
@@ -240,6 +247,84 @@ fn replay_ends_in_the_camera_of_calibrate() {
     }
 }
 
+/// A camera that sends nothing at all has no clock either.
+#[test]
+fn silence_is_told() {
+    let (settings, board) = (Settings::default(), board());
+    let mut observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board, SENSOR);
+    assert_eq!(observer.seen().explanation, None);
+    observer.silence(1.2);
+    let seen = observer.seen();
+    assert_eq!((seen.hint, seen.explanation.unwrap().obstacle), (Hint::Show, Obstacle::NoEvents));
+    let mut events = Vec::new();
+    read_recording(&recording(Path::new(RECORDING)), &mut |batch| events.extend_from_slice(batch)).unwrap();
+    events.retain(|event| event.t < 1_000_000);
+    events.chunks(10_000).for_each(|events| {
+        observer.push(events);
+    });
+    let seen = observer.seen();
+    assert!(seen.coverage.boards > 50 && seen.explanation.is_none(), "{:?}", seen.explanation);
+    observer.silence(1.2);
+    let seen = observer.seen();
+    assert_eq!((seen.hint, seen.explanation.unwrap().obstacle), (Hint::Lost, Obstacle::NoEvents));
+}
+
+/// The error in the cells is that of the whole sensor, cell by cell, and what is remembered is known from the start.
+#[test]
+fn the_map_of_the_error_agrees_with_its_mean_and_is_remembered() {
+    let (settings, board) = (Settings::default(), board());
+    let new = || Observer::new(&settings.detection, &settings.initial, &settings.live, &board, SENSOR);
+    let mut observer = new();
+    read_recording(&recording(Path::new(RECORDING)), &mut |batch| {
+        observer.push(batch);
+    })
+    .unwrap();
+    observer.finish();
+    let seen = observer.seen();
+    assert_eq!(seen.sigma_in_cells.len(), seen.coverage.cells.len());
+    let cells: Vec<f64> = seen.sigma_in_cells.iter().flatten().copied().collect();
+    let rms = (cells.iter().map(|sigma| sigma * sigma).sum::<f64>() / cells.len() as f64).sqrt();
+    assert!((rms / seen.sigma.unwrap() - 1.0).abs() < 0.1, "{rms} {:?}", seen.sigma);
+    let worst = cells.iter().copied().fold(0.0, f64::max);
+    assert!(cells[27] < rms && rms < worst, "the middle is known best: {cells:?}");
+
+    let remembered = new().with_memory(observer.into_memory()).seen();
+    assert_eq!(remembered.coverage, seen.coverage);
+    assert_eq!((remembered.sigma, remembered.sigma_in_cells), (seen.sigma, seen.sigma_in_cells));
+    assert_eq!((remembered.hint, remembered.board, remembered.watched), (Hint::Show, None, 0.0));
+}
+
+/// Frames of a recording come with the events beside them, not before.
+#[test]
+fn frames_of_a_recording_come_in_time() {
+    let folder = TempDir::new().unwrap();
+    let out = folder.path().join("simulated");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
+    let output = command
+        .args(["simulate", "--board", BOARD, "--duration", "0.6s", "--frames", "30", "--seed", "3", "-o"])
+        .arg(&out)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let simulated = recording(&out.join("events.aedat4"));
+    let mut frames = Vec::new();
+    visit_frames(&simulated, |frame| frames.push((frame.exposure.0, frame.image.unwrap()))).unwrap();
+    assert!(frames.len() > 5, "{}", frames.len());
+    let mut first = None;
+    read_recording(&simulated, &mut |batch| first = first.or(batch.first().map(|event| event.t))).unwrap();
+    let feed = FrameFeed::start(simulated);
+    for pair in [&frames[2..4], &frames[4..6]] {
+        let between = 0.5 * ((pair[0].0 + pair[1].0 - 2 * first.unwrap()) as f64) * 1e-6;
+        let end = Instant::now() + Duration::from_secs(60);
+        while feed.at(between).as_deref() != Some(&pair[0].1) {
+            assert!(Instant::now() < end, "the frame does not come");
+            sleep(Duration::from_millis(5));
+        }
+        sleep(Duration::from_millis(50));
+        assert_eq!(feed.at(between).as_deref(), Some(&pair[0].1), "the next one is not due");
+    }
+}
+
 #[test]
 fn wrong_use_is_told() {
     for (arguments, reason) in [
@@ -247,6 +332,8 @@ fn wrong_use_is_told() {
         (&["--replay", RECORDING, "--speed", "fast"], "a number from 0.01 to 1000, or max"),
         (&["--replay", RECORDING, "--frames"], "--frames"),
         (&["--no-page", "--port", "1"], "--port"),
+        (&["--no-page", "--listen", "0.0.0.0"], "--listen"),
+        (&["--no-page", "--no-open"], "--no-open"),
         (&["--sensor", "346x260"], "--replay"),
     ] {
         let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));

@@ -89,9 +89,9 @@ fn watch(watching: Watching, address: &str, token: &str, is_over: &AtomicBool) -
 fn recorded(model: Model, watching: Watching, seconds: &str) -> (Vec<u8>, usize) {
     let directory = tempfile::tempdir().unwrap();
     let bus = EmulatedBus::start(model).unwrap();
-    let page = if watching == Watching::Nobody { "--no-page" } else { "--port=0" };
-    let arguments = ["live", "--board", BOARD, "-o", text(directory.path()), "--duration", seconds, page];
-    let mut child = start(&bus, &arguments);
+    let page: &[&str] = if watching == Watching::Nobody { &["--no-page"] } else { &["--port=0", "--no-open"] };
+    let arguments = ["live", "--board", BOARD, "-o", text(directory.path()), "--duration", seconds];
+    let mut child = start(&bus, &[&arguments, page].concat());
     let mut errors = BufReader::new(child.stderr.take().unwrap());
     let (mut address, mut token) = (String::new(), String::new());
     if watching != Watching::Nobody {
@@ -167,7 +167,7 @@ fn another_recording_is_added_or_takes_the_place() {
     let bus = EmulatedBus::start(model).unwrap();
     let (out, settings) = (directory.path().join("live"), easy_settings(directory.path()));
     let arguments = ["live", "--board", BOARD, "-o", text(&out), "--settings", text(&settings), "--accept-any"];
-    let mut child = start(&bus, &[arguments.as_slice(), &["--port", "0", "--duration", "4s"]].concat());
+    let mut child = start(&bus, &[arguments.as_slice(), &["--port", "0", "--no-open", "--duration", "4s"]].concat());
     let mut errors = BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();
     errors.read_line(&mut line).unwrap();
@@ -187,9 +187,22 @@ fn another_recording_is_added_or_takes_the_place() {
         calibration["stages"]["recordings"].as_array().unwrap().len()
     };
     assert_eq!(recordings(), 1);
+    let boards = |state: &str| {
+        let (_, rest) = state.split_once("\"boards\":").unwrap();
+        rest.split_once(',').unwrap().0.parse::<u64>().unwrap()
+    };
+    let after_one = boards(&ask("GET /live?after=0"));
+    assert!(after_one > 100, "{after_one}");
     for (wish, count) in [("add", 2), ("again", 1)] {
         ask(&format!("POST /{wish}"));
         wait_for("the next recording", || !ask("GET /live?after=0").contains("\"phase\":\"done\""));
+        // What the recording before showed counts for one that is added, and not for one in its place.
+        let mut state = String::new();
+        wait_for("its first picture", || {
+            state = ask("GET /live?after=0");
+            !state.contains("\"phase\":\"done\"") && state.contains(&format!("\"before\":{}", count - 1))
+        });
+        assert_eq!(boards(&state) >= after_one, wish == "add", "{wish}: {} {after_one}", boards(&state));
         assert_eq!(recordings(), count);
     }
     ask("POST /close");

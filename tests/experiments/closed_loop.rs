@@ -19,6 +19,7 @@ use evcal::calibrate::beginning::calibrate_beginning;
 use evcal::live::checkpoint::{Checkpoints, Stated, Telling};
 use evcal::live::guidance::Place;
 use evcal::live::observer::{Observer, Seen};
+use evcal::live::wanted::words;
 use evcal::numerics::random::{normal, uniform_in};
 use evcal::recording::write::{EventWriter, OutputFormat};
 use evcal::recording::{Recording, RecordingOptions};
@@ -224,7 +225,7 @@ fn session(seed: u64, follows: Follows) {
     let share = events.len() as f64 * 1e-6;
     println!("{seed:<5} {end:>11} {seen:>9.0} % {stated:>12.3} {error:>16.3} {share:>6.1} million");
     if let (Ok(_), Some(seen)) = (ended, last) {
-        println!("      still wanted: {}", seen.missing().join(", "));
+        println!("      still wanted: {}", words(&seen.missing(), false).join(", "));
     }
 }
 

@@ -164,7 +164,7 @@ def page(evcal, folder, browser_program):
     settings = without_checkpoints(folder)
     command = live(evcal, recording, folder / "page-live", "--settings", str(settings))
     without, alone, _, _ = measure([*command, "--no-page"], None)
-    with_page, served, ages, outlines = measure([*command, "--port", "0"], browser_program)
+    with_page, served, ages, outlines = measure([*command, "--port", "0", "--no-open"], browser_program)
     print(f"all of evcal: {100 * sum(without.values()):.1f} % of a core without a page, {100 * sum(with_page.values()):.1f} % with one")
     print(f"thread of the server: {100 * with_page.get('page', 0.0):.1f} % of a core")
     print(f"memory: {alone:.1f} MB without a page, {served:.1f} MB with one")
@@ -198,7 +198,7 @@ def long(evcal, folder, browser_program):
     after = os.times()
     searched = after.children_user + after.children_system - before.children_user - before.children_system
     print(f"evcal detect: {searched:.2f} s for 20 s of the recording")
-    options = ["--settings", str(without_checkpoints(folder)), "--speed", str(SPEED), "--port", "0"]
+    options = ["--settings", str(without_checkpoints(folder)), "--speed", str(SPEED), "--port", "0", "--no-open"]
     process = subprocess.Popen(live(evcal, recording, folder / "long-live", *options), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     browser = Browser(browser_program)
     try:

@@ -104,6 +104,14 @@ class Tab:
             text = {"Enter": "\r"}.get(key, key) if kind == "keyDown" else ""
             self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, text=text)
 
+    def click(self, name):
+        x, y = self.script(
+            f"(() => {{ const box = document.getElementById('{name}'); box.scrollIntoView(); "
+            "const {x, y, width, height} = box.getBoundingClientRect(); return [x + width / 2, y + height / 2]; })()"
+        )
+        for kind in ("mousePressed", "mouseReleased"):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
     def picture(self, path, whole=True):
         data = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)["data"]
         with open(path, "wb") as file:

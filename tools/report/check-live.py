@@ -1,13 +1,14 @@
 """Opens the page of `evcal live --replay` in a headless browser, as a phone and a desktop show it, in light and dark,
 with the keyboard alone. Fails on anything in the console, on any request to elsewhere, on a page wider than the screen,
-on text of low contrast, and when the page does not come to its result. Leaves pictures.
+on text of low contrast, and when the page does not come to its result. Leaves pictures, of which live.png is the one in the README:
 
-    python3 tools/report/check-live.py EVCAL BROWSER FOLDER
+    python3 tools/report/check-live.py EVCAL BROWSER FOLDER && cp FOLDER/live.png docs/pictures/live.png
 """
 
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from browser import Browser, Tab
@@ -15,8 +16,10 @@ from browser import Browser, Tab
 RECORDING = "fixtures/board/events.dvraw"
 BOARD = "acircles:9x4:55mm:r17.5mm"
 # Seconds of the recording a second: slow enough that four pages are looked at while it plays.
-SPEED = "0.1"
+SPEED = "0.07"
 LEAST_CONTRAST = 4.5
+# Time (s) until a page that was loaded again shows states.
+LONGEST_RELOAD = 1.0
 
 CONTRAST = """(() => {
   const channels = (color) => color.match(/[\\d.]+/g).map(Number);
@@ -54,6 +57,13 @@ DRAWN = """(() => {
   return drawn / (data.length / 4);
 })()"""
 
+# The picture of the README: many boards, and the ghost apart from the board, both in sight but for what the edge takes.
+WORTH_A_PICTURE = """(() => {
+  const { ghost, board, sensor, coverage, sigma } = evcal.state;
+  if (!ghost || !board || coverage.boards < 120 || sigma === null || ghost.distance < 1.5) return false;
+  return [...ghost.corners, ...board.corners].every(([x, y]) => x > -26 && y > -26 && x < sensor[0] + 26 && y < sensor[1] + 26);
+})()"""
+
 failures = []
 
 
@@ -86,10 +96,37 @@ def watch(browser, url, pictures):
     return tabs
 
 
+def check_keys(tab, other):
+    """Keys, clicks and what a page that is loaded again remembers; ends the recording."""
+    pressed = "document.getElementById('%s').ariaPressed"
+    tab.key(" ", 32)
+    check(tab.script(pressed % "mirror") == "true", "Space does not mirror")
+    tab.wait("document.body.dataset.mirrored === 'true'", 5)
+    sides = tab.script("[evcal.hint, evcal.state.hint.mirrored, document.getElementById('tilts').textContent]")
+    check(sides[0] == sides[1] and sides[2].startswith("right nearer"), f"mirrored: {sides}")
+    tab.key("s", 83)
+    check(tab.script(pressed % "sound") == "true", "S gives no sound")
+    began = time.monotonic()
+    tab.call("Page.reload")
+    tab.wait("window.evcal && evcal.shown > 2", 5)
+    seconds = time.monotonic() - began
+    check(seconds <= LONGEST_RELOAD, f"the page is there {seconds:.2f} s after it was loaded again")
+    check(tab.script(pressed % "mirror") == "true", "mirrored is forgotten")
+    check(other.script(pressed % "mirror") == "false", "another tab is mirrored as well")
+    tab.key("f", 70)
+    tab.wait(pressed % "frames" + " === 'true'", 5)
+    other.wait(pressed % "frames" + " === 'true'", 5)
+    # The keys are the page's again after a click on a button.
+    tab.click("sound")
+    check(tab.script(pressed % "sound") == "true", "a click gives no sound")
+    tab.key("Enter", 13)
+    tab.wait("evcal.phase === 'calibrating'")
+
+
 def main(evcal, program, folder):
     pictures = Path(folder)
     out = pictures / "live-calibration"
-    command = [evcal, "live", "--replay", RECORDING, "--speed", SPEED, "--port", "0", "--board", BOARD]
+    command = [evcal, "live", "--replay", RECORDING, "--speed", SPEED, "--port", "0", "--no-open", "--board", BOARD]
     live = subprocess.Popen(
         [*command, "-o", str(out), "--force", "--accept-any"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
@@ -101,13 +138,9 @@ def main(evcal, program, folder):
             raise SystemExit(f"test-live: no address in: {line}")
         url = found[0]
         tabs = watch(browser, url, pictures)
-        tab = tabs[-1]
-        tab.key(" ", 32)
-        check(tab.script("document.getElementById('mirror').ariaPressed") == "true", "Space does not mirror")
-        tab.call("Page.reload")
-        tab.wait("window.evcal && evcal.shown > 2", 5)
-        tab.key("Enter", 13)
-        tab.wait("evcal.phase === 'calibrating'")
+        tabs[2].wait(WORTH_A_PICTURE)
+        tabs[2].picture(pictures / "live.png")
+        check_keys(tabs[-1], tabs[0])
         for tab, name in ((tabs[0], "390-light"), (tabs[3], "1440-dark")):
             tab.wait("evcal.phase === 'done'")
             check(tab.script("evcal.hint") == "done", f"{name}: not done")
@@ -120,7 +153,18 @@ def main(evcal, program, folder):
             # A frame outside of the window is not painted.
             tab.script("document.getElementById('report').scrollIntoView()")
             tab.picture(pictures / f"live-{name}-report.png", whole=False)
-        tab.script("document.getElementById('close').click()")
+        links = tab.script("[...document.querySelectorAll('#files a')].map((link) => link.textContent)")
+        check("camera.yaml" in links and "calibration.json" in links, f"files: {links}")
+        camera = tab.script("fetch([...document.querySelectorAll('#files a')].find((link) => link.textContent === 'camera.yaml').href).then((answer) => answer.text())")
+        check("346" in camera, f"camera.yaml: {camera[:100]}")
+        # With the keyboard alone: Tab to the button, Enter presses it.
+        tab.script("document.getElementById('copy').focus()")
+        for _ in range(5):
+            if tab.script("document.activeElement.id") == "close":
+                break
+            tab.key("Tab", 9)
+        check(tab.script("document.activeElement.id") == "close", "Tab does not come to Close evcal")
+        tab.key("Enter", 13)
         check(live.wait(20) == 0, f"evcal ended with {live.returncode}")
         own = (f"http://127.0.0.1:{found[1]}/", "data:", "about:")
         for event in browser.events:

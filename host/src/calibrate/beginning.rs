@@ -9,8 +9,7 @@ use super::step::Step;
 use super::{PictureUse, Task, calibrate};
 use crate::recording::{Recording, RecordingError};
 
-/// Calibrates as `task` says, but from the events of the first `seconds` of `recording` alone, whatever the task's inputs
-/// are. A file that grows meanwhile gives the same, as long as it was long enough at the start.
+/// Calibrates as `task` says, from its inputs and the events of the first `seconds` of `recording`. A file that grows meanwhile gives the same, as long as it was long enough at the start.
 ///
 /// # Errors
 /// [`CalibrateError`], as [`calibrate`] has them.
@@ -21,7 +20,8 @@ pub fn calibrate_beginning(
     progress: impl FnMut(Step) -> ControlFlow<()> + Send,
 ) -> Result<Calibrated, CalibrateError> {
     let end = first_time(recording)?.saturating_add((seconds * 1e6) as i64);
-    let inputs = [Input::from(recording.section((i64::MIN, end)))];
+    let mut inputs = task.inputs.to_vec();
+    inputs.push(Input::from(recording.section((i64::MIN, end))));
     calibrate(&Task { inputs: &inputs, pictures: PictureUse::Ignore, ..*task }, progress)
 }
 

@@ -59,7 +59,10 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         without_pictures,
         saturated,
         health,
-    } = detect_all(task, progress)?;
+    } = match task.readers {
+        Some(readers) => readers.install(|| detect_all(task, progress)),
+        None => detect_all(task, progress),
+    }?;
     let choice = choose_stretches(&windows, task, sensor);
     let (mut frames, other_windows) = taken(windows, frames, choice.as_ref());
     let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();

@@ -17,6 +17,7 @@ use crate::recording::pass::{Batch, Pass, read_while};
 use crate::recording::{ReadReport, Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
 
 /// One input: events, circles or frames.
+#[derive(Clone)]
 pub enum Input {
     /// A recording of events.
     Events(Recording),

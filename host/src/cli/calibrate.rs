@@ -330,8 +330,18 @@ pub fn calibrate_recordings(
     let rolling_shutter = others.rolling_shutter;
     let open = |(path, stream): (&PathBuf, _)| Input::open_other(path, stream, others.stamps, options, &board);
     let others = others.with_streams().map(open).collect::<Result<_, _>>()?;
-    let work =
-        Work { inputs, others, rolling_shutter, held, board, sensor: options.sensor, parameters, arguments, settings };
+    let work = Work {
+        inputs,
+        others,
+        rolling_shutter,
+        held,
+        board,
+        sensor: options.sensor,
+        parameters,
+        arguments,
+        settings,
+        readers: None,
+    };
     let attempt = work.calibrate(|step| {
         waiting.stage(step.text, step.done);
         ControlFlow::Continue(())

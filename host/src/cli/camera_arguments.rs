@@ -47,6 +47,11 @@ impl CameraArguments {
         Ok(camera)
     }
 
+    /// Whether frames are recorded, too.
+    pub fn has_frames(&self) -> bool {
+        self.frames
+    }
+
     /// What to record, and for how long.
     pub fn plan(&self) -> RecordingPlan {
         RecordingPlan {

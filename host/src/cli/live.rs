@@ -1,6 +1,7 @@
 //! `evcal live`.
 
 mod ahead;
+mod browser;
 mod camera;
 mod checkpoint;
 mod lines;
@@ -8,8 +9,11 @@ mod replay;
 mod window;
 
 use std::error::Error;
+use std::net::IpAddr;
 use std::path::PathBuf;
 
+use evcal::files::folder::OutputFolder;
+use evcal::page::view::Context;
 use evcal::recording::RecordingOptions;
 use evcal::settings::{Settings, SettingsError};
 
@@ -47,6 +51,16 @@ pub struct Arguments {
     /// Port of the page [default: the first free one from 8346 on]
     #[arg(long, conflicts_with = "no_page")]
     port: Option<u16>,
+    /// Serve the page to other computers too, at this address of this one, 0.0.0.0 for all; whoever has the address with its token
+    /// sees it [default: this computer alone]
+    #[arg(long, value_name = "ADDRESS", conflicts_with = "no_page")]
+    listen: Option<IpAddr>,
+    /// Do not open a browser
+    #[arg(long, conflicts_with = "no_page")]
+    no_open: bool,
+    /// Hints as the board is seen in a mirror, for who looks at the screen while they hold it
+    #[arg(long)]
+    mirror: bool,
 }
 
 impl Arguments {
@@ -88,7 +102,7 @@ fn speed(text: &str) -> Result<Speed, &'static str> {
 /// `evcal calibrate` does.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     if arguments.replay.is_none() && arguments.source.options() != RecordingOptions::default() {
-        return Err(UsageError("what is said of a recording needs one: add --replay RECORDING".to_owned()).into());
+        return Err(UsageError("these options describe a recording: add --replay RECORDING".to_owned()).into());
     }
     let settings = arguments.settings()?;
     let interrupt = Interrupt::catch()?;
@@ -99,10 +113,17 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     }
 }
 
-/// Opens the page, unless it is not wanted.
-fn open_window(arguments: &Arguments) -> Result<Option<Window>, Box<dyn Error>> {
-    match arguments.no_page {
-        true => Ok(None),
-        false => Ok(Some(Window::open(arguments.port)?)),
+/// Opens the page, unless it is not wanted; `has_frames` says whether there may be frames to show.
+fn open_window(
+    arguments: &Arguments,
+    folder: &OutputFolder,
+    has_frames: bool,
+) -> Result<Option<Window>, Box<dyn Error>> {
+    if arguments.no_page {
+        return Ok(None);
     }
+    let context = Context { mirrored: arguments.mirror, has_frames, ..Context::default() };
+    let mut window = Window::open(arguments.listen, arguments.port, context)?;
+    window.announce(!arguments.no_open, folder.path());
+    Ok(Some(window))
 }

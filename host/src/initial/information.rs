@@ -58,6 +58,38 @@ pub fn view_information(
     information.iter().all(|value| value.is_finite()).then_some(information)
 }
 
+/// Root mean square of the projection's standard deviation (px) in each cell of the sensor cut into `columns` × `rows`, row by
+/// row; `None` in cells that the lens does not see, and instead of all where `information` does not fix the parameters.
+pub fn sigma_in_cells(
+    camera: &Camera<f64>,
+    sensor: Sensor,
+    (columns, rows): (u16, u16),
+    information: &Information,
+) -> Option<Vec<Option<f64>>> {
+    let pixels = places(sensor);
+    let sensitivity = projection_sensitivity(camera, &pixels)?;
+    let count = camera.parameters().len();
+    let covariance = information.view((0, 0), (count, count)).into_owned().cholesky()?.inverse();
+    let cell = |position: f64, size: u16, cells: u16| {
+        let cell = (position + 0.5) / f64::from(size) * f64::from(cells);
+        (cell.max(0.0) as usize).min(usize::from(cells).saturating_sub(1))
+    };
+    let mut sums = vec![(0.0, 0.0); usize::from(columns) * usize::from(rows)];
+    for (pixel, change) in pixels.iter().zip(&sensitivity.changes) {
+        let index = cell(pixel.y, sensor.height, rows) * usize::from(columns) + cell(pixel.x, sensor.width, columns);
+        if let (Some(change), Some((sum, seen))) = (change, sums.get_mut(index)) {
+            *sum += (change * &covariance * change.transpose()).trace();
+            *seen += 1.0;
+        }
+    }
+    Some(sums.into_iter().map(|(sum, seen)| (seen > 0.0).then(|| (sum / seen).max(0.0).sqrt())).collect())
+}
+
+/// Every third pixel of the grid: a mean over 900 places is as good as one over 2,800.
+fn places(sensor: Sensor) -> Vec<Vector2<f64>> {
+    grid(sensor).into_iter().step_by(3).collect()
+}
+
 /// Turns a covariance of parameters into the mean square error of the projection over the sensor.
 #[derive(Clone, Debug)]
 pub struct ProjectionMeasure {
@@ -68,9 +100,7 @@ pub struct ProjectionMeasure {
 impl ProjectionMeasure {
     /// That of `camera` on `sensor`; `None` when the lens sees next to nothing of it.
     pub fn new(camera: &Camera<f64>, sensor: Sensor) -> Option<Self> {
-        // Every third pixel of the grid: a mean over 900 places is as good as one over 2,800.
-        let pixels: Vec<Vector2<f64>> = grid(sensor).into_iter().step_by(3).collect();
-        let sensitivity = projection_sensitivity(camera, &pixels)?;
+        let sensitivity = projection_sensitivity(camera, &places(sensor))?;
         Some(Self { mean_square: sensitivity.squares / sensitivity.seen as f64 })
     }
 

@@ -10,16 +10,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread;
 
+use super::background::{give_way, workers};
+
 /// The largest error anywhere on the sensor may be so many times the target.
 const LARGEST: f64 = 3.0;
 /// The next checkpoint comes when the recording is so many times as long: at least, and at most.
 const GROWTH: [f64; 2] = [1.3, 2.0];
 /// The same after a calibration that failed.
 const GROWTH_AFTER_FAILURE: f64 = 1.5;
-
-/// Niceness of its threads: beside others they get a tenth of the time, and still come to an end on a busy computer.
-#[cfg(target_os = "linux")]
-const NICE: i32 = 10;
 
 /// What a calibration states of itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -113,11 +111,7 @@ impl Checkpoints {
         first: f64,
         mut calibrate: impl FnMut(f64, &AtomicBool) -> Result<Stated, String> + Send + 'static,
     ) -> io::Result<Self> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .thread_name(|_| "checkpoint".to_owned())
-            .start_handler(|_| give_way())
-            .build()
-            .map_err(io::Error::other)?;
+        let pool = workers("checkpoint")?;
         let (requests, wanted) = channel::<f64>();
         let (sender, results) = channel();
         let stop = Arc::new(AtomicBool::new(false));
@@ -181,12 +175,6 @@ impl Drop for Checkpoints {
         // It is not waited for: the calibration that follows has the higher priority.
         self.stop.store(true, Ordering::Relaxed);
     }
-}
-
-/// From now on others go before this thread. Where that is not possible it runs as they do.
-fn give_way() {
-    #[cfg(target_os = "linux")]
-    let _ = rustix::process::nice(NICE);
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix3, Vector2};
 
 use super::LiveSettings;
+use super::wanted::Wanted;
 use crate::board::Board;
 use crate::board::homography::{homography, pose_from_homography};
 use crate::circles::reference_frame::ReferenceFrame;
@@ -31,6 +32,15 @@ pub enum Tilt {
 impl Tilt {
     /// All of them, in the order in which they are counted.
     pub const ALL: [Self; 4] = [Self::Left, Self::Right, Self::Top, Self::Bottom];
+
+    /// The side as the camera sees it, or as one sees it in a mirror.
+    pub const fn seen(self, mirrored: bool) -> Self {
+        match (self, mirrored) {
+            (Self::Left, true) => Self::Right,
+            (Self::Right, true) => Self::Left,
+            (side, _) => side,
+        }
+    }
 
     /// Name for the user.
     pub const fn name(self) -> &'static str {
@@ -63,8 +73,8 @@ pub struct CoverageSummary {
     pub tilts: [u64; 4],
     /// Windows with the board at each of [`DISTANCES`].
     pub distances: [u64; 3],
-    /// What is still to be done, in words; nothing when enough was seen.
-    pub missing: Vec<String>,
+    /// What is still to be done; nothing when enough was seen.
+    pub missing: Vec<Wanted>,
     /// How far it is on the way to enough, 0 to 1: the least of all criteria.
     pub progress: f64,
 }
@@ -205,31 +215,31 @@ impl LiveCoverage {
         counts
     }
 
-    /// What is still to be done, in words; nothing when enough was seen.
-    pub fn missing(&self) -> Vec<String> {
+    /// What is still to be done; nothing when enough was seen.
+    pub fn missing(&self) -> Vec<Wanted> {
         self.missing_beside(self.covered(), self.tilts())
     }
 
-    fn missing_beside(&self, covered: f64, tilts: [u64; 4]) -> Vec<String> {
+    fn missing_beside(&self, covered: f64, tilts: [u64; 4]) -> Vec<Wanted> {
         let mut missing = Vec::new();
         if self.boards() < self.settings.boards {
-            missing.push(format!("{} more boards", self.settings.boards - self.boards()));
+            missing.push(Wanted::Views(self.settings.boards - self.boards()));
         }
         if covered < self.settings.coverage {
-            missing.push(format!("the board at the {}", self.emptiest()));
+            let (x, y) = self.emptiest();
+            missing.push(Wanted::Part(x, y));
         }
         for (tilt, count) in Tilt::ALL.into_iter().zip(tilts) {
             if count < self.settings.boards_per_tilt {
-                missing.push(format!("its {} side nearer by {:.0}°", tilt.name(), self.settings.tilt));
+                missing.push(Wanted::Nearer(tilt, self.settings.tilt));
             }
         }
         missing
     }
 
-    /// The part of the image in which least was seen.
-    fn emptiest(&self) -> &'static str {
-        const PARTS: [&str; 9] =
-            ["upper left", "top", "upper right", "left", "middle", "right", "lower left", "bottom", "lower right"];
+    /// The part of the image in which least was seen: to the right and downwards from the middle (each −1, 0 or 1).
+    fn emptiest(&self) -> (i8, i8) {
+        const PARTS: [(i8, i8); 9] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
         let (columns, rows) = (usize::from(self.settings.columns), usize::from(self.settings.rows));
         let mut cells = [(0, 0); 9];
         for (index, &circles) in self.cells.iter().enumerate() {
@@ -244,7 +254,7 @@ impl LiveCoverage {
             let (a, b) = if a.1 == 0 || b.1 == 0 { (b.1, a.1) } else { (a.0 * b.1, b.0 * a.1) };
             a.cmp(&b)
         });
-        least.map_or("middle", |(part, _)| part)
+        least.map_or((0, 0), |(part, _)| *part)
     }
 }
 
@@ -388,13 +398,13 @@ mod tests {
         }
         assert_eq!(coverage.tilts(), [1; 4]);
         let missing = coverage.missing();
-        assert!(missing.len() == 2 && missing[0].contains("4 more") && missing[1].contains("right"), "{missing:?}");
+        assert!(matches!(missing[..], [Wanted::Views(4), Wanted::Part(1, _)]), "{missing:?}");
         for x in [-0.4, -0.2, 0.0, 0.2, 0.4] {
             for y in [-0.3, -0.1, 0.1, 0.3] {
                 coverage.add(&view(Vector3::zeros(), Vector3::new(x, y, 0.9), 330.0));
             }
         }
-        assert_eq!(coverage.missing(), Vec::<String>::new());
+        assert_eq!(coverage.missing(), []);
         assert!(coverage.covered() >= 0.8 && coverage.boards() == 24);
     }
 }

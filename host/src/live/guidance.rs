@@ -23,10 +23,10 @@ use self::place::{Candidate, candidates, expected_information};
 use crate::board::Board;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::initial::InitialSettings;
-use crate::initial::information::{Information, ProjectionMeasure, prior, view_information};
+use crate::initial::information::{Information, ProjectionMeasure, prior, sigma_in_cells, view_information};
 use crate::initial::provisional::{provisional_camera, provisional_pose};
 
-pub use self::hint::Hint;
+pub use self::hint::{Hint, Swing};
 pub use self::place::Place;
 
 /// Windows of so many seconds count once, however many there are in them.
@@ -89,6 +89,10 @@ pub struct GhostOutline {
     pub corners: Vec<Vector2<f64>>,
     /// Share of its worth that came in, 0 to 1.
     pub gained: f64,
+    /// How far the board is from it, in units of what is near enough; `None` while it is not seen.
+    pub distance: Option<f64>,
+    /// How to move the board when it is there.
+    pub swing: Swing,
 }
 
 /// What is known of the camera, where the board should go, and how to say so.
@@ -109,6 +113,8 @@ pub struct Guidance {
     latest: Option<(f64, Isometry3<f64>)>,
     thought: Option<f64>,
     ghost: Option<Ghost>,
+    /// Ghosts of which enough came in.
+    used_up: u64,
     hint: Hint,
 }
 
@@ -135,6 +141,7 @@ impl Guidance {
             latest: None,
             thought: None,
             ghost: None,
+            used_up: 0,
             hint: Hint::Show,
         };
         guidance.rebuild();
@@ -146,11 +153,23 @@ impl Guidance {
         self.is_estimated.then_some(&self.camera)
     }
 
-    /// Root mean square over the sensor of the projection's standard deviation (px), from windows alone; `None` before
-    /// the first camera.
+    /// Root mean square over the sensor of the projection's standard deviation (px), from windows alone (the
+    /// quick estimate); `None` before the first camera.
     pub fn sigma(&self) -> Option<f64> {
         self.camera()?;
         self.measure.as_ref()?.sigma(&self.information)
+    }
+
+    /// The same for each cell of the sensor cut into so many columns and rows, row by row; `None` where the lens sees nothing.
+    pub fn sigma_in_cells(&self, size: (u16, u16)) -> Option<Vec<Option<f64>>> {
+        sigma_in_cells(self.camera()?, self.sensor, size, &self.information)
+    }
+
+    /// Another recording of the same camera begins, with a clock of its own: what is known of the camera stays.
+    pub fn begin_again(&mut self) {
+        self.views.iter_mut().for_each(|view| view.t = f64::NEG_INFINITY);
+        (self.mark, self.latest, self.thought, self.ghost) = (None, None, None, None);
+        self.hint = Hint::Show;
     }
 
     /// Marks a time: [`Guidance::ratio_since_mark`] counts from it.
@@ -174,6 +193,11 @@ impl Guidance {
         self.ghost.map(|ghost| ghost.place)
     }
 
+    /// How many ghosts there were of which enough came in.
+    pub fn used_up(&self) -> u64 {
+        self.used_up
+    }
+
     /// The ghost in the image.
     pub fn ghost(&self) -> Option<GhostOutline> {
         let ghost = self.ghost.as_ref()?;
@@ -188,6 +212,8 @@ impl Guidance {
             outline: outline.filter_map(|point| project(&point)).collect(),
             corners: corners.iter().filter_map(project).collect(),
             gained: self.gained(ghost).unwrap_or(0.0).clamp(0.0, 1.0),
+            distance: self.latest.filter(|_| self.hint != Hint::Lost).and_then(|(_, pose)| self.error_of_ghost(&pose)),
+            swing: Swing::of(&ghost.place),
         })
     }
 
@@ -231,7 +257,10 @@ impl Guidance {
                 let errors = self.ghost.as_ref().and_then(|ghost| {
                     Some(errors(&self.where_is(&pose)?, &self.where_is(&ghost.place.pose(&self.board))?, width))
                 });
-                errors.map_or(Hint::Stay, |errors| choose(&errors, self.hint))
+                match (errors.map_or(Hint::Stay, |errors| choose(&errors, self.hint)), &self.ghost) {
+                    (Hint::Stay, Some(ghost)) => Hint::Swing(Swing::of(&ghost.place)),
+                    (hint, _) => hint,
+                }
             }
         };
     }
@@ -337,6 +366,12 @@ impl Guidance {
             !is_used && (is_young || !(is_stuck || is_poor))
         });
         if !stays {
+            let is_used = self
+                .ghost
+                .as_ref()
+                .and_then(|ghost| self.gained(ghost))
+                .is_some_and(|gained| gained >= ENOUGH_OF_A_PLACE);
+            self.used_up += u64::from(is_used);
             self.ghost = Some(Ghost {
                 place: candidate.place,
                 information: candidate.information,

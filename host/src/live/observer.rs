@@ -10,6 +10,7 @@ use super::checkpoint::{Checkpoint, Checkpoints};
 use super::guidance::{GhostOutline, Guidance, Hint, Place, corners};
 use super::health::{Health, HealthMonitor};
 use super::obstacle::{Explainer, Explanation};
+use super::wanted::Wanted;
 use super::{CoverageSummary, LiveCoverage, LiveSettings};
 use crate::board::Board;
 use crate::board::homography::homography;
@@ -53,10 +54,12 @@ pub struct Seen {
     pub board: Option<BoardOutline>,
     /// Where it should go.
     pub ghost: Option<GhostOutline>,
+    /// How many places it was brought to for long enough.
+    pub used_up: u64,
     /// What to do with it.
     pub hint: Hint,
-    /// Expected error of the camera from windows alone (px, root mean square over the sensor); `None` before there is a
-    /// camera. The calibration's own error is several times smaller.
+    /// Expected error of the camera by the quick estimate from windows alone (px, root mean square over the sensor);
+    /// `None` before there is a camera. The calibration's own error is several times smaller.
     pub sigma: Option<f64>,
     /// The latest calibration of the recording so far.
     pub checkpoint: Option<Checkpoint>,
@@ -67,10 +70,13 @@ pub struct Seen {
     pub about: Option<f64>,
     /// Largest stated error that is good enough (px).
     pub target: f64,
-    /// Time from the first sight of the board on (s), and how long it must be.
+    /// Time from the first sight of the board on (s).
     pub watched: f64,
-    /// See there.
+    /// Shortest time that it must be watched (s).
     pub shortest: f64,
+    /// The error in each cell of the coverage (px, root mean square), row by row: what a calibration would state now, or by
+    /// the quick estimate before the first one. Nothing before there is a camera; `None` where its lens does not see.
+    pub sigma_in_cells: Vec<Option<f64>>,
     /// The provisional camera's focal lengths and principal point (px).
     pub camera: Option<[f64; 4]>,
     /// How the camera does.
@@ -87,16 +93,16 @@ impl Seen {
         self.missing().is_empty()
     }
 
-    /// What is still to be done, in words; nothing when enough was seen.
-    pub fn missing(&self) -> Vec<String> {
+    /// What is still to be done; nothing when enough was seen.
+    pub fn missing(&self) -> Vec<Wanted> {
         let mut missing = self.coverage.missing.clone();
         if self.watched < self.shortest {
-            missing.push(format!("{:.0} s more of it", (self.shortest - self.watched).ceil()));
+            missing.push(Wanted::Time(self.shortest - self.watched));
         }
         match &self.checkpoint {
-            Some(checkpoint) => missing.extend(checkpoint.missing(self.target)),
-            None if self.sigma.is_none() => missing.push("views from different sides".to_owned()),
-            None => missing.push("a first calibration of what was recorded".to_owned()),
+            Some(checkpoint) => missing.extend(checkpoint.missing(self.target).map(Wanted::Checkpoint)),
+            None if self.sigma.is_none() => missing.push(Wanted::OtherTilts),
+            None => missing.push(Wanted::FirstCheckpoint),
         }
         missing
     }
@@ -117,6 +123,12 @@ impl Seen {
     }
 }
 
+/// What earlier recordings showed.
+pub struct Memory {
+    coverage: LiveCoverage,
+    guidance: Option<Guidance>,
+}
+
 /// Looks for the board in events as they come.
 pub struct Observer<'a> {
     detection: &'a DetectionSettings,
@@ -127,6 +139,8 @@ pub struct Observer<'a> {
     coverage: LiveCoverage,
     /// What was last said of it, and when.
     summary: (CoverageSummary, f64),
+    /// The error in each cell of it, by the quick estimate.
+    sigma_in_cells: Vec<Option<f64>>,
     guidance: Option<Guidance>,
     checkpoints: Option<Checkpoints>,
     board: Board,
@@ -156,6 +170,7 @@ impl<'a> Observer<'a> {
             health: HealthMonitor::new(sensor),
             explainer: Explainer::default(),
             summary: (coverage.summary(), 0.0),
+            sigma_in_cells: Vec::new(),
             stage: DetectionStage::for_board(detection, sensor, board.pattern, 0),
             coverage,
             guidance: Guidance::new(board, sensor, initial),
@@ -209,7 +224,7 @@ impl<'a> Observer<'a> {
             guidance.advise(self.latest);
         }
         if self.latest - self.summary.1 >= SUMMARY {
-            self.summary = (self.coverage.summary(), self.latest);
+            self.summarise();
         }
         self.check();
     }
@@ -224,23 +239,58 @@ impl<'a> Observer<'a> {
         told.is_some()
     }
 
+    /// Not one event came for so long (s), which the sensor's clock does not tell.
+    pub fn silence(&mut self, seconds: f64) {
+        self.explainer.silence();
+        if let Some(guidance) = &mut self.guidance {
+            guidance.advise(self.latest + seconds);
+        }
+    }
+
     /// Looks at all events that wait, and tells coverage as of now.
     pub fn finish(&mut self) {
         self.search();
+        self.summarise();
+    }
+
+    fn summarise(&mut self) {
         self.summary = (self.coverage.summary(), self.latest);
+        let size = self.summary.0.size;
+        self.sigma_in_cells =
+            self.guidance.as_ref().and_then(|guidance| guidance.sigma_in_cells(size)).unwrap_or_default();
+    }
+
+    /// What is to be remembered for another recording of the same camera, with which this one is calibrated.
+    pub fn into_memory(self) -> Memory {
+        Memory { coverage: self.coverage, guidance: self.guidance }
+    }
+
+    /// The recording goes on from others: what was seen in them counts.
+    pub fn with_memory(mut self, memory: Memory) -> Self {
+        self.coverage = memory.coverage;
+        self.guidance = memory.guidance;
+        if let Some(guidance) = &mut self.guidance {
+            guidance.begin_again();
+        }
+        self.summarise();
+        self
     }
 
     /// What was seen so far.
     pub fn seen(&self) -> Seen {
         let guidance = self.guidance.as_ref();
+        let (sigma, about) = (guidance.and_then(Guidance::sigma), self.about());
+        let scale = about.zip(sigma).map_or(1.0, |(about, sigma)| about / sigma);
         let mut seen = Seen {
             t: self.latest,
             coverage: self.summary.0.clone(),
             board: self.outline.clone(),
             ghost: guidance.and_then(Guidance::ghost),
+            used_up: guidance.map_or(0, Guidance::used_up),
             hint: guidance.map_or(Hint::Show, Guidance::hint),
-            sigma: guidance.and_then(Guidance::sigma),
-            about: self.about(),
+            sigma,
+            about,
+            sigma_in_cells: self.sigma_in_cells.iter().map(|sigma| Some(scale * (*sigma)?)).collect(),
             checkpoint: self.checkpoints.as_ref().and_then(Checkpoints::latest).cloned(),
             checkpoint_under_way: self.checkpoints.as_ref().and_then(Checkpoints::under_way),
             target: self.target,

@@ -184,6 +184,12 @@ impl Explainer {
         self.settled = self.settled.max(t);
     }
 
+    /// Not one event came for a while.
+    pub fn silence(&mut self) {
+        self.moment.clear();
+        self.explanation = Some(Explanation { obstacle: Obstacle::NoEvents, circles: Vec::new() });
+    }
+
     /// Why nothing is found, as of the last look.
     pub fn explanation(&self) -> Option<&Explanation> {
         self.explanation.as_ref()

@@ -1,6 +1,7 @@
 //! What the sensor sees, for the eye: events gathered between two pictures.
 
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -8,9 +9,10 @@ use std::time::{Duration, Instant};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use usb_davis::dump::{DumpHeader, Transfer};
-use usb_davis::protocol::{Decoder, Message};
+use usb_davis::protocol::{Decoder, Frame, Message};
 
 use crate::recording::davis::event;
+use crate::recording::pictures::GreyImage;
 
 /// Time between two pictures.
 pub const PICTURE_INTERVAL: Duration = Duration::from_millis(33);
@@ -108,42 +110,57 @@ struct Shared {
 pub struct PictureFeed {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
+    left_out: AtomicU64,
 }
 
 impl PictureFeed {
-    /// Starts it for the camera that `header` describes; `show` gets a picture 30 times a second.
-    pub fn start(header: &DumpHeader, mut show: impl FnMut(&EventPicture) + Send + 'static) -> Self {
+    /// Starts it for the camera that `header` describes; `show` gets a picture 30 times a second, with the latest frame while
+    /// `are_frames_wanted`.
+    pub fn start(
+        header: &DumpHeader,
+        are_frames_wanted: impl Fn() -> bool + Send + 'static,
+        mut show: impl FnMut(&EventPicture, Option<&GreyImage>) + Send + 'static,
+    ) -> Self {
         let shared = Arc::new(Shared::default());
         let (width, height) = header.registers.layout().dvs.size();
         let (of_thread, mut decoder) = (Arc::clone(&shared), Decoder::new(header.registers.layout()));
         let thread = thread::spawn(move || {
             let mut picture = EventPicture::new(Sensor::new(width, height));
-            let mut shown = Instant::now();
-            while let Some(pieces) = next(&of_thread, PICTURE_INTERVAL.saturating_sub(shown.elapsed())) {
+            let mut due = Instant::now() + PICTURE_INTERVAL;
+            let mut frame = None;
+            while let Some(pieces) = next(&of_thread, due.saturating_duration_since(Instant::now())) {
+                let are_frames_wanted = are_frames_wanted();
                 for (gap, payload) in pieces {
                     if gap {
                         decoder.gap(|_| {});
                     }
-                    decoder.decode(&payload, |message| {
-                        if let Message::Events(events) = message {
-                            picture.add(events.iter().map(|wire| event(wire, 0)));
-                        }
+                    decoder.decode(&payload, |message| match message {
+                        Message::Events(events) => picture.add(events.iter().map(|wire| event(wire, 0))),
+                        Message::Frame(new) if are_frames_wanted => frame = grey(&new),
+                        _ => {}
                     });
                 }
-                if shown.elapsed() >= PICTURE_INTERVAL {
-                    shown = Instant::now();
-                    show(&picture);
+                let now = Instant::now();
+                if now >= due {
+                    due = (due + PICTURE_INTERVAL).max(now);
+                    show(&picture, frame.as_ref().filter(|_| are_frames_wanted));
                     picture.clear();
                 }
             }
         });
-        Self { shared, thread: Some(thread) }
+        Self { shared, thread: Some(thread), left_out: AtomicU64::new(0) }
+    }
+
+    /// Transfers that are in no picture because the pictures lagged behind.
+    pub fn left_out(&self) -> u64 {
+        self.left_out.load(Ordering::Relaxed)
     }
 
     /// Takes a transfer. Does not wait: when the pictures lag behind, what waits for them is left out.
     pub fn take(&self, transfer: &Transfer<'_>) {
         let mut queue = self.shared.queue.lock().unwrap_or_else(PoisonError::into_inner);
         if queue.bytes + transfer.payload.len() > MOST_WAITING {
+            self.left_out.fetch_add(queue.waiting.len() as u64, Ordering::Relaxed);
             queue.waiting.clear();
             queue.bytes = 0;
             queue.gap = true;
@@ -167,6 +184,13 @@ impl Drop for PictureFeed {
     }
 }
 
+/// A frame as the eye sees it, also one that no calibration could use.
+fn grey(frame: &Frame<'_>) -> Option<GreyImage> {
+    // 8 of the 10 bits.
+    let pixels = frame.pixels.iter().map(|pixel| (pixel >> 2).min(255) as u8).collect();
+    GreyImage::new(usize::from(frame.region.width), usize::from(frame.region.height), pixels)
+}
+
 /// What waits, after `patience` at most; `None` at the end.
 fn next(shared: &Shared, patience: Duration) -> Option<VecDeque<(bool, Vec<u8>)>> {
     let queue = shared.queue.lock().unwrap_or_else(PoisonError::into_inner);
@@ -180,7 +204,73 @@ fn next(shared: &Shared, patience: Duration) -> Option<VecDeque<(bool, Vec<u8>)>
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::channel;
+
+    use usb_davis::configuration::Configuration;
+    use usb_davis::dump::TransferStatus;
+    use usb_davis::protocol::{Encoder, Layout, Region, Shutter};
+
     use super::*;
+    use crate::recording::davis::dump::davis346_header;
+
+    fn transfer(payload: &[u8]) -> Transfer<'_> {
+        Transfer { host_ns: None, gap_before: false, status: TransferStatus::Completed, payload }
+    }
+
+    #[test]
+    fn what_the_pictures_have_no_time_for_is_counted() {
+        let header = davis346_header("test", &Configuration::calibration());
+        let (shown, is_shown) = channel();
+        let (go_on, wait) = channel::<()>();
+        let show = move |_: &EventPicture, _: Option<&GreyImage>| {
+            let _ = shown.send(());
+            let _ = wait.recv();
+        };
+        let feed = PictureFeed::start(&header, || false, show);
+        is_shown.recv().unwrap();
+        let piece = vec![0; MOST_WAITING / 4];
+        (0..4).for_each(|_| feed.take(&transfer(&piece)));
+        assert_eq!(feed.left_out(), 0);
+        feed.take(&transfer(&piece));
+        assert_eq!(feed.left_out(), 4);
+        drop(go_on);
+    }
+
+    #[test]
+    fn the_latest_frame_is_shown_while_it_is_wanted() {
+        let header = davis346_header("test", &Configuration::calibration());
+        let pixels: Vec<u16> = (0..346 * 260).map(|index| (index % 1000) as u16).collect();
+        let frame = Frame {
+            // Rolling: no calibration could use it, the eye can.
+            shutter: Shutter::Rolling,
+            start: 0,
+            end: 22_400,
+            exposure_start: Some(9200),
+            exposure_end: Some(13_200),
+            exposure_cycles: 0,
+            region: Region { x: 0, y: 0, width: 346, height: 260 },
+            damaged_columns: 0,
+            pixels: &pixels,
+        };
+        let mut bytes = Vec::new();
+        Encoder::new(Layout::DAVIS346).frame(&frame, &mut bytes).unwrap();
+        for wanted in [false, true] {
+            let (shown, frames) = channel();
+            let feed = PictureFeed::start(
+                &header,
+                move || wanted,
+                move |_, frame| {
+                    let _ = shown.send(frame.map(|frame| frame.pixels.clone()));
+                },
+            );
+            feed.take(&transfer(&bytes));
+            // Wherever the transfer comes between two pictures.
+            let frame = frames.iter().take(if wanted { 300 } else { 3 }).find_map(|frame| frame);
+            assert_eq!(frame.is_some(), wanted);
+            let expected = |frame: &Vec<u8>| frame.iter().zip(&pixels).all(|(eight, ten)| u16::from(*eight) == ten / 4);
+            assert!(frame.as_ref().is_none_or(expected));
+        }
+    }
 
     #[test]
     fn pixels_count_both_polarities_up_to_15() {

@@ -166,7 +166,7 @@ fn record_file(
     let mut counter = Decoder::new(stream.header().registers.layout());
     let mut progress = Progress::default();
     let ending = run(&mut stream, &mut dump, &mut counter, &mut progress, plan, &mut watch);
-    // A camera that fails to stop has nothing to lose any more.
+    // All that came is in the file already.
     let _ = stream.stop();
     let (file_bytes, ending) = close(dump, path, stream.drop_counters(), ending);
     let statistics = stream.statistics();

@@ -17,8 +17,6 @@ use crate::recording::{Recording, RecordingError};
 const PIECE: i64 = 10_000;
 /// Pieces that wait for the detector.
 const PIECES_AHEAD: usize = 32;
-/// Longest time between two looks at whether to stop.
-const PATIENCE: Duration = Duration::from_millis(20);
 /// Time between two of the states that are told (s of the sensor).
 const TOLD: f64 = 1.0;
 
@@ -57,7 +55,7 @@ pub fn replay(
         let observing = scope.spawn(move || observe(observer, &pieces, latest, tell));
         let mut clock = Clock { speed, began: Instant::now() };
         let mut picture = EventPicture::new(sensor);
-        let mut shown = Instant::now();
+        let mut due = Instant::now() + PICTURE_INTERVAL;
         let (mut count, mut start, mut last) = (0, None, 0);
         let mut batch = Vec::new();
         let damage = 'played: loop {
@@ -74,9 +72,11 @@ pub fn replay(
                 last = piece.last().map_or(last, |event| event.t);
                 let mut is_due = false;
                 while !is_due {
-                    is_due = clock.wait(last);
-                    if shown.elapsed() >= PICTURE_INTERVAL {
-                        shown = Instant::now();
+                    let now = Instant::now();
+                    is_due = clock.wait(last, due.saturating_duration_since(now));
+                    if now >= due {
+                        // Pictures that could not be shown in time are not made up for.
+                        due = (due + PICTURE_INTERVAL).max(now);
                         if show(&picture).is_break() {
                             break 'played None;
                         }
@@ -134,12 +134,12 @@ struct Clock {
 }
 
 impl Clock {
-    /// Waits for time `t` (µs) of the recording, but not for long; whether it has come.
-    fn wait(&mut self, t: i64) -> bool {
+    /// Waits for time `t` (µs) of the recording, for `patience` at most; whether it has come.
+    fn wait(&mut self, t: i64, patience: Duration) -> bool {
         let Some(speed) = self.speed else { return true };
         let due = Duration::try_from_secs_f64(t as f64 * 1e-6 / speed).unwrap_or(Duration::MAX);
         let left = due.saturating_sub(self.began.elapsed());
-        thread::sleep(left.min(PATIENCE));
-        left <= PATIENCE
+        thread::sleep(left.min(patience));
+        left <= patience
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use evcal_core::event::Event;
 use usb_davis::capture::GapRepair;
@@ -13,7 +13,7 @@ use usb_davis::protocol::{Decoder, Message};
 use super::LiveSettings;
 use super::checkpoint::Checkpoints;
 use super::latest::Latest;
-use super::observer::{Observer, Seen};
+use super::observer::{Memory, Observer, Seen};
 use crate::board::Board;
 use crate::detection::settings::DetectionSettings;
 use crate::initial::InitialSettings;
@@ -21,6 +21,8 @@ use crate::recording::davis::{CameraClock, event};
 
 /// How often checkpoints are looked after while nothing comes.
 const PATIENCE: Duration = Duration::from_millis(100);
+/// A camera that sends not one event for so long is told to be silent, and again after the same time.
+const SILENCE: Duration = Duration::from_secs(1);
 
 /// A transfer on its way to the detector.
 struct Piece {
@@ -49,7 +51,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 pub struct Watcher {
     shared: Arc<Shared>,
     latest: Latest,
-    thread: Option<JoinHandle<()>>,
+    thread: Option<JoinHandle<Memory>>,
     longest_wait_ns: u64,
     /// A transfer was left out since the latest one taken.
     gap: bool,
@@ -58,7 +60,7 @@ pub struct Watcher {
 
 impl Watcher {
     /// Starts a detector with these settings for the camera that `header` describes; `checkpoints` calibrate what it
-    /// records.
+    /// records. What earlier recordings showed counts, where they are calibrated together.
     pub fn start(
         detection: &DetectionSettings,
         initial: &InitialSettings,
@@ -66,6 +68,7 @@ impl Watcher {
         board: &Board,
         header: &DumpHeader,
         checkpoints: Checkpoints,
+        memory: Option<Memory>,
     ) -> Self {
         let sensor = header.registers.layout().dvs.size().into();
         let shared = Arc::new(Shared::default());
@@ -76,7 +79,12 @@ impl Watcher {
         let (detection, initial, live, board) = (detection.clone(), initial.clone(), live.clone(), *board);
         let thread = thread::spawn(move || {
             let observer = Observer::new(&detection, &initial, &live, &board, sensor).with_checkpoints(checkpoints);
-            look(&of_thread, decoder, observer, &latest_of_thread);
+            let observer = match memory {
+                Some(memory) => observer.with_memory(memory),
+                None => observer,
+            };
+            latest_of_thread.set(observer.seen());
+            look(&of_thread, decoder, observer, &latest_of_thread)
         });
         Self { shared, latest, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }
     }
@@ -108,19 +116,17 @@ impl Watcher {
     }
 
     /// Waits until everything taken has been looked at, [`super::LiveSettings::longest_wait`] of it at
-    /// most.
-    pub fn finish(mut self) -> Seen {
-        self.end();
-        self.seen()
+    /// most. What was seen, and what is to be remembered of it.
+    pub fn finish(mut self) -> (Seen, Option<Memory>) {
+        let memory = self.end();
+        (self.seen(), memory)
     }
 
-    fn end(&mut self) {
+    fn end(&mut self) -> Option<Memory> {
         lock(&self.shared.queue).ended = true;
         self.shared.filled.notify_one();
-        if let Some(thread) = self.thread.take() {
-            // If it panicked, what it had seen before still counts.
-            let _ = thread.join();
-        }
+        // If it panicked, what it had seen before still counts.
+        self.thread.take().and_then(|thread| thread.join().ok())
     }
 }
 
@@ -131,11 +137,17 @@ impl Drop for Watcher {
 }
 
 /// The detector's thread.
-fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen: &Latest) {
+fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen: &Latest) -> Memory {
     let (mut repair, mut clock) = (GapRepair::default(), CameraClock::default());
     let mut events: Vec<Event> = Vec::new();
     let (mut first, mut latest) = (None, i64::MIN);
+    let (mut heard, mut silence) = (Instant::now(), SILENCE);
     while let Some(piece) = next(shared) {
+        if heard.elapsed() >= silence {
+            observer.silence(heard.elapsed().as_secs_f64());
+            silence += SILENCE;
+            seen.set(observer.seen());
+        }
         let Some(piece) = piece else {
             if observer.check() {
                 seen.set(observer.seen());
@@ -155,6 +167,9 @@ fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen:
                 events.extend(new.iter().map(|wire| event(wire, shift)));
             }
         });
+        if !events.is_empty() {
+            (heard, silence) = (Instant::now(), SILENCE);
+        }
         for event in &mut events {
             latest = latest.max(event.t);
             event.t = latest - *first.get_or_insert(latest);
@@ -165,6 +180,7 @@ fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen:
     }
     observer.finish();
     seen.set(observer.seen());
+    observer.into_memory()
 }
 
 /// The next piece, or none for a while; `None` when there will be no more.

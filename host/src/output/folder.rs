@@ -46,7 +46,7 @@ const CIRCLES: (&str, &str) = ("circles", "csv");
 
 /// What was written, for the terminal.
 pub struct Written {
-    /// The content of `calibration.json`.
+    /// The content of `calibration.json`, on one line.
     pub json: String,
     /// A few lines with the result.
     pub summary: String,
@@ -110,8 +110,9 @@ pub fn write_folder(
     progress: &mut (dyn FnMut(Step) + Send),
 ) -> Result<Written, FileError> {
     let calibration = CalibrationFile::new(calibrated, task.board);
-    let json = serde_json::to_string_pretty(&calibration)
-        .map_err(|error| FileError::new(&folder.path().join("calibration.json"), error.into()))?;
+    let failed = |error: serde_json::Error| FileError::new(&folder.path().join("calibration.json"), error.into());
+    let json = serde_json::to_string_pretty(&calibration).map_err(failed)?;
+    let on_one_line = serde_json::to_string(&calibration).map_err(failed)?;
     let stage_report = stage_report(calibrated);
     let mut summary = summary(&calibration);
     folder.remove_results(|file| is_result(file) || is_failure(file))?;
@@ -122,7 +123,7 @@ pub fn write_folder(
         rayon::join(|| write_files(folder, calibrated, task, &texts), || sections(calibrated, task, &mut tell));
     summary += &notes?;
     files::write(&folder.join("report.html"), sections.beside(&results_in(folder)).as_bytes())?;
-    Ok(Written { json, summary, stage_report })
+    Ok(Written { json: on_one_line, summary, stage_report })
 }
 
 /// What is known of a result before its files are written.
@@ -214,7 +215,7 @@ fn write_files(
 }
 
 /// The results in `folder`, in the order of their names.
-fn results_in(folder: &Path) -> Vec<ResultFile> {
+pub fn results_in(folder: &Path) -> Vec<ResultFile> {
     let entries = [PathBuf::new(), EXPORTS.into()].into_iter().flat_map(|place| {
         let entries = std::fs::read_dir(folder.join(&place)).into_iter().flatten().flatten();
         entries.map(move |entry| (place.join(entry.file_name()), entry.metadata()))

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::io;
+use std::net::SocketAddr;
 
 use hyper::header::{HOST, HeaderMap, HeaderName, HeaderValue, ORIGIN};
 use hyper::{Method, StatusCode, Uri};
@@ -37,7 +38,7 @@ impl fmt::Display for Secret {
 
 /// Which names and which token open it.
 pub struct Gate {
-    hosts: [String; 2],
+    address: SocketAddr,
     token: String,
 }
 
@@ -51,9 +52,23 @@ pub enum Need {
 }
 
 impl Gate {
-    /// The gate of a server on this port.
-    pub fn new(port: u16, token: Secret) -> Self {
-        Self { hosts: [format!("127.0.0.1:{port}"), format!("localhost:{port}")], token: token.to_string() }
+    /// The gate of a server that listens here.
+    pub fn new(address: SocketAddr, token: Secret) -> Self {
+        Self { address, token: token.to_string() }
+    }
+
+    /// Whether a host is this server: its address in numbers, or `localhost` where that leads here. A name would let a foreign one lead
+    /// here; a server that listens to all addresses of this computer answers to each of them.
+    fn is_own(&self, host: &str) -> bool {
+        let (own, port) = (self.address.ip(), self.address.port());
+        match host.parse::<SocketAddr>() {
+            Ok(host) => host.port() == port && (host.ip() == own || own.is_unspecified()),
+            Err(_) => {
+                let (name, given) = host.rsplit_once(':').unwrap_or((host, "80"));
+                let is_here = own.is_loopback() || own.is_unspecified();
+                is_here && name.eq_ignore_ascii_case("localhost") && given == port.to_string()
+            }
+        }
     }
 
     /// The token.
@@ -67,7 +82,7 @@ impl Gate {
     /// 421 for a foreign host; 403 without the token, for a request that another site made, and for a command that no
     /// page of this server sent.
     pub fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap, need: Need) -> Result<(), StatusCode> {
-        let is_own = |host: &str| self.hosts.iter().any(|own| own.eq_ignore_ascii_case(host));
+        let is_own = |host: &str| self.is_own(host);
         let mut hosts = headers.get_all(HOST).iter();
         let host = hosts.next().and_then(|host| host.to_str().ok());
         let is_addressed = host.is_some_and(is_own) && hosts.next().is_none();

@@ -19,6 +19,12 @@ function command(name) {
   return fetch(`/${name}`, { method: "POST", headers }).catch(() => {});
 }
 
+// What the person chose stays when the page is loaded again.
+const chosen = {
+  get: (name) => sessionStorage.getItem(`evcal-${name}`),
+  set: (name, value) => sessionStorage.setItem(`evcal-${name}`, String(value)),
+};
+
 let audio = null;
 function tone(frequency, seconds, delay = 0) {
   if (!audio) return;
@@ -32,15 +38,31 @@ function tone(frequency, seconds, delay = 0) {
   source.stop(start + seconds);
 }
 
+let nearest = 0;
+let lastNearer = 0;
+
+// The nearer the board is to the ghost, the higher: one note whenever it came nearer.
+function nearer(ghost, isNew) {
+  if (isNew) nearest = Infinity;
+  if (ghost.distance === null || performance.now() - lastNearer < 250) return;
+  if (ghost.distance < 0.9 * nearest && ghost.distance > 1) {
+    if (nearest < Infinity) tone(440 * 2 ** (1.2 / ghost.distance), 0.12);
+    lastNearer = performance.now();
+  }
+  nearest = Math.min(nearest, Math.max(ghost.distance, 0.5));
+}
+
 function sound(before, state) {
   if (!before) return;
-  const was = before.hint.plain;
-  const is = state.hint.plain;
-  if (state.phase === "done" && before.phase !== "done") [523, 659, 784].forEach((note, index) => tone(note, 0.8, 0.15 * index));
-  else if (was === is) return;
-  else if (is === "bring the board back") tone(150, 0.5);
-  else if (is === "keep moving here") tone(880, 0.2);
-  else if (was === "keep moving here") [659, 784].forEach((note) => tone(note, 0.3));
+  const isLost = (one) => one.hint.plain === "bring the board back";
+  const has = (phase) => state.phase === phase && before.phase !== phase;
+  if (has("done")) [523, 659, 784].forEach((note, index) => tone(note, 0.8, 0.15 * index));
+  else if (has("failed")) [330, 233].forEach((note, index) => tone(note, 0.6, 0.25 * index));
+  else if (state.phase !== "recording") return;
+  else if (isLost(state) && !isLost(before)) tone(150, 0.5);
+  else if (state.used_up > before.used_up) [659, 784].forEach((note) => tone(note, 0.3));
+  else if (state.is_there && !before.is_there) tone(1047, 0.2);
+  if (state.ghost) nearer(state.ghost, JSON.stringify(before.ghost?.corners) !== JSON.stringify(state.ghost.corners));
 }
 
 function note(ages, age) {
@@ -53,11 +75,15 @@ function take(buffer) {
   const length = view.getUint32(0, true);
   const number = view.getUint32(4, true);
   const state = JSON.parse(decoder.decode(new Uint8Array(buffer, 8, length)));
+  const [width, height] = state.sensor;
   const pixels = new Uint8Array(buffer, 8 + length);
+  const frame = state.frame && pixels.subarray(width * height);
+  if (page.state === null) setMirrored(chosen.get("mirrored") === null ? state.mirrored : chosen.get("mirrored") === "true");
   sound(page.state, state);
   page.skipped += page.number ? Math.max(0, number - page.number - 1) : 0;
   Object.assign(page, { number, phase: state.phase, state });
   picture.draw(state, pixels);
+  showFrame(state, frame);
   show(state, picture.mirrored);
   page.hint = byId("hint").textContent;
   page.shown += 1;
@@ -89,13 +115,40 @@ async function run() {
       tell("evcal has ended");
       await pause(0.5);
     }
-    await new Promise((resolve) => setTimeout(resolve, 0));
   }
 }
 
+function setMirrored(mirrored) {
+  picture.mirrored = mirrored;
+  byId("mirror").setAttribute("aria-pressed", String(mirrored));
+}
+
 function toggleMirror() {
-  picture.mirrored = !picture.mirrored;
-  byId("mirror").setAttribute("aria-pressed", String(picture.mirrored));
+  setMirrored(!picture.mirrored);
+  chosen.set("mirrored", picture.mirrored);
+}
+
+// The server knows whether frames are shown: all pages show the same, also after they were loaded again.
+function toggleFrames() {
+  command("frames");
+}
+
+function showFrame(state, pixels) {
+  const isOver = !["waiting", "recording"].includes(state.phase);
+  byId("frames").setAttribute("aria-pressed", String(state.shows_frames));
+  byId("frame").hidden = isOver || !state.frame;
+  byId("no-frame").hidden = isOver || !state.shows_frames || Boolean(state.frame);
+  if (byId("frame").hidden) return;
+  const [width, height] = state.frame;
+  const canvas = byId("frame");
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  const context = canvas.getContext("2d");
+  const image = context.createImageData(width, height);
+  for (let index = 0; index < width * height; index += 1) {
+    image.data.fill(pixels[index], 4 * index, 4 * index + 3);
+    image.data[4 * index + 3] = 255;
+  }
+  context.putImageData(image, 0, 0);
 }
 
 function toggleSound() {
@@ -115,13 +168,22 @@ async function copy() {
 byId("finish").addEventListener("click", () => command("finish"));
 byId("mirror").addEventListener("click", toggleMirror);
 byId("sound").addEventListener("click", toggleSound);
+byId("frames").addEventListener("click", toggleFrames);
 byId("copy").addEventListener("click", copy);
+// A button that was clicked with the mouse gives the keys back; one that was reached with the keyboard keeps them.
+addEventListener("click", (event) => {
+  if (event.detail > 0) event.target.closest("button")?.blur();
+});
 for (const name of ["close", "again", "add"]) byId(name).addEventListener("click", () => command(name));
 addEventListener("keydown", (event) => {
-  // A key that a focused button takes is that button's.
-  if (event.repeat || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("button, a, iframe")) return;
-  if (event.key === " ") toggleMirror();
-  else if (event.key === "s") toggleSound();
+  if (event.repeat || event.ctrlKey || event.metaKey || event.altKey) return;
+  // Space and Enter are those of a focused button.
+  const isOfButton = [" ", "Enter"].includes(event.key) && event.target.closest("button, a, iframe");
+  if (isOfButton) return;
+  const key = event.key.toLowerCase();
+  if (key === " ") toggleMirror();
+  else if (key === "s") toggleSound();
+  else if (key === "f" && !byId("frames").hidden) toggleFrames();
   else if (event.key === "Enter" && ["waiting", "recording"].includes(page.phase)) command("finish");
   else if (event.key === "Enter" && !byId("open-report").hidden) byId("open-report").click();
   else return;

@@ -34,7 +34,15 @@ function hintOf(state, mirrored) {
   return mirrored ? state.hint.mirrored : state.hint.plain;
 }
 
-function showCells(coverage) {
+// A colour for the error of a cell: blue where it is what is wanted, orange from ten times that on, equal steps for equal ratios.
+const MOST = 10;
+function shade(sigma, target) {
+  if (sigma === null || sigma === undefined) return "var(--faint)";
+  const share = Math.min(1, Math.max(0, Math.log(sigma / target) / Math.log(MOST)));
+  return `color-mix(in srgb, var(--off) ${Math.round(100 * share)}%, var(--on))`;
+}
+
+function showCells({ coverage, target, checkpoint }) {
   const svg = byId("cells");
   const count = coverage.columns * coverage.rows;
   if (svg.childElementCount !== count) {
@@ -49,7 +57,17 @@ function showCells(coverage) {
     });
     svg.replaceChildren(...cells);
   }
-  coverage.cells.forEach((share, index) => svg.children[index].setAttribute("fill-opacity", (0.06 + 0.94 * share).toFixed(2)));
+  const hasSigma = coverage.sigma.length === count;
+  coverage.cells.forEach((share, index) => {
+    const cell = svg.children[index];
+    cell.setAttribute("fill-opacity", (0.08 + 0.92 * share).toFixed(2));
+    cell.style.fill = hasSigma ? shade(coverage.sigma[index], target) : "";
+  });
+  byId("shades").hidden = !hasSigma;
+  const known = coverage.sigma.filter((sigma) => sigma !== null);
+  if (!known.length) return;
+  const range = [Math.min(...known), Math.max(...known)].map((sigma) => sigma.toFixed(3)).join(" to ");
+  setText(byId("shade-range"), `now ± ${range} px${checkpoint?.stated ? "" : ", quick estimate"}; pale: not covered`);
 }
 
 const figure = (value) => (Number.isInteger(value) ? String(value) : Math.abs(value) >= 10 ? value.toFixed(3) : value.toPrecision(6));
@@ -81,42 +99,64 @@ function showOutcome(state) {
   byId("copy").hidden = !hasCamera;
   byId("open-report").hidden = !outcome.report;
   byId("report").hidden = !outcome.report;
+  showFiles(outcome.files);
   if (outcome.report) {
     byId("open-report").href = outcome.report;
     byId("report").src = outcome.report;
   }
 }
 
+function showFiles(files) {
+  byId("files-title").hidden = files.length === 0;
+  byId("files").replaceChildren(...files.map(({ name, path }) => {
+    const item = document.createElement("li");
+    const link = Object.assign(document.createElement("a"), { textContent: name, href: path, target: "_blank", rel: "noopener" });
+    item.append(link);
+    return item;
+  }));
+}
+
 export function show(state, mirrored) {
+  const side = mirrored ? "mirrored" : "plain";
+  document.body.dataset.mirrored = String(mirrored);
   const isOver = ["calibrating", "done", "failed"].includes(state.phase);
   document.body.dataset.phase = state.phase;
   setText(byId("hint"), hintOf(state, mirrored));
   const { progress } = state;
-  byId("ring").querySelector(".fill").setAttribute("stroke-dasharray", `${100 * progress} 100`);
+  const gained = state.phase === "done" ? 1 : state.ghost ? state.ghost.gained : null;
+  byId("ring").querySelector(".fill").setAttribute("stroke-dasharray", `${100 * (gained ?? 0)} 100`);
+  setText(byId("gained"), gained === null ? "–" : percent(gained));
+  byId("ring").toggleAttribute("hidden", isOver);
+  byId("total").parentElement.hidden = isOver;
+  byId("total").value = 100 * progress;
   setText(byId("percent"), percent(progress));
-  const isEnough = state.missing.length === 0;
-  setText(byId("missing-title"), isEnough ? "Nothing is missing" : isOver ? "Ended before it saw" : "Still wanted");
-  setList(byId("missing"), state.missing);
+  const missing = state.missing[side];
+  const isEnough = missing.length === 0;
+  setText(byId("missing-title"), isEnough ? "Nothing is missing" : isOver ? "Not seen" : "Still wanted");
+  setList(byId("missing"), missing);
   byId("sight").hidden = isOver && state.phase !== "calibrating";
   byId("finish").hidden = isOver;
   byId("mirror").hidden = isOver;
   byId("sound").hidden = isOver;
-  showCells(state.coverage);
+  byId("frames").hidden = isOver || !state.has_frames;
+  showCells(state);
+  byId("before").hidden = state.before === 0;
+  setText(byId("before"), `With ${state.before === 1 ? "the recording" : `the ${state.before} recordings`} before.`);
   setText(byId("covered"), `${percent(state.coverage.covered)} of the sensor, ${state.coverage.boards} boards`);
-  setPairs(byId("tilts"), state.coverage.tilts.map(({ name, count }) => [`${name} nearer`, String(count)]));
+  setPairs(byId("tilts"), state.coverage.tilts.map((tilt) => [`${mirrored ? tilt.mirrored : tilt.name} nearer`, String(tilt.count)]));
   setPairs(byId("distances"), state.coverage.distances.map(({ name, count }) => [name, String(count)]));
   const { health } = state;
   const known = (value, text) => (value === null ? "–" : text(value));
   setPairs(byId("health"), [
     ["event rate", `${(health.rate / 1e6).toFixed(2)} Mev/s`],
-    ["busiest, of the camera's limit", known(health.load, percent)],
+    ["peak rate, share of the limit", known(health.load, percent)],
     ["ON events", known(health.on_share, percent)],
     ["noise of a pixel at rest", known(health.noise, (rate) => `${rate.toFixed(1)} Hz`)],
     ["hot pixels", known(health.hot_pixels, String)],
     ["flicker", known(health.flicker, (frequency) => (frequency ? `${frequency} Hz` : "none"))],
-    ["edges, sharpest", known(health.focus, ([width, sharpest]) => `${width.toFixed(1)}, ${sharpest.toFixed(1)} px`)],
+    ["edge width: now, best of 5 s", known(health.focus, ([width, sharpest]) => `${width.toFixed(1)}, ${sharpest.toFixed(1)} px`)],
     ["lost by the camera", known(health.dropped, String)],
-    ["transfers not displayed", String(health.not_shown)],
+    ["transfers not searched, not drawn", `${health.not_searched}, ${health.not_drawn}`],
     ["time", `${state.t.toFixed(1)} s`],
   ]);
   setText(byId("nothing"), !isOver && state.nothing ? state.nothing.reason : "");
@@ -130,7 +170,7 @@ export function show(state, mirrored) {
     ["now, about", pixels(state.about)],
     ["wanted", `± ${state.target} px`],
     ["calibrating now", state.checkpoint_under_way === null ? "–" : `the first ${state.checkpoint_under_way.toFixed(0)} s`],
-    ["from windows alone", pixels(state.sigma)],
+    ["quick estimate", pixels(state.sigma)],
     ["focal lengths", state.camera ? `${fx.toFixed(1)}, ${fy.toFixed(1)} px` : "–"],
     ["principal point", state.camera ? `${cx.toFixed(1)}, ${cy.toFixed(1)} px` : "–"],
   ]);

@@ -3,6 +3,8 @@
 const FADE = 0.09; // s until an event is at 1/e of its brightness
 const SHOWN = 0.5; // s after which a board that was not seen again is hidden
 const CORNERS = ["1", "2", "3", "4"];
+const SWING = 0.22; // how much larger and smaller the sides of a swinging ghost become
+const SWING_TIME = 1600; // ms for one swing
 
 function channels(color) {
   const hex = color.trim().slice(1);
@@ -16,6 +18,7 @@ export class Picture {
     this.mirrored = false;
     this.last = 0;
     this.dark = matchMedia("(prefers-color-scheme: dark)");
+    this.still = matchMedia("(prefers-reduced-motion: reduce)");
     this.dark.addEventListener("change", () => this.readColors());
     this.readColors();
   }
@@ -56,7 +59,7 @@ export class Picture {
     const line = Math.max(1.6, width / 180);
     if (state.nothing) this.drawCircles(context, state.nothing.circles, [0, 0], line);
     if (state.phase !== "recording") return;
-    if (state.ghost) this.drawGhost(context, state.ghost, line);
+    if (state.ghost) this.drawGhost(context, state, line);
     if (state.board) this.drawBoard(context, state, line);
   }
 
@@ -89,8 +92,10 @@ export class Picture {
     context.closePath();
   }
 
-  drawGhost(context, ghost, line) {
+  drawGhost(context, state, line) {
+    const { ghost } = state;
     if (ghost.outline.length < 3) return;
+    if (state.is_there && !this.still.matches) this.drawSwing(context, ghost, line);
     this.path(context, ghost.outline);
     context.fillStyle = this.colors.ghost;
     context.globalAlpha = 0.08 + 0.25 * ghost.gained;
@@ -102,6 +107,26 @@ export class Picture {
     context.stroke();
     context.setLineDash([]);
     if (ghost.corners.length === 4) this.drawCorners(context, ghost.corners, this.colors.ghost, line);
+  }
+
+  // The ghost as it swings: how the board is to be moved where it is.
+  drawSwing(context, ghost, line) {
+    const middle = [0, 1].map((axis) => ghost.outline.reduce((sum, point) => sum + point[axis], 0) / ghost.outline.length);
+    const along = ghost.sideways ? 0 : 1;
+    const across = 1 - along;
+    const half = Math.max(1, ...ghost.outline.map((point) => Math.abs(point[along] - middle[along])));
+    const turn = SWING * Math.sin((2 * Math.PI * performance.now()) / SWING_TIME);
+    const turned = ghost.outline.map((point) => {
+      const moved = [0, 0];
+      moved[along] = middle[along] + (point[along] - middle[along]) * (1 - 0.5 * Math.abs(turn));
+      // The side that comes nearer becomes larger.
+      moved[across] = middle[across] + (point[across] - middle[across]) * (1 + (turn * (point[along] - middle[along])) / half);
+      return moved;
+    });
+    this.path(context, turned);
+    context.strokeStyle = this.colors.ghost;
+    context.lineWidth = line;
+    context.stroke();
   }
 
   drawBoard(context, state, line) {

@@ -1,7 +1,10 @@
 //! The HTTP server: few connections, short heads, short waits.
 
 use std::convert::Infallible;
+use std::ffi::OsStr;
+use std::fs;
 use std::net::TcpListener;
+use std::path::PathBuf;
 use std::pin::pin;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
@@ -17,6 +20,7 @@ use hyper::service::service_fn;
 use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::sync::{Semaphore, oneshot};
+use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 
 use super::assets::ASSETS;
@@ -94,18 +98,26 @@ async fn answer(shared: &Shared, request: &Request<Incoming>) -> Answer {
     let path = uri.path();
     let asset = ASSETS.iter().find(|asset| asset.path == path);
     let is_report = path == shared.report_path;
-    let need = if asset.is_some() || is_report { Need::Host } else { Need::Token };
+    let file = file_at(shared, path);
+    let need = if asset.is_some() || is_report || file.is_some() { Need::Host } else { Need::Token };
     if let Err(status) = shared.gate.check(method, uri, headers, need) {
         return plain(status);
     }
     if let (&Method::GET, Some(asset)) = (method, asset) {
         return with(StatusCode::OK, asset.kind, PAGE_POLICY, Bytes::from_static(asset.content.as_bytes()));
     }
+    if let (&Method::GET, Some(file)) = (method, file) {
+        return content(file).await;
+    }
     match (method, path) {
         (&Method::GET, _) if is_report => report(shared),
         (&Method::GET, "/live") => state(shared, uri.query()).await,
         (&Method::POST, "/finish") => {
             shared.finish.store(true, Ordering::Relaxed);
+            plain(StatusCode::NO_CONTENT)
+        }
+        (&Method::POST, "/frames") => {
+            shared.frames.fetch_xor(true, Ordering::Relaxed);
             plain(StatusCode::NO_CONTENT)
         }
         (&Method::POST, "/close") => set_next(shared, Next::Close),
@@ -119,6 +131,25 @@ async fn answer(shared: &Shared, request: &Request<Incoming>) -> Answer {
 fn set_next(shared: &Shared, next: Next) -> Answer {
     *shared.next.lock().unwrap_or_else(PoisonError::into_inner) = Some(next);
     plain(StatusCode::NO_CONTENT)
+}
+
+/// The file of the results at this path: one of those that were named, no other.
+fn file_at(shared: &Shared, path: &str) -> Option<PathBuf> {
+    let files = shared.files.lock().unwrap_or_else(PoisonError::into_inner);
+    files.iter().find(|served| served.path == path).map(|served| served.file.clone())
+}
+
+/// A file of the results, read as it is now.
+async fn content(file: PathBuf) -> Answer {
+    let kind = match file.extension().and_then(OsStr::to_str) {
+        Some("png") => "image/png",
+        Some("html") => "text/html; charset=utf-8",
+        _ => "text/plain; charset=utf-8",
+    };
+    match spawn_blocking(move || fs::read(file)).await {
+        Ok(Ok(content)) => with(StatusCode::OK, kind, REPORT_POLICY, content.into()),
+        _ => plain(StatusCode::NOT_FOUND),
+    }
 }
 
 fn report(shared: &Shared) -> Answer {

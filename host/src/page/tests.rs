@@ -1,7 +1,7 @@
 //! The server with real requests over TCP.
 
 use std::io::{Read, Write};
-use std::net::TcpStream;
+use std::net::{Ipv4Addr, TcpStream};
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -33,14 +33,14 @@ fn status(page: &Page, request: &str, headers: &[(&str, &str)]) -> u16 {
 }
 
 fn page() -> Page {
-    Page::start(Some(0)).unwrap()
+    Page::start(Ipv4Addr::LOCALHOST.into(), Some(0)).unwrap()
 }
 
 /// A foreign name that leads to this computer (DNS rebinding) reads nothing, not even with the token.
 #[test]
 fn a_foreign_host_is_refused() {
     let page = page();
-    page.publisher().publish(&"secret", &[]);
+    page.publisher().publish(&"secret", &[], &[]);
     let (token, own) = (token(&page), host(&page));
     let port = page.address.port();
     for foreign in ["evil.example", "127.0.0.1", "127.0.0.1:1", &format!("evil.example:{port}"), ""] {
@@ -61,7 +61,7 @@ fn a_foreign_host_is_refused() {
 #[test]
 fn data_and_commands_need_the_token() {
     let page = page();
-    page.publisher().publish(&"secret", &[7, 8]);
+    page.publisher().publish(&"secret", &[7, 8], &[]);
     let (token, own) = (token(&page), host(&page));
     for request in [
         "GET /live?after=0",
@@ -138,6 +138,89 @@ fn the_report_has_a_path_that_nobody_guesses() {
     assert_ne!(page.shared.report_path, self::page().shared.report_path);
 }
 
+/// Of the folder of the results, only what was named is served, on a path that nobody guesses.
+#[test]
+fn only_named_files_are_served() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["camera.yaml", "secret.txt", "example.png"] {
+        std::fs::write(folder.path().join(name), name).unwrap();
+    }
+    let page = page();
+    let own = host(&page);
+    let names = ["camera.yaml", "example.png", "gone.csv"].map(str::to_owned);
+    let paths = page.set_files(folder.path(), &names);
+    let get = |path: &str| ask(&page, &format!("GET {path}"), &[("Host", &own)]);
+    for (path, content, kind) in [(&paths[0], "camera.yaml", "text/plain"), (&paths[1], "example.png", "image/png")] {
+        let (status, answer) = get(path);
+        let answer = String::from_utf8(answer).unwrap().to_lowercase();
+        assert!(status == 200 && answer.ends_with(content) && answer.contains(kind), "{answer}");
+        assert!(answer.contains("content-security-policy: sandbox") && answer.contains("nosniff"), "{answer}");
+    }
+    assert_eq!(get(&paths[2]).0, 404, "it is gone");
+    let base = paths[0].strip_suffix("/camera.yaml").unwrap();
+    for other in ["secret.txt", "../secret.txt", "..%2fsecret.txt", "", "camera.yaml/", "./camera.yaml"] {
+        assert_eq!(get(&format!("{base}/{other}")).0, 403, "{other}");
+    }
+    assert_eq!(get("/files/0/camera.yaml").0, 403);
+    assert_eq!(ask(&page, &format!("GET {}", paths[0]), &[("Host", "evil.example")]).0, 421);
+    assert_eq!(ask(&page, &format!("POST {}", paths[0]), &[("Host", &own)]).0, 403, "a command needs the token");
+}
+
+#[test]
+fn frames_are_sent_on_request() {
+    let page = page();
+    let (token, own) = (token(&page), host(&page));
+    let publisher = page.publisher();
+    assert!(!publisher.are_frames_wanted());
+    assert_eq!(status(&page, "POST /frames", &[("Host", &own)]), 403);
+    assert!(!publisher.are_frames_wanted());
+    let good = [("Host", own.as_str()), ("X-Evcal-Token", token.as_str())];
+    for wanted in [true, false, true] {
+        assert_eq!(status(&page, "POST /frames", &good), 204);
+        assert_eq!(publisher.are_frames_wanted(), wanted);
+    }
+    publisher.publish(&1, &[7, 8], &[9]);
+    assert!(ask(&page, "GET /live?after=0", &good).1.ends_with(b"1\x07\x08\x09"));
+}
+
+/// With `--listen`, this computer answers to its addresses in numbers, and still to no name that leads here.
+#[test]
+fn a_page_for_others_answers_to_addresses_only() {
+    let page = Page::start(Ipv4Addr::UNSPECIFIED.into(), Some(0)).unwrap();
+    page.publisher().publish(&"secret", &[], &[]);
+    let (token, port) = (token(&page), page.address.port());
+    let ask = |host: &str, token: &str| {
+        let mut stream = TcpStream::connect((Ipv4Addr::LOCALHOST, port)).unwrap();
+        write!(
+            stream,
+            "GET /live?after=0 HTTP/1.1\r\nConnection: close\r\nHost: {host}\r\nX-Evcal-Token: {token}\r\n\r\n"
+        )
+        .unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer.get(9..12).unwrap().parse::<u16>().unwrap()
+    };
+    for own in ["127.0.0.1", "192.0.2.7", "localhost"] {
+        assert_eq!(ask(&format!("{own}:{port}"), &token), 200, "{own}");
+        assert_eq!(ask(&format!("{own}:{port}"), ""), 403, "{own}");
+    }
+    let foreign = format!("evil.example:{port}");
+    for foreign in [foreign.as_str(), "192.0.2.7:1", "192.0.2.7", ""] {
+        assert_eq!(ask(foreign, &token), 421, "{foreign}");
+    }
+    assert!(!page.url().contains("0.0.0.0") || outward(Ipv4Addr::UNSPECIFIED.into()).is_none(), "{}", page.url());
+    // One address alone is that one.
+    let gate = Gate::new("192.0.2.7:8346".parse().unwrap(), Secret::new().unwrap());
+    let check = |host: &'static str| {
+        let mut headers = hyper::HeaderMap::new();
+        headers.insert(hyper::header::HOST, host.parse().unwrap());
+        gate.check(&hyper::Method::GET, &"/".parse().unwrap(), &headers, gate::Need::Host).is_ok()
+    };
+    assert!(
+        check("192.0.2.7:8346") && !check("127.0.0.1:8346") && !check("localhost:8346") && !check("192.0.2.8:8346")
+    );
+}
+
 #[test]
 fn the_page_loads_itself_and_nothing_else() {
     let page = page();
@@ -162,7 +245,7 @@ fn the_page_loads_itself_and_nothing_else() {
 fn only_this_computer_is_listened_to() {
     assert!(page().address.ip().is_loopback());
     let taken = page();
-    let error = Page::start(Some(taken.address.port())).err().unwrap().to_string();
+    let error = Page::start(Ipv4Addr::LOCALHOST.into(), Some(taken.address.port())).err().unwrap().to_string();
     assert!(error.contains("--port"), "{error}");
 }
 
@@ -181,7 +264,7 @@ fn slow_pages_hold_up_nobody() {
         .collect();
     let pixels = vec![1; 346 * 260];
     for number in 0..200 {
-        publisher.publish(&number, &pixels);
+        publisher.publish(&number, &pixels, &[]);
     }
     let newest = page.shared.newest.borrow().clone();
     assert_eq!(newest.number, 200);
@@ -230,6 +313,6 @@ fn no_head_ends_the_server() {
     drop(long);
     let own = host(&page);
     let headers = [("Host", own.as_str()), ("X-Evcal-Token", &token(&page))];
-    page.publisher().publish(&1, &[]);
+    page.publisher().publish(&1, &[], &[]);
     assert!((0..1000).find_map(|_| ask_if_possible(&page, &headers)).is_some_and(|(status, _)| status == 200));
 }

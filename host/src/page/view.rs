@@ -6,9 +6,12 @@ use nalgebra::Vector2;
 use serde::Serialize;
 
 use crate::live::checkpoint::Checkpoint;
+use crate::live::guidance::{Hint, Swing};
 use crate::live::health;
 use crate::live::picture::EventPicture;
+use crate::live::wanted::words;
 use crate::live::{DISTANCES, Seen, Tilt};
+use crate::recording::pictures::GreyImage;
 
 /// How far things are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -43,23 +46,52 @@ pub struct Outcome {
     pub folder: String,
     /// Path of the report on this server.
     pub report: Option<String>,
+    /// The files of the results.
+    pub files: Vec<FileLink>,
     /// Whether another recording can be made.
     pub can_record: bool,
 }
 
-/// What a camera says of itself.
+/// A file of the results.
+#[derive(Clone, Debug, Serialize)]
+pub struct FileLink {
+    /// Its name in the folder of the results.
+    pub name: String,
+    /// Its path on this server.
+    pub path: String,
+}
+
+/// What was not looked at.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Losses {
     /// Events that the camera dropped; `None` for a recording.
     pub dropped: Option<u64>,
     /// Transfers that the detector had no time for.
-    pub not_shown: u64,
+    pub not_searched: u64,
+    /// Transfers that the picture had no time for.
+    pub not_drawn: u64,
 }
 
+/// What a state says beside what was seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Context {
+    /// What was not looked at.
+    pub losses: Losses,
+    /// Whether the page begins mirrored.
+    pub mirrored: bool,
+    /// Whether there may be frames beside the events.
+    pub has_frames: bool,
+    /// Whether they are shown.
+    pub shows_frames: bool,
+    /// Recordings before this one that are calibrated together with it.
+    pub before: usize,
+}
+
+/// Words for whoever sees the board as the camera does, and for whoever sees it in a mirror.
 #[derive(Serialize)]
-struct Hint {
-    plain: &'static str,
-    mirrored: &'static str,
+struct Words<T> {
+    plain: T,
+    mirrored: T,
 }
 
 #[derive(Serialize)]
@@ -75,11 +107,17 @@ struct Ghost {
     outline: Vec<[f64; 2]>,
     corners: Vec<[f64; 2]>,
     gained: f64,
+    /// How far the board is from it, 1 being near enough.
+    distance: Option<f64>,
+    /// Whether it turns about a vertical axis.
+    sideways: bool,
 }
 
 #[derive(Serialize)]
 struct Named {
     name: &'static str,
+    /// The name in a mirror.
+    mirrored: &'static str,
     count: u64,
 }
 
@@ -88,6 +126,8 @@ struct Coverage<'a> {
     columns: u16,
     rows: u16,
     cells: &'a [f64],
+    /// Error of the projection in each cell (px); may be empty.
+    sigma: Vec<Option<f64>>,
     covered: f64,
     boards: u64,
     tilts: Vec<Named>,
@@ -110,7 +150,8 @@ struct Health {
     /// Width of the circles' edges, and the smallest of the last seconds (px).
     focus: Option<[f64; 2]>,
     dropped: Option<u64>,
-    not_shown: u64,
+    not_searched: u64,
+    not_drawn: u64,
 }
 
 impl Health {
@@ -124,7 +165,8 @@ impl Health {
             flicker: health.flicker.map(|flicker| flicker.map_or(0.0, |flicker| flicker.frequency)),
             focus: health.focus.map(|focus| [focus.width, focus.sharpest]),
             dropped: losses.dropped,
-            not_shown: losses.not_shown,
+            not_searched: losses.not_searched,
+            not_drawn: losses.not_drawn,
         }
     }
 }
@@ -168,16 +210,28 @@ pub struct View<'a> {
     /// Sensor time of the picture (s since the first event).
     t: f64,
     sensor: [u16; 2],
-    hint: Hint,
+    hint: Words<&'static str>,
+    /// Whether it is to move the board about where it is.
+    is_there: bool,
     /// On the way to enough, 0 to 1.
     progress: f64,
-    missing: Vec<String>,
+    missing: Words<Vec<String>>,
+    /// Whether the page begins mirrored.
+    mirrored: bool,
+    /// Whether there may be frames, whether they are shown, and the size of the one that follows the events' picture.
+    has_frames: bool,
+    shows_frames: bool,
+    frame: Option<[usize; 2]>,
+    /// Recordings before this one that are calibrated together with it.
+    before: usize,
+    /// Places that the board was brought to for long enough.
+    used_up: u64,
     board: Option<Outline>,
     ghost: Option<Ghost>,
     coverage: Coverage<'a>,
     health: Health,
     nothing: Option<Nothing>,
-    /// Expected error of the first estimate, from windows alone (px).
+    /// Expected error by the quick estimate (px).
     sigma: Option<f64>,
     /// What a calibration would state now, about (px).
     about: Option<f64>,
@@ -205,11 +259,12 @@ fn rounded(value: f64) -> f64 {
     (value * 10.0).round() / 10.0
 }
 
-/// The state while the board is looked at.
-pub fn looking<'a>(picture: &EventPicture, seen: &'a Seen, losses: Losses) -> View<'a> {
-    let phase = if seen.coverage.boards == 0 && seen.board.is_none() { Phase::Waiting } else { Phase::Recording };
+/// The state while the board is looked at, with a frame where there is one.
+pub fn looking<'a>(picture: &EventPicture, frame: Option<&GreyImage>, seen: &'a Seen, context: Context) -> View<'a> {
+    let phase = if seen.board.is_none() { Phase::Waiting } else { Phase::Recording };
     let sensor = picture.sensor();
-    state(phase, picture.seconds(), [sensor.width, sensor.height], seen, losses, None)
+    let frame = frame.map(|frame| [frame.width(), frame.height()]);
+    View { frame, ..state(phase, picture.seconds(), [sensor.width, sensor.height], seen, context, None) }
 }
 
 /// The state after the recording.
@@ -217,10 +272,10 @@ pub fn ended<'a>(
     phase: Phase,
     sensor: [u16; 2],
     seen: &'a Seen,
-    losses: Losses,
+    context: Context,
     outcome: Option<&'a Outcome>,
 ) -> View<'a> {
-    state(phase, seen.t, sensor, seen, losses, outcome)
+    state(phase, seen.t, sensor, seen, context, outcome)
 }
 
 fn state<'a>(
@@ -228,21 +283,33 @@ fn state<'a>(
     t: f64,
     sensor: [u16; 2],
     seen: &'a Seen,
-    losses: Losses,
+    context: Context,
     outcome: Option<&'a Outcome>,
 ) -> View<'a> {
     let coverage = &seen.coverage;
-    let tilts = Tilt::ALL.iter().zip(coverage.tilts).map(|(tilt, count)| Named { name: tilt.name(), count });
-    let distances = DISTANCES.iter().zip(coverage.distances).map(|(name, count)| Named { name, count });
+    let tilts = Tilt::ALL.iter().zip(coverage.tilts).map(|(tilt, count)| Named {
+        name: tilt.name(),
+        mirrored: tilt.seen(true).name(),
+        count,
+    });
+    let distances = DISTANCES.iter().zip(coverage.distances).map(|(name, count)| Named { name, mirrored: name, count });
+    let missing = seen.missing();
     let made = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64);
     View {
         phase,
         made,
         t,
         sensor,
-        hint: Hint { plain: seen.hint.words(false), mirrored: seen.hint.words(true) },
+        hint: Words { plain: seen.hint.words(false), mirrored: seen.hint.words(true) },
+        is_there: matches!(seen.hint, Hint::Stay | Hint::Swing(_)),
         progress: seen.progress(),
-        missing: seen.missing(),
+        missing: Words { plain: words(&missing, false), mirrored: words(&missing, true) },
+        mirrored: context.mirrored,
+        has_frames: context.has_frames,
+        shows_frames: context.shows_frames,
+        frame: None,
+        before: context.before,
+        used_up: seen.used_up,
         board: seen.board.as_ref().map(|board| Outline {
             t: board.t,
             corners: pairs(&board.corners),
@@ -253,17 +320,20 @@ fn state<'a>(
             outline: pairs(&ghost.outline),
             corners: pairs(&ghost.corners),
             gained: ghost.gained,
+            distance: ghost.distance.map(|distance| (distance * 100.0).round() / 100.0),
+            sideways: ghost.swing == Swing::Sideways,
         }),
         coverage: Coverage {
             columns: coverage.size.0,
             rows: coverage.size.1,
             cells: &coverage.cells,
+            sigma: seen.sigma_in_cells.iter().map(|sigma| sigma.map(|sigma| (sigma * 1e4).round() / 1e4)).collect(),
             covered: coverage.covered,
             boards: coverage.boards,
             tilts: tilts.collect(),
             distances: distances.collect(),
         },
-        health: Health::new(&seen.health, losses),
+        health: Health::new(&seen.health, context.losses),
         nothing: seen.explanation.as_ref().map(|explanation| Nothing {
             reason: explanation.obstacle.to_string(),
             circles: circles(explanation.circles.iter().map(|(center, radius)| (*center, Some(*radius)))),

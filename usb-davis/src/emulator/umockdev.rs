@@ -29,6 +29,7 @@ use std::time::Duration;
 use rustix::fd::OwnedFd;
 use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat, open};
 
+use tree::Port;
 use uevent::Action;
 
 use super::model::Model;
@@ -38,10 +39,10 @@ use super::usbfs::{Memory, OpenNode};
 pub const BUS: u8 = 2;
 /// See [`BUS`].
 pub const ADDRESS: u8 = 3;
+/// Where that is.
+const FIRST: Port = Port(1);
 
 const PRELOAD: &str = "libumockdev-preload.so.0";
-const NODE: &str = "dev/bus/usb/002/003";
-const SOCKET: &str = "ioctl/dev/bus/usb/002/003";
 /// How often to look for a program that opens the device.
 const ACCEPT_POLL: Duration = Duration::from_millis(1);
 
@@ -65,6 +66,7 @@ pub enum Access {
 
 struct Bus {
     directory: PathBuf,
+    port: Port,
     model: Model,
     nodes: Vec<(u64, OpenNode)>,
     access: Access,
@@ -103,7 +105,7 @@ impl Bus {
     fn unplug(&mut self) -> io::Result<()> {
         if !std::mem::replace(&mut self.unplugged, true) {
             self.nodes.iter_mut().for_each(|(_, node)| node.shut_down());
-            tree::hide(&self.directory)?;
+            tree::hide(&self.directory, self.port)?;
             self.tell(Action::Remove)?;
         }
         Ok(())
@@ -112,7 +114,7 @@ impl Bus {
     fn plug_in(&mut self) -> io::Result<()> {
         if std::mem::replace(&mut self.unplugged, false) {
             self.model.power_cycle();
-            tree::show(&self.directory)?;
+            tree::show(&self.directory, self.port)?;
             self.tell(Action::Add)?;
         }
         Ok(())
@@ -120,13 +122,15 @@ impl Bus {
 
     fn tell(&mut self, action: Action) -> io::Result<()> {
         self.messages += 1;
-        uevent::send(&self.directory, action, self.messages, tree::DEVICE_PATH, BUS, ADDRESS)
+        let (path, address) = (self.port.path(), self.port.address());
+        uevent::send(&self.directory, action, self.messages, &path, BUS, address)
     }
 }
 
-/// An emulated camera on a bus of its own.
+/// An emulated camera on a bus of its own, or beside another.
 pub struct EmulatedBus {
     directory: PathBuf,
+    port: Port,
     bus: Arc<Mutex<Bus>>,
     ended: Arc<AtomicBool>,
 }
@@ -146,15 +150,28 @@ impl EmulatedBus {
         // The path of a socket may have 108 bytes.
         let name = format!("davis-{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
         let directory = std::env::temp_dir().join(name);
-        tree::make(&directory, &model)?;
-        tree::show(&directory)?;
-        let node = directory.join(NODE);
+        tree::make_bus(&directory)?;
+        // Programs of other users put sockets there, too, to listen to udev.
+        set_mode(&directory, 0o1777)?;
+        Self::plug_into(directory, FIRST, model)
+    }
+
+    /// Plugs another camera into the bus of this one, at the address after it. It goes when this one does.
+    pub fn start_beside(&self, model: Model) -> io::Result<Self> {
+        Self::plug_into(self.directory.clone(), Port(self.port.0 + 1), model)
+    }
+
+    fn plug_into(directory: PathBuf, port: Port, model: Model) -> io::Result<Self> {
+        tree::make(&directory, port, &model)?;
+        tree::show(&directory, port)?;
+        let node = directory.join(port.node());
         mknodat(CWD, &node, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)?;
         let fifo = open(&node, OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty())?;
         rustix::pipe::fcntl_setpipe_size(&fifo, 4096)?;
         rustix::io::write(&fifo, &[0])?;
         let bus = Bus {
             directory: directory.clone(),
+            port,
             model,
             nodes: Vec::new(),
             access: Access::Free,
@@ -165,11 +182,9 @@ impl EmulatedBus {
         };
         let bus = Arc::new(Mutex::new(bus));
         let ended = Arc::new(AtomicBool::new(false));
-        let listener = UnixListener::bind(directory.join(SOCKET))?;
+        let listener = UnixListener::bind(directory.join(port.socket()))?;
         listener.set_nonblocking(true)?;
-        // Programs of other users put sockets there, too, to listen to udev.
-        set_mode(&directory, 0o1777)?;
-        set_mode(&directory.join(SOCKET), 0o666)?;
+        set_mode(&directory.join(port.socket()), 0o666)?;
         set_mode(&node, 0o666)?;
         let (of_thread, until) = (Arc::clone(&bus), Arc::clone(&ended));
         thread::spawn(move || serve(&listener, &of_thread, &until));
@@ -185,7 +200,7 @@ impl EmulatedBus {
                 thread::sleep(interval);
             }
         });
-        Ok(Self { directory, bus, ended })
+        Ok(Self { directory, port, bus, ended })
     }
 
     /// Environment variables under which a process sees the camera.
@@ -211,7 +226,7 @@ impl EmulatedBus {
         let mut bus = lock(&self.bus);
         bus.access = access;
         let mode = if access == Access::Forbidden { 0o000 } else { 0o666 };
-        set_mode(&self.directory.join(NODE), mode)
+        set_mode(&self.directory.join(self.port.node()), mode)
     }
 
     /// Looks at the camera.
@@ -223,8 +238,10 @@ impl EmulatedBus {
 impl Drop for EmulatedBus {
     fn drop(&mut self) {
         self.ended.store(true, Ordering::Relaxed);
-        // What cannot be removed stays in the temporary directory.
-        let _ = fs::remove_dir_all(&self.directory);
+        if self.port.0 == FIRST.0 {
+            // What cannot be removed stays in the temporary directory.
+            let _ = fs::remove_dir_all(&self.directory);
+        }
     }
 }
 

@@ -23,6 +23,7 @@ use evcal::settings::Settings;
 use evcal::solve::held_intrinsics::HeldIntrinsics;
 use evcal::trust::verdict::{Grade, Verdict};
 use evcal_core::sensor::Sensor;
+use rayon::ThreadPool;
 
 use super::super::progress::Waiting;
 use super::super::{NotGoodEnough, Outcome, command_line, print};
@@ -63,6 +64,8 @@ pub struct Work<'a> {
     pub arguments: &'a CalibrationArguments,
     /// All thresholds.
     pub settings: &'a Settings,
+    /// Who reads the recordings, where it is not whoever calibrates.
+    pub readers: Option<ThreadPool>,
 }
 
 /// What came of a calibration.
@@ -94,6 +97,7 @@ impl Work<'_> {
             parameters: self.parameters,
             settings: self.settings,
             command_line,
+            readers: self.readers.as_ref(),
         }
     }
 

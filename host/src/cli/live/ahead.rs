@@ -9,6 +9,7 @@ use std::thread::{Scope, ScopedJoinHandle};
 
 use evcal::board::Board;
 use evcal::calibrate::input::Input;
+use evcal::live::background::workers;
 use evcal::recording::{Recording, RecordingOptions};
 use evcal::settings::Settings;
 use usb_davis::dump::Growth;
@@ -64,6 +65,8 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
                 parameters,
                 arguments,
                 settings,
+                // Until the recording ends, reading and looking for the board is all that it does.
+                readers: Some(workers("reading ahead").ok()?),
             };
             // Workers of its own: those of the display must not wait for it.
             let pool = rayon::ThreadPoolBuilder::new().build().ok()?;

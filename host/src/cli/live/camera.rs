@@ -1,7 +1,7 @@
 //! `evcal live` with a camera.
 
 use std::error::Error;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::thread;
 
 use evcal::board::Board;
@@ -9,12 +9,14 @@ use evcal::files::folder::OutputFolder;
 use evcal::live::checkpoint::Telling;
 use evcal::live::picture::PictureFeed;
 use evcal::live::recorder::{RecorderReport, RecordingPlan};
-use evcal::live::{Seen, Watcher, record_board};
+use evcal::live::wanted::words;
+use evcal::live::{Memory, Seen, Watcher, record_board};
 use evcal::page::Next;
 use evcal::page::view::Losses;
 use evcal::recording::RecordingOptions;
 use evcal::settings::Settings;
 use evcal_core::sensor::Sensor;
+use usb_davis::device::Camera;
 use usb_davis::dump::Growth;
 
 use super::super::interrupt::Interrupt;
@@ -40,10 +42,16 @@ pub fn run(
     interrupt: &Interrupt,
 ) -> super::super::Outcome {
     let board = arguments.calibration.method.choose_board(&[], &RecordingOptions::default(), &settings.detection)?;
-    let window = open_window(arguments)?;
+    // Whoever has no camera need not open a page first.
+    let mut opened = Some(arguments.camera.open()?);
+    let window = open_window(arguments, folder, arguments.camera.has_frames())?;
     // Those that are calibrated together.
-    let mut recordings = Vec::new();
+    let (mut recordings, mut memory) = (Vec::new(), None);
     for number in 1.. {
+        let camera = match opened.take() {
+            Some(camera) => camera,
+            None => arguments.camera.open()?,
+        };
         let path = folder.path().join(name(number));
         let shared = Shared::default();
         let before = recordings.clone();
@@ -51,16 +59,16 @@ pub fn run(
         let recorded = thread::scope(|scope| {
             let calibration = &arguments.calibration;
             let ahead = Ahead::start(scope, (&before, &path), board, calibration, settings, &shared);
-            let recorded =
-                record_one(arguments, settings, &board, (&path, &shared.growth), interrupt, window.as_ref())?;
+            let session = Session { arguments, settings, board: &board, interrupt, window: window.as_ref() };
+            let recorded = session.record(camera, (&before, &path), &shared.growth, memory.take())?;
             let calibrated = ahead.finish(&recordings, calibration, settings, folder);
             Ok::<_, Box<dyn Error>>((recorded, calibrated))
         });
-        let (Recorded { sensor, seen, report }, calibrated) = recorded?;
+        let (Recorded { sensor, seen, report, memory: remembered }, calibrated) = recorded?;
         let next = window.as_ref().map(|window| window.finish(sensor, &seen, folder, &calibrated, true));
         match next {
             Some(Next::Again) => recordings.clear(),
-            Some(Next::Add) => {}
+            Some(Next::Add) => memory = remembered,
             // That the camera was unplugged does not keep what it sent from being used.
             Some(Next::Close) | None => {
                 return match calibrated {
@@ -79,66 +87,87 @@ struct Recorded {
     sensor: Sensor,
     seen: Seen,
     report: RecorderReport,
+    memory: Option<Memory>,
 }
 
-/// Records into `path` until enough was seen.
-fn record_one(
-    arguments: &Arguments,
-    settings: &Settings,
-    board: &Board,
-    (path, growth): (&Path, &Growth),
-    interrupt: &Interrupt,
-    window: Option<&Window>,
-) -> Result<Recorded, Box<dyn Error>> {
-    let json = arguments.calibration.json;
-    let mut camera = arguments.camera.open()?;
-    let header = camera.header();
-    let sensor: Sensor = header.registers.layout().dvs.size().into();
-    let checkpoints =
-        checkpoint::start(arguments, settings, board, path, &RecordingOptions::default(), Telling::WhenReady)?;
-    let mut watcher =
-        Watcher::start(&settings.detection, &settings.initial, &settings.live, board, &header, checkpoints);
-    if let Some(window) = window {
-        window.begin();
-    }
-    let feed = window.map(|window| {
-        let (mut screen, latest) = (window.screen(), watcher.latest());
-        PictureFeed::start(&header, move |picture| screen.show(picture, &latest))
-    });
-    let mut lines = Lines::new(json);
-    let report = record_board(
-        &mut camera,
-        path,
-        &RecordingPlan { growth: growth.clone(), ..arguments.camera.plan() },
-        &mut watcher,
-        || interrupt.is_asked() || window.is_some_and(Window::is_finish_asked),
-        |transfer| {
-            if let Some(feed) = &feed {
-                feed.take(transfer);
-            }
-        },
-        |status, seen| {
-            if let Some(window) = window {
-                window.set_losses(Losses { dropped: Some(status.dropped), not_shown: seen.left_out });
-            }
-            lines.tell(seen, Some(status));
-        },
-    )?;
-    // The calibration goes on at once, while the display comes to its end.
-    growth.end();
-    interrupt.release();
-    drop(feed);
-    lines.finish()?;
-    let seen = watcher.finish();
-    if let Some(window) = window {
-        window.calibrating(sensor, &seen);
-    }
-    if !json {
-        print::line(recording::summary(&report))?;
-        let missing = seen.missing();
-        if !missing.is_empty() {
-            print::line(format!("still wanted: {}", missing.join(", ")))?;
+/// What is the same for every recording.
+#[derive(Clone, Copy)]
+struct Session<'a> {
+    arguments: &'a Arguments,
+    settings: &'a Settings,
+    board: &'a Board,
+    interrupt: &'a Interrupt,
+    window: Option<&'a Window>,
+}
+
+impl Session<'_> {
+    /// Records `camera` into `path` until enough was seen, together with the recordings `before`, which showed what is in `memory`.
+    fn record(
+        self,
+        mut camera: Camera,
+        (before, path): (&[PathBuf], &Path),
+        growth: &Growth,
+        memory: Option<Memory>,
+    ) -> Result<Recorded, Box<dyn Error>> {
+        let Self { arguments, settings, board, interrupt, window } = self;
+        let json = arguments.calibration.json;
+        let header = camera.header();
+        let sensor: Sensor = header.registers.layout().dvs.size().into();
+        let checkpoints = checkpoint::start(
+            arguments,
+            settings,
+            board,
+            (before, path),
+            &RecordingOptions::default(),
+            Telling::WhenReady,
+        )?;
+        let mut watcher =
+            Watcher::start(&settings.detection, &settings.initial, &settings.live, board, &header, checkpoints, memory);
+        if let Some(window) = window {
+            window.begin(before.len());
         }
+        let feed = window.map(|window| {
+            let (screen, latest) = (window.screen(None), watcher.latest());
+            PictureFeed::start(&header, window.frames_wanted(), move |picture, frame| {
+                screen.show_with(picture, frame, &latest);
+            })
+        });
+        let mut lines = Lines::new(json, arguments.mirror);
+        let report = record_board(
+            &mut camera,
+            path,
+            &RecordingPlan { growth: growth.clone(), ..arguments.camera.plan() },
+            &mut watcher,
+            || interrupt.is_asked() || window.is_some_and(Window::is_finish_asked),
+            |transfer| {
+                if let Some(feed) = &feed {
+                    feed.take(transfer);
+                }
+            },
+            |status, seen| {
+                if let Some(window) = window {
+                    let not_drawn = feed.as_ref().map_or(0, PictureFeed::left_out);
+                    window.set_losses(Losses { dropped: Some(status.dropped), not_searched: seen.left_out, not_drawn });
+                }
+                lines.tell(seen, Some(status));
+            },
+        )?;
+        // The calibration goes on at once, while the display comes to its end.
+        growth.end();
+        interrupt.release();
+        drop(feed);
+        lines.finish()?;
+        let (seen, memory) = watcher.finish();
+        if let Some(window) = window {
+            window.calibrating(sensor, &seen);
+        }
+        if !json {
+            print::line(recording::summary(&report))?;
+            let missing = words(&seen.missing(), arguments.mirror);
+            if !missing.is_empty() {
+                print::line(format!("still wanted: {}", missing.join(", ")))?;
+            }
+        }
+        Ok(Recorded { sensor, seen, report, memory })
     }
-    Ok(Recorded { sensor, seen, report })
 }

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use evcal::board::Board;
 use evcal::calibrate::Task;
 use evcal::calibrate::beginning::calibrate_beginning;
+use evcal::calibrate::input::Input;
 use evcal::calibrate::step::Step;
 use evcal::initial::model_choice::ModelRequest;
 use evcal::live::checkpoint::{Checkpoints, Stated, Telling};
@@ -18,6 +19,8 @@ use super::Arguments;
 
 /// What is calibrated at a checkpoint, and how.
 struct Work {
+    /// Recordings before, which are whole and calibrated together with it.
+    before: Vec<PathBuf>,
     recording: PathBuf,
     options: RecordingOptions,
     board: Board,
@@ -25,16 +28,17 @@ struct Work {
     settings: Settings,
 }
 
-/// Starts checkpoints of the file `recording`, which need not be there yet.
+/// Starts checkpoints of the file `recording`, which need not be there yet, together with those `before`.
 pub fn start(
     arguments: &Arguments,
     settings: &Settings,
     board: &Board,
-    recording: &Path,
+    (before, recording): (&[PathBuf], &Path),
     options: &RecordingOptions,
     telling: Telling,
 ) -> io::Result<Checkpoints> {
     let work = Work {
+        before: before.to_vec(),
         recording: recording.to_owned(),
         options: options.clone(),
         board: *board,
@@ -49,11 +53,13 @@ impl Work {
     /// What a calibration of the first `seconds` states, or why there is none.
     fn state(&self, seconds: f64, stop: &AtomicBool) -> Result<Stated, String> {
         let recording = Recording::new(&self.recording, self.options.clone()).map_err(|error| error.to_string())?;
+        let before = self.before.iter().map(|path| Input::open(path, &self.options, &self.board));
+        let before: Vec<Input> = before.collect::<Result<_, _>>().map_err(|error| error.to_string())?;
         let task = Task {
             model: self.model,
             sensor: self.options.sensor,
             settings: &self.settings,
-            ..Task::new(&[], &self.board)
+            ..Task::new(&before, &self.board)
         };
         let go_on = |_: Step| match stop.load(Ordering::Relaxed) {
             true => ControlFlow::Break(()),

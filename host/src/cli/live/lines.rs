@@ -5,6 +5,7 @@ use std::io::IsTerminal;
 use evcal::live::checkpoint::Checkpoint;
 use evcal::live::health::Health;
 use evcal::live::recorder::RecordingStatus;
+use evcal::live::wanted::words;
 use evcal::live::{DISTANCES, Seen, Tilt};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -14,6 +15,8 @@ use super::super::{Outcome, print, progress, record};
 /// Prints hints: as JSON, on a line that changes, or line by line where that is no terminal.
 pub struct Lines {
     json: bool,
+    /// Whether hints are as one sees the board in a mirror.
+    mirrored: bool,
     is_terminal: bool,
     bar: ProgressBar,
     /// The first failure to print: plain text, for hints come from other threads.
@@ -21,18 +24,25 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// For a program that prints JSON or not.
-    pub fn new(json: bool) -> Self {
-        Self { json, is_terminal: std::io::stderr().is_terminal(), bar: progress::spinner(json), printed: Ok(()) }
+    /// For a program that prints JSON or not, and hints `mirrored` or not.
+    pub fn new(json: bool, mirrored: bool) -> Self {
+        Self {
+            json,
+            mirrored,
+            is_terminal: std::io::stderr().is_terminal(),
+            bar: progress::spinner(json),
+            printed: Ok(()),
+        }
     }
 
     /// Tells what was seen, and how the recording goes if there is one.
     pub fn tell(&mut self, seen: &Seen, status: Option<&RecordingStatus>) {
         if self.json {
-            self.print(|| print::json(&as_json(seen, status)));
+            let object = as_json(seen, status, self.mirrored);
+            self.print(|| print::json(&object));
             return;
         }
-        let text = as_text(seen, status);
+        let text = as_text(seen, status, self.mirrored);
         if !self.is_terminal {
             self.print(|| print::line(&text));
         }
@@ -53,22 +63,25 @@ impl Lines {
 }
 
 /// One line: the hint, what was seen of the board, and how the recording goes.
-fn as_text(seen: &Seen, status: Option<&RecordingStatus>) -> String {
+fn as_text(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> String {
     let coverage = &seen.coverage;
-    let tilts: Vec<String> =
-        Tilt::ALL.iter().zip(coverage.tilts).map(|(tilt, count)| format!("{} {count}", tilt.name())).collect();
+    let tilts: Vec<String> = Tilt::ALL
+        .iter()
+        .zip(coverage.tilts)
+        .map(|(tilt, count)| format!("{} {count}", tilt.seen(mirrored).name()))
+        .collect();
     let nothing = seen.explanation.as_ref().map_or_else(String::new, |found| format!(" ({})", found.obstacle));
     let health = health_as_text(&seen.health);
     let seconds = status.map_or(seen.t, |status| status.seconds);
     let error = error_as_text(seen);
-    let missing = seen.missing();
+    let missing = words(&seen.missing(), mirrored);
     let wanted = if missing.is_empty() { String::new() } else { format!("; still wanted: {}", missing.join(", ")) };
     let recording = status.map_or_else(String::new, |status| {
         format!("; {}; {} transfers not displayed", record::as_text(status), seen.left_out)
     });
     format!(
         "{seconds:.0} s: {}{nothing}; {:.0} % done; {} boards, {:.0} % of the sensor, tilts {}{error}{wanted}{health}{recording}",
-        seen.hint.words(false),
+        seen.hint.words(mirrored),
         100.0 * seen.progress(),
         coverage.boards,
         100.0 * coverage.covered,
@@ -112,14 +125,14 @@ fn health_as_json(health: &Health) -> Value {
     })
 }
 
-/// What is known of the camera's error: stated by a calibration, estimated since, or from windows alone.
+/// What is known of the camera's error: stated by a calibration, estimated since, or by the quick estimate.
 fn error_as_text(seen: &Seen) -> String {
     let mut text = match (&seen.checkpoint, seen.about, seen.sigma) {
         (Some(Checkpoint { t, stated: Ok(stated) }), about, _) => {
             let about = about.map_or_else(String::new, |about| format!(", now about ±{about:.3}"));
             format!(", stated after {t:.0} s ±{:.3} px{about}", stated.rms)
         }
-        (_, _, Some(sigma)) => format!(", ±{sigma:.3} px from windows alone"),
+        (_, _, Some(sigma)) => format!(", ±{sigma:.3} px by the quick estimate"),
         _ => String::new(),
     };
     if let Some(t) = seen.checkpoint_under_way {
@@ -129,7 +142,7 @@ fn error_as_text(seen: &Seen) -> String {
 }
 
 /// One object with the same.
-fn as_json(seen: &Seen, status: Option<&RecordingStatus>) -> Value {
+fn as_json(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> Value {
     let coverage = &seen.coverage;
     let named = |names: &[&str], counts: &[u64]| {
         Value::Object(names.iter().zip(counts).map(|(name, count)| ((*name).to_owned(), (*count).into())).collect())
@@ -140,15 +153,16 @@ fn as_json(seen: &Seen, status: Option<&RecordingStatus>) -> Value {
         object.insert(name.to_owned(), value);
     };
     put("t", json!(seen.t));
-    put("hint", json!(seen.hint.words(false)));
+    put("hint", json!(seen.hint.words(mirrored)));
     put("progress", json!(seen.progress()));
-    put("missing", json!(seen.missing()));
+    put("missing", json!(words(&seen.missing(), mirrored)));
     put("boards", json!(coverage.boards));
     put("covered", json!(coverage.covered));
     put("tilts", named(&Tilt::ALL.map(Tilt::name), &coverage.tilts));
     put("distances", named(&DISTANCES, &coverage.distances));
     put("sigma", json!(seen.sigma));
     put("about", json!(seen.about));
+    put("sigma_in_cells", json!(seen.sigma_in_cells));
     put("checkpoint", json!(seen.checkpoint.as_ref().map(checkpoint_as_json)));
     put("checkpoint_under_way", json!(seen.checkpoint_under_way));
     put("target", json!(seen.target));

@@ -9,6 +9,7 @@ use evcal::live::checkpoint::Telling;
 use evcal::live::latest::Latest;
 use evcal::live::observer::Observer;
 use evcal::live::replay::replay;
+use evcal::live::wanted::words;
 use evcal::recording::Recording;
 use evcal::settings::Settings;
 
@@ -35,13 +36,14 @@ pub fn run(
     let sensor = sensor_of(&recording)?;
     let method = &arguments.calibration.method;
     let board = &method.choose_board(&[path.to_owned()], &options, &settings.detection)?;
-    let checkpoints = checkpoint::start(arguments, settings, board, path, &options, Telling::AtLength(TOLD_AT_LENGTH))?;
+    let checkpoints =
+        checkpoint::start(arguments, settings, board, (&[], path), &options, Telling::AtLength(TOLD_AT_LENGTH))?;
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor)
         .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());
-    let window = open_window(arguments)?;
-    let mut screen = window.as_ref().map(super::Window::screen);
-    let mut lines = Lines::new(json);
+    let window = open_window(arguments, folder, recording.may_hold_frames())?;
+    let mut screen = window.as_ref().map(|window| window.screen(Some(recording.clone())));
+    let mut lines = Lines::new(json, arguments.mirror);
     let report = replay(
         &recording,
         sensor,
@@ -66,7 +68,11 @@ pub fn run(
     if !json {
         print::line(match seen.is_enough() {
             true => format!("enough was seen after {:.1} s of the recording", seen.t),
-            false => format!("{:.1} s; still wanted: {}", report.seconds, seen.missing().join(", ")),
+            false => format!(
+                "{:.1} s; still wanted: {}",
+                report.seconds,
+                words(&seen.missing(), arguments.mirror).join(", ")
+            ),
         })?;
     }
     if let Some(damage) = &report.damage {

@@ -1,46 +1,81 @@
 //! The page, from the program's side.
 
+use std::env;
 use std::error::Error;
 use std::fs;
+use std::net::{IpAddr, Ipv4Addr};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
 use evcal::files::folder::OutputFolder;
 use evcal::live::Seen;
+use evcal::live::frames::FrameFeed;
 use evcal::live::latest::Latest;
 use evcal::live::picture::EventPicture;
-use evcal::page::view::{Losses, Outcome, Phase, ended, looking};
+use evcal::output::folder::results_in;
+use evcal::page::view::{Context, FileLink, Losses, Outcome, Phase, ended, looking};
 use evcal::page::{Next, Page, PageError, Publisher};
+use evcal::recording::Recording;
+use evcal::recording::pictures::GreyImage;
 use evcal::result::calibration_file::CalibrationFile;
 use evcal_core::sensor::Sensor;
 
 use super::super::NotGoodEnough;
 use super::super::print;
+use super::browser::{self, Redirect, is_desktop};
 
 /// A page that has not asked for so long is closed.
 const GONE: Duration = Duration::from_secs(10);
 /// Time between two looks at whether the program should end.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// The page, and what the camera says of itself.
+/// The page, and what it says beside what was seen.
 pub struct Window {
     page: Page,
-    losses: Arc<Mutex<Losses>>,
+    context: Arc<Mutex<Context>>,
+    /// Leads a browser to it.
+    redirect: Option<Redirect>,
+    is_local: bool,
 }
 
 impl Window {
-    /// Serves the page and says where.
-    pub fn open(port: Option<u16>) -> Result<Self, PageError> {
-        let page = Page::start(port)?;
-        print::aside(format!("open {} in a browser on this computer", page.url()));
-        Ok(Self { page, losses: Arc::default() })
+    /// Serves the page, to this computer alone unless it is to `listen` elsewhere.
+    pub fn open(listen: Option<IpAddr>, port: Option<u16>, context: Context) -> Result<Self, PageError> {
+        let address = listen.unwrap_or(Ipv4Addr::LOCALHOST.into());
+        let page = Page::start(address, port)?;
+        Ok(Self { page, context: Arc::new(Mutex::new(context)), redirect: None, is_local: address.is_loopback() })
     }
 
-    /// Something that shows pictures, for the thread that has them.
-    pub fn screen(&self) -> Screen {
-        Screen { publisher: self.page.publisher(), losses: Arc::clone(&self.losses) }
+    /// Says where it is, and opens it where there is a desktop and a browser `is_wanted`, by way of a file in `folder`.
+    pub fn announce(&mut self, is_wanted: bool, folder: &Path) {
+        let url = self.page.url();
+        if is_wanted && is_desktop(|name| env::var_os(name)) {
+            self.redirect = browser::open(&url, folder).ok();
+        }
+        print::aside(match (&self.redirect, self.is_local) {
+            (Some(_), _) => format!("the page opens in a browser: {url}"),
+            (None, true) => format!("open {url} in a browser on this computer"),
+            (None, false) => format!("open {url} in a browser"),
+        });
+        if !self.is_local {
+            print::aside(
+                "other computers reach this page: whoever has that address sees the camera and can end the recording, and \
+                 what is sent is not encrypted",
+            );
+        }
+    }
+
+    /// Something that shows pictures, for the thread that has them; with the frames of `recording`, if it is one.
+    pub fn screen(&self, recording: Option<Recording>) -> Screen {
+        Screen { publisher: self.page.publisher(), context: Arc::clone(&self.context), recording, frames: None }
+    }
+
+    /// Whether the page shows frames, for another thread.
+    pub fn frames_wanted(&self) -> impl Fn() -> bool + Send + 'static {
+        let publisher = self.page.publisher();
+        move || publisher.are_frames_wanted()
     }
 
     /// Whether the person asked to end the recording.
@@ -48,15 +83,19 @@ impl Window {
         self.page.is_finish_asked()
     }
 
+    fn context(&self) -> MutexGuard<'_, Context> {
+        self.context.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Tells what was lost so far.
     pub fn set_losses(&self, losses: Losses) {
-        *self.losses.lock().unwrap_or_else(PoisonError::into_inner) = losses;
+        self.context().losses = losses;
     }
 
     fn publish(&self, phase: Phase, sensor: Sensor, seen: &Seen, outcome: Option<&Outcome>) {
-        let losses = *self.losses.lock().unwrap_or_else(PoisonError::into_inner);
-        let state = ended(phase, [sensor.width, sensor.height], seen, losses, outcome);
-        self.page.publisher().publish(&state, &[]);
+        let context = *self.context();
+        let state = ended(phase, [sensor.width, sensor.height], seen, context, outcome);
+        self.page.publisher().publish(&state, &[], &[]);
     }
 
     /// Says that the recording is over and the camera is being calibrated.
@@ -64,8 +103,11 @@ impl Window {
         self.publish(Phase::Calibrating, sensor, seen, None);
     }
 
-    /// A recording begins.
-    pub fn begin(&self) {
+    /// A recording begins, which is calibrated together with so many `before`.
+    pub fn begin(&self, before: usize) {
+        let mut context = self.context();
+        (context.losses, context.before) = (Losses::default(), before);
+        drop(context);
         self.page.begin();
     }
 
@@ -90,7 +132,9 @@ impl Window {
         };
         self.publish(phase, sensor, seen, Some(&Outcome { can_record: is_possible, ..outcome }));
         if self.page.is_watched(GONE) {
-            print::aside("the page shows the result; it ends with \"Close evcal\", with its tab, or with Ctrl-C");
+            print::aside(
+                "the page shows the result; evcal ends 10 s after the tab is closed, with \"Close evcal\", or with Ctrl-C",
+            );
         }
         while self.page.is_watched(GONE) {
             match self.page.take_next() {
@@ -106,6 +150,8 @@ impl Window {
     fn outcome(&self, folder: &Path) -> Result<Outcome, Box<dyn Error>> {
         let calibration: CalibrationFile = serde_json::from_str(&fs::read_to_string(folder.join("calibration.json"))?)?;
         let report = fs::read_to_string(folder.join("report.html"))?;
+        let names: Vec<String> = results_in(folder).into_iter().map(|file| file.name).collect();
+        let paths = self.page.set_files(folder, &names);
         let camera = calibration.camera.camera()?;
         let parameters = camera.parameters();
         let parameter = |index: usize| parameters.get(index).copied().unwrap_or(f64::NAN);
@@ -117,6 +163,7 @@ impl Window {
             sigma: Some(calibration.uncertainty.projection_rms),
             folder: folder.display().to_string(),
             report: Some(self.page.set_report(report)),
+            files: names.into_iter().zip(paths).map(|(name, path)| FileLink { name, path }).collect(),
             can_record: false,
         })
     }
@@ -125,14 +172,33 @@ impl Window {
 /// Shows pictures.
 pub struct Screen {
     publisher: Publisher,
-    losses: Arc<Mutex<Losses>>,
+    context: Arc<Mutex<Context>>,
+    /// A recording whose frames are read once they are wanted.
+    recording: Option<Recording>,
+    frames: Option<FrameFeed>,
 }
 
 impl Screen {
-    /// Shows a picture with what was seen last.
+    /// Shows a picture of a recording with what was seen last, and the frame beside it where frames are wanted.
     pub fn show(&mut self, picture: &EventPicture, latest: &Latest) {
-        let losses = *self.losses.lock().unwrap_or_else(PoisonError::into_inner);
+        let frame = match self.publisher.are_frames_wanted() {
+            true => {
+                if let Some(recording) = self.recording.take() {
+                    self.frames = Some(FrameFeed::start(recording));
+                }
+                self.frames.as_ref().and_then(|frames| frames.at(picture.seconds()))
+            }
+            false => None,
+        };
+        self.show_with(picture, frame.as_deref(), latest);
+    }
+
+    /// Shows a picture and a frame with what was seen last.
+    pub fn show_with(&self, picture: &EventPicture, frame: Option<&GreyImage>, latest: &Latest) {
+        let shows_frames = self.publisher.are_frames_wanted();
+        let context = Context { shows_frames, ..*self.context.lock().unwrap_or_else(PoisonError::into_inner) };
         let seen = latest.get();
-        self.publisher.publish(&looking(picture, &seen, losses), picture.pixels());
+        let pixels = frame.map_or(&[][..], |frame| &frame.pixels);
+        self.publisher.publish(&looking(picture, frame, &seen, context), picture.pixels(), pixels);
     }
 }

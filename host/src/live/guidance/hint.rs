@@ -4,6 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Vector2, Vector3};
 
+use super::place::Place;
 use crate::live::Tilt;
 
 /// Distance in the image that is near enough, as a share of the sensor's width.
@@ -16,6 +17,24 @@ const TILT_ENOUGH: f64 = 12.0 * PI / 180.0;
 const ROLL_ENOUGH: f64 = 25.0 * PI / 180.0;
 /// Another hint must be worth this much more than the one that is shown.
 const WORTH_CHANGE: f64 = 1.5;
+/// A board that is swung about its place may be so far from it, in units of what is near enough.
+const SWUNG: f64 = 1.5;
+
+/// How to move the board about a place: only what moves makes events, and a changing tilt tells most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Swing {
+    /// About a vertical axis.
+    Sideways,
+    /// About a horizontal axis.
+    ToAndFro,
+}
+
+impl Swing {
+    /// About the axis about which the place is tilted.
+    pub fn of(place: &Place) -> Self {
+        if place.tilt.x.abs() > place.tilt.y.abs() { Self::ToAndFro } else { Self::Sideways }
+    }
+}
 
 /// What to do with the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +58,8 @@ pub enum Hint {
     Counterclockwise,
     /// It is where it should be.
     Stay,
+    /// It is where it should be: move it about there.
+    Swing(Swing),
     /// Enough was seen.
     Done,
 }
@@ -63,6 +84,8 @@ impl Hint {
             Self::Clockwise => "turn it clockwise",
             Self::Counterclockwise => "turn it counterclockwise",
             Self::Stay => "keep moving here",
+            Self::Swing(Swing::Sideways) => "swing it left and right",
+            Self::Swing(Swing::ToAndFro) => "tilt it to and fro",
             Self::Done => "done",
         }
     }
@@ -126,6 +149,7 @@ pub fn choose(errors: &[(Hint, f64); 4], before: Hint) -> Hint {
     let largest = errors.iter().fold((Hint::Stay, 1.0), |best, error| if error.1 > best.1 { *error } else { best });
     let same = errors.iter().find(|(hint, _)| hint.is_like(before));
     match same {
+        _ if matches!(before, Hint::Stay | Hint::Swing(_)) && largest.1 < SWUNG => Hint::Stay,
         Some(&(hint, error)) if error > 1.0 && largest.1 < WORTH_CHANGE * error => hint,
         _ => largest.0,
     }

@@ -35,7 +35,7 @@ fn seen(place: &Place) -> Seen {
 }
 
 fn hint(now: &Place, goal: &Place) -> Hint {
-    choose(&errors(&seen(now), &seen(goal), 346.0), Hint::Stay)
+    choose(&errors(&seen(now), &seen(goal), 346.0), Hint::Show)
 }
 
 #[test]
@@ -94,6 +94,8 @@ fn a_hint_stays_until_another_is_worth_more() {
     assert_eq!(choose(&errors(2.0, 3.5), Hint::Shift(0, 1)), Hint::Closer);
     assert_eq!(choose(&errors(0.9, 1.1), Hint::Shift(0, 1)), Hint::Closer);
     assert_eq!(choose(&errors(0.9, 0.9), Hint::Closer), Hint::Stay);
+    let swing = Hint::Swing(Swing::Sideways);
+    assert_eq!((choose(&errors(1.4, 0.9), swing), choose(&errors(1.6, 0.9), swing)), (Hint::Stay, Hint::Shift(1, 0)));
 }
 
 /// The pose eliminated is the pose estimated along: the inverse of the information is a block of the inverse of the
@@ -326,7 +328,7 @@ fn following_the_ghost_is_faster_than_following_the_coverage() {
     println!(
         "coverage {by_coverage:.1} s; ghost {by_ghost:.1} s, board seen {seen:.2}; loosely {loosely:.1} s, {seen_loosely:.2}"
     );
-    assert!(by_ghost <= 0.55 * by_coverage, "{by_ghost} {by_coverage}");
+    assert!(by_ghost <= 0.5 * by_coverage, "{by_ghost} {by_coverage}");
     assert!(loosely <= 0.75 * by_coverage, "{loosely} {by_coverage}");
     assert!(seen >= 0.85, "{seen}");
 }

@@ -8,54 +8,93 @@ use std::path::Path;
 use crate::emulator::model::Model;
 
 const HUB: &str = "sys/devices/pci0000:00/0000:00:14.0/usb2";
-const DEVICE: &str = "sys/devices/pci0000:00/0000:00:14.0/usb2/2-1";
-const DEVICE_LINK: &str = "sys/bus/usb/devices/2-1";
-/// Where sysfs has the device.
-pub(super) const DEVICE_PATH: &str = "/devices/pci0000:00/0000:00:14.0/usb2/2-1";
+
+/// A socket of the hub, from 1 on, and the camera in it.
+#[derive(Clone, Copy)]
+pub(super) struct Port(pub(super) u8);
+
+impl Port {
+    /// Its address on the bus: the hub has the first, and the second is left free.
+    pub(super) fn address(self) -> u8 {
+        self.0 + 2
+    }
+
+    /// Where sysfs has the device.
+    pub(super) fn path(self) -> String {
+        format!("/devices/pci0000:00/0000:00:14.0/usb2/2-{}", self.0)
+    }
+
+    /// Its node.
+    pub(super) fn node(self) -> String {
+        format!("dev/bus/usb/002/{:03}", self.address())
+    }
+
+    /// The socket to which its ioctls go.
+    pub(super) fn socket(self) -> String {
+        format!("ioctl/{}", self.node())
+    }
+
+    fn device(self) -> String {
+        format!("sys{}", self.path())
+    }
+
+    fn link(self) -> String {
+        format!("sys/bus/usb/devices/2-{}", self.0)
+    }
+}
 
 /// Makes the device appear on the bus.
-pub(super) fn show(directory: &Path) -> io::Result<()> {
-    symlink("../../../devices/pci0000:00/0000:00:14.0/usb2/2-1", directory.join(DEVICE_LINK))
+pub(super) fn show(directory: &Path, port: Port) -> io::Result<()> {
+    symlink(format!("../../..{}", port.path()), directory.join(port.link()))
 }
 
 /// Makes it disappear.
-pub(super) fn hide(directory: &Path) -> io::Result<()> {
-    fs::remove_file(directory.join(DEVICE_LINK))
+pub(super) fn hide(directory: &Path, port: Port) -> io::Result<()> {
+    fs::remove_file(directory.join(port.link()))
 }
 
-/// Makes bus and device, which is hidden still.
-pub(super) fn make(directory: &Path, model: &Model) -> io::Result<()> {
-    let write = |path: &str, name: &str, contents: &[u8]| fs::write(directory.join(path).join(name), contents);
-    for path in [DEVICE, "sys/bus/usb/devices", "dev/bus/usb/002", "ioctl/dev/bus/usb/002"] {
+/// Makes the bus.
+pub(super) fn make_bus(directory: &Path) -> io::Result<()> {
+    for path in [HUB, "sys/bus/usb/devices", "dev/bus/usb/002", "ioctl/dev/bus/usb/002"] {
         fs::create_dir_all(directory.join(path))?;
     }
+    describe(directory, HUB, 1, "1d6b/3/601", "../../../../")?;
+    let hub: [u8; 18] = [18, 1, 0, 3, 9, 0, 3, 9, 0x6B, 0x1D, 3, 0, 1, 6, 0, 0, 0, 1];
+    fs::write(directory.join(HUB).join("descriptors"), hub)?;
+    symlink("../../../devices/pci0000:00/0000:00:14.0/usb2", directory.join("sys/bus/usb/devices/usb2"))
+}
+
+/// What sysfs says of every device.
+fn describe(directory: &Path, path: &str, number: u8, product: &str, depth: &str) -> io::Result<()> {
+    let write = |name: &str, contents: &[u8]| fs::write(directory.join(path).join(name), contents);
+    let minor = u32::from(number) + 127;
+    let uevent = format!(
+        "MAJOR=189\nMINOR={minor}\nDEVNAME=bus/usb/002/{number:03}\nDEVTYPE=usb_device\nDRIVER=usb\nPRODUCT={product}\nTYPE=0/0/0\nBUSNUM=002\nDEVNUM={number:03}\n"
+    );
+    write("uevent", uevent.as_bytes())?;
+    write("busnum", b"2\n")?;
+    write("devnum", format!("{number}\n").as_bytes())?;
+    write("dev", format!("189:{minor}\n").as_bytes())?;
+    write("speed", b"5000\n")?;
+    write("bConfigurationValue", b"1\n")?;
+    write("bNumConfigurations", b"1\n")?;
+    write("bDeviceClass", b"00\n")?;
+    symlink(format!("{depth}bus/usb"), directory.join(path).join("subsystem"))
+}
+
+/// Makes the device, which is hidden still.
+pub(super) fn make(directory: &Path, port: Port, model: &Model) -> io::Result<()> {
+    let device = port.device();
+    let write = |name: &str, contents: &[u8]| fs::write(directory.join(&device).join(name), contents);
+    fs::create_dir_all(directory.join(&device))?;
     let identity = model.identity();
     let product = format!("{:x}/{:x}/{:x}", identity.vendor_id, identity.product_id, identity.device_version);
-    for (path, node, minor, product, depth) in
-        [(HUB, "001", 128, "1d6b/3/601".to_owned(), "../../../../"), (DEVICE, "003", 130, product, "../../../../../")]
-    {
-        let number = minor - 127;
-        let uevent = format!(
-            "MAJOR=189\nMINOR={minor}\nDEVNAME=bus/usb/002/{node}\nDEVTYPE=usb_device\nDRIVER=usb\nPRODUCT={product}\nTYPE=0/0/0\nBUSNUM=002\nDEVNUM={node}\n"
-        );
-        write(path, "uevent", uevent.as_bytes())?;
-        write(path, "busnum", b"2\n")?;
-        write(path, "devnum", format!("{number}\n").as_bytes())?;
-        write(path, "dev", format!("189:{minor}\n").as_bytes())?;
-        write(path, "speed", b"5000\n")?;
-        write(path, "bConfigurationValue", b"1\n")?;
-        write(path, "bNumConfigurations", b"1\n")?;
-        write(path, "bDeviceClass", b"00\n")?;
-        symlink(format!("{depth}bus/usb"), directory.join(path).join("subsystem"))?;
-    }
+    describe(directory, &device, port.address(), &product, "../../../../../")?;
     for (name, value) in
         [("idVendor", identity.vendor_id), ("idProduct", identity.product_id), ("bcdDevice", identity.device_version)]
     {
-        write(DEVICE, name, format!("{value:04x}\n").as_bytes())?;
+        write(name, format!("{value:04x}\n").as_bytes())?;
     }
-    write(DEVICE, "serial", format!("{}\n", identity.serial).as_bytes())?;
-    write(DEVICE, "descriptors", &model.descriptors())?;
-    let hub: [u8; 18] = [18, 1, 0, 3, 9, 0, 3, 9, 0x6B, 0x1D, 3, 0, 1, 6, 0, 0, 0, 1];
-    write(HUB, "descriptors", &hub)?;
-    symlink("../../../devices/pci0000:00/0000:00:14.0/usb2", directory.join("sys/bus/usb/devices/usb2"))
+    write("serial", format!("{}\n", identity.serial).as_bytes())?;
+    write("descriptors", &model.descriptors())
 }

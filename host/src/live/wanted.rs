@@ -1,0 +1,75 @@
+//! What is still to be done, in the words of whoever holds the board.
+
+use super::Tilt;
+
+/// Something that is still to be done.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Wanted {
+    /// So many windows with the board.
+    Views(u64),
+    /// The board in this part of the image: to the right and downwards from the middle (each −1, 0 or 1).
+    Part(i8, i8),
+    /// The board tilted until this side is nearer by so many degrees.
+    Nearer(Tilt, f64),
+    /// So many seconds with the board.
+    Time(f64),
+    /// Tilts from which a first camera follows.
+    OtherTilts,
+    /// The first checkpoint.
+    FirstCheckpoint,
+    /// What the latest checkpoint lacks, in its words.
+    Checkpoint(String),
+}
+
+impl Wanted {
+    /// In words, as the camera sees the board, or as one sees it in a mirror.
+    pub fn words(&self, mirrored: bool) -> String {
+        match self {
+            Self::Views(count) => format!("{count} more views of the board"),
+            Self::Part(x, y) => format!("the board at the {}", part(if mirrored { -x } else { *x }, *y)),
+            Self::Nearer(side, angle) => format!("its {} side nearer by {angle:.0}°", side.seen(mirrored).name()),
+            Self::Time(seconds) => format!("{:.0} s more with the board", seconds.ceil()),
+            Self::OtherTilts => "the board tilted differently".to_owned(),
+            Self::FirstCheckpoint => "a first calibration of what was recorded".to_owned(),
+            Self::Checkpoint(text) => text.clone(),
+        }
+    }
+}
+
+/// All of it in words.
+pub fn words(wanted: &[Wanted], mirrored: bool) -> Vec<String> {
+    wanted.iter().map(|wanted| wanted.words(mirrored)).collect()
+}
+
+fn part(x: i8, y: i8) -> &'static str {
+    match (x, y) {
+        (0, 0) => "middle",
+        (0, ..=-1) => "top",
+        (0, _) => "bottom",
+        (..=-1, 0) => "left",
+        (_, 0) => "right",
+        (..=-1, ..=-1) => "upper left",
+        (..=-1, _) => "lower left",
+        (_, ..=-1) => "upper right",
+        (_, _) => "lower right",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn in_a_mirror_left_and_right_change_places() {
+        for (wanted, plain, mirrored) in [
+            (Wanted::Part(-1, 1), "the board at the lower left", "the board at the lower right"),
+            (Wanted::Part(0, -1), "the board at the top", "the board at the top"),
+            (Wanted::Nearer(Tilt::Right, 15.0), "its right side nearer by 15°", "its left side nearer by 15°"),
+            (Wanted::Nearer(Tilt::Top, 15.0), "its top side nearer by 15°", "its top side nearer by 15°"),
+            (Wanted::Time(3.2), "4 s more with the board", "4 s more with the board"),
+        ] {
+            assert_eq!((wanted.words(false).as_str(), wanted.words(true).as_str()), (plain, mirrored));
+        }
+    }
+}
