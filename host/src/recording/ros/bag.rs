@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::container::{ChunkError, Container, MessageHead, Topic, unpack};
+use super::container::{ChunkError, Container, MessageHead, Topic, unpack, unpack_beginning};
 use super::fields::Wire;
 use super::message::Kind;
 use super::write::BAG_OUTPUT;
@@ -20,8 +20,8 @@ const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 pub const FORMAT: FileFormat = FileFormat {
     output: Some(&BAG_OUTPUT),
     streams: |path, _| events::summarise(open, path),
-    frames: Some(|path, _, visit| extras::visit_frames(open, path, visit)),
-    extras: Some(|path, _| extras::open(open, path)),
+    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    extras: Some(|path, options| extras::open(open, path, options)),
     ..FileFormat::of_events(
         "ROS bag",
         |head| head.bytes.starts_with(MAGIC),
@@ -126,7 +126,9 @@ impl Bag {
                 self.ended = true;
                 return Err(self.file.damaged(start, "a record has no header that can be understood"));
             };
-            let Some(length) = self.length(start)? else { return Ok(false) };
+            let Some(length) = self.length(start)? else {
+                return if operation == CHUNK { self.take_beginning(start) } else { Ok(false) };
+            };
             match operation {
                 CHUNK => {
                     self.file.read(&mut self.packed, length)?;
@@ -159,6 +161,20 @@ impl Bag {
         self.truncated = Some(Truncation { byte: record, lost });
         self.ended = true;
         Ok(None)
+    }
+
+    /// Takes what there is of a chunk whose end is missing; false if it is nothing.
+    fn take_beginning(&mut self, start: u64) -> Result<bool, RecordingError> {
+        self.file.read(&mut self.packed, self.file.left())?;
+        let (packed, unpacked) = (self.packed.as_slice(), &mut self.chunk.bytes);
+        match field(&self.header, b"compression").unwrap_or_default() {
+            b"none" => unpack_beginning(packed, unpacked),
+            b"lz4" => unpack_beginning(lz4_flex::frame::FrameDecoder::new(packed), unpacked),
+            b"bz2" => unpack_beginning(bzip2::read::BzDecoder::new(packed), unpacked),
+            _ => unpacked.clear(),
+        }
+        (self.chunk.position, self.chunk.byte) = (0, start);
+        Ok(!self.chunk.bytes.is_empty())
     }
 
     fn unpack(&mut self, start: u64) -> Result<(), RecordingError> {
@@ -209,6 +225,9 @@ impl Container for Bag {
             let position = self.chunk.position;
             let Some(record) = record(&self.chunk.bytes, position) else {
                 self.chunk.bytes.clear();
+                if self.truncated.is_some() {
+                    return Ok(None);
+                }
                 return Err(self.file.damaged(self.chunk.byte, "a record of a chunk is longer than the chunk"));
             };
             let (operation, connection) = (operation(record.header), number(record.header, b"conn"));

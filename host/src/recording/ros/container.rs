@@ -7,8 +7,8 @@ use super::fields::{MessageError, Wire};
 use super::message::Kind;
 use crate::recording::{RecordingError, Truncation};
 
-/// A chunk that unpacks to more is damaged.
-const MOST_UNPACKED: u64 = 1 << 29;
+/// A chunk that says it unpacks to more is damaged: writers begin a new one after some megabytes.
+const MOST_UNPACKED: u64 = 1 << 26;
 
 /// Messages of one name.
 #[derive(Clone, Debug)]
@@ -84,6 +84,12 @@ pub enum ChunkError {
     /// What is packed is damaged.
     #[error(transparent)]
     Packed(#[from] io::Error),
+    /// It says that it holds more than any writer puts into one.
+    #[error("it is said to unpack to {size} bytes, where {MOST_UNPACKED} are the most that are read")]
+    Large {
+        /// What it says.
+        size: u64,
+    },
     /// It holds more or less than it should.
     #[error("it unpacks to other than {size} bytes")]
     Size {
@@ -95,7 +101,16 @@ pub enum ChunkError {
 /// Unpacks a chunk of `size` bytes into `unpacked`.
 pub fn unpack(mut packed: impl Read, size: u64, unpacked: &mut Vec<u8>) -> Result<(), ChunkError> {
     unpacked.clear();
-    let most = size.min(MOST_UNPACKED);
-    let read = packed.by_ref().take(most + 1).read_to_end(unpacked)?;
+    if size > MOST_UNPACKED {
+        return Err(ChunkError::Large { size });
+    }
+    let read = packed.by_ref().take(size + 1).read_to_end(unpacked)?;
     if read as u64 == size { Ok(()) } else { Err(ChunkError::Size { size }) }
+}
+
+/// Unpacks what there is of a chunk whose end is missing into `unpacked`.
+pub fn unpack_beginning(packed: impl Read, unpacked: &mut Vec<u8>) {
+    unpacked.clear();
+    // That it ends with an error is known.
+    let _ = packed.take(MOST_UNPACKED).read_to_end(unpacked);
 }

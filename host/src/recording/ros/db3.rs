@@ -12,8 +12,8 @@ use crate::recording::{FileFormat, RecordingError, RecordingErrorKind, Truncatio
 /// ROS 2 bag in SQLite.
 pub const FORMAT: FileFormat = FileFormat {
     streams: |path, _| events::summarise(open, path),
-    frames: Some(|path, _, visit| extras::visit_frames(open, path, visit)),
-    extras: Some(|path, _| extras::open(open, path)),
+    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    extras: Some(|path, options| extras::open(open, path, options)),
     ..FileFormat::of_events(
         "ROS 2 bag (SQLite)",
         |head| head.bytes.starts_with(sqlite::MAGIC),

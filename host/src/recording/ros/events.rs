@@ -11,7 +11,7 @@ use super::packet::PacketDecoder;
 use crate::recording::prophesee::{TRIGGERS, tell};
 use crate::recording::{
     Damage, Decode, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
-    StreamSummary,
+    StreamSummary, Truncation,
 };
 
 /// A batch is handed out as soon as it has this many events.
@@ -33,7 +33,10 @@ pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &Re
     let head = first_of(&mut *container, wanted, options.damage)?;
     let topic = head.as_ref().and_then(|head| Some((head, container.topics().get(head.topic)?)));
     let Some((head, topic)) = topic else {
-        return Err(RecordingError::new(path, no_topic(container.topics(), wanted)));
+        return Err(match container.truncated() {
+            Some(Truncation { byte, lost }) => container.damaged(*byte, format!("{lost}; no events stand before it")),
+            None => RecordingError::new(path, no_topic(container.topics(), wanted)),
+        });
     };
     let described = message::description(topic.kind, topic.wire, container.message());
     let (sensor, encoding) = described.map_err(|error| damaged(&*container, head, topic, &error.to_string()))?;

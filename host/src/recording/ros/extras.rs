@@ -1,74 +1,130 @@
-//! Pictures and inertial samples of the first topic of each kind.
+//! Pictures and inertial samples of the camera whose events are read.
+//!
+//! A bag may hold several cameras and units. The topics that go with the events are those whose names share most of their
+//! beginning with that of the events: `/davis/left/image_raw` and `/davis/left/imu` go with `/davis/left/events`. A picture that is
+//! larger than the sensor is of another camera.
 
+use std::cmp::Reverse;
 use std::path::Path;
+
+use evcal_core::sensor::Sensor;
 
 use super::container::{Container, OpenContainer};
 use super::message::{self, Kind};
 use super::picture;
 use crate::recording::extras::{Extra, OtherStreams, ReadExtras, take_until};
 use crate::recording::pictures::TimedImage;
-use crate::recording::{RecordingError, RecordingErrorKind};
+use crate::recording::{RecordingError, RecordingErrorKind, RecordingOptions};
+
+/// So many messages are looked at for topics, more if there is none of a kind among them.
+const LOOKED_AT: usize = 4096;
+
+/// The topics that are read, by their places in [`Container::topics`].
+#[derive(Clone, Copy, Debug, Default)]
+struct Topics {
+    pictures: Option<usize>,
+    samples: Option<usize>,
+}
 
 /// Those of a file of messages.
 struct MessageExtras {
     container: Box<dyn Container>,
     next: Option<Extra>,
-    /// The topics that are read: of pictures, and of samples.
-    topics: [Option<usize>; 2],
-    held: OtherStreams,
+    topics: Topics,
     /// As [`super::container::Topic::description`] has them.
     names: Vec<String>,
 }
 
-/// The next picture or sample. Topics are chosen as they come.
-fn next(container: &mut dyn Container, topics: &mut [Option<usize>; 2]) -> Result<Option<Extra>, RecordingError> {
+/// The next picture or sample of `topics`.
+fn next(container: &mut dyn Container, topics: Topics) -> Result<Option<Extra>, RecordingError> {
     while let Some(head) = container.next()? {
         let Some(topic) = container.topics().get(head.topic) else { continue };
         let damaged = |error: super::fields::MessageError| {
             container.damaged(head.byte, format!("a message of {} is damaged: {error}", topic.name))
         };
-        let [pictures, samples] = topics;
-        match topic.kind {
-            Kind::Image if *pictures.get_or_insert(head.topic) == head.topic => {
-                if let Some(frame) = picture::frame(topic.kind, topic.wire, container.message()).map_err(damaged)? {
-                    return Ok(Some(Extra::Frame(frame)));
-                }
+        if topics.pictures == Some(head.topic) {
+            if let Some(frame) = picture::frame(topic.kind, topic.wire, container.message()).map_err(damaged)? {
+                return Ok(Some(Extra::Frame(frame)));
             }
-            Kind::Imu if *samples.get_or_insert(head.topic) == head.topic => {
-                let sample = message::inertial_sample(topic.wire, container.message()).map_err(damaged)?;
-                return Ok(Some(Extra::Inertial(sample)));
-            }
-            _ => {}
+        } else if topics.samples == Some(head.topic) {
+            let sample = message::inertial_sample(topic.wire, container.message()).map_err(damaged)?;
+            return Ok(Some(Extra::Inertial(sample)));
         }
     }
     Ok(None)
 }
 
-/// Opens those of the file at `path`.
-pub fn open(open: OpenContainer, path: &Path) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    let mut container = open(path)?;
-    let mut topics = [None; 2];
-    let mut held = OtherStreams::default();
-    while !(held.frames && held.imu) {
-        match next(&mut *container, &mut topics) {
-            Ok(Some(Extra::Frame(_))) => held.frames = true,
-            Ok(Some(Extra::Inertial(_))) => held.imu = true,
+/// The topics that go with the events of the topic `wanted`, or of the first one.
+fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics, RecordingError> {
+    let mut events: Option<(usize, Option<Sensor>)> = None;
+    let mut pictures: Vec<(usize, Option<(u16, u16)>)> = Vec::new();
+    let mut samples: Vec<usize> = Vec::new();
+    let mut count = 0;
+    while count < LOOKED_AT || events.is_none() || pictures.is_empty() || samples.is_empty() {
+        let head = match container.next() {
+            Ok(Some(head)) => head,
             // Damage is reported when its turn comes.
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
             Err(error) => return Err(error),
+        };
+        count += 1;
+        let Some(topic) = container.topics().get(head.topic) else { continue };
+        let message = container.message();
+        match topic.kind {
+            Kind::EventArray | Kind::EventPacket
+                if events.is_none() && wanted.is_none_or(|wanted| wanted == topic.name) =>
+            {
+                let described = message::description(topic.kind, topic.wire, message);
+                events = Some((head.topic, described.ok().map(|(sensor, _)| sensor)));
+            }
+            Kind::Image if pictures.iter().all(|(known, _)| *known != head.topic) => {
+                let frame = picture::frame(topic.kind, topic.wire, message).ok().flatten();
+                pictures.push((head.topic, frame.map(|frame| frame.size)));
+            }
+            Kind::Imu if !samples.contains(&head.topic) => samples.push(head.topic),
+            _ => {}
         }
     }
-    let names = topics.iter().flatten().filter_map(|topic| Some(container.topics().get(*topic)?.description()));
-    let names = names.collect();
+    let topics = container.topics();
+    let name = |index: usize| topics.get(index).map_or("", |topic| topic.name.as_str());
+    let beside = events.map_or("", |(topic, _)| name(topic));
+    // The first of those that fit equally well.
+    let best = |candidates: &mut dyn Iterator<Item = usize>| {
+        let fit = |index: usize| (shared(beside, name(index)), name(index).contains("image_raw"));
+        candidates.max_by_key(|&index| (fit(index), Reverse(index)))
+    };
+    // Messages with events may state no size.
+    let sensor = events.and_then(|(_, sensor)| sensor).filter(|sensor| sensor.width > 0 && sensor.height > 0);
+    let fits = |&(index, picture): &(usize, Option<(u16, u16)>)| {
+        let (width, height) = picture?;
+        sensor.is_none_or(|sensor| width <= sensor.width && height <= sensor.height).then_some(index)
+    };
+    Ok(Topics { pictures: best(&mut pictures.iter().filter_map(fits)), samples: best(&mut samples.iter().copied()) })
+}
+
+/// How many parts at their beginnings two names share.
+fn shared(first: &str, second: &str) -> usize {
+    first.split('/').zip(second.split('/')).take_while(|(first, second)| first == second).count()
+}
+
+/// Opens those of the file at `path`.
+pub fn open(
+    open: OpenContainer,
+    path: &Path,
+    options: &RecordingOptions,
+) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let mut container = open(path)?;
-    let mut topics = [None; 2];
-    let first = next(&mut *container, &mut topics).unwrap_or_default();
-    Ok(Box::new(MessageExtras { container, next: first, topics, held, names }))
+    let topics = choose(&mut *container, options.stream.as_deref())?;
+    let chosen = [topics.pictures, topics.samples].into_iter().flatten();
+    let names = chosen.filter_map(|topic| Some(container.topics().get(topic)?.description())).collect();
+    let mut container = open(path)?;
+    let first = next(&mut *container, topics).unwrap_or_default();
+    Ok(Box::new(MessageExtras { container, next: first, topics, names }))
 }
 
 impl ReadExtras for MessageExtras {
     fn held(&self) -> OtherStreams {
-        self.held
+        OtherStreams { frames: self.topics.pictures.is_some(), imu: self.topics.samples.is_some() }
     }
 
     fn first_time(&mut self) -> Option<i64> {
@@ -76,7 +132,7 @@ impl ReadExtras for MessageExtras {
     }
 
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
-        take_until(&mut self.next, end, lost, || next(&mut *self.container, &mut self.topics))
+        take_until(&mut self.next, end, lost, || next(&mut *self.container, self.topics))
     }
 
     fn reads(&self, stream: &str) -> bool {
@@ -88,12 +144,13 @@ impl ReadExtras for MessageExtras {
 pub fn visit_frames(
     open: OpenContainer,
     path: &Path,
+    options: &RecordingOptions,
     visit: &mut dyn FnMut(TimedImage),
 ) -> Result<Result<(), RecordingError>, RecordingError> {
+    let pictures = choose(&mut *open(path)?, options.stream.as_deref())?.pictures;
     let mut container = open(path)?;
-    let mut topics = [None; 2];
     Ok(loop {
-        match next(&mut *container, &mut topics) {
+        match next(&mut *container, Topics { pictures, samples: None }) {
             Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
             Ok(Some(Extra::Inertial(_))) => {}
             Ok(None) => break Ok(()),

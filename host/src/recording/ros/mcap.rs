@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::container::{ChunkError, Container, MessageHead, Topic, unpack};
+use super::container::{ChunkError, Container, MessageHead, Topic, unpack, unpack_beginning};
 use super::fields::{Fields, MessageError, Wire};
 use super::message::Kind;
 use super::write::MCAP_OUTPUT;
@@ -20,8 +20,8 @@ const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 pub const FORMAT: FileFormat = FileFormat {
     output: Some(&MCAP_OUTPUT),
     streams: |path, _| events::summarise(open, path),
-    frames: Some(|path, _, visit| extras::visit_frames(open, path, visit)),
-    extras: Some(|path, _| extras::open(open, path)),
+    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    extras: Some(|path, options| extras::open(open, path, options)),
     ..FileFormat::of_events(
         "MCAP",
         |head| head.bytes.starts_with(MAGIC),
@@ -79,6 +79,29 @@ fn text(fields: &mut Fields) -> Result<String, MessageError> {
     Ok(String::from_utf8_lossy(fields.text("a name")?).into_owned())
 }
 
+/// The content of a chunk.
+struct ChunkHead<'a> {
+    /// Bytes that it unpacks to.
+    size: u64,
+    compression: &'a [u8],
+    /// Bytes that it has packed.
+    length: u64,
+    packed: &'a [u8],
+}
+
+impl<'a> ChunkHead<'a> {
+    fn of(content: &'a [u8]) -> Result<Self, MessageError> {
+        let mut fields = Fields::new(Wire::Ros1, content)?;
+        fields.u64("its head")?;
+        fields.u64("its head")?;
+        let size = fields.u64("its head")?;
+        fields.u32("its head")?;
+        let compression = fields.text("its head")?;
+        let length = fields.u64("its head")?;
+        Ok(Self { size, compression, length, packed: fields.rest() })
+    }
+}
+
 impl Mcap {
     /// Takes the next record of the file, or the records of the next chunk; false at the end.
     fn next_records(&mut self) -> Result<bool, RecordingError> {
@@ -89,7 +112,8 @@ impl Mcap {
             };
             let length = u64::from_le_bytes(length);
             if length > self.file.left() {
-                return self.cut_off(start);
+                self.cut_off(start)?;
+                return if kind == CHUNK { self.take_beginning(start) } else { Ok(false) };
             }
             match kind {
                 CHUNK => {
@@ -126,18 +150,27 @@ impl Mcap {
         Ok(false)
     }
 
+    /// Takes what there is of a chunk whose end is missing; false if it is nothing.
+    fn take_beginning(&mut self, start: u64) -> Result<bool, RecordingError> {
+        self.file.read(&mut self.packed, self.file.left())?;
+        (self.position, self.byte) = (0, start);
+        self.records.clear();
+        let Ok(ChunkHead { compression, packed, .. }) = ChunkHead::of(&self.packed) else { return Ok(false) };
+        match compression {
+            b"" => unpack_beginning(packed, &mut self.records),
+            b"lz4" => unpack_beginning(lz4_flex::frame::FrameDecoder::new(packed), &mut self.records),
+            b"zstd" => {
+                if let Ok(decoder) = zstd::stream::read::Decoder::with_buffer(packed) {
+                    unpack_beginning(decoder, &mut self.records);
+                }
+            }
+            _ => {}
+        }
+        Ok(!self.records.is_empty())
+    }
+
     fn unpack(&mut self) -> Result<(), ChunkError> {
-        let mut fields = Fields::new(Wire::Ros1, &self.packed)?;
-        let mut head = || -> Result<_, MessageError> {
-            fields.u64("its head")?;
-            fields.u64("its head")?;
-            let size = fields.u64("its head")?;
-            fields.u32("its head")?;
-            let compression = fields.text("its head")?;
-            let length = fields.u64("its head")?;
-            Ok((size, compression, length, fields.rest()))
-        };
-        let (size, compression, length, packed) = head()?;
+        let ChunkHead { size, compression, length, packed } = ChunkHead::of(&self.packed)?;
         let packed = usize::try_from(length).ok().and_then(|length| packed.get(..length));
         let packed = packed.ok_or(ChunkError::Short)?;
         let records = &mut self.records;
@@ -196,6 +229,9 @@ impl Container for Mcap {
             });
             let (Some(end), Some(&kind)) = (end, head.first()) else {
                 self.records.clear();
+                if self.truncated.is_some() {
+                    return Ok(None);
+                }
                 return Err(self.file.damaged(self.byte, "a record of a chunk is longer than the chunk"));
             };
             let start = self.position + RECORD_HEAD;

@@ -32,7 +32,10 @@ impl Kind {
     pub fn of_type(name: &str) -> Self {
         let (package, message) = (name.split('/').next(), name.rsplit('/').next());
         match (package, message) {
-            (Some("dvs_msgs" | "prophesee_event_msgs"), Some("EventArray")) => Self::EventArray,
+            // All have the layout of the first.
+            (Some("dvs_msgs" | "prophesee_event_msgs" | "dv_ros_msgs" | "samsung_event_msgs"), Some("EventArray")) => {
+                Self::EventArray
+            }
             (Some("event_camera_msgs" | "event_array_msgs"), Some("EventPacket" | "EventArray")) => Self::EventPacket,
             (Some("sensor_msgs"), Some("Image")) => Self::Image,
             (Some("sensor_msgs"), Some("CompressedImage")) => Self::CompressedImage,

@@ -408,6 +408,76 @@ fn a_damaged_message_is_named_or_left_out() {
     }
 }
 
+/// Cameras and units of several makers in one bag: those beside the events are theirs, whichever comes first.
+#[test]
+fn frames_and_samples_are_of_the_camera_whose_events_are_read() {
+    let of_rig = |wire: Wire| -> Messages {
+        let grey = |t: i64, value: u8| image(wire, t, "mono8", 3, &[value; 6]);
+        let array = "dvs_msgs/msg/EventArray";
+        vec![
+            ("/depth/image_raw", "sensor_msgs/msg/Image", image(wire, START, "16UC1", 6, &[9; 12])),
+            ("/body/imu", "sensor_msgs/msg/Imu", imu(wire, START + 1)),
+            ("/rig/left/image_raw", "sensor_msgs/msg/Image", grey(START + 2, 1)),
+            ("/rig/right/image_raw", "sensor_msgs/msg/Image", grey(START + 3, 2)),
+            ("/rig/left/events", array, event_array(wire, &events(0, 2))),
+            ("/rig/right/events", array, event_array(wire, &events(2, 2))),
+            ("/rig/right/imu", "sensor_msgs/msg/Imu", imu(wire, START + 7)),
+            ("/rig/left/imu", "sensor_msgs/msg/Imu", imu(wire, START + 8)),
+        ]
+    };
+    for content in files(of_rig) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        for (stream, times) in [(None, [2, 8]), (Some("/rig/left/events"), [2, 8]), (Some("/rig/right/events"), [3, 7])]
+        {
+            let options = RecordingOptions { stream: stream.map(str::to_owned), ..RecordingOptions::default() };
+            let mut reader = open_extras(&Recording::new(&path, options).unwrap()).unwrap();
+            let found: Vec<i64> = std::iter::from_fn(|| reader.next_until(i64::MAX, &mut Vec::new()))
+                .map(|extra| match extra {
+                    Extra::Frame(frame) => frame.t - START,
+                    Extra::Inertial(sample) => sample.t - START,
+                })
+                .collect();
+            assert_eq!(found, times, "{stream:?}");
+        }
+    }
+}
+
+/// What stands before the end of a file that was cut within a chunk; it was told to hold no stream at all.
+#[test]
+fn of_a_chunk_that_is_cut_the_messages_before_the_end_are_read() {
+    let parts = |wire: Wire| -> Messages {
+        (0..2).map(|part| ("/e", "dvs_msgs/msg/EventArray", event_array(wire, &events(100 * part, 100)))).collect()
+    };
+    for content in [bag("none", &parts(Wire::Ros1)), mcap("", &parts(Wire::Cdr))] {
+        let outcome = testing::read(&content[..content.len() * 7 / 10]);
+        assert!(outcome.events == events(0, 100), "{} events", outcome.events.len());
+        assert!(outcome.report.truncated.is_some());
+        // Cut within its first message.
+        let error = testing::read(&content[..content.len() / 4]).error.unwrap();
+        assert!(error.contains("no events stand before it"), "{error}");
+    }
+}
+
+/// A few bytes that say that they unpack to 4 GB took as much memory.
+#[test]
+fn a_chunk_that_says_to_be_larger_than_any_is_refused() {
+    let mut content = bag("none", &messages(Wire::Ros1));
+    let size = content.windows(5).position(|bytes| bytes == b"size=").unwrap() + 5;
+    content[size..size + 4].copy_from_slice(&u32::MAX.to_le_bytes());
+    let error = testing::read(&content).error.unwrap();
+    assert!(error.contains("4294967295 bytes"), "{error}");
+}
+
+#[test]
+fn arrays_of_other_drivers_are_read() {
+    for type_name in ["dv_ros_msgs/EventArray", "samsung_event_msgs/EventArray"] {
+        let content = bag("none", &vec![("/e", type_name, event_array(Wire::Ros1, &events(0, 9)))]);
+        assert_eq!(testing::read(&content).events, events(0, 9), "{type_name}");
+    }
+}
+
 #[test]
 fn files_without_events_say_what_they_hold() {
     let only = |wire| messages(wire).into_iter().filter(|(name, ..)| *name == "/info").collect();
