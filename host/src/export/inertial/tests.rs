@@ -160,8 +160,28 @@ fn vins_has_the_camera_in_the_body() {
     let file = yaml("vins-fusion.yaml");
     is_camera_to_unit(four(&file["body_T_cam0"]["data"]));
     assert_eq!(file["td"].as_f64(), Some(DELAY));
-    assert!((file["acc_n"].as_f64().unwrap() - 4e-3).abs() < 1e-15);
     assert_eq!((file["g_norm"].as_f64(), file["image_width"].as_i64()), (Some(9.81), Some(80)));
+}
+
+/// After a second of steps as VINS takes them, covariance ← covariance + V noise Vᵀ with V of half a step for each of two readings and of a
+/// step for a walk, velocity, angle and biases are as uncertain as white noise of these densities makes them.
+#[test]
+fn vins_integrates_the_noise_of_samples() {
+    let file = yaml("vins-fusion.yaml");
+    let after_a_second = |entry: &str, parts: &[f64]| {
+        let dt = 1e-3;
+        let step: f64 = parts.iter().map(|part| (part * dt * file[entry].as_f64().unwrap()).powi(2)).sum();
+        (1000.0 * step).sqrt()
+    };
+    for (entry, parts, density) in [
+        ("acc_n", &[0.5, 0.5][..], 4e-3),
+        ("gyr_n", &[0.5, 0.5], 2e-4),
+        ("acc_w", &[1.0], ACCELEROMETER_WALK),
+        ("gyr_w", &[1.0], GYROSCOPE_WALK),
+    ] {
+        let found = after_a_second(entry, parts);
+        assert!((found / density - 1.0).abs() < 1e-9, "{entry}: {found}, not {density}");
+    }
 }
 
 /// ω = (I + S) ω_m − b with S by columns; a = (I + S) a_m − b with the lower triangle by columns.
