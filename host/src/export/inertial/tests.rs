@@ -96,7 +96,7 @@ fn yaml(name: &str) -> Yaml {
 fn numbers(value: &Yaml) -> Vec<f64> {
     match value {
         Yaml::Array(values) => values.iter().flat_map(numbers).collect(),
-        value => vec![value.as_f64().unwrap()],
+        value => vec![value.as_f64().or(value.as_i64().map(|value| value as f64)).unwrap()],
     }
 }
 
