@@ -44,6 +44,9 @@ use crate::trust::uncertainty::Uncertainty;
 /// Fewest seconds of samples along trajectories.
 const FEWEST_SECONDS: f64 = 3.0;
 
+/// Fewest samples a second: with less, turns of a hand lie between the samples.
+const FEWEST_A_SECOND: f64 = 30.0;
+
 /// Nearest and farthest knots (s), and samples between them.
 const NEAREST_KNOTS: f64 = 0.01;
 const FARTHEST_KNOTS: f64 = 0.0225;
@@ -73,7 +76,7 @@ pub fn calibrate_unit(
     settings: &InertialSettings,
 ) -> Result<InertialCalibration, InertialError> {
     let recordings = recorded.iter().map(|one| one.recording + 1).max().unwrap_or(0);
-    let mut samples = vec![Vec::new(); recordings];
+    let (mut samples, mut starts) = (vec![Vec::new(); recordings], vec![0.0; recordings]);
     let (mut streams, mut clock_origin) = (Vec::new(), 0.0);
     for one in recorded {
         let (kept, report) = stream::check(one.samples)?;
@@ -84,8 +87,15 @@ pub fn calibrate_unit(
         if let Some(place) = samples.get_mut(one.recording) {
             *place = kept;
         }
+        if let Some(start) = starts.get_mut(one.recording) {
+            *start = one.start;
+        }
     }
     let rate = streams.iter().map(|stream| stream.rate).fold(0.0, f64::max);
+    // The middle interval of stamps in whole microseconds is not quite that of the rate.
+    if rate.round() < FEWEST_A_SECOND {
+        return Err(InertialError::TooSlow { rate, needed: FEWEST_A_SECOND });
+    }
     let knot_spacing = settings.knot_spacing.unwrap_or((SAMPLES_A_KNOT / rate).clamp(NEAREST_KNOTS, FARTHEST_KNOTS));
     let trajectories = solve::smooth_trajectories(&refined.state.trajectories, knot_spacing)?;
     let longest = |recording: &usize| {
@@ -126,7 +136,9 @@ pub fn calibrate_unit(
     state.camera = held.map_or(state.camera, |held| held.camera);
     let estimate = Estimate { state, parameters: start.parameters, noise: solve::first_noise() };
     let solved = solve::solve(&joint, estimate)?;
-    let calibration = finish(&joint, solved, (refined, camera, held), (start.correlation, streams, clock_origin))?;
+    let delays_at = solved.estimate.parameters.middle + starts.get(first).unwrap_or(&0.0) + clock_origin;
+    let of_streams = (start.correlation, streams, clock_origin, delays_at);
+    let calibration = finish(&joint, solved, (refined, camera, held), of_streams)?;
     findings::explained(&calibration, joint.samples)?;
     Ok(InertialCalibration { findings: findings(&calibration), ..calibration })
 }
@@ -135,7 +147,7 @@ fn finish(
     joint: &Joint,
     solved: Solved,
     (refined, camera, held): (&Refined, &Uncertainty, Option<&HeldIntrinsics>),
-    (correlation, streams, clock_origin): (f64, Vec<StreamReport>, f64),
+    (correlation, streams, clock_origin, delays_at): (f64, Vec<StreamReport>, f64, f64),
 ) -> Result<InertialCalibration, InertialError> {
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
     let (mut covariance, block_scatter) = uncertainty::covariance(&solved.system, &solved.parts, total)?;
@@ -163,6 +175,9 @@ fn finish(
         streams,
         used: joint.used.iter().map(ExactSizeIterator::len).sum(),
         clock_origin,
+        delays_at,
+        knot_spacing: joint.knot_spacing,
+        camera: estimate.state.camera,
         camera_moved,
         held: held.map(|held| held.camera),
         block_scatter,

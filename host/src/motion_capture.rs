@@ -49,7 +49,7 @@ pub struct Measured {
     pub sigma: f64,
 }
 
-/// A pose with the σ of its translation (m) and rotation (rad), each along the axes of the frame that it maps from.
+/// A pose with the σ of its translation and rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredPose {
     /// The pose.

@@ -323,8 +323,27 @@ fn files(calibrated: &Calibrated, task: &Task) {
     let folder = folder.path().join("result");
     assert!(written.summary.contains("stamps of the gyroscope are 2."), "{}", written.summary);
     let json = &read_json(&folder.join("calibration.json"))["inertial"];
+    assert!(json["verdict"].as_str().is_some_and(|verdict| verdict.starts_with("Good: the rotation is known to ")));
+    assert!(written.summary.contains(json["verdict"].as_str().unwrap()), "{}", written.summary);
+    let correlations = json["correlations"].as_array().unwrap();
+    assert_eq!(correlations.len(), ACCELEROMETER_MATRIX + 2 * TRIANGLE.len());
+    for (index, row) in correlations.iter().enumerate() {
+        let row = numbers(row);
+        assert!(
+            (row[index] - 1.0).abs() < 1e-12 && row.iter().all(|value| value.abs() < 1.0 + 1e-12),
+            "{index}: {row:?}"
+        );
+    }
+    // The middle of 8 s.
+    assert!((json["delays_at"].as_f64().unwrap() - calibrated.starts[0] - 4.0).abs() < 0.5, "{}", json["delays_at"]);
+    let focal = |text: &str| {
+        let line = text.lines().find_map(|line| line.trim().strip_prefix("intrinsics: "));
+        numbers(&serde_json::from_str(line.unwrap()).unwrap())[0]
+    };
     let imu_from_camera = Matrix4::from_row_slice(&numbers(&json["T_imu_camera"]));
     let text = std::fs::read_to_string(folder.join("exports/camchain-imucam.yaml")).unwrap();
+    let solved = &json["solved_together"]["parameters"]["fx"];
+    assert!((focal(&text) - solved.as_f64().unwrap()).abs() < 1.0, "{solved} in {text}");
     let rows = text.lines().skip_while(|line| !line.contains("T_cam_imu:")).skip(1).take(4);
     let entries: Vec<f64> = rows
         .flat_map(|row| numbers(&serde_json::from_str(row.trim().trim_start_matches("- ")).expect("a row of numbers")))

@@ -9,8 +9,8 @@
 
 use nalgebra::{Matrix3, RealField, UnitQuaternion, Vector3};
 
-use super::rotation::{exp, log, right_jacobian, right_jacobian_inverse};
-use super::{Basis, MAX_DEGREE, MAX_ORDER, RotationSample};
+use super::rotation::{exp, log, right_jacobian, right_jacobian_inverse, skew};
+use super::{Basis, MAX_DEGREE, MAX_ORDER, RotationMotion, RotationSample};
 
 /// The step between two neighbouring control points, at one parameter.
 #[derive(Clone, Copy)]
@@ -65,6 +65,88 @@ pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[UnitQuaternion
     Some(RotationSample { rotation: UnitQuaternion::new_normalize(rotation.into_inner()), angular_velocity, jacobians })
 }
 
+/// A step with what inertial sensors need of it.
+#[derive(Clone, Copy)]
+struct MovingStep<T: RealField> {
+    step: Step<T>,
+    /// `λ_j'` and `λ_j''`.
+    slope: T,
+    curvature: T,
+    /// Angular velocity and acceleration of the steps before, in the frame after this one.
+    velocity: Vector3<T>,
+    acceleration: Vector3<T>,
+}
+
+/// As [`evaluate`], with the angular acceleration and the Jacobians of angular velocity and angular acceleration.
+///
+/// With `A_j = exp(λ_j d_j)`, from step to step (Sommer et al. 2020) `ω ← A_jᵀ ω + λ_j' d_j` and
+/// `ω' ← A_jᵀ ω' + λ_j' (A_jᵀ ω) × d_j + λ_j'' d_j`.
+pub fn motion<T: RealField + Copy>(basis: &Basis<T>, control: &[UnitQuaternion<T>]) -> Option<RotationMotion<T>> {
+    let sample = evaluate(basis, control)?;
+    let control = basis.select(control)?;
+    let (_, others) = control.split_first()?;
+
+    let (mut velocity, mut acceleration) = (Vector3::<T>::zeros(), Vector3::<T>::zeros());
+    let at_rest = Step { vector: Vector3::zeros(), weight: T::zero(), rotation: UnitQuaternion::identity() };
+    let (zero, still) = (T::zero(), Vector3::zeros());
+    let mut steps =
+        [MovingStep { step: at_rest, slope: zero, curvature: zero, velocity: still, acceleration: still }; MAX_DEGREE];
+    let mut weight: T = basis.value.iter().fold(zero, |sum, value| sum + *value);
+    let (mut slope, mut curvature) = (zero, zero);
+    let weights = basis.value.iter().zip(&basis.first_derivative).zip(&basis.second_derivative);
+    for (((before, after), ((&value, &first), &second)), moving) in
+        control.iter().zip(others).zip(weights).zip(&mut steps)
+    {
+        weight -= value;
+        slope -= first;
+        curvature -= second;
+        let vector = log(&(before.inverse() * after));
+        let rotation = exp(&(vector * weight));
+        let carried = rotation.inverse_transform_vector(&velocity);
+        let carried_acceleration = rotation.inverse_transform_vector(&acceleration);
+        let step = Step { vector, weight, rotation };
+        *moving = MovingStep { step, slope, curvature, velocity: carried, acceleration: carried_acceleration };
+        acceleration = carried_acceleration + carried.cross(&vector) * slope + vector * curvature;
+        velocity = carried + vector * slope;
+    }
+
+    // Turning d_j by ε turns A_j by λ_j J_r(λ_j d_j) ε, and what A_jᵀ carries the other way. The steps after it carry a change of
+    // ω to L times it, and to M times it in ω', beside L times the change of ω'.
+    let mut velocity_jacobians = [Matrix3::zeros(); MAX_ORDER];
+    let mut acceleration_jacobians = [Matrix3::zeros(); MAX_ORDER];
+    let (mut later, mut mixed) = (Matrix3::<T>::identity(), Matrix3::<T>::zeros());
+    let mut velocity_from_next = Matrix3::<T>::zeros();
+    let mut acceleration_from_next = Matrix3::<T>::zeros();
+    let count = others.len();
+    let jacobians = velocity_jacobians.iter_mut().zip(&mut acceleration_jacobians);
+    for ((by_velocity, by_acceleration), moving) in jacobians.skip(1).zip(&steps).take(count).rev() {
+        let MovingStep { step: Step { vector, weight, rotation }, slope, curvature, velocity, acceleration } = *moving;
+        let gain = right_jacobian(&(vector * weight)) * weight;
+        let turned = skew(&velocity) * gain;
+        let of_velocity = turned + Matrix3::from_diagonal_element(slope);
+        let of_acceleration = skew(&acceleration) * gain
+            + (skew(&velocity) - skew(&vector) * turned) * slope
+            + Matrix3::from_diagonal_element(curvature);
+        let gain_of_velocity = later * of_velocity;
+        let gain_of_acceleration = later * of_acceleration + mixed * of_velocity;
+        let inverse = right_jacobian_inverse(&vector);
+        *by_velocity = gain_of_velocity * inverse - velocity_from_next;
+        *by_acceleration = gain_of_acceleration * inverse - acceleration_from_next;
+        velocity_from_next = gain_of_velocity * inverse.transpose();
+        acceleration_from_next = gain_of_acceleration * inverse.transpose();
+        let back = rotation.inverse().to_rotation_matrix().into_inner();
+        mixed = (mixed - later * skew(&vector) * slope) * back;
+        later *= back;
+    }
+    if let (Some(of_velocity), Some(of_acceleration)) =
+        (velocity_jacobians.first_mut(), acceleration_jacobians.first_mut())
+    {
+        *of_velocity = -velocity_from_next;
+        *of_acceleration = -acceleration_from_next;
+    }
+    Some(RotationMotion { sample, angular_acceleration: acceleration, velocity_jacobians, acceleration_jacobians })
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Quaternion;
@@ -106,6 +188,45 @@ mod tests {
                 evaluate(&basis, &control).unwrap().rotation
             };
             prop_assert!(jacobians_agree(&sample.jacobians, turned));
+        }
+
+        /// Also where the curve's degree is too low for its derivatives to be smooth: between knots they are.
+        #[test]
+        fn angular_acceleration_and_its_jacobians_agree_with_differences(
+            (knots, degree, u) in knots_and_parameter(),
+            control in rotation_walk(48),
+        ) {
+            let u = away_from_knots(&knots, u, 2e-5);
+            let knots = Knots::new(&knots, degree).unwrap();
+            let at = |u| motion(&knots.basis(u).unwrap(), &control).unwrap();
+            let (here, step) = (at(u), 1e-5);
+            prop_assert_eq!(here.sample, evaluate(&knots.basis(u).unwrap(), &control).unwrap());
+            let before_and_after = [u - step, u + step].map(|u| at(u).sample.angular_velocity);
+            let numeric = (before_and_after[1] - before_and_after[0]) / (2.0 * step);
+            prop_assert!((here.angular_acceleration - numeric).norm() < 1e-3 * (1.0 + numeric.norm()));
+
+            let basis = knots.basis(u).unwrap();
+            let step = 1e-6;
+            for index in 0..MAX_ORDER {
+                for axis in 0..3 {
+                    let turned = |angle: f64| {
+                        let mut turn = Vector3::zeros();
+                        turn[axis] = angle;
+                        let mut control = control.clone();
+                        if index < basis.order {
+                            control[basis.first + index] *= exp(&turn);
+                        }
+                        motion(&basis, &control).unwrap()
+                    };
+                    let (before, after) = (turned(-step), turned(step));
+                    let of_velocity = (after.sample.angular_velocity - before.sample.angular_velocity) / (2.0 * step);
+                    let of_acceleration = (after.angular_acceleration - before.angular_acceleration) / (2.0 * step);
+                    let scale = 1.0 + of_velocity.norm() + here.sample.angular_velocity.norm();
+                    prop_assert!((here.velocity_jacobians[index].column(axis) - of_velocity).norm() < 1e-7 * scale);
+                    let scale = 1.0 + of_acceleration.norm() + here.angular_acceleration.norm();
+                    prop_assert!((here.acceleration_jacobians[index].column(axis) - of_acceleration).norm() < 1e-7 * scale);
+                }
+            }
         }
 
         #[test]

@@ -32,6 +32,7 @@ pub fn curves<T: RealField + Copy>() {
     black_box(quaternion::motion(&basis, black_box(quaternions.as_slice())));
     let rotations = quaternions.map(UnitQuaternion::new_unchecked);
     black_box(so3::evaluate(&basis, black_box(rotations.as_slice())));
+    black_box(so3::motion(&basis, black_box(rotations.as_slice())));
 }
 
 /// Rotation vectors.

@@ -32,7 +32,8 @@ pub fn calibrate_second_camera(
     if first.starts.len() != 1 || second.starts.len() != 1 {
         return Err(SecondCameraError::SeveralRecordings);
     }
-    let (of_first, of_second) = (along_trajectories(first)?, along_trajectories(second)?);
+    let of_first = along_trajectories(first)?;
+    let of_second = along_trajectories(second).map_err(|_| SecondCameraError::CirclesOfSecond)?;
     // Whatever is calibrated from the same events comes out the same to the last bit.
     if of_first.refined.state.camera == of_second.refined.state.camera
         && of_first.refined.problem.segments == of_second.refined.problem.segments

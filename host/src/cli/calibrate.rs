@@ -11,7 +11,7 @@ use evcal::board::Board;
 use evcal::board::request::BoardRequest;
 use evcal::calibrate::board_choice::choose_board;
 use evcal::calibrate::inertia::InertialRequest;
-use evcal::calibrate::input::Input;
+use evcal::calibrate::input::{Input, InputError};
 use evcal::calibrate::parameter_request::ParameterRequests;
 use evcal::circles::serial::{SerialAddress, SerialError};
 use evcal::detection::settings::{DetectionSettings, Grid};
@@ -27,9 +27,10 @@ use evcal::second_camera::error::SecondCameraError;
 use evcal::settings::{Settings, SettingsError};
 use evcal::trajectory::RotationSpline;
 use evcal_core::circle::Extraction;
+use evcal_core::sensor::Sensor;
 
 use self::held::{HeldCamera, HeldCameras};
-use self::work::{Failed, Work};
+use self::work::{Failed, Other, Work};
 use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
 use super::{NotGoodEnough, UsageError, print, value};
@@ -53,6 +54,13 @@ pub struct Arguments {
     /// topic of images]; can be repeated, in the order of --with
     #[arg(long, value_name = "STREAM", requires = "with")]
     with_stream: Vec<String>,
+    /// Size of the sensor of the camera of --with in pixels, where its file does not tell it [default: as --sensor]; can be
+    /// repeated, in the order of --with
+    #[arg(long, value_name = "WxH", value_parser = value::sensor, requires = "with")]
+    with_sensor: Vec<Sensor>,
+    /// Camera model of the camera of --with [default: as --model]; can be repeated, in the order of --with
+    #[arg(long, value_name = "MODEL", value_parser = value::model_request(), requires = "with")]
+    with_model: Vec<ModelRequest>,
     /// What the time stamps of the images of --with stand for
     #[arg(
         long,
@@ -78,15 +86,26 @@ pub struct Arguments {
 }
 
 impl Arguments {
+    /// What is given in the order of `--with` is given for these at most.
+    fn one_for_each_other(&self) -> Result<(), UsageError> {
+        let counts = [
+            ("--with-stream", self.with_stream.len()),
+            ("--with-sensor", self.with_sensor.len()),
+            ("--with-model", self.with_model.len()),
+            ("--with-camera", self.with_camera.len()),
+        ];
+        match counts.into_iter().find(|(_, count)| *count > self.with.len()) {
+            Some((name, _)) => Err(UsageError(format!("give one {name} for each --with at most, in their order"))),
+            None => Ok(()),
+        }
+    }
+
     /// The cameras whose intrinsics are held.
     fn held_cameras(&self) -> Result<HeldCameras, Box<dyn Error>> {
         let together = self.calibration.imu.is_some() || self.calibration.with_frames || !self.with.is_empty();
         if self.camera.is_some() && !together {
             let advice = "--camera holds intrinsics for --imu and --with: add one of them, or leave it out";
             return Err(UsageError(advice.to_owned()).into());
-        }
-        if self.with_camera.len() > self.with.len() {
-            return Err(UsageError("give one --with-camera for each --with at most, in their order".to_owned()).into());
         }
         let first = self.camera.as_deref().map(HeldCamera::read).transpose()?;
         let others = self.with_camera.iter().map(|path| HeldCamera::read(path)).collect::<Result<_, _>>()?;
@@ -260,6 +279,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 
 fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     // Before the work, not after it.
+    arguments.one_for_each_other()?;
     arguments.calibration.parameters()?;
     let settings = arguments.calibration.method.settings()?;
     // Read again after the camera: in a live session the file may still grow meanwhile.
@@ -270,6 +290,8 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     let others = OtherCameras {
         recordings: &arguments.with,
         streams: &arguments.with_stream,
+        sensors: &arguments.with_sensor,
+        models: &arguments.with_model,
         stamps: arguments.with_stamps,
         rolling_shutter: arguments.rolling_shutter,
     };
@@ -290,6 +312,10 @@ pub struct OtherCameras<'a> {
     pub recordings: &'a [PathBuf],
     /// Which of their streams to read, for the first of them.
     pub streams: &'a [String],
+    /// Sizes of their sensors, for the first of them.
+    pub sensors: &'a [Sensor],
+    /// Their camera models, for the first of them.
+    pub models: &'a [ModelRequest],
     /// What the time stamps of images stand for.
     pub stamps: Stamps,
     /// Whether the rows of images are exposed one after the other.
@@ -328,8 +354,14 @@ pub fn calibrate_recordings(
         .collect::<Result<Vec<Input>, _>>()?;
     let parameters = arguments.parameters()?;
     let rolling_shutter = others.rolling_shutter;
-    let open = |(path, stream): (&PathBuf, _)| Input::open_other(path, stream, others.stamps, options, &board);
-    let others = others.with_streams().map(open).collect::<Result<_, _>>()?;
+    let open = |(index, (path, stream)): (usize, (&PathBuf, _))| {
+        let sensor = others.sensors.get(index).copied().or(options.sensor);
+        let model = others.models.get(index).copied().unwrap_or(arguments.method.model);
+        let options = RecordingOptions { sensor, ..options.clone() };
+        let input = Input::open_other(path, stream, others.stamps, &options, &board)?;
+        Ok(Other { input, sensor, model })
+    };
+    let others = others.with_streams().enumerate().map(open).collect::<Result<_, InputError>>()?;
     let work = Work {
         inputs,
         others,
@@ -357,9 +389,6 @@ fn check_others(
 ) -> Result<(), Box<dyn Error>> {
     if !others.recordings.is_empty() && recordings.len() > 1 {
         return Err(SecondCameraError::SeveralRecordings.into());
-    }
-    if others.streams.len() > others.recordings.len() {
-        return Err(UsageError("give one --with-stream for each --with at most, in their order".to_owned()).into());
     }
     let own = options.stream.as_deref();
     let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());

@@ -26,6 +26,7 @@ use super::number::{decimal, decimals};
 use crate::numerics::rigid::pose_of_rows;
 use crate::result::calibrated_camera::CalibratedCamera;
 use crate::result::inertial_result::{InertialResult, SensorResult};
+use crate::result::second_camera_result::SecondCameraResult;
 
 /// Random walks of usual chips, for they are not measured: rad/s²/√Hz and m/s³/√Hz.
 const GYROSCOPE_WALK: f64 = 2e-5;
@@ -36,6 +37,8 @@ const TOPIC: &str = "/dvs/imu";
 struct Mounted<'a> {
     camera: &'a CalibratedCamera,
     inertial: &'a InertialResult,
+    /// Other cameras on the mount.
+    others: &'a [SecondCameraResult],
     /// `T_imu_camera`, row by row; none where it was not measured.
     imu_from_camera: Option<[[f64; 4]; 4]>,
     /// t_imu = t_cam + shift (s).
@@ -72,12 +75,17 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     FILES.iter().map(|file| file.name)
 }
 
-/// Name and content of each file that can hold camera and unit; where the place of the unit was not measured, of those that need
+/// Name and content of each file that can hold camera and unit, that of Kalibr with the `others` on the mount; where the place of the unit was not measured, of those that need
 /// none.
-pub fn files(camera: &CalibratedCamera, inertial: &InertialResult) -> Vec<(&'static str, String)> {
-    // The unit belongs to the intrinsics that it was solved with.
-    let held = inertial.held_camera.as_ref().and_then(|held| held.camera().ok());
-    let camera = &CalibratedCamera { camera: held.unwrap_or(camera.camera), ..camera.clone() };
+pub fn files(
+    camera: &CalibratedCamera,
+    inertial: &InertialResult,
+    others: &[SecondCameraResult],
+) -> Vec<(&'static str, String)> {
+    // The unit belongs to the intrinsics that it was solved with; files of before have those that were held only.
+    let with_unit = inertial.solved_together.as_ref().or(inertial.held_camera.as_ref());
+    let with_unit = with_unit.and_then(|known| known.camera().ok());
+    let camera = &CalibratedCamera { camera: with_unit.unwrap_or(camera.camera), ..camera.clone() };
     let text = |format: &super::content::ExportFormat| format.export(camera).ok().map(|exported| exported.text);
     let (camchain, basalt) = (text(&super::kalibr::FORMAT), text(&super::basalt::FORMAT));
     let dv_processing = text(&super::dv_processing::FORMAT);
@@ -85,6 +93,7 @@ pub fn files(camera: &CalibratedCamera, inertial: &InertialResult) -> Vec<(&'sta
     let mounted = Mounted {
         camera,
         inertial,
+        others,
         imu_from_camera: inertial.imu_from_camera,
         shift: inertial.gyroscope.delay.value + inertial.clock_origin,
         rate: (rate * 1e3).round() * 1e-3,

@@ -67,6 +67,30 @@ pub fn files(
     Ok(files)
 }
 
+/// Another camera as Kalibr's file of cameras with an inertial unit has it.
+pub(super) struct KalibrOther {
+    /// Its part of the file, to which only the unit is missing.
+    pub text: String,
+    /// `T_camera_first`.
+    pub from_first: Isometry3<f64>,
+    /// t_camera = t_first + offset (s).
+    pub time_offset: f64,
+}
+
+/// The other cameras for Kalibr; none where it has no model for one of them, for cameras are numbered.
+pub(super) fn kalibr_others(first: &CalibratedCamera, others: &[SecondCameraResult]) -> Vec<KalibrOther> {
+    let others = others.iter().filter(|result| result.from_identity.is_none());
+    let pairs: Option<Vec<Pair>> = others.map(|result| pair(first, result).ok()).collect();
+    let parts = pairs.and_then(|pairs| Some((kalibr::others(&pairs)?, pairs)));
+    let Some((texts, pairs)) = parts else { return Vec::new() };
+    let one = |(text, pair): (String, &Pair)| KalibrOther {
+        text,
+        from_first: pair.second_first,
+        time_offset: pair.result.time_offset.value,
+    };
+    texts.into_iter().zip(&pairs).map(one).collect()
+}
+
 fn pair<'a>(first: &CalibratedCamera, result: &'a SecondCameraResult) -> Result<Pair<'a>, DescriptionError> {
     let solved = |SolvedCamera { sensor, camera }: &SolvedCamera| {
         Ok(CalibratedCamera::seen_everywhere(camera.camera()?, *sensor))
@@ -100,4 +124,4 @@ fn clocks(pair: &Pair) -> String {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

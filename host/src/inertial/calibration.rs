@@ -33,6 +33,12 @@ pub struct InertialCalibration {
     pub used: usize,
     /// By how much stamps of the unit were moved before all else because the clocks have different origins (s).
     pub clock_origin: f64,
+    /// Stamp of the unit, on the clock of its file, at which the delays are stated (s).
+    pub delays_at: f64,
+    /// Distance of the knots of the trajectories that were solved for (s).
+    pub knot_spacing: f64,
+    /// The camera of the solve: with it the unit belongs together.
+    pub camera: Camera<f64>,
     /// Largest distance of an intrinsic parameter from that of the camera calibrated alone, in its σ; `None` where intrinsics of
     /// another model were held.
     pub camera_moved: Option<f64>,

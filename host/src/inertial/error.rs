@@ -36,6 +36,16 @@ pub enum InertialError {
         /// How much is needed.
         needed: f64,
     },
+    /// The samples are too far apart in time.
+    #[error(
+        "the inertial unit gives {rate:.0} samples a second, too few to follow a hand; {needed:.0} are needed, and 200 are better: set a higher rate"
+    )]
+    TooSlow {
+        /// Samples a second.
+        rate: f64,
+        /// How many are needed.
+        needed: f64,
+    },
     /// Readings stay at the end of the scale.
     #[error(
         "{:.1} % of the inertial samples are at the end of their scale: set a larger range of accelerometer and gyroscope, or move more gently",
@@ -118,7 +128,7 @@ pub enum InertialError {
     LeftHanded,
     /// Accelerometer and gyroscope do not belong to one right-handed frame.
     #[error(
-        "gravity comes out as {size:.2} m/s², not {stated:.2}: check the unit of the accelerations, the signs of the accelerometer's axes and the spacing of the board"
+        "gravity comes out as {size:.2} m/s², not {stated:.2}: check the unit of the accelerations, the signs of the accelerometer's axes and the spacing of the board, or the axes of both sensors are left-handed"
     )]
     GravitySize {
         /// Found.

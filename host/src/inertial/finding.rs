@@ -20,8 +20,11 @@ pub enum Finding {
         /// Largest σ (rad).
         sigma: f64,
     },
-    /// A delay was not measured.
-    DelayNotMeasured,
+    /// The delay of a sensor was not measured.
+    DelayNotMeasured {
+        /// Its name.
+        sensor: &'static str,
+    },
     /// Scale and misalignment of the accelerometer are mixed with its bias and gravity.
     AccelerometerNotMeasured,
     /// The camera was hardly tilted: gravity looks like the accelerometer's bias.
@@ -84,8 +87,8 @@ impl fmt::Display for Finding {
             Self::RotationNotMeasured { .. } => {
                 write!(f, "the rotation of the unit was not measured: turn the camera about two of its axes")
             }
-            Self::DelayNotMeasured => {
-                write!(f, "a delay was not measured: turn back and forth, not at a constant rate")
+            Self::DelayNotMeasured { sensor } => {
+                write!(f, "the delay of the {sensor} was not measured: turn back and forth, not at a constant rate")
             }
             Self::AccelerometerNotMeasured => write!(
                 f,

@@ -47,8 +47,10 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
     if rotation > ROTATION_LIMIT {
         findings.push(Finding::RotationNotMeasured { sigma: rotation });
     }
-    if sigma(GYROSCOPE_DELAY).max(sigma(ACCELEROMETER_DELAY)) > DELAY_LIMIT {
-        findings.push(Finding::DelayNotMeasured);
+    for (sensor, delay) in [("gyroscope", GYROSCOPE_DELAY), ("accelerometer", ACCELEROMETER_DELAY)] {
+        if sigma(delay) > DELAY_LIMIT {
+            findings.push(Finding::DelayNotMeasured { sensor });
+        }
     }
     if !calibration.is_measured(ACCELEROMETER_MATRIX..ACCELEROMETER_MATRIX + TRIANGLE.len()) {
         findings.push(Finding::AccelerometerNotMeasured);

@@ -198,7 +198,9 @@ fn write_files(
             }
         }
     }
-    for (name, text) in calibration.inertial.iter().flat_map(|unit| inertial::files(&camera, unit)) {
+    for (name, text) in
+        calibration.inertial.iter().flat_map(|unit| inertial::files(&camera, unit, &calibration.second_cameras))
+    {
         put(folder.join(exports).join(name), text.as_bytes())?;
     }
     match second_camera::files(&camera, &calibration.second_cameras) {

@@ -36,7 +36,8 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         }
         p {
             "What is left of each reading once the motion is taken off: its spread in each piece of the recording. It should be even over "
-            "time. Its spectrum should be flat up to the corner of the sensor's filter; below 25 Hz the trajectory follows the sensors."
+            "time. Its spectrum should be flat up to the corner of the sensor's filter; below "
+            (format!("{:.0}", 0.5 / inertial.knot_spacing)) " Hz the trajectory follows the sensors."
         }
         @for (index, (name, (unit, factor))) in names.iter().zip(units).enumerate() {
             div.pair {

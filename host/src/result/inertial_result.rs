@@ -11,12 +11,46 @@ use crate::inertial::findings::{DELAY_LIMIT, LINEARITY};
 use crate::inertial::joint::Noise;
 use crate::inertial::parameters::{
     ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, BOARD_SCALE, CLOCK_DRIFT, GRAVITY, GYROSCOPE_BIAS,
-    GYROSCOPE_DELAY, GYROSCOPE_MATRIX, POSITION, ROTATION, TRIANGLE,
+    GYROSCOPE_DELAY, GYROSCOPE_MATRIX, GYROSCOPE_TURN, POSITION, ROTATION, TRIANGLE,
 };
 use crate::inertial::stream::StreamReport;
 use crate::lens::camera_file::CameraDescription;
 use crate::numerics::gravity::STANDARD_GRAVITY;
 use crate::numerics::rigid::pose_of_rows;
+
+/// Correlation that is worth a word.
+const CORRELATED: f64 = 0.9;
+/// Names of the parameters whose correlations are stated, in their order.
+const NAMES: [&str; GYROSCOPE_TURN] = [
+    "rotation about x",
+    "rotation about y",
+    "rotation about z",
+    "place along x",
+    "place along y",
+    "place along z",
+    "delay of the gyroscope",
+    "delay of the accelerometer",
+    "bias of the gyroscope along x",
+    "bias of the gyroscope along y",
+    "bias of the gyroscope along z",
+    "bias of the accelerometer along x",
+    "bias of the accelerometer along y",
+    "bias of the accelerometer along z",
+    "first angle of gravity",
+    "second angle of gravity",
+    "scale of the accelerometer along x",
+    "misalignment of the accelerometer (y by x)",
+    "scale of the accelerometer along y",
+    "misalignment of the accelerometer (z by x)",
+    "misalignment of the accelerometer (z by y)",
+    "scale of the accelerometer along z",
+    "scale of the gyroscope along x",
+    "misalignment of the gyroscope (y by x)",
+    "scale of the gyroscope along y",
+    "misalignment of the gyroscope (z by x)",
+    "misalignment of the gyroscope (z by y)",
+    "scale of the gyroscope along z",
+];
 
 /// A number with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,7 +66,7 @@ pub struct Uncertain<T> {
 pub struct SensorResult {
     /// Seconds by which its stamps are later than events of the same moment.
     pub delay: Uncertain<f64>,
-    /// What it reads too much: m/s² or rad/s.
+    /// Reading less truth: m/s² or rad/s.
     pub bias: Uncertain<[f64; 3]>,
     /// M, row by row: it reads M times the truth, plus the bias.
     pub matrix: [[f64; 3]; 3],
@@ -60,6 +94,9 @@ fn measured() -> bool {
 /// A calibrated inertial unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InertialResult {
+    /// Whether the result is good, and how well it is known.
+    #[serde(default)]
+    pub verdict: String,
     /// From coordinates of the camera to those of the unit, row by row; none where rotation or place was not measured.
     #[serde(rename = "T_imu_camera")]
     pub imu_from_camera: Option<[[f64; 4]; 4]>,
@@ -84,6 +121,9 @@ pub struct InertialResult {
     pub clock_drift: Uncertain<f64>,
     /// Seconds taken off the unit's stamps before all else, for a clock with another origin.
     pub clock_origin: f64,
+    /// Stamp of the unit at which the delays hold, if its clock drifts (s).
+    #[serde(default)]
+    pub delays_at: f64,
     /// Correlation of the turns of camera and unit at the start.
     pub correlation: f64,
     /// Samples used.
@@ -96,10 +136,14 @@ pub struct InertialResult {
     /// The camera at which intrinsics were held; absent where they were solved for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub held_camera: Option<CameraDescription>,
+    /// The camera as the solve has it, or as it was held: what belongs to the unit most exactly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub solved_together: Option<CameraDescription>,
     /// Scatter of blocks of time over the formal variance.
     pub block_scatter: f64,
-    /// Correlation of rotation, place and delays (gyroscope, accelerometer).
-    pub correlations: [[f64; 8]; 8],
+    /// Correlation of rotation, place, delays, biases (gyroscope, accelerometer), the two angles of gravity, and the lower triangles of the
+    /// matrices (accelerometer, gyroscope), in this order.
+    pub correlations: Vec<Vec<f64>>,
     /// What speaks against it.
     pub findings: Vec<String>,
 }
@@ -135,7 +179,8 @@ impl InertialResult {
                 }
             };
         let whole: Matrix4<f64> = parameters.imu_from_camera().to_homogeneous();
-        Self {
+        let mut result = Self {
+            verdict: String::new(),
             imu_from_camera: (unmeasured.is_empty() && !rotation_lost).then(|| whole.transpose().into()),
             rotation_sigma: three(ROTATION),
             position_in_camera: Uncertain {
@@ -160,23 +205,67 @@ impl InertialResult {
             board_scale: Uncertain { value: parameters.board_scale, sigma: sigma(BOARD_SCALE).hypot(LINEARITY) },
             clock_drift: Uncertain { value: parameters.clock_drift, sigma: sigma(CLOCK_DRIFT) },
             clock_origin: calibration.clock_origin,
+            delays_at: calibration.delays_at,
             correlation: calibration.correlation,
             used: calibration.used,
             streams: calibration.streams.clone(),
             camera_moved: calibration.camera_moved,
             held_camera: calibration.held.as_ref().map(CameraDescription::new),
+            solved_together: Some(CameraDescription::new(&calibration.camera)),
             block_scatter: calibration.block_scatter,
-            correlations: std::array::from_fn(|row| {
-                std::array::from_fn(|column| calibration.covariance[(row, column)] / (sigma(row) * sigma(column)))
-            }),
+            correlations: correlations(calibration),
             findings: calibration.findings.iter().map(ToString::to_string).collect(),
+        };
+        result.verdict = result.judged(calibration);
+        result
+    }
+
+    fn judged(&self, calibration: &InertialCalibration) -> String {
+        let fails = |finding: &Finding| {
+            matches!(
+                finding,
+                Finding::PositionNotMeasured { .. }
+                    | Finding::RotationNotMeasured { .. }
+                    | Finding::DelayNotMeasured { .. }
+                    | Finding::Loose { .. }
+            )
+        };
+        let is_harmless = |finding: &Finding| {
+            matches!(finding, Finding::ClockDrift { .. } | Finding::Missing { .. } | Finding::Saturated { .. })
+        };
+        let grade = match calibration.findings.as_slice() {
+            findings if findings.iter().any(fails) => "Not good enough",
+            findings if findings.iter().all(is_harmless) => "Good",
+            _ => "Usable, with what the notes say",
+        };
+        let largest = |first: usize| (0..3).map(|axis| calibration.sigma(first + axis)).fold(0.0, f64::max);
+        let delays = self.gyroscope.delay.sigma.max(self.accelerometer.delay.sigma);
+        format!(
+            "{grade}: the rotation is known to {:.3}°, the place to {:.2} mm (σ of the worst axis), the delays to {:.3} ms.",
+            largest(ROTATION).to_degrees(),
+            1e3 * largest(POSITION),
+            1e3 * delays
+        )
+    }
+
+    /// Pairs of parameters that are strongly correlated.
+    fn correlated(&self) -> Vec<(&'static str, &'static str, f64)> {
+        let mut pairs = Vec::new();
+        for (row, (values, other)) in self.correlations.iter().zip(NAMES).enumerate() {
+            let of_row = values.iter().take(row).zip(NAMES);
+            let strong = of_row.filter(|(value, _)| value.abs() > CORRELATED);
+            pairs.extend(strong.map(|(&value, one)| (one, other, value)));
         }
+        pairs
     }
 
     /// The result in words: each number with its σ, each transform and delay with its direction.
     pub fn sentences(&self) -> String {
         let held = if self.held_camera.is_some() { ", the camera's intrinsics held" } else { "" };
         let mut text = format!("inertial unit, from {} samples{held}:\n", self.used);
+        if !self.verdict.is_empty() {
+            let _ = writeln!(text, "  {}", self.verdict);
+        }
         self.place(&mut text);
         for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {
             let Uncertain { value, sigma } = sensor.delay;
@@ -201,7 +290,7 @@ impl InertialResult {
         let Uncertain { value, sigma } = self.gyroscope.bias;
         let _ = writeln!(
             text,
-            "  the gyroscope reads {} ± {} °/s too much (its axes)",
+            "  bias of the gyroscope (reading less truth): {} ± {} °/s (its axes)",
             list(value, degrees, 3),
             list(sigma, degrees, 3)
         );
@@ -209,7 +298,7 @@ impl InertialResult {
         let milli = 1e3 / STANDARD_GRAVITY;
         let _ = writeln!(
             text,
-            "  the accelerometer reads {} ± {} mg too much (its axes)",
+            "  bias of the accelerometer (reading less truth): {} ± {} mg (its axes)",
             list(value, milli, 2),
             list(sigma, milli, 2)
         );
@@ -236,6 +325,9 @@ impl InertialResult {
         self.noises(&mut text);
         let Uncertain { value, sigma } = self.board_scale;
         let _ = write!(text, "  the board is {value:.4} ± {sigma:.4} of its stated size, says the accelerometer");
+        for (one, other, value) in self.correlated() {
+            let _ = write!(text, "\n  {one} and {other} are correlated by {value:.2}");
+        }
         for finding in &self.findings {
             let _ = write!(text, "\n  note: {finding}");
         }
@@ -281,6 +373,15 @@ impl InertialResult {
             told(self.accelerometer.noise_measured),
         );
     }
+}
+
+/// Correlations of the parameters that have [`NAMES`].
+fn correlations(calibration: &InertialCalibration) -> Vec<Vec<f64>> {
+    let of = |row: usize, column: usize| {
+        let size = calibration.sigma(row) * calibration.sigma(column);
+        if size > 0.0 { calibration.covariance[(row, column)] / size } else { 0.0 }
+    };
+    (0..NAMES.len()).map(|row| (0..NAMES.len()).map(|column| of(row, column)).collect()).collect()
 }
 
 fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {

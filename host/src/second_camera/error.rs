@@ -11,6 +11,9 @@ pub enum SecondCameraError {
         "cameras are calibrated against the trajectory of the first one's events: leave out --frames-only, and give a recording of events before --with"
     )]
     NoTrajectory,
+    /// The second camera was calibrated from circles.
+    #[error("give events, not circles, with --with: circles tell too little of the time between them")]
+    CirclesOfSecond,
     /// Which recording of the first camera belongs to that of the second?
     #[error("a second camera belongs to one recording of the first: give one recording before --with")]
     SeveralRecordings,

@@ -66,7 +66,7 @@ impl fmt::Display for Finding {
         match self {
             Self::PlaceNotMeasured { sigma } => write!(
                 f,
-                "where the cameras are on each other was hardly measured (± {:.1} mm): record longer, near the board",
+                "the place of one camera seen from the other was hardly measured (± {:.1} mm): record longer, near the board",
                 1e3 * sigma
             ),
             Self::RotationNotMeasured { sigma } => write!(

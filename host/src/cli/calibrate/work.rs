@@ -1,5 +1,6 @@
 //! One calibration: what it is made from, the calibration itself, what is written and printed of it.
 
+use std::fmt;
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 
@@ -16,6 +17,7 @@ use evcal::calibrate::step::Step;
 use evcal::calibrate::{PictureUse, Task, calibrate};
 use evcal::files::folder::OutputFolder;
 use evcal::inertial::error::InertialError;
+use evcal::initial::model_choice::ModelRequest;
 use evcal::output::failure::{Failure, write_failure};
 use evcal::output::folder::write_folder;
 use evcal::second_camera::error::SecondCameraError;
@@ -44,12 +46,22 @@ fn files_of(failure: &Failure) -> String {
     if files.is_empty() { String::new() } else { format!("\n  what was seen: {}", files.join(", ")) }
 }
 
+/// Another camera on the mount.
+pub struct Other {
+    /// Its recording.
+    pub input: Input,
+    /// Size of its sensor, where the recording does not tell it.
+    pub sensor: Option<Sensor>,
+    /// Its camera model.
+    pub model: ModelRequest,
+}
+
 /// What is calibrated, and how.
 pub struct Work<'a> {
     /// Recordings, or circles found before.
     pub inputs: Vec<Input>,
     /// The recording of each other camera on the mount.
-    pub others: Vec<Input>,
+    pub others: Vec<Other>,
     /// Whether the rows of their frames are exposed one after the other.
     pub rolling_shutter: bool,
     /// Cameras whose intrinsics are held where they are solved with something else.
@@ -83,7 +95,11 @@ impl Work<'_> {
             (_, true, _) => PictureUse::Joint,
             (.., true) => PictureUse::SecondCamera,
             // Those in the bag are another camera's.
-            _ if self.others.iter().any(|other| matches!(other, Input::Images(_)) && self.is_of_first(other)) => {
+            _ if self
+                .others
+                .iter()
+                .any(|Other { input, .. }| matches!(input, Input::Images(_)) && self.is_of_first(input)) =>
+            {
                 PictureUse::Ignore
             }
             (false, false, false) => PictureUse::Witness,
@@ -156,8 +172,10 @@ impl Work<'_> {
             print::aside(format!("is the board right? It looks like {found}: --board {board}"));
         }
         // The camera is written all the same.
-        inertial?;
-        others?;
+        let failed: Vec<Beside> = inertial.err().into_iter().chain(others).collect();
+        if !failed.is_empty() {
+            return Err(AllBeside(failed).into());
+        }
         match calibrated.verdict.grade {
             Grade::NotGood if !self.arguments.accept_any => Err(NotGoodEnough.into()),
             _ => Ok(()),
@@ -172,15 +190,47 @@ enum BesideError {
     Inertial(#[from] InertialError),
     #[error(transparent)]
     Held(#[from] OtherSensor),
-    #[error("{file}: {error}")]
-    Apart { file: String, error: CalibrateError },
+    #[error(transparent)]
+    Apart(CalibrateError),
     #[error(transparent)]
     Together(#[from] SecondCameraError),
 }
 
+/// What was not calibrated beside the first camera, by its option or file, and why.
+#[derive(Debug)]
+struct Beside {
+    what: String,
+    error: BesideError,
+}
+
+/// All that was not calibrated beside the first camera: one does not keep the others from being calibrated.
+#[derive(Debug)]
+struct AllBeside(Vec<Beside>);
+
+impl std::error::Error for AllBeside {}
+
+impl fmt::Display for AllBeside {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.as_slice() {
+            // What it is about goes without saying, but for the calibration of another camera apart.
+            [Beside { what, error: error @ BesideError::Apart(_) }] => write!(f, "{what}: {error}"),
+            [Beside { error, .. }] => write!(f, "{error}"),
+            several => {
+                write!(f, "{} were not calibrated:", several.len())?;
+                several.iter().try_for_each(|Beside { what, error }| write!(f, "\n  {what}: {error}"))
+            }
+        }
+    }
+}
+
 impl Work<'_> {
     /// Calibrates the inertial unit, where it is asked for, and keeps it with the camera.
-    fn add_inertial(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), BesideError> {
+    fn add_inertial(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), Beside> {
+        let added = self.add_unit(calibrated, waiting);
+        added.map_err(|error| Beside { what: "the inertial unit".to_owned(), error })
+    }
+
+    fn add_unit(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), BesideError> {
         let Some(request) = self.arguments.inertial_request() else { return Ok(()) };
         waiting.stage("inertial unit", None);
         let inertial = calibrate_inertial(calibrated, &self.inputs, &request, self.held_of_first(calibrated)?)?;
@@ -194,42 +244,64 @@ impl Work<'_> {
         self.held.first.as_ref().map(|held| held.of(first.sensor)).transpose()
     }
 
-    /// Calibrates the other cameras, and keeps them with the first.
-    fn add_others(&self, first: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Result<(), BesideError> {
+    /// Calibrates the other cameras, and keeps them with the first; beside it, what failed.
+    fn add_others(&self, first: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Vec<Beside> {
+        let mut failed = Vec::new();
+        if task.pictures == PictureUse::SecondCamera
+            && let Err(error) = self.add_own_frames(first, waiting)
+        {
+            failed.push(Beside { what: "the camera's own frames".to_owned(), error });
+        }
+        for (number, other) in self.others.iter().enumerate() {
+            if let Err(error) = self.add_other(first, (number, other), task, waiting) {
+                failed.push(Beside { what: other.input.name(), error });
+            }
+        }
+        failed
+    }
+
+    fn add_own_frames(&self, first: &mut Calibrated, waiting: &mut Waiting) -> Result<(), BesideError> {
+        waiting.stage("frames as a second camera", None);
+        let frames = calibrate_own_pictures(first, self.held_of_first(first)?, &self.settings.uncertainty)?;
+        keep(first, frames);
+        Ok(())
+    }
+
+    fn add_other(
+        &self,
+        first: &mut Calibrated,
+        (number, Other { input, sensor, model }): (usize, &Other),
+        task: &Task,
+        waiting: &mut Waiting,
+    ) -> Result<(), BesideError> {
         let uncertainty = &self.settings.uncertainty;
-        if task.pictures == PictureUse::SecondCamera {
-            waiting.stage("frames as a second camera", None);
-            keep(first, calibrate_own_pictures(first, self.held_of_first(first)?, uncertainty)?);
-        }
-        for (number, input) in self.others.iter().enumerate() {
-            let file = input.name();
-            let inputs = std::slice::from_ref(input);
-            let pictures = match input {
-                Input::Images(_) => PictureUse::Only,
-                // Frames in it are the first camera's.
-                _ if self.is_of_first(input) => PictureUse::Ignore,
-                _ => PictureUse::Witness,
-            };
-            let task = Task { inputs, pictures, parameters: ParameterRequests::default(), ..*task };
-            let second = calibrate(&task, |step| {
-                waiting.stage(step.text, step.done);
-                ControlFlow::Continue(())
-            });
-            let second = second.map_err(|error| BesideError::Apart { file: file.clone(), error })?;
-            waiting.stage("both cameras", None);
-            let held = self.held.others.get(number).map(|held| held.of(second.sensor)).transpose()?;
-            let lenses = [self.held_of_first(first)?, held];
-            let second = match input {
-                Input::Images(images) => {
-                    let frames = (images, self.rolling_shutter);
-                    calibrate_frame_camera(first, &second, frames, &self.board, lenses, uncertainty)?
-                }
-                Input::Events(_) | Input::Circles { .. } => {
-                    calibrate_second_camera(first, &second, &file, &self.board, lenses, uncertainty)?
-                }
-            };
-            keep(first, second);
-        }
+        let inputs = std::slice::from_ref(input);
+        let pictures = match input {
+            Input::Images(_) => PictureUse::Only,
+            // Frames in it are the first camera's.
+            _ if self.is_of_first(input) => PictureUse::Ignore,
+            _ => PictureUse::Witness,
+        };
+        let parameters = ParameterRequests::default();
+        let task = Task { inputs, pictures, parameters, sensor: *sensor, model: *model, ..*task };
+        let second = calibrate(&task, |step| {
+            waiting.stage(step.text, step.done);
+            ControlFlow::Continue(())
+        });
+        let second = second.map_err(BesideError::Apart)?;
+        waiting.stage("both cameras", None);
+        let held = self.held.others.get(number).map(|held| held.of(second.sensor)).transpose()?;
+        let lenses = [self.held_of_first(first)?, held];
+        let second = match input {
+            Input::Images(images) => {
+                let frames = (images, self.rolling_shutter);
+                calibrate_frame_camera(first, &second, frames, &self.board, lenses, uncertainty)?
+            }
+            Input::Events(_) | Input::Circles { .. } => {
+                calibrate_second_camera(first, &second, &input.name(), &self.board, lenses, uncertainty)?
+            }
+        };
+        keep(first, second);
         Ok(())
     }
 }

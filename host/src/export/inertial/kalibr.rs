@@ -7,18 +7,36 @@
 
 use std::fmt::Write as _;
 
+use nalgebra::Matrix4;
+
 use super::{Mounted, TOPIC, camera_from_imu, matrix_rows, noise_lines};
 use crate::export::number::{decimal, quoted};
+use crate::export::second_camera;
 
-/// `camchain-imucam.yaml` from the text of `camchain.yaml`.
+/// `camchain-imucam.yaml` from the text of `camchain.yaml`, and the other cameras on the mount that Kalibr's models hold.
 pub fn camchain(mounted: &Mounted) -> Option<String> {
-    let mut text = mounted.camchain?.to_owned();
-    let _ = writeln!(text, "  # from the unit's coordinates to the camera's\n  T_cam_imu:");
-    let rows = <[[f64; 4]; 4]>::from(camera_from_imu(&mounted.imu_from_camera?).transpose());
-    text += &matrix_rows(&rows, "  ");
-    let _ = writeln!(text, "  # t_imu = t_cam + timeshift_cam_imu (gyroscope)");
-    let _ = writeln!(text, "  timeshift_cam_imu: {}", decimal(mounted.shift));
+    let first_from_imu = camera_from_imu(&mounted.imu_from_camera?);
+    let others = second_camera::kalibr_others(mounted.camera, mounted.others);
+    let numbers: Vec<String> = (1..=others.len()).map(|number| number.to_string()).collect();
+    let overlaps = format!("cam_overlaps: [{}]", numbers.join(", "));
+    let mut text = mounted.camchain?.replacen("cam_overlaps: []", &overlaps, 1);
+    text += &with_unit(first_from_imu, mounted.shift);
+    for other in &others {
+        text += &other.text;
+        // t_n = t_0 + offset, and t_imu = t_0 + shift.
+        text += &with_unit(other.from_first.to_homogeneous() * first_from_imu, mounted.shift - other.time_offset);
+    }
     Some(text)
+}
+
+/// The unit as a camera has it.
+fn with_unit(camera_from_imu: Matrix4<f64>, shift: f64) -> String {
+    let rows = <[[f64; 4]; 4]>::from(camera_from_imu.transpose());
+    format!(
+        "  # from the unit's coordinates to the camera's\n  T_cam_imu:\n{}  # t_imu = t_cam + timeshift_cam_imu (gyroscope)\n  timeshift_cam_imu: {}\n",
+        matrix_rows(&rows, "  "),
+        decimal(shift)
+    )
 }
 
 /// `imu.yaml`.

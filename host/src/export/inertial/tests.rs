@@ -7,6 +7,8 @@ use serde_json::Value;
 use yaml_rust2::{Yaml, YamlLoader};
 
 use super::*;
+use crate::export::second_camera::tests::result;
+use crate::lens::camera_file::CameraDescription;
 use crate::result::inertial_result::Uncertain;
 
 const DELAY: f64 = 0.002_781;
@@ -47,6 +49,7 @@ fn unit() -> InertialResult {
         residual_rms: 0.1,
     };
     InertialResult {
+        verdict: String::new(),
         imu_from_camera: Some(pose().to_homogeneous().transpose().into()),
         rotation_sigma: [1e-4; 3],
         position_in_camera: Uncertain { value: [None; 3], sigma: [None; 3] },
@@ -58,13 +61,15 @@ fn unit() -> InertialResult {
         board_scale: Uncertain { value: 1.0, sigma: 3e-3 },
         clock_drift: Uncertain { value: 0.0, sigma: 1e-6 },
         clock_origin: 0.0,
+        delays_at: 15.0,
         correlation: 0.99,
         used: 30_000,
         streams: serde_json::from_str(STREAMS).unwrap(),
         camera_moved: Some(0.1),
         held_camera: None,
+        solved_together: None,
         block_scatter: 1.0,
-        correlations: [[0.0; 8]; 8],
+        correlations: Vec::new(),
         findings: Vec::new(),
     }
 }
@@ -77,7 +82,7 @@ fn camera() -> CalibratedCamera {
 }
 
 fn text(name: &str) -> String {
-    let files = files(&camera(), &unit());
+    let files = files(&camera(), &unit(), &[]);
     assert_eq!(files.len(), FILES.len());
     files.into_iter().find(|(found, _)| *found == name).unwrap().1
 }
@@ -91,7 +96,7 @@ fn yaml(name: &str) -> Yaml {
 fn numbers(value: &Yaml) -> Vec<f64> {
     match value {
         Yaml::Array(values) => values.iter().flat_map(numbers).collect(),
-        value => vec![value.as_f64().unwrap()],
+        value => vec![value.as_f64().or(value.as_i64().map(|value| value as f64)).unwrap()],
     }
 }
 
@@ -135,6 +140,42 @@ fn kalibr_has_the_unit_in_the_camera() {
     assert!((imu["gyroscope_noise_density"].as_f64().unwrap() - 2e-4).abs() < 1e-15);
 }
 
+/// A point of the unit comes to each camera by way of the first, and a moment of the unit is at t_imu − shift on each clock.
+#[test]
+fn kalibr_has_the_unit_in_every_camera() {
+    let others = [result(0), result(1)];
+    let text =
+        files(&camera(), &unit(), &others).into_iter().find(|(name, _)| *name == "camchain-imucam.yaml").unwrap().1;
+    let chain = YamlLoader::load_from_str(&text).unwrap().remove(0);
+    assert_eq!(chain.as_hash().unwrap().len(), 3);
+    assert_eq!(numbers(&chain["cam0"]["cam_overlaps"]), [1.0, 2.0]);
+    let mut before = four(&chain["cam0"]["T_cam_imu"]);
+    is_camera_to_unit(before.try_inverse().unwrap());
+    let from_unit = before;
+    for (name, other) in ["cam1", "cam2"].into_iter().zip(&others) {
+        let found = four(&chain[name]["T_cam_imu"]);
+        assert!((found - other.pose().to_homogeneous() * from_unit).norm() < 1e-12, "{name}: {found}");
+        assert!((four(&chain[name]["T_cn_cnm1"]) * before - found).norm() < 1e-12, "{name}: the chain is another way");
+        before = found;
+        let in_first = 12.5;
+        let in_unit = in_first + DELAY;
+        let in_this = in_first + other.time_offset.value;
+        assert!((in_this + chain[name]["timeshift_cam_imu"].as_f64().unwrap() - in_unit).abs() < 1e-12, "{name}");
+    }
+}
+
+/// A camera that the solve with the unit moved is the one that belongs to it.
+#[test]
+fn the_camera_is_that_of_the_solve_with_the_unit() {
+    let parameters = [81.5, 80.1, 39.3, 29.4, -0.01, 0.001, 0.0, 0.0];
+    let moved = Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap();
+    let solved_together = Some(CameraDescription::new(&moved));
+    let files = files(&camera(), &InertialResult { solved_together, ..unit() }, &[]);
+    let text = &files.iter().find(|(name, _)| *name == "camchain-imucam.yaml").unwrap().1;
+    let focal = numbers(&YamlLoader::load_from_str(text).unwrap()[0]["cam0"]["intrinsics"])[0];
+    assert!((focal - 81.5).abs() < 1e-9, "{focal}");
+}
+
 /// ω = R_IMUtoGYROᵀ Tw⁻¹ (ω_m − Tg a − b), a = R_IMUtoACCᵀ Ta⁻¹ (a_m − b); Tw and Ta are lower triangular in its model `kalibr`.
 #[test]
 fn openvins_undoes_the_readings() {
@@ -160,8 +201,28 @@ fn vins_has_the_camera_in_the_body() {
     let file = yaml("vins-fusion.yaml");
     is_camera_to_unit(four(&file["body_T_cam0"]["data"]));
     assert_eq!(file["td"].as_f64(), Some(DELAY));
-    assert!((file["acc_n"].as_f64().unwrap() - 4e-3).abs() < 1e-15);
     assert_eq!((file["g_norm"].as_f64(), file["image_width"].as_i64()), (Some(9.81), Some(80)));
+}
+
+/// After a second of steps as VINS takes them, covariance ← covariance + V noise Vᵀ with V of half a step for each of two readings and of a
+/// step for a walk, velocity, angle and biases are as uncertain as white noise of these densities makes them.
+#[test]
+fn vins_integrates_the_noise_of_samples() {
+    let file = yaml("vins-fusion.yaml");
+    let after_a_second = |entry: &str, parts: &[f64]| {
+        let dt = 1e-3;
+        let step: f64 = parts.iter().map(|part| (part * dt * file[entry].as_f64().unwrap()).powi(2)).sum();
+        (1000.0 * step).sqrt()
+    };
+    for (entry, parts, density) in [
+        ("acc_n", &[0.5, 0.5][..], 4e-3),
+        ("gyr_n", &[0.5, 0.5], 2e-4),
+        ("acc_w", &[1.0], ACCELEROMETER_WALK),
+        ("gyr_w", &[1.0], GYROSCOPE_WALK),
+    ] {
+        let found = after_a_second(entry, parts);
+        assert!((found / density - 1.0).abs() < 1e-9, "{entry}: {found}, not {density}");
+    }
 }
 
 /// ω = (I + S) ω_m − b with S by columns; a = (I + S) a_m − b with the lower triangle by columns.
@@ -214,7 +275,7 @@ fn ros_has_the_camera_as_the_child() {
 
 #[test]
 fn a_unit_whose_place_is_not_known_has_its_own_figures_only() {
-    let files = files(&camera(), &InertialResult { imu_from_camera: None, ..unit() });
+    let files = files(&camera(), &InertialResult { imu_from_camera: None, ..unit() }, &[]);
     let names: Vec<&str> = files.iter().map(|(name, _)| *name).collect();
     assert_eq!(names, ["imu.yaml", "kalibr_imu_chain.yaml"]);
 }

@@ -3,6 +3,10 @@
 //! `body_T_cam0` maps coordinates of the camera to those of the unit. `td` is what is added to a stamp of the camera to have that of
 //! the unit. Its model has no scale and no misalignment: the noise stands for errors of both, unless the readings
 //! are corrected before.
+//!
+//! Noise is given a sample, not as densities. `integration_base.h` adds the noise of two readings to a step of dt, each with half of
+//! dt, which is 2 (dt/2)² `acc_n`² to the variance of a velocity; a density σ adds σ² dt. With dt = 1/rate, `acc_n` = σ √(2 rate). A bias
+//! walks by dt `acc_w` a step, where a density σ adds σ² dt to its variance: `acc_w` = σ √rate.
 
 use std::fmt::Write as _;
 
@@ -21,14 +25,20 @@ pub fn write(mounted: &Mounted) -> Option<String> {
     text += "# From the camera's coordinates to the unit's.\nestimate_extrinsic: 0\nbody_T_cam0: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n";
     let _ = writeln!(text, "   data: [{}]", decimals(&mounted.imu_from_camera?.concat()));
     let _ = writeln!(text, "# t_imu = t_cam + td (gyroscope)\nestimate_td: 0\ntd: {}", decimal(mounted.shift));
-    let _ = writeln!(text, "# Densities; random walks are not measured: they are those of usual chips.");
+    let _ = writeln!(
+        text,
+        "# Of a sample at {} Hz: densities times the root of twice the rate, random walks times the root of the rate.",
+        decimal(mounted.rate)
+    );
+    let _ = writeln!(text, "# Random walks are not measured: they are those of usual chips.");
+    let (noise, walk) = ((2.0 * mounted.rate).sqrt(), mounted.rate.sqrt());
     let _ = writeln!(
         text,
         "acc_n: {}\ngyr_n: {}",
-        decimal(mean(&inertial.accelerometer)),
-        decimal(mean(&inertial.gyroscope))
+        decimal(noise * mean(&inertial.accelerometer)),
+        decimal(noise * mean(&inertial.gyroscope))
     );
-    let _ = writeln!(text, "acc_w: {}\ngyr_w: {}", decimal(ACCELEROMETER_WALK), decimal(GYROSCOPE_WALK));
+    let _ = writeln!(text, "acc_w: {}\ngyr_w: {}", decimal(walk * ACCELEROMETER_WALK), decimal(walk * GYROSCOPE_WALK));
     let _ = writeln!(text, "g_norm: {}", decimal(gravity));
     Some(text)
 }

@@ -15,18 +15,24 @@ use crate::result::calibrated_camera::CalibratedCamera;
 /// `camchain-cameras.yaml`; `None` where a camera has no model that the format holds, or there is no second one.
 pub fn write(pairs: &[Pair]) -> Option<String> {
     let others: Vec<usize> = (1..=pairs.len()).collect();
-    let mut text = camera(&pairs.first()?.first, 0, &others)?;
+    Some(camera(&pairs.first()?.first, 0, &others)? + &self::others(pairs)?.concat())
+}
+
+/// The parts of all cameras but the first.
+pub fn others(pairs: &[Pair]) -> Option<Vec<String>> {
     let mut before = Isometry3::identity();
+    let mut parts = Vec::new();
     for (index, pair) in pairs.iter().enumerate() {
-        text += &camera(&pair.second, index + 1, &[0])?;
+        let mut text = camera(&pair.second, index + 1, &[0])?;
         let from_before = pair.second_first * before.inverse();
         let _ = writeln!(text, "  # from the coordinates of cam{index} to those of cam{}\n  T_cn_cnm1:", index + 1);
         let rows = <[[f64; 4]; 4]>::from(from_before.to_homogeneous().transpose());
         rows.iter().for_each(|row| text += &format!("  - [{}]\n", decimals(row)));
         let _ = writeln!(text, "  # cam0 is the first, cam{} the second camera here: {}", index + 1, clocks(pair));
         before = pair.second_first;
+        parts.push(text);
     }
-    Some(text)
+    Some(parts)
 }
 
 /// The part of one camera, whose number is `number` and whose views overlap with those of the cameras `with`.

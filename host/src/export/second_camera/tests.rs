@@ -25,7 +25,8 @@ fn lens(shift: f64) -> Camera<f64> {
     Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap()
 }
 
-fn result(index: usize) -> SecondCameraResult {
+/// The second or third camera of a mount.
+pub(in crate::export) fn result(index: usize) -> SecondCameraResult {
     let of = |shift: f64| CameraDescription::new(&lens(shift));
     let solved = |shift: f64| SolvedCamera { sensor: SENSOR, camera: of(shift) };
     SecondCameraResult {
