@@ -8,6 +8,7 @@ use crate::initial::InitialError;
 use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
 use crate::recording::RecordingError;
+use crate::recording::pass::SensorTooSmall;
 use crate::recording::images::ImagesError;
 use crate::recording::information::sensor_advice;
 use crate::solve::SolveError;
@@ -37,22 +38,8 @@ pub enum CalibrateError {
         likely: Option<Sensor>,
     },
     /// Many events are beyond the sensor that was asked for.
-    #[error(
-        "{file}: {outside} of {total} events lie outside of {sensor} pixels, which --sensor asks for: {}",
-        match .own { Some(own) => format!("leave it out, the file says {own}"), None => "give the true size".to_owned() }
-    )]
-    SensorTooSmall {
-        /// The file.
-        file: String,
-        /// Events outside.
-        outside: u64,
-        /// All events.
-        total: u64,
-        /// The sensor asked for.
-        sensor: Sensor,
-        /// What the file says.
-        own: Option<Sensor>,
-    },
+    #[error(transparent)]
+    SensorTooSmall(#[from] SensorTooSmall),
     /// Events come so seldom or so often that their times are in another unit.
     #[error("{file}: no board found, and {unit}: {}", unit.advice())]
     TimeUnit {

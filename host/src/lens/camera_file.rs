@@ -152,9 +152,39 @@ impl CameraDescription {
 /// [`CameraFileError`].
 pub fn read(path: &Path) -> Result<(Camera<f64>, Sensor), CameraFileError> {
     let path = camera_path(path);
-    let parsed: CameraFile = parse(&path)?;
+    let parsed: CameraFile = match parse(&path) {
+        Ok(parsed) => parsed,
+        Err(error) => flat(&path).ok_or(error)?,
+    };
     let camera = parsed.camera.camera().map_err(|error| wrong(&path, error))?;
     Ok((camera, parsed.sensor))
+}
+
+/// A camera whose numbers are not in `parameters`, as other simulators write it.
+#[derive(Deserialize)]
+struct Flat {
+    camera: FlatCamera,
+}
+
+/// See there.
+#[derive(Deserialize)]
+struct FlatCamera {
+    model: String,
+    width: u16,
+    height: u16,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    dist: Parameters,
+}
+
+fn flat(path: &Path) -> Option<CameraFile> {
+    let Flat { camera } = serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()?;
+    let FlatCamera { model, width, height, fx, fy, cx, cy, dist } = camera;
+    let model = if model == "kb4" { ModelKind::KannalaBrandt.name().to_owned() } else { model };
+    let parameters = dist.and_before([("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy)]);
+    Some(CameraFile { sensor: Sensor::new(width, height), camera: CameraDescription { model, parameters } })
 }
 
 /// The layout of a file, and nothing else of it.
@@ -200,4 +230,31 @@ fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
 /// The error for a camera that is none.
 pub fn wrong(path: &Path, error: DescriptionError) -> CameraFileError {
     CameraFileError::Model { file: path.display().to_string(), error }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What other simulators write as their truth: numbers beside the model, the size within the camera.
+    #[test]
+    fn a_camera_with_its_numbers_beside_the_model_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("truth.json");
+        let text = |model: &str, dist: &str| {
+            format!(
+                r#"{{"camera": {{"model": "{model}", "width": 346, "height": 260, "fx": 331.6, "fy": 331.1, "cx": 176.9, "cy": 134.2, "dist": {dist}}}}}"#
+            )
+        };
+        std::fs::write(&path, text("radtan", r#"{"k1": -0.352, "k2": 0.149, "p1": -4e-4, "p2": 5e-4, "k3": -0.03}"#)).unwrap();
+        let (camera, sensor) = read(&path).unwrap();
+        assert_eq!(sensor, Sensor::new(346, 260));
+        assert_eq!(camera.kind(), ModelKind::Radtan);
+        assert_eq!(camera.parameters(), [331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -4e-4, 5e-4, -0.03]);
+        std::fs::write(&path, text("kb4", r#"{"k1": -0.018, "k2": 0.006, "k3": -0.003, "k4": 6e-4}"#)).unwrap();
+        assert_eq!(read(&path).unwrap().0.kind(), ModelKind::KannalaBrandt);
+        std::fs::write(&path, text("radtan", r#"{"k1": -0.352}"#)).unwrap();
+        let error = read(&path).unwrap_err().to_string();
+        assert!(error.contains("k2"), "{error}");
+    }
 }

@@ -21,7 +21,7 @@ pub enum LayoutError {
     #[error("no line with numbers was found at its beginning; a line `t x y p` per event is expected")]
     NoNumbers,
     /// More or fewer fields than four, without names.
-    #[error("its lines have {0} fields and no names, where t, x, y and p were expected; {ASK}")]
+    #[error("it has {0} fields in a row and no names, where t, x, y and p were expected; {ASK}")]
     FieldCount(usize),
     /// No order of columns fits the values.
     #[error("it is not clear which columns are time, x, y and polarity; {ASK}")]
@@ -55,9 +55,9 @@ pub fn of_name(name: &str) -> (Column, Option<TimeUnit>) {
         Some("t" | "ts" | "time" | "times" | "timestamp" | "timestamps") => {
             (Column::T, words.find_map(|word| word.parse().ok()))
         }
-        Some("x") => (Column::X, None),
-        Some("y") => (Column::Y, None),
-        Some("p" | "pol" | "polarity" | "polarities" | "on") => (Column::P, None),
+        Some("x" | "xs") => (Column::X, None),
+        Some("y" | "ys") => (Column::Y, None),
+        Some("p" | "ps" | "pol" | "polarity" | "polarities" | "on") => (Column::P, None),
         _ => (Column::Ignored, None),
     }
 }

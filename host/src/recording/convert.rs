@@ -14,6 +14,7 @@ use usb_davis::capture::CaptureError;
 
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
 use super::extras::{Extra, NoExtras, ReadExtras, left_out};
+use super::pass::{SensorTooSmall, check_sensor};
 use super::write::output_extensions;
 use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError};
 use crate::files::{FileError, NewFile};
@@ -64,6 +65,9 @@ pub enum ConvertError {
     /// The recording cannot be opened.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// Many events are beyond the sensor that was asked for.
+    #[error(transparent)]
+    SensorTooSmall(#[from] SensorTooSmall),
     /// The camera's stream cannot be read.
     #[error("{}: {error}", path.display())]
     Capture {
@@ -200,6 +204,7 @@ pub fn convert_changed(
     output.finish().map_err(failed)?;
     report.lost.extend(output.lost());
     drop(output);
+    check_sensor(recording, reader.report())?;
     if let Some(file) = file {
         file.finish().map_err(|error| failed(error.error.into()))?;
     }

@@ -154,7 +154,9 @@ fn sentence(grade: Grade, camera: &Camera<f64>, trust: &Trust, findings: &[Findi
         "expected projection error below {:.3} px over the sensor (95 % confidence){focal}",
         trust.projection.rms_95
     );
-    let grave = || findings.iter().filter(|finding| finding.severity > Severity::Note);
+    // What makes the grade: beside a failure, warnings do not count.
+    let worst = findings.iter().map(|finding| finding.severity).max();
+    let grave = || findings.iter().filter(|finding| Some(finding.severity) == worst);
     // How well the projection is known is told anyway: here the causes count, if there are any.
     let causes: Vec<&str> =
         grave().filter(|finding| finding.cause != Cause::Uncertain).map(|finding| finding.reason.as_str()).collect();

@@ -15,6 +15,13 @@ impl Parameters {
         Self(named.into_iter().map(|(name, value)| (name.to_owned(), value)).collect())
     }
 
+    /// The same after other values with their names.
+    pub fn and_before<'a>(self, others: impl IntoIterator<Item = (&'a str, f64)>) -> Self {
+        let mut all = Self::new(others);
+        all.0.extend(self.0);
+        all
+    }
+
     /// The value of this name.
     pub fn get(&self, name: &str) -> Option<f64> {
         self.0.iter().find(|(other, _)| other == name).map(|(_, value)| *value)

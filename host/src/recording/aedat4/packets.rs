@@ -14,8 +14,8 @@ use super::header::{self, Compression, Header, MAGIC};
 use crate::recording::bytes::share;
 use crate::recording::{RecordingError, RecordingErrorKind, Truncation};
 
-/// A packet that unpacks to more is damaged: a camera would need a minute to fill it.
-const MAX_UNPACKED: usize = 1 << 29;
+/// A packet that unpacks to more (64 MiB, 4 million events) is damaged: a camera would need seconds to fill it, and programs write many a second.
+const MAX_UNPACKED: usize = 1 << 26;
 
 const SKIP_ADVICE: &str = "the events before it can be used; damaged packets can be left out (--skip-damaged)";
 

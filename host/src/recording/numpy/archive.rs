@@ -1,7 +1,7 @@
 //! The arrays of an npz file, which is a ZIP archive.
 
 use std::fs::File;
-use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use flate2::bufread::DeflateDecoder;
@@ -61,7 +61,8 @@ impl Place {
         let io = |error| RecordingError::io(path, error);
         let mut file = File::open(path).map_err(io)?;
         file.seek(SeekFrom::Start(self.start)).map_err(io)?;
-        let file = BufReader::with_capacity(BUFFER, file.take(self.length));
+        let input = BufReader::with_capacity(BUFFER, file.take(self.length));
+        let file = Ending { input, has_ended: false };
         let checked = |input, packed: Packed| Checked { input, left: packed.size, checksum: packed.checksum };
         Ok(match self.packed {
             None => Box::new(file),
@@ -73,7 +74,43 @@ impl Place {
     }
 }
 
-type Bytes = BufReader<io::Take<File>>;
+type Bytes = Ending<BufReader<io::Take<File>>>;
+
+/// A reader that stays at its end once it was there. A file that grows while it is read would not, and flate2 then waits for what
+/// it has been told is over.
+struct Ending<R> {
+    input: R,
+    has_ended: bool,
+}
+
+impl<R: BufRead> Read for Ending<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let there = self.fill_buf()?;
+        let length = there.len().min(buffer.len());
+        if let (Some(to), Some(from)) = (buffer.get_mut(..length), there.get(..length)) {
+            to.copy_from_slice(from);
+        }
+        self.consume(length);
+        Ok(length)
+    }
+}
+
+impl<R: BufRead> BufRead for Ending<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        if self.has_ended {
+            return Ok(&[]);
+        }
+        let there = self.input.fill_buf()?;
+        self.has_ended = there.is_empty();
+        Ok(there)
+    }
+
+    fn consume(&mut self, length: usize) {
+        if !self.has_ended {
+            self.input.consume(length);
+        }
+    }
+}
 
 enum Input {
     Plain(Bytes),
@@ -159,4 +196,29 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
 
 fn unsupported(path: &Path, advice: &'static str) -> RecordingError {
     RecordingError::new(path, RecordingErrorKind::Unsupported { format: "ZIP", advice })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Gives bytes again after it was at its end, as a file that grows.
+    struct Growing(Vec<&'static [u8]>);
+
+    impl Read for Growing {
+        fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+            let part = if self.0.is_empty() { &[][..] } else { self.0.remove(0) };
+            buffer[..part.len()].copy_from_slice(part);
+            Ok(part.len())
+        }
+    }
+
+    /// flate2 took an end for a pause, and asked again without end.
+    #[test]
+    fn what_was_at_its_end_stays_there() {
+        let mut input = Ending { input: BufReader::new(Growing(vec![b"ab", b"", b"cd"])), has_ended: false };
+        let mut read = Vec::new();
+        input.read_to_end(&mut read).unwrap();
+        assert_eq!((read.as_slice(), input.fill_buf().unwrap()), (&b"ab"[..], &[][..]));
+    }
 }
