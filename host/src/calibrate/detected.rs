@@ -11,12 +11,12 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::focus::{WINDOWS, edge_width};
 use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
-use crate::recording::Recording;
 use crate::recording::bad_pixels::PixelCounter;
 use crate::recording::fingerprint::Fingerprint;
 use crate::recording::flicker::RateBins;
+use crate::recording::given_sensor::{check_outside, check_stated};
 use crate::recording::information::likely_sensor_of;
-use crate::recording::pass::{Pass, RecordingReport};
+use crate::recording::pass::RecordingReport;
 use crate::recording::saturation::SaturationDetector;
 use crate::solve::event_sample::{EventSample, Thinning};
 use crate::solve::left_out::{LeftOut, Reason};
@@ -90,7 +90,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                     stage.push(events);
                     all.sample.push(events, &mut thinning);
                 })?;
-                check_sensor(recording, &pass)?;
+                check_outside(recording, pass.count, pass.report.out_of_range)?;
                 if pass.count == 0 {
                     return Err(CalibrateError::Empty { file: input.name() });
                 }
@@ -175,7 +175,10 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
     let sensor = match input {
         // Nothing of the search in frames depends on their size.
         Input::Images(images) => return Ok(images.sensor()),
-        Input::Events(recording) => recording.open()?.information().sensor.or(given),
+        Input::Events(recording) => {
+            check_stated(recording)?;
+            recording.open()?.information().sensor.or(given)
+        }
         Input::Circles { sensor, .. } => given.or(*sensor),
     };
     let sensor = sensor.ok_or_else(|| {
@@ -189,22 +192,6 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
         return Err(CalibrateError::SensorTooLarge { file: input.name(), sensor });
     }
     Ok(sensor)
-}
-
-/// Share of events that may lie outside of a sensor that was asked for.
-const FEW_OUTSIDE: f64 = 0.01;
-
-/// Whether a sensor that was asked for has the pixels of the events.
-fn check_sensor(recording: &Recording, pass: &Pass) -> Result<(), CalibrateError> {
-    let outside = pass.report.out_of_range;
-    let total = pass.count + outside;
-    match recording.options().sensor {
-        Some(sensor) if outside as f64 > FEW_OUTSIDE * total as f64 => {
-            let file = recording.path().display().to_string();
-            Err(CalibrateError::SensorTooSmall { file, outside, total, sensor, own: recording.own_sensor() })
-        }
-        _ => Ok(()),
-    }
 }
 
 /// Whether events come as often as cameras send them.

@@ -14,6 +14,7 @@ use usb_davis::capture::CaptureError;
 
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
 use super::extras::{Extra, NoExtras, ReadExtras, left_out};
+use super::given_sensor::{OtherSensor, check_outside, check_stated};
 use super::write::output_extensions;
 use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError};
 use crate::files::{FileError, NewFile};
@@ -64,6 +65,9 @@ pub enum ConvertError {
     /// The recording cannot be opened.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// The sensor that was asked for is not that of the recording.
+    #[error(transparent)]
+    OtherSensor(#[from] OtherSensor),
     /// The camera's stream cannot be read.
     #[error("{}: {error}", path.display())]
     Capture {
@@ -150,6 +154,7 @@ pub fn convert_changed(
     if path.exists() {
         return Err(ConvertError::Exists(path.to_owned()));
     }
+    check_stated(recording)?;
     let mut reader = recording.open()?;
     let mut events = Vec::new();
     let mut report = ConversionReport::default();
@@ -197,6 +202,7 @@ pub fn convert_changed(
     if extras.next_until(i64::MAX, &mut report.lost).is_some() {
         report.lost.push("frames or inertial samples more than a minute after the last event".to_owned());
     }
+    check_outside(recording, report.events, reader.report().out_of_range)?;
     output.finish().map_err(failed)?;
     report.lost.extend(output.lost());
     drop(output);
