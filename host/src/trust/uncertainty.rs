@@ -311,8 +311,7 @@ fn common_share(
 fn spread_squared(problem: &Problem, state: &State) -> f64 {
     let (mut weights, mut count) = (0.0, 0_usize);
     for event in problem.segments.iter().flat_map(|segment| &segment.events) {
-        let sigma =
-            state.bias.get(usize::from(event.class)).and_then(|bias| bias.sigma.get(usize::from(event.speed_range)));
+        let sigma = state.bias.get(usize::from(event.class)).and_then(|bias| bias.sigma.get(usize::from(event.speed_range)));
         if let Some(sigma) = sigma.filter(|&&sigma| sigma > 0.0) {
             weights += 1.0 / (sigma * sigma);
             count += 1;
