@@ -194,6 +194,10 @@ impl fmt::Display for Checked {
         if let Some(other) = &self.other_unit {
             writeln!(f, "{:<12}{other}", "time unit")?;
         }
+        if let Some(share) = self.information.on_share.filter(|share| [0.0, 1.0].contains(share)) {
+            let only = if share > 0.5 { "ON" } else { "OFF" };
+            writeln!(f, "{:<12}{only} events only: a board is found in ON and OFF events together", "polarity")?;
+        }
         if self.information.flicker.is_none() {
             let seen =
                 if self.information.duration_s < SHORTEST_FOR_FLICKER { "too short to tell" } else { "none seen" };

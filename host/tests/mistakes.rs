@@ -208,6 +208,7 @@ const FILES: &[Mistake] = &[
     mistake("detect FIXTURE --board BOARD -o DIR/nodir/c.csv", 1, "nodir/c.csv", "does the folder exist?"),
     mistake("detect FIXTURE --picture DIR/nodir/c.png", 1, "nodir/c.png", "does the folder exist?"),
     mistake("convert FIXTURE DIR/nodir/c.csv", 1, "nodir/c.csv", "does the folder exist?"),
+    mistake("convert DIR/sizeless.csv DIR/x.aedat4", 1, "does not say how many pixels", "--sensor 346x260"),
     mistake("info DIR/camera", 1, "holds a calibration", "undistort -c read"),
     mistake("info DIR/opencv.yaml", 1, "a camera for OpenCV", "name the recording"),
     mistake("info DIR/report.html", 1, "is a calibration report file", "browsers show it"),
@@ -366,6 +367,17 @@ fn a_board_that_is_too_small_leads_to_the_whole_one() {
     let errors = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{errors}");
     assert!(errors.contains("is the board right?") && errors.contains("--board acircles:9x4:55mm:r17.5mm"), "{errors}");
+}
+
+#[test]
+fn what_looks_wrong_with_events_is_named() {
+    let directory = prepare();
+    let told = |command: &str| String::from_utf8(run(command, directory.path()).stdout).unwrap();
+    assert!(told("info DIR/milliseconds.csv").contains("add --time-unit ms"));
+    let checked = told("check DIR/sizeless.csv");
+    assert!(checked.contains("ON events only") && checked.contains("too short to tell"), "{checked}");
+    fs::write(directory.path().join("one.csv"), "# sensor 346 x 260\nt_us,x,y,p\n7,1,2,1\n").unwrap();
+    assert!(!told("check DIR/one.csv").contains("inf"));
 }
 
 /// What a calibration would fail with is said by the look before it.

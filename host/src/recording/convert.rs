@@ -15,6 +15,7 @@ use usb_davis::capture::CaptureError;
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
 use super::extras::{Extra, NoExtras, ReadExtras, left_out};
 use super::given_sensor::{OtherSensor, check_outside, check_stated};
+use super::information::{likely_sensor_of, sensor_advice};
 use super::write::output_extensions;
 use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError};
 use crate::files::{FileError, NewFile};
@@ -91,8 +92,13 @@ pub enum ConvertError {
     #[error("{} is there already and is not overwritten: choose another name", .0.display())]
     Exists(PathBuf),
     /// The sensor size is not known.
-    #[error("{} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT", .0.display())]
-    SensorUnknown(PathBuf),
+    #[error("{} does not say how many pixels the sensor has: {}", file.display(), sensor_advice(*likely))]
+    SensorUnknown {
+        /// The recording.
+        file: PathBuf,
+        /// The smallest usual sensor that has all its pixels.
+        likely: Option<Sensor>,
+    },
     /// The recording does not say when it began.
     #[error("{} does not say when it began: times cannot count from 1970", .0.display())]
     StartUnknown(PathBuf),
@@ -169,7 +175,10 @@ pub fn convert_changed(
     let information = reader.information();
     let sensor = match information.sensor {
         Some(sensor) => sensor,
-        None if target.holds_sensor => return Err(ConvertError::SensorUnknown(recording.path().to_owned())),
+        None if target.holds_sensor => {
+            let (file, likely) = (recording.path().to_owned(), likely_sensor_of(recording));
+            return Err(ConvertError::SensorUnknown { file, likely });
+        }
         None => Sensor::new(0, 0),
     };
     let camera_name = information.camera_name.as_deref().unwrap_or_default();
