@@ -39,6 +39,7 @@ use crate::board::Board;
 use crate::calibrate::input::Input;
 use crate::initial::model_choice::ModelRequest;
 use crate::settings::Settings;
+use crate::solve::SolveError;
 
 /// What the camera's own pictures are for, where the recordings have them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -111,10 +112,15 @@ pub fn calibrate(
     mut progress: impl FnMut(Step) -> ControlFlow<()> + Send,
 ) -> Result<Calibrated, CalibrateError> {
     let progress = Progress::new(task.inputs, &mut progress);
-    match task.pictures {
+    let calibrated = match task.pictures {
         PictureUse::Witness | PictureUse::Joint | PictureUse::SecondCamera | PictureUse::Ignore => {
             events::calibrate(task, &progress)
         }
         PictureUse::Only => pictures::calibrate(task, &progress),
-    }
+    };
+    let held = task.parameters.fixed_intrinsics.iter().any(Option::is_some);
+    calibrated.map_err(|error| match error {
+        CalibrateError::Solve(SolveError::NoObservations) if held => CalibrateError::HeldFarOff,
+        error => error,
+    })
 }

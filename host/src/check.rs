@@ -13,6 +13,8 @@ use serde::{Serialize, Serializer};
 use self::advice::next_step;
 use self::units::{OtherUnit, other_unit};
 use crate::board::{Board, layout_name};
+use crate::calibrate::error::CalibrateError;
+use crate::calibrate::radius::other_radius;
 use crate::detection::LARGEST_SENSOR;
 use crate::detection::focus::{EdgeWidth, edge_width};
 use crate::detection::layout::{RecognisedLayout, find_layout};
@@ -29,6 +31,8 @@ const MOST_EVENTS: u64 = 4_000_000;
 const FEWEST_CIRCLES: usize = 8;
 /// Length of the slots of time in which something was seen or not (s).
 const SLOT: f64 = 0.1;
+/// In shorter recordings flicker cannot be told (s).
+const SHORTEST_FOR_FLICKER: f64 = 0.25;
 /// Columns and rows of the cells of the sensor in which circles are looked for.
 const CELLS: [u16; 2] = [8, 6];
 
@@ -67,7 +71,7 @@ pub struct Seen {
     pub covered: f64,
     /// Width of the circles' edges in the sharpest windows with the board.
     pub edges: Option<EdgeWidth>,
-    /// Why it was nowhere, with what to do.
+    /// Why it was nowhere, or is not as stated, with what to do.
     pub failure: Option<String>,
 }
 
@@ -136,7 +140,13 @@ fn look(
             read_recording(recording, &mut |events| other.push(events))?;
             Some(found.report.no_pattern(settings.window.max_interval, other.finish()).to_string())
         }
-        _ => None,
+        Some(board) => match &found.content {
+            FoundContent::Boards(_, frames) => {
+                other_radius(frames, board).map(|other| CalibrateError::OtherRadius(other).to_string())
+            }
+            _ => None,
+        },
+        None => None,
     };
     let recognised = match board {
         None if found.report.found > 0 => find_layout(recording, sensor, settings)?,
@@ -184,8 +194,14 @@ impl fmt::Display for Checked {
         if let Some(other) = &self.other_unit {
             writeln!(f, "{:<12}{other}", "time unit")?;
         }
+        if let Some(share) = self.information.on_share.filter(|share| [0.0, 1.0].contains(share)) {
+            let only = if share > 0.5 { "ON" } else { "OFF" };
+            writeln!(f, "{:<12}{only} events only: a board is found in ON and OFF events together", "polarity")?;
+        }
         if self.information.flicker.is_none() {
-            writeln!(f, "{:<12}none seen", "flicker")?;
+            let seen =
+                if self.information.duration_s < SHORTEST_FOR_FLICKER { "too short to tell" } else { "none seen" };
+            writeln!(f, "{:<12}{seen}", "flicker")?;
         }
         if let Some(seen) = &self.seen {
             let what = match &seen.board {

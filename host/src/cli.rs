@@ -35,6 +35,7 @@ use std::error::Error;
 use std::process::ExitCode;
 
 use clap::{FromArgMatches as _, Parser, Subcommand};
+use evcal::files::shell_word::shell_word;
 
 /// Calibrates an event camera from the events of a moving circle grid.
 #[derive(Parser)]
@@ -43,7 +44,7 @@ struct Arguments {
     #[command(subcommand)]
     command: Command,
     /// Threads to use, 1 to 1024; the result does not depend on it [default: one a core]
-    #[arg(long, global = true, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, global = true, value_name = "COUNT", value_parser = value::count(1..=1024))]
     threads: Option<u16>,
 }
 
@@ -106,17 +107,21 @@ enum Command {
     Man(man::Arguments),
 }
 
+#[cfg(unix)]
+impl Command {
+    /// Whether it comes to a good end of its own when it is interrupted.
+    fn takes_signals(&self) -> bool {
+        #[cfg(target_os = "linux")]
+        if matches!(self, Self::Emulate(_)) {
+            return true;
+        }
+        matches!(self, Self::Record(_) | Self::Live(_))
+    }
+}
+
 /// The command line as a shell would take it.
 fn command_line() -> String {
-    let quoted = |word: std::borrow::Cow<str>| {
-        let plain = |letter: char| letter.is_alphanumeric() || "-_./:=,+@%".contains(letter);
-        if !word.is_empty() && word.chars().all(plain) {
-            word.into_owned()
-        } else {
-            format!("'{}'", word.replace('\'', r"'\''"))
-        }
-    };
-    let words: Vec<String> = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy())).collect();
+    let words: Vec<String> = std::env::args_os().skip(1).map(|word| shell_word(&word.to_string_lossy())).collect();
     format!("evcal {}", words.join(" "))
 }
 
@@ -143,6 +148,13 @@ pub fn run() -> ExitCode {
         && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()
     {
         eprintln!("evcal: cannot use {threads} threads: {error}");
+        return ExitCode::FAILURE;
+    }
+    #[cfg(unix)]
+    if !arguments.command.takes_signals()
+        && let Err(error) = interrupt::leave_nothing_unfinished()
+    {
+        eprintln!("evcal: cannot take signals: {error}");
         return ExitCode::FAILURE;
     }
     let outcome = match arguments.command {

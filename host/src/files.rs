@@ -4,6 +4,8 @@
 //! disk or a program that is ended leaves no cut file behind that looks like a result.
 
 pub mod folder;
+pub mod shell_word;
+pub mod unfinished;
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -18,7 +20,7 @@ const UNFINISHED: &str = ".part";
 
 /// A file or folder that cannot be written.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {error}{}", path.display(), advice(error.kind()))]
+#[error("{}: {}", path.display(), told(error))]
 pub struct FileError {
     /// The file or folder.
     pub path: PathBuf,
@@ -30,6 +32,20 @@ impl FileError {
     /// An error of this file.
     pub fn new(path: &Path, error: io::Error) -> Self {
         Self { path: path.to_owned(), error }
+    }
+}
+
+/// What the system said, and what to do about it.
+pub(crate) fn told(error: &io::Error) -> String {
+    plain(error) + advice(error.kind())
+}
+
+/// What the system said, without the name of a temporary file that nobody knows.
+fn plain(error: &io::Error) -> String {
+    let text = error.to_string();
+    match (text.split_once(" at path \""), error.get_ref()) {
+        (Some((cause, path)), Some(_)) if path.contains(UNFINISHED) || path.contains(".tmp") => cause.to_owned(),
+        _ => text,
     }
 }
 
@@ -87,7 +103,12 @@ impl NewFile {
         builder.prefix(&prefix).suffix(UNFINISHED);
         #[cfg(unix)]
         builder.permissions(permissions(&place));
-        let content = Content::Beside(BufWriter::with_capacity(BUFFER, builder.tempfile_in(folder).map_err(failed)?));
+        let begun = unfinished::begin(|| {
+            let file = builder.tempfile_in(folder)?;
+            let path = file.path().to_owned();
+            Ok((file, path))
+        });
+        let content = Content::Beside(BufWriter::with_capacity(BUFFER, begun.map_err(failed)?));
         Ok(Self { path: place, content })
     }
 
@@ -119,7 +140,8 @@ impl NewFile {
         match self.content {
             Content::Beside(file) => {
                 let file = file.into_inner().map_err(|error| failed(error.into_error()))?;
-                file.persist(&self.path).map_err(|error| failed(error.error))?;
+                let path = file.path().to_owned();
+                unfinished::end(&path, || file.persist(&self.path)).map_err(|error| failed(error.error))?;
             }
             Content::InPlace(mut file) => file.flush().map_err(failed)?,
         }
@@ -157,6 +179,14 @@ impl Seek for NewFile {
             Content::InPlace(file) => file.seek(to),
         }
     }
+}
+
+/// Whether a file can be written at `path`, for who has to work long before there is something to write.
+///
+/// # Errors
+/// [`FileError`] when nothing can be written there.
+pub fn try_out(path: &Path) -> Result<(), FileError> {
+    NewFile::create(path).map(drop)
 }
 
 /// Writes a file of this content.

@@ -39,6 +39,7 @@ pub mod fingerprint;
 pub mod flicker;
 mod foreign;
 mod format;
+pub mod given_sensor;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 pub mod image_file;

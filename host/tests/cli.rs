@@ -61,6 +61,15 @@ fn the_version_is_told() {
     assert_eq!(succeed(&["--version"]).trim(), concat!("evcal ", env!("CARGO_PKG_VERSION")));
 }
 
+/// Who follows the help calibrates with the board that was printed.
+#[test]
+fn the_help_calibrates_with_the_board_that_it_prints() {
+    let directory = tempfile::tempdir().unwrap();
+    let printed = succeed(&["board", "--pdf", text(&directory.path().join("board.pdf"))]);
+    let board = printed.trim().rsplit_once("calibrate with ").unwrap().1;
+    assert!(succeed(&["--help"]).contains(&format!("evcal calibrate recording.dvraw {board} -o")), "{board}");
+}
+
 #[test]
 fn wrong_usage_is_told_and_ends_with_2() {
     let directory = tempfile::tempdir().unwrap();

@@ -208,7 +208,7 @@ fn what_cannot_be_done_is_said_and_nothing_is_overwritten() {
     }
     for to in ["a.dvraw", "a.csv", "a.aedat4"] {
         let error = fail(&["convert", text(&file("events.bin")), text(&file(to))]);
-        assert!(error.contains("add --sensor WIDTHxHEIGHT") && !file(to).exists(), "{error}");
+        assert!(error.contains("add --sensor ") && !file(to).exists(), "{error}");
     }
     let error = fail(&["convert", text(&file("events.bin")), text(&file("a.dvraw")), "--sensor", "640x480"]);
     assert!(error.contains("346x260"), "{error}");

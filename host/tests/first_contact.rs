@@ -226,6 +226,30 @@ fn a_program_that_is_killed_leaves_no_cut_file_behind() {
     assert_eq!(fs::metadata(&converted).unwrap().len() % 2_000_000, 0);
 }
 
+#[cfg(unix)]
+#[test]
+fn a_program_that_is_interrupted_leaves_nothing() {
+    let directory = tempfile::tempdir().unwrap();
+    for signal in ["INT", "TERM"] {
+        let folder = directory.path().join("simulation");
+        let arguments = ["simulate", "-o", text(&folder), "--duration", "1000s", "--format", "csv"];
+        let mut child = Command::new(env!("CARGO_BIN_EXE_evcal"))
+            .args(arguments)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while fs::read_dir(&folder).into_iter().flatten().count() == 0 {
+            assert!(Instant::now() < deadline, "nothing was begun");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        assert!(Command::new("kill").args(["-s", signal, &child.id().to_string()]).status().unwrap().success());
+        assert!(!child.wait().unwrap().success());
+        assert!(!folder.exists(), "{signal}: {:?}", names(&folder));
+    }
+}
+
 #[test]
 fn a_full_disk_is_told_with_the_file() {
     let directory = tempfile::tempdir().unwrap();

@@ -65,7 +65,7 @@ const USAGE: &[Mistake] = &[
     mistake("calibrate a.csv --board BOARD --sensor 346 -o DIR/out", 2, "346", "346x260"),
     mistake("calibrate a.csv --board BOARD --time-unit h -o DIR/out", 2, "--time-unit", "ms"),
     mistake("calibrate a.csv --board BOARD --columns x,y,t -o DIR/out", 2, "x,y,t", "x,y,p,t"),
-    mistake("calibrate a.csv --board BOARD --threads 0 -o DIR/out", 2, "--threads", "1..=1024"),
+    mistake("calibrate a.csv --board BOARD --threads 0 -o DIR/out", 2, "--threads", "1 to 1024"),
     mistake("calibrate a.csv --board BOARD --frame-only -o DIR/out", 2, "--frame-only", "--frames-only"),
     mistake("calibrat a.csv", 2, "calibrat", "calibrate"),
     mistake("evaluate DIR/camera", 2, "--truth", "--help"),
@@ -87,6 +87,14 @@ const USAGE: &[Mistake] = &[
     mistake("simulate -o DIR/out --duration 3,5s", 2, "3,5s", "for example 6s"),
     mistake("record DIR/out.dvraw --duration 10", 2, "'10'", "for example 6s"),
     mistake("record DIR/out.aedat4", 2, "recorded as .dvraw", "evcal convert"),
+    mistake("live FIXTURE --board BOARD -o DIR/out", 2, "unexpected argument", "--replay"),
+    mistake("calibrate --bag a.bag --board BOARD -o DIR/out", 2, "'--bag'", "evcal calibrate RECORDING"),
+    mistake("calibrate a.bag --target board.yaml -o DIR/out", 2, "'--target'", "--board acircles:9x4"),
+    mistake("calibrate a.bag --topics /dvs/events --board BOARD -o DIR/out", 2, "'--topics'", "--stream TOPIC"),
+    mistake("simulate -o DIR/out --duration -1s", 2, "'-1'", "above 0"),
+    mistake("simulate -o DIR/out --frames 0", 2, "--frames", "0.1 to 1000 a second"),
+    mistake("simulate -o DIR/out --effects hot-pixels:99999999", 2, "hot-pixels", "89960 at most"),
+    mistake("repeat a.csv --board BOARD --runs 1", 2, "--runs", "2 to 65535"),
     mistake("board --paper a9 --pdf DIR/out.pdf", 2, "a9", "600x400mm"),
 ];
 
@@ -193,6 +201,18 @@ const FILES: &[Mistake] = &[
     mistake("export DIR/camera --format ros -o DIR", 1, "is a directory", "name a file in it"),
     mistake("board --pdf DIR/missing/out.pdf", 1, "missing/out.pdf", "does the folder exist?"),
     mistake("undistort DIR/camera -c FIXTURE -o DIR/new.csv", 1, "events.dvraw", "or its folder"),
+    mistake("convert FIXTURE DIR/x.csv --sensor 240x180", 1, "829126 of 1947933 events", "the file says 346 x 260"),
+    mistake("convert FIXTURE DIR/x.csv --sensor 640x480", 1, "is of a sensor of 346 x 260", "leave it out"),
+    mistake("detect FIXTURE --board BOARD --sensor 240x180", 1, "829126 of 1947933 events", "the file says 346 x 260"),
+    mistake("detect FIXTURE --board BOARD --sensor 640x480", 1, "is of a sensor of 346 x 260", "leave it out"),
+    mistake("repeat FIXTURE --board BOARD --sensor 240x180", 1, "829126 of 1947933 events", "the file says 346 x 260"),
+    mistake("detect FIXTURE --board BOARD -o DIR/nodir/c.csv", 1, "nodir/c.csv", "does the folder exist?"),
+    mistake("detect FIXTURE --picture DIR/nodir/c.png", 1, "nodir/c.png", "does the folder exist?"),
+    mistake("convert FIXTURE DIR/nodir/c.csv", 1, "nodir/c.csv", "does the folder exist?"),
+    mistake("convert DIR/sizeless.csv DIR/x.aedat4", 1, "does not say how many pixels", "--sensor 346x260"),
+    mistake("info DIR/camera", 1, "holds a calibration", "undistort -c read"),
+    mistake("info DIR/opencv.yaml", 1, "a camera for OpenCV", "name the recording"),
+    mistake("info DIR/report.html", 1, "is a calibration report file", "browsers show it"),
     mistake("convert FIXTURE DIR/events.xyz", 1, "events.xyz", "csv"),
     mistake("repeat FIXTURE --board BOARD", 1, "3.0 s long", "--seconds 1.4s"),
 ];
@@ -235,6 +255,12 @@ const BOARDS: &[Mistake] = &[
         "no pattern found",
         "--board acircles:9x4:55mm:r17.5mm",
     ),
+    mistake(
+        "calibrate FIXTURE --board BOARD --fix cx=9999 --model radtan -o DIR/out",
+        1,
+        "with the values of --fix",
+        "Without --fix",
+    ),
     mistake("calibrate FIXTURE --board auto -o DIR/out", 1, "the board is acircles:9x4", "--board acircles:9x4:"),
 ];
 
@@ -273,6 +299,8 @@ fn prepare() -> TempDir {
     }
     put("settings.toml", b"[detection.cluster]\nepsilonn = 3.0\n");
     put("foreign.json", br#"{"K": [[300, 0, 172], [0, 300, 129], [0, 0, 1]], "dist": [0, 0, 0, 0, 0]}"#);
+    put("opencv.yaml", b"%YAML:1.0\n---\nimage_width: 346\n");
+    put("report.html", b"<!DOCTYPE html><html><head><meta name=\"generator\" content=\"evcal 1.0\">");
     put("foreign.yaml", b"image_width: 346\nimage_height: 260\ncamera_name: dvs\n");
     let camera = serde_json::json!({
         "sensor": { "width": 346, "height": 260 },
@@ -340,6 +368,29 @@ fn a_board_that_is_too_small_leads_to_the_whole_one() {
     let errors = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{errors}");
     assert!(errors.contains("is the board right?") && errors.contains("--board acircles:9x4:55mm:r17.5mm"), "{errors}");
+}
+
+#[test]
+fn what_looks_wrong_with_events_is_named() {
+    let directory = prepare();
+    let told = |command: &str| String::from_utf8(run(command, directory.path()).stdout).unwrap();
+    assert!(told("info DIR/milliseconds.csv").contains("add --time-unit ms"));
+    let checked = told("check DIR/sizeless.csv");
+    assert!(checked.contains("ON events only") && checked.contains("too short to tell"), "{checked}");
+    fs::write(directory.path().join("one.csv"), "# sensor 346 x 260\nt_us,x,y,p\n7,1,2,1\n").unwrap();
+    assert!(!told("check DIR/one.csv").contains("inf"));
+}
+
+/// What a calibration would fail with is said by the look before it.
+#[test]
+fn a_check_tells_a_radius_that_is_not_seen() {
+    let directory = prepare();
+    for board in ["acircles:9x4:55mm:r35mm", "acircles:9x4:110mm:r17.5mm"] {
+        let output = run(&format!("check FIXTURE --board {board}"), directory.path());
+        let told = String::from_utf8(output.stdout).unwrap();
+        assert!(told.contains("next: the circles look like") && !told.contains("next: evcal"), "{board}: {told}");
+        assert!(told.contains("--board acircles:9x4:55mm:r17.5mm"), "{board}: {told}");
+    }
 }
 
 #[test]

@@ -14,8 +14,9 @@ use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::bad_pixels::PixelCounter;
 use crate::recording::fingerprint::Fingerprint;
 use crate::recording::flicker::RateBins;
+use crate::recording::given_sensor::{check_outside, check_stated};
 use crate::recording::information::likely_sensor_of;
-use crate::recording::pass::{RecordingReport, check_sensor};
+use crate::recording::pass::RecordingReport;
 use crate::recording::saturation::SaturationDetector;
 use crate::solve::event_sample::{EventSample, Thinning};
 use crate::solve::left_out::{LeftOut, Reason};
@@ -89,7 +90,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                     stage.push(events);
                     all.sample.push(events, &mut thinning);
                 })?;
-                check_sensor(recording, &pass.report)?;
+                check_outside(recording, pass.count, pass.report.out_of_range)?;
                 if pass.count == 0 {
                     return Err(CalibrateError::Empty { file: input.name() });
                 }
@@ -174,7 +175,10 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
     let sensor = match input {
         // Nothing of the search in frames depends on their size.
         Input::Images(images) => return Ok(images.sensor()),
-        Input::Events(recording) => recording.open()?.information().sensor.or(given),
+        Input::Events(recording) => {
+            check_stated(recording)?;
+            recording.open()?.information().sensor.or(given)
+        }
         Input::Circles { sensor, .. } => given.or(*sensor),
     };
     let sensor = sensor.ok_or_else(|| {

@@ -8,7 +8,7 @@ use crate::initial::InitialError;
 use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
 use crate::recording::RecordingError;
-use crate::recording::pass::SensorTooSmall;
+use crate::recording::given_sensor::OtherSensor;
 use crate::recording::images::ImagesError;
 use crate::recording::information::sensor_advice;
 use crate::solve::SolveError;
@@ -37,9 +37,9 @@ pub enum CalibrateError {
         /// The smallest usual sensor that has all its pixels.
         likely: Option<Sensor>,
     },
-    /// Many events are beyond the sensor that was asked for.
+    /// The sensor that was asked for is not that of a recording.
     #[error(transparent)]
-    SensorTooSmall(#[from] SensorTooSmall),
+    OtherSensor(#[from] OtherSensor),
     /// Events come so seldom or so often that their times are in another unit.
     #[error("{file}: no board found, and {unit}: {}", unit.advice())]
     TimeUnit {
@@ -57,6 +57,11 @@ pub enum CalibrateError {
     /// The lens or the board cannot be as the user says.
     #[error("no lens or board is like that: change the values of --fix")]
     ImpossibleValues,
+    /// Nothing fits with the values at which the lens is held.
+    #[error(
+        "with the values of --fix no event lies near the board's circles: are they this lens's? Without --fix they are estimated"
+    )]
+    HeldFarOff,
     /// The board that was looked for is a part of another one.
     #[error("too few views fit together: is the board right? It looks like {}: use --board {}", .0.found, .0.board)]
     LargerBoard(Box<LargerBoard>),
@@ -145,7 +150,8 @@ impl CalibrateError {
 }
 
 /// Which boards may be meant instead.
-fn radius_advice(other: &OtherRadius) -> String {
+/// What to do about circles that are not as large as stated.
+pub(crate) fn radius_advice(other: &OtherRadius) -> String {
     let meant: Vec<String> =
         other.meant.iter().map(|(question, board)| format!("{question} Then use --board {board}")).collect();
     match meant.as_slice() {

@@ -15,6 +15,7 @@ use crate::calibrate::{Task, calibrate};
 use crate::initial::model_choice::ModelRequest;
 use crate::lens::projection_difference::projection_difference;
 use crate::numerics::random::uniform_in;
+use crate::recording::given_sensor::{OtherSensor, check_outside, check_stated};
 use crate::recording::{Recording, RecordingError};
 
 /// How many parts, and how long.
@@ -84,6 +85,22 @@ pub enum RepeatError {
     /// It cannot be read.
     #[error(transparent)]
     Source(#[from] RecordingError),
+    /// The sensor that was asked for is not that of the recording.
+    #[error(transparent)]
+    OtherSensor(#[from] OtherSensor),
+    /// Fewer than two parts were calibrated.
+    #[error(
+        "{calibrated} of {runs} parts could be calibrated, and two are needed to compare{}: try longer parts with --seconds",
+        first.as_ref().map_or_else(String::new, |first| format!(" (the first that failed: {first})"))
+    )]
+    TooFew {
+        /// Parts with a camera.
+        calibrated: usize,
+        /// All parts.
+        runs: usize,
+        /// Why the first part without a camera has none.
+        first: Option<String>,
+    },
     /// It is shorter than a part.
     #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it; try --seconds {:.1}s", (5.0 * .duration).floor() / 10.0)]
     TooShort {
@@ -98,7 +115,8 @@ pub enum RepeatError {
 /// choice of the camera model is left to the program, that of the first part holds for all.
 ///
 /// # Errors
-/// [`RepeatError`] when the recording cannot be read or is shorter than a part. A part that cannot be
+/// [`RepeatError`] when the recording cannot be read or is shorter than a part, or fewer than two parts can be
+/// calibrated. A part that cannot be
 /// calibrated is a [`Run`] with its reason.
 pub fn repeat(
     recording: &Recording,
@@ -106,7 +124,9 @@ pub fn repeat(
     settings: &RepeatSettings,
     mut progress: impl FnMut(usize),
 ) -> Result<Repetition, RepeatError> {
+    check_stated(recording)?;
     let pass = crate::recording::pass::read_recording(recording, &mut |_| {})?;
+    check_outside(recording, pass.count, pass.report.out_of_range)?;
     let duration = (pass.last - pass.first) as f64 * 1e-6;
     if duration < settings.seconds {
         return Err(RepeatError::TooShort { duration, seconds: settings.seconds });
@@ -135,6 +155,10 @@ pub fn repeat(
             Err(error) => Err(error),
         };
         runs.push(Run { start, end, outcome });
+    }
+    if cameras.len() < 2 {
+        let first = runs.iter().find_map(|run| run.outcome.as_ref().err()).map(ToString::to_string);
+        return Err(RepeatError::TooFew { calibrated: cameras.len(), runs: runs.len(), first });
     }
     let summary = Summary::of(&cameras);
     for (index, calibrated) in &cameras {

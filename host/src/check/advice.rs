@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::{Checked, Seen};
+use crate::files::shell_word::shell_word;
 
 /// Share of events that may lie outside of the sensor, or come from hot pixels.
 const FEW_EVENTS: f64 = 0.05;
@@ -82,5 +83,5 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> String {
     if checked.whole && checked.information.duration_s < SHORT {
         return "the recording is short: record 10 seconds".to_owned();
     }
-    format!("evcal calibrate {} --board {board} -o calibration", path.display())
+    format!("evcal calibrate {} --board {board} -o calibration", shell_word(&path.to_string_lossy()))
 }

@@ -64,7 +64,8 @@ fn in_words(rate: f64) -> String {
 /// What the unit of the times is more likely to be; `None` if events come at a usual `rate` (events a second), or the unit
 /// was given.
 pub fn other_unit(recording: &Recording, rate: f64) -> Option<OtherUnit> {
-    if rate <= 0.0 || USUAL.contains(&rate) || recording.options().time_unit.is_some() {
+    // Of events at one time nothing can be told.
+    if rate <= 0.0 || !rate.is_finite() || USUAL.contains(&rate) || recording.options().time_unit.is_some() {
         return None;
     }
     let units = [TimeUnit::Seconds, TimeUnit::Milliseconds, TimeUnit::Microseconds, TimeUnit::Nanoseconds];

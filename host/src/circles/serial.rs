@@ -88,12 +88,13 @@ impl SerialAddress {
     pub fn receive(&self, mut progress: impl FnMut(&str)) -> Result<CircleStream, SerialError> {
         let create =
             |path: &Path| File::create(path).map_err(|error| SerialError::Save { path: path.to_owned(), error });
-        let mut file = self.save.as_deref().map(create).transpose()?;
         let mut notes = Vec::new();
         let mut port = serialport::new(&self.port, self.baud)
             .timeout(POLL)
             .open()
             .map_err(|error| SerialError::Open { port: self.port.clone(), error })?;
+        // A port that cannot be opened leaves no empty file.
+        let mut file = self.save.as_deref().map(create).transpose()?;
         let start = Instant::now();
         let mut receiver = Receiver::new();
         let mut buffer = [0; 4096];

@@ -19,7 +19,7 @@ const PATTERN: Pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns:
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("outputs").required(true).multiple(true))]
 pub struct Arguments {
-    /// Board to print, for example acircles:9x4:24mm:r7.6mm [default: the largest acircles:9x4 that fits]
+    /// Board to print, for example acircles:9x4:23mm:r7.3mm [default: the largest acircles:9x4 that fits]
     #[arg(long)]
     board: Option<Board>,
     /// PDF to write

@@ -1,5 +1,6 @@
 //! Which camera, and how it is set up.
 
+use std::error::Error;
 use std::time::Duration;
 
 use clap::ValueEnum;
@@ -38,8 +39,12 @@ enum Preset {
 
 impl CameraArguments {
     /// Opens the camera and sets it up.
-    pub fn open(&self) -> Result<Camera, DeviceError> {
-        let mut camera = Camera::open(&Selector { serial: self.serial.clone(), ..Selector::default() })?;
+    pub fn open(&self) -> Result<Camera, Box<dyn Error>> {
+        let selector = Selector { serial: self.serial.clone(), ..Selector::default() };
+        let mut camera = Camera::open(&selector).map_err(|error| match error {
+            DeviceError::NotFound { .. } => format!("{error}; evcal devices says what to look at").into(),
+            error => Box::<dyn Error>::from(error),
+        })?;
         camera.configure(&match self.preset {
             Preset::Calibration => Configuration::calibration(),
             Preset::Default => Configuration::default(),

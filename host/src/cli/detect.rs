@@ -8,6 +8,8 @@ use evcal::circles::serial::SerialAddress;
 use evcal::circles::stream::{self, CircleStream};
 use evcal::detection::search::{FoundCircles, SearchFor, search_events_telling, search_stream, sensor_of};
 use evcal::detection::settings::DetectionSettings;
+use evcal::files;
+use evcal::files::shell_word::shell_word;
 use evcal::recording::{Recording, RecordingKind, sniff};
 use evcal::report::drawing::circle_picture;
 use evcal::settings::Settings;
@@ -51,6 +53,9 @@ pub struct Arguments {
 
 /// Runs `evcal detect`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
+    for path in arguments.output.iter().chain(&arguments.picture) {
+        files::try_out(path)?;
+    }
     if let Some(stream) = open_stream(arguments)? {
         let wanted = wanted(arguments, &[], &DetectionSettings::default())?;
         if arguments.picture.is_some() {
@@ -131,5 +136,11 @@ fn tell(arguments: &Arguments, found: &FoundCircles, tried: String, idle: Option
     for (reason, count) in &report.grids_refused {
         text += &format!("{count} windows refused: {reason}\n");
     }
-    print::line(format!("{text}{} circles, {} of them on boards", report.circles, report.board_circles))
+    text += &format!("{} circles, {} of them on boards", report.circles, report.board_circles);
+    if report.found == 0 {
+        let board = arguments.board.as_ref().map_or(String::new(), |_| " with the same --board".to_owned());
+        let file = shell_word(&arguments.recording.to_string_lossy());
+        text += &format!("\nnext: evcal check {file}{board}, which says why nothing was found");
+    }
+    print::line(text)
 }

@@ -4,7 +4,7 @@ pub const EVCAL: &str = "\
 From a printed board to a calibrated camera:
   evcal board --pdf board.pdf
   evcal record recording.dvraw
-  evcal calibrate recording.dvraw --board acircles:9x4:24mm:r7.6mm -o calibration
+  evcal calibrate recording.dvraw --board acircles:9x4:23mm:r7.3mm -o calibration
   evcal export calibration --format ros -o camera_info.yaml
 
 Each subcommand has examples of its own: evcal calibrate --help";

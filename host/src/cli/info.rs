@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use evcal::check::units::other_unit;
 use evcal::recording::Recording;
 use evcal::recording::information;
 
@@ -25,10 +26,10 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let mut failures = Vec::new();
     for (index, path) in arguments.files.iter().enumerate() {
-        let gathered =
-            Recording::new(path, arguments.source.options()).and_then(|recording| information::gather(&recording));
-        let information = match gathered {
-            Ok(information) => information,
+        let gathered = Recording::new(path, arguments.source.options())
+            .and_then(|recording| Ok((information::gather(&recording)?, recording)));
+        let (information, recording) = match gathered {
+            Ok(gathered) => gathered,
             Err(error) => {
                 failures.push(error.to_string());
                 continue;
@@ -39,6 +40,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         } else {
             let separator = if index == 0 { "" } else { "\n" };
             print::line(format!("{separator}{}", information.to_string().trim_end()))?;
+            if let Some(other) = other_unit(&recording, information.mean_rate) {
+                print::line(format!("{:<12}{other}: {}", "time unit", other.advice()))?;
+            }
         }
         if let Some(error) = &information.error {
             failures.push(format!("{}: {error}", path.display()));

@@ -10,6 +10,21 @@ use signal_hook::flag;
 /// Exit code of a program that was interrupted, as shells have it.
 const INTERRUPTED: i32 = 130;
 
+/// From now on a signal ends the program, and takes what is not whole with it.
+#[cfg(unix)]
+pub fn leave_nothing_unfinished() -> io::Result<()> {
+    let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])?;
+    std::thread::Builder::new().name("signals".to_owned()).spawn(move || {
+        if let Some(signal) = signals.forever().next() {
+            let _stopped = evcal::files::unfinished::remove_all();
+            // The shell is to see that it was a signal.
+            let _ = signal_hook::low_level::emulate_default_handler(signal);
+            std::process::exit(INTERRUPTED);
+        }
+    })?;
+    Ok(())
+}
+
 /// Whether the user wants the program to come to its end.
 #[derive(Clone)]
 pub struct Interrupt(Arc<AtomicBool>);

@@ -9,7 +9,10 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) -> clap::Error {
     let tip = match error.kind() {
         ErrorKind::InvalidSubcommand => file_first(&error),
-        ErrorKind::UnknownArgument => one_hyphen(&error, words),
+        ErrorKind::UnknownArgument => {
+            let words: Vec<String> = words.collect();
+            other_program(&error, &words).or_else(|| one_hyphen(&error, words.into_iter()))
+        }
         _ => None,
     };
     if let Some(tip) = tip {
@@ -22,6 +25,25 @@ pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) ->
 fn file_first(error: &clap::Error) -> Option<String> {
     let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return None };
     Path::new(word).exists().then(|| format!("what to do with it comes first: 'evcal info {word}'"))
+}
+
+/// Options of Kalibr, and a recording that `evcal live` is to play.
+fn other_program(error: &clap::Error, words: &[String]) -> Option<String> {
+    let Some(ContextValue::String(refused)) = error.get(ContextKind::InvalidArg) else { return None };
+    let tip = match refused.as_str() {
+        "--bag" | "--bags" => "the recording stands alone, without an option: 'evcal calibrate RECORDING'".to_owned(),
+        "--target" | "--target-yaml" => "the board is named in words: '--board acircles:9x4:55mm:r17.5mm'".to_owned(),
+        "--topic" | "--topics" => "one topic of a bag is read with '--stream TOPIC'".to_owned(),
+        "--models" => "the camera model is named with '--model'".to_owned(),
+        file if words.first().is_some_and(|word| word == "live") && Path::new(file).exists() => {
+            format!("a recording is played with '--replay {file}'")
+        }
+        number if number.starts_with('-') && number.chars().nth(1).is_some_and(|letter| letter.is_ascii_digit()) => {
+            format!("is '{number}' a value below 0? This one has to be above 0, for example 6s")
+        }
+        _ => return None,
+    };
+    Some(tip)
 }
 
 /// `-board`, of which clap names `-b` only.

@@ -22,7 +22,7 @@ pub struct Arguments {
     #[command(flatten)]
     method: MethodArguments,
     /// Number of parts
-    #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u16).range(2..))]
+    #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = value::count(2..=u16::MAX))]
     runs: u16,
     /// Length of each part in seconds
     #[arg(long, value_name = "TIME", default_value = "4s", value_parser = value::seconds)]

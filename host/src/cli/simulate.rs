@@ -104,7 +104,7 @@ pub struct Arguments {
     #[arg(long, value_name = "LENGTH", value_parser = printed_radius)]
     printed_radius: Option<f64>,
     /// Frames too, with a global shutter, so many a second [default: 25] (aedat4 and dvraw)
-    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25")]
+    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25", value_parser = value::number(0.1..=1000.0, " a second"))]
     frames: Option<f64>,
     /// Another lens for the frames, to see a calibration notice: parameters of the same model
     #[arg(long, value_name = "NUMBERS", requires = "frames", allow_hyphen_values = true)]
@@ -171,7 +171,18 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     };
     let mut scene = SceneSettings { dots: arguments.dots, printed: printed(arguments)?, ..SceneSettings::default() };
     let mut pixels = pixels;
+    let room = u32::from(sensor.width) * u32::from(sensor.height);
     for effect in &arguments.effects {
+        let most = match effect {
+            Effect::HotPixels(count) if *count > room => Some(("hot-pixels", room)),
+            Effect::DeadColumns(count) if *count > u32::from(sensor.width) => {
+                Some(("dead-columns", sensor.width.into()))
+            }
+            _ => None,
+        };
+        if let Some((name, most)) = most {
+            return Err(UsageError(format!("--effects {name}: a sensor of {sensor} pixels has {most} at most")).into());
+        }
         effect.apply(&mut scene, &mut pixels);
     }
     let settings =

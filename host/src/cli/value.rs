@@ -114,6 +114,14 @@ pub fn number(range: RangeInclusive<f64>, unit: &'static str) -> impl TypedValue
     })
 }
 
+/// Reads a whole number in `range`.
+pub fn count(range: RangeInclusive<u16>) -> impl TypedValueParser<Value = u16> {
+    StringValueParser::new().try_map(move |text| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        number.ok_or_else(|| format!("write a whole number, {} to {}", range.start(), range.end()))
+    })
+}
+
 /// Reads `WIDTHxHEIGHT` in pixels.
 pub fn sensor(text: &str) -> Result<Sensor, String> {
     let size = |part: &str| part.trim().parse().ok().filter(|size| (1..=MAX_SENSOR_SIZE).contains(size));

@@ -15,6 +15,7 @@ use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
 use crate::circles::stream::CircleStream;
 use crate::circles::track::{self, CircleFrames};
 use crate::files::{self, FileError};
+use crate::recording::given_sensor::{OtherSensor, check_outside, check_stated};
 use crate::recording::information::{likely_sensor_of, sensor_advice};
 use crate::recording::pass::read_while;
 use crate::recording::{Recording, RecordingError};
@@ -76,6 +77,9 @@ pub enum SearchError {
         /// The smallest usual sensor that has all its pixels.
         likely: Option<Sensor>,
     },
+    /// The sensor that was asked for is not that of the recording.
+    #[error(transparent)]
+    OtherSensor(#[from] OtherSensor),
     /// The sensor is too large.
     #[error("{file} is of a sensor of {sensor} pixels; up to {} are supported", LARGEST_SENSOR)]
     SensorTooLarge {
@@ -91,6 +95,7 @@ pub enum SearchError {
 /// # Errors
 /// [`SearchError`] if not, or if the recording does not tell it.
 pub fn sensor_of(recording: &Recording) -> Result<Sensor, SearchError> {
+    check_stated(recording)?;
     let file = || recording.path().display().to_string();
     let unknown = || SearchError::SensorUnknown { file: file(), likely: likely_sensor_of(recording) };
     let sensor = recording.open()?.information().sensor.ok_or_else(unknown)?;
@@ -110,20 +115,33 @@ pub fn search_events(
     wanted: SearchFor,
     settings: &DetectionSettings,
 ) -> Result<FoundCircles, RecordingError> {
-    search_events_telling(recording, sensor, wanted, settings, |_| {})
+    Ok(search(recording, sensor, wanted, settings, |_| {})?.0)
 }
 
-/// As [`search_events`]; `progress` is told which part of the recording was searched, 0 to 1, where that is known.
+/// As [`search_events`] of a recording whose sensor may have been asked for; `progress` is told which part of the recording was searched, 0 to 1, where that is known.
 ///
 /// # Errors
-/// As there.
+/// [`SearchError`] when it cannot be read, or many events lie outside of that sensor.
 pub fn search_events_telling(
     recording: &Recording,
     sensor: Sensor,
     wanted: SearchFor,
     settings: &DetectionSettings,
     mut progress: impl FnMut(Option<f64>),
-) -> Result<FoundCircles, RecordingError> {
+) -> Result<FoundCircles, SearchError> {
+    let (found, outside) = search(recording, sensor, wanted, settings, &mut progress)?;
+    check_outside(recording, found.report.events, outside)?;
+    Ok(found)
+}
+
+/// Searches; how many events lie outside of the sensor comes second.
+fn search(
+    recording: &Recording,
+    sensor: Sensor,
+    wanted: SearchFor,
+    settings: &DetectionSettings,
+    mut progress: impl FnMut(Option<f64>),
+) -> Result<(FoundCircles, u64), RecordingError> {
     let mut stage = match wanted {
         SearchFor::Board(pattern) => DetectionStage::for_board(settings, sensor, pattern, 0),
         SearchFor::Circles(fewest) => DetectionStage::for_circles(settings, sensor, fewest),
@@ -143,7 +161,8 @@ pub fn search_events_telling(
             (FoundContent::Windows(windows), report)
         }
     };
-    Ok(FoundCircles { content, report, origin_us: pass.first, notes: pass.to_report().notes })
+    let outside = pass.report.out_of_range;
+    Ok((FoundCircles { content, report, origin_us: pass.first, notes: pass.to_report().notes }, outside))
 }
 
 /// Looks through the circles that a device found. `sensor` is the size given for it, if any.

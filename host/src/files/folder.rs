@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::FileError;
+use super::{FileError, unfinished};
 
 /// Why results cannot go into a folder.
 #[derive(Debug, thiserror::Error)]
@@ -40,6 +40,9 @@ impl OutputFolder {
             .collect();
         made.reverse();
         let folder = Self { path: path.to_owned(), made };
+        for made in &folder.made {
+            unfinished::begin(|| Ok::<_, io::Error>(((), made.clone()))).map_err(failed)?;
+        }
         fs::create_dir_all(path).map_err(failed)?;
         tempfile::tempfile_in(path).map_err(failed)?;
         Ok(folder)
@@ -62,6 +65,38 @@ impl OutputFolder {
         &self.path
     }
 
+    /// Replaces the files of which `is_old` says so by those that `fill` writes into the folder that it is given. The
+    /// old ones go when all of the new ones are whole.
+    ///
+    /// # Errors
+    /// [`FileError`], that of `fill` too, names the file as it would have been called; what was there stays.
+    pub fn replace<T>(
+        &self,
+        is_old: impl Fn(&Path) -> bool,
+        fill: impl FnOnce(&Path) -> Result<T, FileError>,
+    ) -> Result<T, FileError> {
+        let failed = |error| FileError::new(&self.path, error);
+        let new = unfinished::begin(|| {
+            let new = tempfile::Builder::new().prefix(".evcal.").suffix(super::UNFINISHED).tempdir_in(&self.path)?;
+            let path = new.path().to_owned();
+            Ok((new, path))
+        })
+        .map_err(failed)?;
+        let filled = fill(new.path()).map_err(|error| final_place(error, new.path(), &self.path));
+        // No signal ends the program between the first file and the last.
+        unfinished::end(new.path(), || {
+            let filled = filled?;
+            self.remove_results(is_old)?;
+            for file in files(new.path()) {
+                let place = self.path.join(&file);
+                let failed = |error| FileError::new(&place, error);
+                place.parent().map_or(Ok(()), fs::create_dir_all).map_err(failed)?;
+                fs::rename(new.path().join(&file), &place).map_err(failed)?;
+            }
+            Ok(filled)
+        })
+    }
+
     /// Removes the files of which `is_result` says that they are results, by their path in the folder.
     ///
     /// # Errors
@@ -75,8 +110,19 @@ impl OutputFolder {
     }
 }
 
+/// The path in `folder` of a file in the folder that is renamed to it.
+fn final_place(error: FileError, from: &Path, folder: &Path) -> FileError {
+    match error.path.strip_prefix(from) {
+        Ok(rest) => FileError { path: folder.join(rest), ..error },
+        Err(_) => error,
+    }
+}
+
 impl Drop for OutputFolder {
     fn drop(&mut self) {
+        for folder in &self.made {
+            unfinished::end(folder, || ());
+        }
         for folder in self.made.iter().rev() {
             // One that holds something stays.
             if fs::remove_dir(folder).is_err() {
@@ -143,6 +189,32 @@ mod tests {
         let open = OutputFolder::open(folder.path()).unwrap();
         open.remove_results(is_result).unwrap();
         assert_eq!(files(folder.path()), [PathBuf::from("mine.txt")]);
+    }
+
+    #[test]
+    fn old_results_stay_until_the_new_ones_are_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let is_result = |path: &Path| path == Path::new("a.json") || path.starts_with("exports");
+        let put = |path: PathBuf, text: &str| fs::write(path, text).unwrap();
+        put(folder.path().join("a.json"), "old");
+        put(folder.path().join("mine.txt"), "mine");
+        let open = OutputFolder::open(folder.path()).unwrap();
+        let full = open.replace(is_result, |new| {
+            put(new.join("a.json"), "new");
+            Err::<(), _>(FileError::new(&new.join("b.png"), io::ErrorKind::StorageFull.into()))
+        });
+        let error = full.unwrap_err();
+        assert_eq!(error.path, folder.path().join("b.png"));
+        assert_eq!(files(folder.path()), [PathBuf::from("a.json"), PathBuf::from("mine.txt")]);
+        assert_eq!(fs::read_to_string(folder.path().join("a.json")).unwrap(), "old");
+        let whole = open.replace(is_result, |new| {
+            fs::create_dir(new.join("exports")).unwrap();
+            put(new.join("exports/b.yaml"), "new");
+            Ok(7)
+        });
+        assert_eq!(whole.unwrap(), 7);
+        assert_eq!(files(folder.path()), [PathBuf::from("exports/b.yaml"), PathBuf::from("mine.txt")]);
+        assert!(fs::read_dir(folder.path()).unwrap().count() == 2);
     }
 
     #[test]

@@ -115,14 +115,19 @@ pub fn write_folder(
     let on_one_line = serde_json::to_string(&calibration).map_err(failed)?;
     let stage_report = stage_report(calibrated);
     let mut summary = summary(&calibration);
-    folder.remove_results(|file| is_result(file) || is_failure(file))?;
-    let folder = folder.path();
     let texts = Texts { calibration: &calibration, json: &json, stage_report: &stage_report };
     let mut tell = |done| progress(Step { text: "report", done: Some(done) });
-    let (notes, sections) =
-        rayon::join(|| write_files(folder, calibrated, task, &texts), || sections(calibrated, task, &mut tell));
-    summary += &notes?;
-    files::write(&folder.join("report.html"), sections.beside(&results_in(folder)).as_bytes())?;
+    let notes = folder.replace(
+        |file| is_result(file) || is_failure(file),
+        |folder| {
+            let (notes, sections) =
+                rayon::join(|| write_files(folder, calibrated, task, &texts), || sections(calibrated, task, &mut tell));
+            let notes = notes?;
+            files::write(&folder.join("report.html"), sections.beside(&results_in(folder)).as_bytes())?;
+            Ok(notes)
+        },
+    )?;
+    summary += &notes;
     Ok(Written { json: on_one_line, summary, stage_report })
 }
 

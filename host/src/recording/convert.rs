@@ -14,7 +14,8 @@ use usb_davis::capture::CaptureError;
 
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
 use super::extras::{Extra, NoExtras, ReadExtras, left_out};
-use super::pass::{SensorTooSmall, check_sensor};
+use super::given_sensor::{OtherSensor, check_outside, check_stated};
+use super::information::{likely_sensor_of, sensor_advice};
 use super::write::output_extensions;
 use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError};
 use crate::files::{FileError, NewFile};
@@ -65,9 +66,9 @@ pub enum ConvertError {
     /// The recording cannot be opened.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// Many events are beyond the sensor that was asked for.
+    /// The sensor that was asked for is not that of the recording.
     #[error(transparent)]
-    SensorTooSmall(#[from] SensorTooSmall),
+    OtherSensor(#[from] OtherSensor),
     /// The camera's stream cannot be read.
     #[error("{}: {error}", path.display())]
     Capture {
@@ -91,8 +92,13 @@ pub enum ConvertError {
     #[error("{} is there already and is not overwritten: choose another name", .0.display())]
     Exists(PathBuf),
     /// The sensor size is not known.
-    #[error("{} does not say how many pixels the sensor has: add --sensor WIDTHxHEIGHT", .0.display())]
-    SensorUnknown(PathBuf),
+    #[error("{} does not say how many pixels the sensor has: {}", file.display(), sensor_advice(*likely))]
+    SensorUnknown {
+        /// The recording.
+        file: PathBuf,
+        /// The smallest usual sensor that has all its pixels.
+        likely: Option<Sensor>,
+    },
     /// The recording does not say when it began.
     #[error("{} does not say when it began: times cannot count from 1970", .0.display())]
     StartUnknown(PathBuf),
@@ -154,6 +160,7 @@ pub fn convert_changed(
     if path.exists() {
         return Err(ConvertError::Exists(path.to_owned()));
     }
+    check_stated(recording)?;
     let mut reader = recording.open()?;
     let mut events = Vec::new();
     let mut report = ConversionReport::default();
@@ -168,7 +175,10 @@ pub fn convert_changed(
     let information = reader.information();
     let sensor = match information.sensor {
         Some(sensor) => sensor,
-        None if target.holds_sensor => return Err(ConvertError::SensorUnknown(recording.path().to_owned())),
+        None if target.holds_sensor => {
+            let (file, likely) = (recording.path().to_owned(), likely_sensor_of(recording));
+            return Err(ConvertError::SensorUnknown { file, likely });
+        }
         None => Sensor::new(0, 0),
     };
     let camera_name = information.camera_name.as_deref().unwrap_or_default();
@@ -201,10 +211,10 @@ pub fn convert_changed(
     if extras.next_until(i64::MAX, &mut report.lost).is_some() {
         report.lost.push("frames or inertial samples more than a minute after the last event".to_owned());
     }
+    check_outside(recording, report.events, reader.report().out_of_range)?;
     output.finish().map_err(failed)?;
     report.lost.extend(output.lost());
     drop(output);
-    check_sensor(recording, reader.report())?;
     if let Some(file) = file {
         file.finish().map_err(|error| failed(error.error.into()))?;
     }

@@ -16,7 +16,7 @@ use super::extras::{Extra, OtherStreams};
 #[non_exhaustive]
 pub enum WriteError {
     /// The operating system refused.
-    #[error("cannot be written: {0}")]
+    #[error("cannot be written: {}", crate::files::told(.0))]
     Io(#[from] io::Error),
     /// More than a size field can hold.
     #[error("a packet or header is too large for its format")]

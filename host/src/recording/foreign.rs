@@ -6,6 +6,9 @@ const VIDEO: &str = "name the events that the camera recorded, not a video of th
 const PAGE: &str = "a web page was saved in place of the recording: download it again";
 const COLUMNS: &str = "save its columns t, x, y and p with numpy.savez, or as CSV";
 
+/// What the report of a calibration has near its beginning.
+const REPORT: &[u8] = b"name=\"generator\" content=\"evcal ";
+
 /// How a file begins, the name of its format, and advice.
 const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"#!AER-DAT1", "AEDAT 1", "open it in jAER and save it as AEDAT 2"),
@@ -28,7 +31,11 @@ const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"{\n  \"", "JSON", JSON),
     (b"{\"camera\"", "JSON", JSON),
     (b"{\"sensor\"", "JSON", JSON),
-    (b"%YAML", "YAML", "cameras for other programs are written by evcal, not read; calibration.json is read"),
+    (
+        b"%YAML",
+        "YAML",
+        "a camera.yaml is a camera for OpenCV, and calibration.json beside it is read by evcal; name the recording here",
+    ),
     (b"%PDF", "PDF", "name the recording of the board, not the board"),
     (b"\x89PNG", "PNG", "evcal undistort takes pictures, and takes their distortion out"),
     (b"7z\xbc\xaf\x27\x1c", "7z", "unpack it first"),
@@ -52,6 +59,10 @@ const FOREIGN_LATER: &[(usize, &[u8], &str, &str)] = &[
 
 /// Name of the format and advice, if `bytes` begin like a format that is known but not read.
 pub fn recognise(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
+    let beginning = bytes.get(..1024).unwrap_or(bytes);
+    if bytes.starts_with(b"<!DOCTYPE") && beginning.windows(REPORT.len()).any(|part| part == REPORT) {
+        return Some(("calibration report", "browsers show it; name the recording here"));
+    }
     let first = FOREIGN.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|&(_, name, advice)| (name, advice));
     let later = || FOREIGN_LATER.iter().find(|(at, magic, ..)| bytes.get(*at..).is_some_and(|b| b.starts_with(magic)));
     let utf_16 =

@@ -134,6 +134,10 @@ const MOST_NAMED: usize = 3;
 
 /// The recordings in the folder `path` by their names, the first few of them: as words to append.
 fn recordings_in(path: &Path) -> String {
+    if path.join("calibration.json").is_file() {
+        return "; the one named holds a calibration, which evcal export, evaluate, compare and undistort -c read"
+            .to_owned();
+    }
     let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
     let mut names: Vec<String> = entries
         .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_file()))

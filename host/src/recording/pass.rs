@@ -4,7 +4,6 @@ use std::ops::ControlFlow;
 use std::sync::mpsc::{SyncSender, sync_channel};
 
 use evcal_core::event::Event;
-use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use crate::recording::date::date;
@@ -148,41 +147,3 @@ fn read_ahead(recording: &Recording, sender: &SyncSender<(Vec<Event>, Option<f64
     let report = reader.report().clone();
     Ok(Pass { count, first: first.unwrap_or(0), last, camera_name, began, assumptions, report, damage })
 }
-/// Many events are beyond the sensor that was asked for.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "{file}: {outside} of {total} events lie outside of {sensor} pixels, which --sensor asks for: {}",
-    match .own { Some(own) => format!("leave it out, the file says {own}"), None => "give the true size".to_owned() }
-)]
-pub struct SensorTooSmall {
-    /// The file.
-    pub file: String,
-    /// Events outside.
-    pub outside: u64,
-    /// All events.
-    pub total: u64,
-    /// The sensor asked for.
-    pub sensor: Sensor,
-    /// What the file says.
-    pub own: Option<Sensor>,
-}
-
-/// Share of events that may lie outside of a sensor that was asked for.
-const FEW_OUTSIDE: f64 = 0.01;
-
-/// Whether the sensor that was asked for has the pixels of the events, of which `report` tells.
-///
-/// # Errors
-/// [`SensorTooSmall`].
-pub fn check_sensor(recording: &Recording, report: &ReadReport) -> Result<(), SensorTooSmall> {
-    let outside = report.out_of_range;
-    let total = report.events + outside;
-    match recording.options().sensor {
-        Some(sensor) if outside as f64 > FEW_OUTSIDE * total as f64 => {
-            let file = recording.path().display().to_string();
-            Err(SensorTooSmall { file, outside, total, sensor, own: recording.own_sensor() })
-        }
-        _ => Ok(()),
-    }
-}
-

@@ -154,19 +154,23 @@ fn sentence(grade: Grade, camera: &Camera<f64>, trust: &Trust, findings: &[Findi
         "expected projection error below {:.3} px over the sensor (95 % confidence){focal}",
         trust.projection.rms_95
     );
-    // What makes the grade: beside a failure, warnings do not count.
-    let worst = findings.iter().map(|finding| finding.severity).max();
-    let grave = || findings.iter().filter(|finding| Some(finding.severity) == worst);
-    // How well the projection is known is told anyway: here the causes count, if there are any.
-    let causes: Vec<&str> =
-        grave().filter(|finding| finding.cause != Cause::Uncertain).map(|finding| finding.reason.as_str()).collect();
-    let reasons: Vec<&str> =
-        if causes.is_empty() { grave().map(|finding| finding.reason.as_str()).collect() } else { causes };
+    let reasons = reasons(findings);
     match grade {
         Grade::Good => format!("Good: {known}."),
         Grade::Usable => format!("Usable, but {}: {known}.", reasons.join("; ")),
         Grade::NotGood => format!("Not good enough, because {}: {known}.", reasons.join("; ")),
     }
+}
+
+/// What the sentence names of `findings`, gravest first.
+fn reasons(findings: &[Finding]) -> Vec<&str> {
+    // A sentence about a failure names no warning, which would not make the calibration fail.
+    let worst = findings.first().map(|finding| finding.severity).filter(|severity| *severity > Severity::Note);
+    let grave = || findings.iter().filter(|finding| Some(finding.severity) == worst);
+    // How well the projection is known is told anyway: here the causes count, if there are any.
+    let causes: Vec<&str> =
+        grave().filter(|finding| finding.cause != Cause::Uncertain).map(|finding| finding.reason.as_str()).collect();
+    if causes.is_empty() { grave().map(|finding| finding.reason.as_str()).collect() } else { causes }
 }
 
 /// Name, value and σ of the focal length along x. In models whose fx can only be told together with a shape
@@ -180,4 +184,24 @@ fn focal_length(camera: &Camera<f64>, trust: &Trust) -> Option<(&'static str, f6
     let sigma = gradient.dot(&(covariance * &gradient)).max(0.0).sqrt();
     let plain = camera.parameters().first().is_some_and(|fx| (fx - value).abs() <= 1e-9 * value);
     Some((if plain { "fx" } else { "focal length on the axis" }, value, sigma))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn finding(cause: Cause, severity: Severity, reason: &str) -> Finding {
+        Finding { cause, severity, reason: reason.to_owned(), advice: String::new() }
+    }
+
+    #[test]
+    fn the_sentence_names_only_the_gravest_reasons() {
+        let uncertain = finding(Cause::Uncertain, Severity::Failure, "known to 0.43 px");
+        let poor = finding(Cause::ModelTooPoor, Severity::Warning, "residuals of 0.012 px");
+        let bent = finding(Cause::HalvesDisagree, Severity::Failure, "halves differ");
+        assert_eq!(reasons(&[uncertain.clone(), poor.clone()]), ["known to 0.43 px"]);
+        assert_eq!(reasons(&[uncertain, bent, poor.clone()]), ["halves differ"]);
+        assert_eq!(reasons(std::slice::from_ref(&poor)), ["residuals of 0.012 px"]);
+        assert!(reasons(&[finding(Cause::Short, Severity::Note, "short")]).is_empty());
+    }
 }

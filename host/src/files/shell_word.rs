@@ -1,0 +1,23 @@
+//! Words of a command line that is printed to be copied.
+
+/// `word` as a shell takes it: in quotes if need be.
+pub fn shell_word(word: &str) -> String {
+    let plain = |letter: char| letter.is_alphanumeric() || "-_./:=,+@%".contains(letter);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_a_shell_would_take_apart_is_quoted() {
+        assert_eq!(shell_word("a/b-1.dvraw"), "a/b-1.dvraw");
+        assert_eq!(shell_word("my recording.dvraw"), "'my recording.dvraw'");
+        assert_eq!(shell_word("it's"), r"'it'\''s'");
+    }
+}
