@@ -246,7 +246,8 @@ mod tests {
                 r#"{{"camera": {{"model": "{model}", "width": 346, "height": 260, "fx": 331.6, "fy": 331.1, "cx": 176.9, "cy": 134.2, "dist": {dist}}}}}"#
             )
         };
-        std::fs::write(&path, text("radtan", r#"{"k1": -0.352, "k2": 0.149, "p1": -4e-4, "p2": 5e-4, "k3": -0.03}"#)).unwrap();
+        std::fs::write(&path, text("radtan", r#"{"k1": -0.352, "k2": 0.149, "p1": -4e-4, "p2": 5e-4, "k3": -0.03}"#))
+            .unwrap();
         let (camera, sensor) = read(&path).unwrap();
         assert_eq!(sensor, Sensor::new(346, 260));
         assert_eq!(camera.kind(), ModelKind::Radtan);

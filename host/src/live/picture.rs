@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use usb_davis::dump::{DumpHeader, Transfer};
-use usb_davis::protocol::{Decoder, Frame, Message};
+use usb_davis::protocol::{Frame, Message};
 
 use crate::recording::davis::event;
 use crate::recording::pictures::GreyImage;
@@ -123,7 +123,7 @@ impl PictureFeed {
     ) -> Self {
         let shared = Arc::new(Shared::default());
         let (width, height) = header.registers.layout().dvs.size();
-        let (of_thread, mut decoder) = (Arc::clone(&shared), Decoder::new(header.registers.layout()));
+        let (of_thread, mut decoder) = (Arc::clone(&shared), header.decoder());
         let thread = thread::spawn(move || {
             let mut picture = EventPicture::new(Sensor::new(width, height));
             let mut due = Instant::now() + PICTURE_INTERVAL;

@@ -28,25 +28,27 @@ pub fn sum_by_block(starts: &[(usize, f64)], contributions: &[Contribution], len
         .collect()
 }
 
-/// The same times when the segments follow each other without pause, from 0 on, and how long all of it is; a stretch is as long as those
-/// of its segment are on average.
+/// The middles of the stretches that begin at `starts`, in order, when the segments follow each other without pause, from 0 on; and how long
+/// all of it is. All stretches are as long as they are on average.
 fn observed_times(starts: &[(usize, f64)]) -> (Vec<f64>, f64) {
-    let mut spans: BTreeMap<usize, (f64, f64, usize)> = BTreeMap::new();
+    let mut spans: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
+    let mut steps = 0;
     for &(segment, t) in starts {
-        let (first, last, count) = spans.entry(segment).or_insert((t, t, 0));
-        (*first, *last, *count) = (first.min(t), last.max(t), *count + 1);
+        let (_, last) = spans.entry(segment).or_insert((t, t));
+        if t > *last {
+            (*last, steps) = (t, steps + 1);
+        }
     }
-    let (stretches, spanned) =
-        spans.values().fold((0, 0.0), |(number, sum), (first, last, count)| (number + count - 1, sum + last - first));
-    // One that is alone in its segment is as long as the others.
-    let usual = if stretches > 0 { spanned / stretches as f64 } else { 1.0 };
-    let mut before = BTreeMap::new();
+    let spanned: f64 = spans.values().map(|(first, last)| last - first).sum();
+    // Where each is alone in its segment, they count alike.
+    let length = if steps > 0 { spanned / f64::from(steps) } else { 1.0 };
+    let mut shifts = BTreeMap::new();
     let mut total = 0.0;
-    for (segment, (first, last, _)) in spans {
-        before.insert(segment, total - first);
-        total += last - first + usual;
+    for (segment, (first, last)) in spans {
+        shifts.insert(segment, total - first + 0.5 * length);
+        total += last - first + length;
     }
-    (starts.iter().map(|(segment, t)| t + before.get(segment).copied().unwrap_or(0.0)).collect(), total)
+    (starts.iter().map(|(segment, t)| t + shifts.get(segment).copied().unwrap_or(0.0)).collect(), total)
 }
 
 /// How the estimate scatters from block to block.
