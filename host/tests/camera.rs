@@ -112,8 +112,10 @@ fn a_camera_is_chosen_by_its_serial_number() {
     let _second = bus.start_beside(Model::new("00000043", || events(6000))).unwrap();
     let directory = tempfile::tempdir().unwrap();
     let listing = json(&run(&bus, &["devices", "--json"]).1);
-    let serials: Vec<&str> =
+    let mut serials: Vec<&str> =
         listing.as_array().unwrap().iter().map(|camera| camera["serial"].as_str().unwrap()).collect();
+    // The system lists them in the order in which it met them.
+    serials.sort_unstable();
     assert_eq!(serials, ["00000042", "00000043"]);
     for (serial, events) in [("00000042", 3000), ("00000043", 6000)] {
         let path = directory.path().join(format!("{serial}.dvraw"));
