@@ -86,7 +86,7 @@ fn what_no_davis346_sends_is_refused() {
     for (arguments, code, words) in [
         (["--format", "csv", "--imu"].as_slice(), 2, "need --format aedat4 or dvraw"),
         (&["--format", "dvraw", "--frames", "60"], 1, "frames.interval"),
-        (&["--format", "dvraw", "--frames=-1"], 1, "frames.interval"),
+        (&["--format", "dvraw", "--frames=-1"], 2, "0.1 to 1000"),
         (&["--format", "dvraw", "--sensor", "320x240"], 1, "346x260"),
     ] {
         let (found, message) = refused(&[arguments, &to].concat());
