@@ -17,7 +17,6 @@ pub mod other_stretches;
 pub mod parameter_request;
 mod pictures;
 mod progress;
-pub mod radius;
 pub mod repeat;
 pub mod second;
 pub mod step;

@@ -13,12 +13,11 @@ use serde::{Serialize, Serializer};
 use self::advice::next_step;
 use self::units::{OtherUnit, other_unit};
 use crate::board::{Board, layout_name};
-use crate::calibrate::error::CalibrateError;
-use crate::calibrate::radius::other_radius;
 use crate::detection::LARGEST_SENSOR;
 use crate::detection::focus::{EdgeWidth, edge_width};
 use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::other_board::OtherBoard;
+use crate::detection::radius::other_radius;
 use crate::detection::search::{FoundContent, SearchFor, search_events};
 use crate::detection::settings::DetectionSettings;
 use crate::recording::information::{Information, gather_events};
@@ -141,9 +140,7 @@ fn look(
             Some(found.report.no_pattern(settings.window.max_interval, other.finish()).to_string())
         }
         Some(board) => match &found.content {
-            FoundContent::Boards(_, frames) => {
-                other_radius(frames, board).map(|other| CalibrateError::OtherRadius(other).to_string())
-            }
+            FoundContent::Boards(_, frames) => other_radius(frames, board).map(|other| other.to_string()),
             _ => None,
         },
         None => None,

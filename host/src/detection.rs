@@ -13,6 +13,7 @@ pub mod no_board;
 mod ordering;
 pub mod other_board;
 pub mod pictures;
+pub mod radius;
 mod report;
 pub mod search;
 mod second_pass;

@@ -90,8 +90,8 @@ fn recordings_are_described_in_the_same_words_everywhere() {
 #[test]
 fn numbers_have_bounds() {
     let cases: &[(&[&str], &str)] = &[
-        (&["info", "--threads", "0", "a.csv"], "1..=1024"),
-        (&["info", "--threads", "99999999", "a.csv"], "1..=1024"),
+        (&["info", "--threads", "0", "a.csv"], "1 to 1024"),
+        (&["info", "--threads", "99999999", "a.csv"], "1 to 1024"),
         (&["repeat", "a.csv", "--board", BOARD, "--runs", "1"], "2.."),
         (&["undistort", "a.png", "-c", "c", "-o", "b.png", "--alpha", "1.5"], "from 0 to 1"),
         (&["export", "c", "--c-header", "a.h", "--max-error", "0"], "pixels"),

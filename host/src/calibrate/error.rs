@@ -1,8 +1,8 @@
 //! Why a calibration fails.
 
 use super::board_choice::LargerBoard;
-use super::radius::OtherRadius;
 use crate::check::units::OtherUnit;
+use crate::detection::radius::OtherRadius;
 use crate::detection::{LARGEST_SENSOR, NoPattern};
 use crate::initial::InitialError;
 use crate::picture_calibration::calibration::NoPictureCalibration;
@@ -49,10 +49,7 @@ pub enum CalibrateError {
         unit: OtherUnit,
     },
     /// The circles are not as large as stated.
-    #[error(
-        "the circles look like {:.1} mm in radius, not {:.1} mm, for the stated spacing: {}",
-        1e3 * .0.seen, 1e3 * .0.stated, radius_advice(.0)
-    )]
+    #[error(transparent)]
     OtherRadius(OtherRadius),
     /// The lens or the board cannot be as the user says.
     #[error("no lens or board is like that: change the values of --fix")]
@@ -146,17 +143,6 @@ impl CalibrateError {
                 | Self::Pictures(_)
                 | Self::JointPictures(_)
         )
-    }
-}
-
-/// Which boards may be meant instead.
-/// What to do about circles that are not as large as stated.
-pub(crate) fn radius_advice(other: &OtherRadius) -> String {
-    let meant: Vec<String> =
-        other.meant.iter().map(|(question, board)| format!("{question} Then use --board {board}")).collect();
-    match meant.as_slice() {
-        [] => "measure both on the board, and give them with --board".to_owned(),
-        meant => meant.join("; "),
     }
 }
 

@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::container::{ChunkError, Container, MessageHead, Topic, unpack, unpack_beginning};
+use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Topic, plain, unpack, unpack_beginning};
 use super::fields::Wire;
 use super::message::Kind;
 use super::write::BAG_OUTPUT;
@@ -165,7 +165,8 @@ impl Bag {
 
     /// Takes what there is of a chunk whose end is missing; false if it is nothing.
     fn take_beginning(&mut self, start: u64) -> Result<bool, RecordingError> {
-        self.file.read(&mut self.packed, self.file.left())?;
+        // A false length would have the rest of the file in memory.
+        self.file.read(&mut self.packed, self.file.left().min(MOST_UNPACKED))?;
         let (packed, unpacked) = (self.packed.as_slice(), &mut self.chunk.bytes);
         match field(&self.header, b"compression").unwrap_or_default() {
             b"none" => unpack_beginning(packed, unpacked),
@@ -182,7 +183,7 @@ impl Bag {
         let unpacked = &mut self.chunk.bytes;
         let packed = self.packed.as_slice();
         let done = match field(&self.header, b"compression").unwrap_or_default() {
-            b"none" => unpack(packed, size, unpacked),
+            b"none" => plain(packed, size, unpacked),
             b"lz4" => unpack(lz4_flex::frame::FrameDecoder::new(packed), size, unpacked),
             b"bz2" => unpack(bzip2::read::BzDecoder::new(packed), size, unpacked),
             _ => Err(ChunkError::Compression { known: "none, bz2 and lz4" }),

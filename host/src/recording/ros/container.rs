@@ -8,7 +8,7 @@ use super::message::Kind;
 use crate::recording::{RecordingError, Truncation};
 
 /// A chunk that says it unpacks to more is damaged: writers begin a new one after some megabytes.
-const MOST_UNPACKED: u64 = 1 << 26;
+pub const MOST_UNPACKED: u64 = 1 << 26;
 
 /// Messages of one name.
 #[derive(Clone, Debug)]
@@ -106,6 +106,13 @@ pub fn unpack(mut packed: impl Read, size: u64, unpacked: &mut Vec<u8>) -> Resul
     }
     let read = packed.by_ref().take(size + 1).read_to_end(unpacked)?;
     if read as u64 == size { Ok(()) } else { Err(ChunkError::Size { size }) }
+}
+
+/// Takes a chunk of `size` bytes that is not packed: it is no larger than it says, or than the file.
+pub fn plain(bytes: &[u8], size: u64, unpacked: &mut Vec<u8>) -> Result<(), ChunkError> {
+    unpacked.clear();
+    unpacked.extend_from_slice(bytes);
+    if bytes.len() as u64 == size { Ok(()) } else { Err(ChunkError::Size { size }) }
 }
 
 /// Unpacks what there is of a chunk whose end is missing into `unpacked`.

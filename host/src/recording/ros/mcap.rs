@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::container::{ChunkError, Container, MessageHead, Topic, unpack, unpack_beginning};
+use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Topic, plain, unpack, unpack_beginning};
 use super::fields::{Fields, MessageError, Wire};
 use super::message::Kind;
 use super::write::MCAP_OUTPUT;
@@ -152,7 +152,8 @@ impl Mcap {
 
     /// Takes what there is of a chunk whose end is missing; false if it is nothing.
     fn take_beginning(&mut self, start: u64) -> Result<bool, RecordingError> {
-        self.file.read(&mut self.packed, self.file.left())?;
+        // A false length would have the rest of the file in memory.
+        self.file.read(&mut self.packed, self.file.left().min(MOST_UNPACKED))?;
         (self.position, self.byte) = (0, start);
         self.records.clear();
         let Ok(ChunkHead { compression, packed, .. }) = ChunkHead::of(&self.packed) else { return Ok(false) };
@@ -175,7 +176,7 @@ impl Mcap {
         let packed = packed.ok_or(ChunkError::Short)?;
         let records = &mut self.records;
         match compression {
-            b"" => unpack(packed, size, records),
+            b"" => plain(packed, size, records),
             b"lz4" => unpack(lz4_flex::frame::FrameDecoder::new(packed), size, records),
             b"zstd" => {
                 let decoder = zstd::stream::read::Decoder::with_buffer(packed)?;

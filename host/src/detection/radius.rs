@@ -14,7 +14,11 @@ const DISAGREES: f64 = 1.3;
 const DIAMETER: std::ops::Range<f64> = 1.6..2.4;
 
 /// The circles do not look as large as stated.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "the circles look like {:.1} mm in radius, not {:.1} mm, for the stated spacing: {}",
+    1e3 * .seen, 1e3 * .stated, advice(.meant)
+)]
 pub struct OtherRadius {
     /// The radius that they look like, for the stated spacing (m).
     pub seen: f64,
@@ -22,6 +26,16 @@ pub struct OtherRadius {
     pub stated: f64,
     /// The board that is meant, if the radius is its diameter or the spacing the distance of neighbours in a row.
     pub meant: Vec<(&'static str, Board)>,
+}
+
+/// What to do, of which boards may be meant.
+fn advice(meant: &[(&'static str, Board)]) -> String {
+    let meant: Vec<String> =
+        meant.iter().map(|(question, board)| format!("{question} Then use --board {board}")).collect();
+    match meant.as_slice() {
+        [] => "measure both on the board, and give them with --board".to_owned(),
+        meant => meant.join("; "),
+    }
 }
 
 /// What the circles of `frames` look like, if not like those of `board`.
