@@ -92,7 +92,7 @@ fn numbers_have_bounds() {
     let cases: &[(&[&str], &str)] = &[
         (&["info", "--threads", "0", "a.csv"], "1 to 1024"),
         (&["info", "--threads", "99999999", "a.csv"], "1 to 1024"),
-        (&["repeat", "a.csv", "--board", BOARD, "--runs", "1"], "2.."),
+        (&["repeat", "a.csv", "--board", BOARD, "--runs", "1"], "2 to 65535"),
         (&["undistort", "a.png", "-c", "c", "-o", "b.png", "--alpha", "1.5"], "from 0 to 1"),
         (&["export", "c", "--c-header", "a.h", "--max-error", "0"], "pixels"),
         (&["export", "c", "--c-header", "a.h", "--ideal", "1,1,0"], "fx,fy,cx,cy"),
