@@ -72,18 +72,19 @@ impl Watcher {
     ) -> Self {
         let sensor = header.registers.layout().dvs.size().into();
         let shared = Arc::new(Shared::default());
-        let latest = Latest::new(Observer::new(detection, initial, live, board, sensor).seen());
+        let observer = Observer::new(detection, initial, live, board, sensor);
+        let observer = match memory {
+            Some(memory) => observer.with_memory(memory),
+            None => observer,
+        };
+        let (latest, memory) = (Latest::new(observer.seen()), observer.into_memory());
         let longest_wait_ns = (live.longest_wait.max(0.0) * 1e9) as u64;
         let decoder = Decoder::new(header.registers.layout());
         let (of_thread, latest_of_thread) = (Arc::clone(&shared), latest.clone());
         let (detection, initial, live, board) = (detection.clone(), initial.clone(), live.clone(), *board);
         let thread = thread::spawn(move || {
-            let observer = Observer::new(&detection, &initial, &live, &board, sensor).with_checkpoints(checkpoints);
-            let observer = match memory {
-                Some(memory) => observer.with_memory(memory),
-                None => observer,
-            };
-            latest_of_thread.set(observer.seen());
+            let observer = Observer::new(&detection, &initial, &live, &board, sensor);
+            let observer = observer.with_memory(memory).with_checkpoints(checkpoints);
             look(&of_thread, decoder, observer, &latest_of_thread)
         });
         Self { shared, latest, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }
