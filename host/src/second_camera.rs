@@ -62,7 +62,7 @@ pub fn calibrate_second(
     settings: &UncertaintySettings,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let trajectories = &first.refined.state.trajectories;
-    let start = start::start(trajectories, &Seen::along(&second.refined.state.trajectories), symmetries)?;
+    let start = start::start(trajectories, &Seen::along(&second.refined.state.trajectories), symmetries, start::LOOSE)?;
     let segments = seen_by_both(first.refined, &second.refined.problem.segments, &start, symmetries);
     let count = |segments: &[SegmentObservations]| segments.iter().map(|one| one.events.len()).sum::<usize>();
     let left_out = 1.0 - count(&segments) as f64 / count(&second.refined.problem.segments).max(1) as f64;

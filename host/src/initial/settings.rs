@@ -104,6 +104,9 @@ settings! {
 /// centre of a circle's image grows with it.
 const USUAL_RADIUS: f64 = 12.0;
 
+/// How much further from where they are expected circles may be in frames of a rolling shutter.
+const ROWS_IN_TURN: f64 = 10.0;
+
 impl InitialSettings {
     /// As they are for `frames` of `board`: small boards may be used when they are complete, and large circles may be further from where
     /// they are expected.
@@ -115,6 +118,15 @@ impl InitialSettings {
             min_circles: self.min_circles.min(board.circle_count()).max(MINIMUM_POINTS),
             max_circle_error: self.max_circle_error * larger,
             max_frame_rms: self.max_frame_rms * larger,
+            ..self.clone()
+        }
+    }
+
+    /// As they are for frames whose rows may be exposed one after the other: while the board moves, no pose explains all of it well.
+    pub fn of_rows_in_turn(&self) -> Self {
+        Self {
+            max_circle_error: self.max_circle_error * ROWS_IN_TURN,
+            max_frame_rms: self.max_frame_rms * ROWS_IN_TURN,
             ..self.clone()
         }
     }

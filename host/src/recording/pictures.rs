@@ -29,7 +29,7 @@ impl GreyImage {
 
     /// The value of a pixel of the image.
     pub fn get(&self, x: usize, y: usize) -> Option<u8> {
-        if x < self.width { self.pixels.get(y * self.width + x).copied() } else { None }
+        if x < self.width { self.pixels.get(y.saturating_mul(self.width).saturating_add(x)).copied() } else { None }
     }
 }
 

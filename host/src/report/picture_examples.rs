@@ -17,7 +17,7 @@ use crate::recording::pictures::{GreyImage, TimedImage, visit_frames};
 use crate::report::drawing::{BEYOND, Picture};
 
 /// Most pictures that are carried to the board.
-const MOST_PICTURES: usize = 40;
+const MOST_PICTURES: usize = 24;
 /// A picture is that of a reference frame when their times differ by less (s).
 const SAME_TIME: f64 = 1e-3;
 
@@ -102,12 +102,12 @@ impl Shown {
     /// The grey value at a place on the sensor, interpolated.
     fn grey(&self, pixel: Vector2<f64>) -> Option<f64> {
         let place = pixel - self.position;
-        let (left, top) = (place.x.floor(), place.y.floor());
-        if !(left >= 0.0 && top >= 0.0) {
+        if !(place.x >= 0.0 && place.y >= 0.0) {
             return None;
         }
-        let (right_share, lower_share) = (place.x - left, place.y - top);
-        let (column, row) = (left as usize, top as usize);
+        // Cut off, which is rounding down, without the call that this takes on older processors.
+        let (column, row) = (place.x as usize, place.y as usize);
+        let (right_share, lower_share) = (place.x - column as f64, place.y - row as f64);
         let value = |column: usize, row: usize| self.image.get(column, row).map(f64::from);
         let upper = value(column, row)? * (1.0 - right_share) + value(column + 1, row)? * right_share;
         let lower = value(column, row + 1)? * (1.0 - right_share) + value(column + 1, row + 1)? * right_share;

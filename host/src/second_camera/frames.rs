@@ -30,6 +30,11 @@ const CERTAIN: f64 = 3.0;
 const USUAL_RMS: f64 = 1.36;
 /// Spreads that are the same differ by less than this factor.
 const SAME_SPREAD: f64 = 1.2;
+/// Change of place (m) and rotation (rad) between the cameras, by the poses of frames, that is too much: rows that are exposed one after
+/// the other move a pose by a part of what the camera moves meanwhile.
+const LOOSE: [f64; 2] = [3.0 * start::LOOSE[0], 3.0 * start::LOOSE[1]];
+/// Spread of centres about the first camera's trajectory, once rows have times of their own, that is too much (rad).
+const LOOSE_CENTRES: f64 = 4e-3;
 /// Most solves until the spread of centres is known.
 const MOST_SOLVES: usize = 4;
 
@@ -75,7 +80,7 @@ pub fn calibrate_frames(
 ) -> Result<SecondCalibration, SecondCameraError> {
     let state = &first.refined.state;
     let seen = Seen::in_frames(second.frames.iter().map(|frame| (frame.t, frame.pose)));
-    let start = start::start(&state.trajectories, &seen, symmetries)?;
+    let start = start::start(&state.trajectories, &seen, symmetries, LOOSE)?;
     let mut of_segments: Vec<SegmentObservations> = Vec::new();
     for (frame, seen) in second.frames.iter().zip(&seen.poses) {
         of_segments.resize_with(of_segments.len().max(seen.segment + 1), SegmentObservations::default);
@@ -95,7 +100,13 @@ pub fn calibrate_frames(
         second: State { camera: second.camera, trajectories: Vec::new(), ..state.clone() },
         mount: Mount { line_delay: Some(0.0), ..start.mount },
     };
-    let mut solved = weighed(joint, estimate, lenses, settings)?;
+    let (mut solved, spread) = weighed(joint, estimate, lenses, settings)?;
+    let [focal_length, _] = second.camera.axial_focal_lengths().unwrap_or([f64::INFINITY; 2]);
+    let angle = spread / focal_length;
+    if angle > LOOSE_CENTRES {
+        let distance = angle * mean_distance(&state.trajectories);
+        return Err(SecondCameraError::NotFixed { distance, degrees: angle.to_degrees() });
+    }
     // The focal length of the events is off by what no block of time shows, and that of frames is not.
     let place = TRANSLATION + 2;
     solved.covariance[(place, place)] += (settings.systematic_scale * mean_distance(&state.trajectories)).powi(2);
@@ -121,13 +132,13 @@ pub fn calibrate_frames(
 }
 
 /// Solves, and again with the spread of centres that was left as long as that is not the one that was taken for granted: alone, the
-/// frames of a rolling shutter fit no lens well.
+/// frames of a rolling shutter fit no lens well. The solution, and that spread (px).
 fn weighed(
     joint: Joint,
     estimate: Estimate,
     lenses: Lenses,
     settings: &UncertaintySettings,
-) -> Result<Solved, SecondCameraError> {
+) -> Result<(Solved, f64), SecondCameraError> {
     let (mut joint, estimate) = holding(joint, estimate, lenses);
     let mut solved = solve(&joint, estimate, settings)?;
     for _ in 1..MOST_SOLVES {
@@ -141,5 +152,6 @@ fn weighed(
     if let Some(share) = share_of_lenses(&joint, &solved.estimate, lenses)? {
         solved.covariance += share;
     }
-    Ok(solved)
+    let spread = joint.second.point_sigma * solved.rms / USUAL_RMS;
+    Ok((solved, spread))
 }

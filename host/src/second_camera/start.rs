@@ -41,8 +41,8 @@ const SPREAD: [f64; 2] = [2e-3, 1e-3];
 const HUBER: f64 = 3.0;
 /// Rounds of least squares.
 const ROUNDS: usize = 12;
-/// Change of place (m) and rotation (rad) between the cameras that is too much.
-const LOOSE: [f64; 2] = [0.015, 0.015];
+/// Change of place (m) and rotation (rad) between the cameras that is too much where each pose is a good one.
+pub const LOOSE: [f64; 2] = [0.015, 0.015];
 
 /// For a segment of the first and one of the second recording, the number of a turn of the board.
 pub type Turns = BTreeMap<(usize, usize), usize>;
@@ -71,11 +71,17 @@ struct Pair {
 }
 
 /// Finds a start from the trajectories of the first camera and what is known of the motion of the second, each from the beginning of
-/// its recording on, before a board that looks the same after the turns `symmetries`.
+/// its recording on, before a board that looks the same after the turns `symmetries`. Place (m) and rotation (rad) between the cameras
+/// may usually change by as much as `loose`.
 ///
 /// # Errors
 /// [`SecondCameraError`] says what was not found, and why.
-pub fn start(first: &[Trajectory], second: &Seen, symmetries: &[Symmetry]) -> Result<Start, SecondCameraError> {
+pub fn start(
+    first: &[Trajectory],
+    second: &Seen,
+    symmetries: &[Symmetry],
+    loose: [f64; 2],
+) -> Result<Start, SecondCameraError> {
     let of_first = rates(first);
     let known: Vec<f64> = of_first.1.iter().flatten().copied().collect();
     let rate = (known.iter().map(|rate| rate * rate).sum::<f64>() / known.len().max(1) as f64).sqrt();
@@ -100,7 +106,7 @@ pub fn start(first: &[Trajectory], second: &Seen, symmetries: &[Symmetry]) -> Re
     });
     let seen: Vec<(f64, Isometry3<f64>)> = seen.collect();
     let mount = fitted(first, &seen, mount)?;
-    fixed(first, &seen, &mount)?;
+    fixed(first, &seen, &mount, loose)?;
     Ok(Start { mount, correlation, turns, seconds })
 }
 
@@ -232,15 +238,20 @@ fn fitted(first: &[Trajectory], seen: &[(f64, Isometry3<f64>)], mut mount: Mount
     Ok(mount)
 }
 
-/// Whether the transform is the same all the time.
-fn fixed(first: &[Trajectory], seen: &[(f64, Isometry3<f64>)], mount: &Mount) -> Result<(), SecondCameraError> {
+/// Whether the transform is the same all the time, but for changes as large as `loose`.
+fn fixed(
+    first: &[Trajectory],
+    seen: &[(f64, Isometry3<f64>)],
+    mount: &Mount,
+    loose: [f64; 2],
+) -> Result<(), SecondCameraError> {
     let residuals: Vec<_> = seen.iter().filter_map(|pose| residual(first, pose, mount)).collect();
     let usual = |part: usize| {
         let mut sizes: Vec<f64> = residuals.iter().map(|(row, _)| row.fixed_rows::<3>(3 * part).norm()).collect();
         median(&mut sizes, f64::total_cmp).unwrap_or(f64::INFINITY)
     };
     let (rotation, distance) = (usual(0), usual(1));
-    if distance > LOOSE[0] || rotation > LOOSE[1] {
+    if distance > loose[0] || rotation > loose[1] {
         return Err(SecondCameraError::NotFixed { distance, degrees: rotation.to_degrees() });
     }
     Ok(())

@@ -283,7 +283,12 @@ impl Work<'_> {
             _ => PictureUse::Witness,
         };
         let parameters = ParameterRequests::default();
-        let task = Task { inputs, pictures, parameters, sensor: *sensor, model: *model, ..*task };
+        // Whether its rows are exposed one after the other, only both cameras together tell.
+        let settings = match input {
+            Input::Images(_) => &Settings { initial: self.settings.initial.of_rows_in_turn(), ..self.settings.clone() },
+            Input::Events(_) | Input::Circles { .. } => task.settings,
+        };
+        let task = Task { inputs, pictures, parameters, settings, sensor: *sensor, model: *model, ..*task };
         let second = calibrate(&task, |step| {
             waiting.stage(step.text, step.done);
             ControlFlow::Continue(())

@@ -57,8 +57,8 @@ pub fn dark_spots(image: &GreyImage, settings: &PictureSettings) -> Vec<DarkSpot
 /// Which pixels are darker than halfway between the darkest and the brightest within `reach` pixels,
 /// where these differ enough.
 fn darker_than_around(image: &GreyImage, reach: usize, min_contrast: f64) -> Vec<bool> {
-    let darkest = extreme_around(image, reach, |a, b| a <= b);
-    let brightest = extreme_around(image, reach, |a, b| a >= b);
+    let darkest = extreme_around(image, reach, u8::MAX, |a, b| a.min(b));
+    let brightest = extreme_around(image, reach, u8::MIN, |a, b| a.max(b));
     let pixels = image.pixels.iter().zip(darkest.iter().zip(&brightest));
     let judge = |(&pixel, (&low, &high)): (&u8, (&u8, &u8))| {
         let differs = f64::from(high - low) >= min_contrast * f64::from(high) && high > low;
@@ -67,46 +67,32 @@ fn darker_than_around(image: &GreyImage, reach: usize, min_contrast: f64) -> Vec
     pixels.map(judge).collect()
 }
 
-/// The extreme value within `reach` pixels in x and y of each pixel.
-fn extreme_around(image: &GreyImage, reach: usize, precedes: fn(u8, u8) -> bool) -> Vec<u8> {
+/// The `extreme` of the values within `reach` pixels in x and y of each pixel; it leaves a value as it is beside `neutral`.
+fn extreme_around(image: &GreyImage, reach: usize, neutral: u8, extreme: impl Fn(u8, u8) -> u8 + Copy) -> Vec<u8> {
     let (width, height) = (image.width(), image.height());
-    let mut rows = vec![0; image.pixels.len()];
-    for (from, to) in image.pixels.chunks(width).zip(rows.chunks_mut(width)) {
-        sliding_extreme(from.iter().copied(), reach, precedes, to.iter_mut());
+    let window = 2 * reach + 1;
+    let padding = |length: usize| std::iter::repeat_n(neutral, length);
+    let mut rows: Vec<u8> = padding(reach * width).collect();
+    rows.reserve(width * (height + reach));
+    for row in image.pixels.chunks(width) {
+        let padded = padding(reach).chain(row.iter().copied()).chain(padding(reach)).collect();
+        rows.extend(sliding_extreme(padded, window, 1, extreme));
     }
-    let mut both = vec![0; image.pixels.len()];
-    for x in 0..width {
-        let column = rows.iter().skip(x).step_by(width).copied();
-        sliding_extreme(column, reach, precedes, both.iter_mut().skip(x).step_by(width));
-    }
-    debug_assert_eq!(both.len(), width * height);
-    both
+    rows.extend(padding(reach * width));
+    sliding_extreme(rows, window, width, extreme)
 }
 
-/// Writes the extreme of the values within `reach` places of each place, by a queue of the values that
-/// may still be it.
-fn sliding_extreme<'a>(
-    values: impl Iterator<Item = u8> + Clone,
-    reach: usize,
-    precedes: fn(u8, u8) -> bool,
-    results: impl Iterator<Item = &'a mut u8>,
-) {
-    let mut ahead = values.enumerate();
-    let mut queue: std::collections::VecDeque<(usize, u8)> = std::collections::VecDeque::new();
-    let mut next = ahead.next();
-    for (place, result) in results.enumerate() {
-        while let Some((index, value)) = next.filter(|(index, _)| *index <= place + reach) {
-            while queue.back().is_some_and(|last| precedes(value, last.1)) {
-                queue.pop_back();
-            }
-            queue.push_back((index, value));
-            next = ahead.next();
-        }
-        while queue.front().is_some_and(|first| first.0 + reach < place) {
-            queue.pop_front();
-        }
-        *result = queue.front().map_or(0, |first| first.1);
+/// The extremes of each `window` values that lie `step` apart, by twice as many at a time: whole slices are compared, which
+/// processors do many values at once.
+fn sliding_extreme(mut values: Vec<u8>, window: usize, step: usize, extreme: impl Fn(u8, u8) -> u8) -> Vec<u8> {
+    let mut covered = 1;
+    while covered < window {
+        let more = covered.min(window - covered);
+        let ahead = values.get(more * step..).unwrap_or_default();
+        values = values.iter().zip(ahead).map(|(&here, &ahead)| extreme(here, ahead)).collect();
+        covered += more;
     }
+    values
 }
 
 /// Connected regions (over edges) of dark pixels that do not touch the border of the image.
@@ -179,7 +165,8 @@ mod tests {
         let pixels: Vec<u8> = (0..23 * 17).map(|index: u32| (index * index * 37 % 251) as u8).collect();
         let image = GreyImage::new(23, 17, pixels).unwrap();
         for reach in [1, 4, 30] {
-            let found = extreme_around(&image, reach, |a, b| a <= b);
+            let found = extreme_around(&image, reach, u8::MAX, |a, b| a.min(b));
+            assert_eq!(found.len(), 23 * 17);
             for (index, found) in found.iter().enumerate() {
                 let (x, y) = (index % 23, index / 23);
                 let near = |a: usize, b: usize| a.abs_diff(b) <= reach;

@@ -73,9 +73,13 @@ fn check(found: &Start) {
 
 #[test]
 fn transform_offset_and_rate_are_found() {
-    let found =
-        start(&first(1.0), &Seen::along(&second(1.0, Isometry3::identity())), &board("acircles:9x4:55mm:r17.5mm"))
-            .unwrap();
+    let found = start(
+        &first(1.0),
+        &Seen::along(&second(1.0, Isometry3::identity())),
+        &board("acircles:9x4:55mm:r17.5mm"),
+        LOOSE,
+    )
+    .unwrap();
     check(&found);
     assert!(found.turns.values().all(|turn| *turn == 0) && found.correlation > 0.99);
     // Both saw the board but for their gaps and ends.
@@ -91,7 +95,7 @@ fn transform_offset_and_rate_are_found_from_frames() {
     let frames = times.filter_map(|t| Some((t, pose_of(&inner_sample(&along, t)?.1))));
     let seen = Seen::in_frames(frames);
     assert_eq!(seen.poses.last().map(|last| last.segment), Some(1));
-    let found = start(&first(1.0), &seen, &symmetries).unwrap();
+    let found = start(&first(1.0), &seen, &symmetries, LOOSE).unwrap();
     check(&found);
     assert!(found.turns.values().all(|turn| *turn == 1) && found.correlation > 0.95, "{found:?}");
 }
@@ -101,7 +105,7 @@ fn a_board_taken_for_turned_is_turned_back() {
     for name in ["acircles:10x4:55mm:r17.5mm", "circles:5x5:50mm:r15mm"] {
         let symmetries = board(name);
         for (index, turn) in symmetries.iter().enumerate() {
-            let found = start(&first(1.0), &Seen::along(&second(1.0, turn.pose)), &symmetries).unwrap();
+            let found = start(&first(1.0), &Seen::along(&second(1.0, turn.pose)), &symmetries, LOOSE).unwrap();
             check(&found);
             assert!(found.turns.values().all(|found| *found == index), "{name} {index}: {:?}", found.turns);
         }
@@ -123,14 +127,15 @@ fn where_nothing_tells_the_way_round_the_board_is_refused() {
     let aside = Isometry3::new(Vector3::new(0.0, 0.0, 0.05), Vector3::zeros());
     let one = vec![fitted_to(along, (0.0, 10.0))];
     let other = vec![fitted_to(|t| along(t) * aside, (0.0, 10.0))];
-    assert_eq!(start(&one, &Seen::along(&other), &symmetries), Err(SecondCameraError::SymmetricBoard));
+    assert_eq!(start(&one, &Seen::along(&other), &symmetries, LOOSE), Err(SecondCameraError::SymmetricBoard));
 }
 
 #[test]
 fn mistakes_are_named() {
     let symmetries = board("acircles:9x4:55mm:r17.5mm");
-    let refused =
-        |first: &[Trajectory], second: &[Trajectory]| start(first, &Seen::along(second), &symmetries).unwrap_err();
+    let refused = |first: &[Trajectory], second: &[Trajectory]| {
+        start(first, &Seen::along(second), &symmetries, LOOSE).unwrap_err()
+    };
     let still = |t: f64| first_pose(t, 0.0);
     let error = refused(&[fitted_to(still, (0.0, 8.0))], &[fitted_to(still, (0.0, 8.0))]);
     assert!(matches!(error, SecondCameraError::LittleRotation { .. }), "{error}");
