@@ -42,7 +42,10 @@ fn nothing_speaks_against_a_good_recording() {
 #[test]
 fn a_board_far_away() {
     let verdict = verdict("far", &events("far"), BOARD);
-    assert!(names(&verdict, "far-away"), "{verdict:#}");
+    // The sentence tells what is worst: how little is known. Why stands below it.
+    assert!(names(&verdict, "uncertain"), "{verdict:#}");
+    let findings = verdict["findings"].as_array().expect("findings");
+    assert!(findings.iter().any(|finding| finding["cause"] == "far-away"), "{verdict:#}");
 }
 
 #[test]
