@@ -14,7 +14,7 @@ pub enum FolderError {
     #[error("{0}; choose another folder with -o")]
     Unusable(FileError),
     /// It holds results.
-    #[error("{} is there already: choose another folder with -o, or replace the results with --force", .0.display())]
+    #[error("{} is there already: choose another folder, or replace the results with --force", .0.display())]
     Taken(PathBuf),
 }
 
