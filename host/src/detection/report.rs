@@ -17,19 +17,19 @@ pub enum NoCircle {
     #[serde(rename = "arc too short")]
     ArcTooShort,
     /// The clusters do not face each other.
-    #[serde(rename = "back to back")]
+    #[serde(rename = "arcs that do not face each other", alias = "back to back")]
     BackToBack,
     /// The fitted centre is far from the middle between the clusters.
-    #[serde(rename = "centre against midpoint")]
+    #[serde(rename = "centre not between the arcs", alias = "centre against midpoint")]
     CenterAgainstMidpoint,
     /// The pixels are too far from the fitted circle.
     #[serde(rename = "fit error")]
     FitError,
     /// A cluster has a better partner.
-    #[serde(rename = "not mutual")]
+    #[serde(rename = "fits another cluster better", alias = "not mutual")]
     NotMutual,
     /// The fitted radius does not go with the distance of the clusters.
-    #[serde(rename = "radius against distance")]
+    #[serde(rename = "radius does not fit the distance", alias = "radius against distance")]
     RadiusAgainstDistance,
     /// The radius is too small or too large.
     #[serde(rename = "radius out of bounds")]
