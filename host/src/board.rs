@@ -314,7 +314,7 @@ mod tests {
     fn a_typo_gets_the_right_form() {
         for text in [
             "",
-            "acircle:9x4:55mm:r17mm",
+            "dots:9x4:55mm:r17mm",
             "acircles:9x4:55:r17mm",
             "acircles:9:55mm:r17mm",
             "acircles:9x4:55mm:17mm",

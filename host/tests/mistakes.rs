@@ -27,7 +27,7 @@ const fn mistake(command: &'static str, code: i32, cause: &'static str, next: &'
 
 /// Mistakes on the command line, which nothing is read for.
 const USAGE: &[Mistake] = &[
-    mistake("calibrate a.csv -o DIR/out", 2, "--board", "--help"),
+    mistake("calibrate a.csv -o DIR/out", 2, "--board", "evcal check RECORDING"),
     mistake("calibrate a.csv --board BOARD", 2, "--output", "--help"),
     mistake("calibrate --board BOARD -o DIR/out", 2, "RECORDINGS", "--help"),
     mistake("calibrate a.csv --board 9x4 -o DIR/out", 2, "1 part", "acircles:9x4:55mm:r17.5mm"),
@@ -196,6 +196,7 @@ const FILES: &[Mistake] = &[
     mistake("calibrate DIR/shuffled.csv --sensor 346x260 --board BOARD -o DIR/out", 1, "order of time", "sort"),
     mistake("calibrate FIXTURE --board BOARD -o DIR/camera", 1, "is there already", "--force"),
     mistake("calibrate FIXTURE --board BOARD -o /proc/evcal", 1, "/proc/evcal", "-o"),
+    mistake("calibrate FIXTURE --board BOARD -o DIR/words.txt", 1, "words.txt: is a file", "choose another folder"),
     mistake("calibrate FIXTURE FIXTURE --board BOARD -o DIR/out", 1, "same events", "give each recording once"),
     mistake("calibrate FIXTURE --settings DIR/settings.toml --board BOARD -o DIR/out", 1, "epsilonn", "epsilon"),
     mistake("calibrate FIXTURE --settings DIR/missing.toml --board BOARD -o DIR/out", 1, "missing.toml", ""),

@@ -22,10 +22,10 @@ pub struct Arguments {
     output: PathBuf,
     #[command(flatten)]
     results: OutputArguments,
-    /// Format to write, such as aedat4, npz, hdf5 or csv; any other word prints all [default: by the extension of OUT]
+    /// Format to write, such as aedat4, npz, hdf5 or csv; a name that is none lists them all [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT")]
     to: Option<OutputFormat>,
-    /// Count times from 1970, by the time at which the recording of a camera began
+    /// Write Unix times (since 1970), where the recording says when it began
     #[arg(long)]
     unix_time: bool,
     #[command(flatten)]

@@ -156,7 +156,7 @@ mod tests {
         let mut report = DetectionReport { windows: 9, too_few_events: 4, ..DetectionReport::default() };
         assert_eq!(
             report.no_pattern(100, None).to_string(),
-            "no pattern found in 13 windows: 4 had too few events: move faster or raise detection.window.max_interval (now 100)"
+            "no pattern found in 13 windows: 4 had too few events: move faster, or set a larger detection.window.max_interval (now 100)"
         );
         report.grids_refused = BTreeMap::from([(NoBoard::BesideBoard, 5), (NoBoard::NoLattice, 4)]);
         let text = report.no_pattern(100, None).to_string();
