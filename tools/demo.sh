@@ -12,7 +12,9 @@ echo "== 1. what the camera sent in 3 s before a hand-moved board"
 "$evcal" info "$session/events.dvraw"
 echo
 echo "== 2. calibration from the events"
+start=$(date +%s)
 "$evcal" calibrate "$session/events.dvraw" --board "$board" -o "$out/calibration" --verbose
+echo "(the calibration took $(($(date +%s) - start)) s)"
 echo
 echo "== 3. against the truth"
 "$evcal" evaluate "$out/calibration" --truth "$session"

@@ -350,6 +350,38 @@ pub(crate) mod tests {
         })
     }
 
+    /// Whether the second derivatives of a rotation are right, near `u`: `at` gives the motion at a parameter, `turned` that at
+    /// `u` after the control point of this index was turned on the right.
+    pub(crate) fn motion_agrees(
+        at: impl Fn(f64) -> RotationMotion<f64>,
+        u: f64,
+        turned: impl Fn(usize, &UnitQuaternion<f64>) -> RotationMotion<f64>,
+    ) -> bool {
+        let (here, step) = (at(u), 1e-5);
+        let [before, after] = [u - step, u + step].map(|u| at(u).sample.angular_velocity);
+        let numeric = (after - before) / (2.0 * step);
+        let (velocity, acceleration) = (here.sample.angular_velocity.norm(), here.angular_acceleration.norm());
+        let jacobians = here.velocity_jacobians.iter().zip(&here.acceleration_jacobians).enumerate();
+        (here.angular_acceleration - numeric).norm() < 1e-3 * (1.0 + numeric.norm())
+            && jacobians.into_iter().all(|(index, (of_velocity, of_acceleration))| {
+                (0..3).all(|axis| {
+                    let step = 1e-6;
+                    let [before, after] = [-step, step].map(|angle| {
+                        let mut vector = Vector3::zeros();
+                        vector[axis] = angle;
+                        turned(index, &rotation::exp(&vector))
+                    });
+                    let agrees = |jacobian: &Matrix3<f64>, change: Vector3<f64>, size: f64| {
+                        let numeric = change / (2.0 * step);
+                        (jacobian.column(axis) - numeric).norm() < 1e-7 * (1.0 + numeric.norm() + size)
+                    };
+                    let velocities = after.sample.angular_velocity - before.sample.angular_velocity;
+                    let accelerations = after.angular_acceleration - before.angular_acceleration;
+                    agrees(of_velocity, velocities, velocity) && agrees(of_acceleration, accelerations, acceleration)
+                })
+            })
+    }
+
     /// The Greville abscissae: control points there reproduce linear functions of `u`.
     pub(crate) fn greville(knots: &[f64], degree: usize) -> impl Iterator<Item = f64> {
         knots[1..knots.len() - 1].windows(degree).map(move |window| window.iter().sum::<f64>() / degree as f64)

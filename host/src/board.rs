@@ -46,6 +46,27 @@ pub enum BoardProblem {
     /// A board that is not made of circles.
     #[error("{0} cannot be used, only boards of circles can; print one with evcal board --pdf board.pdf")]
     NoCircles(&'static str),
+    /// A layout by the name that other programs have for it.
+    #[error("{given} is called {} here", layout_word(*layout))]
+    OtherName {
+        /// Its name there.
+        given: String,
+        /// Which one that is.
+        layout: Layout,
+        /// The description with the layout as it is called here, where all else is right.
+        meant: Option<String>,
+    },
+    /// A grid that may be of either layout.
+    #[error(
+        "{0} may be either of two layouts: acircles where every other row is shifted (asymmetricGrid: True in Kalibr), else circles"
+    )]
+    EitherLayout(String),
+    /// Kalibr's description of a target.
+    #[error(
+        "looks like Kalibr's target file, which is not read: name the board with its targetRows, targetCols and spacingMeters; \
+         asymmetricGrid: True is acircles, False is circles"
+    )]
+    TargetFile,
     /// The name of a file.
     #[error("looks like a file, not like a description; recordings stand apart from --board")]
     File,
@@ -77,6 +98,7 @@ impl BoardProblem {
     fn form(&self) -> String {
         match self {
             Self::NoCircles(_) => String::new(),
+            Self::OtherName { meant: Some(board), .. } => format!("; write {board}"),
             Self::Auto => "; write for example auto:55mm:r17.5mm, or auto alone to be told rows and columns".to_owned(),
             _ => format!("; write {BOARD_FORM}"),
         }
@@ -92,6 +114,48 @@ const OTHER_BOARDS: [(&str, &str); 6] = [
     ("april", "a board of AprilTags"),
     ("tag", "a board of tags"),
 ];
+
+/// Grids of circles by other names, written without signs and in lower case: OpenCV's and ROS's first, then those that say that rows
+/// are shifted, then those that say nothing of it.
+const OTHER_NAMES: [(&str, Option<Layout>); 7] = [
+    ("asym", Some(Layout::Asymmetric)),
+    ("acirc", Some(Layout::Asymmetric)),
+    ("circlesa", Some(Layout::Asymmetric)),
+    ("symmetric", Some(Layout::Symmetric)),
+    ("circlegrid", None),
+    ("circlesgrid", None),
+    ("circle", Some(Layout::Symmetric)),
+];
+
+/// What is wrong with a board whose first part, `given`, is no layout that is known here.
+fn unknown_layout(given: &str, rest: &str) -> BoardProblem {
+    let bare: String = given.to_lowercase().chars().filter(|letter| letter.is_alphabetic()).collect();
+    match OTHER_NAMES.iter().find(|(name, _)| bare.contains(name)) {
+        Some((_, Some(layout))) => {
+            let meant = format!("{}:{rest}", layout_word(*layout));
+            let meant = meant.parse::<Board>().is_ok().then_some(meant);
+            BoardProblem::OtherName { given: given.to_owned(), layout: *layout, meant }
+        }
+        Some((_, None)) => BoardProblem::EitherLayout(given.to_owned()),
+        None => BoardProblem::Layout(given.to_owned()),
+    }
+}
+
+/// What is wrong with a description that has not the four `parts` of a board, the first of them being a layout if it is `known`.
+fn not_four_parts(text: &str, parts: &[&str], known: Option<Layout>) -> BoardProblem {
+    let is_alone = parts.len() == 1;
+    if is_alone && [".yaml", ".yml"].iter().any(|ending| text.to_lowercase().ends_with(ending)) {
+        return BoardProblem::TargetFile;
+    }
+    if is_alone && text.contains('.') {
+        return BoardProblem::File;
+    }
+    let (given, rest) = text.split_once(':').unwrap_or((text, ""));
+    match known.is_none().then(|| unknown_layout(given, rest)) {
+        None | Some(BoardProblem::Layout(_)) => BoardProblem::Parts(parts.len()),
+        Some(other_name) => other_name,
+    }
+}
 
 impl Board {
     /// Number of circles on the board.
@@ -155,11 +219,15 @@ impl Board {
 
 /// Layout, rows and columns as in `acircles:9x4`.
 pub fn layout_name(pattern: &Pattern) -> String {
-    let layout = match pattern.layout {
+    format!("{}:{}x{}", layout_word(pattern.layout), pattern.rows, pattern.columns)
+}
+
+/// How a layout is called in a board's description.
+const fn layout_word(layout: Layout) -> &'static str {
+    match layout {
         Layout::Asymmetric => "acircles",
         Layout::Symmetric => "circles",
-    };
-    format!("{layout}:{}x{}", pattern.rows, pattern.columns)
+    }
 }
 
 /// What is printed of a board is rounded to nanometres; with these bounds (in metres) it is read back as the same. Circles ten
@@ -200,15 +268,12 @@ impl FromStr for Board {
         if let Some((_, kind)) = OTHER_BOARDS.iter().find(|(part, _)| name.contains(part)) {
             return Err(error(BoardProblem::NoCircles(kind)));
         }
-        let &[layout, size, spacing, radius] = parts.as_slice() else {
-            let is_file = parts.len() == 1 && text.contains('.');
-            return Err(error(if is_file { BoardProblem::File } else { BoardProblem::Parts(parts.len()) }));
+        let (given, rest) = text.split_once(':').unwrap_or((text, ""));
+        let known = [Layout::Asymmetric, Layout::Symmetric].into_iter().find(|layout| layout_word(*layout) == given);
+        let &[_, size, spacing, radius] = parts.as_slice() else {
+            return Err(error(not_four_parts(text, &parts, known)));
         };
-        let layout = match layout {
-            "acircles" => Layout::Asymmetric,
-            "circles" => Layout::Symmetric,
-            other => return Err(error(BoardProblem::Layout(other.to_owned()))),
-        };
+        let layout = known.ok_or_else(|| error(unknown_layout(given, rest)))?;
         let count = |part: &str| part.parse::<u8>().ok().filter(|count| (2..=64).contains(count));
         let (rows, columns) = size
             .split_once('x')
@@ -249,7 +314,7 @@ mod tests {
     fn a_typo_gets_the_right_form() {
         for text in [
             "",
-            "acircle:9x4:55mm:r17mm",
+            "dots:9x4:55mm:r17mm",
             "acircles:9x4:55:r17mm",
             "acircles:9:55mm:r17mm",
             "acircles:9x4:55mm:17mm",
@@ -272,6 +337,30 @@ mod tests {
             let message = text.parse::<Board>().unwrap_err().to_string();
             assert!(message.contains("only boards of circles") && message.contains("evcal board"), "{message}");
         }
+    }
+
+    #[test]
+    fn the_names_of_other_programs_lead_to_the_board() {
+        let told = |text: &str| text.parse::<Board>().unwrap_err().to_string();
+        let rest = "9x4:55mm:r17.5mm";
+        for name in
+            ["asymmetric_circles_grid", "asymmetric_circlegrid", "acirclesgrid", "CirclesA", "ACircles", "acircle"]
+        {
+            let message = told(&format!("{name}:{rest}"));
+            assert!(message.ends_with(&format!("is called acircles here; write acircles:{rest}")), "{message}");
+            assert!(told(name).contains("is called acircles here; write LAYOUT:"), "{}", told(name));
+        }
+        for name in ["symmetric", "Circles"] {
+            let message = told(&format!("{name}:{rest}"));
+            assert!(message.ends_with(&format!("is called circles here; write circles:{rest}")), "{message}");
+        }
+        for name in ["circlegrid", "circles_grid"] {
+            assert!(told(&format!("{name}:{rest}")).contains("asymmetricGrid: True"), "{name}");
+        }
+        assert!(told("april_6x6.yaml").contains("only boards of circles"));
+        assert!(told("target.yaml").contains("targetRows"));
+        assert!(told("recording.aedat4").contains("looks like a file"));
+        assert!(told("dots:9x4:55mm:r17.5mm").contains("unknown layout"));
     }
 
     #[test]

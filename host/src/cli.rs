@@ -22,6 +22,7 @@ mod interrupt;
 mod live;
 mod man;
 mod mistaken;
+mod output_arguments;
 mod print;
 mod progress;
 mod record;

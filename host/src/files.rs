@@ -4,6 +4,7 @@
 //! disk or a program that is ended leaves no cut file behind that looks like a result.
 
 pub mod folder;
+pub mod output;
 pub mod shell_word;
 pub mod unfinished;
 
@@ -55,6 +56,7 @@ fn advice(kind: io::ErrorKind) -> &'static str {
         io::ErrorKind::NotFound => "; does the folder exist?",
         io::ErrorKind::IsADirectory => "; name a file in it",
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => "; name a place where you may write",
+        io::ErrorKind::NotSeekable => "; this format cannot go into a pipe: name a file",
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "; make room there, or name another disk",
         _ => "",
     }

@@ -2,6 +2,7 @@
 
 pub mod calibrated_camera;
 pub mod calibration_file;
+mod correlated;
 pub mod inertial_result;
 pub mod printed_board;
 pub mod same_camera;

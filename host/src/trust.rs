@@ -31,6 +31,7 @@ use crate::trust::misfit::{Misfit, misfit, with_misfit};
 use crate::trust::residual_map::histogram::{ClassResiduals, class_residuals};
 use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
 use crate::trust::split_half::{SplitHalf, SplitHalfSettings, split_half};
+use crate::trust::uncertainty::parts::ProjectionParts;
 use crate::trust::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
 use crate::trust::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
 use crate::trust::verdict::VerdictSettings;
@@ -49,6 +50,8 @@ pub struct Trust {
 /// What speaks for and against a calibration along trajectories, beside [`Trust`].
 #[derive(Clone, Debug)]
 pub struct EventTrust {
+    /// What each cause adds to the uncertainty of the projection.
+    pub projection_parts: ProjectionParts,
     /// Standard deviations of the event biases.
     pub bias_sigma: BiasSigma,
     /// Two halves calibrated apart; `None` when the recordings are too short for that.
@@ -131,7 +134,7 @@ pub fn examine(
     settings: ExamineSettings,
 ) -> Result<(Trust, EventTrust), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let SolveUncertainty { intrinsics: uncertainty, board_sigma: _, board: _, bias_sigma, poses, formal: _ } =
+    let SolveUncertainty { intrinsics: uncertainty, parts, board_sigma: _, board: _, bias_sigma, poses, formal: _ } =
         uncertainty;
     let in_the_image = |uncertainty: &Uncertainty| {
         projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
@@ -148,12 +151,17 @@ pub fn examine(
     );
     drop(of_events);
     let misfit = misfit_of(problem, state, &residuals, uncertainty.inflation, settings);
+    let before = uncertainty.covariance.clone();
     let uncertainty = match &misfit {
         Some(misfit) => with_misfit(uncertainty.clone(), &in_the_image(&uncertainty)?, misfit),
         None => uncertainty,
     };
     let projection = in_the_image(&uncertainty)?;
+    let projection_parts = parts
+        .projection(&state.camera, &(&uncertainty.covariance - before), problem.sensor)
+        .map_err(|_| SolveError::Singular)?;
     let events = EventTrust {
+        projection_parts,
         bias_sigma,
         split_half,
         residuals,

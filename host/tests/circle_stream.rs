@@ -203,7 +203,7 @@ fn detection_puts_the_circles_of_a_stream_in_order() {
     let (file, track) = (directory.path().join("stream"), directory.path().join("circles.csv"));
     fs::write(&file, frames().concat()).unwrap();
     let detect = |options: &[&str]| {
-        let arguments = [["detect", text(&file), "-o", text(&track), "--json"].as_slice(), options].concat();
+        let arguments = [["detect", text(&file), "-o", text(&track), "--force", "--json"].as_slice(), options].concat();
         json(&evcal(&arguments).wait_with_output().unwrap())
     };
     let report = detect(&["--board", BOARD]);

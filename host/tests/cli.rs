@@ -90,7 +90,8 @@ fn wrong_usage_is_told_and_ends_with_2() {
         (&["simulate"], "--output"),
     ];
     let options: &[(&[&str], &str)] = &[
-        (&["--board", "acircle:9x4:55mm:r17mm"], "acircles:9x4:55mm:r17.5mm"),
+        (&["--board", "acircle:9x4:55mm:r17mm"], "write acircles:9x4:55mm:r17mm"),
+        (&["--board", "dots:9x4:55mm:r17mm"], "acircles:9x4:55mm:r17.5mm"),
         (&["--duration", "6"], "6s"),
         (&["--motion", "jump"], "blur"),
         (&["--model", "radtan"], "--parameters"),

@@ -104,6 +104,55 @@ fn numbers_have_bounds() {
     }
 }
 
+/// One rule for all that can be made again: what is there stays, unless --force is given.
+#[test]
+fn results_replace_others_only_by_force() {
+    let directory = tempfile::tempdir().unwrap();
+    let camera = calibration(&directory);
+    let events = directory.path().join("events.csv");
+    let lines: String = (0..500).map(|index| format!("{},{},{},1\n", index * 100, index % 300, index % 200)).collect();
+    fs::write(&events, format!("# sensor 346 x 260\nt_us,x,y,p\n{lines}")).unwrap();
+    let place = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+    let (camera, events) = (text(&camera), text(&events));
+    for (arguments, name) in [
+        (&["board", "--pdf"][..], "board.pdf"),
+        (&["export", camera, "--format", "ros", "-o"], "camera_info.yaml"),
+        (&["export", camera, "--format", "all", "-o"], "exports"),
+        (&["export", camera, "--c-header"], "undistort.h"),
+        (&["detect", events, "-o"], "circles.csv"),
+        (&["convert", events], "events.bin"),
+        (&["undistort", events, "-c", camera, "-o"], "undistorted.csv"),
+    ] {
+        let place = place(name);
+        let arguments = [arguments, &[&place]].concat();
+        succeed(&arguments);
+        let before = names(directory.path());
+        let refused = fail(1, &arguments);
+        assert!(refused.contains(name) && refused.contains("is there already"), "{refused}");
+        assert!(refused.contains("--force"), "{refused}");
+        succeed(&[&arguments[..], &["--force"]].concat());
+        assert_eq!(names(directory.path()), before, "{arguments:?}");
+    }
+}
+
+/// A pipe has nothing to keep, and what is told does not come between the events.
+#[cfg(unix)]
+#[test]
+fn a_recording_can_go_into_a_pipe() {
+    let directory = tempfile::tempdir().unwrap();
+    let events = directory.path().join("events.csv");
+    let lines: String = (0..500).map(|index| format!("{},{},{},1\n", index * 100, index % 300, index % 200)).collect();
+    fs::write(&events, format!("# sensor 346 x 260\nt_us,x,y,p\n{lines}")).unwrap();
+    let output = evcal(&["convert", text(&events), "/dev/stdout", "--to", "csv"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let written = String::from_utf8(output.stdout.clone()).unwrap();
+    assert_eq!(written.lines().filter(|line| line.split(',').count() == 4 && !line.contains("t_us")).count(), 500);
+    assert!(stderr(&output).contains("500 events") && !written.contains("500 events"), "{}", stderr(&output));
+    let refused = evcal(&["convert", text(&events), "/dev/stdout", "--to", "aedat4"]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(stderr(&refused).contains("name a file"), "{}", stderr(&refused));
+}
+
 #[test]
 fn models_of_other_programs_lead_to_the_model() {
     for (name, model) in [

@@ -32,7 +32,7 @@ fn a_pipe_gets_a_line_for_each_stage() {
     let directory = TempDir::new().unwrap();
     let output = convert("events.aedat4", &directory).output().unwrap();
     assert!(output.status.success());
-    let expected = format!("evcal: converting {} ...\n", recording().display());
+    let expected = "evcal: converting events.dvraw ...\n";
     assert_eq!(String::from_utf8(output.stderr).unwrap(), expected);
     let output = convert("other.aedat4", &directory).arg("--json").output().unwrap();
     assert!(output.status.success() && output.stderr.is_empty());

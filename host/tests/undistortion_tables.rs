@@ -133,7 +133,8 @@ fn a_smaller_error_takes_more_nodes_and_wrong_use_is_told() {
     let calibration = calibration(&directory);
     let header = directory.path().join("t.h");
     let header = header.to_str().unwrap();
-    let bytes = |error: &str| export(&calibration, &["--c-header", header, "--max-error", error])["bytes"].as_u64();
+    let bytes =
+        |error: &str| export(&calibration, &["--c-header", header, "--force", "--max-error", error])["bytes"].as_u64();
     assert!(bytes("0.01") > bytes("0.1"));
     let failure = |options: &[&str]| {
         let mut program = Command::new(env!("CARGO_BIN_EXE_evcal"));
@@ -145,7 +146,7 @@ fn a_smaller_error_takes_more_nodes_and_wrong_use_is_told() {
         (&["--c-header", header, "--max-error=-1"], 2, "from 0.000001 to 100"),
         (&["--c-header", header, "--nodes", "1x9"], 2, "44x33"),
         (&["--c-header", header, "--ideal", "1,2,3"], 2, "fx,fy,cx,cy"),
-        (&["--c-header", header, "--max-error", "1e-6"], 1, "32-bit"),
+        (&["--c-header", header, "--force", "--max-error", "1e-6"], 1, "32-bit"),
         (&["--c-header", "/nonexistent/t.h"], 1, "/nonexistent/t.h"),
     ] {
         let (found, message) = failure(options);

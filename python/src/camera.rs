@@ -88,7 +88,7 @@ impl Camera {
     }
 
     /// Read calibration.json, truth.json of a simulation, NAME.camera.json of an undistorted recording, the folder
-    /// that holds one of the first two, or the YAML of OpenCV, ROS or Kalibr.
+    /// that holds one of the first two, or a file of OpenCV (YAML, JSON, XML), ROS, Kalibr, basalt, DV, dv-processing or mrcal.
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         let CalibratedCamera { camera, sensor, sigma, .. } = CalibratedCamera::read(&path).map_err(failed)?;

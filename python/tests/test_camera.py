@@ -89,20 +89,50 @@ def test_a_camera_is_kept_in_a_file(tmp_path):
     assert eval(repr(one), {"Camera": evcal.Camera}) == one
 
 
-def test_files_of_other_programs_are_cameras(tmp_path):
+@pytest.mark.parametrize("form", ["yaml", "json", "xml"])
+def test_files_of_opencv_are_cameras(tmp_path, form):
     matrix = np.array([[330.0, 0.0, 172.0], [0.0, 331.0, 130.0], [0.0, 0.0, 1.0]])
     distortion = np.array([[-0.35, 0.12, 0.001, -0.002, 0.04]])
-    storage = cv2.FileStorage(str(tmp_path / "camera.yaml"), cv2.FILE_STORAGE_WRITE)
+    storage = cv2.FileStorage(str(tmp_path / f"camera.{form}"), cv2.FILE_STORAGE_WRITE)
     for name, value in [("image_width", 346), ("image_height", 260), ("camera_matrix", matrix)]:
         storage.write(name, value)
     storage.write("distortion_coefficients", distortion)
     storage.release()
-    loaded = evcal.Camera.load(tmp_path / "camera.yaml")
+    loaded = evcal.Camera.load(tmp_path / f"camera.{form}")
     assert loaded.model == "radtan" and loaded.sensor == (346, 260)
     np.testing.assert_array_equal(loaded.matrix, matrix)
     points = np.array([[0.1, -0.2, 1.0], [-0.3, 0.15, 0.9]])
     theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, distortion)
     np.testing.assert_allclose(loaded.project(points), theirs[:, 0], atol=1e-9)
+
+
+def test_files_of_basalt_dv_and_mrcal_are_cameras(tmp_path):
+    def load(name, text):
+        (tmp_path / name).write_text(text)
+        return evcal.Camera.load(tmp_path / name)
+
+    basalt = load(
+        "basalt.json",
+        '{"value0": {"T_imu_cam": [], "intrinsics": [{"camera_type": "ds", "intrinsics": {"fx": 157.0, "fy": 158.0, "cx": 172.0,'
+        ' "cy": 129.0, "xi": -0.2, "alpha": 0.6}}], "resolution": [[346, 260]]}}',
+    )
+    assert basalt == evcal.Camera("double-sphere", [157.0, 158.0, 172.0, 129.0, -0.2, 0.6], SENSOR)
+    dv = load(
+        "dv.xml",
+        '<?xml version="1.0"?><opencv_storage><DVXplorer_1><camera_matrix type_id="opencv-matrix"><rows>3</rows><cols>3</cols>'
+        "<dt>d</dt><data>330. 0. 170. 0. 331. 131. 0. 0. 1.</data></camera_matrix>"
+        '<distortion_coefficients type_id="opencv-matrix"><rows>5</rows><cols>1</cols><dt>d</dt>'
+        "<data>-0.35 0.15 1e-3 -5e-4 -0.02</data></distortion_coefficients><image_width>346</image_width>"
+        "<image_height>260</image_height></DVXplorer_1><use_fisheye_model>0</use_fisheye_model></opencv_storage>",
+    )
+    assert dv == camera("radtan")
+    mrcal = load(
+        "camera.cameramodel",
+        "# generated\n{\n    'lensmodel':  'LENSMODEL_OPENCV4',\n\n    # intrinsics are fx,fy,cx,cy,distortion0,....\n"
+        "    'intrinsics': [ 330, 331, 170, 131, -0.35, 0.15, 0.001, -0.0005,],\n\n    'extrinsics': [ 0, 0, 0, 0, 0, 0,],\n\n"
+        "    'imagersize': [ 346, 260,],\n}\n",
+    )
+    assert mrcal == camera("radtan4")
 
 
 def test_mistakes_are_named():

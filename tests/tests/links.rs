@@ -1,4 +1,4 @@
-//! Links between the documents: every file and every heading that one names is there.
+//! Links between the documents: every file and every heading that one names is there, and so is every source file.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -29,6 +29,36 @@ fn targets(text: &str) -> Vec<String> {
     let after = text.split("](").skip(1);
     let inside = after.filter_map(|rest| rest.split(')').next());
     inside.filter(|target| !target.contains(':') && !target.contains(' ')).map(str::to_owned).collect()
+}
+
+/// Paths of this repository's sources that `text` names in code, as in `host/src/solve.rs`.
+fn sources(text: &str) -> impl Iterator<Item = &str> {
+    let roots = ["core/", "firmware/", "fuzz/", "host/", "python/", "tests/", "tools/", "usb-davis/"];
+    let is_path = |word: &&str| word.chars().all(|letter| letter.is_ascii_alphanumeric() || "_-./".contains(letter));
+    let is_source = move |word: &&str| roots.iter().any(|root| word.starts_with(root)) && is_path(word);
+    // NAME stands for a file that the reader is to write.
+    text.split('`').skip(1).step_by(2).filter(is_source).filter(|word| !word.contains("NAME"))
+}
+
+#[test]
+fn every_source_that_is_named_is_there() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut found = Vec::new();
+    documents(&root, &mut found);
+    let (mut count, mut missing) = (0, Vec::new());
+    for document in &found {
+        let text = fs::read_to_string(document).unwrap();
+        for source in sources(&text) {
+            // A crate's own documents name files of the crate.
+            let folder = document.parent().unwrap();
+            count += 1;
+            if !root.join(source).exists() && !folder.join(source).exists() {
+                missing.push(format!("{}: {source}", document.display()));
+            }
+        }
+    }
+    assert!(count > 100, "{count}");
+    assert!(missing.is_empty(), "{missing:#?}");
 }
 
 #[test]

@@ -80,7 +80,7 @@ fn the_report_has_what_is_copied_from_it_and_names_its_files() {
     ] {
         assert!(html.contains(part), "{part}");
     }
-    assert!(html.contains("<details><summary>Which parameters hang together"), "correlations are folded");
+    assert!(html.contains("<details><summary>Which parameters are correlated"), "correlations are folded");
     for angle in ["roll (about x)", "pitch (about y)", "yaw (about z)"] {
         assert!(html.contains(angle), "{angle}");
     }

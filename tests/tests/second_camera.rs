@@ -121,7 +121,7 @@ fn intrinsics_can_be_held() {
         assert_ne!(finished.code, Some(0));
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
-    refused("--camera holds intrinsics for --imu and --with", &["--camera", text(&folder)]);
+    refused("--camera counts with --imu, --with or --with-frames only", &["--camera", text(&folder)]);
     refused("one --with-camera for each", &["--with", text(&second), "--with-camera", "a", "--with-camera", "b"]);
 }
 

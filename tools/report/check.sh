@@ -1,6 +1,7 @@
 #!/bin/sh
-# Opens a report in a headless browser as a phone and as a desktop would show it. Fails on anything in the browser's
-# console, on any request, on a page wider than the screen, and above 5 MB. Leaves pictures of the whole page.
+# Opens a report in a headless browser as a phone, a desktop and a sheet of A4 would show it. Fails on anything in the
+# browser's console, on any request, on a page wider than the screen, on a table of which columns are cut on the phone or on
+# paper, and above 5 MB. Leaves pictures of the whole page.
 #
 #   tools/report/check.sh [REPORT.html [FOLDER-FOR-PICTURES]]
 #
@@ -59,10 +60,21 @@ bytes=$(wc -c <"$report")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cp "$report" "$folder/report.html"
-# A copy that tells its own size; the report itself allows no script.
-sed -e 's|<meta http-equiv="Content-Security-Policy"[^>]*>||' \
-    -e 's|</body>|<script>document.title = [document.documentElement.scrollWidth, document.documentElement.clientWidth, document.documentElement.scrollHeight].join(" ")</script></body>|' \
-    "$report" >"$folder/measured.html"
+# A copy that tells its own size, and which of its tables are wider than the place they have, with all that is folded opened; the
+# report itself allows no script.
+cat >"$folder/script" <<'END'
+<script>
+const root = document.documentElement;
+const size = [root.scrollWidth, root.clientWidth, root.scrollHeight].join(" ");
+document.querySelectorAll("details").forEach(part => part.open = true);
+const wide = [...document.querySelectorAll(".scroll")].filter(part => part.scrollWidth > part.clientWidth);
+const told = wide.map(part => `${part.getAttribute("aria-label")} (${part.scrollWidth} px of ${part.clientWidth})`);
+document.title = `size ${size} cut ${told.join(", ")} end`;
+</script>
+END
+sed -e 's|<meta http-equiv="Content-Security-Policy"[^>]*>||' -e "/<\/body>/r $folder/script" "$report" >"$folder/measured.html"
+# The same as printed: A4 is 680 px wide between its margins.
+sed -e 's|@media print|@media all|' "$folder/measured.html" >"$folder/printed.html"
 
 # browse WIDTH HEIGHT FILE OPTION...: what the browser says goes to standard error.
 browse() {
@@ -73,12 +85,24 @@ browse() {
         "file://$folder/$file"
 }
 
+# cut_in FILE: which tables are cut in the page that the browser has dumped.
+cut_in() {
+    sed -n 's|.*<title>size [0-9 ]* cut \(.*\) end</title>.*|\1|p' "$1" | head -n 1
+}
+
+browse 680 960 printed.html --dump-dom >"$folder/dom.html" 2>"$folder/log"
+grep -q '<title>size ' "$folder/dom.html" || fail "the browser did not tell the size of the printed page"
+cut=$(cut_in "$folder/dom.html")
+[ -z "$cut" ] || fail "on paper these tables are cut: $cut"
+
 for size in "390 844 phone" "1440 900 desktop"; do
     # shellcheck disable=SC2086 # three words
     set -- $size
     width=$1 height=$2 name=$3
     browse "$width" "$height" measured.html --dump-dom >"$folder/dom.html" 2>"$folder/log"
-    measured=$(sed -n 's|.*<title>\([0-9 ]*\)</title>.*|\1|p' "$folder/dom.html" | head -n 1)
+    measured=$(sed -n 's|.*<title>size \([0-9 ]*\) cut .*|\1|p' "$folder/dom.html" | head -n 1)
+    cut=$(cut_in "$folder/dom.html")
+    [ -z "$cut" ] || fail "at $width px these tables are cut: $cut"
     # shellcheck disable=SC2086 # three numbers
     set -- $measured
     if [ $# -ne 3 ]; then

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Installs what evcal needs to build on Debian and is not there yet: OpenCV, libclang (its bindings
 # are generated), libusb, umockdev (shows tests an emulated camera), and a Rust compiler where there is
-# none that is new enough.
+# none that is new enough. OPENCV=0: without OpenCV and libclang.
 set -eu
 
 cd "$(dirname "$0")/../.."
@@ -19,7 +19,10 @@ if ! is_debian; then
     exit 0
 fi
 
-install_packages gcc libc6-dev pkg-config libopencv-dev clang libclang-dev libusb-1.0-0-dev libudev-dev umockdev
+opencv="libopencv-dev clang libclang-dev"
+[ "${OPENCV:-1}" != 0 ] || opencv=
+# shellcheck disable=SC2086 # three packages
+install_packages gcc libc6-dev pkg-config $opencv libusb-1.0-0-dev libudev-dev umockdev
 if ! new_enough; then
     # Debian's own current Rust, built for its web browsers.
     install_packages cargo-web rustc-web rust-web-clippy rustfmt-web

@@ -9,7 +9,8 @@ use super::step::Step;
 use super::{PictureUse, Task, calibrate};
 use crate::recording::{Recording, RecordingError};
 
-/// Calibrates as `task` says, from its inputs and the events of the first `seconds` of `recording`. A file that grows meanwhile gives the same, as long as it was long enough at the start.
+/// Calibrates as `task` says, from its inputs and the events of the first `seconds` of `recording`. A file that grows meanwhile
+/// gives the same, as long as it was long enough at the start.
 ///
 /// # Errors
 /// [`CalibrateError`], as [`calibrate`] has them.

@@ -74,7 +74,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
     // What the first damaged recording broke off with.
     let mut damage = None;
     for (index, input) in task.inputs.iter().enumerate() {
-        progress.tell(format!("looking for the board in {}", input.name()))?;
+        progress.tell(format!("looking for the board in {}", input.short_name()))?;
         match input {
             Input::Events(recording) => {
                 let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
@@ -209,7 +209,7 @@ fn check_units(task: &Task, reports: &[RecordingReport]) -> Result<(), Calibrate
 fn other_board(task: &Task, sensor: Sensor, progress: &Progress) -> Result<Option<OtherReading>, CalibrateError> {
     for (index, input) in task.inputs.iter().enumerate() {
         if let Input::Events(_) = input {
-            progress.tell(format!("looking for another board in {}", input.name()))?;
+            progress.tell(format!("looking for another board in {}", input.short_name()))?;
             let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);
             progress.read(task.inputs, index, &mut |events| other.push(events))?;
             if let Some(found) = other.finish() {

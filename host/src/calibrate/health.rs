@@ -43,17 +43,15 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
 fn flickering(Flicker { frequency, share, fills_readout }: Flicker) -> Finding {
     let advice = "use daylight or a lamp on direct current".to_owned();
     if fills_readout {
-        let reason =
-            format!("the light flickers at {frequency} Hz or more, and sends all that can be read: events are late");
+        let reason = format!(
+            "the light flickers at {frequency} Hz or more and makes more events than the camera can send: their times are late"
+        );
         return Finding { cause: Cause::Flicker, severity: Severity::Failure, reason, advice };
     }
     Finding {
         cause: Cause::Flicker,
         severity: if share > STRONG_FLICKER { Severity::Warning } else { Severity::Note },
-        reason: format!(
-            "the light flickers at {frequency} Hz, by which ON and OFF events take turns by {:.0} % of all",
-            100.0 * share
-        ),
+        reason: format!("the light flickers at {frequency} Hz, and the events swing with it by {:.0} %", 100.0 * share),
         advice,
     }
 }
@@ -62,7 +60,7 @@ fn always_full() -> Finding {
     Finding {
         cause: Cause::Saturated,
         severity: Severity::Failure,
-        reason: "the camera sends as many events at any time, all that it can read: they are late by an unknown time".to_owned(),
+        reason: "the camera sent as many events as it can all the time: their times are late by an unknown amount".to_owned(),
         advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels"
             .to_owned(),
     }

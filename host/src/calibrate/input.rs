@@ -56,16 +56,23 @@ impl Input {
         }
     }
 
+    /// The file or port without the folders that it is in, for who waits.
+    pub fn short_name(&self) -> String {
+        let name = self.path().file_name().unwrap_or(self.path().as_os_str());
+        name.to_string_lossy().into_owned()
+    }
+
+    fn path(&self) -> &Path {
+        match self {
+            Self::Events(recording) => recording.path(),
+            Self::Images(images) => images.path(),
+            Self::Circles { path, .. } => path,
+        }
+    }
+
     /// Whether both are read from one file.
     pub fn is_of_file_of(&self, other: &Self) -> bool {
-        let file = |input: &Self| {
-            let path = match input {
-                Self::Events(recording) => recording.path(),
-                Self::Images(images) => images.path(),
-                Self::Circles { path, .. } => path,
-            };
-            path.canonicalize().unwrap_or_else(|_| path.to_owned())
-        };
+        let file = |input: &Self| input.path().canonicalize().unwrap_or_else(|_| input.path().to_owned());
         file(self) == file(other)
     }
 

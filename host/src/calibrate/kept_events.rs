@@ -26,7 +26,7 @@ pub(super) fn events_of(
     let mut counts = vec![0; task.inputs.len()];
     for (index, (input, count)) in task.inputs.iter().zip(&mut counts).enumerate() {
         let Input::Events(_) = input else { continue };
-        progress.tell(format!("reading the chosen seconds of {}", input.name()))?;
+        progress.tell(format!("reading the chosen seconds of {}", input.short_name()))?;
         let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
         sample.begin(index);
         progress.read(task.inputs, index, &mut |events| {

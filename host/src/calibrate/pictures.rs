@@ -46,11 +46,11 @@ pub(super) fn see_pictures(
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
             Input::Events(recording) if recording.may_hold_frames() && without.get(number) != Some(&true) => {
-                progress.tell(format!("looking for the board in the frames of {}", input.name()))?;
+                progress.tell(format!("looking for the board in the frames of {}", input.short_name()))?;
                 detection.search(number, start, |visit| visit_frames(recording, visit))?
             }
             Input::Images(images) => {
-                progress.tell(format!("looking for the board in the frames of {}", input.name()))?;
+                progress.tell(format!("looking for the board in the frames of {}", input.short_name()))?;
                 let images = |visit: &mut dyn FnMut(TimedImage)| images.visit(visit);
                 detection.search::<ImagesError>(number, start, images)?
             }

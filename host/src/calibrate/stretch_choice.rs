@@ -57,7 +57,7 @@ impl fmt::Display for StretchChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "of {} seconds with the board, {} that tell most are in the joint solve; along the others the camera is held",
+            "the board was in view for {} s: the camera is from the {} s that say most about it, the trajectory from all",
             self.seconds,
             self.chosen.len()
         )

@@ -1,6 +1,6 @@
 //! `evcal board`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use evcal::board::Board;
 use evcal::board::sheet::paper::Paper;
@@ -10,6 +10,7 @@ use evcal::board::sheet::{board_sheet, board_that_fits};
 use evcal::files;
 use evcal_core::pattern::{Layout, Pattern};
 
+use super::output_arguments::OutputArguments;
 use super::{print, value};
 
 /// The pattern of a board of which nothing is said.
@@ -23,11 +24,13 @@ pub struct Arguments {
     #[arg(long)]
     board: Option<Board>,
     /// PDF to write
-    #[arg(long, value_name = "FILE", group = "outputs")]
+    #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
     pdf: Option<PathBuf>,
     /// SVG to write
-    #[arg(long, value_name = "FILE", group = "outputs")]
+    #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
     svg: Option<PathBuf>,
+    #[command(flatten)]
+    results: OutputArguments,
     /// Paper: a4, a3, a2, a1, a0, letter, tabloid, or a size such as 600x400mm; upright or lying as it fits
     #[arg(long, default_value = "a4")]
     paper: Paper,
@@ -48,13 +51,14 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             .ok_or_else(|| format!("{paper} is too small for a board of 9x4 dots: choose a larger --paper"))?,
     };
     let sheet = board_sheet(&board, paper, *margin)?;
+    let written: Vec<&Path> = arguments.pdf.iter().chain(&arguments.svg).map(PathBuf::as_path).collect();
+    arguments.results.check(written.iter().copied())?;
     if let Some(path) = &arguments.pdf {
         files::write(path, &pdf(&sheet))?;
     }
     if let Some(path) = &arguments.svg {
         files::write(path, svg(&sheet).as_bytes())?;
     }
-    let written: Vec<&PathBuf> = arguments.pdf.iter().chain(&arguments.svg).collect();
     let [width, height] = sheet.size;
     if arguments.json {
         return print::json(&serde_json::json!({

@@ -31,9 +31,13 @@ use evcal_core::sensor::Sensor;
 
 use self::held::{HeldCamera, HeldCameras};
 use self::work::{Failed, Other, Work};
+use super::output_arguments::OutputArguments;
 use super::progress::Waiting;
 use super::source_arguments::SourceArguments;
 use super::{NotGoodEnough, UsageError, print, value};
+
+/// Above the options that few need.
+const METHOD: &str = "How it is calibrated";
 
 /// What is told while circles come through a serial port.
 pub(super) const LISTENING: &str = "listening to the serial port";
@@ -41,10 +45,22 @@ pub(super) const LISTENING: &str = "listening to the serial port";
 /// Arguments of `evcal calibrate`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recordings of one camera: .dvraw, AEDAT4, CSV or text, EventCalib binary, pcap, circle tracks, circle
-    /// streams, or the serial port of a detector, serial:PORT?baud=921600&seconds=10
+    /// Recordings of one camera: AEDAT 2, 3 or 4, Prophesee RAW or DAT, ROS bags (ROS 1, MCAP, SQLite), npy or npz, HDF5, CSV or text,
+    /// Event Stream, EventCalib binary, .dvraw, pcap (docs/formats.md); or circles: a circle track, a circle stream, or the serial port
+    /// of a detector, serial:PORT?baud=921600&seconds=10
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
+    #[command(flatten)]
+    calibration: CalibrationArguments,
+    #[command(flatten, next_help_heading = "What the recording does not say")]
+    source: SourceArguments,
+    #[command(flatten, next_help_heading = "A second camera on the same mount")]
+    second: SecondCameraArguments,
+}
+
+/// Options of `evcal calibrate` for cameras that are fixed to the first one.
+#[derive(clap::Args)]
+struct SecondCameraArguments {
     /// The recording of another camera that is fixed to this one, of the same board at the same time: where it is, and how its
     /// clock goes, from one recording of each (docs/second-camera.md). Events, a folder of images with data.csv (EuRoC form), or a bag
     /// with images and no events; can be repeated
@@ -72,20 +88,16 @@ pub struct Arguments {
     /// The images of --with are of a rolling shutter: their rows are exposed one after the other
     #[arg(long, requires = "with")]
     rolling_shutter: bool,
-    /// Hold the camera's intrinsics at those of this calibration, or other camera file, where they are solved for together with --imu
-    /// or --with [default: they are solved for]
+    /// With --imu or --with, keep the first camera's intrinsics as they are in this calibration or camera file [default: they are
+    /// estimated together with the rest]
     #[arg(long, value_name = "FILE|DIR")]
     camera: Option<PathBuf>,
     /// The same for the camera of --with; can be repeated, in the order of --with
     #[arg(long, value_name = "FILE|DIR", requires = "with")]
     with_camera: Vec<PathBuf>,
-    #[command(flatten)]
-    source: SourceArguments,
-    #[command(flatten)]
-    calibration: CalibrationArguments,
 }
 
-impl Arguments {
+impl SecondCameraArguments {
     /// What is given in the order of `--with` is given for these at most.
     fn one_for_each_other(&self) -> Result<(), UsageError> {
         let counts = [
@@ -101,10 +113,10 @@ impl Arguments {
     }
 
     /// The cameras whose intrinsics are held.
-    fn held_cameras(&self) -> Result<HeldCameras, Box<dyn Error>> {
-        let together = self.calibration.imu.is_some() || self.calibration.with_frames || !self.with.is_empty();
+    fn held_cameras(&self, calibration: &CalibrationArguments) -> Result<HeldCameras, Box<dyn Error>> {
+        let together = calibration.imu.is_some() || calibration.with_frames || !self.with.is_empty();
         if self.camera.is_some() && !together {
-            let advice = "--camera holds intrinsics for --imu and --with: add one of them, or leave it out";
+            let advice = "--camera counts with --imu, --with or --with-frames only: add one of them, or leave it out";
             return Err(UsageError(advice.to_owned()).into());
         }
         let first = self.camera.as_deref().map(HeldCamera::read).transpose()?;
@@ -118,37 +130,11 @@ impl Arguments {
 pub struct CalibrationArguments {
     #[command(flatten)]
     pub method: MethodArguments,
-    /// Calibrate from the camera's own frames alone, as ordinary image calibration does
-    #[arg(long, conflicts_with = "joint_frames")]
-    frames_only: bool,
-    /// Solve the camera's own frames and its events together
-    #[arg(long)]
-    joint_frames: bool,
-    /// Take the camera's own frames for those of a second camera, and calibrate where it is: it must come out as nowhere else, which
-    /// checks both
-    #[arg(long, conflicts_with_all = ["frames_only", "joint_frames"])]
-    with_frames: bool,
-    /// Calibrate the inertial unit too, from the samples in the recording, or from a CSV file whose first line names
-    /// columns with their units: t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s (docs/imu.md)
-    #[arg(long, value_name = "FILE", num_args = 0..=1)]
-    imu: Option<Option<PathBuf>>,
-    /// Size of gravity where the recording was made, for --imu
-    #[arg(long, value_name = "M/S²", default_value_t = STANDARD_GRAVITY, requires = "imu")]
-    gravity: f64,
-    /// Hold a parameter: one of the lens (k3=0, cx=173.2) or of the board (print-ratio=1.002, bend-x=1.5mm, bend-y=0mm,
-    /// radius=17.4mm); can be repeated
-    #[arg(long, value_name = "NAME=VALUE")]
-    fix: Vec<String>,
-    /// Estimate a parameter whatever the data say of it: of the lens, or print-ratio, bend-x, bend-y, radius of the
-    /// board; can be repeated
-    #[arg(long, value_name = "NAME")]
-    free: Vec<String>,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
-    /// Replace the results that are in the folder
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    results: OutputArguments,
     /// End with exit code 0 even if the calibration is not good enough
     #[arg(long)]
     accept_any: bool,
@@ -158,6 +144,31 @@ pub struct CalibrationArguments {
     /// Print the stage report
     #[arg(short, long)]
     verbose: bool,
+    /// Calibrate from the camera's own frames alone, as ordinary image calibration does
+    #[arg(long, conflicts_with = "joint_frames")]
+    frames_only: bool,
+    /// Solve the camera's own frames and its events together
+    #[arg(long)]
+    joint_frames: bool,
+    /// Check frames and events against each other: the camera's own frames are treated as a second camera, which has to come out at
+    /// the place of the first
+    #[arg(long, conflicts_with_all = ["frames_only", "joint_frames"])]
+    with_frames: bool,
+    /// Calibrate the inertial unit too, from the samples in the recording, or from a CSV file whose first line names
+    /// columns with their units: t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s (docs/imu.md)
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    imu: Option<Option<PathBuf>>,
+    /// Size of gravity where the recording was made, for --imu
+    #[arg(long, value_name = "M/S²", default_value_t = STANDARD_GRAVITY, requires = "imu")]
+    gravity: f64,
+    /// Keep a parameter at a value: one of the lens (k3=0, cx=173.2) or of the board (print-ratio=1.002, bend-x=1.5mm, bend-y=0mm,
+    /// radius=17.4mm); can be repeated
+    #[arg(long, value_name = "NAME=VALUE", help_heading = METHOD)]
+    fix: Vec<String>,
+    /// Estimate a parameter even where the recording says little of it: one of the lens, or print-ratio, bend-x, bend-y, radius of
+    /// the board; can be repeated
+    #[arg(long, value_name = "NAME", help_heading = METHOD)]
+    free: Vec<String>,
 }
 
 /// What is calibrated, and how; whatever the events come from.
@@ -167,20 +178,20 @@ pub struct MethodArguments {
     /// recognises layout, rows and columns
     #[arg(long)]
     pub board: BoardRequest,
-    /// Camera model, or auto: the simplest one that predicts held-out circles as well as any
+    /// Camera model, or auto: the simplest one that predicts circles it was not fitted to as well as the best one does
     #[arg(long, default_value = "radtan", value_parser = super::value::model_request())]
     pub model: ModelRequest,
     /// Circle extraction: hard or soft [default: hard]
-    #[arg(long, value_parser = extraction)]
+    #[arg(long, value_parser = extraction, help_heading = METHOD)]
     extraction: Option<Extraction>,
     /// Spline of the rotation: quaternion or so3 [default: quaternion]
-    #[arg(long)]
+    #[arg(long, help_heading = METHOD)]
     rotation: Option<RotationSpline>,
     /// Grid finder: lattice or opencv [default: lattice]
-    #[arg(long)]
+    #[arg(long, help_heading = METHOD)]
     grid: Option<Grid>,
     /// Settings file (TOML); names and defaults are in docs/settings.md
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = METHOD)]
     settings: Option<PathBuf>,
 }
 
@@ -256,10 +267,7 @@ impl CalibrationArguments {
 
     /// The folder for the results, which holds none yet unless they may be replaced.
     pub fn open_folder(&self) -> Result<OutputFolder, FolderError> {
-        match self.force {
-            true => OutputFolder::open(&self.output),
-            false => OutputFolder::open_new(&self.output, is_result),
-        }
+        self.results.open_folder(&self.output, is_result)
     }
 }
 
@@ -279,7 +287,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 
 fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     // Before the work, not after it.
-    arguments.one_for_each_other()?;
+    arguments.second.one_for_each_other()?;
     arguments.calibration.parameters()?;
     let settings = arguments.calibration.method.settings()?;
     // Read again after the camera: in a live session the file may still grow meanwhile.
@@ -288,14 +296,15 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     }
     let folder = arguments.calibration.open_folder()?;
     let others = OtherCameras {
-        recordings: &arguments.with,
-        streams: &arguments.with_stream,
-        sensors: &arguments.with_sensor,
-        models: &arguments.with_model,
-        stamps: arguments.with_stamps,
-        rolling_shutter: arguments.rolling_shutter,
+        recordings: &arguments.second.with,
+        streams: &arguments.second.with_stream,
+        sensors: &arguments.second.with_sensor,
+        models: &arguments.second.with_model,
+        stamps: arguments.second.with_stamps,
+        rolling_shutter: arguments.second.rolling_shutter,
     };
-    let recordings = CameraRecordings { first: &arguments.recordings, others, held: arguments.held_cameras()? };
+    let held = arguments.second.held_cameras(&arguments.calibration)?;
+    let recordings = CameraRecordings { first: &arguments.recordings, others, held };
     calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
 }
 

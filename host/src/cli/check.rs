@@ -9,7 +9,7 @@ use evcal::settings::Settings;
 
 use super::calibrate::board_in;
 use super::print;
-use super::progress::Waiting;
+use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
 
 /// Arguments of `evcal check`.
@@ -31,7 +31,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let recording = Recording::new(&arguments.recording, arguments.source.options())?;
     let mut waiting = Waiting::new(arguments.json);
-    waiting.stage(&format!("looking at {}", arguments.recording.display()), None);
+    waiting.stage(&format!("looking at {}", short_name(&arguments.recording)), None);
     let settings = Settings::default().detection;
     let board = match &arguments.board {
         // What is to be measured is said with everything else.

@@ -6,9 +6,10 @@ use evcal::recording::Recording;
 use evcal::recording::convert::{TimeOrigin, convert, output_of};
 use evcal::recording::encode::OutputFormat;
 
-use super::print;
-use super::progress::Waiting;
+use super::output_arguments::OutputArguments;
+use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
+use super::{print, value};
 
 /// Arguments of `evcal convert`.
 #[derive(clap::Args)]
@@ -16,13 +17,15 @@ pub struct Arguments {
     /// Recording of any format, told apart by its content
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// File to write; one that is there already is left alone
-    #[arg(value_name = "OUT")]
+    /// File to write
+    #[arg(value_name = "OUT", value_parser = value::output_file())]
     output: PathBuf,
-    /// Format to write, such as aedat4, npz, hdf5 or csv; any other word prints all [default: by the extension of OUT]
+    #[command(flatten)]
+    results: OutputArguments,
+    /// Format to write, such as aedat4, npz, hdf5 or csv; a name that is none lists them all [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT")]
     to: Option<OutputFormat>,
-    /// Count times from 1970, by the time at which the recording of a camera began
+    /// Write Unix times (since 1970), where the recording says when it began
     #[arg(long)]
     unix_time: bool,
     #[command(flatten)]
@@ -37,19 +40,21 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let (input, output) = (&arguments.input, &arguments.output);
     let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
     let origin = if arguments.unix_time { TimeOrigin::Unix } else { TimeOrigin::Kept };
+    arguments.results.check([output.as_path()])?;
     let recording = Recording::new(input, arguments.source.options())?;
     let mut waiting = Waiting::new(arguments.json);
-    let stage = format!("converting {}", input.display());
+    let stage = format!("converting {}", short_name(input));
     waiting.stage(&stage, None);
     let report = convert(&recording, output, target, origin, |at| {
         waiting.part(&stage, &format!("{stage}: {} events", at.events), at.done);
     });
     waiting.finish();
     let report = report?;
-    if arguments.json {
-        print::json(&report)?;
-    } else {
-        print::line(format!("{}: {report}", output.display()))?;
+    match (arguments.json, output.is_file()) {
+        (true, _) => print::json(&report)?,
+        (false, true) => print::line(format!("{}: {report}", output.display()))?,
+        // The recording may have gone to standard output.
+        (false, false) => print::aside(format!("{}: {report}", output.display())),
     }
     match report.error {
         Some(error) => Err(format!("{error}\nwhat came before is in {}", output.display()).into()),

@@ -8,7 +8,6 @@ use evcal::circles::serial::SerialAddress;
 use evcal::circles::stream::{self, CircleStream};
 use evcal::detection::search::{FoundCircles, SearchFor, search_events_telling, search_stream, sensor_of};
 use evcal::detection::settings::DetectionSettings;
-use evcal::files;
 use evcal::files::shell_word::shell_word;
 use evcal::recording::{Recording, RecordingKind, sniff};
 use evcal::report::drawing::circle_picture;
@@ -16,9 +15,10 @@ use evcal::settings::Settings;
 use evcal_core::circle::Extraction;
 
 use super::calibrate::LISTENING;
-use super::progress::Waiting;
+use super::output_arguments::OutputArguments;
+use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
-use super::{UsageError, print};
+use super::{UsageError, print, value};
 
 /// Arguments of `evcal detect`.
 #[derive(clap::Args)]
@@ -41,11 +41,13 @@ pub struct Arguments {
     #[command(flatten)]
     source: SourceArguments,
     /// Circle-track file to write (CSV)
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", value_parser = value::output_file())]
     output: Option<PathBuf>,
     /// Picture of the window with most circles (PNG)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = value::output_file())]
     picture: Option<PathBuf>,
+    #[command(flatten)]
+    results: OutputArguments,
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
@@ -53,9 +55,7 @@ pub struct Arguments {
 
 /// Runs `evcal detect`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    for path in arguments.output.iter().chain(&arguments.picture) {
-        files::try_out(path)?;
-    }
+    arguments.results.check(arguments.output.iter().chain(&arguments.picture).map(PathBuf::as_path))?;
     if let Some(stream) = open_stream(arguments)? {
         let wanted = wanted(arguments, &[], &DetectionSettings::default())?;
         if arguments.picture.is_some() {
@@ -70,7 +70,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let recording = Recording::new(&arguments.recording, arguments.source.options())?;
     let sensor = sensor_of(&recording)?;
     let mut waiting = Waiting::new(arguments.json);
-    let stage = format!("searching {}", arguments.recording.display());
+    let stage = format!("searching {}", short_name(&arguments.recording));
     waiting.stage(&stage, None);
     let wanted = wanted(arguments, &[&recording], &settings.detection)?;
     let found = search_events_telling(&recording, sensor, wanted, &settings.detection, |done| {

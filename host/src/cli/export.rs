@@ -14,6 +14,7 @@ use evcal::lens::nearest::Replacement;
 use evcal::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC};
 use evcal_core::undistortion::IdealCamera;
 
+use super::output_arguments::OutputArguments;
 use super::{UsageError, print, value};
 
 /// Name that stands for every format.
@@ -33,8 +34,10 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", group = "outputs", value_parser = format_names())]
     format: Option<String>,
     /// File for --format, or the folder for --format all [default: standard output]
-    #[arg(short, long, value_name = "FILE", requires = "format")]
+    #[arg(short, long, value_name = "FILE", requires = "format", value_parser = value::output_file())]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    results: OutputArguments,
     /// Name of the camera in the file, such as DAVIS346_00000001 [default: that of the calibration]
     #[arg(long, value_name = "NAME", requires = "format")]
     camera_name: Option<String>,
@@ -52,10 +55,10 @@ pub struct Arguments {
 #[derive(clap::Args)]
 struct TableArguments {
     /// Write the undistortion look-up for events as a Rust module that needs nothing but `core`
-    #[arg(long, value_name = "FILE", group = "outputs")]
+    #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
     rust_table: Option<PathBuf>,
     /// Write the undistortion look-up for events as a C99 header
-    #[arg(long, value_name = "FILE", group = "outputs")]
+    #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
     c_header: Option<PathBuf>,
     /// Largest error of the look-up in pixels; the coarsest table that keeps it is written
     #[arg(long, value_name = "PIXELS", default_value = "0.05", value_parser = value::number(1e-6..=100.0, " pixels"))]
@@ -89,6 +92,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         ros_topic: arguments.ros_topic.clone(),
         ..calibrated
     };
+    arguments.results.check(outputs(arguments).iter().map(PathBuf::as_path))?;
     let mut report = serde_json::Map::new();
     let mut written = Vec::new();
     if let Some(name) = arguments.format.as_deref() {
@@ -103,6 +107,17 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         return print::json(&report);
     }
     Ok(())
+}
+
+/// The files that are to be written. Of a folder that is not there yet, none can be in the way.
+fn outputs(arguments: &Arguments) -> Vec<PathBuf> {
+    let tables = arguments.table.rust_table.iter().chain(&arguments.table.c_header).cloned();
+    let formats = match (&arguments.output, arguments.format.as_deref().and_then(export::from_name)) {
+        (Some(file), Some(_)) => vec![file.clone()],
+        (Some(folder), None) if folder.is_dir() => FORMATS.iter().map(|format| folder.join(format.file)).collect(),
+        _ => Vec::new(),
+    };
+    formats.into_iter().chain(tables).collect()
 }
 
 /// What a refit cost, for the JSON report.
@@ -157,8 +172,8 @@ fn write_formats(
         }
         None => {
             print::text(&exported.text)?;
-            if let Some(refit) = exported.refit {
-                print::aside(format!("note: {refit}"));
+            if let Some(note) = exported.note {
+                print::aside(format!("note: {note}"));
             }
         }
     }
@@ -172,8 +187,8 @@ fn write_file(arguments: &Arguments, path: &Path, exported: &Exported, written: 
     if arguments.json {
         return Ok(());
     }
-    let refit = exported.refit.map(|refit| format!(": {refit}")).unwrap_or_default();
-    print::line(format!("written to {}{refit}", path.display()))
+    let note = exported.note.as_ref().map(|note| format!(": {note}")).unwrap_or_default();
+    print::line(format!("written to {}{note}", path.display()))
 }
 
 /// Writes the look-ups that were asked for.

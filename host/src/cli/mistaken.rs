@@ -4,8 +4,8 @@ use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 
-/// Adds to `error`, of the words `words`, what clap does not think of: a recording in place of a subcommand, and a long option with one
-/// hyphen.
+/// Adds to `error`, of the words `words`, what clap does not think of: a recording in place of a subcommand, a long option with one
+/// hyphen, and how a board is written.
 pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) -> clap::Error {
     let tip = match error.kind() {
         ErrorKind::InvalidSubcommand => file_first(&error),
@@ -13,6 +13,7 @@ pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) ->
             let words: Vec<String> = words.collect();
             other_program(&error, &words).or_else(|| one_hyphen(&error, words.into_iter()))
         }
+        ErrorKind::MissingRequiredArgument => without_board(&error),
         _ => None,
     };
     if let Some(tip) = tip {
@@ -25,6 +26,15 @@ pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) ->
 fn file_first(error: &clap::Error) -> Option<String> {
     let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return None };
     Path::new(word).exists().then(|| format!("what to do with it comes first: 'evcal info {word}'"))
+}
+
+/// A command without its board, of which a newcomer may not know how to write it.
+fn without_board(error: &clap::Error) -> Option<String> {
+    let Some(ContextValue::Strings(missing)) = error.get(ContextKind::InvalidArg) else { return None };
+    let is_board = missing.iter().any(|argument| argument.starts_with("--board"));
+    is_board.then(|| {
+        "a board is for example '--board acircles:9x4:55mm:r17.5mm'; 'evcal check RECORDING' tells which one is in a recording".to_owned()
+    })
 }
 
 /// Options of Kalibr, and a recording that `evcal live` is to play.

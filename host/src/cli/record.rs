@@ -13,7 +13,7 @@ use super::{print, progress};
 /// Arguments of `evcal record`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// File to write, .dvraw; one that is there already is left alone
+    /// File to write, .dvraw; one that is there already is never replaced
     #[arg(value_name = "OUT.dvraw", value_parser = dvraw)]
     output: PathBuf,
     #[command(flatten)]

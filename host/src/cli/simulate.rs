@@ -5,7 +5,6 @@ use std::path::PathBuf;
 
 use evcal::board::shape::BoardShape;
 use evcal::board::{Board, any_length};
-use evcal::files::folder::OutputFolder;
 use evcal::lens::camera_file;
 use evcal::simulate::davis::DavisSettings;
 use evcal::simulate::dots::Dots;
@@ -24,6 +23,7 @@ use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use serde::de::DeserializeOwned;
 
+use super::output_arguments::OutputArguments;
 use super::progress::Waiting;
 use super::value::Numbers;
 use super::{UsageError, print, value};
@@ -36,9 +36,8 @@ pub struct Arguments {
     /// with --second-frames the folder second
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Replace the simulation that is in the folder
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    results: OutputArguments,
     /// Camera model [default: a radtan lens with a field of view of about 55 degrees]
     #[arg(long, value_name = "NAME", requires = "parameters", value_parser = value::model())]
     model: Option<ModelKind>,
@@ -196,10 +195,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     if let Some(lens) = &frame_camera {
         simulation = simulation.with_frame_rays(Rays::new(lens, sensor));
     }
-    let folder = match arguments.force {
-        true => OutputFolder::open(&arguments.output)?,
-        false => OutputFolder::open_new(&arguments.output, is_result)?,
-    };
+    let folder = arguments.results.open_folder(&arguments.output, is_result)?;
     let second_camera = second_camera(arguments, &camera, sensor)?;
     let mut waiting = Waiting::new(arguments.json);
     let recorded = SimulatedRecording {

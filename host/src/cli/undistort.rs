@@ -2,20 +2,22 @@
 
 use std::path::{Path, PathBuf};
 
+use evcal::files::folder::OutputFolder;
 use evcal::lens::camera_file::{self, CameraDescription};
 use evcal::recording::convert::{ConversionProgress, output_of};
 use evcal::recording::encode::OutputFormat;
-use evcal::undistort::picture::{is_picture, is_single, undistort_pictures};
+use evcal::undistort::picture::{is_picture, is_single, picture_outputs, undistort_pictures};
 use evcal::undistort::recording::{
-    Maps, UndistortionReport, camera_path_beside, open_recording, undistort_frames, undistort_recording,
-    undistort_sub_pixel, write_camera,
+    FRAMES_CAMERA, Maps, UndistortionReport, camera_path_beside, is_frame_file, open_recording, undistort_frames,
+    undistort_recording, undistort_sub_pixel, write_camera,
 };
 use evcal::undistort::sub_pixel::SubPixelFormat;
 use evcal::undistort::target::{TargetProjection, target_camera};
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 
-use super::progress::Waiting;
+use super::output_arguments::OutputArguments;
+use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
 use super::{UsageError, print, value};
 
@@ -29,8 +31,10 @@ pub struct Arguments {
     #[arg(short, long, value_name = "FILE|DIR")]
     calibration: PathBuf,
     /// Recording or PNG to write; for several pictures, a folder
-    #[arg(short, long, value_name = "OUT", required_unless_present = "frames")]
+    #[arg(short, long, value_name = "OUT", required_unless_present = "frames", value_parser = value::output_file())]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    results: OutputArguments,
     /// How the camera without distortion projects: pinhole, or equidistant for lenses that see too much for that
     #[arg(
         long,
@@ -45,7 +49,7 @@ pub struct Arguments {
     /// Keep the fractions of pixels: OUT is .csv, .txt or .bin (EventCalib)
     #[arg(long)]
     subpixel: bool,
-    /// Format of the recording to write, such as aedat4, npz, hdf5 or csv; any other word prints all
+    /// Format of the recording to write, such as aedat4, npz, hdf5 or csv; a name that is none lists them all
     /// [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT", conflicts_with = "subpixel")]
     to: Option<OutputFormat>,
@@ -73,9 +77,14 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 }
 
 fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
+    if let Some(output) = &arguments.output {
+        arguments.results.check([output.as_path(), &camera_path_beside(output)])?;
+    }
+    let folder = arguments.frames.as_deref();
+    let folder = folder.map(|folder| arguments.results.open_folder(folder, is_frame_file)).transpose()?;
     let recording = open_recording(path, arguments.source.options(), sensor)?;
     let mut waiting = Waiting::new(arguments.json);
-    let stage = format!("undistorting {}", path.display());
+    let stage = format!("undistorting {}", short_name(path));
     waiting.stage(&stage, None);
     let mut tell = |at: ConversionProgress| {
         waiting.part(&stage, &format!("{stage}: {} events", at.events), at.done);
@@ -92,9 +101,11 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
         report = Some((output, done));
     }
     let mut frames = None;
-    if let Some(folder) = &arguments.frames {
+    if let Some(folder) = &folder {
+        folder.remove_results(is_frame_file)?;
+        let folder = folder.path();
         frames = Some((folder, undistort_frames(&recording, folder, maps)?));
-        write_camera(&folder.join("camera.json"), new, sensor)?;
+        write_camera(&folder.join(FRAMES_CAMERA), new, sensor)?;
     }
     waiting.finish();
     if arguments.json {
@@ -128,9 +139,12 @@ fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sens
     let Some(output) = arguments.output.as_ref().filter(|_| !for_recordings) else {
         return Err(UsageError("--subpixel, --to and --frames are for recordings; pictures take -o".to_owned()).into());
     };
-    let written = undistort_pictures(&arguments.inputs, output, &maps.back)?;
+    let written = picture_outputs(&arguments.inputs, output)?;
     let single = is_single(&arguments.inputs, output);
-    let camera = if single { camera_path_beside(output) } else { output.join("camera.json") };
+    let camera = if single { camera_path_beside(output) } else { output.join(FRAMES_CAMERA) };
+    let _folder = if single { None } else { Some(OutputFolder::open(output)?) };
+    arguments.results.check(written.iter().chain([&camera]).map(PathBuf::as_path))?;
+    undistort_pictures(&arguments.inputs, &written, &maps.back)?;
     write_camera(&camera, new, sensor)?;
     if arguments.json {
         return print::json(&serde_json::json!({ "camera": CameraDescription::new(new), "written": written }));

@@ -2,9 +2,10 @@
 
 use std::ffi::OsStr;
 use std::ops::RangeInclusive;
+use std::path::PathBuf;
 use std::str::FromStr;
 
-use clap::builder::{PossibleValue, PossibleValuesParser, StringValueParser, TypedValueParser};
+use clap::builder::{PathBufValueParser, PossibleValue, PossibleValuesParser, StringValueParser, TypedValueParser};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use evcal::initial::model_choice::ModelRequest;
 use evcal::recording::MAX_SENSOR_SIZE;
@@ -35,6 +36,14 @@ const OTHER_NAMES: &[(&str, &str)] = &[
     ("eucm-none", "Kalibr's eucm-none is eucm"),
     ("atan", "the field-of-view model is fov"),
 ];
+
+/// Takes the name of a file to write.
+pub fn output_file() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| match path.as_os_str() == "-" {
+        true => Err("a file is written: name it, or write /dev/stdout for a pipe"),
+        false => Ok(path),
+    })
+}
 
 /// Numbers with commas between them.
 #[derive(Clone, Debug)]

@@ -47,7 +47,7 @@ pub enum NoBoard {
     #[serde(rename = "no grey or colour picture")]
     NotGrey,
     /// There is a lattice; which part of the board it is cannot be told.
-    #[serde(rename = "place on the board not certain")]
+    #[serde(rename = "not clear which part of the board", alias = "place on the board not certain")]
     PlaceUncertain,
     /// The rows of a picture were exposed one after the other.
     #[serde(rename = "rolling shutter")]
@@ -71,7 +71,7 @@ impl NoBoard {
     pub fn advice(self, max_interval: u16) -> String {
         match self {
             Self::TooFewEvents => {
-                format!("move faster or raise detection.window.max_interval (now {max_interval})")
+                format!("move faster, or set a larger detection.window.max_interval (now {max_interval})")
             }
             Self::TooFewCircles => {
                 "is the board in view, moving and in focus? Try --extraction soft, or move faster".to_owned()
@@ -80,7 +80,7 @@ impl NoBoard {
                 "is --board right: rows and columns, acircles or circles?".to_owned()
             }
             Self::NotRound => {
-                "they have corners or holes, as tags, keys, nuts or panes: is the board with round dots in view?"
+                "they have corners or holes, like tags, keys, nuts or windows: is the board with round dots in view?"
                     .to_owned()
             }
             _ => "is the board in view and flat, and is --board right?".to_owned(),

@@ -17,19 +17,19 @@ pub enum NoCircle {
     #[serde(rename = "arc too short")]
     ArcTooShort,
     /// The clusters do not face each other.
-    #[serde(rename = "back to back")]
+    #[serde(rename = "arcs that do not face each other", alias = "back to back")]
     BackToBack,
     /// The fitted centre is far from the middle between the clusters.
-    #[serde(rename = "centre against midpoint")]
+    #[serde(rename = "centre not between the arcs", alias = "centre against midpoint")]
     CenterAgainstMidpoint,
     /// The pixels are too far from the fitted circle.
     #[serde(rename = "fit error")]
     FitError,
     /// A cluster has a better partner.
-    #[serde(rename = "not mutual")]
+    #[serde(rename = "fits another cluster better", alias = "not mutual")]
     NotMutual,
     /// The fitted radius does not go with the distance of the clusters.
-    #[serde(rename = "radius against distance")]
+    #[serde(rename = "radius does not fit the distance", alias = "radius against distance")]
     RadiusAgainstDistance,
     /// The radius is too small or too large.
     #[serde(rename = "radius out of bounds")]
@@ -156,7 +156,7 @@ mod tests {
         let mut report = DetectionReport { windows: 9, too_few_events: 4, ..DetectionReport::default() };
         assert_eq!(
             report.no_pattern(100, None).to_string(),
-            "no pattern found in 13 windows: 4 had too few events: move faster or raise detection.window.max_interval (now 100)"
+            "no pattern found in 13 windows: 4 had too few events: move faster, or set a larger detection.window.max_interval (now 100)"
         );
         report.grids_refused = BTreeMap::from([(NoBoard::BesideBoard, 5), (NoBoard::NoLattice, 4)]);
         let text = report.no_pattern(100, None).to_string();

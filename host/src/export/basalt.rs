@@ -14,6 +14,7 @@ use evcal_core::sensor::Sensor;
 /// `basalt.json`. basalt has no radial-tangential model.
 pub const FORMAT: ExportFormat = ExportFormat {
     name: "basalt",
+    program: "basalt",
     file: "basalt.json",
     models: &[ModelKind::KannalaBrandt, ModelKind::Ucm, ModelKind::Eucm, ModelKind::DoubleSphere, ModelKind::Fov],
     substitutes: &[ModelKind::KannalaBrandt, ModelKind::Eucm, ModelKind::DoubleSphere],

@@ -9,6 +9,8 @@ use crate::result::calibrated_camera::{CalibratedCamera, UNNAMED};
 pub struct ExportFormat {
     /// Its name on the command line.
     pub name: &'static str,
+    /// Who reads it, in sentences.
+    pub program: &'static str,
     /// Name of its file in a folder of all formats.
     pub file: &'static str,
     /// Models that it holds.
@@ -31,6 +33,8 @@ pub struct Content<'a> {
     pub model: ModelKind,
     /// What it cost to get it.
     pub refit: Option<&'a Replacement>,
+    /// The same in a sentence.
+    pub note: Option<&'a str>,
 }
 
 impl Content<'_> {
@@ -45,7 +49,7 @@ impl Content<'_> {
         let recorded = recorded.as_ref().map(|date| format!("recorded {date}"));
         let origin = Some(camera.into_iter().chain(recorded).collect::<Vec<_>>().join(", "));
         let origin = origin.filter(|origin| !origin.is_empty());
-        [from].into_iter().chain(origin).chain(verdict).chain(self.refit.map(ToString::to_string)).collect()
+        [from].into_iter().chain(origin).chain(verdict).chain(self.note.map(str::to_owned)).collect()
     }
 
     /// The camera matrix, row by row.
@@ -64,6 +68,8 @@ pub struct Exported {
     pub camera: Camera<f64>,
     /// What it cost to get it, where the format does not hold the calibrated model.
     pub refit: Option<Replacement>,
+    /// The same in a sentence.
+    pub note: Option<String>,
 }
 
 /// A format cannot hold a camera, nor one near it.
@@ -87,7 +93,8 @@ impl ExportFormat {
         let parameters = near.camera.parameters();
         let (matrix, distortion) = parameters.split_first_chunk::<4>().ok_or_else(cannot)?;
         let (model, refit) = (near.camera.kind(), near.refit.as_ref());
-        let text = (self.write)(&Content { calibrated, matrix: *matrix, distortion, model, refit });
-        Ok(Exported { text, camera: near.camera, refit: near.refit })
+        let note = refit.map(|refit| refit.sentence(self.program, self.models));
+        let content = Content { calibrated, matrix: *matrix, distortion, model, refit, note: note.as_deref() };
+        Ok(Exported { text: (self.write)(&content), camera: near.camera, refit: near.refit, note })
     }
 }

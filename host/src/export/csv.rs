@@ -10,8 +10,14 @@ use evcal_core::sensor::Sensor;
 
 /// `parameters.csv`: below comments a line of names, then one line a parameter. `sigma` and the covariances with all
 /// parameters (`covariance_fx` …) are empty where they are not known; the unit of coefficients is empty.
-pub const FORMAT: ExportFormat =
-    ExportFormat { name: "csv", file: "parameters.csv", models: ModelKind::ALL, substitutes: &[], write };
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "csv",
+    program: "the table",
+    file: "parameters.csv",
+    models: ModelKind::ALL,
+    substitutes: &[],
+    write,
+};
 
 fn write(content: &Content) -> String {
     let calibrated = content.calibrated;

@@ -11,6 +11,7 @@ use evcal_core::sensor::Sensor;
 /// `dv-processing.json`. The library computes in single precision.
 pub const FORMAT: ExportFormat = ExportFormat {
     name: "dv-processing",
+    program: "dv-processing",
     file: "dv-processing.json",
     models: &[ModelKind::Radtan4, ModelKind::Radtan, ModelKind::KannalaBrandt],
     substitutes: &[ModelKind::Radtan, ModelKind::KannalaBrandt],

@@ -10,6 +10,7 @@ use evcal_core::sensor::Sensor;
 /// `dv.xml`. Distortion is a column of five, or of four for a fisheye.
 pub const FORMAT: ExportFormat = ExportFormat {
     name: "dv-xml",
+    program: "DV",
     file: "dv.xml",
     models: &[ModelKind::Radtan, ModelKind::KannalaBrandt],
     substitutes: &[ModelKind::Radtan, ModelKind::KannalaBrandt],

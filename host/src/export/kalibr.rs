@@ -14,6 +14,7 @@ use evcal_core::sensor::Sensor;
 /// `camchain.yaml` of one camera.
 pub const FORMAT: ExportFormat = ExportFormat {
     name: "kalibr",
+    program: "Kalibr",
     file: "camchain.yaml",
     models: &[
         ModelKind::Radtan4,

@@ -14,6 +14,7 @@ use evcal_core::sensor::Sensor;
 /// `camera.cameramodel`.
 pub const FORMAT: ExportFormat = ExportFormat {
     name: "mrcal",
+    program: "mrcal",
     file: "camera.cameramodel",
     models: &[ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8],
     substitutes: &[ModelKind::Radtan, ModelKind::Radtan8],

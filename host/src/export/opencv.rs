@@ -19,6 +19,7 @@ const SUBSTITUTES: &[ModelKind] = &[ModelKind::Radtan, ModelKind::KannalaBrandt]
 /// YAML, which OpenCV alone reads.
 pub const YAML: ExportFormat = ExportFormat {
     name: "opencv-yaml",
+    program: "OpenCV",
     file: "camera.yaml",
     models: MODELS,
     substitutes: SUBSTITUTES,
@@ -28,6 +29,7 @@ pub const YAML: ExportFormat = ExportFormat {
 /// XML.
 pub const XML: ExportFormat = ExportFormat {
     name: "opencv-xml",
+    program: "OpenCV",
     file: "camera.xml",
     models: MODELS,
     substitutes: SUBSTITUTES,
@@ -37,6 +39,7 @@ pub const XML: ExportFormat = ExportFormat {
 /// JSON.
 pub const JSON: ExportFormat = ExportFormat {
     name: "opencv-json",
+    program: "OpenCV",
     file: "camera.json",
     models: MODELS,
     substitutes: SUBSTITUTES,

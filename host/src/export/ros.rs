@@ -14,6 +14,7 @@ use evcal_core::sensor::Sensor;
 /// `camera_info.yaml`.
 pub const FORMAT: ExportFormat = ExportFormat {
     name: "ros",
+    program: "ROS",
     file: "camera_info.yaml",
     models: &[ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt],
     substitutes: &[ModelKind::Radtan, ModelKind::KannalaBrandt],

@@ -14,7 +14,7 @@ pub enum FolderError {
     #[error("{0}; choose another folder with -o")]
     Unusable(FileError),
     /// It holds results.
-    #[error("{} is there already: choose another folder with -o, or replace the results with --force", .0.display())]
+    #[error("{} is there already: choose another folder, or replace the results with --force", .0.display())]
     Taken(PathBuf),
 }
 
@@ -33,6 +33,9 @@ impl OutputFolder {
     /// [`FolderError::Unusable`].
     pub fn open(path: &Path) -> Result<Self, FolderError> {
         let failed = |error: io::Error| FolderError::Unusable(FileError::new(path, error));
+        if path.is_file() {
+            return Err(failed(io::Error::other("is a file, and results need a folder")));
+        }
         let mut made: Vec<PathBuf> = path
             .ancestors()
             .take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists())
@@ -223,5 +226,8 @@ mod tests {
             let error = OutputFolder::open(Path::new(path)).unwrap_err().to_string();
             assert!(error.contains(path) && error.contains("-o"), "{error}");
         }
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let error = OutputFolder::open(file.path()).unwrap_err().to_string();
+        assert!(error.contains("is a file") && error.contains("-o"), "{error}");
     }
 }

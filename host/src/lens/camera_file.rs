@@ -1,13 +1,14 @@
-//! A camera as JSON: the part of `calibration.json` and `truth.json` that describes the lens. The YAML of other programs is
+//! A camera as JSON: the part of `calibration.json` and `truth.json` that describes the lens. The files of other programs are
 //! read as well ([`yaml`]).
 
 mod parameters;
+mod tree;
 pub mod yaml;
 
 use std::path::{Path, PathBuf};
 
 use evcal_core::camera::{Camera, ModelKind};
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 
 pub use self::parameters::Parameters;
@@ -71,7 +72,7 @@ pub enum CameraFileError {
         /// What is wrong, with line and column.
         error: serde_json::Error,
     },
-    /// The text is not JSON, and no camera in YAML.
+    /// The text is not that of a camera of another program.
     #[error("{file} is no camera file: {error}; write one as {}", CAMERA_FORM)]
     Yaml {
         /// The file.
@@ -218,13 +219,35 @@ fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
     // Always from text: of what is read in several ways the program has several copies.
-    let json = if text.trim_start().starts_with('{') {
-        Ok(text)
-    } else {
-        let camera = yaml::parse(&text).map_err(|error| CameraFileError::Yaml { file: file.clone(), error })?;
-        serde_json::to_string(&camera)
+    let json = match of_other_program(&text) {
+        None => Ok(text),
+        Some(camera) => {
+            let camera = camera.map_err(|error| CameraFileError::Yaml { file: file.clone(), error })?;
+            serde_json::to_string(&camera)
+        }
     };
     json.and_then(|json| serde_json::from_str(&json)).map_err(|error| CameraFileError::Parse { file, error })
+}
+
+/// What tells evcal's own files from those of others.
+#[derive(Deserialize)]
+struct Own {
+    camera: Option<IgnoredAny>,
+}
+
+/// The camera of a text that is not in evcal's own form.
+fn of_other_program(text: &str) -> Option<Result<CameraFile, yaml::YamlError>> {
+    match text.trim_start().chars().next() {
+        Some('<') => Some(yaml::parse_xml(text)),
+        Some('{') => match serde_json::from_str::<Own>(text) {
+            Ok(Own { camera: Some(_) }) => None,
+            // What is in no known form is told to be none of evcal's.
+            Ok(_) => Some(yaml::parse_json(text)).filter(|camera| *camera != Err(yaml::YamlError::NoCamera)),
+            // mrcal's dictionaries are no JSON.
+            Err(_) => Some(yaml::parse(text)).filter(Result::is_ok),
+        },
+        _ => Some(yaml::parse(text)),
+    }
 }
 
 /// The error for a camera that is none.

@@ -1,7 +1,6 @@
 //! The camera that a format can hold: the calibrated one, or the nearest of another model.
 
 use evcal_core::sensor::Sensor;
-use std::fmt;
 
 use evcal_core::camera::refit::refit_where;
 use evcal_core::camera::{Camera, ModelKind};
@@ -12,6 +11,10 @@ use super::covered_region::CoveredRegion;
 
 /// About how many pixels two cameras are compared at.
 const SAMPLES: f64 = 1e5;
+
+/// Within so many pixels, a model of OpenCV's family stands for another of it, whichever other model may come nearer: users look
+/// for the coefficients that they know.
+const SAME_FAMILY: f64 = 0.1;
 
 /// OpenCV's models, of which each has the coefficients of the one before and more.
 const RADTAN_FAMILY: [ModelKind; 3] = [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8];
@@ -49,27 +52,54 @@ pub struct Distance {
     pub unseen: f64,
 }
 
-impl fmt::Display for Replacement {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl Replacement {
+    /// What a file for `program`, which has these `models`, costs, in a sentence.
+    pub fn sentence(&self, program: &str, models: &[ModelKind]) -> String {
         let Self { from, to, covered, sensor } = self;
-        write!(
-            f,
-            "this format has no model {from}; exported as {to}, which differs by {:.6} px rms, {:.6} px at most, where the board \
-             was seen ({:.6} px at most on the whole sensor)",
-            covered.rms, covered.largest, sensor.largest
-        )?;
-        if sensor.unseen > 0.0 {
-            write!(f, "; {to} does not see {:.1} % of the sensor", 100.0 * sensor.unseen)?;
-        }
-        Ok(())
+        let missing = self.missing(models);
+        let lacks = match missing.as_slice() {
+            [] => format!("{program} has no model {from}"),
+            coefficients => format!("{program} has no {from} with {}", coefficients.join(", ")),
+        };
+        let unseen = match sensor.unseen > 0.0 {
+            true => format!("; {to} does not see {:.1} % of the sensor", 100.0 * sensor.unseen),
+            false => String::new(),
+        };
+        format!(
+            "{lacks}: exported as {to}, {} different where the board was seen, {} on the whole sensor{unseen}",
+            at_most(covered.largest),
+            at_most(sensor.largest)
+        )
     }
+
+    /// The coefficients of a camera of OpenCV's family that no model of the family among `models` has.
+    fn missing(&self, models: &[ModelKind]) -> Vec<&'static str> {
+        let is_relative = |model: &&ModelKind| RADTAN_FAMILY.contains(&self.from) && RADTAN_FAMILY.contains(model);
+        let relatives = models.iter().filter(is_relative);
+        let Some(held) = relatives.map(|model| model.parameter_names()).max_by_key(|names| names.len()) else {
+            return Vec::new();
+        };
+        self.from.parameter_names().iter().copied().filter(|name| !held.contains(name)).collect()
+    }
+
+    /// Whether it is as good as the calibrated model for all who look for its coefficients.
+    fn is_close_relative(&self) -> bool {
+        let is_in_family = RADTAN_FAMILY.contains(&self.from) && RADTAN_FAMILY.contains(&self.to);
+        is_in_family && self.covered.unseen == 0.0 && self.covered.largest <= SAME_FAMILY
+    }
+}
+
+/// A distance in words.
+fn at_most(pixels: f64) -> String {
+    if pixels < 0.01 { "less than 0.01 px".to_owned() } else { format!("up to {pixels:.2} px") }
 }
 
 /// The camera of one of `models` that stands for `camera`.
 ///
 /// It is `camera` itself if its model is among them, or the same camera under another name: where all that a model
-/// lacks or has beyond it is zero, and for the unified model as the extended one with beta = 1. Else every model of `substitutes` is fitted to `camera` within
-/// `covered`, all parameters of it, and the one that comes nearest is taken. `None` if none sees the region.
+/// lacks or has beyond it is zero, and for the unified model as the extended one with beta = 1. Else every model of `substitutes` is
+/// fitted to `camera` within `covered`, all parameters of it, and the one that comes nearest is taken, or one of OpenCV's family for
+/// another of it where that is near enough. `None` if none sees the region.
 pub fn nearest(
     camera: &Camera<f64>,
     models: &[ModelKind],
@@ -91,7 +121,8 @@ pub fn nearest(
     };
     let fitted: Vec<_> = substitutes.par_iter().filter_map(fitted).collect();
     let best = fitted.into_iter().min_by(|(_, a), (_, b)| {
-        let order = a.covered.unseen.total_cmp(&b.covered.unseen);
+        let order = b.is_close_relative().cmp(&a.is_close_relative());
+        let order = order.then(a.covered.unseen.total_cmp(&b.covered.unseen));
         order.then(a.covered.largest.total_cmp(&b.covered.largest))
     });
     best.map(|(camera, refit)| Nearest { camera, refit: Some(refit) })
@@ -213,8 +244,9 @@ mod tests {
             let bearing = calibrated.unproject(&pixel).unwrap();
             largest = largest.max((near.project(&bearing).unwrap() - pixel).norm());
         }
-        assert!(largest <= refit.covered.largest && refit.covered.largest < 0.05, "{largest}: {refit}");
-        assert!(refit.to_string().contains("no model inverse-radial; "), "{refit}");
+        let sentence = refit.sentence("ROS", &models);
+        assert!(largest <= refit.covered.largest && refit.covered.largest < 0.05, "{largest}: {sentence}");
+        assert!(sentence.starts_with("ROS has no model inverse-radial: exported as "), "{sentence}");
         for to in models {
             let other = nearest(&calibrated, &[], &[to], SENSOR, &region()).unwrap().refit.unwrap();
             assert!(refit.covered.largest <= other.covered.largest, "{to}");
@@ -234,6 +266,32 @@ mod tests {
         assert_ne!(refitted.camera.parameters()[4..], sixth.parameters()[4..8]);
         let (dropped, _) = distances(&sixth, &four, SENSOR, &region()).unwrap();
         assert!(refitted.refit.unwrap().covered.largest < 0.2 * dropped.largest);
+    }
+
+    #[test]
+    fn a_relative_is_taken_as_long_as_it_is_near() {
+        let substitutes = [ModelKind::KannalaBrandt, ModelKind::Radtan4, ModelKind::Eucm];
+        let to = |k3: f64| {
+            let five = camera(ModelKind::Radtan, &[-0.3, 0.1, 0.001, -0.0005, k3]);
+            nearest(&five, &substitutes, &substitutes, SENSOR, &region()).unwrap().refit.unwrap()
+        };
+        let near = to(-0.01);
+        assert!(near.to == ModelKind::Radtan4 && near.covered.largest <= SAME_FAMILY, "{near:?}");
+        assert!(
+            near.sentence("Kalibr", &substitutes).starts_with("Kalibr has no radtan with k3: exported as radtan4, "),
+            "{near:?}"
+        );
+        // So much k3 that four coefficients cannot follow: another model is taken where it comes nearer.
+        let far = to(-0.3);
+        let four = nearest(
+            &camera(ModelKind::Radtan, &[-0.3, 0.1, 0.001, -0.0005, -0.3]),
+            &[],
+            &[ModelKind::Radtan4],
+            SENSOR,
+            &region(),
+        );
+        let four = four.unwrap().refit.unwrap();
+        assert!(four.covered.largest > SAME_FAMILY && far.covered.largest <= four.covered.largest, "{far:?} {four:?}");
     }
 
     #[test]

@@ -194,8 +194,8 @@ fn write_files(
         match format.export(&camera) {
             Ok(exported) => {
                 put(folder.join(&name), exported.text.as_bytes())?;
-                if let Some(refit) = exported.refit {
-                    let _ = write!(summary, "\n{}: {refit}", name.display());
+                if let Some(note) = exported.note {
+                    let _ = write!(summary, "\n{}: {note}", name.display());
                 }
             }
             Err(error) => {

@@ -10,7 +10,11 @@ use crate::result::calibration_file::{CalibrationFile, FramesResult};
 pub fn summary(calibration: &CalibrationFile) -> String {
     let mut text = String::new();
     let sensor = calibration.sensor;
-    let _ = writeln!(text, "camera {} on {} x {} pixels", calibration.camera.model, sensor.width, sensor.height);
+    let _ = writeln!(
+        text,
+        "camera {} on {} x {} pixels (± is one standard deviation)",
+        calibration.camera.model, sensor.width, sensor.height
+    );
     for (index, name) in parameter_names(&calibration.camera.model).iter().enumerate() {
         // Focal lengths and principal point; the rest has no unit.
         let unit = if index < 4 { " px" } else { "" };
@@ -25,8 +29,8 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     if let Some(halves) = &calibration.split_half {
         let _ = writeln!(
             text,
-            "two halves, calibrated apart, differ by {:.4} px ({:.4} px expected); residual {:.4} px on the half that a camera is from, \
-             {:.4} px on the other",
+            "two halves of the recording, each calibrated alone, differ by {:.4} px ({:.4} px expected); the residual is {:.4} px \
+             on its own half, {:.4} px on the other",
             halves.difference_rms, halves.expected_rms, halves.held_out.own_rms, halves.held_out.rms
         );
     }
@@ -57,7 +61,7 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     if let Some(joint) = &calibration.joint_frames {
         let _ = write!(
             text,
-            "\nsolved together with {} dots of {} frames, which come {:.3} ± {:.3} ms before the events of their moment",
+            "\nsolved together with {} dots of {} frames, whose times are {:.3} ± {:.3} ms early against those of the events",
             joint.dots,
             joint.frames,
             1e3 * joint.time_offset,

@@ -88,9 +88,6 @@ pub enum ConvertError {
     /// No format has this extension.
     #[error("{}: unknown extension; use {}, or name the format with --to", .0.display(), output_extensions())]
     Extension(PathBuf),
-    /// The output is there already.
-    #[error("{} is there already and is not overwritten: choose another name", .0.display())]
-    Exists(PathBuf),
     /// The sensor size is not known.
     #[error("{} does not say how many pixels the sensor has: {}", file.display(), sensor_advice(*likely))]
     SensorUnknown {
@@ -124,7 +121,7 @@ pub struct ConversionProgress {
     pub done: Option<f64>,
 }
 
-/// Writes the content of `recording` to a new file at `path`. `progress` is told how far it is.
+/// Writes the content of `recording` to a file at `path`; one that was there is replaced when the new one is whole. `progress` is told how far it is.
 ///
 /// # Errors
 /// [`ConvertError`] if it cannot begin or the output cannot be written. Should the recording break
@@ -136,9 +133,7 @@ pub fn convert(
     origin: TimeOrigin,
     progress: impl FnMut(ConversionProgress),
 ) -> Result<ConversionReport, ConvertError> {
-    if let (Some(open), Some(copy)) = (recording.format().transfers, target.copy_transfers)
-        && !path.exists()
-    {
+    if let (Some(open), Some(copy)) = (recording.format().transfers, target.copy_transfers) {
         return copy_transfers(recording, path, open, copy);
     }
     let unchanged = Change { events: &mut |_| {}, extra: &mut |_| {} };
@@ -157,9 +152,6 @@ pub fn convert_changed(
     mut change: Change,
     mut progress: impl FnMut(ConversionProgress),
 ) -> Result<ConversionReport, ConvertError> {
-    if path.exists() {
-        return Err(ConvertError::Exists(path.to_owned()));
-    }
     check_stated(recording)?;
     let mut reader = recording.open()?;
     let mut events = Vec::new();

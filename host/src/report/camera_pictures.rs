@@ -31,7 +31,7 @@ fn beside_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
     html! {
         @match &events.witness {
             Some(WitnessOutcome::Witness(witness)) => (witnessed(calibrated, witness)),
-            Some(WitnessOutcome::Failed(failure)) => p { "The recording has frames, but they say nothing: " (failure) "." },
+            Some(WitnessOutcome::Failed(failure)) => p { "The recording has frames, but no calibration could be made of them: " (failure) "." },
             None => {}
         }
         @if let Some(joint) = &events.joint {

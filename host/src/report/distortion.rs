@@ -23,7 +23,7 @@ pub fn pictures(calibrated: &Calibrated, board: &Board) -> Markup {
             figure {
                 (curve(calibrated.camera(), calibrated.sensor).render())
                 figcaption {
-                    "Distortion: how far from the principal point a ray is seen, towards the farthest corner of the image, with this lens and with one that "
+                    "Distortion: how far from the principal point a ray appears, towards the farthest corner of the image, with this lens and with one that "
                     "does not distort. The curve ends at the corner."
                 }
             }

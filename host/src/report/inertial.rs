@@ -35,7 +35,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
             }
         }
         p {
-            "What is left of each reading once the motion is taken off: its spread in each piece of the recording. It should be even over "
+            "What is left of each reading after the motion is subtracted: its spread in each piece of the recording. It should stay the same over "
             "time. Its spectrum should be flat up to the corner of the sensor's filter; below "
             (format!("{:.0}", 0.5 / inertial.knot_spacing)) " Hz the trajectory follows the sensors."
         }

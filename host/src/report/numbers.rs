@@ -50,8 +50,8 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let content = html! {
         p {
             "Camera model " code { (camera.kind().name()) } ". Pixel (0, 0) is the centre of the top-left pixel, as in OpenCV and ROS. σ is one standard deviation; the true "
-            "value lies within 2σ in about 95 of 100 calibrations. Observations of one moment err together: "
-            (count(uncertainty.observations as u64)) " observations are worth " (count(uncertainty.effective_observations() as u64))
+            "value lies within 2σ in about 95 of 100 calibrations. Observations of one moment share their errors: "
+            (count(uncertainty.observations as u64)) " observations count as much as " (count(uncertainty.effective_observations() as u64))
             " independent ones, which σ takes into account."
         }
         (scrolling("Camera parameters", &table))
@@ -62,9 +62,9 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         (to_copy::forms(calibrated, board))
         h3 { "Correlation" }
         details {
-            summary { "Which parameters hang together" }
+            summary { "Which parameters are correlated" }
             p {
-                "Near ±1 the recording cannot tell two parameters apart; distortion coefficients always hang together. Only the projection as a whole counts then, "
+                "Near ±1 the recording cannot tell two parameters apart. Distortion coefficients are always correlated. Only the projection as a whole counts then, "
                 "which is mapped below."
             }
             (scrolling("Correlation of the parameters", &correlation(calibrated)))
@@ -89,8 +89,8 @@ fn printed_board(estimate: &BoardEstimate) -> Markup {
     html! {
         h3 { "The board" }
         p {
-            "Where the observations say that the board is bent, printed unevenly or with another radius, that is estimated with the camera. A positive bend means "
-            "that the middle of the board is further away than its edges. The last column is what comes out with all four free."
+            "If the recording shows that the board is bent, printed unevenly or with another radius, this is estimated together with the camera. A positive bend means "
+            "that the middle of the board is further away than its edges. The last column is what comes out if all four are estimated."
         }
         (scrolling("The board as it is", &html! {
             table.short {
@@ -98,7 +98,7 @@ fn printed_board(estimate: &BoardEstimate) -> Markup {
                     th scope="col" { "" }
                     th.number scope="col" { "value" }
                     th.number scope="col" { "± σ" }
-                    th.number scope="col" { "if free" }
+                    th.number scope="col" { "if estimated" }
                 } }
                 tbody {
                     @for (index, (name, unit, factor)) in ROWS.into_iter().enumerate() {
@@ -126,7 +126,7 @@ fn chosen(choice: &ModelChoice) -> Markup {
     html! {
         h3 { "Choice of the model" }
         p {
-            code { (choice.chosen) } " was chosen: of the models that predict circles which they have not seen as well as the best does, it has the fewest parameters"
+            code { (choice.chosen) } " was chosen: of the models that predict unseen circles as well as the best one, it has the fewest parameters"
             @if WIDELY_HELD.iter().any(|kind| kind.name() == choice.chosen) { ", among those that OpenCV and ROS hold" }
             "."
         }
@@ -191,7 +191,7 @@ fn view(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Markup {
     let down = angle([middle_x, -0.5], [middle_x, bottom]);
     html! {
         @if let (Some(across), Some(down)) = (across, down) {
-            p { (format!("It sees {across:.1}° across and {down:.1}° down.")) }
+            p { (format!("Angle of view: {across:.1}° horizontally, {down:.1}° vertically.")) }
         }
     }
 }

@@ -69,7 +69,7 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
 
 /// What the files of a calibration are, by the beginnings of their names.
 const MEANINGS: [(&str, &str); 21] = [
-    ("calibration.json", "everything that was found out, for programs"),
+    ("calibration.json", "all results, for programs"),
     ("camera.yaml", "the camera for OpenCV"),
     ("exports/camera_info.yaml", "the camera for ROS"),
     ("exports/camchain-cameras.yaml", "all cameras on the mount for Kalibr"),
@@ -87,7 +87,7 @@ const MEANINGS: [(&str, &str); 21] = [
     ("settings.toml", "all settings as they were used"),
     ("stages.txt", "what every stage took in and gave out"),
     ("good-frame.png", "a window that the first camera explains well"),
-    ("bad-frame.png", "the one that it explains worst"),
+    ("bad-frame.png", "the window that it explains worst"),
     ("trajectory", "the camera's poses; .csv has their standard deviations"),
     ("report.html", "this page"),
 ];

@@ -34,7 +34,7 @@ fn one(second: &SecondCamera) -> Markup {
                 (drawing("second camera", ["first", "second"], &second.calibration.mount.second_first))
                 figcaption {
                     "Axes of both cameras (x to the right, y down, z along the line of sight, which leads away from you); the dashed line "
-                    "between them is drawn in one length, whatever their distance."
+                    "between them always has the same length, whatever their distance."
                 }
             }
             figure {
@@ -58,12 +58,12 @@ struct Seen {
 impl Seen {
     const EVENTS: Self = Self {
         name: "events",
-        distance: "How far events of the second camera are from the edges that the trajectory of the first puts before it",
+        distance: "How far events of the second camera are from the edges that the trajectory of the first camera predicts",
         unit: "rms (σ of an event)",
     };
     const CIRCLES: Self = Self {
         name: "circles",
-        distance: "How far circles in the second camera's frames are from where the trajectory of the first puts them",
+        distance: "How far circles in the second camera's frames are from where the trajectory of the first camera predicts them",
         unit: "rms (σ of a circle)",
     };
 }

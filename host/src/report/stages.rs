@@ -10,7 +10,7 @@ use crate::result::stage_lines::{Amount, StageLine, stage_lines};
 /// The stages as a table.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = html! {
-        p { "Where a recording loses its data. A stage that keeps little is where to look first when a calibration disappoints." }
+        p { "How much of the data each stage keeps. If a calibration disappoints, look first at a stage that keeps little." }
         (scrolling("Stages", &table(&stage_lines(calibrated))))
     };
     Some(Section { id: "stages", title: "What each stage kept", content })

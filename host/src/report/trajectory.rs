@@ -58,9 +58,9 @@ fn chosen(choice: &StretchChoice, recordings: usize) -> Markup {
     html! {
         h3 { "What is in the joint solve" }
         p {
-            "The joint solve has no room for all " (choice.seconds) " seconds with the board. The recordings were cut into "
-            (choice.chosen.len()) " parts, and of each part it took the second that tells most of the camera. The curves above are of these. Along "
-            "the others the trajectory was solved afterwards with the camera held; its poses are in the trajectory files."
+            "The board was in view for " (choice.seconds) " s, more than the joint solve takes. The recordings were cut into "
+            (choice.chosen.len()) " parts, and of each part it took the second that says most about the camera. The curves above are of these. Along "
+            "the others the trajectory was solved afterwards, with the camera as it came out; its poses are in the trajectory files."
         }
         @for (recording, gains) in (0..recordings.min(PLOTTED)).map(of_recording).filter(|(_, gains)| !gains.is_empty()) {
             figure {
@@ -179,7 +179,7 @@ fn left_out(stretches: &[LeftOut]) -> Markup {
     let of = |reason: Reason| stretches.iter().filter(move |stretch| stretch.reason == reason);
     let reasons = [
         (Reason::Unexplained, "no curve explains the events there"),
-        (Reason::Saturated, "the camera had more events than it can read"),
+        (Reason::Saturated, "there were more events than the camera can send"),
     ];
     html! {
         @for (reason, why) in reasons {

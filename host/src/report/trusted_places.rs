@@ -1,12 +1,13 @@
 //! Where on the sensor the result can be trusted.
 
-use maud::html;
+use maud::{Markup, html};
 
 use super::chart::{SensorMap, cells_of_grid, round_up};
 use super::number::{percent, signed};
 use super::page::Section;
 use super::palette::Palette;
 use crate::calibrate::calibrated::Calibrated;
+use crate::trust::uncertainty::parts::ProjectionParts;
 
 /// Coverage and uncertainty of the projection.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
@@ -18,6 +19,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
             " px over the sensor (rms). The figure at the top, " (signed(projection.rms_95, 3)) " px, is what 95 of 100 calibrations stay below. Where no board was seen nothing backs the result, "
             "however small the number: there it depends on the camera model being right."
         }
+        @if let Some(events) = calibrated.events() { (parts(&events.trust.projection_parts)) }
         div.pair {
             figure {
                 (uncertainty(calibrated).render())
@@ -32,6 +34,19 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         }
     };
     Some(Section { id: "trust", title: "Where it can be trusted", content })
+}
+
+/// Where σ comes from.
+fn parts(parts: &ProjectionParts) -> Markup {
+    let ProjectionParts { noise, between_parts, event_model, focal_lengths, misfit } = *parts;
+    html! {
+        p {
+            "σ has several parts, whose squares add up: " (signed(noise, 4)) " px from the noise of single events, " (signed(between_parts, 4))
+            " px from what events of one moment share and what changes during the recording, " (signed(event_model, 4))
+            " px from what the model of the events does not follow, " (signed(focal_lengths, 4))
+            " px because focal lengths are never stated as surer than that, and " (signed(misfit, 4)) " px from what the lens model does not follow."
+        }
+    }
 }
 
 fn uncertainty(calibrated: &Calibrated) -> SensorMap {

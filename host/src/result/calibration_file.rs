@@ -28,9 +28,10 @@ use crate::trust::misfit::Misfit;
 use crate::trust::residual_map::ResidualPattern;
 use crate::trust::split_half::{HeldOutResidual, SplitHalf};
 use crate::trust::uncertainty::BiasSigma;
+use crate::trust::uncertainty::parts::ProjectionParts;
 use crate::trust::verdict::Verdict;
 use crate::trust::witness::{Comparison, WitnessOutcome};
-use crate::trust::{ObservedRadius, Trust};
+use crate::trust::{EventTrust, ObservedRadius, Trust};
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 
@@ -276,10 +277,13 @@ pub struct UncertaintySummary {
     pub projection_max: f64,
     /// The pixel where it is greatest.
     pub projection_max_at: [f64; 2],
+    /// What each cause adds to `projection_rms` (px); absent for pictures alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub projection_parts: Option<ProjectionParts>,
 }
 
 impl UncertaintySummary {
-    fn new(trust: &Trust) -> Self {
+    fn new(trust: &Trust, events: Option<&EventTrust>) -> Self {
         let Trust { uncertainty, projection, .. } = trust;
         Self {
             covariance: uncertainty.covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),
@@ -290,6 +294,7 @@ impl UncertaintySummary {
             projection_rms_95: projection.rms_95,
             projection_max: projection.max,
             projection_max_at: projection.max_at,
+            projection_parts: events.map(|events| events.projection_parts),
         }
     }
 }
@@ -374,7 +379,7 @@ impl CalibrationFile {
             sensor: calibrated.sensor,
             camera: CameraDescription::new(camera),
             verdict: calibrated.verdict.clone(),
-            uncertainty: UncertaintySummary::new(trust),
+            uncertainty: UncertaintySummary::new(trust, events.map(|events| &events.trust)),
             coverage: trust.coverage.clone(),
             split_half: events.and_then(|events| events.trust.split_half.as_ref().map(SplitHalfSummary::from)),
             residual_pattern: events.map(|events| events.trust.residuals.pattern),

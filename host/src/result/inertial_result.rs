@@ -17,17 +17,10 @@ use crate::inertial::stream::StreamReport;
 use crate::lens::camera_file::CameraDescription;
 use crate::numerics::gravity::STANDARD_GRAVITY;
 use crate::numerics::rigid::pose_of_rows;
+use crate::result::correlated::{POSE_NAMES, correlated};
 
-/// Correlation that is worth a word.
-const CORRELATED: f64 = 0.9;
-/// Names of the parameters whose correlations are stated, in their order.
-const NAMES: [&str; GYROSCOPE_TURN] = [
-    "rotation about x",
-    "rotation about y",
-    "rotation about z",
-    "place along x",
-    "place along y",
-    "place along z",
+/// Names of the parameters whose correlations are stated, in their order, after [`POSE_NAMES`].
+const NAMES: [&str; GYROSCOPE_TURN - POSE_NAMES.len()] = [
     "delay of the gyroscope",
     "delay of the accelerometer",
     "bias of the gyroscope along x",
@@ -250,13 +243,7 @@ impl InertialResult {
 
     /// Pairs of parameters that are strongly correlated.
     fn correlated(&self) -> Vec<(&'static str, &'static str, f64)> {
-        let mut pairs = Vec::new();
-        for (row, (values, other)) in self.correlations.iter().zip(NAMES).enumerate() {
-            let of_row = values.iter().take(row).zip(NAMES);
-            let strong = of_row.filter(|(value, _)| value.abs() > CORRELATED);
-            pairs.extend(strong.map(|(&value, one)| (one, other, value)));
-        }
-        pairs
+        correlated(self.correlations.iter().map(Vec::as_slice), POSE_NAMES.into_iter().chain(NAMES))
     }
 
     /// The result in words: each number with its σ, each transform and delay with its direction.
@@ -375,13 +362,13 @@ impl InertialResult {
     }
 }
 
-/// Correlations of the parameters that have [`NAMES`].
+/// Correlations of the parameters that have names.
 fn correlations(calibration: &InertialCalibration) -> Vec<Vec<f64>> {
     let of = |row: usize, column: usize| {
         let size = calibration.sigma(row) * calibration.sigma(column);
         if size > 0.0 { calibration.covariance[(row, column)] / size } else { 0.0 }
     };
-    (0..NAMES.len()).map(|row| (0..NAMES.len()).map(|column| of(row, column)).collect()).collect()
+    (0..GYROSCOPE_TURN).map(|row| (0..GYROSCOPE_TURN).map(|column| of(row, column)).collect()).collect()
 }
 
 fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {

@@ -141,14 +141,14 @@ impl fmt::Display for ComparedCalibrations {
         f.write_str(match self.sameness {
             Sameness::Same => "The same camera: either calibration can take the place of the other.",
             Sameness::Near => {
-                "Perhaps the same camera, but the calibrations differ by more than they say they are uncertain: was the \
+                "Perhaps the same camera, but the calibrations differ by more than their uncertainties allow: was the \
                  lens touched between them? Use the better one; the reports say which."
             }
             Sameness::Different => {
                 "Different cameras or lenses, or the lens was refocused between them: do not use one for the other."
             }
             Sameness::Unknown => {
-                "Neither says how sure it is, so it cannot be told whether they are of the same camera."
+                "Neither file states its uncertainty, so it cannot be told whether they are of the same camera."
             }
         })?;
         let [x, y] = self.difference_max_at;
@@ -160,7 +160,7 @@ impl fmt::Display for ComparedCalibrations {
         if let Some(expected) = self.expected_rms {
             write!(
                 f,
-                "\n{expected:.3} px (rms) are to be expected of two calibrations of one camera as sure as these"
+                "\nwith these uncertainties, two calibrations of one camera are expected to differ by {expected:.3} px (rms)"
             )?;
         }
         for (file, stated) in self.files.iter().zip(self.stated_rms) {

@@ -10,6 +10,7 @@ use crate::calibrate::mounted::{SecondCamera, SecondFrames};
 use crate::lens::camera_file::CameraDescription;
 use crate::numerics::rigid::pose_of_rows;
 use crate::recording::image_folder::Stamps;
+use crate::result::correlated::{POSE_NAMES, correlated};
 use crate::result::inertial_result::Uncertain;
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::finding::Finding;
@@ -17,19 +18,8 @@ use crate::second_camera::mount::{COUNT, LINE_DELAY, OFFSET, RATE, ROTATION, TRA
 
 /// Seconds with the board before both cameras from which the rates of the clocks are stated.
 const LONG_ENOUGH_FOR_RATE: f64 = 20.0;
-/// Correlation that is worth a word.
-const CORRELATED: f64 = 0.9;
-/// Names of the parameters of the mount, in their order.
-const NAMES: [&str; COUNT] = [
-    "rotation about x",
-    "rotation about y",
-    "rotation about z",
-    "place along x",
-    "place along y",
-    "place along z",
-    "offset",
-    "rate",
-];
+/// Names of the parameters of the mount, in their order, after [`POSE_NAMES`].
+const NAMES: [&str; COUNT - POSE_NAMES.len()] = ["offset", "rate"];
 
 /// A camera with its sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -379,9 +369,7 @@ impl SecondCameraResult {
 
     /// Pairs of parameters that are strongly correlated.
     fn correlated(&self) -> Vec<(&'static str, &'static str, f64)> {
-        let pairs = (0..COUNT).flat_map(|row| (0..row).map(move |column| (column, row)));
-        let pairs = pairs.map(|(one, other)| (NAMES[one], NAMES[other], self.correlations[one][other]));
-        pairs.filter(|(.., value)| value.abs() > CORRELATED).collect()
+        correlated(self.correlations.iter().map(<[f64; COUNT]>::as_slice), POSE_NAMES.into_iter().chain(NAMES))
     }
 }
 

@@ -44,8 +44,8 @@ settings! {
         pub settled: f64 = 0.01, "px", at_least(0.0);
         /// Most events in the rounds before the last.
         pub early_events: usize = 250_000, "events", at_least(1.0);
-        /// Most seconds with the board in the joint solve. Of longer recordings those are taken that tell most of the camera, spread
-        /// over all of it; along the others the trajectory is solved afterwards, with the camera held.
+        /// Most seconds with the board in the joint solve. Of longer recordings those are taken that say most about the camera, spread
+        /// over all of it; along the others the trajectory is solved afterwards, with the camera as it came out.
         pub most_seconds: f64 = 45.0, "s", at_least(1.0);
         /// Fit an offset from the geometric edge, and what the edge's curvature adds to it, for each event class.
         pub offsets: bool = true;

@@ -21,6 +21,7 @@
 //! [`UncertaintySettings::systematic_scale`].
 
 pub mod blocks;
+pub mod parts;
 pub mod projection;
 
 use evcal_core::settings;
@@ -37,6 +38,7 @@ use crate::solve::system::{Contribution, System};
 use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, Problem, SolveError, State, bias_index};
 use crate::trust::board_evidence::{BoardEvidence, RADIUS, after, with_board};
 use blocks::{Scatter, scatter, sum_by_block};
+use parts::CovarianceParts;
 use projection::{NoView, ProjectionUncertainty, projection_uncertainty};
 
 settings! {
@@ -80,6 +82,8 @@ pub struct Uncertainty {
 pub struct SolveUncertainty {
     /// That of the intrinsics.
     pub intrinsics: Uncertainty,
+    /// Where it comes from.
+    pub parts: CovarianceParts,
     /// Standard deviation of each parameter of the board that was estimated; zero where it is held.
     pub board_sigma: [f64; BOARD_PARAMETERS],
     /// What the observations say of the board with all its parameters free; `None` where they cannot tell.
@@ -196,13 +200,21 @@ pub fn uncertainty(
     // What all parts of the recording have in common, as a share of the formal covariance and as an error of the focal lengths.
     let common = common_share(problem, state, &intrinsics_of(&formal, &free, count), observations, settings);
     let focal_lengths = std::array::from_fn(|axis| if free[axis] { state.camera.parameters()[axis] } else { 0.0 });
-    let of_model = intrinsics_of(&formal, &free, count) * common;
+    let noise = intrinsics_of(&formal, &free, count);
+    let of_model = &noise * common;
     let scale = if common > 0.0 {
         scale_error(&of_model, focal_lengths, settings.systematic_scale)
     } else {
         DVector::zeros(count)
     };
-    let covariance = intrinsics_of(&stated, &free, count) + of_model + &scale * scale.transpose();
+    let stated_intrinsics = intrinsics_of(&stated, &free, count);
+    let parts = CovarianceParts {
+        between_parts: &stated_intrinsics - &noise,
+        noise,
+        focal_lengths: &scale * scale.transpose(),
+        event_model: of_model,
+    };
+    let covariance = stated_intrinsics + &parts.event_model + &parts.focal_lengths;
 
     // The poses follow the camera: what moves it moves them.
     let scale = DVector::from_fn(places.len(), |row, _| scale.get(places[row]).copied().unwrap_or(0.0));
@@ -227,7 +239,7 @@ pub fn uncertainty(
         board_sigma[RADIUS] = libm::hypot(board_sigma[RADIUS], settings.systematic_radius * problem.mean_scale);
     }
     let intrinsics = Uncertainty { covariance, inflation, observations, blocks };
-    Ok(SolveUncertainty { intrinsics, board_sigma, board, bias_sigma, poses, formal })
+    Ok(SolveUncertainty { intrinsics, parts, board_sigma, board, bias_sigma, poses, formal })
 }
 
 /// When observations were made.

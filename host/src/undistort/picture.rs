@@ -23,9 +23,9 @@ pub enum PictureError {
     /// It cannot be written.
     #[error(transparent)]
     Write(#[from] FileError),
-    /// There is a file of its name already.
-    #[error("{} is there already and is not overwritten: choose another name", .0.display())]
-    Exists(PathBuf),
+    /// Two pictures would have the same name in the folder.
+    #[error("two of the pictures would become {}: give one of them another name", .0.display())]
+    SameName(PathBuf),
     /// It is not of this camera.
     #[error(
         "{} has {} x {} pixels, the calibration is for {} x {}", path.display(), size.0, size.1, sensor.width, sensor.height
@@ -54,27 +54,35 @@ pub fn is_single(inputs: &[PathBuf], output: &Path) -> bool {
     inputs.len() == 1 && output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
 }
 
-/// Undistorts pictures of a sensor into the PNG `output` or, if there are several, into that folder, as `NAME.png`;
-/// the files that were written. `back` leads from new to old pixels.
+/// Where the pictures `inputs` are written: the PNG `output` or, if there are several, `NAME.png` in that folder.
 ///
 /// # Errors
-/// [`PictureError`]; pictures before it are written. A file that is there is not replaced.
-pub fn undistort_pictures(inputs: &[PathBuf], output: &Path, back: &PixelMap) -> Result<Vec<PathBuf>, PictureError> {
-    let single = is_single(inputs, output);
-    if !single {
-        std::fs::create_dir_all(output).map_err(|error| FileError::new(output, error))?;
+/// [`PictureError::SameName`].
+pub fn picture_outputs(inputs: &[PathBuf], output: &Path) -> Result<Vec<PathBuf>, PictureError> {
+    if is_single(inputs, output) {
+        return Ok(vec![output.to_owned()]);
     }
-    let mut written = Vec::new();
+    let mut paths: Vec<PathBuf> = Vec::new();
     for input in inputs {
-        let name = Path::new(input.file_name().unwrap_or_default()).with_extension("png");
-        let path = if single { output.to_owned() } else { output.join(name) };
-        if path.exists() {
-            return Err(PictureError::Exists(path));
+        let path = output.join(Path::new(input.file_name().unwrap_or_default()).with_extension("png"));
+        if paths.contains(&path) {
+            return Err(PictureError::SameName(path));
         }
-        undistort_picture(input, back)?.write_png(&path)?;
-        written.push(path);
+        paths.push(path);
     }
-    Ok(written)
+    Ok(paths)
+}
+
+/// Undistorts pictures of a sensor, each into the PNG of `outputs` beside it, in place of one that was there. `back` leads from new
+/// to old pixels.
+///
+/// # Errors
+/// [`PictureError`]; pictures before it are written.
+pub fn undistort_pictures(inputs: &[PathBuf], outputs: &[PathBuf], back: &PixelMap) -> Result<(), PictureError> {
+    for (input, output) in inputs.iter().zip(outputs) {
+        undistort_picture(input, back)?.write_png(output)?;
+    }
+    Ok(())
 }
 
 /// The picture at `path` of a sensor, undistorted; `back` leads from new to old pixels.

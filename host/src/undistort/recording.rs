@@ -20,6 +20,11 @@ use crate::recording::encode::OutputFormat;
 use crate::recording::extras::{Extra, NoExtras, left_out};
 use crate::recording::{EventReader, Recording, RecordingError, RecordingOptions};
 
+/// The camera of undistorted frames or pictures, in their folder.
+pub const FRAMES_CAMERA: &str = "camera.json";
+/// What the names of undistorted frames begin with.
+const FRAME: &str = "frame-";
+
 /// The maps between a camera and the one without distortion.
 #[derive(Clone, Debug)]
 pub struct Maps {
@@ -111,7 +116,7 @@ fn check_sensor(recording: &Recording, reader: &EventReader, maps: &Maps) -> Res
     }
 }
 
-/// Writes the undistorted `recording` to a new file at `path`: events at their nearest pixels, frames interpolated.
+/// Writes the undistorted `recording` to a file at `path`, in place of one that was there: events at their nearest pixels, frames interpolated.
 /// `progress` is told how far it is.
 ///
 /// # Errors
@@ -158,9 +163,6 @@ pub fn undistort_sub_pixel(
     maps: &Maps,
     mut progress: impl FnMut(ConversionProgress),
 ) -> Result<UndistortionReport, UndistortError> {
-    if path.exists() {
-        return Err(ConvertError::Exists(path.to_owned()).into());
-    }
     let mut reader = recording.open()?;
     check_sensor(recording, &reader, maps)?;
     let failed = |error| FileError::new(path, error);
@@ -194,6 +196,12 @@ pub fn undistort_sub_pixel(
     Ok(report)
 }
 
+/// Whether a file of a folder, by its path in it, is one that [`undistort_frames`] or the camera beside its frames may be.
+pub fn is_frame_file(file: &Path) -> bool {
+    let name = file.to_str().unwrap_or_default();
+    name == FRAMES_CAMERA || (name.starts_with(FRAME) && name.ends_with(".png"))
+}
+
 /// Writes the undistorted frames of `recording` as `frame-000000-T.png`, T the middle of the exposure in µs, into
 /// `folder`, which is created; their number.
 ///
@@ -207,7 +215,7 @@ pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Re
     while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
         let Extra::Frame(mut frame) = extra else { continue };
         undistort_frame(&mut frame, &maps.back);
-        let path = folder.join(format!("frame-{written:06}-{}.png", frame.t));
+        let path = folder.join(format!("{FRAME}{written:06}-{}.png", frame.t));
         write_frame(&frame, &path)?;
         written += 1;
     }

@@ -1,10 +1,11 @@
-//! Cameras in the YAML of other programs: OpenCV's `FileStorage`, ROS's `camera_info`, Kalibr's camchain (its first camera).
+//! Cameras in the files of other programs: OpenCV's `FileStorage`, ROS's `camera_info`, DV's XML, the first camera of Kalibr's camchain,
+//! of basalt's and of dv-processing's JSON, and mrcal's `.cameramodel`, which is YAML as well.
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use yaml_rust2::{Yaml, YamlLoader};
 
-use super::{CameraDescription, CameraFile};
+use super::{CameraDescription, CameraFile, tree};
 
 /// Bytes of the largest file that is read.
 const LARGEST: usize = 1 << 16;
@@ -18,8 +19,11 @@ pub enum YamlError {
     /// It is no YAML.
     #[error("it cannot be read as JSON or YAML: {0}")]
     NoYaml(String),
+    /// It is no XML.
+    #[error("it cannot be read as XML: {0}")]
+    NoXml(String),
     /// It holds no camera.
-    #[error("it has neither camera_matrix, as OpenCV and ROS write it, nor cam0 with intrinsics, as Kalibr does")]
+    #[error("it is none of OpenCV, ROS (camera_matrix), Kalibr (cam0 with intrinsics), basalt, DV or mrcal")]
     NoCamera,
     /// A part of the camera is missing.
     #[error("it has no {0}")]
@@ -48,14 +52,48 @@ pub fn parse(text: &str) -> Result<CameraFile, YamlError> {
         return Err(YamlError::NoCamera);
     }
     let documents = YamlLoader::load_from_str(&body).map_err(|error| YamlError::NoYaml(error.to_string()))?;
-    let document = documents.first().ok_or(YamlError::NoCamera)?;
-    if !document["camera_matrix"].is_badvalue() {
-        matrix_camera(document)
-    } else if !document["cam0"]["intrinsics"].is_badvalue() {
-        kalibr_camera(&document["cam0"])
-    } else {
-        Err(YamlError::NoCamera)
+    camera_of(documents.first().ok_or(YamlError::NoCamera)?)
+}
+
+/// Reads a camera from the text of a JSON file of another program.
+///
+/// # Errors
+/// [`YamlError`].
+pub fn parse_json(text: &str) -> Result<CameraFile, YamlError> {
+    camera_of(&tree::of_json(text)?)
+}
+
+/// Reads a camera from the text of an XML file.
+///
+/// # Errors
+/// [`YamlError`].
+pub fn parse_xml(text: &str) -> Result<CameraFile, YamlError> {
+    camera_of(&tree::of_xml(text)?)
+}
+
+/// The camera in the tree of a file, whichever program it is of.
+fn camera_of(document: &Yaml) -> Result<CameraFile, YamlError> {
+    let has = |name: &str| !document[name].is_badvalue();
+    if has("camera_matrix") {
+        return matrix_camera(document, document["distortion_model"].as_str().unwrap_or("radtan"));
     }
+    if has("cam0") {
+        return kalibr_camera(&document["cam0"]);
+    }
+    if has("value0") {
+        return basalt_camera(&document["value0"]);
+    }
+    if has("cameras") {
+        return dv_processing_camera(&document["cameras"]["C0"]);
+    }
+    if has("lensmodel") {
+        return mrcal_camera(document);
+    }
+    // DV: the camera stands in a node of its own name, what is common to all beside it.
+    let nodes = document.as_hash().into_iter().flat_map(|hash| hash.values());
+    let camera = nodes.into_iter().find(|node| !node["camera_matrix"].is_badvalue()).ok_or(YamlError::NoCamera)?;
+    let is_fisheye = document["use_fisheye_model"].as_i64() == Some(1);
+    matrix_camera(camera, if is_fisheye { "fisheye" } else { "radtan" })
 }
 
 /// Whether lists are nested deeper than any camera needs: the reader's stack is as deep.
@@ -74,14 +112,13 @@ fn nests(body: &str) -> bool {
 }
 
 /// As OpenCV and ROS write it.
-fn matrix_camera(document: &Yaml) -> Result<CameraFile, YamlError> {
+fn matrix_camera(document: &Yaml, name: &str) -> Result<CameraFile, YamlError> {
     let matrix = numbers(&document["camera_matrix"]["data"]).ok_or(YamlError::Missing("camera_matrix with data"))?;
     let &[fx, _, cx, _, fy, cy, ..] = matrix.as_slice() else {
         return Err(YamlError::Missing("camera_matrix of 9 numbers"));
     };
     let coefficients = numbers(&document["distortion_coefficients"]["data"]);
     let mut coefficients = coefficients.ok_or(YamlError::Missing("distortion_coefficients with data"))?;
-    let name = document["distortion_model"].as_str().unwrap_or("radtan");
     let kind = match (name, coefficients.len()) {
         ("radtan" | "plumb_bob", 4) => Some(ModelKind::Radtan4),
         ("radtan" | "plumb_bob", 5) => Some(ModelKind::Radtan),
@@ -117,6 +154,52 @@ fn kalibr_camera(camera: &Yaml) -> Result<CameraFile, YamlError> {
     file(kind, &[matrix, shape, &distortion].concat(), [&camera["resolution"][0], &camera["resolution"][1]])
 }
 
+/// As basalt writes it: parameters by name.
+fn basalt_camera(value: &Yaml) -> Result<CameraFile, YamlError> {
+    let camera = &value["intrinsics"][0];
+    let name = camera["camera_type"].as_str().ok_or(YamlError::Missing("camera_type"))?;
+    let kind = match name {
+        "kb4" => ModelKind::KannalaBrandt,
+        "ucm" => ModelKind::Ucm,
+        "eucm" => ModelKind::Eucm,
+        "ds" => ModelKind::DoubleSphere,
+        "fov" => ModelKind::Fov,
+        _ => return Err(unknown(name, "none", 0)),
+    };
+    let named = kind.parameter_names().iter().map(|name| number(&camera["intrinsics"][*name]));
+    let parameters = named.collect::<Option<Vec<f64>>>().ok_or(YamlError::Missing("intrinsics of its model"))?;
+    file(kind, &parameters, [&value["resolution"][0][0], &value["resolution"][0][1]])
+}
+
+/// As dv-processing writes it: every number is text.
+fn dv_processing_camera(camera: &Yaml) -> Result<CameraFile, YamlError> {
+    let list = |name: &str, missing| numbers(&camera[name]).ok_or(YamlError::Missing(missing));
+    let focal = list("focalLength", "cameras.C0 with focalLength")?;
+    let center = list("principalPoint", "principalPoint")?;
+    let coefficients = list("distortionCoefficients", "distortionCoefficients")?;
+    let name = camera["distortionModel"].as_str().unwrap_or_default();
+    let kind = match (name, coefficients.len()) {
+        ("radialTangential", 4) => ModelKind::Radtan4,
+        ("radialTangential", 5) => ModelKind::Radtan,
+        ("equidistant", 4) => ModelKind::KannalaBrandt,
+        _ => return Err(unknown("pinhole", name, coefficients.len())),
+    };
+    file(kind, &[focal, center, coefficients].concat(), [&camera["resolution"][0], &camera["resolution"][1]])
+}
+
+/// As mrcal writes it.
+fn mrcal_camera(document: &Yaml) -> Result<CameraFile, YamlError> {
+    let intrinsics = numbers(&document["intrinsics"]).ok_or(YamlError::Missing("intrinsics in numbers"))?;
+    let name = document["lensmodel"].as_str().unwrap_or_default();
+    let kind = match name {
+        "LENSMODEL_OPENCV4" => ModelKind::Radtan4,
+        "LENSMODEL_OPENCV5" => ModelKind::Radtan,
+        "LENSMODEL_OPENCV8" => ModelKind::Radtan8,
+        _ => return Err(unknown(name, "none", intrinsics.len().saturating_sub(4))),
+    };
+    file(kind, &intrinsics, [&document["imagersize"][0], &document["imagersize"][1]])
+}
+
 fn unknown(camera: &str, distortion: &str, coefficients: usize) -> YamlError {
     YamlError::Model { camera: camera.to_owned(), distortion: distortion.to_owned(), coefficients }
 }
@@ -125,7 +208,7 @@ fn file(kind: ModelKind, parameters: &[f64], size: [&Yaml; 2]) -> Result<CameraF
     let camera =
         Camera::from_parameters(kind, parameters).ok_or(YamlError::Missing("parameters that its model takes"))?;
     let [width, height] =
-        size.map(|size| size.as_i64().and_then(|size| u16::try_from(size).ok()).filter(|size| *size > 0));
+        size.map(|size| whole(size).and_then(|size| u16::try_from(size).ok()).filter(|size| *size > 0));
     let sensor = width.zip(height).map(|(width, height)| Sensor::new(width, height));
     let sensor = sensor.ok_or(YamlError::Missing("size of the image in pixels"))?;
     Ok(CameraFile { sensor, camera: CameraDescription::new(&camera) })
@@ -136,7 +219,12 @@ fn numbers(list: &Yaml) -> Option<Vec<f64>> {
 }
 
 fn number(value: &Yaml) -> Option<f64> {
-    value.as_f64().or_else(|| value.as_i64().map(|integer| integer as f64))
+    let written = || value.as_str().and_then(|text| text.parse().ok());
+    value.as_f64().or_else(|| value.as_i64().map(|integer| integer as f64)).or_else(written)
+}
+
+fn whole(value: &Yaml) -> Option<i64> {
+    value.as_i64().or_else(|| value.as_str()?.parse().ok())
 }
 
 #[cfg(test)]
@@ -171,14 +259,18 @@ mod tests {
     #[test]
     fn what_is_missing_is_named() {
         for (text, part) in [
-            ("a: 1\n", "neither camera_matrix"),
-            ("", "neither camera_matrix"),
+            ("a: 1\n", "none of OpenCV, ROS"),
+            ("", "none of OpenCV, ROS"),
             ("a: [1, 2\n", "cannot be read as JSON or YAML"),
             (&OPENCV.replace("image_width: 346\n", ""), "size of the image"),
             (&OPENCV.replace("distortion_coefficients", "other"), "distortion_coefficients"),
             (&OPENCV.replace("-2.0e-03,\n       4.0e-02", "0, 0, 0"), "of 6 coefficients"),
             (&OPENCV.replace("250.5", "-250.5"), "parameters that its model takes"),
             ("cam0: {intrinsics: [1], camera_model: ds}\n", "intrinsics of its model"),
+            ("value0: {intrinsics: [{camera_type: ds, intrinsics: {fx: 1}}]}\n", "intrinsics of its model"),
+            ("value0: {}\n", "camera_type"),
+            ("cameras: {}\n", "focalLength"),
+            ("lensmodel: LENSMODEL_SPLINED_STEREOGRAPHIC\nintrinsics: [1, 1, 1, 1]\n", "LENSMODEL_SPLINED"),
         ] {
             let error = parse(text).unwrap_err().to_string();
             assert!(error.contains(part), "{text}: {error}");

@@ -14,9 +14,10 @@ pub(super) fn board_finding(estimate: &BoardEstimate, board: &Board, camera: &Ca
         cause: Cause::BoardNotAsStated,
         severity: Severity::Note,
         reason: format!("{}{}", statements.join(", "), effect.unwrap_or_default()),
-        advice: "the camera is right for the board as it is, which may stay so; a stiff, flat plate and a measured print make \
-                 it better known"
-            .to_owned(),
+        advice:
+            "nothing has to be done: the calibration takes this into account. A stiff, flat board and a measured print \
+                 make it more certain"
+                .to_owned(),
     })
 }
 
@@ -52,7 +53,7 @@ fn statements(estimate: &BoardEstimate, board: &Board) -> Vec<String> {
 /// What the focal length would be with the board as it is stated.
 fn effect(stated: &Camera<f64>, camera: &Camera<f64>) -> Option<String> {
     let (stated, fx) = (*stated.parameters().first()?, *camera.parameters().first()?);
-    Some(format!("; taken as it is stated, fx would be {stated:.2} px ({:+.3} %)", 1e2 * (stated / fx - 1.0)))
+    Some(format!("; with the board as stated, fx would be {stated:.2} px ({:+.3} %)", 1e2 * (stated / fx - 1.0)))
 }
 
 /// A value and its standard deviation, with two digits of the latter.
@@ -89,7 +90,7 @@ mod tests {
             "your board is bent by 4.00 ± 0.12 mm along y, its middle towards the camera",
             "its print is 0.301 ± 0.020 % longer along y than along x",
             "its circles have a radius of 17.000 ± 0.050 mm, not 17.5 mm",
-            "; taken as it is stated, fx would be 340.00 px (+3.030 %)",
+            "; with the board as stated, fx would be 340.00 px (+3.030 %)",
         ] {
             assert!(all.contains(part), "{part}\n{all}");
         }

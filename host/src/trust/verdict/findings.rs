@@ -62,24 +62,22 @@ fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
     Some(Finding {
         cause: Cause::Unexplained,
         severity: if seconds < SHORT { Severity::Note } else { Severity::Warning },
-        reason: format!(
-            "the motion could not be followed for {seconds:.2} s, which are left out of camera and trajectory ({places})"
-        ),
-        advice: "did something else move, or hide the board? Otherwise move the camera less abruptly".to_owned(),
+        reason: format!("the motion could not be followed for {seconds:.2} s ({places}): these times were not used"),
+        advice: "did something else move, or was the board hidden? If not, move the camera more smoothly".to_owned(),
     })
 }
 
 fn saturated(events: &EventTrust) -> Option<Finding> {
     let advice =
         "move the camera more slowly, from further away, or raise the contrast thresholds of its pixels".to_owned();
-    let what = "the camera had more events than it can read";
+    let what = "there were more events than the camera can send";
     if let Some((seconds, _)) = places(events.saturated.iter()) {
-        let reason = format!("{what} for {seconds:.2} s, most of the recording: they are late by an unknown time");
+        let reason =
+            format!("{what} for {seconds:.2} s, most of the recording: their times are late by an unknown amount");
         return Some(Finding { cause: Cause::Saturated, severity: Severity::Failure, reason, advice });
     }
     let (seconds, places) = places(events.left_out.iter().filter(|stretch| stretch.reason == Reason::Saturated))?;
-    let reason =
-        format!("{what} for {seconds:.2} s: they are late there, and left out of camera and trajectory ({places})");
+    let reason = format!("{what} for {seconds:.2} s ({places}): their times are late there, and they were not used");
     let severity = if seconds < SHORT { Severity::Note } else { Severity::Warning };
     Some(Finding { cause: Cause::Saturated, severity, reason, advice })
 }
@@ -225,14 +223,19 @@ fn not_one_to_one(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Opt
 
 fn held(camera: &Camera<f64>, held: &[usize]) -> Option<Finding> {
     let (names, values) = (camera.kind().parameter_names(), camera.parameters());
-    let told: Vec<String> =
-        held.iter().filter_map(|&index| Some(format!("{} at {}", names.get(index)?, values.get(index)?))).collect();
+    let told: Vec<String> = held
+        .iter()
+        .filter_map(|&index| Some(format!("{} was kept at {}", names.get(index)?, values.get(index)?)))
+        .collect();
     let free: Vec<String> = held.iter().filter_map(|&index| Some(format!("--free {}", names.get(index)?))).collect();
     (!told.is_empty()).then(|| Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,
-        reason: format!("this recording does not determine all of the lens: {} was held", told.join(", ")),
-        advice: format!("bring the board into the corners of the image; {} estimates all the same", free.join(" ")),
+        reason: format!("this recording does not determine all of the lens: {}", told.join(", ")),
+        advice: format!(
+            "bring the board into the corners of the image, or estimate it all the same with {}",
+            free.join(" ")
+        ),
     })
 }
 
@@ -257,7 +260,7 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<F
         return Some(Finding {
             cause: Cause::ParameterUndetermined,
             severity: Severity::Note,
-            reason: "focal length and shape parameters of this model are only known together, each alone is open"
+            reason: "focal length and shape parameters of this model are known together only, not each of them alone"
                 .to_owned(),
             advice: "use them together, or take a model with fewer coefficients".to_owned(),
         });
@@ -265,8 +268,8 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<F
     (!lost.is_empty()).then(|| Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,
-        reason: format!("{} may as well be zero", lost.join(", ")),
-        advice: "a model with fewer coefficients may do as well".to_owned(),
+        reason: format!("{} cannot be told from zero", lost.join(", ")),
+        advice: "a model with fewer coefficients is probably enough".to_owned(),
     })
 }
 
@@ -282,7 +285,7 @@ fn too_poor(camera: &Camera<f64>, events: &EventTrust, settings: &VerdictSetting
                 "residuals of {:.3} px stay in the same places of the image, and no other model explains them better",
                 pattern.shift
             ),
-            advice: "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated, if that was not turned off"
+            advice: "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless --fix keeps them"
                 .to_owned(),
         });
     };

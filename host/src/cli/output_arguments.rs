@@ -1,0 +1,29 @@
+//! Results that are there already: one rule for all subcommands that can make theirs again.
+
+use std::path::Path;
+
+use evcal::files::folder::{FolderError, OutputFolder};
+use evcal::files::output::{Existing, OutputError, check_outputs};
+
+/// Options of every subcommand that writes results.
+#[derive(clap::Args)]
+pub struct OutputArguments {
+    /// Replace results that are there already [default: they stay, and evcal stops before it begins]
+    #[arg(long)]
+    force: bool,
+}
+
+impl OutputArguments {
+    /// Whether the files can be written.
+    pub fn check<'a>(&self, paths: impl IntoIterator<Item = &'a Path>) -> Result<(), OutputError> {
+        check_outputs(paths, if self.force { Existing::Replace } else { Existing::Keep })
+    }
+
+    /// The folder for results, which holds none yet unless they may be replaced.
+    pub fn open_folder(&self, path: &Path, is_result: impl Fn(&Path) -> bool) -> Result<OutputFolder, FolderError> {
+        match self.force {
+            true => OutputFolder::open(path),
+            false => OutputFolder::open_new(path, is_result),
+        }
+    }
+}

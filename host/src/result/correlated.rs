@@ -1,0 +1,34 @@
+//! Parameters that a recording can hardly tell apart, as results name them.
+
+/// Correlation that is worth a word.
+const STRONG: f64 = 0.9;
+
+/// Names of the parameters that tell where something is on the camera, which come first.
+pub(super) const POSE_NAMES: [&str; 6] =
+    ["rotation about x", "rotation about y", "rotation about z", "place along x", "place along y", "place along z"];
+
+/// Pairs of parameters that are strongly correlated, each with its correlation; `names` are those of the rows.
+pub(super) fn correlated<'a>(
+    rows: impl IntoIterator<Item = &'a [f64]>,
+    names: impl Iterator<Item = &'static str> + Clone,
+) -> Vec<(&'static str, &'static str, f64)> {
+    let mut pairs = Vec::new();
+    for (row, (values, other)) in rows.into_iter().zip(names.clone()).enumerate() {
+        let of_row = values.iter().take(row).zip(names.clone());
+        let strong = of_row.filter(|(value, _)| value.abs() > STRONG);
+        pairs.extend(strong.map(|(&value, one)| (one, other, value)));
+    }
+    pairs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_strong_pair_is_named_once() {
+        let rows = [[1.0, 0.95, 0.1], [0.95, 1.0, -0.99], [0.1, -0.99, 1.0]];
+        let pairs = correlated(rows.iter().map(<[f64; 3]>::as_slice), ["a", "b", "c"].into_iter());
+        assert_eq!(pairs, [("a", "b", 0.95), ("b", "c", -0.99)]);
+    }
+}
