@@ -26,6 +26,9 @@ pub enum LayoutError {
     /// No order of columns fits the values.
     #[error("it is not clear which columns are time, x, y and polarity; {ASK}")]
     Unclear,
+    /// An order was asked for where there is nothing to put in order.
+    #[error("names its columns itself: leave --columns out")]
+    Named,
     /// Several orders fit.
     #[error("the columns cannot be told apart; {ASK}")]
     Ambiguous,

@@ -83,6 +83,21 @@ pub enum RecordingErrorKind {
         /// What is wrong with it, and what to do.
         what: String,
     },
+    /// A column whose elements are not read.
+    #[error(
+        "its array {array} holds {what}, which are not read: write it as whole numbers or as floating-point numbers of 32 or 64 bits"
+    )]
+    Elements {
+        /// Its name.
+        array: String,
+        /// What its elements are.
+        what: &'static str,
+    },
+    /// A compression of HDF5 that is not read.
+    #[error(
+        "its events are packed with {0}, which is not read: write it anew with h5repack -f GZIP=4 IN OUT, where that compression is installed"
+    )]
+    Filter(String),
     /// A sensor larger than any event camera.
     #[error("says that its sensor has {width} x {height} pixels; 1 to 32767 each can be read; is the header damaged?")]
     Sensor {

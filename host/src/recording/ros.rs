@@ -31,3 +31,4 @@ pub use bag::FORMAT as BAG_FORMAT;
 pub use db3::FORMAT as DB3_FORMAT;
 pub use images::ImageTopic;
 pub use mcap::FORMAT as MCAP_FORMAT;
+pub(super) use message::GRAVITY;
