@@ -64,7 +64,7 @@ pub mod write;
 
 pub use columns::LayoutError;
 pub use error::{RecordingError, RecordingErrorKind};
-pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary};
+pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary, Uses};
 pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
 pub use reader::{Decode, EventReader, ReadReport, RepairedTimes, StreamFaults, Truncation};
 
@@ -115,6 +115,9 @@ pub enum RecordingKind {
 /// # Errors
 /// When the file cannot be read, is empty, or is of no known format.
 pub fn sniff(path: &Path) -> Result<RecordingKind, RecordingError> {
+    if ros::is_folder(path) {
+        return Ok(RecordingKind::Events { format: ros::FOLDER_FORMAT.name });
+    }
     let head = Head::read(path)?;
     if head.text().is_some_and(track::is_circle_track) {
         return Ok(RecordingKind::CircleTrack);
@@ -137,6 +140,23 @@ fn find_format(path: &Path, head: &Head) -> Result<&'static FileFormat, Recordin
         .find(|format| (format.recognise)(head))
         .copied()
         .ok_or_else(|| RecordingError::new(path, RecordingErrorKind::UnknownFormat))
+}
+
+/// The format of the events at `path`.
+fn format_of(path: &Path) -> Result<&'static FileFormat, RecordingError> {
+    if ros::is_folder(path) {
+        return Ok(&ros::FOLDER_FORMAT);
+    }
+    let head = Head::read(path)?;
+    if head.text().is_some_and(track::is_circle_track) || stream::is_circle_stream(&head.bytes) {
+        return Err(RecordingError::new(path, RecordingErrorKind::CircleTrack));
+    }
+    find_format(path, &head)
+}
+
+/// `options` that were given for another recording, without those that mean nothing to the one at `path`.
+pub fn options_for(path: &Path, options: &RecordingOptions) -> RecordingOptions {
+    format_of(path).map_or_else(|_| options.clone(), |format| format.uses.of(options).0)
 }
 
 /// What is known of a recording before its first event is read.
@@ -178,14 +198,14 @@ impl Recording {
     /// Finds the format of the file at `path`.
     ///
     /// # Errors
-    /// When the file cannot be read, is empty, holds no events or is of no known format.
+    /// When the file cannot be read, is empty, holds no events or is of no known format, or when one of the options means nothing to that.
     pub fn new(path: impl Into<PathBuf>, options: RecordingOptions) -> Result<Self, RecordingError> {
         let path = path.into();
-        let head = Head::read(&path)?;
-        if head.text().is_some_and(track::is_circle_track) || stream::is_circle_stream(&head.bytes) {
-            return Err(RecordingError::new(&path, RecordingErrorKind::CircleTrack));
+        let format = format_of(&path)?;
+        if let (_, Some(option)) = format.uses.of(&options) {
+            let kind = RecordingErrorKind::NoEffect { option, format: format.name };
+            return Err(RecordingError::new(&path, kind));
         }
-        let format = find_format(&path, &head)?;
         Ok(Self { path, options, source: Source::File(format), span: None })
     }
 

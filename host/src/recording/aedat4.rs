@@ -24,7 +24,7 @@ pub use write::{OUTPUT, OUTPUT_LZ4, OUTPUT_UNCOMPRESSED};
 use super::extras::ReadExtras;
 use super::{
     Damage, Decode, FileFormat, MAX_SENSOR_SIZE, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions,
+    RecordingOptions, Uses,
 };
 
 /// AEDAT4.
@@ -37,6 +37,7 @@ pub const FORMAT: FileFormat = FileFormat {
     extras: Some(open_extras),
     transfers: None,
     output: Some(&OUTPUT),
+    uses: Uses { stream: true, ..Uses::NONE },
 };
 
 fn open_extras(path: &Path, _: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {

@@ -83,6 +83,14 @@ pub enum RecordingErrorKind {
         /// What is wrong with it, and what to do.
         what: String,
     },
+    /// An option that means nothing to the format.
+    #[error("{option} has no effect on a file of this format ({format}): leave it out")]
+    NoEffect {
+        /// The option.
+        option: &'static str,
+        /// Name of the format.
+        format: &'static str,
+    },
     /// A column whose elements are not read.
     #[error(
         "its array {array} holds {what}, which are not read: write it as whole numbers or as floating-point numbers of 32 or 64 bits"

@@ -2,7 +2,7 @@
 
 use evcal_core::sensor::Sensor;
 
-use super::Recording;
+use super::{ReadReport, Recording};
 
 /// Share of events that may lie outside of a sensor that was asked for.
 const FEW_OUTSIDE: f64 = 0.01;
@@ -27,6 +27,34 @@ pub enum OtherSensor {
         sensor: Sensor,
         /// What the file says.
         own: Option<Sensor>,
+    },
+    /// Its rows are the columns of the recording, or the recording has them the wrong way round.
+    #[error(
+        "{file}: {outside} of {total} events lie outside of {sensor} pixels, but none would with x and y exchanged: {advice}"
+    )]
+    Exchanged {
+        /// The file.
+        file: String,
+        /// Events outside.
+        outside: u64,
+        /// All events.
+        total: u64,
+        /// The sensor.
+        sensor: Sensor,
+        /// What to do.
+        advice: String,
+    },
+    /// Columns and rows that are no pixels.
+    #[error(
+        "{file}: {count} of {total} events have a column or row below 0 or beyond 32766: say which columns x and y are with --columns"
+    )]
+    NoPixels {
+        /// The file.
+        file: String,
+        /// Events with such ones.
+        count: u64,
+        /// All events.
+        total: u64,
     },
     /// It has pixels that the sensor of the file does not have.
     #[error("{file} is of a sensor of {own} pixels, and --sensor asks for {sensor}: leave it out")]
@@ -54,17 +82,33 @@ pub fn check_stated(recording: &Recording) -> Result<(), OtherSensor> {
     }
 }
 
-/// Whether a sensor that was asked for has the pixels of the events, of which `kept` lie in it and `outside` do not.
+/// Whether the sensor has the pixels of the events, which were read with this `report`.
 ///
 /// # Errors
-/// [`OtherSensor::TooSmall`].
-pub fn check_outside(recording: &Recording, kept: u64, outside: u64) -> Result<(), OtherSensor> {
-    let total = kept + outside;
-    match recording.options().sensor {
-        Some(sensor) if outside as f64 > FEW_OUTSIDE * total as f64 => {
-            let file = recording.path().display().to_string();
-            Err(OtherSensor::TooSmall { file, outside, total, sensor, own: recording.own_sensor() })
+/// [`OtherSensor`], where many lie outside of it.
+pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), OtherSensor> {
+    let outside = report.out_of_range;
+    let total = report.events + outside;
+    let is_many = |count: u64| count as f64 > FEW_OUTSIDE * total as f64;
+    if !is_many(outside) {
+        return Ok(());
+    }
+    let file = recording.path().display().to_string();
+    let (asked, own) = (recording.options().sensor, recording.own_sensor());
+    let has_columns = recording.format().uses.columns;
+    match asked.or(own) {
+        Some(sensor) if report.looks_exchanged() => {
+            let advice = match asked {
+                Some(Sensor { width, height }) if height > width => format!("write --sensor {height}x{width}"),
+                _ if has_columns => "say where x and y are with --columns, such as t,y,x,p".to_owned(),
+                _ => "the program that wrote the file exchanged them; write it anew".to_owned(),
+            };
+            Err(OtherSensor::Exchanged { file, outside, total, sensor, advice })
         }
+        _ if has_columns && is_many(report.no_pixel) => {
+            Err(OtherSensor::NoPixels { file, count: report.no_pixel, total })
+        }
+        Some(sensor) if asked.is_some() => Err(OtherSensor::TooSmall { file, outside, total, sensor, own }),
         _ => Ok(()),
     }
 }

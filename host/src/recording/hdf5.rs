@@ -31,7 +31,7 @@ use hdf5_reader::error::Error;
 use super::bytes::share;
 use super::{
     Column, Damage, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind,
-    RecordingInformation, RecordingOptions, StreamSummary, TimeUnit, Truncation, columns, numbers,
+    RecordingInformation, RecordingOptions, StreamSummary, TimeUnit, Truncation, Uses, columns, numbers,
 };
 use layout::{Contents, Found};
 use table::Table;
@@ -42,6 +42,7 @@ pub const FORMAT: FileFormat = FileFormat {
     frames: Some(extras::visit_frames),
     extras: Some(extras::open),
     output: Some(&write::OUTPUT),
+    uses: Uses { stream: true, columns: true, device: false },
     ..FileFormat::of_events("HDF5", recognise, open)
 };
 
@@ -181,13 +182,13 @@ fn structure(path: &Path, error: &Error) -> RecordingError {
         (None, Some((length, promised))) => RecordingErrorKind::Damaged {
             byte: length,
             what: format!(
-                "the file ends here, where it should have {promised} bytes: the places of its events are not known"
+                "the file ends here, where it should have {promised} bytes, and does not tell where its events are"
             ),
             advice: "copy it again",
         },
         (None, None) => RecordingErrorKind::Damaged {
             byte: 0,
-            what: format!("the places of the events in the file cannot be told: {error}"),
+            what: format!("the structure of the HDF5 file cannot be read: {error}"),
             advice: "was the program that wrote it ended too early? then h5clear -s may mend it; else copy it again",
         },
     };
