@@ -67,7 +67,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     };
     let notes = match source {
         Some((number, name)) if header.sources.len() > 1 => {
-            vec![format!("events of {number} {name} are read; there are {}", header.list())]
+            vec![format!("the events of {number} {name} are read; --stream takes one of {}", header.list())]
         }
         _ => Vec::new(),
     };

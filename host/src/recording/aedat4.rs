@@ -156,7 +156,7 @@ fn choose_stream<'a>(
 ) -> Result<&'a Stream, RecordingErrorKind> {
     let of_events = || header.streams.iter().filter(|stream| stream.type_identifier == EVENTS);
     let Some(first) = of_events().next() else {
-        return Err(RecordingErrorKind::NoEventStream(describe_all(header.streams.iter())));
+        return Err(RecordingErrorKind::NoEventStream(format!("these: {}", describe_all(header.streams.iter()))));
     };
     match wanted {
         Some(wanted) => {
@@ -167,7 +167,7 @@ fn choose_stream<'a>(
         None => {
             if of_events().count() > 1 {
                 let all = describe_all(of_events());
-                notes.push(format!("the recording has several event streams: {all}; the first is read"));
+                notes.push(format!("the first event stream is read; --stream takes one of {all}"));
             }
             Ok(first)
         }

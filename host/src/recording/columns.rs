@@ -2,7 +2,7 @@
 
 use super::{Column, Columns, TimeUnit};
 
-const ASK: &str = "say what the columns are, for example `t,x,y,p`";
+const ASK: &str = "say what they are with --columns, for example t,x,y,p";
 
 /// Why the columns of a text file or an array cannot be told.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -107,7 +107,9 @@ pub enum RecordingErrorKind {
     )]
     Filter(String),
     /// A sensor larger than any event camera.
-    #[error("says that its sensor has {width} x {height} pixels; 1 to 32767 each can be read; is the header damaged?")]
+    #[error(
+        "says that its sensor has {width} x {height} pixels, which none has (1 to 32767 each can be read): give the true size with --sensor"
+    )]
     Sensor {
         /// Width in pixels.
         width: i64,
@@ -115,10 +117,10 @@ pub enum RecordingErrorKind {
         height: i64,
     },
     /// An address of a pixel means something only with the size of its sensor.
-    #[error("does not name a camera that is known here: add --sensor WIDTHxHEIGHT")]
+    #[error("does not say how many pixels its camera has: add --sensor WIDTHxHEIGHT")]
     ChipUnknown,
     /// No stream of events.
-    #[error("holds no stream of events; its streams: {0}")]
+    #[error("holds no stream of events, but {0}: name a recording that has one")]
     NoEventStream(String),
     /// The stream asked for is not there.
     #[error("has no event stream {wanted:?}; its event streams: {available}")]

@@ -112,3 +112,47 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
         _ => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::RecordingOptions;
+
+    /// What is wrong with the sensor of these lines of text.
+    fn wrong(lines: &str, sensor: Option<Sensor>) -> Option<String> {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("events.csv");
+        std::fs::write(&path, lines).unwrap();
+        let recording = Recording::new(&path, RecordingOptions { sensor, ..RecordingOptions::default() }).unwrap();
+        let (mut reader, mut batch) = (recording.open().unwrap(), Vec::new());
+        while reader.next_batch(&mut batch).unwrap() {}
+        check_outside(&recording, reader.report()).err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn exchanged_and_negative_coordinates_are_told_from_a_wrong_size() {
+        let davis = Some(Sensor::new(346, 260));
+        let turned = "t_us,x,y,p\n1,259,345,1\n2,3,300,0\n";
+        let upright = "t_us,x,y,p\n1,345,259,1\n2,300,3,0\n";
+        for (lines, sensor, part) in [
+            (
+                turned,
+                davis,
+                Some(
+                    "2 of 2 events lie outside of 346 x 260 pixels, but none would with x and y exchanged: say where x and y are with --columns",
+                ),
+            ),
+            (&format!("346 260\n{turned}"), None, Some("with x and y exchanged")),
+            (upright, Some(Sensor::new(260, 346)), Some("write --sensor 346x260")),
+            (upright, Some(Sensor::new(240, 180)), Some("give the true size")),
+            ("t_us,x,y,p\n1,-3,5,1\n2,3,3,0\n", davis, Some("1 of 2 events have a column or row below 0")),
+            (upright, davis, None),
+        ] {
+            let told = wrong(lines, sensor);
+            match part {
+                Some(part) => assert!(told.as_ref().is_some_and(|told| told.contains(part)), "{told:?}"),
+                None => assert_eq!(told, None),
+            }
+        }
+    }
+}

@@ -86,14 +86,14 @@ fn choose(path: &Path, options: &RecordingOptions) -> Result<(Found, Vec<String>
     let Some(place) = place.filter(|place| *place < count) else {
         let kind = match &options.stream {
             Some(wanted) => RecordingErrorKind::NoSuchStream { wanted: wanted.clone(), available: list },
-            None => RecordingErrorKind::NoEventStream("no group of arrays t, x, y and p".to_owned()),
+            None => RecordingErrorKind::NoEventStream("groups without arrays t, x, y and p".to_owned()),
         };
         return Err(RecordingError::new(path, kind));
     };
     let found = all.swap_remove(place);
     let notes = match count {
         1 => Vec::new(),
-        _ => vec![format!("events of {} are read; there are {list}", found.name)],
+        _ => vec![format!("the events of {} are read; --stream takes one of {list}", found.name)],
     };
     Ok((found, notes))
 }
@@ -117,7 +117,8 @@ fn all(path: &Path, options: &RecordingOptions) -> Result<Vec<Found>, RecordingE
 fn with_room(path: &Path, found: Found) -> Result<Found, RecordingError> {
     let file = filters::open(path, found.table.limits()).map_err(|error| structure(path, &error))?;
     let again = layout::find(&file).map_err(|error| structure(path, &error))?.streams;
-    let gone = || RecordingError::new(path, RecordingErrorKind::NoEventStream("none any more".to_owned()));
+    let gone =
+        || RecordingError::new(path, RecordingErrorKind::NoEventStream("something else than a moment ago".to_owned()));
     again.into_iter().find(|again| again.name == found.name).ok_or_else(gone)
 }
 

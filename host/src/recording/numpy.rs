@@ -74,7 +74,7 @@ fn likeliest(path: &Path, found: Vec<Named>, options: &RecordingOptions) -> Resu
         }
         first.get_or_insert(named);
     }
-    first.ok_or_else(|| RecordingError::new(path, RecordingErrorKind::NoEventStream("none".to_owned())))
+    first.ok_or_else(|| RecordingError::new(path, RecordingErrorKind::NoEventStream("nothing else".to_owned())))
 }
 
 fn open(

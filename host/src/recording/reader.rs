@@ -177,11 +177,11 @@ impl StreamFaults {
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if self.gaps > 0 {
-            notes.push(format!("bytes of the stream are missing in {} places", self.gaps));
+            notes.push(format!("bytes of the stream were lost in {} places", self.gaps));
         }
         if self.repaired_gaps > 0 {
             notes.push(format!(
-                "after {} of them {:.3} s of the camera's time were missing too, and are put right by the computer's clock",
+                "in {} of these places the camera's count of time was lost too, {:.3} s in all; the computer's clock told how much",
                 self.repaired_gaps,
                 self.restored_us as f64 / 1e6
             ));
@@ -189,19 +189,21 @@ impl StreamFaults {
                 let restored = times.restored_us as f64 / 1e3;
                 let excess = match times.excess_us {
                     0 => String::new(),
-                    excess => format!(" ({:.3} ms of them too many, up to a later gap)", excess as f64 / 1e3),
+                    excess => format!(" ({:.3} ms of that are too much, up to a later gap)", excess as f64 / 1e3),
                 };
-                format!("from {:.6} s on {restored:.3} ms{excess}", times.from_us as f64 / 1e6)
+                format!("by {restored:.3} ms from {:.6} s on{excess}", times.from_us as f64 / 1e6)
             });
             let more = match self.repaired_times.len().saturating_sub(REPAIRS_NAMED) {
                 0 => String::new(),
-                more => format!(", and {more} more"),
+                more => format!(", and in {more} more places"),
             };
-            notes.push(format!("times put later: {}{more}", named.collect::<Vec<_>>().join(", ")));
+            notes.push(format!("times were put later for that: {}{more}", named.collect::<Vec<_>>().join(", ")));
         }
         if self.taken_back_us > 0 {
             let taken_back = self.taken_back_us as f64 / 1e3;
-            notes.push(format!("{taken_back:.3} ms of that were too much and are taken back at a later gap"));
+            notes.push(format!(
+                "{taken_back:.3} ms of that turned out to be too much, and were taken back at a later gap"
+            ));
         }
         if self.dropped > 0 {
             let dropped = self.dropped;
@@ -210,7 +212,7 @@ impl StreamFaults {
         if self.clock_resets > 0 {
             notes.push(format!("the camera's clock was reset {} times; later times are shifted", self.clock_resets));
         }
-        notes.extend(self.faults.iter().map(|(what, count)| format!("faults in the stream: {count} times {what}")));
+        notes.extend(self.faults.iter().map(|(what, count)| format!("in the camera's stream: {what} ({count})")));
         notes
     }
 }

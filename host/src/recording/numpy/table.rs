@@ -96,7 +96,8 @@ pub fn of_array(path: &Path, place: Place) -> Result<Table, RecordingError> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let header = header(path, &name, &place)?;
     table(&header, &place).ok_or_else(|| {
-        let kind = RecordingErrorKind::NoEventStream(format!("an array of shape {:?} without fields", header.shape));
+        let kind =
+            RecordingErrorKind::NoEventStream(format!("an array of shape {:?} without named fields", header.shape));
         RecordingError::new(path, kind)
     })
 }
@@ -156,7 +157,7 @@ pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Resu
     Err(unread.unwrap_or_else(|| {
         let kind = match wanted {
             Some(wanted) => RecordingErrorKind::NoSuchStream { wanted: wanted.to_owned(), available: list() },
-            None => RecordingErrorKind::NoEventStream(list()),
+            None => RecordingErrorKind::NoEventStream(format!("these arrays: {}", list())),
         };
         RecordingError::new(path, kind)
     }))

@@ -249,7 +249,7 @@ fn archives_without_events_say_what_they_hold() {
     for (members, part) in [
         (vec![("picture.png", vec![1])], "unpack it first"),
         (vec![("xl/workbook.xml", vec![1])], "is a spreadsheet file, which is not supported; save its events as CSV"),
-        (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "its streams: a"),
+        (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "but these arrays: a: name"),
         (unequal, "x has 2 elements"),
     ] {
         let error = testing::read(&archive(true, &members)).error.unwrap();

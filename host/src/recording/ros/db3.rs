@@ -50,7 +50,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
             return Err(pages.damaged(truncated.byte, truncated.lost.clone()));
         }
         let names: Vec<&str> = tables.iter().map(|table| table.name.as_str()).collect();
-        let what = format!("no tables of a ROS 2 bag, but these: {}", names.join(", "));
+        let what = format!("these tables, which are none of a ROS 2 bag: {}", names.join(", "));
         return Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)));
     };
     let (numbers, topics) = read_topics(&mut pages, topics, &topic_columns)?;

@@ -98,7 +98,10 @@ fn no_topic(topics: &[Topic], wanted: Option<&str>) -> RecordingErrorKind {
             wanted: wanted.to_owned(),
             available: list(of_events.map(Topic::description).collect()),
         },
-        None => RecordingErrorKind::NoEventStream(list(topics.iter().map(Topic::description).collect())),
+        None => {
+            let topics = list(topics.iter().map(Topic::description).collect());
+            RecordingErrorKind::NoEventStream(format!("these topics: {topics}"))
+        }
     }
 }
 

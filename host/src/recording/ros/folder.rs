@@ -31,11 +31,12 @@ pub fn is_bag(path: &Path) -> bool {
 /// # Errors
 /// When it cannot be read.
 pub fn opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
+    if is_bag(path) { Ok(Some(open)) } else { file_opener(path) }
+}
+
+fn file_opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
     const FILES: [(&FileFormat, OpenContainer); 3] =
         [(&BAG_FORMAT, bag::open), (&MCAP_FORMAT, mcap::open), (&DB3_FORMAT, db3::open)];
-    if is_bag(path) {
-        return Ok(Some(open));
-    }
     let head = Head::read(path)?;
     Ok(FILES.into_iter().find(|(format, _)| (format.recognise)(&head)).map(|(_, open)| open))
 }
@@ -49,17 +50,15 @@ fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     Ok(Box::new(Folder { files, count, path: first, now, topics, places: Vec::new(), truncated: None }))
 }
 
+/// Opens a file of the folder, which may be no folder itself: it could name itself.
 fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
-    let other = || match find_format(path, &Head::read(path)?) {
-        Ok(format) => {
-            let what = format!("no messages: it is a {} file", format.name);
+    match file_opener(path)? {
+        Some(open) => open(path),
+        None => {
+            let format = find_format(path, &Head::read(path)?)?;
+            let what = format!("content of another format ({})", format.name);
             Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)))
         }
-        Err(error) => Err(error),
-    };
-    match opener(path)? {
-        Some(open) => open(path),
-        None => other(),
     }
 }
 

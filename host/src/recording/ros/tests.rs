@@ -610,11 +610,16 @@ fn what_is_missing_in_the_folder_of_a_bag_is_named() {
     assert!(error.unwrap().contains("b.db3"));
     let (_, _, error) = read_folder(folder(&[], "").path());
     assert!(error.unwrap().contains("relative_file_paths"));
+    // A folder that names itself.
+    let directory = folder(&[], "");
+    std::fs::write(directory.path().join("metadata.yaml"), "rosbag2_bagfile_information: {relative_file_paths: [.]}")
+        .unwrap();
+    assert!(read_folder(directory.path()).2.unwrap().contains("is a folder"));
     let packed = zstd::stream::encode_all(Cursor::new(&first), 3).unwrap();
     let (_, _, error) = read_folder(folder(&[("a.db3.zstd", packed)], "").path());
     assert!(error.unwrap().contains("unzstd"));
     let (_, _, error) = read_folder(folder(&[("a.csv", b"t,x,y,p\n1,2,3,1\n".to_vec())], "").path());
-    assert!(error.unwrap().contains("it is a text file"));
+    assert!(error.unwrap().contains("of another format (text)"));
 }
 
 /// Written files list their topics: of a recording without frames nothing is read to find that out.
