@@ -64,7 +64,7 @@ pub mod write;
 
 pub use columns::LayoutError;
 pub use error::{RecordingError, RecordingErrorKind};
-pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary};
+pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary, Uses};
 pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
 pub use reader::{Decode, EventReader, ReadReport, RepairedTimes, StreamFaults, Truncation};
 
@@ -115,6 +115,9 @@ pub enum RecordingKind {
 /// # Errors
 /// When the file cannot be read, is empty, or is of no known format.
 pub fn sniff(path: &Path) -> Result<RecordingKind, RecordingError> {
+    if ros::is_folder(path) {
+        return Ok(RecordingKind::Events { format: ros::FOLDER_FORMAT.name });
+    }
     let head = Head::read(path)?;
     if head.text().is_some_and(track::is_circle_track) {
         return Ok(RecordingKind::CircleTrack);
@@ -137,6 +140,23 @@ fn find_format(path: &Path, head: &Head) -> Result<&'static FileFormat, Recordin
         .find(|format| (format.recognise)(head))
         .copied()
         .ok_or_else(|| RecordingError::new(path, RecordingErrorKind::UnknownFormat))
+}
+
+/// The format of the events at `path`.
+fn format_of(path: &Path) -> Result<&'static FileFormat, RecordingError> {
+    if ros::is_folder(path) {
+        return Ok(&ros::FOLDER_FORMAT);
+    }
+    let head = Head::read(path)?;
+    if head.text().is_some_and(track::is_circle_track) || stream::is_circle_stream(&head.bytes) {
+        return Err(RecordingError::new(path, RecordingErrorKind::CircleTrack));
+    }
+    find_format(path, &head)
+}
+
+/// `options` that were given for another recording, without those that mean nothing to the one at `path`.
+pub fn options_for(path: &Path, options: &RecordingOptions) -> RecordingOptions {
+    format_of(path).map_or_else(|_| options.clone(), |format| format.uses.of(options).0)
 }
 
 /// What is known of a recording before its first event is read.
@@ -178,14 +198,14 @@ impl Recording {
     /// Finds the format of the file at `path`.
     ///
     /// # Errors
-    /// When the file cannot be read, is empty, holds no events or is of no known format.
+    /// When the file cannot be read, is empty, holds no events or is of no known format, or when one of the options means nothing to that.
     pub fn new(path: impl Into<PathBuf>, options: RecordingOptions) -> Result<Self, RecordingError> {
         let path = path.into();
-        let head = Head::read(&path)?;
-        if head.text().is_some_and(track::is_circle_track) || stream::is_circle_stream(&head.bytes) {
-            return Err(RecordingError::new(&path, RecordingErrorKind::CircleTrack));
+        let format = format_of(&path)?;
+        if let (_, Some(option)) = format.uses.of(&options) {
+            let kind = RecordingErrorKind::NoEffect { option, format: format.name };
+            return Err(RecordingError::new(&path, kind));
         }
-        let format = find_format(&path, &head)?;
         Ok(Self { path, options, source: Source::File(format), span: None })
     }
 
@@ -331,6 +351,82 @@ mod tests {
             assert_eq!(information.format, format);
             assert_eq!(information.sensor, (format != "EventCalib binary").then_some(SENSOR));
             assert_eq!(information.camera_name.as_deref(), (format == "AEDAT4").then_some("DAVIS346 <&> 1"));
+        }
+    }
+
+    /// Every format that is written is read again, by its content, to the same events.
+    #[test]
+    fn one_recording_goes_through_every_writer() {
+        let start = 1_000_003;
+        let events: Vec<Event> = events(3000)
+            .iter()
+            .enumerate()
+            .map(|(index, event)| Event { t: start + index as i64 / 3 * 17 + index as i64 / 500 * 30_000, ..*event })
+            .collect();
+        let outputs: Vec<_> = FORMATS.iter().filter_map(|format| Some((format, format.output?))).collect();
+        assert!(outputs.len() >= 7);
+        for (format, output) in outputs {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording");
+            write(&path, *output, &events);
+            let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+            assert_eq!(recording.format().name, format.name);
+            let (read, report, error) = read(&path, &RecordingOptions::default());
+            assert!(error.is_none(), "{}: {error:?}", format.name);
+            assert!(read == events, "{}: {} events", format.name, read.len());
+            assert_eq!((report.events, report.out_of_range, report.strays), (3000, 0, 0), "{}", format.name);
+            assert!(!output.holds_sensor || recording.own_sensor() == Some(SENSOR), "{}", format.name);
+        }
+    }
+
+    #[test]
+    fn options_that_mean_nothing_to_a_format_are_refused() {
+        let options = RecordingOptions {
+            stream: Some("events".to_owned()),
+            columns: Some("t,x,y,p".parse().unwrap()),
+            time_unit: Some(TimeUnit::Seconds),
+            device: Some("1.2".parse().unwrap()),
+            ..RecordingOptions::default()
+        };
+        let only = |option: &str| RecordingOptions {
+            stream: options.stream.clone().filter(|_| option == "--stream"),
+            columns: options.columns.clone().filter(|_| option == "--columns"),
+            time_unit: options.time_unit.filter(|_| option == "--time-unit"),
+            device: options.device.filter(|_| option == "--device"),
+            ..RecordingOptions::default()
+        };
+        for (output, used) in [
+            (aedat4::OUTPUT, vec!["--stream"]),
+            (text::OUTPUT, vec!["--columns", "--time-unit"]),
+            (event_calib::OUTPUT, vec![]),
+        ] {
+            let (_directory, path) = file(b"");
+            write(&path, output, &events(100));
+            for option in ["--stream", "--columns", "--time-unit", "--device"] {
+                match Recording::new(&path, only(option)) {
+                    Ok(_) => assert!(used.contains(&option), "{} {option}", output.name),
+                    Err(error) => {
+                        let text = error.to_string();
+                        assert!(!used.contains(&option) && text.contains(&format!("{option} has no effect")), "{text}");
+                    }
+                }
+            }
+            // Of what was said of another recording that is left which means something.
+            let left = options_for(&path, &options);
+            assert!(Recording::new(&path, left.clone()).is_ok());
+            assert_eq!(left.stream.is_some(), used.contains(&"--stream"));
+        }
+    }
+
+    #[test]
+    fn names_alone_are_a_recording_without_events() {
+        for content in [&b"t_us,x,y,p\n"[..], b"x y p t\n", b"# t x y p\n"] {
+            let (_directory, path) = file(content);
+            let (read, report, error) = read(&path, &RecordingOptions::default());
+            assert_eq!((read.len(), report.events), (0, 0));
+            assert!(error.is_none(), "{error:?}");
+            let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+            assert!(information::gather(&recording).unwrap().to_string().contains("holds no events"));
         }
     }
 

@@ -14,7 +14,7 @@ use crate::detection::{DetectionReport, order_frames};
 use crate::recording::image_folder::Stamps;
 use crate::recording::images::{Images, ImagesError};
 use crate::recording::pass::{Batch, Pass, read_while};
-use crate::recording::{ReadReport, Recording, RecordingError, RecordingKind, RecordingOptions, sniff};
+use crate::recording::{ReadReport, Recording, RecordingError, RecordingKind, RecordingOptions, options_for, sniff};
 
 /// One input: events, circles or frames.
 #[derive(Clone)]
@@ -91,8 +91,10 @@ impl Input {
         if let Some(images) = Images::open(path, stream, options.damage, stamps)? {
             return Ok(Self::Images(images));
         }
+        // Those that were not said of this recording may mean nothing to it.
+        let options = options_for(path, options);
         let stream = stream.map(str::to_owned).or_else(|| options.stream.clone());
-        Self::open(path, &RecordingOptions { stream, ..options.clone() }, board)
+        Self::open(path, &RecordingOptions { stream, ..options }, board)
     }
 
     /// Opens a recording, a circle track or a circle stream, whichever `path` is. Circles without a place on

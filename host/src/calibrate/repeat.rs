@@ -126,7 +126,7 @@ pub fn repeat(
 ) -> Result<Repetition, RepeatError> {
     check_stated(recording)?;
     let pass = crate::recording::pass::read_recording(recording, &mut |_| {})?;
-    check_outside(recording, pass.count, pass.report.out_of_range)?;
+    check_outside(recording, &pass.report)?;
     let duration = (pass.last - pass.first) as f64 * 1e-6;
     if duration < settings.seconds {
         return Err(RepeatError::TooShort { duration, seconds: settings.seconds });

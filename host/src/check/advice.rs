@@ -32,7 +32,11 @@ pub fn next_step(checked: &Checked, path: &Path) -> String {
     }
     let outside = information.report.out_of_range;
     if outside as f64 > FEW_EVENTS * (information.events + outside) as f64 {
-        return format!("{outside} events lie outside of the sensor: give its true size with --sensor");
+        return if information.report.looks_exchanged() {
+            "x and y are exchanged: say where they are with --columns, or turn the numbers of --sensor".to_owned()
+        } else {
+            format!("{outside} events lie outside of the sensor: give its true size with --sensor")
+        };
     }
     match &checked.seen {
         None => "the sensor is larger than evcal supports".to_owned(),

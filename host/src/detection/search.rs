@@ -18,7 +18,7 @@ use crate::files::{self, FileError};
 use crate::recording::given_sensor::{OtherSensor, check_outside, check_stated};
 use crate::recording::information::{likely_sensor_of, sensor_advice};
 use crate::recording::pass::read_while;
-use crate::recording::{Recording, RecordingError};
+use crate::recording::{ReadReport, Recording, RecordingError};
 
 /// What is looked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,19 +129,19 @@ pub fn search_events_telling(
     settings: &DetectionSettings,
     mut progress: impl FnMut(Option<f64>),
 ) -> Result<FoundCircles, SearchError> {
-    let (found, outside) = search(recording, sensor, wanted, settings, &mut progress)?;
-    check_outside(recording, found.report.events, outside)?;
+    let (found, report) = search(recording, sensor, wanted, settings, &mut progress)?;
+    check_outside(recording, &report)?;
     Ok(found)
 }
 
-/// Searches; how many events lie outside of the sensor comes second.
+/// Searches; what the reader met comes second.
 fn search(
     recording: &Recording,
     sensor: Sensor,
     wanted: SearchFor,
     settings: &DetectionSettings,
     mut progress: impl FnMut(Option<f64>),
-) -> Result<(FoundCircles, u64), RecordingError> {
+) -> Result<(FoundCircles, ReadReport), RecordingError> {
     let mut stage = match wanted {
         SearchFor::Board(pattern) => DetectionStage::for_board(settings, sensor, pattern, 0),
         SearchFor::Circles(fewest) => DetectionStage::for_circles(settings, sensor, fewest),
@@ -161,8 +161,7 @@ fn search(
             (FoundContent::Windows(windows), report)
         }
     };
-    let outside = pass.report.out_of_range;
-    Ok((FoundCircles { content, report, origin_us: pass.first, notes: pass.to_report().notes }, outside))
+    Ok((FoundCircles { content, report, origin_us: pass.first, notes: pass.to_report().notes }, pass.report))
 }
 
 /// Looks through the circles that a device found. `sensor` is the size given for it, if any.

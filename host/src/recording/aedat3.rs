@@ -5,7 +5,8 @@
 //! i32 capacity, i32 number of events, i32 number of valid ones, and the events. Packets of kind 1 hold polarity events: u32
 //! with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs, to which turns · 2³¹ is added.
 //!
-//! In 3.1 y counts from above, in 3.0 from below. Frames and inertial samples are those of 3.1 ([`extras`]).
+//! In 3.1 y counts from above, in 3.0 from below. A file may hold packets of several cameras, its sources. Frames and inertial samples are
+//! read by [`extras`].
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -18,20 +19,24 @@ mod packets;
 use super::bytes::ByteReader;
 use super::{
     Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, StreamSummary, Truncation,
+    RecordingOptions, StreamSummary, Truncation, Uses,
 };
-use packets::{EVENT, HEAD, MAGIC, POLARITY, SOURCES, header, name, next_head, time};
+use packets::{EVENT, HEAD, Header, MAGIC, POLARITY, header, next_head, sensor, time};
 
 /// AEDAT 3.0 and 3.1.
 pub const FORMAT: FileFormat = FileFormat {
     streams: |path, _| summarise(path),
-    frames: Some(|path, _, visit| extras::visit_frames(path, visit)),
-    extras: Some(|path, _| extras::open(path)),
+    frames: Some(extras::visit_frames),
+    extras: Some(extras::open),
+    uses: Uses { stream: true, ..Uses::NONE },
     ..FileFormat::of_events("AEDAT 3", |head| head.bytes.starts_with(MAGIC), open)
 };
 
 struct Decoder {
     file: ByteReader,
+    header: Header,
+    /// Number of the camera that is read.
+    source: Option<i16>,
     information: RecordingInformation,
     /// Height of the sensor, where y counts from below.
     from_below: Option<u16>,
@@ -52,23 +57,39 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
         return Err(RecordingError::new(path, kind));
     }
     file.seek(header.length)?;
-    let source = header.source.as_deref().unwrap_or_default().to_uppercase();
-    let sensor = SOURCES.iter().find(|(name, _)| source.contains(name)).map(|&(_, sensor)| sensor);
-    let sensor_used = options.sensor.or(sensor);
-    let from_below = match (header.from_below, sensor_used) {
+    let source = chosen(path, &header, options)?;
+    let camera_name = source.map(|(_, name)| name.clone());
+    let own_sensor = camera_name.as_deref().and_then(sensor);
+    let from_below = match (header.from_below, options.sensor.or(own_sensor)) {
         (false, _) => None,
         (true, Some(sensor)) => Some(sensor.height),
         (true, None) => return Err(RecordingError::new(path, RecordingErrorKind::ChipUnknown)),
     };
-    let information = RecordingInformation {
-        format: FORMAT.name,
-        sensor,
-        camera_name: header.source,
-        began: header.began,
-        notes: Vec::new(),
+    let notes = match source {
+        Some((number, name)) if header.sources.len() > 1 => {
+            vec![format!("the events of {number} {name} are read; --stream takes one of {}", header.list())]
+        }
+        _ => Vec::new(),
     };
-    let other = BTreeMap::new();
-    Ok(Box::new(Decoder { file, information, from_below, packet: Vec::new(), truncated: None, other }))
+    let (source, began) = (source.map(|(number, _)| *number), header.began.clone());
+    let information = RecordingInformation { format: FORMAT.name, sensor: own_sensor, camera_name, began, notes };
+    let (packet, other) = (Vec::new(), BTreeMap::new());
+    Ok(Box::new(Decoder { file, header, source, information, from_below, packet, truncated: None, other }))
+}
+
+/// The camera that is asked for, or the first one.
+fn chosen<'a>(
+    path: &Path,
+    header: &'a Header,
+    options: &RecordingOptions,
+) -> Result<Option<&'a (i16, String)>, RecordingError> {
+    match (header.source(options.stream.as_deref()), &options.stream) {
+        (None, Some(wanted)) => {
+            let kind = RecordingErrorKind::NoSuchStream { wanted: wanted.clone(), available: header.list() };
+            Err(RecordingError::new(path, kind))
+        }
+        (source, _) => Ok(source),
+    }
 }
 
 impl Decode for Decoder {
@@ -80,9 +101,9 @@ impl Decode for Decoder {
         let head = next_head(&mut self.file, &mut self.truncated)?;
         report.truncated.clone_from(&self.truncated);
         let Some(head) = head else { return Ok(false) };
-        if head.kind != POLARITY {
+        if head.kind != POLARITY || !self.header.is_of(self.source, head.source) {
             self.file.seek(self.file.position() + head.length)?;
-            *self.other.entry(format!("{} ({})", name(head.kind), head.kind)).or_default() += 1;
+            *self.other.entry(other_name(&self.header, head.kind, head.source)).or_default() += 1;
             report.other_packets.clone_from(&self.other);
             return Ok(head.length == head.wanted);
         }
@@ -104,12 +125,17 @@ impl Decode for Decoder {
     }
 }
 
-/// Counts what the packets of each kind hold.
+/// Under which name packets that are passed over are counted.
+fn other_name(header: &Header, kind: i16, source: i16) -> String {
+    format!("{} ({kind})", header.name_of(kind, source))
+}
+
+/// Counts what the packets of each kind and source hold.
 fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut file = ByteReader::open(path)?;
     let Some(header) = header(&Head::read(path)?.bytes) else { return Ok(Vec::new()) };
     file.seek(header.length)?;
-    let mut kinds: BTreeMap<i16, StreamSummary> = BTreeMap::new();
+    let mut kinds: BTreeMap<(i16, i16), StreamSummary> = BTreeMap::new();
     let mut packet = Vec::new();
     loop {
         let head = match next_head(&mut file, &mut None) {
@@ -118,8 +144,10 @@ fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
             Err(error) => return Err(error),
         };
-        let empty = || StreamSummary { name: name(head.kind).to_owned(), packets: 0, elements: 0, times_us: None };
-        let summary = kinds.entry(head.kind).or_insert_with(empty);
+        let source = if header.sources.len() > 1 { head.source } else { 0 };
+        let name = || header.name_of(head.kind, head.source);
+        let empty = || StreamSummary { name: name(), packets: 0, elements: 0, times_us: None };
+        let summary = kinds.entry((source, head.kind)).or_insert_with(empty);
         summary.packets += 1;
         summary.elements += head.count;
         if head.kind == POLARITY {
@@ -144,8 +172,12 @@ mod tests {
     use crate::recording::testing;
 
     fn packet(kind: i16, turns: i32, records: &[[u32; 2]]) -> Vec<u8> {
+        packet_of(1, kind, turns, records)
+    }
+
+    fn packet_of(source: i16, kind: i16, turns: i32, records: &[[u32; 2]]) -> Vec<u8> {
         let count = records.len() as i32;
-        let mut bytes = [kind.to_le_bytes(), 1_i16.to_le_bytes()].concat();
+        let mut bytes = [kind.to_le_bytes(), source.to_le_bytes()].concat();
         [8, 4, turns, count, count, count].iter().for_each(|number: &i32| bytes.extend(number.to_le_bytes()));
         bytes.extend(records.iter().flatten().flat_map(|word| word.to_le_bytes()));
         bytes
@@ -182,6 +214,45 @@ mod tests {
             assert_eq!(outcome.information.unwrap().sensor, Some(Sensor::new(346, 260)));
             assert_eq!(outcome.report.other_packets.get("frames (2)"), Some(&1));
         }
+    }
+
+    #[test]
+    fn of_several_cameras_one_is_read() {
+        let lines = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#-Source 7: DAVIS240C\r\n#Source 1: DAVIS346\r\n#Source 2: DVS128\r\n#!END-HEADER\r\n";
+        let packets = [
+            packet_of(2, 1, 0, &[record(3, 4, 1, 7)]),
+            packet_of(1, 1, 0, &[record(300, 4, 1, 8), record(300, 5, 1, 9)]),
+            packet_of(2, 2, 0, &[[1, 2]]),
+            packet_of(2, 1, 0, &[record(4, 4, 1, 10)]),
+        ];
+        let content = [&lines[..], &packets.concat()].concat();
+        let options =
+            |stream: &str| RecordingOptions { stream: Some(stream.to_owned()), ..RecordingOptions::default() };
+        for (options, sensor, columns) in [
+            (RecordingOptions::default(), Sensor::new(346, 260), vec![300, 300]),
+            (options("1"), Sensor::new(346, 260), vec![300, 300]),
+            (options("2"), Sensor::new(128, 128), vec![3, 4]),
+            (options("DVS128"), Sensor::new(128, 128), vec![3, 4]),
+        ] {
+            let outcome = testing::read_with(&content, options);
+            assert_eq!(
+                (outcome.events.iter().map(|event| event.x).collect::<Vec<_>>(), outcome.error),
+                (columns, None)
+            );
+            let information = outcome.information.unwrap();
+            assert_eq!(information.sensor, Some(sensor));
+            assert!(information.notes[0].contains("1 DAVIS346, 2 DVS128"), "{:?}", information.notes);
+            assert_eq!(outcome.report.other_packets.get("frames of 2 DVS128 (2)"), Some(&1));
+        }
+        let error = testing::read_with(&content, options("3")).error.unwrap();
+        assert!(error.contains("1 DAVIS346, 2 DVS128"), "{error}");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let streams: Vec<(String, u64)> =
+            summarise(&path).unwrap().into_iter().map(|stream| (stream.name, stream.elements)).collect();
+        let expected = [("events of 1 DAVIS346", 2), ("events of 2 DVS128", 2), ("frames of 2 DVS128", 1)];
+        assert_eq!(streams, expected.map(|(name, count)| (name.to_owned(), count)));
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub use write::{OUTPUT, OUTPUT_LZ4, OUTPUT_UNCOMPRESSED};
 use super::extras::ReadExtras;
 use super::{
     Damage, Decode, FileFormat, MAX_SENSOR_SIZE, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions,
+    RecordingOptions, Uses,
 };
 
 /// AEDAT4.
@@ -37,6 +37,7 @@ pub const FORMAT: FileFormat = FileFormat {
     extras: Some(open_extras),
     transfers: None,
     output: Some(&OUTPUT),
+    uses: Uses { stream: true, ..Uses::NONE },
 };
 
 fn open_extras(path: &Path, _: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
@@ -155,7 +156,7 @@ fn choose_stream<'a>(
 ) -> Result<&'a Stream, RecordingErrorKind> {
     let of_events = || header.streams.iter().filter(|stream| stream.type_identifier == EVENTS);
     let Some(first) = of_events().next() else {
-        return Err(RecordingErrorKind::NoEventStream(describe_all(header.streams.iter())));
+        return Err(RecordingErrorKind::NoEventStream(format!("these: {}", describe_all(header.streams.iter()))));
     };
     match wanted {
         Some(wanted) => {
@@ -166,7 +167,7 @@ fn choose_stream<'a>(
         None => {
             if of_events().count() > 1 {
                 let all = describe_all(of_events());
-                notes.push(format!("the recording has several event streams: {all}; the first is read"));
+                notes.push(format!("the first event stream is read; --stream takes one of {all}"));
             }
             Ok(first)
         }

@@ -36,6 +36,11 @@ impl ByteReader {
         self.position
     }
 
+    /// Number of all bytes.
+    pub fn length(&self) -> u64 {
+        self.length
+    }
+
     /// Number of bytes from there to the end.
     pub fn left(&self) -> u64 {
         self.length.saturating_sub(self.position)

@@ -2,7 +2,7 @@
 
 use super::{Column, Columns, TimeUnit};
 
-const ASK: &str = "say what the columns are, for example `t,x,y,p`";
+const ASK: &str = "say what they are with --columns, for example t,x,y,p";
 
 /// Why the columns of a text file or an array cannot be told.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -26,6 +26,9 @@ pub enum LayoutError {
     /// No order of columns fits the values.
     #[error("it is not clear which columns are time, x, y and polarity; {ASK}")]
     Unclear,
+    /// An order was asked for where there is nothing to put in order.
+    #[error("names its columns itself: leave --columns out")]
+    Named,
     /// Several orders fit.
     #[error("the columns cannot be told apart; {ASK}")]
     Ambiguous,

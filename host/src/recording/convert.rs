@@ -203,7 +203,7 @@ pub fn convert_changed(
     if extras.next_until(i64::MAX, &mut report.lost).is_some() {
         report.lost.push("frames or inertial samples more than a minute after the last event".to_owned());
     }
-    check_outside(recording, report.events, reader.report().out_of_range)?;
+    check_outside(recording, reader.report())?;
     output.finish().map_err(failed)?;
     report.lost.extend(output.lost());
     drop(output);
@@ -212,6 +212,7 @@ pub fn convert_changed(
     }
     report.report = reader.report().clone();
     report.notes = reader.information().notes.clone();
+    report.notes.extend(extras.chosen());
     report.lost.extend(left_out(&*extras, &report.report));
     Ok(report)
 }
@@ -302,7 +303,10 @@ impl fmt::Display for ConversionReport {
                 write!(f, ", {} frames, {} inertial samples", self.frames, self.inertial_samples)?;
             }
         }
-        let warnings = self.report.stream.notes();
+        let mut warnings = self.report.warnings();
+        if self.events == 0 && self.transfers == 0 && self.error.is_none() {
+            warnings.push("the recording holds no events".to_owned());
+        }
         for (name, texts) in [("not kept", &self.lost), ("warning", &warnings), ("note", &self.notes)] {
             texts.iter().try_for_each(|text| write!(f, "\n{name}: {text}"))?;
         }

@@ -23,7 +23,8 @@ use usb_davis::protocol::Message;
 use super::date::date;
 use super::extras::ReadExtras;
 use super::{
-    Decode, FileFormat, Head, ReadReport, RecordingError, RecordingInformation, RecordingOptions, StreamSummary,
+    Decode, FileFormat, Head, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
+    StreamSummary, Uses,
 };
 pub use dump_sink::OUTPUT;
 
@@ -37,6 +38,7 @@ pub const FORMAT: FileFormat = FileFormat {
     extras: Some(open_extras),
     transfers: Some(|path, options| Capture::open_device(path, options.device)),
     output: Some(&dump_sink::OUTPUT),
+    uses: Uses { device: true, ..Uses::NONE },
 };
 
 /// The stream alone, which can be told from other files only by its words.
@@ -45,6 +47,7 @@ pub const BARE_FORMAT: FileFormat = FileFormat {
     recognise: |head| is(head, &[CaptureFormat::BarePayload]),
     events: |path, options| open(path, options, BARE_FORMAT.name),
     output: None,
+    uses: Uses::NONE,
     ..FORMAT
 };
 
@@ -69,6 +72,11 @@ struct Transfers {
 }
 
 fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> Result<Box<dyn Decode>, RecordingError> {
+    // A dump is of one camera.
+    if options.device.is_some() && is(&Head::read(path)?, &[CaptureFormat::Dvraw]) {
+        let kind = RecordingErrorKind::NoEffect { option: "--device", format: "dump of one camera" };
+        return Err(RecordingError::new(path, kind));
+    }
     Ok(transfers(Messages::open(path, options.device)?, format))
 }
 
@@ -270,7 +278,7 @@ mod tests {
         let repaired = RepairedTimes { from_us: 1_000_005 + 600_000, restored_us: wraps * 32_768, excess_us: 0 };
         assert_eq!((stream.gaps, &stream.repaired_times[..]), (1, &[repaired][..]));
         let notes = stream.notes().join("\n");
-        assert!(notes.contains("times put later: from 1.600005 s on 98.304 ms"), "{notes}");
+        assert!(notes.contains("times were put later for that: by 98.304 ms from 1.600005 s on"), "{notes}");
     }
 
     /// A pcap file of usbmon with one completed transfer from endpoint 0x82 of each device on bus 2.

@@ -83,8 +83,33 @@ pub enum RecordingErrorKind {
         /// What is wrong with it, and what to do.
         what: String,
     },
+    /// An option that means nothing to the format.
+    #[error("{option} has no effect on a file of this format ({format}): leave it out")]
+    NoEffect {
+        /// The option.
+        option: &'static str,
+        /// Name of the format.
+        format: &'static str,
+    },
+    /// A column whose elements are not read.
+    #[error(
+        "its array {array} holds {what}, which are not read: write it as whole numbers or as floating-point numbers of 32 or 64 bits"
+    )]
+    Elements {
+        /// Its name.
+        array: String,
+        /// What its elements are.
+        what: &'static str,
+    },
+    /// A compression of HDF5 that is not read.
+    #[error(
+        "its events are packed with {0}, which is not read: write it anew with h5repack -f GZIP=4 IN OUT, where that compression is installed"
+    )]
+    Filter(String),
     /// A sensor larger than any event camera.
-    #[error("says that its sensor has {width} x {height} pixels; 1 to 32767 each can be read; is the header damaged?")]
+    #[error(
+        "says that its sensor has {width} x {height} pixels, which none has (1 to 32767 each can be read): give the true size with --sensor"
+    )]
     Sensor {
         /// Width in pixels.
         width: i64,
@@ -92,10 +117,10 @@ pub enum RecordingErrorKind {
         height: i64,
     },
     /// An address of a pixel means something only with the size of its sensor.
-    #[error("does not name a camera that is known here: add --sensor WIDTHxHEIGHT")]
+    #[error("does not say how many pixels its camera has: add --sensor WIDTHxHEIGHT")]
     ChipUnknown,
     /// No stream of events.
-    #[error("holds no stream of events; its streams: {0}")]
+    #[error("holds no stream of events, but {0}: name a recording that has one")]
     NoEventStream(String),
     /// The stream asked for is not there.
     #[error("has no event stream {wanted:?}; its event streams: {available}")]

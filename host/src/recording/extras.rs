@@ -106,6 +106,11 @@ pub trait ReadExtras {
     /// Of the packets of other streams that a pass through the events passed over: those read here.
     fn reads(&self, stream: &str) -> bool;
 
+    /// Which streams of the recording are handed out, in sentences, where there may be several.
+    fn chosen(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// What this reader leaves out of what it hands over, in a sentence.
     fn lessened(&self) -> Option<&'static str> {
         None

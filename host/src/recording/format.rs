@@ -47,6 +47,48 @@ pub struct FileFormat {
     pub transfers: Option<OpenTransfers>,
     /// How the format is written, where it is.
     pub output: Option<&'static OutputFormat>,
+    /// Which options mean something to it.
+    pub uses: Uses,
+}
+
+/// Which options mean something to a format, beside those that do to all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Uses {
+    /// There may be several streams.
+    pub stream: bool,
+    /// Columns and unit of the times.
+    pub columns: bool,
+    /// There may be several devices.
+    pub device: bool,
+}
+
+impl Uses {
+    /// None of them.
+    pub const NONE: Self = Self { stream: false, columns: false, device: false };
+
+    /// `options` without those that mean nothing, and the first of these by its name.
+    pub fn of(self, options: &RecordingOptions) -> (RecordingOptions, Option<&'static str>) {
+        let mut used = options.clone();
+        let mut unused = None;
+        let mut leave_out = |is_used: bool, is_given: bool, name: &'static str| {
+            let leave_out = is_given && !is_used;
+            unused = unused.or(leave_out.then_some(name));
+            leave_out
+        };
+        if leave_out(self.stream, options.stream.is_some(), "--stream") {
+            used.stream = None;
+        }
+        if leave_out(self.columns, options.columns.is_some(), "--columns") {
+            used.columns = None;
+        }
+        if leave_out(self.columns, options.time_unit.is_some(), "--time-unit") {
+            used.time_unit = None;
+        }
+        if leave_out(self.device, options.device.is_some(), "--device") {
+            used.device = None;
+        }
+        (used, unused)
+    }
 }
 
 impl FileFormat {
@@ -57,7 +99,8 @@ impl FileFormat {
         events: fn(&Path, &RecordingOptions) -> Opened,
     ) -> Self {
         let streams = |_: &Path, _: &RecordingOptions| Ok(Vec::new());
-        Self { name, recognise, events, streams, frames: None, extras: None, transfers: None, output: None }
+        let uses = Uses::NONE;
+        Self { name, recognise, events, streams, frames: None, extras: None, transfers: None, output: None, uses }
     }
 }
 

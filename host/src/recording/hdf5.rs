@@ -5,7 +5,7 @@
 //! | DSEC, MPL | `events/{t, x, y, p}`, `t_offset` beside the group |
 //! | M3ED | `prophesee/left/{t, x, y, p}`, the sensor in `calib/resolution` |
 //! | e2calib | `t`, `x`, `y`, `p` at the root |
-//! | MVSEC | `davis/left/events`, rows x, y, t, p; the sensor from `image_raw` |
+//! | MVSEC | `davis/left/events`, rows x, y, t, p; `image_raw` and `imu` beside them |
 //! | Metavision | `CD/events`, records x, y, p, t, compressed with ECF |
 //!
 //! Names, units of time and what is guessed are those of text files. The structure of the file is read by the crate
@@ -13,65 +13,112 @@
 
 mod blosc;
 mod ecf;
+mod extras;
 mod filters;
 mod layout;
 mod structure;
 mod table;
+#[cfg(test)]
+mod tests;
 mod write;
 
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::{Event, Polarity};
+use hdf5_reader::Dataset;
+use hdf5_reader::error::Error;
 
 use super::bytes::share;
 use super::{
-    Column, Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, StreamSummary, TimeUnit, columns, numbers,
+    Column, Damage, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind,
+    RecordingInformation, RecordingOptions, StreamSummary, TimeUnit, Truncation, Uses, columns, numbers,
 };
-use layout::Found;
+use layout::{Contents, Found};
 use table::Table;
 
 /// An HDF5 file with events.
 pub const FORMAT: FileFormat = FileFormat {
     streams,
+    frames: Some(extras::visit_frames),
+    extras: Some(extras::open),
     output: Some(&write::OUTPUT),
-    ..FileFormat::of_events("HDF5", |head| head.bytes.starts_with(b"\x89HDF\r\n\x1a\n"), open)
+    uses: Uses { stream: true, columns: true, device: false },
+    ..FileFormat::of_events("HDF5", recognise, open)
 };
 
+const SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
 /// Events of a batch.
 const BATCH: u64 = 32_768;
 
+/// Before the signature there may be a block of somebody else's, as in MATLAB's files; its size is 512 bytes, or twice as many, and so on.
+fn recognise(head: &Head) -> bool {
+    let begins = |start: usize| head.bytes.get(start..).is_some_and(|rest| rest.starts_with(SIGNATURE));
+    begins(0) || (9..16).any(|power| begins(1 << power))
+}
+
 fn open(path: &Path, options: &RecordingOptions) -> Opened {
-    let file = filters::open(path, filters::Limits::default()).map_err(|error| structure(path, &error))?;
-    let all = layout::find(&file).map_err(|error| structure(path, &error))?;
-    let list = || all.iter().map(|found| found.name.clone()).collect::<Vec<_>>().join(", ");
-    let found = match &options.stream {
-        Some(wanted) => all.iter().find(|found| found.name == wanted.trim_matches('/')),
-        None => all.first(),
-    };
-    let found = found.ok_or_else(|| {
-        let kind = match &options.stream {
-            Some(wanted) => RecordingErrorKind::NoSuchStream { wanted: wanted.clone(), available: list() },
-            None => RecordingErrorKind::NoEventStream("no group of arrays t, x, y and p".to_owned()),
-        };
-        RecordingError::new(path, kind)
-    })?;
-    let mut notes = match all.len() {
-        1 => Vec::new(),
-        _ => vec![format!("events of {} are read; there are {}", found.name, list())],
-    };
-    let Found { table, sensor, offset, .. } = with_room(path, found)?;
+    let (found, mut notes) = choose(path, options)?;
+    let Found { table, sensor, offset, frames, samples, .. } = with_room(path, found)?;
     let (table, unit) = arrange(path, table, options, &mut notes)?;
     let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
+    let beside = [(extras::FRAMES, frames), (extras::SAMPLES, samples)];
+    let other = beside.into_iter().filter_map(|(name, found)| Some((name.to_owned(), length(&found?.0)))).collect();
     let information = RecordingInformation { format: FORMAT.name, sensor, camera_name: None, began: None, notes };
-    Ok(Box::new(Decoder { path: path.to_owned(), information, table, unit, offset, next: 0 }))
+    let path = path.to_owned();
+    let damage = options.damage;
+    Ok(Box::new(Decoder { path, information, table, unit, offset, damage, other, next: 0, batch: BATCH }))
+}
+
+/// Number of pictures or samples.
+fn length(data: &Dataset) -> u64 {
+    data.shape().first().copied().unwrap_or(0)
+}
+
+/// The stream that is asked for, or the first one, and what there is to tell of that.
+fn choose(path: &Path, options: &RecordingOptions) -> Result<(Found, Vec<String>), RecordingError> {
+    let mut all = all(path, options)?;
+    let list = all.iter().map(|found| found.name.clone()).collect::<Vec<_>>().join(", ");
+    let place = match &options.stream {
+        Some(wanted) => all.iter().position(|found| found.name == wanted.trim_matches('/')),
+        None => Some(0),
+    };
+    let count = all.len();
+    let Some(place) = place.filter(|place| *place < count) else {
+        let kind = match &options.stream {
+            Some(wanted) => RecordingErrorKind::NoSuchStream { wanted: wanted.clone(), available: list },
+            None => RecordingErrorKind::NoEventStream("groups without arrays t, x, y and p".to_owned()),
+        };
+        return Err(RecordingError::new(path, kind));
+    };
+    let found = all.swap_remove(place);
+    let notes = match count {
+        1 => Vec::new(),
+        _ => vec![format!("the events of {} are read; --stream takes one of {list}", found.name)],
+    };
+    Ok((found, notes))
+}
+
+/// The streams of events, those first whose names say so. Of other arrays of four columns, such as attitudes, those whose values can be
+/// events; where nothing else is there all, for what is wrong with them to be told.
+fn all(path: &Path, options: &RecordingOptions) -> Result<Vec<Found>, RecordingError> {
+    let file = filters::open(path, filters::Limits::default()).map_err(|error| structure(path, &error))?;
+    let Contents { streams, unread } = layout::find(&file).map_err(|error| structure(path, &error))?;
+    if let Some((array, what)) = unread.filter(|_| streams.is_empty()) {
+        return Err(RecordingError::new(path, RecordingErrorKind::Elements { array, what }));
+    }
+    let (mut all, others): (Vec<Found>, Vec<Found>) = streams.into_iter().partition(|found| found.is_named);
+    let can_be = |found: &Found| arrange(path, found.table.clone(), options, &mut Vec::new()).is_ok();
+    let (like_events, others): (Vec<Found>, Vec<Found>) = others.into_iter().partition(can_be);
+    all.extend(like_events);
+    Ok(if all.is_empty() { others } else { all })
 }
 
 /// The same, in a handle of the file that has room for its chunks.
-fn with_room(path: &Path, found: &Found) -> Result<Found, RecordingError> {
+fn with_room(path: &Path, found: Found) -> Result<Found, RecordingError> {
     let file = filters::open(path, found.table.limits()).map_err(|error| structure(path, &error))?;
-    let again = layout::find(&file).map_err(|error| structure(path, &error))?;
-    let gone = || RecordingError::new(path, RecordingErrorKind::NoEventStream("none any more".to_owned()));
+    let again = layout::find(&file).map_err(|error| structure(path, &error))?.streams;
+    let gone =
+        || RecordingError::new(path, RecordingErrorKind::NoEventStream("something else than a moment ago".to_owned()));
     again.into_iter().find(|again| again.name == found.name).ok_or_else(gone)
 }
 
@@ -90,6 +137,8 @@ fn arrange(
             Some(_) => return Err(layout(columns::LayoutError::FieldCount(order.as_slice().len()))),
             None => columns::from_values(&sample, notes).map_err(layout)?,
         };
+    } else if options.columns.is_some() {
+        return Err(layout(columns::LayoutError::Named));
     }
     let unit = options.time_unit.unwrap_or_else(|| {
         let place = table.place_of(Column::T);
@@ -100,27 +149,60 @@ fn arrange(
 }
 
 fn streams(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError> {
-    let file = filters::open(path, filters::Limits::default()).map_err(|error| structure(path, &error))?;
-    let all = layout::find(&file).map_err(|error| structure(path, &error))?;
-    let summary = |found: &Found| {
-        let (table, unit) = arrange(path, with_room(path, found)?.table, options, &mut Vec::new())?;
-        let time = |row: u64| {
-            let rows = table.rows(row, row + 1).ok()?;
-            let number = rows.first()?.iter().find(|(column, _)| *column == Column::T)?.1;
-            number.microseconds(unit)
-        };
-        let last = table.count().checked_sub(1);
-        let times_us = last.and_then(|last| Some((time(0)?, time(last)?)));
-        Ok(StreamSummary { name: found.name.clone(), packets: 1, elements: table.count(), times_us })
+    let summary = |found: Found| {
+        let (name, count) = (found.name.clone(), found.table.count());
+        let mut summaries =
+            vec![StreamSummary { name, packets: 1, elements: count, times_us: times(path, &found, options) }];
+        for (name, beside) in [(extras::FRAMES, found.frames), (extras::SAMPLES, found.samples)] {
+            if let Some((data, _)) = beside {
+                let name = format!("{name} beside {}", found.name);
+                summaries.push(StreamSummary { name, packets: 1, elements: length(&data), times_us: None });
+            }
+        }
+        summaries
     };
-    all.iter().map(summary).collect()
+    Ok(all(path, options)?.into_iter().flat_map(summary).collect())
+}
+
+/// Times of the first and the last event in µs. What cannot be read is for the reader of the events to tell.
+fn times(path: &Path, found: &Found, options: &RecordingOptions) -> Option<(i64, i64)> {
+    let (table, unit) = arrange(path, found.table.clone(), options, &mut Vec::new()).ok()?;
+    let offset = found.offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
+    let time = |row: u64| {
+        let rows = table.rows(row, row + 1).ok()?;
+        let number = rows.first()?.iter().find(|(column, _)| *column == Column::T)?.1;
+        Some(number.microseconds(unit)?.saturating_add(offset))
+    };
+    Some((time(0)?, time(table.count().checked_sub(1)?)?))
 }
 
 /// HDF5 has no one place for a fault: its structure is spread over the file.
-fn structure(path: &Path, error: &hdf5_reader::error::Error) -> RecordingError {
-    let what = format!("the structure of the HDF5 file cannot be read: {error}");
-    let advice = "was it closed, and copied as a whole? h5dump tells more";
-    RecordingError::new(path, RecordingErrorKind::Damaged { byte: 0, what, advice })
+fn structure(path: &Path, error: &Error) -> RecordingError {
+    let kind = match (unsupported(error), filters::cut_off(path)) {
+        (Some(filter), _) => RecordingErrorKind::Filter(filter.to_owned()),
+        (None, Some((length, promised))) => RecordingErrorKind::Damaged {
+            byte: length,
+            what: format!(
+                "the file ends here, where it should have {promised} bytes, and does not tell where its events are"
+            ),
+            advice: "copy it again",
+        },
+        (None, None) => RecordingErrorKind::Damaged {
+            byte: 0,
+            what: format!("the structure of the HDF5 file cannot be read: {error}"),
+            advice: "was the program that wrote it ended too early? then h5clear -s may mend it; else copy it again",
+        },
+    };
+    RecordingError::new(path, kind)
+}
+
+/// The compression that is not read, if `error` tells of one.
+fn unsupported(error: &Error) -> Option<&str> {
+    match error {
+        Error::UnsupportedFilter(filter) => Some(filter),
+        Error::Context { source, .. } => unsupported(source),
+        _ => None,
+    }
 }
 
 struct Decoder {
@@ -130,8 +212,42 @@ struct Decoder {
     unit: TimeUnit,
     /// Added to all times, in microseconds.
     offset: i64,
+    damage: Damage,
+    /// How much there is of what lies beside the events.
+    other: Vec<(String, u64)>,
     /// Events read.
     next: u64,
+    /// How many are read at once: fewer before damage.
+    batch: u64,
+}
+
+impl Decoder {
+    fn error(&self, kind: RecordingErrorKind) -> RecordingError {
+        RecordingError::new(&self.path, kind)
+    }
+
+    /// The next event cannot be read: whether there are more behind it that may be.
+    fn pass_over(&mut self, error: &Error, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        if let Some(filter) = unsupported(error) {
+            return Err(self.error(RecordingErrorKind::Filter(filter.to_owned())));
+        }
+        if let Some((byte, promised)) = filters::cut_off(&self.path) {
+            let missing = self.table.count() - self.next;
+            let lost = format!("{missing} events are missing; the file should have {promised} bytes");
+            report.truncated = Some(Truncation { byte, lost });
+            return Ok(false);
+        }
+        if self.damage == Damage::Refuse {
+            let what = format!(
+                "its chunk cannot be unpacked ({error}); the events before it can be used, and with --skip-damaged those behind it"
+            );
+            return Err(self.error(RecordingErrorKind::Event { event: self.next + 1, what }));
+        }
+        report.damaged_packets += 1;
+        self.next = self.table.next_chunk(self.next);
+        self.batch = BATCH;
+        Ok(self.next < self.table.count())
+    }
 }
 
 impl Decode for Decoder {
@@ -139,18 +255,19 @@ impl Decode for Decoder {
         &self.information
     }
 
-    fn decode(&mut self, batch: &mut Vec<Event>, _: &mut ReadReport) -> Result<bool, RecordingError> {
-        let end = self.table.count().min(self.next + BATCH);
-        let at = |event: u64, what: String| RecordingError::new(&self.path, RecordingErrorKind::Event { event, what });
-        let rows = self.table.rows(self.next, end).map_err(|error| {
-            at(self.next + 1, format!("it cannot be unpacked: {error}; the events before it can be used"))
-        })?;
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        report.other_packets.extend(std::mem::take(&mut self.other));
+        let rows = match self.table.readable(self.next, self.batch) {
+            Ok(rows) => rows,
+            Err(error) => return self.pass_over(&error, report),
+        };
+        // Fewer than asked for: damage is near, and would be met again and again.
+        self.batch = self.batch.min((rows.len() as u64).max(1));
         for row in &rows {
             self.next += 1;
             let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
             for (column, number) in row {
-                numbers::put(&mut event, self.next, *column, *number, self.unit)
-                    .map_err(|kind| RecordingError::new(&self.path, kind))?;
+                numbers::put(&mut event, self.next, *column, *number, self.unit).map_err(|kind| self.error(kind))?;
             }
             event.t = event.t.saturating_add(self.offset);
             batch.push(event);

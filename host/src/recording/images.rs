@@ -6,7 +6,7 @@ use evcal_core::sensor::Sensor;
 
 use super::image_folder::{ImageFolder, ImageFolderError, Stamps};
 use super::pictures::TimedImage;
-use super::ros::ImageTopic;
+use super::ros::{ImageTopic, is_folder};
 use super::{Damage, RecordingError};
 
 /// Where images are.
@@ -42,7 +42,7 @@ impl Images {
     /// # Errors
     /// [`ImagesError`] names the file and what is wrong with it.
     pub fn open(path: &Path, topic: Option<&str>, damage: Damage, stamps: Stamps) -> Result<Option<Self>, ImagesError> {
-        let source = if path.is_dir() {
+        let source = if path.is_dir() && !is_folder(path) {
             Some(Source::Folder(ImageFolder::open(path, stamps)?))
         } else {
             ImageTopic::open(path, topic, damage)?.map(Source::Topic)

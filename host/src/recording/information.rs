@@ -8,6 +8,7 @@ use evcal_core::event::{Event, Polarity};
 use serde::Serialize;
 
 use crate::recording::bad_pixels::dead_lines;
+use crate::recording::convert::open_extras;
 use crate::recording::date::date;
 use crate::recording::flicker::{Flicker, RateBins};
 use crate::recording::saturation::SaturationDetector;
@@ -131,7 +132,10 @@ pub struct HotPixel {
 /// When it cannot be opened. An error further on ends up in [`Information::error`], with the figures
 /// of what was read until then.
 pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
-    Ok(Information { streams: recording.streams()?, ..gather_events(recording)? })
+    let mut information = gather_events(recording)?;
+    information.streams = recording.streams()?;
+    information.notes.extend(open_extras(recording)?.chosen());
+    Ok(information)
 }
 
 /// As [`gather`], of the events alone: [`Information::streams`] stays empty.
@@ -372,8 +376,9 @@ impl fmt::Display for Information {
         }
         if let Some(Flicker { frequency, share, fills_readout }) = self.flicker {
             let share = 100.0 * share;
-            let value =
-                format!("the light flickers at {frequency} Hz: ON and OFF events take turns by {share:.0} % of all");
+            let value = format!(
+                "the light flickers at {frequency} Hz: {share:.0} % of all events come in its rhythm, ON and OFF by turns"
+            );
             let full = if fills_readout { ", as many as can be read: they come late" } else { "" };
             line(f, "flicker", value + full)?;
         }
@@ -411,31 +416,11 @@ impl fmt::Display for Information {
                 line(f, "stream", format!("{name}: {count}"))?;
             }
         }
-        if report.steps_back > 0 {
-            let (count, largest) = (report.steps_back, report.largest_step_back);
-            line(f, "warning", format!("time steps back {count} times, by up to {largest} us"))?;
+        for warning in report.warnings() {
+            line(f, "warning", warning)?;
         }
-        if report.clock_resets > 0 {
-            line(f, "warning", format!("the clock was reset {} times; later times are shifted", report.clock_resets))?;
-        }
-        if report.strays > 0 {
-            line(
-                f,
-                "warning",
-                format!("{} stray events with times more than 0.1 s early are left out", report.strays),
-            )?;
-        }
-        if report.out_of_range > 0 {
-            line(f, "warning", format!("{} events lie outside the sensor and are left out", report.out_of_range))?;
-        }
-        if report.damaged_packets > 0 {
-            line(f, "warning", format!("{} damaged packets are left out", report.damaged_packets))?;
-        }
-        for note in report.stream.notes() {
-            line(f, "warning", note)?;
-        }
-        if let Some(truncated) = &report.truncated {
-            line(f, "warning", truncated.to_string())?;
+        if self.events == 0 && self.error.is_none() {
+            line(f, "warning", "it holds no events".to_owned())?;
         }
         for note in &self.notes {
             line(f, "note", note.clone())?;

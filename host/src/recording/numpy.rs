@@ -4,7 +4,7 @@
 //! |---|---|
 //! | structured array | events, by the names of its fields |
 //! | array of N × 4 or 4 × N numbers | events, by columns as in a text file |
-//! | npz with arrays `t`, `x`, `y`, `p` of one length | events, by the names of the arrays |
+//! | npz with arrays `t`, `x`, `y`, `p` of one length, or `t`, `xy`, `p` | events, by the names of the arrays |
 //!
 //! Names, units of time and what is guessed are those of text files.
 
@@ -26,19 +26,22 @@ use super::bytes::{BEFORE_IT, share};
 use super::numbers::{self, NumberType};
 use super::{
     Column, Columns, Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, TimeUnit, Truncation, columns,
+    RecordingOptions, TimeUnit, Truncation, Uses, columns,
 };
 use archive::Place;
-use table::{Part, Table};
+use table::{Named, Part, Table};
 pub use write::OUTPUT;
 
 /// An npy file.
-pub const ARRAY_FORMAT: FileFormat =
-    FileFormat::of_events("NumPy array", |head| head.bytes.starts_with(header::MAGIC), open_array);
+pub const ARRAY_FORMAT: FileFormat = FileFormat {
+    uses: Uses { columns: true, ..Uses::NONE },
+    ..FileFormat::of_events("NumPy array", |head| head.bytes.starts_with(header::MAGIC), open_array)
+};
 
 /// An npz file.
 pub const ARCHIVE_FORMAT: FileFormat = FileFormat {
     output: Some(&OUTPUT),
+    uses: Uses { stream: true, columns: true, device: false },
     ..FileFormat::of_events("NumPy archive", |head| head.bytes.starts_with(archive::MAGIC), open_archive)
 };
 
@@ -52,9 +55,26 @@ fn open_array(path: &Path, options: &RecordingOptions) -> Opened {
 
 fn open_archive(path: &Path, options: &RecordingOptions) -> Opened {
     let members = archive::members(path)?;
-    let (table, name) = table::of_archive(path, &members, options.stream.as_deref())?;
+    let found = table::of_archive(path, &members, options.stream.as_deref())?;
+    let (table, name) = likeliest(path, found, options)?;
     let notes = name.map(|name| format!("events of the array {name} are read")).into_iter().collect();
     open(ARCHIVE_FORMAT.name, path, table, table::sensor(path, &members), notes, options)
+}
+
+/// The first of these tables that can be events; where none can, the first, for what is wrong with it to be told.
+fn likeliest(path: &Path, found: Vec<Named>, options: &RecordingOptions) -> Result<Named, RecordingError> {
+    let can_be = |(table, _): &Named| {
+        let sample = sample(path, table)?;
+        Ok(layout(table, &sample, options, &mut Vec::new()).is_ok())
+    };
+    let mut first = None;
+    for named in found {
+        if can_be(&named)? {
+            return Ok(named);
+        }
+        first.get_or_insert(named);
+    }
+    first.ok_or_else(|| RecordingError::new(path, RecordingErrorKind::NoEventStream("nothing else".to_owned())))
 }
 
 fn open(
@@ -70,12 +90,11 @@ fn open(
         .map_err(|error| RecordingError::new(path, RecordingErrorKind::Layout(error)))?;
     let sources = sources(path, &table, columns.as_slice())?;
     let fields = sources.iter().flat_map(|source| &source.fields);
-    if let Some((column, ..)) =
-        fields.into_iter().find(|(column, _, number)| *column != Column::Ignored && number.is_none())
-    {
-        let kind =
-            RecordingErrorKind::NoEventStream(format!("an array whose {column:?} is no number that is read here"));
-        return Err(RecordingError::new(path, kind));
+    let unread = fields.into_iter().find(|(column, _, number)| *column != Column::Ignored && number.is_none());
+    if let Some((column, ..)) = unread {
+        let array = format!("{column:?}").to_lowercase();
+        let what = "floating-point numbers of 16 bits, or elements that are no numbers";
+        return Err(RecordingError::new(path, RecordingErrorKind::Elements { array, what }));
     }
     let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
     let path = path.to_owned();
@@ -95,6 +114,8 @@ fn layout(
     });
     let unit_of_name = named.as_ref().and_then(|((_, unit), _)| *unit);
     let columns = match (&options.columns, named) {
+        // Arrays by their names have no order.
+        (Some(_), Some(_)) if table.parts.len() > 1 => return Err(columns::LayoutError::Named),
         (Some(columns), _) if columns.as_slice().len() == table.width() => columns.clone(),
         (Some(_), _) => return Err(columns::LayoutError::FieldCount(table.width())),
         (None, Some(((Some(columns), _), _))) => columns,

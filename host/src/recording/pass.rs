@@ -50,21 +50,7 @@ impl Pass {
     /// The pass as a report.
     pub fn to_report(&self) -> RecordingReport {
         let mut notes = self.assumptions.clone();
-        let report = &self.report;
-        if let Some(truncation) = &report.truncated {
-            notes.push(truncation.to_string());
-        }
-        let mut note = |count: u64, what: &str| {
-            if count > 0 {
-                notes.push(format!("{count} {what}"));
-            }
-        };
-        note(report.out_of_range, "events outside the sensor dropped");
-        note(report.steps_back, "steps back in time put in order");
-        note(report.strays, "stray events with times more than 0.1 s early dropped");
-        note(report.clock_resets, "clock resets bridged");
-        note(report.damaged_packets, "damaged packets left out");
-        notes.extend(report.stream.notes());
+        notes.extend(self.report.warnings());
         if let Some(error) = &self.damage {
             notes.push(format!("read up to its damage only: {error}"));
         }

@@ -18,11 +18,14 @@ use super::ReadReport;
 pub(super) fn tell(counts: &EvtCounts, report: &mut ReadReport) {
     report.stream.clock_resets = counts.clock_resets.into();
     let faults = [
-        ("an event before the first time, or behind a damaged one", counts.without_time),
-        ("an event before the first row", counts.without_row),
-        ("a time that leaps and is not believed", counts.false_leaps),
-        ("words lost for more than a second", counts.leaps),
-        ("a word that the format does not have", counts.unknown),
+        ("events left out for want of a time: none came before, or the last one was damaged", counts.without_time),
+        ("events left out for want of a row: none came before", counts.without_row),
+        (
+            "words of time taken for damaged: they leap by more than a second, and the next ones do not confirm it",
+            counts.false_leaps,
+        ),
+        ("leaps in time by more than a second that the next words confirm: something was lost", counts.leaps),
+        ("words that the format does not have", counts.unknown),
     ];
     report.stream.faults =
         faults.into_iter().filter(|(_, count)| *count > 0).map(|(what, n)| (what, n.into())).collect();

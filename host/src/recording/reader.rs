@@ -19,6 +19,8 @@ const MAX_RESETS: u64 = 16;
 const MOST_STRAYS: usize = 8;
 /// Of so many events one may be a stray, beyond the first [`MAX_RESETS`]: more mean that the events are not in order.
 const EVENTS_PER_STRAY: u64 = 100;
+/// So many events at the beginning are looked at together, for strays among the first of them.
+const BEGINNING: usize = 64;
 /// Times beyond ±2⁵⁵ µs (1100 years) are no times; with at most [`MAX_RESETS`] shifts of twice that,
 /// no time handed out exceeds 2⁶¹ µs.
 const MAX_TIME: i64 = 1 << 55;
@@ -62,6 +64,10 @@ pub struct ReadReport {
     /// Events dropped because they lie outside the sensor (or, when its size is not known, beyond
     /// column or row 32766).
     pub out_of_range: u64,
+    /// Of those, events with a column or row below 0 or beyond 32766.
+    pub no_pixel: u64,
+    /// Of those outside the sensor, events that would lie in it with x and y exchanged; 0 where others would not then.
+    pub exchanged: u64,
     /// Events earlier than one before them by at most 0.1 s: handed out with the time of the latest.
     pub steps_back: u64,
     /// The largest of these steps, in microseconds.
@@ -69,7 +75,7 @@ pub struct ReadReport {
     /// Steps back by more than 0.1 s: the clock was reset. Times go on 1 s after the latest event.
     pub clock_resets: u64,
     /// Events left out because they are more than 0.1 s earlier than those before and behind them, as a
-    /// DAVIS346 sends them now and then.
+    /// DAVIS346 sends them now and then; at the beginning also those that are more than 0.1 s from all others.
     pub strays: u64,
     /// Packets left out because they could not be decoded.
     pub damaged_packets: u64,
@@ -82,6 +88,52 @@ pub struct ReadReport {
     pub frames: Option<u64>,
     /// Set when the file ends too early.
     pub truncated: Option<Truncation>,
+}
+
+impl ReadReport {
+    /// Whether all events outside the sensor would lie in it with x and y exchanged, and those in it too.
+    pub fn looks_exchanged(&self) -> bool {
+        self.exchanged > 0 && self.exchanged == self.out_of_range
+    }
+
+    /// What there is to tell, in sentences.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if self.steps_back > 0 {
+            let (count, largest) = (self.steps_back, self.largest_step_back);
+            warnings.push(format!(
+                "{count} events are up to {largest} µs earlier than one before them, and were given its time"
+            ));
+        }
+        if self.clock_resets > 0 {
+            let count = self.clock_resets;
+            warnings.push(format!(
+                "the clock of the recording was reset {count} times: times after that are shifted, to go on 1 s later"
+            ));
+        }
+        if self.strays > 0 {
+            warnings.push(format!(
+                "{} stray events, more than 0.1 s away from their neighbours, are left out",
+                self.strays
+            ));
+        }
+        if self.out_of_range > 0 {
+            let reason = if self.looks_exchanged() {
+                "; with x and y exchanged all events would lie in it".to_owned()
+            } else if self.no_pixel > 0 {
+                format!("; {} of them have a column or row below 0 or beyond 32766", self.no_pixel)
+            } else {
+                String::new()
+            };
+            warnings.push(format!("{} events lie outside the sensor and are left out{reason}", self.out_of_range));
+        }
+        if self.damaged_packets > 0 {
+            warnings.push(format!("{} damaged packets are left out", self.damaged_packets));
+        }
+        warnings.extend(self.stream.notes());
+        warnings.extend(self.truncated.as_ref().map(Truncation::to_string));
+        warnings
+    }
 }
 
 /// What was wrong with a stream as a camera sends it.
@@ -125,11 +177,11 @@ impl StreamFaults {
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if self.gaps > 0 {
-            notes.push(format!("bytes of the stream are missing in {} places", self.gaps));
+            notes.push(format!("bytes of the stream were lost in {} places", self.gaps));
         }
         if self.repaired_gaps > 0 {
             notes.push(format!(
-                "after {} of them {:.3} s of the camera's time were missing too, and are put right by the computer's clock",
+                "in {} of these places the camera's count of time was lost too, {:.3} s in all; the computer's clock told how much",
                 self.repaired_gaps,
                 self.restored_us as f64 / 1e6
             ));
@@ -137,19 +189,21 @@ impl StreamFaults {
                 let restored = times.restored_us as f64 / 1e3;
                 let excess = match times.excess_us {
                     0 => String::new(),
-                    excess => format!(" ({:.3} ms of them too many, up to a later gap)", excess as f64 / 1e3),
+                    excess => format!(" ({:.3} ms of that are too much, up to a later gap)", excess as f64 / 1e3),
                 };
-                format!("from {:.6} s on {restored:.3} ms{excess}", times.from_us as f64 / 1e6)
+                format!("by {restored:.3} ms from {:.6} s on{excess}", times.from_us as f64 / 1e6)
             });
             let more = match self.repaired_times.len().saturating_sub(REPAIRS_NAMED) {
                 0 => String::new(),
-                more => format!(", and {more} more"),
+                more => format!(", and in {more} more places"),
             };
-            notes.push(format!("times put later: {}{more}", named.collect::<Vec<_>>().join(", ")));
+            notes.push(format!("times were put later for that: {}{more}", named.collect::<Vec<_>>().join(", ")));
         }
         if self.taken_back_us > 0 {
             let taken_back = self.taken_back_us as f64 / 1e3;
-            notes.push(format!("{taken_back:.3} ms of that were too much and are taken back at a later gap"));
+            notes.push(format!(
+                "{taken_back:.3} ms of that turned out to be too much, and were taken back at a later gap"
+            ));
         }
         if self.dropped > 0 {
             let dropped = self.dropped;
@@ -158,7 +212,7 @@ impl StreamFaults {
         if self.clock_resets > 0 {
             notes.push(format!("the camera's clock was reset {} times; later times are shifted", self.clock_resets));
         }
-        notes.extend(self.faults.iter().map(|(what, count)| format!("faults in the stream: {count} times {what}")));
+        notes.extend(self.faults.iter().map(|(what, count)| format!("in the camera's stream: {what} ({count})")));
         notes
     }
 }
@@ -170,6 +224,10 @@ pub struct EventReader {
     information: RecordingInformation,
     report: ReadReport,
     clock: Option<Clock>,
+    /// The first events, as long as there are too few to tell strays among them.
+    beginning: Option<Vec<Event>>,
+    /// Whether an event in the sensor would lie outside it with x and y exchanged.
+    is_upright: bool,
     /// As the decoder gave them.
     batch: Vec<Event>,
     /// Events that are too early, of which it is not yet known whether the clock was reset.
@@ -215,6 +273,8 @@ impl EventReader {
             information,
             report: ReadReport::default(),
             clock: None,
+            beginning: Some(Vec::new()),
+            is_upright: false,
             batch: Vec::new(),
             early: Vec::new(),
             decoded: 0,
@@ -251,8 +311,9 @@ impl EventReader {
     /// Times are in microseconds as in the file, and never decrease within a pass: an event that is
     /// up to 0.1 s earlier than one before it gets the time of that one. A larger step back is taken
     /// for a clock that was reset: from there on all times are shifted so that they go on 1 s after
-    /// the latest event; but where events go on behind it as if nothing had happened, the few early ones
-    /// are dropped. Events outside the sensor are dropped. All of this is counted in [`Self::report`].
+    /// the latest event; but where events go on behind it as if nothing had happened, or the recording ends there, the few early ones
+    /// are dropped. So are a few at the beginning that are more than 0.1 s away from all that follow. Events outside the sensor are
+    /// dropped. All of this is counted in [`Self::report`].
     ///
     /// # Errors
     /// After an error, the events before it have been handed out, and no more follow.
@@ -301,28 +362,58 @@ impl EventReader {
     /// before it.
     fn check(&mut self, batch: &[Event], events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let Sensor { width, height } = self.information.sensor.unwrap_or(Sensor::new(MAX_SENSOR_SIZE, MAX_SENSOR_SIZE));
+        let (mut exchanged, mut is_upright) = (0, self.is_upright);
         let admitted = batch.iter().try_for_each(|&event| {
             self.decoded += 1;
+            let exchanged_is_inside = event.y < width && event.x < height;
             if event.x >= width || event.y >= height {
                 self.report.out_of_range += 1;
+                self.report.no_pixel += u64::from(event.x >= MAX_SENSOR_SIZE || event.y >= MAX_SENSOR_SIZE);
+                exchanged += u64::from(exchanged_is_inside);
                 return Ok(());
             }
-            self.admit(event, events)
+            is_upright |= !exchanged_is_inside;
+            self.begin_or_admit(event, events)
         });
-        let rest = if self.ended { self.reset(events) } else { Ok(()) };
+        self.is_upright = is_upright;
+        self.report.exchanged = if is_upright { 0 } else { self.report.exchanged + exchanged };
+        let begun = if self.ended || admitted.is_err() { self.begin(events) } else { Ok(()) };
+        let rest = if self.ended { self.end(events) } else { Ok(()) };
         self.report.events += events.len() as u64;
-        admitted.and(rest)
+        admitted.and(begun).and(rest)
     }
 
-    /// Hands out `event`, or keeps it until it is clear what its time means.
-    fn admit(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
+    /// Takes `event` for one of the beginning, or hands it on.
+    fn begin_or_admit(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         if !(-MAX_TIME..=MAX_TIME).contains(&event.t) {
             let what = format!(
-                "its time, {} us, is out of range; is the recording damaged, or its time unit another one?",
+                "its time, {} µs, is none of a recording: it is damaged here, or the unit of its times is another one",
                 event.t
             );
             return Err(RecordingErrorKind::Event { event: self.decoded, what });
         }
+        match &mut self.beginning {
+            Some(beginning) if beginning.len() < BEGINNING => {
+                beginning.push(event);
+                Ok(())
+            }
+            _ => {
+                self.begin(events)?;
+                self.admit(event, events)
+            }
+        }
+    }
+
+    /// Hands out the beginning, without the strays at its front.
+    fn begin(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
+        let Some(beginning) = self.beginning.take() else { return Ok(()) };
+        let strays = if beginning.len() < BEGINNING { 0 } else { strays_in_front(&beginning) };
+        self.report.strays += strays as u64;
+        beginning.into_iter().skip(strays).try_for_each(|event| self.admit(event, events))
+    }
+
+    /// Hands out `event`, or keeps it until it is clear what its time means.
+    fn admit(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let clock = self.clock.get_or_insert(Clock { latest: event.t, shift: 0 });
         let step = clock.latest - (event.t + clock.shift);
         if step <= LARGEST_JITTER {
@@ -363,6 +454,15 @@ impl EventReader {
         Ok(())
     }
 
+    /// At the end, a few events that are too early after many others are strays.
+    fn end(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
+        let before = self.report.events + events.len() as u64;
+        if !self.early.is_empty() && before >= EVENTS_PER_STRAY * self.early.len() as u64 {
+            return self.drop_early(events.len());
+        }
+        self.reset(events)
+    }
+
     /// The clock was reset before the events that were too early, if there are any: times go on from there.
     fn reset(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let early = std::mem::take(&mut self.early);
@@ -379,11 +479,18 @@ impl EventReader {
 
     fn out_of_order(&self, times: u64) -> RecordingErrorKind {
         let what = format!(
-            "time goes back by more than 0.1 s for the {times}th time; the events are not in the order of time: \
-             sort them, or check the column and the unit of the time"
+            "time went back by more than 0.1 s {times} times up to here, so the events are not in its order: sort them by time, \
+             or say with --columns which column that is"
         );
         RecordingErrorKind::Event { event: self.decoded, what }
     }
+}
+
+/// How many events at the front are strays: the few before a step in time, back or forth, where no other step follows.
+fn strays_in_front(events: &[Event]) -> usize {
+    let is_step = |pair: &[Event]| pair[1].t.abs_diff(pair[0].t) > LARGEST_JITTER.unsigned_abs();
+    let last = events.windows(2).rposition(is_step).map_or(0, |place| place + 1);
+    if last <= MOST_STRAYS { last } else { 0 }
 }
 
 #[cfg(test)]
@@ -465,6 +572,59 @@ mod tests {
         let (times, report, error) = self::times(many.collect());
         assert!(error.unwrap().to_string().contains("sort"));
         assert_eq!((times.len() as u64, report.strays), (report.events, 17));
+    }
+
+    /// A camera's first events, or the last one of a recording, may have a time of its own as any other; they were taken for a
+    /// clock that was reset.
+    #[test]
+    fn strays_at_the_beginning_and_the_end_are_left_out() {
+        let usual = |count: i64| (0..count).map(|index| 5_000_000 + 100 * index);
+        for (front, end) in [
+            (vec![4_001_000], vec![]),
+            (vec![4_001_000, 4_001_010, 4_300_000], vec![]),
+            (vec![9_000_000, 9_000_001], vec![]),
+            (vec![], vec![4_100_000, 4_100_001]),
+            (vec![4_001_000], vec![4_100_000]),
+        ] {
+            let strays = (front.len() + end.len()) as u64;
+            let all = front.into_iter().chain(usual(1000)).chain(end);
+            let (times, report, error) = times(all.map(at).collect());
+            assert!(times.into_iter().eq(usual(1000)));
+            assert_eq!((report.strays, report.clock_resets, report.steps_back), (strays, 0, 0));
+            assert!(error.is_none());
+        }
+        // Of a few events none can be told from the others.
+        let (times, report, _) = times(vec![at(9_000_000), at(0), at(100), at(1_000_000)]);
+        assert_eq!((times.len(), report.strays, report.clock_resets), (4, 0, 1));
+    }
+
+    /// More early events at the beginning than strays are a part of the recording.
+    #[test]
+    fn a_rest_after_the_beginning_is_no_reason_to_leave_it_out() {
+        for first in [9, 63, 100] {
+            let (times, report, _) = times((0..first).chain(7_000_000..7_000_200).map(at).collect());
+            assert_eq!((times.len() as i64, report.strays), (first + 200, 0));
+        }
+    }
+
+    #[test]
+    fn coordinates_that_are_exchanged_are_told() {
+        let (sensor, turned) = (Some(Sensor::new(346, 260)), |x, y| Event { x, y, ..at(0) });
+        for (events, exchanged, no_pixel) in [
+            (vec![turned(3, 4), turned(259, 345), turned(100, 300)], 2, 0),
+            // A column that a turned sensor does not have.
+            (vec![turned(3, 4), turned(259, 345), turned(300, 3)], 0, 0),
+            (vec![turned(3, 4), turned(u16::MAX, 7)], 0, 1),
+        ] {
+            let mut reader = reader(events, sensor, None);
+            let mut batch = Vec::new();
+            while reader.next_batch(&mut batch).unwrap() {}
+            let report = reader.report();
+            assert_eq!(
+                (report.exchanged, report.no_pixel, report.looks_exchanged()),
+                (exchanged, no_pixel, exchanged > 0)
+            );
+        }
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Recordings of ROS: bags of ROS 1, and bags of ROS 2 as MCAP or SQLite.
+//! Recordings of ROS: bags of ROS 1, and bags of ROS 2 as MCAP or SQLite, by themselves or in their folder.
 //!
 //! | message | what is read |
 //! |---|---|
@@ -8,7 +8,8 @@
 //! | `sensor_msgs/CompressedImage` | images of a second camera: JPEG and PNG |
 //! | `sensor_msgs/Imu` | inertial samples |
 //!
-//! Times are those in the messages, which a sensor gave; when a message was recorded decides on the order only.
+//! Times are those in the messages, which a sensor gave. Messages are read in the order in which they stand in the file; when they were
+//! recorded is not looked at.
 
 mod bag;
 mod bayer;
@@ -17,6 +18,7 @@ mod db3;
 mod events;
 mod extras;
 mod fields;
+mod folder;
 mod images;
 mod mcap;
 mod message;
@@ -29,5 +31,7 @@ mod write;
 
 pub use bag::FORMAT as BAG_FORMAT;
 pub use db3::FORMAT as DB3_FORMAT;
+pub use folder::{FORMAT as FOLDER_FORMAT, is_bag as is_folder};
 pub use images::ImageTopic;
 pub use mcap::FORMAT as MCAP_FORMAT;
+pub(super) use message::GRAVITY;

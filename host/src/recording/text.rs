@@ -29,12 +29,15 @@ use super::columns::LayoutError;
 use super::encode::{Encode, OutputFormat, WriteError};
 use super::{
     Column, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, Truncation,
+    RecordingOptions, Truncation, Uses,
 };
 
 /// Text or CSV.
-pub const FORMAT: FileFormat =
-    FileFormat { output: Some(&OUTPUT), ..FileFormat::of_events("text", recognise, Decoder::open) };
+pub const FORMAT: FileFormat = FileFormat {
+    output: Some(&OUTPUT),
+    uses: Uses { columns: true, ..Uses::NONE },
+    ..FileFormat::of_events("text", recognise, Decoder::open)
+};
 
 /// Text with a line of names, `t_us,x,y,p`.
 pub const OUTPUT: OutputFormat = OutputFormat {
@@ -51,7 +54,7 @@ pub const OUTPUT: OutputFormat = OutputFormat {
 };
 
 fn recognise(head: &Head) -> bool {
-    head.text().is_some_and(|text| text.bytes().any(|byte| byte.is_ascii_digit()))
+    head.text().is_some_and(|text| text.bytes().any(|byte| byte.is_ascii_digit()) || layout::is_named(text))
 }
 
 const BATCH: usize = 32_768;

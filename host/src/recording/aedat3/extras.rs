@@ -1,4 +1,4 @@
-//! Frames and inertial samples of AEDAT 3.1.
+//! Frames and inertial samples of AEDAT 3. In 3.0 rows count from below.
 //!
 //! | packet | an event is |
 //! |---|---|
@@ -8,11 +8,12 @@
 use std::collections::VecDeque;
 use std::path::Path;
 
-use super::packets::{PacketHead, header, name, next_head, time};
+use super::packets::{Header, PacketHead, header, name, next_head, sensor, time};
+use super::{chosen, other_name};
 use crate::recording::bytes::ByteReader;
 use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until};
 use crate::recording::pictures::TimedImage;
-use crate::recording::{Head, RecordingError, RecordingErrorKind};
+use crate::recording::{Head, RecordingError, RecordingErrorKind, RecordingOptions};
 
 const FRAMES: i16 = 2;
 const SAMPLES: i16 = 3;
@@ -20,27 +21,37 @@ const SAMPLES: i16 = 3;
 const FRAME_HEAD: usize = 36;
 const SAMPLE: usize = 36;
 
-/// The packets of a file, of which frames and samples are decoded.
+/// The packets of one camera in a file, of which frames and samples are decoded.
 struct Packets {
     file: ByteReader,
+    /// `None` if there is none that is read here, which the reader of events tells.
+    header: Option<Header>,
+    source: Option<i16>,
+    /// Height of the sensor, where rows count from below.
+    from_below: Option<u16>,
     bytes: Vec<u8>,
     waiting: VecDeque<Extra>,
 }
 
 impl Packets {
-    fn open(path: &Path) -> Result<Self, RecordingError> {
+    fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
         let mut file = ByteReader::open(path)?;
         let header = header(&Head::read(path)?.bytes);
-        // Without a header that is read here there is nothing: the reader of events says so.
-        let start = header.filter(|header| !header.from_below).map_or(u64::MAX, |header| header.length);
+        let source = header.as_ref().map(|header| chosen(path, header, options)).transpose()?.flatten();
+        let sensor = options.sensor.or_else(|| sensor(&source?.1));
+        let from_below = sensor.filter(|_| header.as_ref().is_some_and(|header| header.from_below));
+        let from_below = from_below.map(|sensor| sensor.height);
+        let source = source.map(|(number, _)| *number);
+        let start = header.as_ref().map_or(u64::MAX, |header| header.length);
         file.seek(start.min(file.left()))?;
-        Ok(Self { file, bytes: Vec::new(), waiting: VecDeque::new() })
+        Ok(Self { file, header, source, from_below, bytes: Vec::new(), waiting: VecDeque::new() })
     }
 
     /// The head of the next packet of frames or samples that is whole.
     fn next_packet(&mut self) -> Result<Option<PacketHead>, RecordingError> {
         while let Some(head) = next_head(&mut self.file, &mut None)?.filter(|head| head.length == head.wanted) {
-            if matches!(head.kind, FRAMES | SAMPLES) {
+            let is_of = |header: &Header| header.is_of(self.source, head.source);
+            if matches!(head.kind, FRAMES | SAMPLES) && self.header.as_ref().is_some_and(is_of) {
                 return Ok(Some(head));
             }
             self.file.seek(self.file.position() + head.length)?;
@@ -58,7 +69,7 @@ impl Packets {
                     continue;
                 }
                 let extra = match head.kind {
-                    FRAMES => frame(&head, event).map(Extra::Frame),
+                    FRAMES => frame(&head, event).map(|frame| Extra::Frame(upright(frame, self.from_below))),
                     _ => sample(&head, event).map(Extra::Inertial),
                 };
                 let damaged = || self.file.damaged(head.byte, format!("a packet of {} is damaged", name(head.kind)));
@@ -94,6 +105,16 @@ fn frame(head: &PacketHead, event: &[u8]) -> Option<Frame> {
     Some(Frame { t, exposure: Some(exposure), readout: Some((start, end)), size, position, channels, pixels })
 }
 
+/// The frame with its first row above, whose rows count from below where the height of the sensor is given.
+fn upright(mut frame: Frame, from_below: Option<u16>) -> Frame {
+    let Some(height) = from_below else { return frame };
+    let row = usize::from(frame.size.0) * frame.channels;
+    let rows: Vec<&[u8]> = frame.pixels.chunks_exact(row.max(1)).rev().collect();
+    frame.pixels = rows.concat();
+    frame.position.1 = height.saturating_sub(frame.position.1.saturating_add(frame.size.1));
+    frame
+}
+
 fn sample(head: &PacketHead, event: &[u8]) -> Option<InertialSample> {
     let [_, t, numbers @ ..] = event.first_chunk::<SAMPLE>()?.as_chunks::<4>().0 else { return None };
     let &[ax, ay, az, gx, gy, gz, temperature] = numbers else { return None };
@@ -113,8 +134,8 @@ struct PacketExtras {
 }
 
 /// Opens those of the file at `path`.
-pub fn open(path: &Path) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    let mut heads = Packets::open(path)?;
+pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
+    let mut heads = Packets::open(path, options)?;
     let mut held = OtherStreams::default();
     while !(held.frames && held.imu) {
         match heads.next_packet() {
@@ -128,7 +149,7 @@ pub fn open(path: &Path) -> Result<Box<dyn ReadExtras>, RecordingError> {
             Err(error) => return Err(error),
         }
     }
-    let mut packets = Packets::open(path)?;
+    let mut packets = Packets::open(path, options)?;
     let next = packets.next().unwrap_or_default();
     Ok(Box::new(PacketExtras { packets, next, held }))
 }
@@ -147,18 +168,20 @@ impl ReadExtras for PacketExtras {
     }
 
     fn reads(&self, stream: &str) -> bool {
+        let Packets { header: Some(header), source, .. } = &self.packets else { return false };
         [(FRAMES, self.held.frames), (SAMPLES, self.held.imu)]
             .into_iter()
-            .any(|(kind, held)| held && stream == format!("{} ({kind})", name(kind)))
+            .any(|(kind, held)| held && stream == other_name(header, kind, source.unwrap_or_default()))
     }
 }
 
 /// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
 pub fn visit_frames(
     path: &Path,
+    options: &RecordingOptions,
     visit: &mut dyn FnMut(TimedImage),
 ) -> Result<Result<(), RecordingError>, RecordingError> {
-    let mut packets = Packets::open(path)?;
+    let mut packets = Packets::open(path, options)?;
     Ok(loop {
         match packets.next() {
             Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
@@ -255,6 +278,22 @@ mod tests {
         let mut count = 0;
         assert_eq!(visit_frames(&recording, |_| count += 1).unwrap(), None);
         assert_eq!(count, 2);
+    }
+
+    /// In 3.0 the first row is the lowest one, and there is no mark at the end of the header.
+    #[test]
+    fn frames_of_3_0_are_turned_upright() {
+        let content = file();
+        let packets = content.windows(2).position(|bytes| bytes == b"\n\x01").unwrap() + 1;
+        let lines = b"#!AER-DAT3.0\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n";
+        let (_directory, recording) = recording(&[lines, &content[packets..]].concat());
+        let mut extras = open_extras(&recording).unwrap();
+        let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut Vec::new())).collect();
+        let Some(Extra::Frame(grey)) = found.first() else { panic!("a frame first") };
+        assert_eq!((&grey.pixels[..], grey.position), (&[4, 5, 255, 1, 2, 3][..], (5, 260 - 6 - 2)));
+        let Some(Extra::Frame(coloured)) = found.last() else { panic!("a frame last") };
+        assert_eq!(coloured.pixels, [6, 5, 4, 3, 2, 1]);
+        assert_eq!(found.len(), 4);
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub const EVENT: usize = 8;
 /// Names of what packets hold, by kind.
 const KINDS: [&str; 5] = ["special events", "events", "frames", "inertial samples", "inertial samples with compass"];
 /// What in the line of the source tells its sensor.
-pub const SOURCES: &[(&str, Sensor)] = &[
+const SOURCES: &[(&str, Sensor)] = &[
     ("DAVIS346", Sensor::new(346, 260)),
     ("DAVIS240", Sensor::new(240, 180)),
     ("DAVIS640", Sensor::new(640, 480)),
@@ -30,8 +30,8 @@ pub const SOURCES: &[(&str, Sensor)] = &[
 pub struct Header {
     /// Version 3.0, where y counts from below.
     pub from_below: bool,
-    /// The camera.
-    pub source: Option<String>,
+    /// Number and name of each camera.
+    pub sources: Vec<(i16, String)>,
     /// When it was recorded.
     pub began: Option<String>,
     /// How packets are put into bytes, `RAW` unless they are compressed.
@@ -40,10 +40,50 @@ pub struct Header {
     pub length: u64,
 }
 
+impl Header {
+    /// The camera that is asked for by its number or name, else the first one; `None` if there is none such.
+    pub fn source(&self, wanted: Option<&str>) -> Option<&(i16, String)> {
+        match wanted {
+            Some(wanted) => self.sources.iter().find(|(number, name)| number.to_string() == wanted || name == wanted),
+            None => self.sources.first(),
+        }
+    }
+
+    /// Whether packets of the source `number` are those of `chosen`. Where the header names but one source, all are.
+    pub fn is_of(&self, chosen: Option<i16>, number: i16) -> bool {
+        self.sources.len() < 2 || chosen == Some(number)
+    }
+
+    /// What packets of this kind and source are called.
+    pub fn name_of(&self, kind: i16, source: i16) -> String {
+        match self.sources.iter().find(|(number, _)| *number == source) {
+            Some((_, camera)) if self.sources.len() > 1 => format!("{} of {source} {camera}", name(kind)),
+            _ => name(kind).to_owned(),
+        }
+    }
+
+    /// The sources by numbers and names.
+    pub fn list(&self) -> String {
+        let all: Vec<String> = self.sources.iter().map(|(number, name)| format!("{number} {name}")).collect();
+        if all.is_empty() { "none is named".to_owned() } else { all.join(", ") }
+    }
+}
+
+/// The sensor of a camera of this name.
+pub fn sensor(camera: &str) -> Option<Sensor> {
+    let camera = camera.to_uppercase();
+    SOURCES.iter().find(|(name, _)| camera.contains(name)).map(|&(_, sensor)| sensor)
+}
+
 /// `None` if the end of the header is not in `bytes`.
 pub fn header(bytes: &[u8]) -> Option<Header> {
-    let mut header =
-        Header { from_below: bytes.starts_with(b"#!AER-DAT3.0"), source: None, began: None, encoding: None, length: 0 };
+    let mut header = Header {
+        from_below: bytes.starts_with(b"#!AER-DAT3.0"),
+        sources: Vec::new(),
+        began: None,
+        encoding: None,
+        length: 0,
+    };
     let mut length = 0;
     while let Some(rest) = bytes.get(length..).filter(|rest| rest.starts_with(b"#")) {
         let end = rest.iter().take(LONGEST_LINE).position(|&byte| byte == b'\n')?;
@@ -54,8 +94,8 @@ pub fn header(bytes: &[u8]) -> Option<Header> {
             break;
         }
         if let Some((key, value)) = line.split_once(':') {
-            if key.starts_with("#Source") {
-                header.source.get_or_insert_with(|| value.trim().to_owned());
+            if let Some(number) = key.strip_prefix("#Source") {
+                header.sources.push((number.trim().parse().unwrap_or_default(), value.trim().to_owned()));
             } else if key == "#Start-Time" {
                 header.began = Some(value.trim().to_owned());
             } else if key == "#Format" {
@@ -73,6 +113,8 @@ pub struct PacketHead {
     pub byte: u64,
     /// What the packet holds.
     pub kind: i16,
+    /// Which camera it is of.
+    pub source: i16,
     /// Bytes of one event.
     pub size: u64,
     /// Bytes of all events that are there.
@@ -98,7 +140,7 @@ pub fn next_head(
         *truncated = Some(Truncation { byte, lost: format!("{} bytes of a packet's head are left", file.left()) });
         return Ok(None);
     };
-    let [kind0, kind1, _, _, rest @ ..] = head;
+    let [kind0, kind1, source0, source1, rest @ ..] = head;
     let mut numbers = [0_i32; 6];
     numbers.iter_mut().zip(rest.as_chunks().0).for_each(|(number, bytes)| *number = i32::from_le_bytes(*bytes));
     let [size, _, turns, _, number, _] = numbers;
@@ -106,7 +148,7 @@ pub fn next_head(
     let Some((size, count)) = sizes.filter(|_| turns >= 0) else {
         return Err(file.damaged(byte, "the head of a packet has a negative number"));
     };
-    let kind = i16::from_le_bytes([kind0, kind1]);
+    let (kind, source) = (i16::from_le_bytes([kind0, kind1]), i16::from_le_bytes([source0, source1]));
     if kind == POLARITY && size != EVENT as u64 {
         return Err(file.damaged(byte, format!("a packet of events says that an event has {size} bytes, not {EVENT}")));
     }
@@ -116,7 +158,7 @@ pub fn next_head(
     if length < wanted {
         *truncated = Some(Truncation { byte, lost: format!("{length} of {wanted} bytes of a packet are left") });
     }
-    Ok(Some(PacketHead { byte, kind, size, length, wanted, turns: i64::from(turns) << 31, count }))
+    Ok(Some(PacketHead { byte, kind, source, size, length, wanted, turns: i64::from(turns) << 31, count }))
 }
 
 /// A time of an event in µs, of the packet with this head.

@@ -21,7 +21,7 @@ pub enum BloscError {
     #[error("the chunk says that it has {0} bytes, more than fit")]
     Size(usize),
     /// Snappy, or what was not known when this was written.
-    #[error("its compression (number {0}) is not read; h5repack -f GZIP=4 writes the file anew")]
+    #[error("Blosc with {}", if *.0 == 2 { "Snappy".to_owned() } else { format!("codec {}", .0) })]
     Codec(u8),
     /// What is packed does not unpack.
     #[error("a block is damaged")]

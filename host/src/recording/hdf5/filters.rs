@@ -3,9 +3,12 @@
 use std::path::Path;
 
 use hdf5_reader::error::Error;
-use hdf5_reader::{FilterRegistry, Hdf5File, OpenOptions};
+use hdf5_reader::messages::filter_pipeline::FilterDescription;
+use hdf5_reader::superblock::Superblock;
+use hdf5_reader::{FilterRegistry, Hdf5File, OpenOptions, Storage};
 
-use super::{blosc, ecf};
+use super::blosc::{self, BloscError};
+use super::ecf;
 
 /// Numbers of the filters, as registered with the HDF Group; the one of ECF is Prophesee's own.
 const LZF: u16 = 32000;
@@ -13,6 +16,18 @@ const BLOSC: u16 = 32001;
 const LZ4: u16 = 32004;
 const ZSTD: u16 = 32015;
 const ECF: u16 = 0x8ECF;
+
+/// Those that are not read, by their numbers.
+const NOT_READ: [(u16, &str); 8] = [
+    (305, "LZO"),
+    (307, "bzip2"),
+    (32003, "Snappy"),
+    (32008, "Bitshuffle"),
+    (32013, "ZFP"),
+    (32017, "SZ"),
+    (32024, "SZ3"),
+    (32026, "Blosc 2"),
+];
 
 /// Chunks above this many bytes are refused.
 const LARGEST_CHUNK: usize = 64 << 20;
@@ -48,7 +63,12 @@ pub fn open(path: &Path, limits: Limits) -> Result<Hdf5File, Error> {
     );
     registry.register(
         BLOSC,
-        Box::new(move |_, data, _| blosc::decompress(data, most).map_err(|error| damaged("Blosc", error.to_string()))),
+        Box::new(move |_, data, _| {
+            blosc::decompress(data, most).map_err(|error| match error {
+                BloscError::Codec(_) => Error::UnsupportedFilter(format!("{error} (filter {BLOSC})")),
+                error => damaged("Blosc", error.to_string()),
+            })
+        }),
     );
     registry.register(
         LZ4,
@@ -71,10 +91,24 @@ pub fn open(path: &Path, limits: Limits) -> Result<Hdf5File, Error> {
             Ok(records)
         }),
     );
+    for (number, name) in NOT_READ {
+        let refuse = move |_: &FilterDescription, _: &[u8], _: usize| {
+            Err(Error::UnsupportedFilter(format!("{name} (filter {number})")))
+        };
+        registry.register(number, Box::new(refuse));
+    }
     let options = OpenOptions::default()
         .with_filter_registry(registry)
         .with_max_chunk_bytes(LARGEST_CHUNK)
         .with_chunk_cache_bytes(limits.together.clamp(1 << 20, 4 * LARGEST_CHUNK));
     let storage = hdf5_reader::FileStorage::open(path)?;
     Hdf5File::from_storage_with_options(std::sync::Arc::new(storage), options)
+}
+
+/// How many bytes the file at `path` has, and how many it should have, where these are more.
+pub fn cut_off(path: &Path) -> Option<(u64, u64)> {
+    let storage = hdf5_reader::FileStorage::open(path).ok()?;
+    let length = storage.len();
+    let promised = Superblock::parse_from_storage(&storage).ok()?.eof_address;
+    (length < promised && promised < u64::MAX).then_some((length, promised))
 }

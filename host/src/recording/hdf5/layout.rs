@@ -13,16 +13,30 @@ const DEEPEST: usize = 6;
 /// More groups than this are not looked into.
 const MOST_GROUPS: usize = 512;
 
+/// What a file holds.
+pub struct Contents {
+    /// Streams of events, in the order of the file; those of a group before those of the groups in it.
+    pub streams: Vec<Found>,
+    /// An array that would be a column of a stream if its elements could be read, and what they are.
+    pub unread: Option<(String, &'static str)>,
+}
+
 /// A stream of events.
 pub struct Found {
     /// Path of the dataset, or of the group of columns; the file's root has no name.
     pub name: String,
+    /// Whether names say that it holds events. Of other arrays of four columns only their values can.
+    pub is_named: bool,
     /// Its events.
     pub table: Table,
     /// Size of the sensor, where something beside them tells it.
     pub sensor: Option<Sensor>,
     /// What has to be added to all times, in their unit.
     pub offset: Option<Number>,
+    /// Pictures beside them, and their times.
+    pub frames: Option<(Dataset, Dataset)>,
+    /// Inertial samples beside them, and their times.
+    pub samples: Option<(Dataset, Dataset)>,
 }
 
 /// A group with its path, and that of the group above it.
@@ -32,21 +46,25 @@ struct Place {
     above: Option<usize>,
 }
 
-/// All streams of events, in the order of the file; those of a group before those of the groups in it.
-pub fn find(file: &Hdf5File) -> Result<Vec<Found>, Error> {
+/// What the file holds.
+pub fn find(file: &Hdf5File) -> Result<Contents, Error> {
     let mut places = vec![Place { path: String::new(), group: file.root_group()?, above: None }];
-    let mut found = Vec::new();
+    let mut contents = Contents { streams: Vec::new(), unread: None };
     let mut next = 0;
     while let Some(Place { path, group, above }) = places.get(next) {
         let (path, group, above) = (path.clone(), group.clone(), *above);
         let (groups, datasets) = group.members()?;
         let upper = above.and_then(|above| places.get(above)).map(|place| &place.group);
-        for (name, table) in tables(&path, &datasets) {
+        let (tables, unread) = tables(&path, &datasets);
+        contents.unread = contents.unread.or(unread);
+        for (name, table) in tables {
             let sensor = sensor(&group, &datasets).or_else(|| upper.and_then(geometry));
             let sensor = sensor.or_else(|| places.first().and_then(|root| geometry(&root.group)));
             let beside = group.dataset(OFFSET).or_else(|error| upper.map_or(Err(error), |upper| upper.dataset(OFFSET)));
             let offset = beside.ok().as_ref().and_then(table::single);
-            found.push(Found { name, table, sensor, offset });
+            let is_named = !matches!(table, Table::Rows(..)) || name_of(&name).to_lowercase().starts_with("event");
+            let [frames, samples] = [(FRAMES, 3), (SAMPLES, 2)].map(|(name, sides)| timed(&datasets, name, sides));
+            contents.streams.push(Found { name, is_named, table, sensor, offset, frames, samples });
         }
         if path.matches('/').count() + 1 < DEEPEST {
             let below = groups.into_iter().take(MOST_GROUPS.saturating_sub(places.len()));
@@ -56,34 +74,59 @@ pub fn find(file: &Hdf5File) -> Result<Vec<Found>, Error> {
         }
         next += 1;
     }
-    Ok(found)
+    Ok(contents)
 }
 
 /// Time of the first event in DSEC's files, beside the group of events.
 const OFFSET: &str = "t_offset";
+/// Pictures and inertial samples beside the events, as in MVSEC's files. Their times have the same name with `_ts` behind it.
+const FRAMES: &str = "image_raw";
+const SAMPLES: &str = "imu";
+
+/// The dataset of this name that has so many sides, and that of its times.
+fn timed(datasets: &[Dataset], name: &str, sides: usize) -> Option<(Dataset, Dataset)> {
+    let named = |name: &str| datasets.iter().find(|dataset| last(dataset) == name);
+    let (data, times) = (named(name)?, named(&format!("{name}_ts"))?);
+    let fits = data.shape().len() == sides && table::is_list(times) && table::unread(times).is_none();
+    fits.then(|| (data.clone(), times.clone()))
+}
 
 fn join(path: &str, name: &str) -> String {
-    let name = name.rsplit('/').next().unwrap_or(name);
+    let name = name_of(name);
     if path.is_empty() { name.to_owned() } else { format!("{path}/{name}") }
 }
 
+fn name_of(path: &str) -> &str {
+    path.rsplit('/').next().unwrap_or(path)
+}
+
+/// Tables by their names, and an array that would belong to one but cannot be read, with what it holds.
+type Tables = (Vec<(String, Table)>, Option<(String, &'static str)>);
+
 /// The tables of one group.
-fn tables(path: &str, datasets: &[Dataset]) -> Vec<(String, Table)> {
+fn tables(path: &str, datasets: &[Dataset]) -> Tables {
     let columns = [Column::T, Column::X, Column::Y, Column::P].map(|column| {
         let named = datasets.iter().filter(|dataset| columns::of_name(last(dataset)).0 == column);
-        // `t` rather than `t_offset`.
-        let shortest = named.filter(|dataset| table::is_column(dataset)).min_by_key(|dataset| last(dataset).len());
-        Some((column, shortest?.clone()))
+        // `t` rather than `t_offset`, and what can be read rather than what cannot.
+        let rank = |dataset: &&Dataset| (table::unread(dataset).is_some(), last(dataset).len());
+        Some((column, named.filter(|dataset| table::is_list(dataset)).min_by_key(rank)?.clone()))
     });
+    let mut unread = None;
     if let [Some(t), Some(x), Some(y), Some(p)] = columns {
-        let name = if path.is_empty() { "events".to_owned() } else { path.to_owned() };
-        return vec![(name, Table::Columns(vec![t, x, y, p]))];
+        let columns = vec![t, x, y, p];
+        let elements = |(_, dataset): &(Column, Dataset)| Some((join(path, last(dataset)), table::unread(dataset)?));
+        unread = columns.iter().find_map(elements);
+        if unread.is_none() {
+            let name = if path.is_empty() { "events".to_owned() } else { path.to_owned() };
+            return (vec![(name, Table::Columns(columns))], None);
+        }
     }
-    datasets.iter().filter_map(|dataset| Some((join(path, last(dataset)), Table::of(dataset)?))).collect()
+    let table = |dataset: &Dataset| Some((join(path, last(dataset)), Table::of(dataset)?));
+    (datasets.iter().filter_map(table).collect(), unread)
 }
 
 fn last(dataset: &Dataset) -> &str {
-    dataset.name().rsplit('/').next().unwrap_or_default()
+    name_of(dataset.name())
 }
 
 /// The size of the sensor, as datasets or attributes of a group give it.
@@ -104,16 +147,28 @@ fn sensor(group: &hdf5_reader::group::Group, datasets: &[Dataset]) -> Option<Sen
     by_datasets().or_else(by_calibration).or_else(by_pictures).or_else(|| geometry(group))
 }
 
-/// The size of the sensor, as attributes of a group give it: `geometry`, or `width` and `height`.
+/// The size of the sensor, as attributes of a group give it: `geometry`, `width` and `height`, or one of both numbers.
 fn geometry(group: &hdf5_reader::group::Group) -> Option<Sensor> {
     let sides = |text: String| {
         let (width, height) = text.split_once('x')?;
         Some(Sensor::new(width.trim().parse().ok()?, height.trim().parse().ok()?))
     };
-    let geometry = || sides(group.attribute("geometry").ok()?.read_string().ok()?);
-    let side = |name: &str| {
-        let value = group.attribute(name).ok()?.read_as_f64().ok()?;
-        (value.fract() == 0.0 && (1.0..=65_535.0).contains(&value)).then_some(value as u16)
+    let numbers = |name: &str| table::of_attribute(&group.attribute(name).ok()?);
+    let side = |name: &str| match numbers(name)?.as_slice() {
+        [side] => side.pixel().filter(|side| *side > 0),
+        _ => None,
     };
-    geometry().or_else(|| Some(Sensor::new(side("width")?, side("height")?)))
+    // Some write the height first, others the width: no sensor is higher than wide.
+    let both = |name: &str| match numbers(name)?.as_slice() {
+        [a, b] => {
+            let (a, b) = (a.pixel()?, b.pixel()?);
+            (a > 0 && b > 0).then(|| Sensor::new(a.max(b), a.min(b)))
+        }
+        _ => None,
+    };
+    let geometry = || sides(group.attribute("geometry").ok()?.read_string().ok()?);
+    let by_sides = || Some(Sensor::new(side("width")?, side("height")?));
+    geometry()
+        .or_else(by_sides)
+        .or_else(|| ["sensor_resolution", "resolution", "sensor_size"].into_iter().find_map(both))
 }

@@ -80,6 +80,20 @@ pub fn dataset(numbers: Integer, count: Option<u64>, address: u64) -> Vec<u8> {
     ])
 }
 
+/// An array of one axis whose chunks, of `side` numbers each, are in a tree at `address`; `filters` is the message of their compressions.
+#[cfg(test)]
+pub fn chunked(numbers: Integer, count: u64, side: u32, address: u64, filters: &[u8]) -> Vec<u8> {
+    let sides = [side, numbers.size.into()].map(u32::to_le_bytes);
+    let layout = [&[3, 2, 2][..], &address.to_le_bytes(), sides.as_flattened()].concat();
+    object_header(&[
+        message(DATASPACE, &dataspace(Some(count))),
+        message(DATATYPE, &numbers.message()),
+        message(FILL_VALUE, &[3, 0x0a]),
+        message(0x0b, filters),
+        message(DATA_LAYOUT, &layout),
+    ])
+}
+
 /// A group of objects by their names and addresses, and one number for each attribute.
 pub fn group(objects: &[(&str, u64)], attributes: &[(&str, u16)]) -> Vec<u8> {
     let nowhere = NOWHERE.to_le_bytes();

@@ -1,7 +1,7 @@
 //! Events in datasets, and the numbers of a part of them.
 
 use hdf5_reader::error::Error;
-use hdf5_reader::{ByteOrder, Dataset, Datatype, H5Type, SliceInfo, SliceInfoElem};
+use hdf5_reader::{Attribute, ByteOrder, Dataset, Datatype, H5Type, SliceInfo, SliceInfoElem};
 
 use super::filters::Limits;
 use crate::recording::numbers::{Number, NumberKind, NumberType};
@@ -11,18 +11,37 @@ use crate::recording::{Column, Columns, columns};
 pub type Row = [(Column, Number); 4];
 
 /// Events, one a row.
+#[derive(Clone)]
 pub enum Table {
     /// One dataset a column.
     Columns(Vec<(Column, Dataset)>),
-    /// One dataset of N x 4.
+    /// One dataset of N x 4, or of 4 x N, as MATLAB writes what it shows as N x 4.
     Rows(Dataset, Columns),
     /// One dataset of records with fields t, x, y and p.
     Records(Dataset),
 }
 
-/// A dataset that holds one number a row.
-pub fn is_column(dataset: &Dataset) -> bool {
-    number_type(dataset.dtype()).is_some() && matches!(dataset.shape(), [_] | [_, 1])
+/// Whether a dataset is a list, of N, N x 1 or 1 x N elements.
+pub fn is_list(dataset: &Dataset) -> bool {
+    matches!(dataset.shape(), [_] | [_, 1] | [1, _])
+}
+
+/// Why the elements of a dataset are not read, if they are not.
+pub fn unread(dataset: &Dataset) -> Option<&'static str> {
+    match dataset.dtype() {
+        dtype if number_type(dtype).is_some() => None,
+        Datatype::FloatingPoint { size: 2, .. } => Some("floating-point numbers of 16 bits"),
+        _ => Some("elements that are no numbers"),
+    }
+}
+
+/// The axis along which the rows of a dataset follow each other.
+fn axis(dataset: &Dataset) -> usize {
+    match dataset.shape() {
+        [1, columns] if *columns != 1 => 1,
+        [4, columns] if *columns != 4 && *columns != 1 => 1,
+        _ => 0,
+    }
 }
 
 impl Table {
@@ -31,7 +50,7 @@ impl Table {
         let unknown = || Columns::new(vec![Column::T, Column::X, Column::Y, Column::P]);
         match (dataset.dtype(), dataset.shape()) {
             (Datatype::Compound { .. }, [_]) => record_fields(dataset.dtype()).map(|_| Self::Records(dataset.clone())),
-            (dtype, [_, 4]) if number_type(dtype).is_some() => Some(Self::Rows(dataset.clone(), unknown()?)),
+            (dtype, [_, 4] | [4, _]) if number_type(dtype).is_some() => Some(Self::Rows(dataset.clone(), unknown()?)),
             _ => None,
         }
     }
@@ -45,7 +64,7 @@ impl Table {
 
     /// Number of events.
     pub fn count(&self) -> u64 {
-        let count = |dataset: &Dataset| dataset.shape().first().copied().unwrap_or(0);
+        let count = |dataset: &Dataset| dataset.shape().get(axis(dataset)).copied().unwrap_or(0);
         self.datasets().into_iter().map(count).min().unwrap_or(0)
     }
 
@@ -58,6 +77,15 @@ impl Table {
             limits.hold(rows.iter().fold(size, |bytes, side| bytes.saturating_mul(*side as usize)));
         }
         limits
+    }
+
+    /// The first row behind `row` with which a chunk of one of its datasets begins; behind all rows, where none does.
+    pub fn next_chunk(&self, row: u64) -> u64 {
+        let next = |dataset: &Dataset| {
+            let side = u64::from(*dataset.chunks()?.get(axis(dataset))?).max(1);
+            Some((row / side + 1).saturating_mul(side))
+        };
+        self.datasets().into_iter().filter_map(next).min().map_or(self.count(), |next| next.min(self.count()))
     }
 
     /// The order of the columns, where only the values can tell it, to be put right.
@@ -77,22 +105,45 @@ impl Table {
         }
     }
 
-    /// The first rows as they are, at most `most`.
+    /// The first rows as they are, at most `most`; fewer where those behind them cannot be read.
     pub fn cells(&self, most: u64) -> Result<Vec<Vec<columns::Cell>>, Error> {
-        let rows = self.rows(0, most.min(self.count()))?;
+        let rows = self.readable(0, most)?;
         Ok(rows.iter().map(|row| row.iter().map(|(_, number)| number.cell()).collect()).collect())
+    }
+
+    /// The rows from `start` on, at most `most`; where those further on cannot be read, some of those before them.
+    ///
+    /// # Errors
+    /// Where not even the first of them can be read.
+    pub fn readable(&self, start: u64, most: u64) -> Result<Vec<Row>, Error> {
+        let mut count = most.min(self.count().saturating_sub(start));
+        loop {
+            match self.rows(start, start + count) {
+                Err(_) if count > 1 => count /= 2,
+                rows => return rows,
+            }
+        }
     }
 
     /// The rows from `start` up to, but without, `end`.
     pub fn rows(&self, start: u64, end: u64) -> Result<Vec<Row>, Error> {
+        let count = end.saturating_sub(start) as usize;
+        let mut found = vec![[(Column::Ignored, Number::Whole(0)); 4]; count];
+        if count == 0 {
+            return Ok(found);
+        }
         let rows = SliceInfoElem::Slice { start, end, step: 1 };
-        let mut found = vec![[(Column::Ignored, Number::Whole(0)); 4]; (end - start) as usize];
+        let selection = |dataset: &Dataset, other: SliceInfoElem| {
+            let mut selections = vec![other; dataset.shape().len()];
+            if let Some(selection) = selections.get_mut(axis(dataset)) {
+                *selection = rows.clone();
+            }
+            SliceInfo { selections }
+        };
         match self {
             Self::Columns(columns) => {
                 for (place, (column, dataset)) in columns.iter().enumerate() {
-                    let mut selections = vec![rows.clone()];
-                    selections.extend(dataset.shape().iter().skip(1).map(|_| SliceInfoElem::Index(0)));
-                    let numbers = dataset.read_slice::<Cell>(&SliceInfo { selections })?;
+                    let numbers = dataset.read_slice::<Cell>(&selection(dataset, SliceInfoElem::Index(0)))?;
                     for (row, Cell(number)) in found.iter_mut().zip(&numbers) {
                         if let Some(slot) = row.get_mut(place) {
                             *slot = (*column, *number);
@@ -102,10 +153,14 @@ impl Table {
             }
             Self::Rows(dataset, order) => {
                 let all = SliceInfoElem::Slice { start: 0, end: 4, step: 1 };
-                let numbers = dataset.read_slice::<Cell>(&SliceInfo { selections: vec![rows, all] })?;
-                let slots = found.iter_mut().flatten().zip(order.as_slice().iter().cycle());
-                for ((slot, column), Cell(number)) in slots.zip(&numbers) {
-                    *slot = (*column, *number);
+                let numbers = dataset.read_slice::<Cell>(&selection(dataset, all))?;
+                let by_column = axis(dataset) == 1;
+                for (place, Cell(number)) in numbers.iter().enumerate() {
+                    let (row, column) = if by_column { (place % count, place / count) } else { (place / 4, place % 4) };
+                    let slot = found.get_mut(row).and_then(|row| row.get_mut(column));
+                    if let (Some(slot), Some(column)) = (slot, order.as_slice().get(column)) {
+                        *slot = (*column, *number);
+                    }
                 }
             }
             Self::Records(dataset) => {
@@ -133,6 +188,22 @@ pub fn numbers(dataset: &Dataset, most: u64) -> Option<Vec<Number>> {
     let few = dataset.num_elements().ok()? <= most && number_type(dataset.dtype()).is_some();
     let numbers = few.then(|| dataset.read_array::<Cell>().ok())??;
     Some(numbers.iter().map(|Cell(number)| *number).collect())
+}
+
+/// The numbers of row `row` of a dataset of rows.
+pub fn row(dataset: &Dataset, row: u64) -> Result<Vec<Number>, Error> {
+    let mut selections: Vec<_> =
+        dataset.shape().iter().map(|side| SliceInfoElem::Slice { start: 0, end: *side, step: 1 }).collect();
+    if let Some(first) = selections.first_mut() {
+        *first = SliceInfoElem::Index(row);
+    }
+    let numbers = dataset.read_slice::<Cell>(&SliceInfo { selections })?;
+    Ok(numbers.iter().map(|Cell(number)| *number).collect())
+}
+
+/// The numbers of an attribute.
+pub fn of_attribute(attribute: &Attribute) -> Option<Vec<Number>> {
+    Some(attribute.read_1d::<Cell>().ok()?.into_iter().map(|Cell(number)| number).collect())
 }
 
 /// How a number of a dataset is put into bytes; `None` for what is no number that is read.

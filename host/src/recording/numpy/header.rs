@@ -43,6 +43,21 @@ pub struct Field {
     pub number: Option<NumberType>,
 }
 
+/// Why an array cannot be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HeadError {
+    /// Its head is no head.
+    Damaged(&'static str),
+    /// What its elements are, which are not read.
+    Elements(&'static str),
+}
+
+impl From<&'static str> for HeadError {
+    fn from(what: &'static str) -> Self {
+        Self::Damaged(what)
+    }
+}
+
 /// How many bytes an array has at most before its elements.
 pub const fn longest() -> u64 {
     LONGEST as u64 + 12
@@ -50,7 +65,7 @@ pub const fn longest() -> u64 {
 
 impl Header {
     /// The head of an array that begins with `bytes`, or what is wrong with it.
-    pub fn parse(bytes: &[u8]) -> Result<Self, &'static str> {
+    pub fn parse(bytes: &[u8]) -> Result<Self, HeadError> {
         const CUT: &str = "the head of the array is not whole";
         let rest = bytes.strip_prefix(MAGIC).ok_or("there is no NumPy array")?;
         let (&[major, _], rest) = rest.split_first_chunk().ok_or(CUT)?;
@@ -61,14 +76,18 @@ impl Header {
             (u32::from_le_bytes(*size) as usize, rest)
         };
         if size > LONGEST {
-            return Err("the head of the array is longer than any");
+            return Err("the head of the array is longer than any".into());
         }
         let text = rest.get(..size).ok_or(CUT)?;
         let length = (bytes.len() - rest.len() + size) as u64;
         let dictionary = std::str::from_utf8(text).ok().and_then(literal::parse);
         let dictionary = dictionary.ok_or("the head of the array is not understood")?;
         let key = |name: &str| dictionary.key(name).ok_or("the head of the array names no type, order or shape");
-        let element = element(key("descr")?).ok_or("the elements of the array are of a type that is not read here")?;
+        let descr = key("descr")?;
+        let element = element(descr).ok_or(HeadError::Elements(match descr {
+            Literal::Text(text) if text.trim_start_matches(['<', '>', '=']) == "f2" => HALF,
+            _ => "elements that are no numbers",
+        }))?;
         let fortran_order = matches!(key("fortran_order")?, Literal::Word("True"));
         let shape =
             key("shape")?.items().and_then(|items| items.iter().map(Literal::whole).collect::<Option<Vec<_>>>());
@@ -87,6 +106,9 @@ impl Header {
         self.shape.iter().product()
     }
 }
+
+/// What has too few digits for a time, and is seldom met.
+const HALF: &str = "floating-point numbers of 16 bits";
 
 fn element(descr: &Literal) -> Option<Element> {
     if let Literal::Text(text) = descr {

@@ -6,7 +6,7 @@ use std::path::Path;
 use evcal_core::sensor::Sensor;
 
 use super::archive::{Member, Place};
-use super::header::{self, Element, Header};
+use super::header::{self, Element, HeadError, Header};
 use crate::recording::bytes::BEFORE_IT;
 use crate::recording::numbers::NumberType;
 use crate::recording::{Column, RecordingError, RecordingErrorKind, columns};
@@ -48,11 +48,17 @@ fn damaged(path: &Path, place: &Place, what: &str) -> RecordingError {
     RecordingError::new(path, kind)
 }
 
-fn header(path: &Path, place: &Place) -> Result<Header, RecordingError> {
+/// The head of the array `name` at `place`.
+fn header(path: &Path, name: &str, place: &Place) -> Result<Header, RecordingError> {
     let mut bytes = Vec::new();
     let read = place.open(path)?.take(header::longest()).read_to_end(&mut bytes);
     read.map_err(|error| damaged(path, place, &format!("the array is damaged: {error}")))?;
-    Header::parse(&bytes).map_err(|what| damaged(path, place, what))
+    Header::parse(&bytes).map_err(|error| match error {
+        HeadError::Damaged(what) => damaged(path, place, what),
+        HeadError::Elements(what) => {
+            RecordingError::new(path, RecordingErrorKind::Elements { array: name.to_owned(), what })
+        }
+    })
 }
 
 /// The table of an array that has rows of several fields.
@@ -87,9 +93,11 @@ fn table(header: &Header, place: &Place) -> Option<Table> {
 
 /// The events of the array at `place`.
 pub fn of_array(path: &Path, place: Place) -> Result<Table, RecordingError> {
-    let header = header(path, &place)?;
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let header = header(path, &name, &place)?;
     table(&header, &place).ok_or_else(|| {
-        let kind = RecordingErrorKind::NoEventStream(format!("an array of shape {:?} without fields", header.shape));
+        let kind =
+            RecordingErrorKind::NoEventStream(format!("an array of shape {:?} without named fields", header.shape));
         RecordingError::new(path, kind)
     })
 }
@@ -102,52 +110,112 @@ fn single(header: &Header) -> Option<NumberType> {
     }
 }
 
-/// The events of an archive: of the array `wanted`, else of those named t, x, y and p, else of the first array that has
-/// rows. The name of the array, if it is one.
-pub fn of_archive(
-    path: &Path,
-    members: &[Member],
-    wanted: Option<&str>,
-) -> Result<(Table, Option<String>), RecordingError> {
-    let heads: Result<Vec<_>, _> = members.iter().map(|member| header(path, &member.place)).collect();
-    let heads = heads?;
-    let arrays = || members.iter().zip(&heads);
+/// A table of an archive, and the name of its array, if it is one.
+pub type Named = (Table, Option<String>);
+
+/// What can be the events of an archive, the likeliest first: the array `wanted`; else those named t, x, y and p, then arrays with such fields, then
+/// those whose names begin with `event`, then all others that have rows.
+///
+/// # Errors
+/// Where there is nothing.
+pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Result<Vec<Named>, RecordingError> {
+    // Arrays of objects and the like may lie beside the events.
+    let head = |member: &Member| match header(path, &member.name, &member.place) {
+        Err(error) if !matches!(error.kind, RecordingErrorKind::Elements { .. }) => Err(error),
+        head => Ok(head),
+    };
+    let heads = members.iter().map(head).collect::<Result<Vec<_>, _>>()?;
     let list = || members.iter().map(|member| member.name.clone()).collect::<Vec<_>>().join(", ");
-    if wanted.is_none()
-        && let Some(table) = of_columns(path, arrays)?
-    {
-        return Ok((table, None));
+    let arrays: Vec<Array> =
+        members.iter().zip(&heads).filter_map(|(member, head)| Some((member, head.as_ref().ok()?))).collect();
+    let mut found: Vec<(usize, Named)> = Vec::new();
+    if wanted.is_none() {
+        found.extend(of_columns(path, &arrays)?.map(|table| (0, (table, None))));
     }
-    let mut tables = arrays().filter(|(member, _)| wanted.is_none_or(|wanted| wanted == member.name));
-    let found = tables.find_map(|(member, header)| Some((table(header, &member.place)?, Some(member.name.clone()))));
-    found.ok_or_else(|| {
+    for (member, header) in arrays.iter().filter(|(member, _)| wanted.is_none_or(|wanted| wanted == member.name)) {
+        let Some(table) = table(header, &member.place) else { continue };
+        let has_names = table.names.as_ref().is_some_and(|names| {
+            columns::from_names(&names.iter().map(String::as_str).collect::<Vec<_>>()).0.is_some()
+        });
+        let rank = match (has_names, member.name.to_lowercase().starts_with("event")) {
+            (true, _) => 1,
+            (false, true) => 2,
+            (false, false) => 3,
+        };
+        found.push((rank, (table, Some(member.name.clone()))));
+    }
+    found.sort_by_key(|(rank, _)| *rank);
+    if !found.is_empty() {
+        return Ok(found.into_iter().map(|(_, named)| named).collect());
+    }
+    // What would be of use if it could be read tells more than a list.
+    let of_use = |member: &Member| match wanted {
+        Some(wanted) => wanted == member.name,
+        None => event_column(&member.name).is_some(),
+    };
+    let unread = members.iter().zip(heads).filter(|(member, _)| of_use(member)).find_map(|(_, head)| head.err());
+    Err(unread.unwrap_or_else(|| {
         let kind = match wanted {
             Some(wanted) => RecordingErrorKind::NoSuchStream { wanted: wanted.to_owned(), available: list() },
-            None => RecordingErrorKind::NoEventStream(list()),
+            None => RecordingErrorKind::NoEventStream(format!("these arrays: {}", list())),
         };
         RecordingError::new(path, kind)
-    })
+    }))
 }
 
-/// The table of four arrays, if there are any with these names.
-fn of_columns<'a, I: Iterator<Item = (&'a Member, &'a Header)>>(
-    path: &Path,
-    arrays: impl Fn() -> I,
-) -> Result<Option<Table>, RecordingError> {
+/// An array of an archive, and its head.
+type Array<'a> = (&'a Member, &'a Header);
+
+/// The name of a column as it stands behind what says that it is one of events: `t` of `dataset_events_t`.
+fn event_name(name: &str) -> &str {
+    let name = name.strip_prefix("dataset_").unwrap_or(name);
+    name.strip_prefix("events_").or_else(|| name.strip_prefix("event_")).unwrap_or(name)
+}
+
+/// What column of events the array of this name holds, if it is one; of `xy`, which has two, the first.
+fn event_column(name: &str) -> Option<Column> {
+    match columns::of_name(event_name(name)).0 {
+        Column::Ignored => (event_name(name) == "xy").then_some(Column::X),
+        column => Some(column),
+    }
+}
+
+/// The table of arrays t, x, y and p, or t, xy and p, if they are there.
+fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingError> {
     let mut parts: Vec<Part> = Vec::new();
     let mut names = Vec::new();
     let mut counts = Vec::new();
+    let xy = arrays.iter().find_map(|(member, header)| match (&header.element, header.shape.as_slice()) {
+        (Element::Number(number), &[count, 2]) if event_name(&member.name) == "xy" => {
+            Some((member, header, *number, count))
+        }
+        _ => None,
+    });
     for column in [Column::T, Column::X, Column::Y, Column::P] {
-        let named = arrays().filter(|(member, _)| columns::of_name(&member.name).0 == column);
+        let named = arrays.iter().filter(|(member, _)| columns::of_name(event_name(&member.name)).0 == column);
         let usable = named.filter_map(|(member, header)| Some((member, header, single(header)?)));
         // `t` rather than `t_offset`.
-        let Some((member, header, number)) = usable.min_by_key(|(member, ..)| member.name.len()) else {
-            return Ok(None);
-        };
-        let fields = vec![(0, Some(number))];
-        parts.push(Part { place: member.place.clone(), skip: header.length, record: number.size, fields });
-        names.push(member.name.clone());
-        counts.push(header.count());
+        match (usable.min_by_key(|(member, ..)| member.name.len()), column, xy) {
+            (Some((member, header, number)), ..) => {
+                let fields = vec![(0, Some(number))];
+                parts.push(Part { place: member.place.clone(), skip: header.length, record: number.size, fields });
+                names.push(event_name(&member.name).to_owned());
+                counts.push(header.count());
+            }
+            (None, Column::X | Column::Y, Some((member, header, number, count))) => {
+                let second = usize::from(column == Column::Y);
+                let (size, place) = (number.size, member.place.clone());
+                let (skip, record, offset) = if header.fortran_order {
+                    (second as u64 * count * size as u64, size, 0)
+                } else {
+                    (0, 2 * size, second * size)
+                };
+                parts.push(Part { place, skip: header.length + skip, record, fields: vec![(offset, Some(number))] });
+                names.push(if column == Column::X { "x" } else { "y" }.to_owned());
+                counts.push(count);
+            }
+            _ => return Ok(None),
+        }
     }
     let count = counts.first().copied().unwrap_or(0);
     match (parts.iter().zip(&counts).zip(&names)).find(|((_, other), _)| **other != count) {
@@ -163,7 +231,7 @@ fn of_columns<'a, I: Iterator<Item = (&'a Member, &'a Header)>>(
 pub fn sensor(path: &Path, members: &[Member]) -> Option<Sensor> {
     let side = |name: &str| {
         let member = members.iter().find(|member| member.name == name)?;
-        let header = header(path, &member.place).ok()?;
+        let header = header(path, name, &member.place).ok()?;
         let Element::Number(number) = header.element else { return None };
         let mut bytes = Vec::new();
         member.place.open(path).ok()?.take(header.length + 8).read_to_end(&mut bytes).ok()?;

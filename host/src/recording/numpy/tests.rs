@@ -114,9 +114,16 @@ fn options_have_the_last_word() {
 fn what_is_no_table_of_events_is_told() {
     for (content, part) in [
         (array("'<f8'", false, "(3,)", &[0; 24]), "shape [3]"),
-        (array("'|O'", false, "(3, 4)", &[0; 24]), "type that is not read"),
+        (array("'|O'", false, "(3, 4)", &[0; 24]), "holds elements that are no numbers"),
+        (
+            array("'<f2'", false, "(3, 4)", &[0; 24]),
+            "holds floating-point numbers of 16 bits, which are not read: write it",
+        ),
         (array("[('t', '<i8'), ('x', '<i2'), ('z', '<i2')]", false, "(1,)", &[0; 12]), "t, x, z"),
-        (array("[('t', '<U4'), ('x', '<i2'), ('y', '<i2'), ('p', '<i2')]", false, "(1,)", &[0; 22]), "no number"),
+        (
+            array("[('t', '<U4'), ('x', '<i2'), ('y', '<i2'), ('p', '<i2')]", false, "(1,)", &[0; 22]),
+            "its array t holds",
+        ),
         (array("'<f8'", false, "(1, 4)", &[0xff; 32]), "not clear"),
         (MAGIC.to_vec(), "not whole"),
     ] {
@@ -192,6 +199,49 @@ fn archives_are_read_by_the_names_of_their_arrays() {
     }
 }
 
+/// EVIMO's: x and y in one array, times in seconds, a dictionary of Python beside them, and matrices of four columns.
+#[test]
+fn archives_of_evimo_are_read() {
+    let events = events(40);
+    let (count, two) = (format!("({}, 1)", events.len()), format!("({}, 2)", events.len()));
+    let xy = |by_rows: bool| -> Vec<u8> {
+        let (x, y) = (|event: &Event| event.x.to_le_bytes(), |event: &Event| event.y.to_le_bytes());
+        if by_rows {
+            events.iter().flat_map(|event| [x(event), y(event)].concat()).collect()
+        } else {
+            events.iter().map(x).chain(events.iter().map(y)).flatten().collect()
+        }
+    };
+    let beside =
+        || [("K.npy", array("'<f8'", false, "(3, 3)", &[0; 72])), ("meta.npy", array("'|O'", false, "()", &[0; 9]))];
+    for (prefix, fortran) in [("dataset_events_", false), ("events_", true)] {
+        let named = |name: &str| format!("{prefix}{name}.npy");
+        let (t, p, both) = (named("t"), named("p"), named("xy"));
+        let times = events.iter().flat_map(|event| (event.t as f64 / 1e6).to_le_bytes()).collect::<Vec<_>>();
+        let members = [
+            (both.as_str(), array("'<u2'", fortran, &two, &xy(!fortran))),
+            (p.as_str(), array("'|u1'", false, &count, &events.iter().map(bit).collect::<Vec<_>>())),
+            (t.as_str(), array("'<f8'", false, &count, &times)),
+        ];
+        let content = archive(true, &[&beside()[..], &members].concat());
+        let outcome = testing::read(&content);
+        assert!(outcome.information.as_ref().unwrap().notes.iter().any(|note| note.contains("seconds")));
+        assert_events(outcome, &events);
+    }
+    // One array of four columns.
+    let attitude = array("'<f8'", false, "(9, 4)", &[0.5_f64.to_le_bytes(); 36].concat());
+    let one =
+        [("attitude.npy", attitude.clone()), ("events.npy", array("'<f8'", false, "(40, 4)", &columns(&events, true)))];
+    assert_events(testing::read(&archive(false, &[&beside()[..], &one].concat())), &events);
+    // The same without a name that tells.
+    let one = [("attitude.npy", attitude), ("stream.npy", array("'<f8'", false, "(40, 4)", &columns(&events, true)))];
+    assert_events(testing::read(&archive(false, &[&beside()[..], &one].concat())), &events);
+    let mut half = four(&events);
+    half[4].1 = array("'<f2'", false, "(40,)", &[0; 80]);
+    let error = testing::read(&archive(false, &half)).error.unwrap();
+    assert!(error.contains("array p holds floating-point numbers of 16 bits"), "{error}");
+}
+
 #[test]
 fn archives_without_events_say_what_they_hold() {
     let mut unequal = four(&events(3));
@@ -199,7 +249,7 @@ fn archives_without_events_say_what_they_hold() {
     for (members, part) in [
         (vec![("picture.png", vec![1])], "unpack it first"),
         (vec![("xl/workbook.xml", vec![1])], "is a spreadsheet file, which is not supported; save its events as CSV"),
-        (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "its streams: a"),
+        (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "but these arrays: a: name"),
         (unequal, "x has 2 elements"),
     ] {
         let error = testing::read(&archive(true, &members)).error.unwrap();

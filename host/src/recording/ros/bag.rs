@@ -6,13 +6,13 @@
 
 use std::path::Path;
 
-use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Topic, plain, unpack, unpack_beginning};
+use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic};
 use super::fields::Wire;
 use super::message::Kind;
 use super::write::BAG_OUTPUT;
 use super::{events, extras};
 use crate::recording::bytes::ByteReader;
-use crate::recording::{FileFormat, RecordingError, Truncation};
+use crate::recording::{FileFormat, RecordingError, Truncation, Uses};
 
 const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 
@@ -22,6 +22,7 @@ pub const FORMAT: FileFormat = FileFormat {
     streams: |path, _| events::summarise(open, path),
     frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
     extras: Some(|path, options| extras::open(open, path, options)),
+    uses: Uses { stream: true, ..Uses::NONE },
     ..FileFormat::of_events(
         "ROS bag",
         |head| head.bytes.starts_with(MAGIC),
@@ -32,6 +33,9 @@ pub const FORMAT: FileFormat = FileFormat {
 const CHUNK: u8 = 5;
 const CONNECTION: u8 = 7;
 const MESSAGE: u8 = 2;
+/// No header of a file is longer, nor are the connections in an index.
+const LONGEST_HEADER: u64 = 1 << 13;
+const LONGEST_INDEX: u64 = 1 << 22;
 
 /// Opens such a file of messages.
 pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
@@ -112,7 +116,46 @@ fn operation(header: &[u8]) -> Option<u8> {
     field(header, b"op")?.first().copied()
 }
 
+/// How a chunk with this header is packed.
+fn packing(header: &[u8]) -> Result<Packing, ChunkError> {
+    match field(header, b"compression").unwrap_or_default() {
+        b"none" => Ok(Packing::Plain),
+        b"lz4" => Ok(Packing::Lz4),
+        b"bz2" => Ok(Packing::Bzip2),
+        _ => Err(ChunkError::Compression { known: "none, bz2 and lz4" }),
+    }
+}
+
+/// The topic that a record of a connection names.
+fn topic(record: &Record) -> Option<Topic> {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let name = text(field(record.header, b"topic")?);
+    let type_name = text(field(record.data, b"type")?);
+    Some(Topic { kind: Kind::of_type(&type_name), name, type_name, wire: Wire::Ros1 })
+}
+
 impl Bag {
+    /// The topics that the index lists, which stands behind all chunks.
+    fn index(&mut self) -> Result<Option<Vec<Topic>>, RecordingError> {
+        let mut bytes = Vec::new();
+        self.file.seek(MAGIC.len() as u64)?;
+        self.file.read(&mut bytes, LONGEST_HEADER)?;
+        let place = record(&bytes, 0)
+            .and_then(|record| Some(u64::from_le_bytes(*field(record.header, b"index_pos")?.first_chunk()?)));
+        let Some(place) = place.filter(|place| *place > MAGIC.len() as u64 && *place < self.file.length()) else {
+            return Ok(None);
+        };
+        self.file.seek(place)?;
+        self.file.read(&mut bytes, LONGEST_INDEX)?;
+        let (mut topics, mut position) = (Vec::new(), 0);
+        while let Some(record) = record(&bytes, position).filter(|record| operation(record.header) == Some(CONNECTION))
+        {
+            topics.extend(topic(&record));
+            position += record.length;
+        }
+        Ok((!topics.is_empty()).then_some(topics))
+    }
+
     /// Takes the next record of the file as chunk; false at the end.
     fn next_chunk(&mut self) -> Result<bool, RecordingError> {
         loop {
@@ -167,12 +210,9 @@ impl Bag {
     fn take_beginning(&mut self, start: u64) -> Result<bool, RecordingError> {
         // A false length would have the rest of the file in memory.
         self.file.read(&mut self.packed, self.file.left().min(MOST_UNPACKED))?;
-        let (packed, unpacked) = (self.packed.as_slice(), &mut self.chunk.bytes);
-        match field(&self.header, b"compression").unwrap_or_default() {
-            b"none" => unpack_beginning(packed, unpacked),
-            b"lz4" => unpack_beginning(lz4_flex::frame::FrameDecoder::new(packed), unpacked),
-            b"bz2" => unpack_beginning(bzip2::read::BzDecoder::new(packed), unpacked),
-            _ => unpacked.clear(),
+        match packing(&self.header) {
+            Ok(packing) => packing.unpack_beginning(&self.packed, &mut self.chunk.bytes),
+            Err(_) => self.chunk.bytes.clear(),
         }
         (self.chunk.position, self.chunk.byte) = (0, start);
         Ok(!self.chunk.bytes.is_empty())
@@ -180,14 +220,7 @@ impl Bag {
 
     fn unpack(&mut self, start: u64) -> Result<(), RecordingError> {
         let size = number(&self.header, b"size").map_or(0, u64::from);
-        let unpacked = &mut self.chunk.bytes;
-        let packed = self.packed.as_slice();
-        let done = match field(&self.header, b"compression").unwrap_or_default() {
-            b"none" => plain(packed, size, unpacked),
-            b"lz4" => unpack(lz4_flex::frame::FrameDecoder::new(packed), size, unpacked),
-            b"bz2" => unpack(bzip2::read::BzDecoder::new(packed), size, unpacked),
-            _ => Err(ChunkError::Compression { known: "none, bz2 and lz4" }),
-        };
+        let done = packing(&self.header).and_then(|packing| packing.unpack(&self.packed, size, &mut self.chunk.bytes));
         (self.chunk.position, self.chunk.byte) = (0, start);
         done.map_err(|what| {
             self.chunk.bytes.clear();
@@ -201,13 +234,11 @@ impl Bag {
         if self.connections.iter().any(|(known, _)| *known == connection) {
             return Some(());
         }
-        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-        let name = text(field(record.header, b"topic")?);
-        let type_name = text(field(record.data, b"type")?);
-        let same = |topic: &Topic| topic.name == name && topic.type_name == type_name;
+        let topic = topic(&record)?;
+        let same = |other: &Topic| topic.name == other.name && topic.type_name == other.type_name;
         let index = self.topics.iter().position(same).unwrap_or(self.topics.len());
         if index == self.topics.len() {
-            self.topics.push(Topic { kind: Kind::of_type(&type_name), name, type_name, wire: Wire::Ros1 });
+            self.topics.push(topic);
         }
         self.connections.push((connection, index));
         Some(())
@@ -259,6 +290,13 @@ impl Container for Bag {
 
     fn topics(&self) -> &[Topic] {
         &self.topics
+    }
+
+    fn listed(&mut self) -> Option<Vec<Topic>> {
+        let position = self.file.position();
+        let topics = self.index().ok().flatten();
+        self.file.seek(position).ok()?;
+        topics
     }
 
     fn done(&self) -> f64 {

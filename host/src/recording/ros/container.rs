@@ -59,6 +59,9 @@ pub trait Container: Send {
     /// Set when the file ends too early.
     fn truncated(&self) -> Option<&Truncation>;
 
+    /// The topics of the whole file, where a list of them stands in it, apart from its messages.
+    fn listed(&mut self) -> Option<Vec<Topic>>;
+
     /// An error about the message at `byte`.
     fn damaged(&self, byte: u64, what: String) -> RecordingError;
 }
@@ -98,26 +101,61 @@ pub enum ChunkError {
     },
 }
 
-/// Unpacks a chunk of `size` bytes into `unpacked`.
-pub fn unpack(mut packed: impl Read, size: u64, unpacked: &mut Vec<u8>) -> Result<(), ChunkError> {
-    unpacked.clear();
-    if size > MOST_UNPACKED {
-        return Err(ChunkError::Large { size });
+/// How chunks are packed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Packing {
+    /// Not at all.
+    Plain,
+    /// A frame of LZ4.
+    Lz4,
+    /// bzip2.
+    Bzip2,
+    /// Zstandard.
+    Zstandard,
+}
+
+impl Packing {
+    fn open(self, packed: &[u8]) -> io::Result<Box<dyn Read + '_>> {
+        Ok(match self {
+            Self::Plain => Box::new(packed),
+            Self::Lz4 => Box::new(lz4_flex::frame::FrameDecoder::new(packed)),
+            Self::Bzip2 => Box::new(bzip2::read::BzDecoder::new(packed)),
+            Self::Zstandard => Box::new(zstd::stream::read::Decoder::with_buffer(packed)?),
+        })
     }
-    let read = packed.by_ref().take(size + 1).read_to_end(unpacked)?;
-    if read as u64 == size { Ok(()) } else { Err(ChunkError::Size { size }) }
+
+    /// Unpacks a chunk of `size` bytes into `unpacked`. One that is not packed is no larger than it says, or than the file.
+    pub fn unpack(self, packed: &[u8], size: u64, unpacked: &mut Vec<u8>) -> Result<(), ChunkError> {
+        unpacked.clear();
+        if size > MOST_UNPACKED && self != Self::Plain {
+            return Err(ChunkError::Large { size });
+        }
+        let read = self.open(packed)?.take(size + 1).read_to_end(unpacked)?;
+        if read as u64 == size { Ok(()) } else { Err(ChunkError::Size { size }) }
+    }
+
+    /// Unpacks what there is of a chunk whose end is missing into `unpacked`.
+    pub fn unpack_beginning(self, packed: &[u8], unpacked: &mut Vec<u8>) {
+        unpacked.clear();
+        if let Ok(input) = self.open(packed) {
+            // That it ends with an error is known.
+            let _ = input.take(MOST_UNPACKED).read_to_end(unpacked);
+        }
+    }
 }
 
-/// Takes a chunk of `size` bytes that is not packed: it is no larger than it says, or than the file.
-pub fn plain(bytes: &[u8], size: u64, unpacked: &mut Vec<u8>) -> Result<(), ChunkError> {
-    unpacked.clear();
-    unpacked.extend_from_slice(bytes);
-    if bytes.len() as u64 == size { Ok(()) } else { Err(ChunkError::Size { size }) }
-}
+/// How a frame of Zstandard begins; a message of ROS 2 begins otherwise.
+const ZSTANDARD: &[u8] = b"\x28\xb5\x2f\xfd";
 
-/// Unpacks what there is of a chunk whose end is missing into `unpacked`.
-pub fn unpack_beginning(packed: impl Read, unpacked: &mut Vec<u8>) {
+/// Puts a message that was packed by itself, as `ros2 bag record --compression-mode message` does, into `unpacked`, which stays empty for others.
+pub fn unpack_message(message: &[u8], unpacked: &mut Vec<u8>) -> io::Result<()> {
     unpacked.clear();
-    // That it ends with an error is known.
-    let _ = packed.take(MOST_UNPACKED).read_to_end(unpacked);
+    if message.starts_with(ZSTANDARD) {
+        let read = Packing::Zstandard.open(message)?.take(MOST_UNPACKED).read_to_end(unpacked);
+        if let Err(error) = read {
+            unpacked.clear();
+            return Err(error);
+        }
+    }
+    Ok(())
 }

@@ -2,18 +2,19 @@
 
 use std::path::Path;
 
-use super::container::{Container, MessageHead, Topic};
+use super::container::{Container, MessageHead, Topic, unpack_message};
 use super::fields::Wire;
 use super::message::Kind;
 use super::sqlite::{self, Description, Pages, Table, Value};
 use super::{events, extras};
-use crate::recording::{FileFormat, RecordingError, RecordingErrorKind, Truncation};
+use crate::recording::{FileFormat, RecordingError, RecordingErrorKind, Truncation, Uses};
 
 /// ROS 2 bag in SQLite.
 pub const FORMAT: FileFormat = FileFormat {
     streams: |path, _| events::summarise(open, path),
     frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
     extras: Some(|path, options| extras::open(open, path, options)),
+    uses: Uses { stream: true, ..Uses::NONE },
     ..FileFormat::of_events(
         "ROS 2 bag (SQLite)",
         |head| head.bytes.starts_with(sqlite::MAGIC),
@@ -30,6 +31,8 @@ struct Bag {
     /// The numbers of the topics, in their order.
     numbers: Vec<i64>,
     row: Vec<u8>,
+    /// The message, where it was packed by itself.
+    unpacked: Vec<u8>,
 }
 
 /// Opens such a file of messages.
@@ -47,13 +50,13 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
             return Err(pages.damaged(truncated.byte, truncated.lost.clone()));
         }
         let names: Vec<&str> = tables.iter().map(|table| table.name.as_str()).collect();
-        let what = format!("no tables of a ROS 2 bag, but these: {}", names.join(", "));
+        let what = format!("these tables, which are none of a ROS 2 bag: {}", names.join(", "));
         return Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)));
     };
     let (numbers, topics) = read_topics(&mut pages, topics, &topic_columns)?;
     let columns = columns.try_into().unwrap_or_default();
     let messages = messages.open();
-    Ok(Box::new(Bag { pages, messages, columns, topics, numbers, row: Vec::new() }))
+    Ok(Box::new(Bag { pages, messages, columns, topics, numbers, row: Vec::new(), unpacked: Vec::new() }))
 }
 
 /// The topics and their numbers.
@@ -87,16 +90,21 @@ impl Container for Bag {
         };
         let [topic, data] = self.columns;
         let values = sqlite::values(&self.row).unwrap_or_default();
-        let (Some(Value::Whole(topic)), Some(Value::Bytes(_))) = (values.get(topic), values.get(data)) else {
+        let (Some(Value::Whole(topic)), Some(Value::Bytes(message))) = (values.get(topic), values.get(data)) else {
             return Err(self.pages.damaged(byte, "a message cannot be read"));
         };
         let Some(topic) = self.numbers.iter().position(|number| number == topic) else {
             return Err(self.pages.damaged(byte, "a message is of a topic that is not known"));
         };
+        unpack_message(message, &mut self.unpacked)
+            .map_err(|error| self.pages.damaged(byte, format!("a message is damaged: {error}")))?;
         Ok(Some(MessageHead { topic, byte }))
     }
 
     fn message(&self) -> &[u8] {
+        if !self.unpacked.is_empty() {
+            return &self.unpacked;
+        }
         let [_, data] = self.columns;
         match sqlite::values(&self.row).unwrap_or_default().get(data) {
             Some(Value::Bytes(message)) => message,
@@ -106,6 +114,10 @@ impl Container for Bag {
 
     fn topics(&self) -> &[Topic] {
         &self.topics
+    }
+
+    fn listed(&mut self) -> Option<Vec<Topic>> {
+        Some(self.topics.clone())
     }
 
     fn done(&self) -> f64 {

@@ -6,7 +6,7 @@ use std::path::Path;
 use evcal_core::event::Event;
 
 use super::container::{Container, MessageHead, OpenContainer, Topic};
-use super::message::{self, Kind};
+use super::message::{self, Description, Kind};
 use super::packet::PacketDecoder;
 use crate::recording::prophesee::{TRIGGERS, tell};
 use crate::recording::{
@@ -26,51 +26,63 @@ struct Decoder {
     other: BTreeMap<String, u64>,
 }
 
-/// Starts reading the events of the topic that is asked for, or of the first one.
+/// Starts reading the events of the topic that is asked for, or of the first one that has any.
 pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &RecordingOptions) -> Opened {
     let mut container = open(path)?;
     let wanted = options.stream.as_deref();
-    let head = first_of(&mut *container, wanted, options.damage)?;
-    let topic = head.as_ref().and_then(|head| Some((head, container.topics().get(head.topic)?)));
-    let Some((head, topic)) = topic else {
+    let Some(First { topic, description }) = first_of(&mut *container, wanted, options.damage)? else {
         return Err(match container.truncated() {
             Some(Truncation { byte, lost }) => container.damaged(*byte, format!("{lost}; no events stand before it")),
             None => RecordingError::new(path, no_topic(container.topics(), wanted)),
         });
     };
-    let described = message::description(topic.kind, topic.wire, container.message());
-    let (sensor, encoding) = described.map_err(|error| damaged(&*container, head, topic, &error.to_string()))?;
-    let mut notes = vec![format!("events of the topic {} are read", topic.name)];
+    let Description { sensor, encoding, .. } = description;
+    let mut notes = vec![format!("events of the topic {topic} are read")];
     if let Some(encoding) = encoding {
         notes.push(format!("they are encoded as {encoding}"));
         if encoding == "evt3" {
             notes.push("their times are those of the sensor's clock, not of other topics".to_owned());
         }
     }
-    let information = RecordingInformation { format, sensor: Some(sensor), camera_name: None, began: None, notes };
-    let topic = topic.name.clone();
+    let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
     let packets = PacketDecoder::default();
     let container = open(path)?;
     Ok(Box::new(Decoder { container, topic, damage: options.damage, information, packets, other: BTreeMap::new() }))
 }
 
-/// The first message with events of the topic `wanted`, or of any.
+/// A topic with events, and what its first message with events says of them.
+struct First {
+    topic: String,
+    description: Description,
+}
+
+/// The first message with events of the topic `wanted`, or of any; where there is none, the first message that could have some.
 fn first_of(
     container: &mut dyn Container,
     wanted: Option<&str>,
     damage: Damage,
-) -> Result<Option<MessageHead>, RecordingError> {
+) -> Result<Option<First>, RecordingError> {
+    let mut without = None;
     loop {
         let head = match container.next() {
             Ok(Some(head)) => head,
-            Ok(None) => return Ok(None),
+            Ok(None) => return Ok(without),
             Err(error) if is_skipped(&error, damage) => continue,
             Err(error) => return Err(error),
         };
-        let fits = |topic: &Topic| topic.kind.holds_events() && wanted.is_none_or(|wanted| wanted == topic.name);
-        if container.topics().get(head.topic).is_some_and(fits) {
-            return Ok(Some(head));
+        let fits = |topic: &&Topic| topic.kind.holds_events() && wanted.is_none_or(|wanted| wanted == topic.name);
+        let Some(topic) = container.topics().get(head.topic).filter(fits) else { continue };
+        let description = match message::description(topic.kind, topic.wire, container.message()) {
+            Ok(description) => description,
+            Err(_) if damage == Damage::Skip => continue,
+            Err(error) => return Err(damaged(container, &head, topic, &error.to_string())),
+        };
+        let has_events = description.has_events;
+        let first = First { topic: topic.name.clone(), description };
+        if has_events {
+            return Ok(Some(first));
         }
+        without.get_or_insert(first);
     }
 }
 
@@ -86,7 +98,10 @@ fn no_topic(topics: &[Topic], wanted: Option<&str>) -> RecordingErrorKind {
             wanted: wanted.to_owned(),
             available: list(of_events.map(Topic::description).collect()),
         },
-        None => RecordingErrorKind::NoEventStream(list(topics.iter().map(Topic::description).collect())),
+        None => {
+            let topics = list(topics.iter().map(Topic::description).collect());
+            RecordingErrorKind::NoEventStream(format!("these topics: {topics}"))
+        }
     }
 }
 

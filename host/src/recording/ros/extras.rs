@@ -16,8 +16,10 @@ use crate::recording::extras::{Extra, OtherStreams, ReadExtras, take_until};
 use crate::recording::pictures::TimedImage;
 use crate::recording::{RecordingError, RecordingErrorKind, RecordingOptions};
 
-/// So many messages are looked at for topics, more if there is none of a kind among them.
+/// So many messages are looked at for topics where the file does not list them, more if there is none of a kind among them.
 const LOOKED_AT: usize = 4096;
+/// No more bytes of messages than this are looked at: a list may name topics that have no message.
+const MOST_LOOKED_AT: u64 = 1 << 28;
 
 /// The topics that are read, by their places in [`Container::topics`].
 #[derive(Clone, Copy, Debug, Default)]
@@ -31,8 +33,8 @@ struct MessageExtras {
     container: Box<dyn Container>,
     next: Option<Extra>,
     topics: Topics,
-    /// As [`super::container::Topic::description`] has them.
-    names: Vec<String>,
+    /// As [`super::container::Topic::description`] has them, of pictures and of samples.
+    names: [Option<String>; 2],
 }
 
 /// The next picture or sample of `topics`.
@@ -54,13 +56,21 @@ fn next(container: &mut dyn Container, topics: Topics) -> Result<Option<Extra>, 
     Ok(None)
 }
 
-/// The topics that go with the events of the topic `wanted`, or of the first one.
+/// The topics that go with the events of the topic `wanted`, or of the first one that has any.
 fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics, RecordingError> {
     let mut events: Option<(usize, Option<Sensor>)> = None;
     let mut pictures: Vec<(usize, Option<(u16, u16)>)> = Vec::new();
     let mut samples: Vec<usize> = Vec::new();
-    let mut count = 0;
-    while count < LOOKED_AT || events.is_none() || pictures.is_empty() || samples.is_empty() {
+    let listed = container.listed();
+    let (mut count, mut bytes) = (0, 0);
+    // Whether topics are to come: as many as the file lists, or, where it has no list, perhaps some.
+    let awaited = |kind: Kind, found: usize, count: usize| match &listed {
+        Some(topics) => found < topics.iter().filter(|topic| topic.kind == kind).count(),
+        None => found == 0 || count < LOOKED_AT,
+    };
+    while bytes < MOST_LOOKED_AT
+        && (events.is_none() || awaited(Kind::Image, pictures.len(), count) || awaited(Kind::Imu, samples.len(), count))
+    {
         let head = match container.next() {
             Ok(Some(head)) => head,
             // Damage is reported when its turn comes.
@@ -70,12 +80,14 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics,
         count += 1;
         let Some(topic) = container.topics().get(head.topic) else { continue };
         let message = container.message();
+        bytes += message.len() as u64;
         match topic.kind {
             Kind::EventArray | Kind::EventPacket
                 if events.is_none() && wanted.is_none_or(|wanted| wanted == topic.name) =>
             {
-                let described = message::description(topic.kind, topic.wire, message);
-                events = Some((head.topic, described.ok().map(|(sensor, _)| sensor)));
+                let described = message::description(topic.kind, topic.wire, message).ok();
+                events =
+                    described.filter(|described| described.has_events).map(|described| (head.topic, described.sensor));
             }
             Kind::Image if pictures.iter().all(|(known, _)| *known != head.topic) => {
                 let frame = picture::frame(topic.kind, topic.wire, message).ok().flatten();
@@ -93,8 +105,7 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics,
         let fit = |index: usize| (shared(beside, name(index)), name(index).contains("image_raw"));
         candidates.max_by_key(|&index| (fit(index), Reverse(index)))
     };
-    // Messages with events may state no size.
-    let sensor = events.and_then(|(_, sensor)| sensor).filter(|sensor| sensor.width > 0 && sensor.height > 0);
+    let sensor = events.and_then(|(_, sensor)| sensor);
     let fits = |&(index, picture): &(usize, Option<(u16, u16)>)| {
         let (width, height) = picture?;
         sensor.is_none_or(|sensor| width <= sensor.width && height <= sensor.height).then_some(index)
@@ -115,8 +126,8 @@ pub fn open(
 ) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let mut container = open(path)?;
     let topics = choose(&mut *container, options.stream.as_deref())?;
-    let chosen = [topics.pictures, topics.samples].into_iter().flatten();
-    let names = chosen.filter_map(|topic| Some(container.topics().get(topic)?.description())).collect();
+    let description = |topic: Option<usize>| Some(container.topics().get(topic?)?.description());
+    let names = [topics.pictures, topics.samples].map(description);
     let mut container = open(path)?;
     let first = next(&mut *container, topics).unwrap_or_default();
     Ok(Box::new(MessageExtras { container, next: first, topics, names }))
@@ -136,7 +147,12 @@ impl ReadExtras for MessageExtras {
     }
 
     fn reads(&self, stream: &str) -> bool {
-        self.names.iter().any(|name| name == stream)
+        self.names.iter().flatten().any(|name| name == stream)
+    }
+
+    fn chosen(&self) -> Vec<String> {
+        let sentence = |(what, name): (&str, &Option<String>)| Some(format!("{what} are those of {}", name.as_ref()?));
+        ["frames", "inertial samples"].into_iter().zip(&self.names).filter_map(sentence).collect()
     }
 }
 

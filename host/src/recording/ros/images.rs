@@ -6,14 +6,10 @@ use evcal_core::sensor::Sensor;
 
 use super::container::{MessageHead, OpenContainer, Topic};
 use super::message::Kind;
-use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, mcap, picture};
+use super::{folder, picture};
 use crate::recording::extras::Frame;
 use crate::recording::pictures::TimedImage;
-use crate::recording::{Damage, FileFormat, Head, RecordingError, RecordingErrorKind};
-
-/// Files of messages, and how they are opened.
-const FILES: [(&FileFormat, OpenContainer); 3] =
-    [(&BAG_FORMAT, bag::open), (&MCAP_FORMAT, mcap::open), (&DB3_FORMAT, db3::open)];
+use crate::recording::{Damage, RecordingError, RecordingErrorKind};
 
 /// Images of one topic, all of one size.
 #[derive(Clone, Debug)]
@@ -32,8 +28,7 @@ impl ImageTopic {
     /// # Errors
     /// When the file cannot be read, does not have the topic, has several of images, or its first image cannot be read.
     pub fn open(path: &Path, wanted: Option<&str>, damage: Damage) -> Result<Option<Self>, RecordingError> {
-        let head = Head::read(path)?;
-        let Some((_, open)) = FILES.into_iter().find(|(format, _)| (format.recognise)(&head)) else { return Ok(None) };
+        let Some(open) = folder::opener(path)? else { return Ok(None) };
         let refuse = |kind| Err(RecordingError::new(path, kind));
         let topics = topics(open, path, wanted, damage)?;
         let of_kind = |fits: fn(Kind) -> bool| topics.iter().filter(move |topic| fits(topic.kind));

@@ -6,13 +6,13 @@
 
 use std::path::Path;
 
-use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Topic, plain, unpack, unpack_beginning};
+use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, unpack_message};
 use super::fields::{Fields, MessageError, Wire};
 use super::message::Kind;
 use super::write::MCAP_OUTPUT;
 use super::{events, extras};
 use crate::recording::bytes::ByteReader;
-use crate::recording::{FileFormat, RecordingError, Truncation};
+use crate::recording::{FileFormat, RecordingError, Truncation, Uses};
 
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
@@ -22,6 +22,7 @@ pub const FORMAT: FileFormat = FileFormat {
     streams: |path, _| events::summarise(open, path),
     frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
     extras: Some(|path, options| extras::open(open, path, options)),
+    uses: Uses { stream: true, ..Uses::NONE },
     ..FileFormat::of_events(
         "MCAP",
         |head| head.bytes.starts_with(MAGIC),
@@ -36,6 +37,11 @@ const CHUNK: u8 = 6;
 const DATA_END: u8 = 15;
 /// Kind and length of a record.
 const RECORD_HEAD: usize = 9;
+const FOOTER_RECORD: u8 = 2;
+/// The footer, which tells where the summary is, and the mark at the end of the file.
+const FOOTER: u64 = 9 + 20 + 8;
+/// No list of topics is longer.
+const LONGEST_SUMMARY: u64 = 1 << 24;
 
 /// Opens such a file of messages.
 pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
@@ -47,10 +53,9 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
         position: 0,
         byte: 0,
         packed: Vec::new(),
-        schemas: Vec::new(),
-        channels: Vec::new(),
-        topics: Vec::new(),
+        described: Described::default(),
         message: (0, 0),
+        unpacked: Vec::new(),
         truncated: None,
         ended: false,
     }))
@@ -64,19 +69,27 @@ struct Mcap {
     /// Where they are in the file.
     byte: u64,
     packed: Vec<u8>,
-    /// Numbers and names of schemas.
-    schemas: Vec<(u16, String)>,
-    /// Number of a channel and the place of its topic.
-    channels: Vec<(u16, usize)>,
-    topics: Vec<Topic>,
+    described: Described,
     /// Where the message is in the records.
     message: (usize, usize),
+    /// The message, where it was packed by itself.
+    unpacked: Vec<u8>,
     truncated: Option<Truncation>,
     ended: bool,
 }
 
 fn text(fields: &mut Fields) -> Result<String, MessageError> {
     Ok(String::from_utf8_lossy(fields.text("a name")?).into_owned())
+}
+
+/// How a chunk is packed whose head names this compression.
+fn packing(compression: &[u8]) -> Result<Packing, ChunkError> {
+    match compression {
+        b"" => Ok(Packing::Plain),
+        b"lz4" => Ok(Packing::Lz4),
+        b"zstd" => Ok(Packing::Zstandard),
+        _ => Err(ChunkError::Compression { known: "lz4 and zstd" }),
+    }
 }
 
 /// The content of a chunk.
@@ -157,15 +170,8 @@ impl Mcap {
         (self.position, self.byte) = (0, start);
         self.records.clear();
         let Ok(ChunkHead { compression, packed, .. }) = ChunkHead::of(&self.packed) else { return Ok(false) };
-        match compression {
-            b"" => unpack_beginning(packed, &mut self.records),
-            b"lz4" => unpack_beginning(lz4_flex::frame::FrameDecoder::new(packed), &mut self.records),
-            b"zstd" => {
-                if let Ok(decoder) = zstd::stream::read::Decoder::with_buffer(packed) {
-                    unpack_beginning(decoder, &mut self.records);
-                }
-            }
-            _ => {}
+        if let Ok(packing) = packing(compression) {
+            packing.unpack_beginning(packed, &mut self.records);
         }
         Ok(!self.records.is_empty())
     }
@@ -173,22 +179,49 @@ impl Mcap {
     fn unpack(&mut self) -> Result<(), ChunkError> {
         let ChunkHead { size, compression, length, packed } = ChunkHead::of(&self.packed)?;
         let packed = usize::try_from(length).ok().and_then(|length| packed.get(..length));
-        let packed = packed.ok_or(ChunkError::Short)?;
-        let records = &mut self.records;
-        match compression {
-            b"" => plain(packed, size, records),
-            b"lz4" => unpack(lz4_flex::frame::FrameDecoder::new(packed), size, records),
-            b"zstd" => {
-                let decoder = zstd::stream::read::Decoder::with_buffer(packed)?;
-                unpack(decoder, size, records)
-            }
-            _ => Err(ChunkError::Compression { known: "lz4 and zstd" }),
-        }
+        packing(compression)?.unpack(packed.ok_or(ChunkError::Short)?, size, &mut self.records)
     }
 
+    /// The topics that the summary lists, which stands behind all messages.
+    fn summary(&mut self) -> Result<Option<Vec<Topic>>, RecordingError> {
+        let end = self.file.length().saturating_sub(FOOTER);
+        self.file.seek(end)?;
+        let Some([kind, _, _, _, _, _, _, _, _, start @ ..]) = self.file.array::<{ RECORD_HEAD + 8 }>()? else {
+            return Ok(None);
+        };
+        let start = u64::from_le_bytes(start);
+        if kind != FOOTER_RECORD || start == 0 || start >= end {
+            return Ok(None);
+        }
+        self.file.seek(start)?;
+        let mut bytes = Vec::new();
+        self.file.read(&mut bytes, LONGEST_SUMMARY.min(end - start))?;
+        let (mut described, mut rest) = (Described::default(), bytes.as_slice());
+        while let Some((&[kind, ref length @ ..], behind)) = rest.split_first_chunk::<RECORD_HEAD>() {
+            let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
+            let Some((content, behind)) = behind.split_at_checked(length) else { break };
+            if matches!(kind, SCHEMA | CHANNEL) && described.add(kind, content).is_err() {
+                return Ok(None);
+            }
+            rest = behind;
+        }
+        Ok(Some(described.topics).filter(|topics| !topics.is_empty()))
+    }
+}
+
+/// The schemas and channels met so far.
+#[derive(Default)]
+struct Described {
+    /// Numbers and names of schemas.
+    schemas: Vec<(u16, String)>,
+    /// Number of a channel and the place of its topic.
+    channels: Vec<(u16, usize)>,
+    topics: Vec<Topic>,
+}
+
+impl Described {
     /// Takes note of a schema or channel.
-    fn describe(&mut self, kind: u8, from: usize, to: usize) -> Result<(), MessageError> {
-        let content = self.records.get(from..to).unwrap_or_default();
+    fn add(&mut self, kind: u8, content: &[u8]) -> Result<(), MessageError> {
         let mut fields = Fields::new(Wire::Ros1, content)?;
         let id = fields.u16("its number")?;
         if kind == SCHEMA {
@@ -239,17 +272,24 @@ impl Container for Mcap {
             self.position = end;
             match kind {
                 SCHEMA | CHANNEL => self
-                    .describe(kind, start, end)
+                    .described
+                    .add(kind, self.records.get(start..end).unwrap_or_default())
                     .map_err(|error| self.file.damaged(self.byte, format!("a channel is damaged: {error}")))?,
                 MESSAGE => {
                     // Channel, number, and two times.
                     let channel = self.records.get(start..end).and_then(|content| content.first_chunk());
                     let channel = channel.map(|bytes| u16::from_le_bytes(*bytes));
-                    let known = self.channels.iter().find(|(known, _)| Some(*known) == channel);
+                    let known = self.described.channels.iter().find(|(known, _)| Some(*known) == channel);
                     let Some(&(_, topic)) = known else {
                         return Err(self.file.damaged(self.byte, "a message is of a channel that is not known"));
                     };
                     self.message = ((start + 22).min(end), end);
+                    self.unpacked.clear();
+                    if self.described.topics.get(topic).is_some_and(|topic| topic.wire == Wire::Cdr) {
+                        let message = self.records.get(self.message.0..end).unwrap_or_default();
+                        unpack_message(message, &mut self.unpacked)
+                            .map_err(|error| self.file.damaged(self.byte, format!("a message is damaged: {error}")))?;
+                    }
                     return Ok(Some(MessageHead { topic, byte: self.byte }));
                 }
                 _ => {}
@@ -258,11 +298,22 @@ impl Container for Mcap {
     }
 
     fn message(&self) -> &[u8] {
-        self.records.get(self.message.0..self.message.1).unwrap_or_default()
+        if self.unpacked.is_empty() {
+            self.records.get(self.message.0..self.message.1).unwrap_or_default()
+        } else {
+            &self.unpacked
+        }
     }
 
     fn topics(&self) -> &[Topic] {
-        &self.topics
+        &self.described.topics
+    }
+
+    fn listed(&mut self) -> Option<Vec<Topic>> {
+        let position = self.file.position();
+        let topics = self.summary().ok().flatten();
+        self.file.seek(position).ok()?;
+        topics
     }
 
     fn done(&self) -> f64 {

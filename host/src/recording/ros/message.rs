@@ -60,19 +60,31 @@ fn side(size: u32) -> u16 {
     u16::try_from(size).unwrap_or(u16::MAX)
 }
 
-/// The size of the sensor in a message with events, and the encoding where it has one.
-pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<(Sensor, Option<String>), MessageError> {
+/// What a message with events says of them.
+pub struct Description {
+    /// Size of the sensor, where it is stated.
+    pub sensor: Option<Sensor>,
+    /// The encoding, where there is one.
+    pub encoding: Option<String>,
+    /// Whether there are any.
+    pub has_events: bool,
+}
+
+/// What a message with events says of them.
+pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<Description, MessageError> {
     let mut fields = Fields::new(wire, message)?;
     fields.header()?;
     let (height, width) = (fields.u32("its size")?, fields.u32("its size")?);
-    let sensor = Sensor::new(side(width), side(height));
+    // Some drivers leave it out of all messages, others of those without events.
+    let sensor = (width > 0 && height > 0).then(|| Sensor::new(side(width), side(height)));
     if kind != Kind::EventPacket {
-        return Ok((sensor, None));
+        return Ok(Description { sensor, encoding: None, has_events: fields.u32("the number of events")? > 0 });
     }
     fields.u64("its number")?;
     fields.u64("its time")?;
-    let encoding = String::from_utf8_lossy(fields.text("its encoding")?).into_owned();
-    Ok((sensor, Some(encoding)))
+    let encoding = Some(String::from_utf8_lossy(fields.text("its encoding")?).into_owned());
+    fields.u8("its byte order")?;
+    Ok(Description { sensor, encoding, has_events: fields.u32("the events")? > 0 })
 }
 
 /// Appends the events of a message of `kind`. Events before an error count.

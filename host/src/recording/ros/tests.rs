@@ -102,6 +102,12 @@ fn imu(wire: Wire, t: i64) -> Vec<u8> {
     message.finish()
 }
 
+/// What `ros2 bag record --compression-mode message` makes of messages.
+fn packed(messages: Messages) -> Messages {
+    let pack = |message: Vec<u8>| zstd::stream::encode_all(Cursor::new(&message), 3).unwrap();
+    messages.into_iter().map(|(name, type_name, message)| (name, type_name, pack(message))).collect()
+}
+
 /// A recording: name, type and bytes of each message.
 type Messages = Vec<(&'static str, &'static str, Vec<u8>)>;
 
@@ -440,6 +446,12 @@ fn frames_and_samples_are_of_the_camera_whose_events_are_read() {
                 })
                 .collect();
             assert_eq!(found, times, "{stream:?}");
+            let side = if times == [2, 8] { "left" } else { "right" };
+            let chosen = [
+                format!("frames are those of /rig/{side}/image_raw"),
+                format!("inertial samples are those of /rig/{side}/imu"),
+            ];
+            assert!(reader.chosen().iter().zip(&chosen).all(|(told, part)| told.starts_with(part.as_str())));
         }
     }
 }
@@ -475,6 +487,168 @@ fn arrays_of_other_drivers_are_read() {
     for type_name in ["dv_ros_msgs/EventArray", "samsung_event_msgs/EventArray"] {
         let content = bag("none", &vec![("/e", type_name, event_array(Wire::Ros1, &events(0, 9)))]);
         assert_eq!(testing::read(&content).events, events(0, 9), "{type_name}");
+    }
+}
+
+#[test]
+fn messages_that_are_packed_one_by_one_are_read() {
+    let messages = || packed(messages(Wire::Cdr));
+    for content in [database::bag(&messages()), mcap("", &messages()), mcap("lz4", &messages())] {
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.events, outcome.error), (events(0, 7), None));
+        let streams = {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording");
+            std::fs::write(&path, &content).unwrap();
+            Recording::new(&path, RecordingOptions::default()).unwrap().streams().unwrap()
+        };
+        assert_eq!(streams.iter().map(|stream| stream.elements).collect::<Vec<_>>(), [1, 7, 1, 1]);
+        let mut cut = content.clone();
+        let start = cut.windows(4).rposition(|bytes| bytes == [0x28, 0xb5, 0x2f, 0xfd]).unwrap();
+        cut[start + 4..start + 12].fill(0xff);
+        let error = testing::read(&cut).error;
+        assert!(error.is_none_or(|error| error.contains("damaged")));
+    }
+}
+
+/// Drivers that start send messages without events, and leave the size of the sensor out of them; a camera that is not connected
+/// goes on with it.
+#[test]
+fn messages_without_events_tell_nothing_of_the_sensor() {
+    let of = |wire: Wire| -> Messages {
+        let array = "dvs_msgs/msg/EventArray";
+        let mut empty = Message::new(wire, 99);
+        [0_u32; 3].iter().for_each(|number| _ = empty.number(number.to_le_bytes()));
+        let empty = empty.finish();
+        let silent = || ("/right/events", array, event_array(wire, &[]));
+        vec![
+            silent(),
+            ("/left/events", array, empty),
+            silent(),
+            ("/left/events", array, event_array(wire, &events(0, 7))),
+        ]
+    };
+    for content in files(of) {
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.events, outcome.error), (events(0, 7), None));
+        assert_eq!(outcome.information.unwrap().sensor, Some(Sensor::new(346, 260)));
+        let right = RecordingOptions { stream: Some("/right/events".to_owned()), ..RecordingOptions::default() };
+        let outcome = testing::read_with(&content, right);
+        assert_eq!((outcome.events.len(), outcome.error), (0, None));
+    }
+}
+
+/// A folder of a bag with files of these names, in its metadata in this order.
+fn folder(files: &[(&str, Vec<u8>)], prefix: &str) -> tempfile::TempDir {
+    let directory = tempfile::tempdir().unwrap();
+    let mut metadata = "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n".to_owned();
+    for (name, content) in files {
+        std::fs::write(directory.path().join(name), content).unwrap();
+        metadata += &format!("    - {prefix}{name}\n");
+    }
+    std::fs::write(directory.path().join("metadata.yaml"), metadata).unwrap();
+    directory
+}
+
+/// The events and the report of the folder, and what is wrong with it.
+fn read_folder(path: &std::path::Path) -> (Vec<Event>, crate::recording::ReadReport, Option<String>) {
+    let mut reader = match Recording::new(path, RecordingOptions::default()).and_then(|recording| recording.open()) {
+        Ok(reader) => reader,
+        Err(error) => return (Vec::new(), Default::default(), Some(error.to_string())),
+    };
+    let (mut all, mut batch) = (Vec::new(), Vec::new());
+    let error = loop {
+        match reader.next_batch(&mut batch) {
+            Ok(true) => all.extend_from_slice(&batch),
+            Ok(false) => break None,
+            Err(error) => break Some(error.to_string()),
+        }
+    };
+    (all, reader.report().clone(), error)
+}
+
+#[test]
+fn a_bag_that_was_split_is_one_recording() {
+    let array = "dvs_msgs/msg/EventArray";
+    let second: Messages = vec![
+        ("/other", "std_msgs/msg/String", vec![1]),
+        ("/dvs/imu", "sensor_msgs/msg/Imu", imu(Wire::Cdr, START + 5000)),
+        ("/dvs/events", array, event_array(Wire::Cdr, &events(7, 5))),
+    ];
+    let first = messages(Wire::Cdr);
+    for prefix in ["", "bag/"] {
+        // The order is that of the list, not of the names.
+        let parts = [("b_1.mcap", mcap("zstd", &first)), ("b_0.mcap", mcap("", &second))];
+        let directory = folder(&parts, prefix);
+        let (read, report, error) = read_folder(directory.path());
+        assert_eq!((read, error), (events(0, 12), None));
+        assert!(report.truncated.is_none());
+        let recording = Recording::new(directory.path(), RecordingOptions::default()).unwrap();
+        let counts: Vec<(String, u64)> =
+            recording.streams().unwrap().into_iter().map(|stream| (stream.name, stream.elements)).collect();
+        let count = |name: &str| counts.iter().find(|(known, _)| known.starts_with(name)).unwrap().1;
+        assert_eq!((count("/dvs/events"), count("/dvs/imu"), count("/other")), (12, 2, 1));
+        let mut extras = open_extras(&recording).unwrap();
+        assert_eq!(std::iter::from_fn(|| extras.next_until(i64::MAX, &mut Vec::new())).count(), 3);
+        assert_eq!(extras.chosen().len(), 2);
+    }
+    let damaged = mcap("zstd", &first);
+    let directory =
+        folder(&[("a.mcap", damaged[..damaged.len() - 60].to_vec()), ("b.db3", database::bag(&second))], "");
+    let (read, report, error) = read_folder(directory.path());
+    assert!(read.ends_with(&events(7, 5)) && error.is_none(), "{error:?}");
+    assert!(report.truncated.unwrap().lost.contains("a.mcap"));
+}
+
+#[test]
+fn what_is_missing_in_the_folder_of_a_bag_is_named() {
+    let first = database::bag(&messages(Wire::Cdr));
+    let directory = folder(&[("a.db3", first.clone()), ("b.db3", first.clone())], "");
+    std::fs::remove_file(directory.path().join("b.db3")).unwrap();
+    let (read, _, error) = read_folder(directory.path());
+    assert_eq!(read, events(0, 7));
+    assert!(error.unwrap().contains("b.db3"));
+    let (_, _, error) = read_folder(folder(&[], "").path());
+    assert!(error.unwrap().contains("relative_file_paths"));
+    // A folder that names itself.
+    let directory = folder(&[], "");
+    std::fs::write(directory.path().join("metadata.yaml"), "rosbag2_bagfile_information: {relative_file_paths: [.]}")
+        .unwrap();
+    assert!(read_folder(directory.path()).2.unwrap().contains("is a folder"));
+    let packed = zstd::stream::encode_all(Cursor::new(&first), 3).unwrap();
+    let (_, _, error) = read_folder(folder(&[("a.db3.zstd", packed)], "").path());
+    assert!(error.unwrap().contains("unzstd"));
+    let (_, _, error) = read_folder(folder(&[("a.csv", b"t,x,y,p\n1,2,3,1\n".to_vec())], "").path());
+    assert!(error.unwrap().contains("of another format (text)"));
+}
+
+/// Written files list their topics: of a recording without frames nothing is read to find that out.
+#[test]
+fn the_list_of_topics_is_that_of_the_messages() {
+    let extras = [Extra::Inertial(InertialSample {
+        t: START + 10,
+        temperature: 0.0,
+        acceleration: [1.0, 0.0, 0.0],
+        angular_velocity: [0.0; 3],
+    })];
+    for (output, open) in
+        [(&BAG_OUTPUT, super::bag::open as super::container::OpenContainer), (&MCAP_OUTPUT, super::mcap::open)]
+    {
+        let content = written(output, &events(0, 7), &extras).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let mut container = open(&path).unwrap();
+        let listed: Vec<String> = container.listed().unwrap().into_iter().map(|topic| topic.name).collect();
+        // What was read before does not change.
+        let mut met = Vec::new();
+        while let Some(head) = container.next().unwrap() {
+            met.push(container.topics()[head.topic].name.clone());
+        }
+        assert!(met.len() == 2 && met.iter().all(|name| listed.contains(name)), "{met:?} {listed:?}");
+        // Without its end there is no list.
+        std::fs::write(&path, &content[..content.len() / 2]).unwrap();
+        assert!(open(&path).unwrap().listed().is_none());
     }
 }
 

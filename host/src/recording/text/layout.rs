@@ -52,6 +52,11 @@ pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutErro
     Ok(Layout { columns, time_unit, first_line: parts.first_line, sensor: parts.sensor, notes })
 }
 
+/// Whether a line of `text` names the columns of events.
+pub fn is_named(text: &str) -> bool {
+    text.lines().any(|line| columns::from_names(&name_list(line)).0.is_some())
+}
+
 fn fields(line: &str) -> Vec<&[u8]> {
     let mut fields = [&[][..]; MAX_FIELDS];
     let count = split(line.as_bytes(), &mut fields);

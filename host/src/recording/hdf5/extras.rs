@@ -1,0 +1,164 @@
+//! Frames and inertial samples beside the events, as MVSEC's files have them: pictures of 8 bits in `image_raw`, and in `imu` three
+//! accelerations in m/s² and three rates in rad/s, as ROS gives them. Their times are in `image_raw_ts` and `imu_ts`.
+
+use std::path::Path;
+
+use hdf5_reader::error::Error;
+use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
+
+use super::layout::Found;
+use super::{arrange, choose, structure, table};
+use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, take_until};
+use crate::recording::numbers::Number;
+use crate::recording::pictures::TimedImage;
+use crate::recording::ros::GRAVITY;
+use crate::recording::{RecordingError, RecordingErrorKind, RecordingOptions, TimeUnit};
+
+/// What they are called in reports.
+pub const FRAMES: &str = "frames";
+pub const SAMPLES: &str = "inertial samples";
+
+/// More times than this, an hour at 1 kHz, are not held in memory.
+const MOST_TIMES: u64 = 4_000_000;
+
+/// Pictures or samples, in their order.
+struct Timed {
+    data: Dataset,
+    /// Times in µs.
+    times: Vec<i64>,
+    next: usize,
+}
+
+impl Timed {
+    fn open((data, times): (Dataset, Dataset), unit: TimeUnit, offset: i64) -> Option<Self> {
+        let numbers = table::numbers(&times, MOST_TIMES)?;
+        let times: Option<Vec<i64>> = numbers.iter().map(|time| time.microseconds(unit)).collect();
+        let mut times: Vec<i64> = times?.iter().map(|time| time.saturating_add(offset)).collect();
+        times.truncate(usize::try_from(*data.shape().first()?).ok()?);
+        Some(Self { data, times, next: 0 })
+    }
+
+    fn time(&self) -> Option<i64> {
+        self.times.get(self.next).copied()
+    }
+
+    fn frame(&mut self, t: i64) -> Result<Frame, Error> {
+        let side = |axis: usize| self.data.shape().get(axis).copied().unwrap_or(0);
+        let (height, width) = (side(1), side(2));
+        let all = |side: u64| SliceInfoElem::Slice { start: 0, end: side, step: 1 };
+        let selections = vec![SliceInfoElem::Index(self.next as u64), all(height), all(width)];
+        let pixels = self.data.read_slice::<u8>(&SliceInfo { selections })?.into_iter().collect();
+        self.next += 1;
+        let size = u16::try_from(width).ok().zip(u16::try_from(height).ok());
+        let size = size.ok_or_else(|| Error::InvalidData("pictures larger than any sensor".to_owned()))?;
+        Ok(Frame { t, exposure: None, readout: None, size, position: (0, 0), channels: 1, pixels })
+    }
+
+    fn sample(&mut self, t: i64) -> Result<InertialSample, Error> {
+        let numbers = table::row(&self.data, self.next as u64)?;
+        self.next += 1;
+        let &[ax, ay, az, gx, gy, gz] = numbers.as_slice() else {
+            return Err(Error::InvalidData("inertial samples of other than six numbers".to_owned()));
+        };
+        let three = |numbers: [Number; 3], scale: f64| numbers.map(|number| (number.value() * scale) as f32);
+        Ok(InertialSample {
+            t,
+            temperature: 0.0,
+            acceleration: three([ax, ay, az], 1.0 / GRAVITY),
+            angular_velocity: three([gx, gy, gz], 180.0 / std::f64::consts::PI),
+        })
+    }
+}
+
+/// Those beside the events that are read.
+struct Beside {
+    frames: Option<Timed>,
+    samples: Option<Timed>,
+}
+
+impl Beside {
+    fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+        let Found { table, offset, frames, samples, .. } = choose(path, options)?.0;
+        let (_, unit) = arrange(path, table, options, &mut Vec::new())?;
+        let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
+        let open = |found: Option<(Dataset, Dataset)>| Timed::open(found?, unit, offset);
+        Ok(Self { frames: open(frames), samples: open(samples) })
+    }
+
+    /// The next one that begins.
+    fn next(&mut self) -> Result<Option<Extra>, Error> {
+        let frame = self.frames.as_ref().and_then(Timed::time);
+        let sample = self.samples.as_ref().and_then(Timed::time);
+        Ok(match (frame, sample, &mut self.frames, &mut self.samples) {
+            (Some(frame), sample, Some(frames), _)
+                if sample.is_none_or(|sample| frame.saturating_sub(READOUT) <= sample) =>
+            {
+                Some(Extra::Frame(frames.frame(frame)?))
+            }
+            (_, Some(sample), _, Some(samples)) => Some(Extra::Inertial(samples.sample(sample)?)),
+            _ => None,
+        })
+    }
+}
+
+struct Hdf5Extras {
+    path: std::path::PathBuf,
+    beside: Beside,
+    next: Option<Extra>,
+    held: OtherStreams,
+}
+
+/// Opens those of the file at `path`.
+pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
+    let mut beside = Beside::open(path, options)?;
+    let held = OtherStreams { frames: beside.frames.is_some(), imu: beside.samples.is_some() };
+    let next = beside.next().unwrap_or_default();
+    Ok(Box::new(Hdf5Extras { path: path.to_owned(), beside, next, held }))
+}
+
+/// What cannot be read beside the events.
+fn damaged(path: &Path, error: &Error) -> RecordingError {
+    match structure(path, error) {
+        RecordingError { kind: RecordingErrorKind::Damaged { byte, .. }, path } => {
+            let what = format!("frames or inertial samples cannot be read: {error}");
+            let advice = "those before them can be used";
+            RecordingError::new(&path, RecordingErrorKind::Damaged { byte, what, advice })
+        }
+        other => other,
+    }
+}
+
+impl ReadExtras for Hdf5Extras {
+    fn held(&self) -> OtherStreams {
+        self.held
+    }
+
+    fn first_time(&mut self) -> Option<i64> {
+        self.next.as_ref().map(Extra::start)
+    }
+
+    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
+        let Self { path, beside, next, .. } = self;
+        take_until(next, end, lost, || beside.next().map_err(|error| damaged(path, &error)))
+    }
+
+    fn reads(&self, stream: &str) -> bool {
+        matches!(stream, FRAMES if self.held.frames) || matches!(stream, SAMPLES if self.held.imu)
+    }
+}
+
+/// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
+pub fn visit_frames(
+    path: &Path,
+    options: &RecordingOptions,
+    visit: &mut dyn FnMut(TimedImage),
+) -> Result<Result<(), RecordingError>, RecordingError> {
+    let Some(mut frames) = Beside::open(path, options)?.frames else { return Ok(Ok(())) };
+    while let Some(t) = frames.time() {
+        match frames.frame(t) {
+            Ok(frame) => visit(frame.into()),
+            Err(error) => return Ok(Err(damaged(path, &error))),
+        }
+    }
+    Ok(Ok(()))
+}

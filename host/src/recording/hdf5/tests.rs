@@ -1,0 +1,206 @@
+//! Files with chunks, put together byte by byte, and their damage.
+
+use std::io::Write;
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+
+use super::structure::{Integer, chunked, dataset, group, superblock};
+use super::write;
+use crate::recording::testing::{self, Outcome};
+use crate::recording::write::EventWriter;
+use crate::recording::{Damage, RecordingOptions};
+
+/// Numbers of a chunk.
+const SIDE: usize = 100;
+/// Of the message of compressions: version, number, then number of the compression, flags, and how many values follow.
+const DEFLATE: [u8; 8] = [2, 1, 1, 0, 0, 0, 0, 0];
+
+fn events(count: i64) -> Vec<Event> {
+    let polarity = |index: i64| if index % 3 == 0 { Polarity::On } else { Polarity::Off };
+    let event = |index: i64| Event {
+        t: 5 + 37 * index,
+        x: (index * 7 % 346) as u16,
+        y: (index * 11 % 260) as u16,
+        polarity: polarity(index),
+    };
+    (0..count).map(event).collect()
+}
+
+/// A tree of chunks (version 1, all in one node): their lengths and addresses.
+fn tree(chunks: &[(usize, u64)]) -> Vec<u8> {
+    let nowhere = u64::MAX.to_le_bytes();
+    let mut bytes = [&b"TREE\x01\x00"[..], &(chunks.len() as u16).to_le_bytes(), &nowhere, &nowhere].concat();
+    let key = |length: usize, index: usize| {
+        let place = ((index * SIDE) as u64).to_le_bytes();
+        [&(length as u32).to_le_bytes()[..], &[0; 4], &place, &[0; 8]].concat()
+    };
+    for (index, (length, address)) in chunks.iter().enumerate() {
+        bytes.extend(key(*length, index));
+        bytes.extend(address.to_le_bytes());
+    }
+    bytes.extend(key(0, chunks.len()));
+    // A node has room for 64 children.
+    bytes.resize(24 + 65 * 24 + 64 * 8, 0);
+    bytes
+}
+
+/// The columns t, x, y and p of `events` in chunks, which are the last part of the file: first all of t, then those of x, and so on. The second value
+/// is where they begin.
+fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
+    let columns: [(&str, u8, Vec<Vec<u8>>); 4] = [
+        ("t", 8, events.iter().map(|event| event.t.to_le_bytes().to_vec()).collect()),
+        ("x", 2, events.iter().map(|event| event.x.to_le_bytes().to_vec()).collect()),
+        ("y", 2, events.iter().map(|event| event.y.to_le_bytes().to_vec()).collect()),
+        ("p", 1, events.iter().map(|event| vec![event.polarity.index() as u8]).collect()),
+    ];
+    let pack = |numbers: &[Vec<u8>], size: u8| {
+        let mut bytes = numbers.concat();
+        bytes.resize(SIDE * usize::from(size), 0);
+        let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+        encoder.write_all(&bytes).unwrap();
+        encoder.finish().unwrap()
+    };
+    let packed: Vec<Vec<Vec<u8>>> =
+        columns.iter().map(|(_, size, numbers)| numbers.chunks(SIDE).map(|part| pack(part, *size)).collect()).collect();
+    let build = |start: usize| {
+        let mut bytes = vec![0; 48];
+        let (mut objects, mut places, mut end) = (Vec::new(), Vec::new(), start);
+        for ((name, size, _), chunks) in columns.iter().zip(&packed) {
+            let starts: Vec<usize> = chunks
+                .iter()
+                .scan(end, |end, chunk| {
+                    *end += chunk.len();
+                    Some(*end - chunk.len())
+                })
+                .collect();
+            end += chunks.iter().map(Vec::len).sum::<usize>();
+            let address = bytes.len() as u64;
+            let list: Vec<(usize, u64)> =
+                chunks.iter().zip(&starts).map(|(chunk, start)| (chunk.len(), *start as u64)).collect();
+            bytes.extend(tree(&list));
+            objects.push((*name, bytes.len() as u64));
+            let numbers = Integer { size: *size, is_signed: *name == "t" };
+            bytes.extend(chunked(numbers, events.len() as u64, SIDE as u32, address, filters));
+            places.push(starts);
+        }
+        let columns = bytes.len() as u64;
+        bytes.extend(group(&objects, &[]));
+        let root = bytes.len() as u64;
+        bytes.extend(group(&[("events", columns)], &[("width", 346), ("height", 260)]));
+        bytes.splice(..48, superblock(root, end as u64));
+        (bytes, places)
+    };
+    let start = build(0).0.len();
+    let (head, places) = build(start);
+    ([head, packed.concat().concat()].concat(), places)
+}
+
+#[test]
+fn events_before_and_behind_a_damaged_chunk_are_kept() {
+    let events = events(1050);
+    let (content, places) = file(&events, &DEFLATE);
+    let Outcome { events: whole, error, information, .. } = testing::read(&content);
+    assert_eq!((whole.as_slice(), error), (events.as_slice(), None));
+    assert_eq!(information.unwrap().sensor, Some(Sensor::new(346, 260)));
+    for (column, chunk) in [(0, 0), (0, 3), (2, 3), (3, 10)] {
+        let mut damaged = content.clone();
+        damaged[places[column][chunk]..][..6].fill(0x5a);
+        let outcome = testing::read(&damaged);
+        let (before, behind) = (chunk * SIDE, (chunk + 1) * SIDE);
+        if before > 0 {
+            assert_eq!(outcome.events, events[..before]);
+            assert!(outcome.error.unwrap().contains(&format!("event {}", before + 1)));
+        } else {
+            assert!(outcome.error.is_some() && outcome.events.is_empty());
+        }
+        let skip = RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() };
+        let outcome = testing::read_with(&damaged, skip);
+        if before > 0 {
+            assert_eq!((outcome.error, outcome.report.damaged_packets), (None, 1));
+            assert_eq!(outcome.events, [&events[..before], &events[behind.min(events.len())..]].concat());
+        }
+    }
+}
+
+#[test]
+fn of_a_file_that_is_cut_the_events_before_the_end_are_read() {
+    let events = events(1050);
+    let (content, places) = file(&events, &DEFLATE);
+    // Within the fourth chunk of the last column.
+    let cut = places[3][3] + 1;
+    let Outcome { events: read, report, error, .. } = testing::read(&content[..cut]);
+    assert_eq!((read.as_slice(), error), (&events[..3 * SIDE], None));
+    let truncated = report.truncated.unwrap();
+    assert_eq!(truncated.byte, cut as u64);
+    assert!(
+        truncated.lost.contains("750 events") && truncated.lost.contains(&content.len().to_string()),
+        "{truncated}"
+    );
+    // Before the places of the chunks.
+    let error = testing::read(&content[..500]).error.unwrap();
+    assert!(error.contains("byte 500") && error.contains("copy it again"), "{error}");
+}
+
+#[test]
+fn a_compression_that_is_not_read_is_named() {
+    for (number, name) in
+        [(32026_u16, "Blosc 2 (filter 32026)"), (32008, "Bitshuffle (filter 32008)"), (40000, "filter id 40000")]
+    {
+        let [low, high] = number.to_le_bytes();
+        // Of those registered by others the length of a name comes behind the number.
+        let (content, _) = file(&events(50), &[2, 1, low, high, 0, 0, 0, 0, 0, 0]);
+        let error = testing::read(&content).error.unwrap();
+        assert!(error.contains(name) && error.contains("h5repack"), "{error}");
+    }
+}
+
+/// MATLAB's files begin with 512 bytes of their own.
+#[test]
+fn a_block_before_the_file_is_passed_over() {
+    let (content, _) = file(&events(250), &DEFLATE);
+    for power in 9..16 {
+        let mut block = b"MATLAB 7.3 MAT-file".to_vec();
+        block.resize(1 << power, b' ');
+        let outcome = testing::read(&[block.as_slice(), &content].concat());
+        assert_eq!((outcome.events.as_slice(), outcome.error), (events(250).as_slice(), None), "{power}");
+    }
+}
+
+#[test]
+fn damage_loses_no_more_than_it_must() {
+    testing::check_damage(&{
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events.h5");
+        let mut writer = EventWriter::create(&path, write::OUTPUT, Sensor::new(346, 260), "").unwrap();
+        writer.write(&events(40)).unwrap();
+        writer.finish().unwrap();
+        std::fs::read(path).unwrap()
+    });
+}
+
+#[test]
+fn what_lies_beside_events_is_not_taken_for_them() {
+    let whole = Integer { size: 8, is_signed: true };
+    let content = |names: &[&str]| {
+        let mut bytes = vec![0; 48];
+        let objects: Vec<(&str, u64)> = names
+            .iter()
+            .map(|name| {
+                let address = bytes.len() as u64;
+                bytes.extend([7_i64, 9].map(i64::to_le_bytes).as_flattened());
+                let place = bytes.len() as u64;
+                bytes.extend(dataset(whole, Some(2), address));
+                (*name, place)
+            })
+            .collect();
+        let root = bytes.len() as u64;
+        bytes.extend(group(&objects, &[]));
+        let length = bytes.len() as u64;
+        bytes.splice(..48, superblock(root, length));
+        bytes
+    };
+    assert!(testing::read(&content(&["t", "x", "y"])).error.unwrap().contains("no stream of events"));
+    let error = testing::read(&content(&["t", "x", "y", "p"])).error.unwrap();
+    assert!(error.contains("polarity is 7"), "{error}");
+}

@@ -1,0 +1,162 @@
+//! Folders that `ros2 bag record` writes: `metadata.yaml`, and the messages in one file or, where it was told to split them, in several,
+//! which follow each other.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+
+use yaml_rust2::{Yaml, YamlLoader};
+
+use super::container::{Container, MessageHead, OpenContainer, Topic};
+use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, events, extras, mcap};
+use crate::recording::{FileFormat, Head, RecordingError, RecordingErrorKind, Truncation, Uses, find_format};
+
+/// Folder of a ROS 2 bag. It is told by what is in it, not by how it begins.
+pub const FORMAT: FileFormat = FileFormat {
+    streams: |path, _| events::summarise(open, path),
+    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    extras: Some(|path, options| extras::open(open, path, options)),
+    uses: Uses { stream: true, ..Uses::NONE },
+    ..FileFormat::of_events("ROS 2 bag", |_| false, |path, options| events::open(FORMAT.name, open, path, options))
+};
+
+const METADATA: &str = "metadata.yaml";
+
+/// Whether `path` is such a folder.
+pub fn is_bag(path: &Path) -> bool {
+    path.join(METADATA).is_file()
+}
+
+/// How messages are read from what is at `path`, a file or a folder of them; `None` for files of another kind.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
+    if is_bag(path) { Ok(Some(open)) } else { file_opener(path) }
+}
+
+fn file_opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
+    const FILES: [(&FileFormat, OpenContainer); 3] =
+        [(&BAG_FORMAT, bag::open), (&MCAP_FORMAT, mcap::open), (&DB3_FORMAT, db3::open)];
+    let head = Head::read(path)?;
+    Ok(FILES.into_iter().find(|(format, _)| (format.recognise)(&head)).map(|(_, open)| open))
+}
+
+/// Opens the files of such a folder one after the other.
+fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+    let mut files: VecDeque<PathBuf> = files(path)?.into();
+    let count = files.len();
+    let first = files.pop_front().unwrap_or_default();
+    let (now, topics) = (open_file(&first)?, Vec::new());
+    Ok(Box::new(Folder { files, count, path: first, now, topics, places: Vec::new(), truncated: None }))
+}
+
+/// Opens a file of the folder, which may be no folder itself: it could name itself.
+fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+    match file_opener(path)? {
+        Some(open) => open(path),
+        None => {
+            let format = find_format(path, &Head::read(path)?)?;
+            let what = format!("content of another format ({})", format.name);
+            Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)))
+        }
+    }
+}
+
+/// The files that the metadata of the folder name, in their order; one at least.
+fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
+    let path = folder.join(METADATA);
+    let text = std::fs::read_to_string(&path).map_err(|error| RecordingError::io(&path, error))?;
+    let documents = YamlLoader::load_from_str(&text).unwrap_or_default();
+    let names = documents.first().map(|all| &all["rosbag2_bagfile_information"]["relative_file_paths"]);
+    let names = names.and_then(Yaml::as_vec).into_iter().flatten().filter_map(Yaml::as_str);
+    let place = |name: &str| {
+        let place = folder.join(name);
+        // Some versions put the name of the folder in front.
+        let inside = Path::new(name).file_name().map(|name| folder.join(name));
+        inside.filter(|inside| !place.exists() && inside.exists()).unwrap_or(place)
+    };
+    let files: Vec<PathBuf> = names.map(place).collect();
+    if files.is_empty() {
+        let what = "it lists no files under relative_file_paths".to_owned();
+        let advice = "name the .db3 or .mcap file itself";
+        return Err(RecordingError::new(&path, RecordingErrorKind::Damaged { byte: 0, what, advice }));
+    }
+    Ok(files)
+}
+
+struct Folder {
+    /// Those that follow, and how many there are in all.
+    files: VecDeque<PathBuf>,
+    count: usize,
+    /// The file that is read.
+    path: PathBuf,
+    now: Box<dyn Container>,
+    /// The topics of all files met so far, and where those of the present file are among them.
+    topics: Vec<Topic>,
+    places: Vec<usize>,
+    /// Of the first file that ends too early.
+    truncated: Option<Truncation>,
+}
+
+impl Folder {
+    /// Where the topic of the present file is among those of all.
+    fn place(&mut self, topic: usize) -> usize {
+        for topic in self.now.topics().get(self.places.len()..).unwrap_or_default() {
+            let same = |other: &Topic| other.name == topic.name && other.type_name == topic.type_name;
+            let place = self.topics.iter().position(same).unwrap_or(self.topics.len());
+            if place == self.topics.len() {
+                self.topics.push(topic.clone());
+            }
+            self.places.push(place);
+        }
+        self.places.get(topic).copied().unwrap_or(usize::MAX)
+    }
+
+    fn note_end(&mut self) {
+        if let (None, Some(Truncation { byte, lost })) = (&self.truncated, self.now.truncated()) {
+            let lost = format!("{lost} ({})", self.path.display());
+            self.truncated = Some(Truncation { byte: *byte, lost });
+        }
+    }
+}
+
+impl Container for Folder {
+    fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
+        loop {
+            if let Some(MessageHead { topic, byte }) = self.now.next()? {
+                return Ok(Some(MessageHead { topic: self.place(topic), byte }));
+            }
+            self.note_end();
+            let Some(path) = self.files.pop_front() else { return Ok(None) };
+            self.now = open_file(&path)?;
+            self.path = path;
+            self.places.clear();
+        }
+    }
+
+    fn message(&self) -> &[u8] {
+        self.now.message()
+    }
+
+    fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    fn listed(&mut self) -> Option<Vec<Topic>> {
+        // Those of the first file: what comes later is found where it comes.
+        self.now.listed()
+    }
+
+    fn done(&self) -> f64 {
+        let before = self.count.saturating_sub(1 + self.files.len());
+        (before as f64 + self.now.done()) / self.count.max(1) as f64
+    }
+
+    fn truncated(&self) -> Option<&Truncation> {
+        self.truncated.as_ref()
+    }
+
+    fn damaged(&self, byte: u64, what: String) -> RecordingError {
+        self.now.damaged(byte, what)
+    }
+}
