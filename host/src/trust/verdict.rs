@@ -63,7 +63,7 @@ pub enum Cause {
     PixelsNotSquare,
     /// The lens model folds over inside the sensor.
     NotOneToOne,
-    /// A distortion coefficient cannot be told from zero.
+    /// Zero is within the uncertainty of a distortion coefficient.
     ParameterUndetermined,
     /// The lens model leaves a pattern of residuals.
     ModelTooPoor,

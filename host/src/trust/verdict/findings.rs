@@ -268,7 +268,7 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<F
     (!lost.is_empty()).then(|| Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,
-        reason: format!("{} cannot be told from zero", lost.join(", ")),
+        reason: format!("zero is within the uncertainty of {}", lost.join(", ")),
         advice: "a model with fewer coefficients is probably enough".to_owned(),
     })
 }

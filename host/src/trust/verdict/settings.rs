@@ -10,7 +10,7 @@ use crate::trust::residual_map::ResidualPattern;
 /// calibration of 16 000.
 pub(super) const CERTAIN_DIFFERENCE: f64 = 4.0;
 
-/// A coefficient nearer to zero than this many of its standard deviations cannot be told from zero: 95 of 100 cases.
+/// A coefficient nearer to zero than this many of its standard deviations may be zero: 95 of 100 cases.
 pub(super) const TOLD_FROM_ZERO: f64 = 2.0;
 
 /// A focal length known worse than this share of it may be open for want of a second parameter: the two are only known
