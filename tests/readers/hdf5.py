@@ -43,7 +43,39 @@ def write_mvsec(path, events, size):
         group = file.create_group("davis/left")
         rows = np.array([(x, y, t * 1e-6, 1 if p else -1) for t, x, y, p in events])
         group.create_dataset("events", data=rows, chunks=(min(1000, len(rows)), 4), compression="gzip", shuffle=True)
-        group.create_dataset("image_raw", data=np.zeros((2, size[1], size[0]), dtype="u1"), chunks=True)
+        start = events[0][0] * 1e-6
+        pictures = np.arange(2 * size[1] * size[0], dtype="u4").reshape(2, size[1], size[0]) % 251
+        group.create_dataset("image_raw", data=pictures.astype("u1"), chunks=True)
+        group.create_dataset("image_raw_ts", data=start + np.array([0.02, 0.05]))
+        # Acceleration, then rates, as its converter writes a sample of ROS.
+        group.create_dataset("imu", data=np.tile([0.0, 9.80665, -4.903325, np.pi, 0.0, -np.pi / 2], (3, 1)))
+        group.create_dataset("imu_ts", data=start + np.array([0.01, 0.03, 0.06]))
+
+
+def write_matlab(path, events, size):
+    """As MATLAB's files of version 7.3: 512 bytes of its own, and vectors that are matrices of one row."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in zip("txyp", np.array(events, dtype="f8").T):
+            file.create_dataset(name, data=values[np.newaxis, :], chunks=(1, 1000), compression="gzip")
+        file.attrs["sensor_size"] = np.array(size, dtype="f8")
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+
+
+def write_across(path, events, size):
+    """Four rows of N numbers, as MATLAB stores what it shows as N x 4; attitudes, whose name comes first, beside them."""
+    with h5py.File(path, "w") as file:
+        file["attitude"] = np.random.default_rng(1).normal(size=(500, 4))
+        file.create_dataset("events", data=np.array(events).T, chunks=(4, 777), compression="lzf")
+        file.attrs["sensor_resolution"] = size[::-1]
+
+
+def write_unnamed(path, events, size):
+    """A table whose name tells nothing, behind attitudes."""
+    with h5py.File(path, "w") as file:
+        file["attitude"] = np.random.default_rng(1).normal(size=(500, 4))
+        file["left"] = np.array(events)
+        file.attrs["resolution"] = size
 
 
 def runs(values):
@@ -137,6 +169,9 @@ WRITERS = {
     "hdf5-m3ed": write_m3ed,
     "hdf5-mvsec": write_mvsec,
     "hdf5-metavision": write_metavision,
+    "hdf5-matlab": write_matlab,
+    "hdf5-across": write_across,
+    "hdf5-unnamed": write_unnamed,
     "hdf5-plain": codec(),
     "hdf5-gzip": codec(compression="gzip", shuffle=True, fletcher32=True),
     "hdf5-blosclz": codec(**BLOSC("blosclz", 9, BLOSC.SHUFFLE)),
@@ -146,4 +181,7 @@ WRITERS = {
     "hdf5-zstd-bits": codec(**BLOSC("zstd", 5, BLOSC.BITSHUFFLE)),
     "hdf5-lz4-filter": codec(**hdf5plugin.LZ4()),
     "hdf5-zstd-filter": codec(**hdf5plugin.Zstd()),
+    "hdf5-blosc2": codec(**hdf5plugin.Blosc2("zstd", 5, hdf5plugin.Blosc2.SHUFFLE)),
+    "hdf5-bitshuffle": codec(**hdf5plugin.Bitshuffle(cname="lz4")),
+    "hdf5-snappy": codec(**BLOSC("snappy", 5, BLOSC.SHUFFLE)),
 }

@@ -96,7 +96,10 @@ fn text_gives_the_camera_of_the_binary_recording_and_events_outside_the_sensor_c
     }
     let (finished, output) = calibrate_text(&directory, "strays", &events);
     assert_eq!(finished.code, Some(0), "{finished:?}");
-    assert!(strays > 1000 && finished.stdout.contains(&format!("{strays} events lie outside the sensor")), "{finished:?}");
+    assert!(
+        strays > 1000 && finished.stdout.contains(&format!("{strays} events lie outside the sensor")),
+        "{finished:?}"
+    );
     assert_eq!(cameras(&output), cameras(&reference()));
     assert_eq!(events_read(&output), events_read(&reference()));
 }

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 use evcal::recording::aedat4::header::Compression;
 use evcal::recording::aedat4::write::Encoder;
+use evcal::recording::convert::open_extras;
 use evcal::recording::encode::Encode;
-use evcal::recording::extras::{Frame, InertialSample, OtherStreams};
+use evcal::recording::extras::{Extra, Frame, InertialSample, OtherStreams};
 use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
@@ -82,6 +83,9 @@ fn hdf5_of_all_layouts_and_compressions_is_read() {
         "m3ed",
         "mvsec",
         "metavision",
+        "matlab",
+        "across",
+        "unnamed",
         "plain",
         "gzip",
         "blosclz",
@@ -106,6 +110,43 @@ fn hdf5_of_all_layouts_and_compressions_is_read() {
             assert!(read(&path, right) == expected[..100]);
         }
     }
+}
+
+#[test]
+fn compressions_of_hdf5_that_are_not_read_are_named() {
+    let programs = [
+        ("hdf5-blosc2", "Blosc 2 (filter 32026)"),
+        ("hdf5-bitshuffle", "Bitshuffle (filter 32008)"),
+        ("hdf5-snappy", "Blosc with Snappy"),
+    ];
+    let (_folder, paths) = written_by(&programs.map(|(program, _)| (program, "h5")), &events(0));
+    for (path, (_, name)) in paths.iter().zip(programs) {
+        let error = Recording::new(path, RecordingOptions::default()).unwrap().open().err().unwrap().to_string();
+        assert!(error.contains(name) && error.contains("h5repack"), "{error}");
+    }
+}
+
+#[test]
+fn frames_and_samples_of_mvsec_are_read() {
+    let (folder, paths) = written_by(&[("hdf5-mvsec", "h5")], &events(UNIX_TIME));
+    let recording = Recording::new(&paths[0], RecordingOptions::default()).unwrap();
+    let mut extras = open_extras(&recording).unwrap();
+    assert_eq!(extras.held(), OtherStreams { frames: true, imu: true });
+    let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut Vec::new())).collect();
+    let close = |t: i64, milliseconds: i64| (t - UNIX_TIME - 1000 * milliseconds).abs() <= 1;
+    let [Extra::Inertial(first), Extra::Frame(frame), Extra::Inertial(_), Extra::Frame(last), Extra::Inertial(_)] =
+        &found[..]
+    else {
+        panic!("{} frames and samples", found.len())
+    };
+    assert!(close(first.t, 10) && close(frame.t, 20) && close(last.t, 50));
+    assert_eq!((first.acceleration, first.angular_velocity), ([0.0, 1.0, -0.5], [180.0, 0.0, -90.0]));
+    assert_eq!((frame.size, frame.channels, frame.pixels.len()), ((346, 260), 1, 346 * 260));
+    assert!(frame.pixels.iter().enumerate().all(|(index, pixel)| usize::from(*pixel) == index % 251));
+    let told = converted(&paths[0], &folder.path().join("target.aedat4"));
+    assert!(told.contains("20000 events, 2 frames, 3 inertial samples") && !told.contains("not kept"), "{told}");
+    let told = converted(&paths[0], &folder.path().join("target.csv"));
+    assert!(told.contains("not kept: 2 frames") && told.contains("not kept: 3 inertial samples"), "{told}");
 }
 
 #[test]

@@ -158,12 +158,13 @@ fn recordings_are_written_in_every_format_with_their_frames() {
             Some((t as i64, x, y))
         })
         .collect();
-    for name in ["events.aedat4", "events.csv", "events.bin", "events.dvraw"] {
-        let (told, path) = undistort(name, &[]);
+    for extension in ["aedat4", "csv", "bin", "dvraw", "bag", "mcap", "raw", "npz", "h5"] {
+        let name = format!("events.{extension}");
+        let (told, path) = undistort(&name, &[]);
         assert_eq!(told["recording"]["events"], fractions.len(), "{name}");
-        let holds_frames = name.ends_with("aedat4") || name.ends_with("dvraw");
+        let holds_frames = ["aedat4", "dvraw", "bag", "mcap"].contains(&extension);
         assert_eq!(told["recording"]["frames"].as_u64().unwrap() > 0, holds_frames, "{name}: {told}");
-        if name.ends_with("csv") || name.ends_with("aedat4") {
+        if !["bin", "dvraw"].contains(&extension) {
             let written = events(&path);
             assert_eq!(written.len(), fractions.len());
             for (event, &(t, x, y)) in written.iter().zip(&fractions) {

@@ -68,7 +68,10 @@ impl EventDecoder {
         if header.table_position.is_none() {
             notes.push("the recording was not closed (it has no table of packets); it is read packet by packet".into());
         }
-        let sensor = sensor_size(stream).map_err(error)?;
+        let sensor = match (sensor_size(stream), options.sensor) {
+            (Err(_), Some(_)) => None,
+            (own, _) => own.map_err(error)?,
+        };
         let names = header.streams.iter().map(|stream| (stream.id, describe(stream))).collect();
         let camera_name = stream.source.clone();
         let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: None, notes };
@@ -321,7 +324,9 @@ mod tests {
         for size in [32_768, 0, -5, 70_000] {
             let (_directory, path) = file(Compression::None, size, &[]);
             let error = read(&path, RecordingOptions::default()).error.unwrap();
-            assert!(error.contains(&size.to_string()), "{error}");
+            assert!(error.contains(&size.to_string()) && error.contains("--sensor"), "{error}");
+            let options = RecordingOptions { sensor: Some(Sensor::new(346, 260)), ..RecordingOptions::default() };
+            assert_eq!(read(&path, options).error, None);
         }
         let (_directory, path) = file(Compression::None, 32_767, &[]);
         assert_eq!(read(&path, RecordingOptions::default()).error, None);

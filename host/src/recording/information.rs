@@ -376,9 +376,8 @@ impl fmt::Display for Information {
         }
         if let Some(Flicker { frequency, share, fills_readout }) = self.flicker {
             let share = 100.0 * share;
-            let value = format!(
-                "the light flickers at {frequency} Hz: {share:.0} % of all events come in its rhythm, ON and OFF by turns"
-            );
+            let value =
+                format!("the light flickers at {frequency} Hz, and the rate of events swings with it by {share:.0} %");
             let full = if fills_readout { ", as many as can be read: they come late" } else { "" };
             line(f, "flicker", value + full)?;
         }

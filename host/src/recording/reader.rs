@@ -479,8 +479,8 @@ impl EventReader {
 
     fn out_of_order(&self, times: u64) -> RecordingErrorKind {
         let what = format!(
-            "time went back by more than 0.1 s {times} times up to here, so the events are not in its order: sort them by time, \
-             or say with --columns which column that is"
+            "time went back by more than 0.1 s {times} times up to here: the events are not in order, and have to be sorted by \
+             time first"
         );
         RecordingErrorKind::Event { event: self.decoded, what }
     }

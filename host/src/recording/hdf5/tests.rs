@@ -45,8 +45,8 @@ fn tree(chunks: &[(usize, u64)]) -> Vec<u8> {
     bytes
 }
 
-/// The columns t, x, y and p of `events` in chunks, which are the last part of the file: first all of t, then those of x, and so on. The second value
-/// is where they begin.
+/// The columns t, x, y and p of `events` in chunks, which are the last part of the file: first all of t, then those of x, and so
+/// on. The second value is where they begin.
 fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
     let columns: [(&str, u8, Vec<Vec<u8>>); 4] = [
         ("t", 8, events.iter().map(|event| event.t.to_le_bytes().to_vec()).collect()),

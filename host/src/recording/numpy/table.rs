@@ -113,8 +113,8 @@ fn single(header: &Header) -> Option<NumberType> {
 /// A table of an archive, and the name of its array, if it is one.
 pub type Named = (Table, Option<String>);
 
-/// What can be the events of an archive, the likeliest first: the array `wanted`; else those named t, x, y and p, then arrays with such fields, then
-/// those whose names begin with `event`, then all others that have rows.
+/// What can be the events of an archive, the likeliest first: the array `wanted`; else those named t, x, y and p, then arrays with
+/// such fields, then those whose names begin with `event`, then all others that have rows.
 ///
 /// # Errors
 /// Where there is nothing.

@@ -147,7 +147,8 @@ impl Packing {
 /// How a frame of Zstandard begins; a message of ROS 2 begins otherwise.
 const ZSTANDARD: &[u8] = b"\x28\xb5\x2f\xfd";
 
-/// Puts a message that was packed by itself, as `ros2 bag record --compression-mode message` does, into `unpacked`, which stays empty for others.
+/// Puts a message that was packed by itself, as `ros2 bag record --compression-mode message` does, into `unpacked`, which stays
+/// empty for others.
 pub fn unpack_message(message: &[u8], unpacked: &mut Vec<u8>) -> io::Result<()> {
     unpacked.clear();
     if message.starts_with(ZSTANDARD) {
