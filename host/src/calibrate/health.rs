@@ -51,7 +51,10 @@ fn flickering(Flicker { frequency, share, fills_readout }: Flicker) -> Finding {
     Finding {
         cause: Cause::Flicker,
         severity: if share > STRONG_FLICKER { Severity::Warning } else { Severity::Note },
-        reason: format!("the light flickers at {frequency} Hz: {:.0} % of all events come from it", 100.0 * share),
+        reason: format!(
+            "the light flickers at {frequency} Hz, and the rate of events swings with it by {:.0} %",
+            100.0 * share
+        ),
         advice,
     }
 }
