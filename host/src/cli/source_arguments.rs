@@ -13,10 +13,10 @@ pub struct SourceArguments {
     /// Size of the sensor in pixels, instead of what the file says, for example 346x260
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = value::sensor)]
     pub sensor: Option<Sensor>,
-    /// Columns of a text file, such as x,y,p,t; - for one to leave out
+    /// Columns of a table of events, such as x,y,p,t; - leaves one out
     #[arg(long, value_name = "NAMES", allow_hyphen_values = true)]
     columns: Option<Columns>,
-    /// Unit of the times in a text file: s, ms, us or ns
+    /// Unit of the times in a table of events: s, ms, us or ns
     #[arg(long, value_name = "UNIT")]
     time_unit: Option<TimeUnit>,
     /// Name or number of the event stream to read [default: the first]

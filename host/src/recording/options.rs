@@ -13,9 +13,9 @@ pub struct RecordingOptions {
     pub stream: Option<String>,
     /// Width and height of the sensor in pixels, instead of what the file says.
     pub sensor: Option<Sensor>,
-    /// Columns of a text file.
+    /// Columns of a table of events: a text file, or an array without names.
     pub columns: Option<Columns>,
-    /// Unit of the times in a text file.
+    /// Unit of the times in such a table.
     pub time_unit: Option<TimeUnit>,
     /// Which device of a USB capture is the camera, if several may be.
     pub device: Option<DeviceAddress>,
