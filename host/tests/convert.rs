@@ -245,7 +245,7 @@ fn after_a_gap_times_are_right_and_the_gap_is_reported() {
     assert_eq!((&stream["gaps"], &stream["repaired_gaps"]), (&1.into(), &1.into()), "{stream}");
     assert!(stream["restored_us"].as_u64().unwrap() > 300_000, "{stream}");
     let told = succeed(&["info", text(&file("gap.dvraw"))]);
-    assert!(told.contains("missing in 1 places") && told.contains("computer's clock"), "{told}");
+    assert!(told.contains("lost in 1 place") && told.contains("computer's clock"), "{told}");
     // A copy of the stream keeps the gap.
     let told = succeed(&["convert", text(&file("gap.dvraw")), text(&file("copy.dvraw"))]);
     assert!(told.contains("transfers as they were") && told.contains("1 damaged places"), "{told}");

@@ -171,12 +171,7 @@ const FILES: &[Mistake] = &[
     mistake("compare FIXTURE FIXTURE", 1, "events.dvraw", "calibration.json"),
     mistake("calibrate DIR/empty.csv --board BOARD -o DIR/out", 1, "empty.csv", "empty"),
     mistake("calibrate DIR/picture.png --board BOARD -o DIR/out", 1, "picture.png", "PNG"),
-    mistake(
-        "calibrate DIR/recording.h5 --board BOARD -o DIR/out",
-        1,
-        "structure of the HDF5 file",
-        "copied as a whole",
-    ),
+    mistake("calibrate DIR/recording.h5 --board BOARD -o DIR/out", 1, "structure of the HDF5 file", "copy it again"),
     mistake("calibrate DIR/words.txt --board BOARD -o DIR/out", 1, "in no format known here", "known: AEDAT4"),
     mistake("calibrate DIR/camera/calibration.json --board BOARD -o DIR/out", 1, "is a JSON file", "evcal export"),
     mistake(
@@ -193,7 +188,12 @@ const FILES: &[Mistake] = &[
     ),
     mistake("calibrate DIR/milliseconds.csv --board BOARD -o DIR/out", 1, "events a second", "--time-unit ms"),
     mistake("convert DIR/sizeless.csv DIR/out.csv --sensor 240x180", 1, "lie outside of", "give the true size"),
-    mistake("calibrate DIR/shuffled.csv --sensor 346x260 --board BOARD -o DIR/out", 1, "order of time", "sort"),
+    mistake(
+        "calibrate DIR/shuffled.csv --sensor 346x260 --board BOARD -o DIR/out",
+        1,
+        "not in order",
+        "sorted by time",
+    ),
     mistake("calibrate FIXTURE --board BOARD -o DIR/camera", 1, "is there already", "--force"),
     mistake("calibrate FIXTURE --board BOARD -o /proc/evcal", 1, "/proc/evcal", "-o"),
     mistake("calibrate FIXTURE --board BOARD -o DIR/words.txt", 1, "words.txt: is a file", "choose another folder"),

@@ -7,8 +7,8 @@ use super::error::InertialError;
 use super::sample::Sample;
 use crate::numerics::gravity::STANDARD_GRAVITY;
 use crate::numerics::statistics::{median, quantile};
-use crate::recording::convert::open_extras;
 use crate::recording::extras::Extra;
+use crate::recording::extras::open_extras;
 use crate::recording::{Recording, RecordingError};
 
 /// Largest share of samples at the end of their scale.

@@ -13,7 +13,7 @@ use serde::Serialize;
 use usb_davis::capture::CaptureError;
 
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
-use super::extras::{Extra, NoExtras, ReadExtras, left_out};
+use super::extras::{Extra, NoExtras, ReadExtras, left_out, open_extras};
 use super::given_sensor::{OtherSensor, check_outside, check_stated};
 use super::information::{likely_sensor_of, sensor_advice};
 use super::write::output_extensions;
@@ -215,17 +215,6 @@ pub fn convert_changed(
     report.notes.extend(extras.chosen());
     report.lost.extend(left_out(&*extras, &report.report));
     Ok(report)
-}
-
-/// Frames and inertial samples of `recording`, in order of time.
-///
-/// # Errors
-/// When the file cannot be read.
-pub fn open_extras(recording: &Recording) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    match recording.format().extras {
-        Some(open) => open(recording.path(), recording.options()),
-        None => Ok(Box::new(NoExtras)),
-    }
 }
 
 /// Changes, moves and writes a frame or an inertial sample, and counts it if it is kept.

@@ -8,8 +8,8 @@ use evcal_core::event::{Event, Polarity};
 use serde::Serialize;
 
 use crate::recording::bad_pixels::dead_lines;
-use crate::recording::convert::open_extras;
 use crate::recording::date::date;
+use crate::recording::extras::open_extras;
 use crate::recording::flicker::{Flicker, RateBins};
 use crate::recording::saturation::SaturationDetector;
 use crate::recording::{ReadReport, Recording, RecordingError, StreamSummary};

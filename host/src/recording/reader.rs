@@ -177,11 +177,12 @@ impl StreamFaults {
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if self.gaps > 0 {
-            notes.push(format!("bytes of the stream were lost in {} places", self.gaps));
+            let places = if self.gaps == 1 { "place" } else { "places" };
+            notes.push(format!("bytes of the stream were lost in {} {places}", self.gaps));
         }
         if self.repaired_gaps > 0 {
             notes.push(format!(
-                "in {} of these places the camera's count of time was lost too, {:.3} s in all; the computer's clock told how much",
+                "in {} of them the camera's count of time was lost too, {:.3} s in all; the computer's clock told how much",
                 self.repaired_gaps,
                 self.restored_us as f64 / 1e6
             ));

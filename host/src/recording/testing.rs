@@ -38,7 +38,7 @@ pub fn read_with(content: &[u8], options: RecordingOptions) -> Outcome {
     };
     // None of it may panic.
     let _ = (recording.streams(), super::pictures::visit_frames(&recording, |_| {}));
-    if let Ok(mut extras) = super::convert::open_extras(&recording) {
+    if let Ok(mut extras) = super::extras::open_extras(&recording) {
         while extras.next_until(i64::MAX, &mut Vec::new()).is_some() {}
     }
     let mut batch = Vec::new();

@@ -14,10 +14,10 @@ use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
 use crate::files::{self, FileError};
 use crate::lens::camera_file::{CameraDescription, CameraFile};
 use crate::recording::convert::{
-    Change, ConversionProgress, ConversionReport, ConvertError, TimeOrigin, convert_changed, open_extras,
+    Change, ConversionProgress, ConversionReport, ConvertError, TimeOrigin, convert_changed,
 };
 use crate::recording::encode::OutputFormat;
-use crate::recording::extras::{Extra, NoExtras, left_out};
+use crate::recording::extras::{Extra, NoExtras, left_out, open_extras};
 use crate::recording::{EventReader, Recording, RecordingError, RecordingOptions};
 
 /// The camera of undistorted frames or pictures, in their folder.

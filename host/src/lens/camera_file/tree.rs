@@ -5,15 +5,12 @@ use serde_json::Value;
 use yaml_rust2::Yaml;
 use yaml_rust2::yaml::Hash;
 
-use super::yaml::YamlError;
-
 /// Levels of elements in each other that a camera in XML has at most.
 const DEEPEST: usize = 8;
 
 /// The tree of a text in JSON.
-pub(super) fn of_json(text: &str) -> Result<Yaml, YamlError> {
-    let value: Value = serde_json::from_str(text).map_err(|error| YamlError::NoYaml(error.to_string()))?;
-    Ok(of_value(value))
+pub(super) fn of_json(text: &str) -> Result<Yaml, serde_json::Error> {
+    Ok(of_value(serde_json::from_str(text)?))
 }
 
 fn of_value(value: Value) -> Yaml {
@@ -30,8 +27,8 @@ fn of_value(value: Value) -> Yaml {
 }
 
 /// The tree below the root of a text in XML, as OpenCV's `FileStorage` writes it.
-pub(super) fn of_xml(text: &str) -> Result<Yaml, YamlError> {
-    let document = roxmltree::Document::parse(text).map_err(|error| YamlError::NoXml(error.to_string()))?;
+pub(super) fn of_xml(text: &str) -> Result<Yaml, roxmltree::Error> {
+    let document = roxmltree::Document::parse(text)?;
     Ok(of_element(document.root_element(), 0))
 }
 

@@ -60,7 +60,7 @@ pub fn parse(text: &str) -> Result<CameraFile, YamlError> {
 /// # Errors
 /// [`YamlError`].
 pub fn parse_json(text: &str) -> Result<CameraFile, YamlError> {
-    camera_of(&tree::of_json(text)?)
+    camera_of(&tree::of_json(text).map_err(|error| YamlError::NoYaml(error.to_string()))?)
 }
 
 /// Reads a camera from the text of an XML file.
@@ -68,7 +68,7 @@ pub fn parse_json(text: &str) -> Result<CameraFile, YamlError> {
 /// # Errors
 /// [`YamlError`].
 pub fn parse_xml(text: &str) -> Result<CameraFile, YamlError> {
-    camera_of(&tree::of_xml(text)?)
+    camera_of(&tree::of_xml(text).map_err(|error| YamlError::NoXml(error.to_string()))?)
 }
 
 /// The camera in the tree of a file, whichever program it is of.

@@ -195,7 +195,7 @@ pub fn visit_frames(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::convert::open_extras;
+    use crate::recording::extras::open_extras;
     use crate::recording::pictures::visit_frames;
     use crate::recording::{Recording, RecordingOptions, testing};
 
