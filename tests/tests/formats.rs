@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use evcal::recording::aedat4::header::Compression;
 use evcal::recording::aedat4::write::Encoder;
-use evcal::recording::convert::open_extras;
 use evcal::recording::encode::Encode;
+use evcal::recording::extras::open_extras;
 use evcal::recording::extras::{Extra, Frame, InertialSample, OtherStreams};
 use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
