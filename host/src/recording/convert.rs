@@ -13,7 +13,7 @@ use serde::Serialize;
 use usb_davis::capture::CaptureError;
 
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
-use super::extras::{Extra, NoExtras, ReadExtras, left_out, open_extras};
+use super::extras::{Extra, NoExtras, left_out, open_extras};
 use super::given_sensor::{OtherSensor, check_outside, check_stated};
 use super::information::{likely_sensor_of, sensor_advice};
 use super::write::output_extensions;
