@@ -159,7 +159,8 @@ fn recordings_are_written_in_every_format_with_their_frames() {
         })
         .collect();
     for extension in ["aedat4", "csv", "bin", "dvraw", "bag", "mcap", "raw", "npz", "h5"] {
-        let name = format!("events.{extension}");
+        // The camera that goes with them has their name without its ending.
+        let name = format!("{extension}-events.{extension}");
         let (told, path) = undistort(&name, &[]);
         assert_eq!(told["recording"]["events"], fractions.len(), "{name}");
         let holds_frames = ["aedat4", "dvraw", "bag", "mcap"].contains(&extension);
