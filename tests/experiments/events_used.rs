@@ -23,8 +23,11 @@ fn main() {
     let model = arguments.next().unwrap_or_else(|| "radtan".to_owned());
     let lens = lens::ALL.into_iter().find(|lens| lens.model == model).expect("one of the models of the tests");
     let folder = tempfile::tempdir().expect("a folder can be made");
-    let recordings: Vec<PathBuf> =
-        (seed(first)..=seed(last)).map(|seed| simulated(lens, folder.path(), seed)).collect();
+    let simulated = |seed: u64| {
+        let options = ["--motion", "fast", "--duration", "4s", "--seed", &seed.to_string()];
+        lens.simulation(&format!("events-used-{seed}"), &options)
+    };
+    let recordings: Vec<PathBuf> = (seed(first)..=seed(last)).map(simulated).collect();
     println!("{} recordings, seeds {range}, {model}; root mean squares over them", recordings.len());
     println!("| at most | focal lengths (%) | projection (px) | stated, 95 % (px) | ATE (mm) |");
     println!("|---|---|---|---|---|");
@@ -42,15 +45,6 @@ fn main() {
             1e3 * rms(|(accuracy, _)| accuracy.position),
         );
     }
-}
-
-fn simulated(lens: Lens, folder: &Path, seed: u64) -> PathBuf {
-    let seed = seed.to_string();
-    let output = folder.join(&seed);
-    let of_lens = ["simulate", "--board", BOARD, "--model", lens.model, "--parameters", lens.parameters];
-    let rest = ["--motion", "fast", "--duration", "4s", "--seed", &seed, "-o", text(&output)];
-    succeed(&[&of_lens[..], &rest].concat());
-    output
 }
 
 fn calibrated(lens: Lens, folder: &Path, recording: &Path, most: u32) -> (Accuracy, f64) {
