@@ -285,7 +285,7 @@ impl Work<'_> {
         let parameters = ParameterRequests::default();
         // Whether its rows are exposed one after the other, only both cameras together tell.
         let settings = match input {
-            Input::Images(_) => &Settings { initial: self.settings.initial.of_rows_in_turn(), ..self.settings.clone() },
+            Input::Images(_) => &Settings { initial: task.settings.initial.of_rows_in_turn(), ..task.settings.clone() },
             Input::Events(_) | Input::Circles { .. } => task.settings,
         };
         let task = Task { inputs, pictures, parameters, settings, sensor: *sensor, model: *model, ..*task };
