@@ -32,6 +32,20 @@ fn encoding(header: &Header) -> Option<&str> {
     header.get("evt").or_else(|| header.get("format")?.split(';').next())
 }
 
+/// Whether the words of EVT 2.1 in `bytes` have their halves the other way round: which half has times that go on?
+fn halves_are_swapped(bytes: &[u8]) -> bool {
+    let (words, _) = bytes.as_chunks::<8>();
+    let steps = |shift: u32| {
+        let halves = words.iter().map(|word| (u64::from_le_bytes(*word) >> shift) as u32);
+        let highs: Vec<u32> = halves.filter(|half| half >> 28 == 0x8).collect();
+        highs.windows(2).filter(|pair| (1..=MOST_STEP).contains(&pair[1].wrapping_sub(pair[0]))).count()
+    };
+    steps(0) > steps(32)
+}
+
+/// One time high of EVT 2.1 is further on than the last by no more than this, in 64 µs (0.1 s).
+const MOST_STEP: u32 = 1600;
+
 /// The decoders of the encodings.
 enum Words {
     Evt2(Evt2Decoder),
@@ -40,12 +54,15 @@ enum Words {
 }
 
 impl Words {
-    fn new(header: &Header) -> Option<Self> {
+    /// For what follows `header`; `beginning` of it says what the header may not.
+    fn new(header: &Header, beginning: &[u8]) -> Option<Self> {
         Some(match encoding(header)? {
             "2.0" | "EVT2" => Self::Evt2(Evt2Decoder::new()),
             "2.1" | "EVT21" => {
                 let endianness = header.format_option("endianness").or_else(|| header.get("endianness"));
-                Self::Evt21 { decoder: Evt21Decoder::new(), halves_swapped: endianness == Some("legacy") }
+                let halves_swapped =
+                    endianness.map_or_else(|| halves_are_swapped(beginning), |endianness| endianness == "legacy");
+                Self::Evt21 { decoder: Evt21Decoder::new(), halves_swapped }
             }
             "3.0" | "EVT3" => Self::Evt3(Evt3Decoder::new()),
             _ => return None,
@@ -97,8 +114,12 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
         format: "Prophesee RAW with another encoding than EVT 2.0, 2.1 or 3.0",
         advice: "convert it with metavision_file_to_csv",
     };
-    let header = Header::parse(&Head::read(path)?.bytes);
-    let Some((words, header)) = header.and_then(|header| Some((Words::new(&header)?, header))) else {
+    let head = Head::read(path)?;
+    let words = |header: Header| {
+        let words = Words::new(&header, head.bytes.get(header.length..).unwrap_or_default())?;
+        Some((words, header))
+    };
+    let Some((words, header)) = Header::parse(&head.bytes).and_then(words) else {
         return Err(RecordingError::new(path, unsupported));
     };
     let mut file = ByteReader::open(path)?;
@@ -206,6 +227,9 @@ mod tests {
                 "% format EVT21;endianness=legacy;height=260;width=346\n% end\n",
                 wide.iter().map(|word| word.rotate_left(32).to_le_bytes()),
             ),
+            // Neither says which way round the halves are.
+            file("% evt 2.1\n% geometry 346x260\n% end\n", wide.iter().map(|word| word.to_le_bytes())),
+            file("% evt 2.1\n% geometry 346x260\n% end\n", wide.iter().map(|word| word.rotate_left(32).to_le_bytes())),
             file("% format EVT3;height=260;width=346\n% end\n", evt3(events).iter().map(|word| word.to_le_bytes())),
         ]
     }
