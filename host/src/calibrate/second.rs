@@ -1,7 +1,13 @@
 //! Other cameras on the mount, after the first.
 
+use std::ops::ControlFlow;
+
 use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use super::error::CalibrateError;
+use super::input::Input;
 use super::mounted::{SecondCamera, SecondFrames};
+use super::step::Step;
+use super::{Task, calibrate};
 use crate::board::Board;
 use crate::board::symmetry::symmetries;
 use crate::circles::reference_frame::{ObservedCircle, PointObservation, ReferenceFrame};
@@ -13,8 +19,25 @@ use crate::second_camera::error::SecondCameraError;
 use crate::second_camera::frames::{FrameCamera, SeenFrame, calibrate_frames};
 use crate::second_camera::joint::Lenses;
 use crate::second_camera::{Apart, Pictures, calibrate_pictures_against, calibrate_second};
+use crate::settings::Settings;
 use crate::solve::held_intrinsics::HeldIntrinsics;
 use crate::trust::uncertainty::UncertaintySettings;
+
+/// Calibrates the lens of another camera on the mount from its own recording, apart from the first camera. The rows of its frames may
+/// be exposed one after the other, which only both cameras together tell; `progress` is that of [`calibrate`].
+///
+/// # Errors
+/// Those of [`calibrate`].
+pub fn calibrate_lens_apart(
+    task: &Task,
+    progress: impl FnMut(Step) -> ControlFlow<()> + Send,
+) -> Result<Calibrated, CalibrateError> {
+    if !task.inputs.iter().any(|input| matches!(input, Input::Images(_))) {
+        return calibrate(task, progress);
+    }
+    let settings = Settings { initial: task.settings.initial.of_rows_in_turn(), ..task.settings.clone() };
+    calibrate(&Task { settings: &settings, ..*task }, progress)
+}
 
 /// Calibrates the camera of `second` against that of `first`; both were calibrated apart before the same `board`, from one recording
 /// each, the second from `file`. Intrinsics are solved for too, unless they are in `lenses`.

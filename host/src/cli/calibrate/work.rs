@@ -12,7 +12,9 @@ use evcal::calibrate::inertia::calibrate_inertial;
 use evcal::calibrate::input::Input;
 use evcal::calibrate::mounted::SecondCamera;
 use evcal::calibrate::parameter_request::ParameterRequests;
-use evcal::calibrate::second::{calibrate_frame_camera, calibrate_own_pictures, calibrate_second_camera};
+use evcal::calibrate::second::{
+    calibrate_frame_camera, calibrate_lens_apart, calibrate_own_pictures, calibrate_second_camera,
+};
 use evcal::calibrate::step::Step;
 use evcal::calibrate::{PictureUse, Task, calibrate};
 use evcal::files::folder::OutputFolder;
@@ -283,13 +285,8 @@ impl Work<'_> {
             _ => PictureUse::Witness,
         };
         let parameters = ParameterRequests::default();
-        // Whether its rows are exposed one after the other, only both cameras together tell.
-        let settings = match input {
-            Input::Images(_) => &Settings { initial: task.settings.initial.of_rows_in_turn(), ..task.settings.clone() },
-            Input::Events(_) | Input::Circles { .. } => task.settings,
-        };
-        let task = Task { inputs, pictures, parameters, settings, sensor: *sensor, model: *model, ..*task };
-        let second = calibrate(&task, |step| {
+        let task = Task { inputs, pictures, parameters, sensor: *sensor, model: *model, ..*task };
+        let second = calibrate_lens_apart(&task, |step| {
             waiting.stage(step.text, step.done);
             ControlFlow::Continue(())
         });
