@@ -75,8 +75,8 @@ pub struct CoverageSummary {
     pub distances: [u64; 3],
     /// What is still to be done; nothing when enough was seen.
     pub missing: Vec<Wanted>,
-    /// How far it is on the way to enough, 0 to 1: the least of all criteria.
-    pub progress: f64,
+    /// How much of each criterion is fulfilled, 0 to 1: windows with the board, the share of the sensor, tilts.
+    pub fulfilled: [f64; 3],
 }
 
 /// What was seen of the board so far.
@@ -169,11 +169,12 @@ impl LiveCoverage {
         let (covered, tilts) = (self.covered(), self.tilts());
         let wanted = self.settings.circles_per_cell.max(1);
         let share = |count: u64, wanted: u64| if wanted == 0 { 1.0 } else { count as f64 / wanted as f64 };
-        let mut progress = share(self.boards(), self.settings.boards);
-        if self.settings.coverage > 0.0 {
-            progress = progress.min(covered / self.settings.coverage);
-        }
-        progress = tilts.iter().map(|count| share(*count, self.settings.boards_per_tilt)).fold(progress, f64::min);
+        let share_of_tilts = tilts.map(|count| share(count, self.settings.boards_per_tilt).min(1.0));
+        let fulfilled = [
+            share(self.boards(), self.settings.boards),
+            if self.settings.coverage > 0.0 { covered / self.settings.coverage } else { 1.0 },
+            share_of_tilts.iter().sum::<f64>() / share_of_tilts.len() as f64,
+        ];
         CoverageSummary {
             boards: self.boards(),
             covered,
@@ -182,7 +183,7 @@ impl LiveCoverage {
             tilts,
             distances: self.distances,
             missing: self.missing_beside(covered, tilts),
-            progress: progress.clamp(0.0, 1.0),
+            fulfilled: fulfilled.map(|share| share.clamp(0.0, 1.0)),
         }
     }
 

@@ -26,8 +26,7 @@ const SUMMARY: f64 = 0.5;
 /// Time over which the board's motion is taken as straight (s): long enough that the noise of its outline does not count.
 const STRAIGHT: f64 = 0.1;
 
-/// Progress that is told at most before the first checkpoint, and before enough was seen.
-const BEFORE_CHECKPOINT: f64 = 0.5;
+/// Progress that is told at most before enough was seen.
 const ALMOST: f64 = 0.99;
 
 /// The board in the image, and how it moves.
@@ -107,19 +106,18 @@ impl Seen {
         missing
     }
 
-    /// How far the recording is on its way to enough, 0 to 1: the least of all criteria. All of it only with
-    /// [`Seen::is_enough`].
+    /// How far the recording is on its way to enough, 0 to 1: the mean over all criteria, so that whatever helps shows. All of it only
+    /// with [`Seen::is_enough`].
     pub fn progress(&self) -> f64 {
         if self.is_enough() {
             return 1.0;
         }
         let of_time = if self.shortest > 0.0 { self.watched / self.shortest } else { 1.0 };
         // The error falls with the square root of time.
-        let of_error = match self.about {
-            Some(about) => (self.target / about).powi(2),
-            None => BEFORE_CHECKPOINT,
-        };
-        self.coverage.progress.min(of_time).min(of_error).clamp(0.0, ALMOST)
+        let of_error = self.about.map_or(0.0, |about| (self.target / about).powi(2));
+        let [of_boards, of_sensor, of_tilts] = self.coverage.fulfilled;
+        let shares = [of_boards, of_sensor, of_tilts, of_time, of_error].map(|share| share.min(1.0));
+        (shares.iter().sum::<f64>() / shares.len() as f64).clamp(0.0, ALMOST)
     }
 }
 
