@@ -125,6 +125,7 @@ const FILES: &[Mistake] = &[
         "is it the right folder?",
     ),
     mistake("calibrate ~/a.bag --board BOARD -o DIR/out", 1, "~/a.bag: cannot be read", "write the whole path"),
+    mistake("info -", 1, "standard input is not read", "write it to a file"),
     mistake("calibrate https://example.org/a.raw --board BOARD -o DIR/out", 1, "an address is no file", "download it"),
     mistake("calibrate /dev/ttyACM99 --board BOARD -o DIR/out", 1, "cannot be read", "serial:PORT"),
     mistake("calibrate DIR/camera --board BOARD -o DIR/out", 1, "is a folder", "name"),

@@ -159,7 +159,9 @@ impl Head {
 /// What to do about a path that leads nowhere.
 fn where_else(path: &Path) -> &'static str {
     let text = path.to_string_lossy();
-    if text.contains("://") {
+    if text == "-" {
+        "standard input is not read, for a recording is read more than once: write it to a file first"
+    } else if text.contains("://") {
         "an address is no file: download it first"
     } else if text.contains(['*', '?']) {
         "no name is of this form: is it the right folder?"
