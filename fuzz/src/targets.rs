@@ -2,10 +2,15 @@
 //! not justify, and what it hands out must keep the promises of the reader.
 
 use std::fs;
+use std::io::{Read as _, Write as _};
+use std::net::{Ipv4Addr, Shutdown, TcpStream};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+use std::time::Duration;
 
 use evcal::board::{Board, BoardProblem};
 use evcal::circles::{stream, track};
+use evcal::page::Page;
 use evcal::recording::image_folder::{self, ImageFolder, ImageFolderError, Stamps};
 use evcal::recording::{Damage, FORMATS, Recording, RecordingErrorKind, RecordingOptions, pictures};
 use evcal::result::calibrated_camera::CalibratedCamera;
@@ -68,6 +73,7 @@ pub const TARGETS: &[Target] = &[
     bytes("wire", read_wire),
     bytes("evt", read_evt),
     bytes("image-folder", |bytes| _ = images_in(bytes)),
+    bytes("http", read_http),
 ];
 
 /// More events than any input of a fuzzer can hold.
@@ -298,6 +304,37 @@ fn read_wire(bytes: &[u8]) {
         seen
     };
     assert_eq!(messages(usize::from(*piece).max(1)), messages(bytes.len().max(1)));
+}
+
+/// The page, and its address.
+static PAGE: LazyLock<(Page, String)> = LazyLock::new(|| {
+    let page = Page::start(Ipv4Addr::LOCALHOST.into(), Some(0)).expect("a page can be served");
+    let address = page.url();
+    let address = address.trim_start_matches("http://").split('/').next().unwrap_or_default().to_owned();
+    (page, address)
+});
+
+/// What a browser, or whoever it is, sends to the page of `evcal live`; its own address stands for every `@`. Nobody knows the token: no
+/// command is taken, and who comes next gets the page.
+fn read_http(bytes: &[u8]) {
+    let (page, address) = &*PAGE;
+    let sent: Vec<u8> =
+        bytes.iter().flat_map(|byte| if *byte == b'@' { address.as_bytes().to_vec() } else { vec![*byte] }).collect();
+    ask(address, &sent);
+    let answer = ask(address, format!("GET / HTTP/1.1\r\nHost: {address}\r\n\r\n").as_bytes());
+    assert!(answer.starts_with(b"HTTP/1.1 200"), "the page does not answer any more");
+    assert!(!page.is_finish_asked() && page.take_next().is_none(), "a command without the token");
+}
+
+/// Sends this and nothing more; gives the answers. The other side may close before all is sent.
+fn ask(address: &str, request: &[u8]) -> Vec<u8> {
+    let mut stream = TcpStream::connect(address).expect("the page listens");
+    stream.set_read_timeout(Some(Duration::from_secs(10))).expect("a socket waits for some time only");
+    let _ = stream.write_all(request);
+    let _ = stream.shutdown(Shutdown::Write);
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer);
+    answer
 }
 
 fn read_evt(bytes: &[u8]) {
