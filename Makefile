@@ -2,7 +2,7 @@
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream; OPENCV=0 builds it without OpenCV
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test test-times test-workspace test-report test-python test-packages test-usb-guest test-embedded \
+.PHONY: demo test test-times test-workspace test-without-opencv test-report test-python test-packages test-usb-guest test-embedded \
     test-embedded-slow compatibility setup readers build programs packages rooms bench fuzz check check-format check-lints \
     check-documentation check-no-std check-dependencies check-oldest-rust check-crates
 
@@ -20,13 +20,15 @@ test:
 test-times: setup
 	@sh tools/measure/time-tests.sh $(COLD) $(TESTS)
 
-# All tests that cargo runs. Without OpenCV, the tests of the program that calibrate most, and the units; but for those that take
-# long and never come near OpenCV.
+# All tests that cargo runs. Without OpenCV, the tests of the program that calibrate most; the packages and the Python package are
+# without it too, and are tested below.
 test-workspace: setup
 	cargo test --workspace --release --locked
-	cargo test -p evcal --release --locked --no-default-features --features cli \
-		--lib --test cli --test first_contact --test regressions \
-		-- --skip inertial:: --skip simulate:: --skip live:: --skip export::
+	cargo test -p evcal --release --locked --no-default-features --features cli --test cli --test first_contact --test regressions
+
+# All tests of evcal without OpenCV, the units too.
+test-without-opencv: setup
+	cargo test -p evcal --release --locked --no-default-features --features cli
 
 # report.html and the page of evcal live in a headless browser, as a phone and as a desktop; installs the browser.
 test-report: programs
