@@ -24,7 +24,9 @@ struct Trial {
     difference: f64,
     /// What it is expected to be, and to stay below in 95 of 100 cases.
     expected: [f64; 2],
-    /// The same of the two halves of the recording.
+    /// The part of that which the model of events has (px rms, σ).
+    of_model: f64,
+    /// Difference, and what is expected, of the two halves of the recording.
     halves: Option<(f64, [f64; 2])>,
     poses: Poses,
     /// Measures of the board, of [`MEASURES`], that were taken for other than they are stated. The simulated ones are as stated.
@@ -123,7 +125,19 @@ fn trial(lens: Lens, seed: u64, options: &[String]) -> Option<Trial> {
         println!("seed {seed}: {}", finished.stderr.trim());
         return None;
     }
-    Some(Trial::of(lens, &calibration, &simulation))
+    let trial = Trial::of(lens, &calibration, &simulation);
+    let [_, bound] = trial.expected;
+    let halves = trial.halves.map_or_else(
+        || "no halves".to_owned(),
+        |(difference, [expected, bound])| {
+            format!("halves {difference:.4} px, {expected:.4} expected, {bound:.4} bound")
+        },
+    );
+    println!(
+        "seed {seed}: {:.4} px off, {bound:.4} bound; {halves}; model of events {:.4} px",
+        trial.difference, trial.of_model
+    );
+    Some(trial)
 }
 
 impl Trial {
@@ -140,6 +154,7 @@ impl Trial {
             sigma: names.iter().map(|name| number(&result["sigma"]["parameters"][*name])).collect(),
             difference: number(&evaluation["projection_difference"]["rms_px"]),
             expected: [number(&uncertainty["projection_rms"]), number(&uncertainty["projection_rms_95"])],
+            of_model: number(&uncertainty["projection_parts"]["event_model"]),
             halves: halves["bound"]
                 .as_f64()
                 .map(|bound| (number(&halves["difference_rms"]), [number(&halves["expected_rms"]), bound])),
