@@ -320,18 +320,26 @@ fn read_http(bytes: &[u8]) {
     let (page, address) = &*PAGE;
     let sent: Vec<u8> =
         bytes.iter().flat_map(|byte| if *byte == b'@' { address.as_bytes().to_vec() } else { vec![*byte] }).collect();
-    ask(address, &sent);
-    let answer = ask(address, format!("GET / HTTP/1.1\r\nHost: {address}\r\n\r\n").as_bytes());
+    let stream = send(address, &sent);
+    // Otherwise the page waits for the rest.
+    let _ = stream.shutdown(Shutdown::Write);
+    answer(stream);
+    let next = format!("GET / HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
+    let answer = answer(send(address, next.as_bytes()));
     assert!(answer.starts_with(b"HTTP/1.1 200"), "the page does not answer any more");
     assert!(!page.is_finish_asked() && page.take_next().is_none(), "a command without the token");
 }
 
-/// Sends this and nothing more; gives the answers. The other side may close before all is sent.
-fn ask(address: &str, request: &[u8]) -> Vec<u8> {
+/// Sends this to the page, which may close before all is sent.
+fn send(address: &str, request: &[u8]) -> TcpStream {
     let mut stream = TcpStream::connect(address).expect("the page listens");
     stream.set_read_timeout(Some(Duration::from_secs(10))).expect("a socket waits for some time only");
     let _ = stream.write_all(request);
-    let _ = stream.shutdown(Shutdown::Write);
+    stream
+}
+
+/// All that comes back until the page closes.
+fn answer(mut stream: TcpStream) -> Vec<u8> {
     let mut answer = Vec::new();
     let _ = stream.read_to_end(&mut answer);
     answer
