@@ -2,13 +2,13 @@
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream; OPENCV=0 builds it without OpenCV
 #   make test   checks formatting, lints, documentation and runs all tests
 .POSIX:
-.PHONY: demo test test-times test-workspace test-without-opencv test-report test-python test-packages test-usb-guest test-embedded \
-    test-embedded-slow compatibility setup readers build programs packages rooms bench fuzz check check-format check-lints \
+.PHONY: demo test test-times test-workspace test-beside test-without-opencv test-report test-python test-packages test-usb-guest \
+    test-embedded test-embedded-slow compatibility setup readers build programs packages rooms bench fuzz check check-format check-lints \
     check-documentation check-no-std check-dependencies check-oldest-rust check-crates
 
 # What `make test` runs, in this order.
 CHECKS = check-format check-lints check-documentation check-no-std check-dependencies check-oldest-rust check-crates
-TESTS = setup readers $(CHECKS) test-workspace test-report test-python test-packages test-usb-guest test-embedded
+TESTS = setup readers $(CHECKS) test-workspace test-report test-beside
 
 demo: build
 	@sh tools/demo.sh
@@ -20,19 +20,24 @@ test:
 test-times: setup
 	@sh tools/measure/time-tests.sh $(COLD) $(TESTS)
 
-# All tests that cargo runs. Without OpenCV, the tests of the program that calibrate most; the packages and the Python package are
-# without it too, and are tested below.
+# All tests that cargo runs. Of the examples, those that a test runs are built; the lints compile the others.
+TARGETS = --tests --example calibrate --example detect --example simulate --example undistort
 test-workspace: setup
-	cargo test --workspace --release --locked
-	cargo test -p evcal --release --locked --no-default-features --features cli --test cli --test first_contact --test regressions
+	cargo test --workspace --release --locked $(TARGETS)
+	cargo test --workspace --release --locked --doc
 
-# All tests of evcal without OpenCV, the units too.
+# All tests of evcal in a build without OpenCV: before a release, and after a change of what starts natively. `make test` has such a
+# build in the packages and in the Python package.
 test-without-opencv: setup
 	cargo test -p evcal --release --locked --no-default-features --features cli
 
 # report.html and the page of evcal live in a headless browser, as a phone and as a desktop; installs the browser.
 test-report: programs
 	@sh tools/report/check.sh
+
+# The steps after these, in two rows: one compiles most of the time, the other waits for emulated machines.
+test-beside: programs
+	@sh tools/beside.sh "test-python test-packages" "test-usb-guest test-embedded"
 
 # The Python package: its wheel, built, installed and tested; installs what it needs below target.
 test-python: setup
@@ -103,7 +108,7 @@ build: setup
 # The programs as the tests have them: their dependencies have features that only tests ask for, and another build
 # would compile most of evcal a second time.
 programs: setup
-	cargo test --workspace --release --locked --no-run
+	cargo test --workspace --release --locked $(TARGETS) --no-run
 
 bench: setup
 	cargo bench --workspace

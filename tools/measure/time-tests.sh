@@ -43,6 +43,8 @@ for step in "$@"; do
     spent=$(($(date +%s) - start))
     total=$((total + spent))
     echo "| \`make $step\` | $(as_time "$spent") |"
+    # Steps that ran beside each other, which are part of this one.
+    sed -n 's/^== make \(.*\) took \(.*\)$/| in it, `make \1` | \2 |/p' "$logs/$step"
 done
 echo "| all | $(as_time "$total") |"
 # A step that was left out took no time.

@@ -16,9 +16,11 @@ run_as_root() {
     fi
 }
 
+# Scripts that run beside each other take turns (flock): apt-get does not wait while another one fetches its lists.
+
 # update_package_lists: fetches what packages there are.
 update_package_lists() {
-    run_as_root apt-get -o DPkg::Lock::Timeout=900 update -q >&2
+    run_as_root flock /var/lib/apt apt-get -o DPkg::Lock::Timeout=900 update -q >&2
 }
 
 # install_python_packages FOLDER REQUIREMENTS: an environment with what the file asks for, made anew when that changes.
@@ -43,6 +45,6 @@ install_packages() {
     echo "$script: installing$missing" >&2
     update_package_lists || return 1
     # shellcheck disable=SC2086 # one word a package
-    run_as_root env DEBIAN_FRONTEND=noninteractive \
+    run_as_root env DEBIAN_FRONTEND=noninteractive flock /var/lib/apt \
         apt-get -o DPkg::Lock::Timeout=900 install -q -y --no-install-recommends $missing >&2
 }

@@ -112,12 +112,12 @@ impl Seen {
         if self.is_enough() {
             return 1.0;
         }
-        let of_time = if self.shortest > 0.0 { self.watched / self.shortest } else { 1.0 };
+        let of_time = if self.shortest > 0.0 { (self.watched / self.shortest).min(1.0) } else { 1.0 };
         // The error falls with the square root of time.
-        let of_error = self.about.map_or(0.0, |about| (self.target / about).powi(2));
+        let of_error = self.about.map_or(0.0, |about| (self.target / about).powi(2).min(1.0));
         let [of_boards, of_sensor, of_tilts] = self.coverage.fulfilled;
-        let shares = [of_boards, of_sensor, of_tilts, of_time, of_error].map(|share| share.min(1.0));
-        (shares.iter().sum::<f64>() / shares.len() as f64).clamp(0.0, ALMOST)
+        let shares = [of_boards, of_sensor, of_tilts, of_time, of_error];
+        (shares.iter().sum::<f64>() / shares.len() as f64).min(ALMOST)
     }
 }
 
