@@ -134,7 +134,7 @@ type Outcome = Result<(), Box<dyn Error>>;
 #[error("{0}; see --help")]
 struct UsageError(String);
 
-/// Everything went well, but the calibration is not good enough; the exit code is 3.
+/// Everything went well, but the camera, or what was calibrated beside it, is not good enough; the exit code is 3.
 #[derive(Debug, thiserror::Error)]
 #[error("the calibration is not good enough to be used: the verdict says why; --accept-any makes the exit code 0")]
 struct NotGoodEnough;

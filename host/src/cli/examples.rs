@@ -21,7 +21,7 @@ Examples:
     evcal calibrate recording.dvraw --board acircles:9x4:55mm:r17.5mm --model kannala-brandt -o out
     evcal calibrate recording.dvraw --board acircles:9x4:55mm:r17.5mm --model auto -o out
 
-The exit code is 3 where the verdict is \"not good enough\", unless --accept-any is given.";
+The exit code is 3 where a verdict is \"not good enough\", unless --accept-any is given.";
 
 pub const DETECT: &str = "\
 Examples:

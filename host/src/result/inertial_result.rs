@@ -18,6 +18,7 @@ use crate::lens::camera_file::CameraDescription;
 use crate::numerics::gravity::STANDARD_GRAVITY;
 use crate::numerics::rigid::pose_of_rows;
 use crate::result::correlated::{POSE_NAMES, correlated};
+use crate::trust::verdict::{Grade, Severity};
 
 /// Names of the parameters whose correlations are stated, in their order, after [`POSE_NAMES`].
 const NAMES: [&str; GYROSCOPE_TURN - POSE_NAMES.len()] = [
@@ -87,8 +88,9 @@ fn measured() -> bool {
 /// A calibrated inertial unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InertialResult {
-    /// Whether the result is good, and how well it is known.
-    #[serde(default)]
+    /// Whether the result is good.
+    pub grade: Grade,
+    /// The same in words, and how well it is known.
     pub verdict: String,
     /// From coordinates of the camera to those of the unit, row by row; none where rotation or place was not measured.
     #[serde(rename = "T_imu_camera")]
@@ -141,6 +143,23 @@ pub struct InertialResult {
     pub findings: Vec<String>,
 }
 
+/// Whether a calibrated inertial unit is good.
+pub fn grade(calibration: &InertialCalibration) -> Grade {
+    Grade::of(calibration.findings.iter().map(|finding| match finding {
+        Finding::PositionNotMeasured { .. }
+        | Finding::RotationNotMeasured { .. }
+        | Finding::DelayNotMeasured { .. }
+        | Finding::Loose { .. } => Severity::Failure,
+        Finding::AccelerometerNotMeasured
+        | Finding::HardlyTilted { .. }
+        | Finding::GyroscopeNotMeasured
+        | Finding::BoardSpacing { .. }
+        | Finding::CameraMoved { .. }
+        | Finding::OtherCamera { .. } => Severity::Warning,
+        Finding::ClockDrift { .. } | Finding::Missing { .. } | Finding::Saturated { .. } => Severity::Note,
+    }))
+}
+
 impl InertialResult {
     /// The result of `calibration`.
     pub fn new(calibration: &InertialCalibration) -> Self {
@@ -173,6 +192,7 @@ impl InertialResult {
             };
         let whole: Matrix4<f64> = parameters.imu_from_camera().to_homogeneous();
         let mut result = Self {
+            grade: grade(calibration),
             verdict: String::new(),
             imu_from_camera: (unmeasured.is_empty() && !rotation_lost).then(|| whole.transpose().into()),
             rotation_sigma: three(ROTATION),
@@ -209,32 +229,16 @@ impl InertialResult {
             correlations: correlations(calibration),
             findings: calibration.findings.iter().map(ToString::to_string).collect(),
         };
-        result.verdict = result.judged(calibration);
+        result.verdict = result.sentence(calibration);
         result
     }
 
-    fn judged(&self, calibration: &InertialCalibration) -> String {
-        let fails = |finding: &Finding| {
-            matches!(
-                finding,
-                Finding::PositionNotMeasured { .. }
-                    | Finding::RotationNotMeasured { .. }
-                    | Finding::DelayNotMeasured { .. }
-                    | Finding::Loose { .. }
-            )
-        };
-        let is_harmless = |finding: &Finding| {
-            matches!(finding, Finding::ClockDrift { .. } | Finding::Missing { .. } | Finding::Saturated { .. })
-        };
-        let grade = match calibration.findings.as_slice() {
-            findings if findings.iter().any(fails) => "Not good enough",
-            findings if findings.iter().all(is_harmless) => "Good",
-            _ => "Usable, with what the notes say",
-        };
+    fn sentence(&self, calibration: &InertialCalibration) -> String {
         let largest = |first: usize| (0..3).map(|axis| calibration.sigma(first + axis)).fold(0.0, f64::max);
         let delays = self.gyroscope.delay.sigma.max(self.accelerometer.delay.sigma);
         format!(
-            "{grade}: the rotation is known to {:.3}°, the place to {:.2} mm (σ of the worst axis), the delays to {:.3} ms.",
+            "{}: the rotation is known to {:.3}°, the place to {:.2} mm (σ of the worst axis), the delays to {:.3} ms.",
+            self.grade.opening(),
             largest(ROTATION).to_degrees(),
             1e3 * largest(POSITION),
             1e3 * delays
@@ -250,9 +254,7 @@ impl InertialResult {
     pub fn sentences(&self) -> String {
         let held = if self.held_camera.is_some() { ", the camera's intrinsics held" } else { "" };
         let mut text = format!("inertial unit, from {} samples{held}:\n", self.used);
-        if !self.verdict.is_empty() {
-            let _ = writeln!(text, "  {}", self.verdict);
-        }
+        let _ = writeln!(text, "  {}", self.verdict);
         self.place(&mut text);
         for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {
             let Uncertain { value, sigma } = sensor.delay;

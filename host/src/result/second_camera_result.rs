@@ -15,6 +15,7 @@ use crate::result::inertial_result::Uncertain;
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::finding::Finding;
 use crate::second_camera::mount::{COUNT, LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
+use crate::trust::verdict::{Grade, Severity};
 
 /// Seconds with the board before both cameras from which the rates of the clocks are stated.
 const LONG_ENOUGH_FOR_RATE: f64 = 20.0;
@@ -95,7 +96,9 @@ pub struct SecondCameraResult {
     pub covered_region: Vec<[f64; 2]>,
     /// What the calibration of its lens says of itself.
     pub lens_verdict: String,
-    /// Whether what lies between the cameras is good, and how well it is known.
+    /// Whether what lies between the cameras is good.
+    pub grade: Grade,
+    /// The same in words, and how well it is known.
     pub verdict: String,
     /// From coordinates of the first camera to those of the second, row by row.
     #[serde(rename = "T_second_first")]
@@ -144,6 +147,18 @@ pub struct SecondCameraResult {
     pub findings: Vec<String>,
 }
 
+/// Whether what lies between two cameras is good.
+pub fn grade(calibration: &SecondCalibration) -> Grade {
+    Grade::of(calibration.findings.iter().map(|finding| match finding {
+        Finding::PlaceNotMeasured { .. }
+        | Finding::RotationNotMeasured { .. }
+        | Finding::OffsetNotMeasured { .. }
+        | Finding::Loose { .. } => Severity::Failure,
+        Finding::CameraMoved { .. } | Finding::OtherCamera { .. } => Severity::Warning,
+        Finding::ClockRate { .. } | Finding::LeftOut { .. } | Finding::NoLineDelay { .. } => Severity::Note,
+    }))
+}
+
 impl SecondCameraResult {
     /// The result of `second`.
     pub fn new(second: &SecondCamera) -> Self {
@@ -163,6 +178,7 @@ impl SecondCameraResult {
             sigma: second.sigma.clone(),
             covered_region: second.covered.corners().iter().map(|&corner| corner.into()).collect(),
             lens_verdict: second.lens_verdict.clone(),
+            grade: grade(calibration),
             verdict: String::new(),
             second_from_first: mount.second_first.to_homogeneous().transpose().into(),
             rotation_sigma: three(ROTATION),
@@ -188,7 +204,7 @@ impl SecondCameraResult {
             frames: second.frames.as_ref().and_then(|frames| FramesOfSecond::new(frames, calibration)),
             findings: calibration.findings.iter().map(ToString::to_string).collect(),
         };
-        result.verdict = result.judged(calibration);
+        result.verdict = result.sentence();
         result
     }
 
@@ -197,26 +213,11 @@ impl SecondCameraResult {
         pose_of_rows(&self.second_from_first)
     }
 
-    fn judged(&self, calibration: &SecondCalibration) -> String {
+    fn sentence(&self) -> String {
         let largest = |sigma: [f64; 3]| sigma.into_iter().fold(0.0, f64::max);
-        let fails = |finding: &Finding| {
-            matches!(
-                finding,
-                Finding::PlaceNotMeasured { .. }
-                    | Finding::RotationNotMeasured { .. }
-                    | Finding::OffsetNotMeasured { .. }
-                    | Finding::Loose { .. }
-            )
-        };
-        let is_of_lens =
-            |finding: &Finding| matches!(finding, Finding::CameraMoved { .. } | Finding::OtherCamera { .. });
-        let grade = match calibration.findings.as_slice() {
-            findings if findings.iter().any(fails) => "Not good enough",
-            findings if findings.iter().any(is_of_lens) => "Usable, with what the notes say",
-            _ => "Good",
-        };
         format!(
-            "{grade}: the transform is known to {:.4}° and {:.3} mm (σ of the worst axis), the offset of the clocks to {:.1} µs.",
+            "{}: the transform is known to {:.4}° and {:.3} mm (σ of the worst axis), the offset of the clocks to {:.1} µs.",
+            self.grade.opening(),
             largest(self.rotation_sigma).to_degrees(),
             1e3 * largest(self.translation_sigma),
             1e6 * self.time_offset.sigma

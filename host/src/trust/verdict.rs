@@ -17,8 +17,8 @@ use crate::board::Board;
 use crate::lens::axial_focal::axial_focal_gradients;
 use crate::trust::{EventTrust, Trust};
 
-/// How good a calibration is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// How good a calibration is; what is worse comes later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Grade {
     /// Nothing speaks against it.
@@ -27,6 +27,26 @@ pub enum Grade {
     Usable,
     /// It should be done again.
     NotGood,
+}
+
+impl Grade {
+    /// The grade where findings matter as much as these.
+    pub fn of(severities: impl IntoIterator<Item = Severity>) -> Self {
+        match severities.into_iter().max() {
+            Some(Severity::Failure) => Self::NotGood,
+            Some(Severity::Warning) => Self::Usable,
+            Some(Severity::Note) | None => Self::Good,
+        }
+    }
+
+    /// How the verdict on a sensor beside the camera begins, whose findings are notes below it.
+    pub fn opening(self) -> &'static str {
+        match self {
+            Self::Good => "Good",
+            Self::Usable => "Usable, with what the notes say",
+            Self::NotGood => "Not good enough",
+        }
+    }
 }
 
 /// How much a finding matters.
@@ -138,12 +158,7 @@ pub fn verdict(
     let mut findings = more;
     findings.extend(findings_on(camera, trust, events, board, sensor, settings));
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
-    let worst = findings.first().map(|finding| finding.severity);
-    let grade = match worst {
-        Some(Severity::Failure) => Grade::NotGood,
-        Some(Severity::Warning) => Grade::Usable,
-        Some(Severity::Note) | None => Grade::Good,
-    };
+    let grade = Grade::of(findings.iter().map(|finding| finding.severity));
     Verdict { grade, sentence: sentence(grade, camera, trust, &findings), findings }
 }
 

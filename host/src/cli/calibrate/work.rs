@@ -22,6 +22,7 @@ use evcal::inertial::error::InertialError;
 use evcal::initial::model_choice::ModelRequest;
 use evcal::output::failure::{Failure, write_failure};
 use evcal::output::folder::write_folder;
+use evcal::result::{inertial_result, second_camera_result};
 use evcal::second_camera::error::SecondCameraError;
 use evcal::settings::Settings;
 use evcal::solve::held_intrinsics::HeldIntrinsics;
@@ -178,7 +179,7 @@ impl Work<'_> {
         if !failed.is_empty() {
             return Err(AllBeside(failed).into());
         }
-        match calibrated.verdict.grade {
+        match worst_grade(&calibrated) {
             Grade::NotGood if !self.arguments.accept_any => Err(NotGoodEnough.into()),
             _ => Ok(()),
         }
@@ -306,6 +307,14 @@ impl Work<'_> {
         keep(first, second);
         Ok(())
     }
+}
+
+/// The worst grade of the camera and of the sensors that were calibrated beside it.
+fn worst_grade(calibrated: &Calibrated) -> Grade {
+    let Evidence::Events(events) = &calibrated.evidence else { return calibrated.verdict.grade };
+    let unit = events.inertial.as_ref().map(inertial_result::grade);
+    let others = events.second_cameras.iter().map(|second| second_camera_result::grade(&second.calibration));
+    unit.into_iter().chain(others).fold(calibrated.verdict.grade, Grade::max)
 }
 
 fn keep(first: &mut Calibrated, second: SecondCamera) {

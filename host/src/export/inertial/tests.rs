@@ -10,6 +10,7 @@ use super::*;
 use crate::export::second_camera::tests::result;
 use crate::lens::camera_file::CameraDescription;
 use crate::result::inertial_result::Uncertain;
+use crate::trust::verdict::Grade;
 
 const DELAY: f64 = 0.002_781;
 const STREAMS: &str = r#"[{"samples": 30000, "rate": 1000.0002, "missing": 0.0, "longest_gap": 0.001, "out_of_order": 0, "saturated": 0.0}]"#;
@@ -49,6 +50,7 @@ fn unit() -> InertialResult {
         residual_rms: 0.1,
     };
     InertialResult {
+        grade: Grade::Good,
         verdict: String::new(),
         imu_from_camera: Some(pose().to_homogeneous().transpose().into()),
         rotation_sigma: [1e-4; 3],

@@ -8,6 +8,7 @@ use yaml_rust2::{Yaml, YamlLoader};
 use super::*;
 use crate::lens::camera_file::CameraDescription;
 use crate::result::inertial_result::Uncertain;
+use crate::trust::verdict::Grade;
 
 const SENSOR: Sensor = Sensor::new(80, 60);
 /// A point in the frame of the first camera.
@@ -36,6 +37,7 @@ pub(in crate::export) fn result(index: usize) -> SecondCameraResult {
         sigma: of(0.0),
         covered_region: CoveredRegion::whole(SENSOR).corners().iter().map(|&corner| corner.into()).collect(),
         lens_verdict: String::new(),
+        grade: Grade::Good,
         verdict: "Good: known to 0.001°.".to_owned(),
         second_from_first: poses()[index].to_homogeneous().transpose().into(),
         rotation_sigma: [1e-5; 3],
