@@ -20,10 +20,12 @@ test:
 test-times: setup
 	@sh tools/measure/time-tests.sh $(COLD) $(TESTS)
 
-# All tests that cargo runs. Of the examples, those that a test runs are built; the lints compile the others.
-TARGETS = --tests --example calibrate --example detect --example simulate --example undistort
-test-workspace: setup
-	cargo test --workspace --release --locked $(TARGETS)
+# Of the examples, those that a test runs; the lints compile the others.
+EXAMPLES = --example calibrate --example detect --example simulate --example undistort
+
+# All tests that cargo runs.
+test-workspace: programs
+	cargo test --workspace --release --locked --tests
 	cargo test --workspace --release --locked --doc
 
 # All tests of evcal in a build without OpenCV: before a release, and after a change of what starts natively. `make test` has such a
@@ -108,7 +110,8 @@ build: setup
 # The programs as the tests have them: their dependencies have features that only tests ask for, and another build
 # would compile most of evcal a second time.
 programs: setup
-	cargo test --workspace --release --locked $(TARGETS) --no-run
+	cargo build --workspace --release --locked $(EXAMPLES)
+	cargo test --workspace --release --locked --tests --no-run
 
 bench: setup
 	cargo bench --workspace

@@ -22,7 +22,7 @@ mod start;
 pub mod stream;
 mod uncertainty;
 
-use nalgebra::Vector3;
+use nalgebra::{DMatrix, Vector3};
 
 use calibration::InertialCalibration;
 use error::InertialError;
@@ -34,6 +34,8 @@ use settings::InertialSettings;
 use solve::Solved;
 use stream::StreamReport;
 
+use crate::solve::Problem;
+use crate::solve::bordered::System;
 use crate::solve::held_intrinsics::{self, HeldIntrinsics, share_of_held};
 use crate::solve::left_out::covers;
 use crate::solve::refinement::Refined;
@@ -152,14 +154,16 @@ fn finish(
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
     let (mut covariance, block_scatter) = uncertainty::covariance(&solved.system, &solved.parts, total)?;
     uncertainty::add_systematic(&mut covariance, mean_distance(&refined.state.trajectories));
-    let Solved { estimate, residuals, spectra, .. } = solved;
-    if let Some(held) = held {
-        let opened = held.opened(joint.problem);
-        let system = solve::system_at(&joint.of_problem(&opened), &estimate);
-        let known = held.of_opened();
-        let share = share_of_held(&system, &[(COUNT..COUNT + known.nrows(), known)])?;
-        covariance += share.view((0, 0), (COUNT, COUNT));
-    }
+    let Solved { estimate, residuals, spectra, system, .. } = solved;
+    // An error of the intrinsics that all events have in common moves the unit, and no block of time tells it.
+    let share = match held {
+        Some(held) => {
+            let opened = held.opened(joint.problem);
+            share_of_intrinsics(&solve::system_at(&joint.of_problem(&opened), &estimate), held.of_opened())?
+        }
+        None => share_of_intrinsics(&system, of_free(&camera.systematic, joint.problem))?,
+    };
+    covariance += share;
     let (own, sigma) = (&refined.state.camera, camera.sigma());
     let camera_moved = match held {
         Some(held) => held.distance(own, &sigma),
@@ -186,6 +190,18 @@ fn finish(
         spectra,
         findings: Vec::new(),
     })
+}
+
+/// What `covariance` of the intrinsics that are free in `system` adds to that of the inertial parameters.
+fn share_of_intrinsics(system: &System, covariance: DMatrix<f64>) -> Result<DMatrix<f64>, InertialError> {
+    let share = share_of_held(system, &[(COUNT..COUNT + covariance.nrows(), covariance)])?;
+    Ok(share.view((0, 0), (COUNT, COUNT)).into_owned())
+}
+
+/// The rows and columns of `covariance`, which is of all intrinsics, of those that `problem` has free.
+fn of_free(covariance: &DMatrix<f64>, problem: &Problem) -> DMatrix<f64> {
+    let free: Vec<usize> = (0..covariance.nrows()).filter(|&index| problem.free.intrinsics[index]).collect();
+    DMatrix::from_fn(free.len(), free.len(), |row, column| covariance[(free[row], free[column])])
 }
 
 /// Largest angle between `gravity` and its mean direction, seen from the camera.

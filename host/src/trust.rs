@@ -12,6 +12,7 @@ pub mod witness;
 
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
@@ -196,6 +197,7 @@ pub fn examine_pictures(calibration: &PictureCalibration, board: &Board, sensor:
     Ok(Trust {
         uncertainty: Uncertainty {
             covariance: calibration.covariance.clone(),
+            systematic: DMatrix::zeros(calibration.covariance.nrows(), calibration.covariance.ncols()),
             inflation: calibration.inflation,
             observations: calibration.report.dots_used,
             blocks: calibration.report.used,

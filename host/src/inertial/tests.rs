@@ -177,6 +177,7 @@ impl Bench {
             },
             uncertainty: Uncertainty {
                 covariance: DMatrix::from_diagonal(&sigma.map(|one| one * one).to_vec().into()),
+                systematic: DMatrix::zeros(sigma.len(), sigma.len()),
                 inflation: 1.0,
                 observations: 1,
                 blocks: 1,
@@ -261,7 +262,7 @@ fn a_camera_that_was_hardly_tilted_is_told() {
 /// A focal length that is held a little too long puts the unit further away; σ knows of it if that of the focal length is known.
 #[test]
 fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
-    let bench = Bench::new(7, motion(7, turned([0.45, 0.5, 0.45])));
+    let mut bench = Bench::new(7, motion(7, turned([0.45, 0.5, 0.45])));
     let off = 2e-3;
     let (true_camera, mut parameters) = (camera(), camera().parameters());
     parameters.iter_mut().take(2).for_each(|focal| *focal *= 1.0 + off);
@@ -273,7 +274,7 @@ fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
         assert_eq!(found.held, Some(camera));
         found
     };
-    let [right, wrong, known] = [held(true_camera, None), held(long, None), held(long, Some(covariance))];
+    let [right, wrong, known] = [held(true_camera, None), held(long, None), held(long, Some(covariance.clone()))];
     let place = POSITION + 2;
     let error = |found: &InertialCalibration| (found.parameters.position.z - unit().position.z).abs();
     assert!(error(&right) < 4.5 * right.sigma(place), "{} ± {}", error(&right), right.sigma(place));
@@ -287,6 +288,13 @@ fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
         "{:?}",
         wrong.findings
     );
+    // The same error of intrinsics that are solved for, where all events have it in common.
+    let free = bench.calibrated(None).unwrap();
+    bench.uncertainty.systematic = covariance;
+    let common = bench.calibrated(None).unwrap();
+    assert_eq!(common.parameters, free.parameters);
+    let share = (common.sigma(place).powi(2) - free.sigma(place).powi(2)).sqrt();
+    assert!((share / shift - 1.0).abs() < 0.1, "{share} {shift}");
 }
 
 #[test]

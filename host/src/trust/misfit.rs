@@ -171,7 +171,8 @@ mod tests {
         let sigma = [0.1, 0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-4, 1e-4, 1e-3];
         let covariance =
             DMatrix::from_fn(9, 9, |row, column| if row == column { sigma[row] * sigma[row] } else { 0.0 });
-        let uncertainty = Uncertainty { covariance, inflation: 2.0, observations: 100, blocks: 8 };
+        let systematic = DMatrix::zeros(9, 9);
+        let uncertainty = Uncertainty { covariance, systematic, inflation: 2.0, observations: 100, blocks: 8 };
         let bound = |uncertainty: &Uncertainty| {
             projection_uncertainty(&camera, &uncertainty.covariance, Sensor::new(346, 260)).unwrap()
         };

@@ -69,6 +69,8 @@ pub struct Uncertainty {
     /// Covariance of the intrinsics, in the order of the camera model's parameters; rows and columns of
     /// parameters that are held are zero.
     pub covariance: DMatrix<f64>,
+    /// What of it all parts of the recording have in common, so that their scatter does not tell it; zero where nothing is known of it.
+    pub systematic: DMatrix<f64>,
     /// Variance of the estimate over what it would be if all observations were independent, at least 1.
     pub inflation: f64,
     /// Number of observations.
@@ -214,7 +216,8 @@ pub fn uncertainty(
         focal_lengths: &scale * scale.transpose(),
         event_model: of_model,
     };
-    let covariance = stated_intrinsics + &parts.event_model + &parts.focal_lengths;
+    let systematic = &parts.event_model + &parts.focal_lengths;
+    let covariance = stated_intrinsics + &systematic;
 
     // The poses follow the camera: what moves it moves them.
     let scale = DVector::from_fn(places.len(), |row, _| scale.get(places[row]).copied().unwrap_or(0.0));
@@ -238,7 +241,7 @@ pub fn uncertainty(
     if problem.free.board[RADIUS] {
         board_sigma[RADIUS] = libm::hypot(board_sigma[RADIUS], settings.systematic_radius * problem.mean_scale);
     }
-    let intrinsics = Uncertainty { covariance, inflation, observations, blocks };
+    let intrinsics = Uncertainty { covariance, systematic, inflation, observations, blocks };
     Ok(SolveUncertainty { intrinsics, parts, board_sigma, board, bias_sigma, poses, formal })
 }
 
