@@ -1,4 +1,4 @@
-//! The examples do what they say. Cargo builds them with the tests.
+//! The examples do what they say. `cargo test` builds them before the tests, and so does the Makefile, which leaves the others out.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
