@@ -62,6 +62,12 @@ type HostDetector = Detector<
     CLUSTERS,
 >;
 
+/// A detector on the heap. Not inline: what it is made in, 620 KiB of stack, would be part of the frames of rayon's recursion.
+#[inline(never)]
+fn host_detector() -> Box<HostDetector> {
+    Box::new(HostDetector::new())
+}
+
 /// Circles found in one window, without a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CircleWindow {
@@ -227,7 +233,7 @@ impl<'a> DetectionStage<'a> {
             .par_iter()
             .enumerate()
             .map_init(
-                || (Box::new(HostDetector::new()), self.seeker()),
+                || (host_detector(), self.seeker()),
                 |(detector, seeker), (chunk, (index, events))| {
                     let span = (index * length, (index + 1) * length);
                     self.search_chunk(detector, seeker, chunk, events, span)

@@ -27,7 +27,8 @@ pub struct BoardFinder<T> {
 }
 
 impl<T: RealField + Copy> BoardFinder<T> {
-    /// Looks for boards of `pattern`.
+    /// Looks for boards of `pattern`. Not inline: the workspace is made on the stack.
+    #[inline(never)]
     pub fn new(pattern: Pattern) -> Self {
         Self { pattern, workspace: Box::new(GridWorkspace::new()) }
     }
