@@ -33,6 +33,7 @@ use sample::Sample;
 use settings::InertialSettings;
 use solve::Solved;
 use stream::StreamReport;
+use uncertainty::Stated;
 
 use crate::solve::Problem;
 use crate::solve::bordered::System;
@@ -152,7 +153,8 @@ fn finish(
     (correlation, streams, clock_origin, delays_at): (f64, Vec<StreamReport>, f64, f64),
 ) -> Result<InertialCalibration, InertialError> {
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
-    let (mut covariance, block_scatter) = uncertainty::covariance(&solved.system, &solved.parts, total)?;
+    let Stated { mut covariance, of_others, block_scatter } =
+        uncertainty::stated(&solved.system, &solved.parts, total)?;
     uncertainty::add_systematic(&mut covariance, mean_distance(&refined.state.trajectories));
     let Solved { estimate, residuals, spectra, system, .. } = solved;
     // An error of the intrinsics that all events have in common moves the unit, and no block of time tells it.
@@ -167,7 +169,13 @@ fn finish(
     let (own, sigma) = (&refined.state.camera, camera.sigma());
     let camera_moved = match held {
         Some(held) => held.distance(own, &sigma),
-        None => HeldIntrinsics { camera: estimate.state.camera, covariance: None }.distance(own, &sigma),
+        None => {
+            let together = HeldIntrinsics {
+                camera: estimate.state.camera,
+                covariance: Some(of_all(&of_others, joint.problem, sigma.len())),
+            };
+            together.distance(own, &sigma)
+        }
     };
     let tilt = tilt(&estimate.state.trajectories, &estimate.parameters.gravity);
     Ok(InertialCalibration {
@@ -202,6 +210,20 @@ fn share_of_intrinsics(system: &System, covariance: DMatrix<f64>) -> Result<DMat
 fn of_free(covariance: &DMatrix<f64>, problem: &Problem) -> DMatrix<f64> {
     let free: Vec<usize> = (0..covariance.nrows()).filter(|&index| problem.free.intrinsics[index]).collect();
     DMatrix::from_fn(free.len(), free.len(), |row, column| covariance[(free[row], free[column])])
+}
+
+/// The other way round: the covariance of all `count` intrinsics from that of those that `problem` has free, which come first in
+/// `covariance`; 0 for the others.
+fn of_all(covariance: &DMatrix<f64>, problem: &Problem, count: usize) -> DMatrix<f64> {
+    let free = (0..count).filter(|&index| problem.free.intrinsics[index]).enumerate();
+    let free: Vec<(usize, usize)> = free.collect();
+    let mut all = DMatrix::zeros(count, count);
+    for &(row, to_row) in &free {
+        for &(column, to_column) in &free {
+            all[(to_row, to_column)] = covariance[(row, column)];
+        }
+    }
+    all
 }
 
 /// Largest angle between `gravity` and its mean direction, seen from the camera.

@@ -22,12 +22,21 @@ pub fn add_systematic(covariance: &mut DMatrix<f64>, distance: f64) {
     covariance[(place, place)] += (TRAJECTORY_SCALE * distance).powi(2);
 }
 
-/// The covariance of the inertial parameters from `total` seconds of samples, and how much more rotation, place and delays
-/// scatter from block to block than the formal covariance says.
+/// How sure a solve is.
+pub struct Stated {
+    /// Covariance of the inertial parameters.
+    pub covariance: DMatrix<f64>,
+    /// Formal covariance of what was free besides, the intrinsics first.
+    pub of_others: DMatrix<f64>,
+    /// How much more rotation, place and delays scatter from block to block than the formal covariance says.
+    pub block_scatter: f64,
+}
+
+/// How sure the solution of `system` is from `total` seconds of samples.
 ///
 /// # Errors
 /// [`InertialError::Singular`].
-pub fn covariance(system: &System, parts: &[Part], total: f64) -> Result<(DMatrix<f64>, f64), InertialError> {
+pub fn stated(system: &System, parts: &[Part], total: f64) -> Result<Stated, InertialError> {
     let formal = system.covariance()?;
     let Blocks { times, contributions } = system.contributions(parts, LENGTHS[0])?;
     let lengths = LENGTHS.iter().filter(|&&length| length == LENGTHS[0] || length * FEWEST <= total);
@@ -43,5 +52,7 @@ pub fn covariance(system: &System, parts: &[Part], total: f64) -> Result<(DMatri
     let block_scatter = ratios.iter().take(GRAVITY).sum::<f64>() / GRAVITY as f64;
     let factor = |index: usize| ratios[index].max(1.0).sqrt();
     let covariance = DMatrix::from_fn(COUNT, COUNT, |row, column| formal[(row, column)] * factor(row) * factor(column));
-    Ok((covariance, block_scatter))
+    let others = formal.nrows() - COUNT;
+    let of_others = formal.view((COUNT, COUNT), (others, others)).into_owned();
+    Ok(Stated { covariance, of_others, block_scatter })
 }
