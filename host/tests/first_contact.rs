@@ -218,6 +218,24 @@ fn a_calibration_is_not_overwritten_by_chance() {
     assert_eq!(fs::read(folder.join("calibration.json")).unwrap(), before);
 }
 
+/// The same recording in two formats has the same camera beside it; another camera is not overwritten.
+#[test]
+fn undistorted_recordings_of_one_name_share_their_camera() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = calibration(&directory);
+    let recording = directory.path().join("events.csv");
+    fs::write(&recording, "t,x,y,p\n1000,170,130,1\n2000,171,130,0\n").unwrap();
+    let outputs = ["straight.csv", "straight.npz", "straight.raw"].map(|name| directory.path().join(name));
+    let arguments = outputs.each_ref().map(|output| {
+        let (from, camera) = (text(&recording), text(&folder));
+        ["undistort", from, "-c", camera, "--time-unit", "us", "--sensor", "346x260", "-o", text(output)]
+    });
+    succeed(&arguments[0]);
+    succeed(&arguments[1]);
+    let errors = fail(1, &[&arguments[2][..], &["--alpha", "1"]].concat());
+    assert!(errors.contains("straight.camera.json is there already"), "{errors}");
+}
+
 #[test]
 fn a_new_simulation_leaves_nothing_of_the_old_one() {
     let directory = tempfile::tempdir().unwrap();

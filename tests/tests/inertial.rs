@@ -1,5 +1,6 @@
 //! The inertial unit beside the camera, from a simulated recording: found where it is, and mistakes in its samples named.
 
+use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -202,6 +203,38 @@ fn motions_that_leave_something_open_are_refused_or_flagged() {
     let finished = calibrated(&open_motion("little-turns"), Some(&other), &scratch.path().join("other"));
     assert_eq!(finished.code, Some(1), "{}", finished.stdout);
     assert!(finished.stderr.contains("are not those of the camera"), "{}", finished.stderr);
+}
+
+/// A unit that slips by a degree in the middle of the recording: the camera is good, the unit is not, and the exit code says so.
+#[test]
+fn a_loose_unit_has_the_exit_code_of_what_is_not_good_enough() {
+    let scratch = tempfile::tempdir().unwrap();
+    let simulation = recording();
+    let slip = UnitQuaternion::new(Vector3::new(1f64.to_radians(), 0.0, 0.0));
+    let table = fs::read_to_string(simulation.join("imu.csv")).unwrap();
+    let (half, mut slipped) = (table.lines().count() / 2, String::new());
+    for (index, line) in table.lines().enumerate() {
+        let numbers: Vec<f64> = line.split(',').filter_map(|number| number.parse().ok()).collect();
+        match numbers.as_slice() {
+            [t, sensors @ ..] if index > half && sensors.len() == 6 => {
+                let turned: Vec<f64> =
+                    sensors.chunks(3).flat_map(|axes| (slip * Vector3::from_row_slice(axes)).data.0[0]).collect();
+                let turned: Vec<String> = turned.iter().map(f64::to_string).collect();
+                slipped.push_str(&format!("{t},{}\n", turned.join(",")));
+            }
+            _ => slipped.push_str(&format!("{line}\n")),
+        }
+    }
+    let (samples, result) = (scratch.path().join("slipped.csv"), scratch.path().join("result"));
+    fs::write(&samples, slipped).unwrap();
+    let events = simulation.join("events.aedat4");
+    let options = ["--board", BOARD, "--imu", text(&samples), "-o", text(&result)];
+    let finished = evcal(&[&["calibrate", text(&events)], &options[..]].concat());
+    assert_eq!(finished.code, Some(3), "{}", finished.stderr);
+    assert!(finished.stdout.contains("parts of the recording disagree on where the unit is"), "{}", finished.stdout);
+    let file = read_json(&result.join("calibration.json"));
+    assert_eq!(file["inertial"]["grade"], "not-good");
+    assert_ne!(file["verdict"]["grade"], "not-good");
 }
 
 fn mistakes(bench: &Bench) {

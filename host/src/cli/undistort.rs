@@ -8,8 +8,8 @@ use evcal::recording::convert::{ConversionProgress, output_of};
 use evcal::recording::encode::OutputFormat;
 use evcal::undistort::picture::{is_picture, is_single, picture_outputs, undistort_pictures};
 use evcal::undistort::recording::{
-    FRAMES_CAMERA, Maps, UndistortionReport, camera_path_beside, is_frame_file, open_recording, undistort_frames,
-    undistort_recording, undistort_sub_pixel, write_camera,
+    FRAMES_CAMERA, Maps, UndistortionReport, camera_path_beside, holds_camera, is_frame_file, open_recording,
+    undistort_frames, undistort_recording, undistort_sub_pixel, write_camera,
 };
 use evcal::undistort::sub_pixel::SubPixelFormat;
 use evcal::undistort::target::{TargetProjection, target_camera};
@@ -78,7 +78,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 
 fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     if let Some(output) = &arguments.output {
-        arguments.results.check([output.as_path(), &camera_path_beside(output)])?;
+        let camera = camera_path_beside(output);
+        let other = (!holds_camera(&camera, new, sensor)).then_some(camera.as_path());
+        arguments.results.check([output.as_path()].into_iter().chain(other))?;
     }
     let folder = arguments.frames.as_deref();
     let folder = folder.map(|folder| arguments.results.open_folder(folder, is_frame_file)).transpose()?;
@@ -143,7 +145,8 @@ fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sens
     let single = is_single(&arguments.inputs, output);
     let camera = if single { camera_path_beside(output) } else { output.join(FRAMES_CAMERA) };
     let _folder = if single { None } else { Some(OutputFolder::open(output)?) };
-    arguments.results.check(written.iter().chain([&camera]).map(PathBuf::as_path))?;
+    let other = (!holds_camera(&camera, new, sensor)).then_some(&camera);
+    arguments.results.check(written.iter().chain(other).map(PathBuf::as_path))?;
     undistort_pictures(&arguments.inputs, &written, &maps.back)?;
     write_camera(&camera, new, sensor)?;
     if arguments.json {

@@ -28,7 +28,7 @@ pub const LINEARITY: f64 = 0.003;
 const MISSING: f64 = 0.01;
 const SATURATED: f64 = 0.001;
 /// Scatter of blocks over the formal one from which the unit seems loose.
-const LOOSE: f64 = 25.0;
+const LOOSE: f64 = 12.0;
 /// Distance of an intrinsic parameter from that of the camera alone, in σ of the difference, that is told: of intrinsics that were solved for, and
 /// of others that were held.
 const MOVED: f64 = 2.0;

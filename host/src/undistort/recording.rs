@@ -63,9 +63,20 @@ pub fn camera_path_beside(output: &Path) -> PathBuf {
 /// # Errors
 /// [`FileError`].
 pub fn write_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> Result<(), FileError> {
-    let file = CameraFile { sensor, camera: CameraDescription::new(camera) };
-    let text = serde_json::to_string_pretty(&file).map_err(|error| FileError::new(path, error.into()))?;
+    let text = camera_text(camera, sensor).map_err(|error| FileError::new(path, error.into()))?;
     files::write(path, text.as_bytes())
+}
+
+/// Whether the file at `path` is what [`write_camera`] would write: the same recording in another format has the same camera.
+pub fn holds_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> bool {
+    match (fs::read(path), camera_text(camera, sensor)) {
+        (Ok(there), Ok(text)) => there == text.as_bytes(),
+        _ => false,
+    }
+}
+
+fn camera_text(camera: &Camera<f64>, sensor: Sensor) -> serde_json::Result<String> {
+    serde_json::to_string_pretty(&CameraFile { sensor, camera: CameraDescription::new(camera) })
 }
 
 /// What became of a recording.
