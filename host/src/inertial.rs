@@ -153,7 +153,7 @@ fn finish(
     (correlation, streams, clock_origin, delays_at): (f64, Vec<StreamReport>, f64, f64),
 ) -> Result<InertialCalibration, InertialError> {
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
-    let Stated { mut covariance, of_others, block_scatter } =
+    let Stated { mut covariance, sigma_of_others, block_scatter } =
         uncertainty::stated(&solved.system, &solved.parts, total)?;
     uncertainty::add_systematic(&mut covariance, mean_distance(&refined.state.trajectories));
     let Solved { estimate, residuals, spectra, system, .. } = solved;
@@ -166,15 +166,14 @@ fn finish(
         None => share_of_intrinsics(&system, of_free(&camera.systematic, joint.problem))?,
     };
     covariance += share;
-    let (own, sigma) = (&refined.state.camera, camera.sigma());
+    let (own, mut sigma) = (&refined.state.camera, camera.sigma());
     let camera_moved = match held {
         Some(held) => held.distance(own, &sigma),
         None => {
-            let together = HeldIntrinsics {
-                camera: estimate.state.camera,
-                covariance: Some(of_all(&of_others, joint.problem, sigma.len())),
-            };
-            together.distance(own, &sigma)
+            for (place, together) in free_intrinsics(joint.problem, sigma.len()).into_iter().zip(sigma_of_others) {
+                sigma[place] = sigma[place].hypot(together);
+            }
+            HeldIntrinsics { camera: estimate.state.camera, covariance: None }.distance(own, &sigma)
         }
     };
     let tilt = tilt(&estimate.state.trajectories, &estimate.parameters.gravity);
@@ -208,22 +207,13 @@ fn share_of_intrinsics(system: &System, covariance: DMatrix<f64>) -> Result<DMat
 
 /// The rows and columns of `covariance`, which is of all intrinsics, of those that `problem` has free.
 fn of_free(covariance: &DMatrix<f64>, problem: &Problem) -> DMatrix<f64> {
-    let free: Vec<usize> = (0..covariance.nrows()).filter(|&index| problem.free.intrinsics[index]).collect();
+    let free = free_intrinsics(problem, covariance.nrows());
     DMatrix::from_fn(free.len(), free.len(), |row, column| covariance[(free[row], free[column])])
 }
 
-/// The other way round: the covariance of all `count` intrinsics from that of those that `problem` has free, which come first in
-/// `covariance`; 0 for the others.
-fn of_all(covariance: &DMatrix<f64>, problem: &Problem, count: usize) -> DMatrix<f64> {
-    let free = (0..count).filter(|&index| problem.free.intrinsics[index]).enumerate();
-    let free: Vec<(usize, usize)> = free.collect();
-    let mut all = DMatrix::zeros(count, count);
-    for &(row, to_row) in &free {
-        for &(column, to_column) in &free {
-            all[(to_row, to_column)] = covariance[(row, column)];
-        }
-    }
-    all
+/// Which of `count` intrinsics `problem` has free.
+fn free_intrinsics(problem: &Problem, count: usize) -> Vec<usize> {
+    (0..count).filter(|&index| problem.free.intrinsics[index]).collect()
 }
 
 /// Largest angle between `gravity` and its mean direction, seen from the camera.

@@ -210,7 +210,6 @@ fn motions_that_leave_something_open_are_refused_or_flagged() {
 fn a_loose_unit_has_the_exit_code_of_what_is_not_good_enough() {
     let scratch = tempfile::tempdir().unwrap();
     let simulation = recording();
-    let slip = UnitQuaternion::new(Vector3::new(1f64.to_radians(), 0.0, 0.0));
     let table = fs::read_to_string(simulation.join("imu.csv")).unwrap();
     let (half, mut slipped) = (table.lines().count() / 2, String::new());
     for (index, line) in table.lines().enumerate() {
@@ -218,7 +217,7 @@ fn a_loose_unit_has_the_exit_code_of_what_is_not_good_enough() {
         match numbers.as_slice() {
             [t, sensors @ ..] if index > half && sensors.len() == 6 => {
                 let turned: Vec<f64> =
-                    sensors.chunks(3).flat_map(|axes| (slip * Vector3::from_row_slice(axes)).data.0[0]).collect();
+                    sensors.chunks(3).flat_map(|axes| (slip() * Vector3::from_row_slice(axes)).data.0[0]).collect();
                 let turned: Vec<String> = turned.iter().map(f64::to_string).collect();
                 slipped.push_str(&format!("{t},{}\n", turned.join(",")));
             }
@@ -235,6 +234,10 @@ fn a_loose_unit_has_the_exit_code_of_what_is_not_good_enough() {
     let file = read_json(&result.join("calibration.json"));
     assert_eq!(file["inertial"]["grade"], "not-good");
     assert_ne!(file["verdict"]["grade"], "not-good");
+}
+
+fn slip() -> UnitQuaternion<f64> {
+    UnitQuaternion::new(Vector3::new(1f64.to_radians(), 0.0, 0.0))
 }
 
 fn mistakes(bench: &Bench) {
@@ -261,12 +264,11 @@ fn mistakes(bench: &Bench) {
 
 /// A unit that slips by a degree in the middle of the recording.
 fn loose(bench: &Bench) {
-    let slip = UnitQuaternion::new(Vector3::new(1f64.to_radians(), 0.0, 0.0));
     let found = bench.with(|samples| {
         let half = samples.len() / 2;
         for sample in samples.iter_mut().skip(half) {
-            sample.acceleration = slip * sample.acceleration;
-            sample.angular_velocity = slip * sample.angular_velocity;
+            sample.acceleration = slip() * sample.acceleration;
+            sample.angular_velocity = slip() * sample.angular_velocity;
         }
     });
     let found = found.unwrap();

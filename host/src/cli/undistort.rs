@@ -78,9 +78,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 
 fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     if let Some(output) = &arguments.output {
-        let camera = camera_path_beside(output);
-        let other = (!holds_camera(&camera, new, sensor)).then_some(camera.as_path());
-        arguments.results.check([output.as_path()].into_iter().chain(other))?;
+        check_outputs(arguments, [output.as_path()], &camera_path_beside(output), (new, sensor))?;
     }
     let folder = arguments.frames.as_deref();
     let folder = folder.map(|folder| arguments.results.open_folder(folder, is_frame_file)).transpose()?;
@@ -145,8 +143,7 @@ fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sens
     let single = is_single(&arguments.inputs, output);
     let camera = if single { camera_path_beside(output) } else { output.join(FRAMES_CAMERA) };
     let _folder = if single { None } else { Some(OutputFolder::open(output)?) };
-    let other = (!holds_camera(&camera, new, sensor)).then_some(&camera);
-    arguments.results.check(written.iter().chain(other).map(PathBuf::as_path))?;
+    check_outputs(arguments, written.iter().map(PathBuf::as_path), &camera, (new, sensor))?;
     undistort_pictures(&arguments.inputs, &written, &maps.back)?;
     write_camera(&camera, new, sensor)?;
     if arguments.json {
@@ -157,6 +154,17 @@ fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sens
         print::line(format!("written to {}", path.display()))?;
     }
     print::line(format!("the camera is in {}", camera.display()))
+}
+
+/// What is to be written must not be there yet, but for the file of the same camera.
+fn check_outputs<'a>(
+    arguments: &Arguments,
+    outputs: impl IntoIterator<Item = &'a Path>,
+    camera_file: &'a Path,
+    (camera, sensor): (&Camera<f64>, Sensor),
+) -> super::Outcome {
+    let other = (!holds_camera(camera_file, camera, sensor)).then_some(camera_file);
+    Ok(arguments.results.check(outputs.into_iter().chain(other))?)
 }
 
 fn describe(camera: &Camera<f64>) -> String {

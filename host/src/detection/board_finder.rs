@@ -27,7 +27,8 @@ pub struct BoardFinder<T> {
 }
 
 impl<T: RealField + Copy> BoardFinder<T> {
-    /// Looks for boards of `pattern`. Not inline: the workspace is made on the stack.
+    /// Looks for boards of `pattern`.
+    // As with the detector, what the workspace is made in must not be part of the frames of rayon's recursion.
     #[inline(never)]
     pub fn new(pattern: Pattern) -> Self {
         Self { pattern, workspace: Box::new(GridWorkspace::new()) }

@@ -39,8 +39,8 @@ pub struct InertialCalibration {
     pub knot_spacing: f64,
     /// The camera of the solve: with it the unit belongs together.
     pub camera: Camera<f64>,
-    /// Largest distance of an intrinsic parameter from that of the camera calibrated alone, in σ of the difference; `None` where intrinsics of
-    /// another model were held.
+    /// Largest distance of an intrinsic parameter from that of the camera calibrated alone, in σ of the difference;
+    /// `None` where intrinsics of another model were held.
     pub camera_moved: Option<f64>,
     /// The camera at which intrinsics were held; `None` where they were solved for.
     pub held: Option<Camera<f64>>,

@@ -26,8 +26,8 @@ pub fn add_systematic(covariance: &mut DMatrix<f64>, distance: f64) {
 pub struct Stated {
     /// Covariance of the inertial parameters.
     pub covariance: DMatrix<f64>,
-    /// Formal covariance of what was free besides, the intrinsics first.
-    pub of_others: DMatrix<f64>,
+    /// Formal σ of what was free besides, the intrinsics first.
+    pub sigma_of_others: Vec<f64>,
     /// How much more rotation, place and delays scatter from block to block than the formal covariance says.
     pub block_scatter: f64,
 }
@@ -52,7 +52,6 @@ pub fn stated(system: &System, parts: &[Part], total: f64) -> Result<Stated, Ine
     let block_scatter = ratios.iter().take(GRAVITY).sum::<f64>() / GRAVITY as f64;
     let factor = |index: usize| ratios[index].max(1.0).sqrt();
     let covariance = DMatrix::from_fn(COUNT, COUNT, |row, column| formal[(row, column)] * factor(row) * factor(column));
-    let others = formal.nrows() - COUNT;
-    let of_others = formal.view((COUNT, COUNT), (others, others)).into_owned();
-    Ok(Stated { covariance, of_others, block_scatter })
+    let sigma_of_others = formal.diagonal().iter().skip(COUNT).map(|variance| variance.max(0.0).sqrt()).collect();
+    Ok(Stated { covariance, sigma_of_others, block_scatter })
 }

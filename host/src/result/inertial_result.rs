@@ -125,8 +125,8 @@ pub struct InertialResult {
     pub used: usize,
     /// One a recording.
     pub streams: Vec<StreamReport>,
-    /// Largest distance of an intrinsic parameter from that of the camera calibrated alone, in σ of the difference; none where intrinsics of another
-    /// model were held.
+    /// Largest distance of an intrinsic parameter from that of the camera calibrated alone, in σ of the difference; none
+    /// where intrinsics of another model were held.
     pub camera_moved: Option<f64>,
     /// The camera at which intrinsics were held; absent where they were solved for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
