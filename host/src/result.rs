@@ -1,5 +1,6 @@
 //! What a calibration says: the calibration file, the camera for other programs, what the stages kept.
 
+pub mod beside;
 pub mod calibrated_camera;
 pub mod calibration_file;
 mod correlated;

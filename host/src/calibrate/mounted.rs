@@ -6,6 +6,7 @@ use crate::lens::camera_file::CameraDescription;
 use crate::lens::covered_region::CoveredRegion;
 use crate::recording::image_folder::Stamps;
 use crate::second_camera::calibration::SecondCalibration;
+use crate::trust::verdict::Grade;
 
 /// Another camera on the mount of the first.
 #[derive(Clone, Debug)]
@@ -20,6 +21,9 @@ pub struct SecondCamera {
     pub sigma: CameraDescription,
     /// Where on its sensor the board was seen.
     pub covered: CoveredRegion,
+    /// Whether its lens, calibrated apart, is good; none where that does not matter: for the first camera's own frames, and with held
+    /// intrinsics.
+    pub lens_grade: Option<Grade>,
     /// What the calibration of its lens says of itself.
     pub lens_verdict: String,
     /// Times of the first events of the first camera's recording and of this one, on their clocks (s).

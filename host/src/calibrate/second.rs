@@ -88,6 +88,7 @@ fn mounted(
         camera: CameraDescription::new(second.camera()),
         sigma: CameraDescription::of_values(second.camera().kind(), second.sigma()),
         covered: second.covered_region(),
+        lens_grade: (!calibration.held[1]).then_some(second.verdict.grade),
         lens_verdict: second.verdict.sentence.clone(),
         starts: [start(first), start(second)],
         frames,
@@ -166,6 +167,7 @@ pub fn calibrate_own_pictures(
         camera: CameraDescription::new(&pictures.camera),
         sigma: CameraDescription::of_values(pictures.camera.kind(), pictures.sigma.iter().copied()),
         covered: first.covered_region(),
+        lens_grade: None,
         lens_verdict: format!("calibrated from {} frames", pictures.report.frames),
         // Times of the dots are those of the events of their moment: the frames' own stamps are earlier by the offset found before.
         starts: [start, start - pictures.report.time_offset],

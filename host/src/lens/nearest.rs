@@ -19,6 +19,11 @@ const SAME_FAMILY: f64 = 0.1;
 /// OpenCV's models, of which each has the coefficients of the one before and more.
 const RADTAN_FAMILY: [ModelKind; 3] = [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8];
 
+/// Whether both models are OpenCV's.
+fn are_related(one: ModelKind, other: ModelKind) -> bool {
+    RADTAN_FAMILY.contains(&one) && RADTAN_FAMILY.contains(&other)
+}
+
 /// A camera of a model that the format has.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Nearest {
@@ -74,7 +79,7 @@ impl Replacement {
 
     /// The coefficients of a camera of OpenCV's family that no model of the family among `models` has.
     fn missing(&self, models: &[ModelKind]) -> Vec<&'static str> {
-        let is_relative = |model: &&ModelKind| RADTAN_FAMILY.contains(&self.from) && RADTAN_FAMILY.contains(model);
+        let is_relative = |model: &&ModelKind| are_related(self.from, **model);
         let relatives = models.iter().filter(is_relative);
         let Some(held) = relatives.map(|model| model.parameter_names()).max_by_key(|names| names.len()) else {
             return Vec::new();
@@ -84,8 +89,7 @@ impl Replacement {
 
     /// Whether it is as good as the calibrated model for all who look for its coefficients.
     fn is_close_relative(&self) -> bool {
-        let is_in_family = RADTAN_FAMILY.contains(&self.from) && RADTAN_FAMILY.contains(&self.to);
-        is_in_family && self.covered.unseen == 0.0 && self.covered.largest <= SAME_FAMILY
+        are_related(self.from, self.to) && self.covered.unseen == 0.0 && self.covered.largest <= SAME_FAMILY
     }
 }
 
@@ -119,13 +123,18 @@ pub fn nearest(
         let (covered, sensor) = distances(camera, &near, sensor, covered)?;
         Some((near, Replacement { from, to, covered, sensor }))
     };
-    let fitted: Vec<_> = substitutes.par_iter().filter_map(fitted).collect();
-    let best = fitted.into_iter().min_by(|(_, a), (_, b)| {
-        let order = b.is_close_relative().cmp(&a.is_close_relative());
-        let order = order.then(a.covered.unseen.total_cmp(&b.covered.unseen));
-        order.then(a.covered.largest.total_cmp(&b.covered.largest))
-    });
-    best.map(|(camera, refit)| Nearest { camera, refit: Some(refit) })
+    let best = |substitutes: &[ModelKind]| {
+        let fitted: Vec<_> = substitutes.par_iter().filter_map(fitted).collect();
+        fitted.into_iter().min_by(|(_, a), (_, b)| {
+            let order = b.is_close_relative().cmp(&a.is_close_relative());
+            let order = order.then(a.covered.unseen.total_cmp(&b.covered.unseen));
+            order.then(a.covered.largest.total_cmp(&b.covered.largest))
+        })
+    };
+    // A close relative is taken whatever the others are.
+    let related: Vec<ModelKind> = substitutes.iter().copied().filter(|to| are_related(from, *to)).collect();
+    let relative = best(&related).filter(|(_, refit)| refit.is_close_relative());
+    relative.or_else(|| best(substitutes)).map(|(camera, refit)| Nearest { camera, refit: Some(refit) })
 }
 
 /// The very same camera in another model: of OpenCV's family, or the unified model as the extended one.
@@ -135,7 +144,7 @@ fn same_camera(camera: &Camera<f64>, to: ModelKind) -> Option<Camera<f64>> {
         parameters.push(1.0);
         return Camera::from_parameters(to, &parameters);
     }
-    if !RADTAN_FAMILY.contains(&camera.kind()) || !RADTAN_FAMILY.contains(&to) {
+    if !are_related(camera.kind(), to) {
         return None;
     }
     let count = to.parameter_names().len();

@@ -34,7 +34,7 @@ use super::{
     RecordingInformation, RecordingOptions, StreamSummary, TimeUnit, Truncation, Uses, columns, numbers,
 };
 use layout::{Contents, Found};
-use table::Table;
+use table::{Row, Table};
 
 /// An HDF5 file with events.
 pub const FORMAT: FileFormat = FileFormat {
@@ -250,6 +250,16 @@ impl Decoder {
     }
 }
 
+/// How many of `rows` stand before those at their end that nobody wrote: HDF5 has zeros there. One row of zeros may be an event;
+/// a pixel does not send two at one time.
+fn written(rows: &[Row]) -> usize {
+    let is_zero = |row: &&Row| row.iter().all(|(_, number)| number.value() == 0.0);
+    match rows.iter().rev().take_while(is_zero).count() {
+        0 | 1 => rows.len(),
+        zeros => rows.len() - zeros,
+    }
+}
+
 impl Decode for Decoder {
     fn information(&self) -> &RecordingInformation {
         &self.information
@@ -263,7 +273,14 @@ impl Decode for Decoder {
         };
         // Fewer than asked for: damage is near, and would be met again and again.
         self.batch = self.batch.min((rows.len() as u64).max(1));
-        for row in &rows {
+        let (written, unwritten) = rows.split_at(written(&rows));
+        if written.is_empty() && !unwritten.is_empty() {
+            // Perhaps of very many, of which the file has none.
+            report.unwritten += self.table.count() - self.next;
+            self.next = self.table.count();
+            return Ok(false);
+        }
+        for row in written {
             self.next += 1;
             let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
             for (column, number) in row {
@@ -272,6 +289,8 @@ impl Decode for Decoder {
             event.t = event.t.saturating_add(self.offset);
             batch.push(event);
         }
+        report.unwritten += unwritten.len() as u64;
+        self.next += unwritten.len() as u64;
         Ok(self.next < self.table.count())
     }
 

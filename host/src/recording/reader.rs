@@ -77,6 +77,8 @@ pub struct ReadReport {
     /// Events left out because they are more than 0.1 s earlier than those before and behind them, as a
     /// DAVIS346 sends them now and then; at the beginning also those that are more than 0.1 s from all others.
     pub strays: u64,
+    /// Places for events in the file that were never written.
+    pub unwritten: u64,
     /// Packets left out because they could not be decoded.
     pub damaged_packets: u64,
     /// What was wrong with a camera's stream; nothing in formats that hold no such stream.
@@ -126,6 +128,12 @@ impl ReadReport {
                 String::new()
             };
             warnings.push(format!("{} events lie outside the sensor and are left out{reason}", self.out_of_range));
+        }
+        if self.unwritten > 0 {
+            warnings.push(format!(
+                "the file has room for {} more events that were never written: was the recording ended early?",
+                self.unwritten
+            ));
         }
         if self.damaged_packets > 0 {
             warnings.push(format!("{} damaged packets are left out", self.damaged_packets));

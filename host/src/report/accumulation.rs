@@ -20,10 +20,8 @@ use crate::trajectory::Trajectory;
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 
-/// Columns of the picture of the board.
+/// Columns of the picture of the board, on which single events tell less than a pixel of the sensor.
 const BOARD_COLUMNS: u16 = 800;
-/// Most rows of the picture of the board.
-const MOST_ROWS: u16 = 1600;
 /// Runs of events that a thread carries in a go.
 const PIECE: usize = 3;
 /// Time over which the camera's motion is taken to be even (s).
@@ -91,7 +89,7 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
         return None;
     }
     let bearings = BearingTable::new(calibrated.camera(), calibrated.sensor);
-    let frame = BoardFrame::new(task.board);
+    let frame = BoardFrame::new(task.board, BOARD_COLUMNS);
     let nothing = || (Accumulation::new(calibrated.sensor), Accumulation::new(frame.size), 0_u64);
     let carry = |recording: usize, piece: &[Run]| {
         let (mut sensor, mut board, mut used) = nothing();
@@ -157,14 +155,15 @@ pub struct BoardFrame {
 }
 
 impl BoardFrame {
-    /// A picture of all circles of `board` with a margin.
-    pub fn new(board: &Board) -> Self {
+    /// A picture of all circles of `board` with a margin, of so many `columns`, or fewer where it would be more than twice as high as wide.
+    pub fn new(board: &Board, columns: u16) -> Self {
         let centers = || (0..board.circle_count()).map(|index| board.circle_center(index));
         let margin = Vector2::repeat(0.6 * board.neighbour_distance());
         let last = centers().fold(Vector2::zeros(), |last: Vector2<f64>, center| last.sup(&center)) + margin;
         let extent = last + margin;
-        let pixels_per_metre = (f64::from(BOARD_COLUMNS) / extent.x).min(f64::from(MOST_ROWS) / extent.y);
-        let pixels = |metres: f64| (metres * pixels_per_metre).ceil().clamp(1.0, f64::from(MOST_ROWS)) as u16;
+        let (columns, most_rows) = (f64::from(columns), 2.0 * f64::from(columns));
+        let pixels_per_metre = (columns / extent.x).min(most_rows / extent.y);
+        let pixels = |metres: f64| (metres * pixels_per_metre).ceil().clamp(1.0, most_rows) as u16;
         Self { corner: -margin, pixels_per_metre, size: Sensor::new(pixels(extent.x), pixels(extent.y)) }
     }
 

@@ -165,7 +165,7 @@ impl Picture {
     /// A picture too large for PNG.
     pub fn to_png(&self) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        self.encode_png(&mut bytes, png::Compression::Balanced)?;
+        self.encode_png(&mut bytes, png::Compression::Fast)?;
         Ok(bytes)
     }
 

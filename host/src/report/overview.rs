@@ -7,6 +7,7 @@ use super::page::figure;
 use crate::calibrate::Task;
 use crate::calibrate::calibrated::{Calibrated, Measured};
 use crate::calibrate::input::Input;
+use crate::result::beside::{VerdictBeside, verdicts_beside};
 use crate::trust::verdict::{Finding, Grade, Severity, VerdictSettings};
 use evcal_core::sensor::Sensor;
 
@@ -21,11 +22,7 @@ pub fn title(calibrated: &Calibrated) -> String {
 pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
     let Sensor { width, height } = calibrated.sensor;
     let verdict = &calibrated.verdict;
-    let class = match verdict.grade {
-        Grade::Good => "good",
-        Grade::Usable => "usable",
-        Grade::NotGood => "not-good",
-    };
+    let beside = verdicts_beside(calibrated);
     html! {
         h1 { "Calibration of " (calibrated.camera_name().unwrap_or("a camera")) }
         p.faint {
@@ -34,14 +31,25 @@ pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
             @if let Some(date) = calibrated.recorded() { ", recorded " (date) }
             "."
         }
-        div.verdict.(class) {
-            p.sentence { (verdict.sentence) }
+        div.verdict.(class(verdict.grade)) {
+            p.sentence { @if !beside.is_empty() { "Camera: " } (verdict.sentence) }
             @if let (true, Some(first)) = (verdict.grade != Grade::Good, verdict.findings.first()) {
                 p.first { strong { "Do this first: " } (first.advice) "." }
             }
             @if !verdict.findings.is_empty() { (findings(&verdict.findings)) }
         }
+        @for VerdictBeside { about, grade, sentence } in &beside {
+            div.verdict.(class(*grade)) { p.sentence { (about) ": " (sentence) } }
+        }
         (figures(calibrated, &task.settings.verdict))
+    }
+}
+
+fn class(grade: Grade) -> &'static str {
+    match grade {
+        Grade::Good => "good",
+        Grade::Usable => "usable",
+        Grade::NotGood => "not-good",
     }
 }
 

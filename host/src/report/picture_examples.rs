@@ -18,6 +18,8 @@ use crate::report::drawing::{BEYOND, Picture};
 
 /// Most pictures that are carried to the board.
 const MOST_PICTURES: usize = 24;
+/// Columns of the picture of the board: about as many as the sensor has for it.
+const BOARD_COLUMNS: u16 = 400;
 /// A picture is that of a reference frame when their times differ by less (s).
 const SAME_TIME: f64 = 1e-3;
 
@@ -117,7 +119,7 @@ impl Shown {
 
 /// The mean of `shown` on the board.
 fn carried(calibrated: &Calibrated, board: &Board, shown: &[Shown]) -> Picture {
-    let frame = BoardFrame::new(board);
+    let frame = BoardFrame::new(board, BOARD_COLUMNS);
     let camera = calibrated.camera();
     let (width, height) = (usize::from(frame.size.width), usize::from(frame.size.height));
     let mut means = vec![None; width * height];

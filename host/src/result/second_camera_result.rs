@@ -94,7 +94,11 @@ pub struct SecondCameraResult {
     pub sigma: CameraDescription,
     /// Corners (px) of the convex region of its sensor in which the board was seen.
     pub covered_region: Vec<[f64; 2]>,
-    /// What the calibration of its lens says of itself.
+    /// Whether its lens, calibrated apart, is good; none where that does not matter: for the first camera's own frames, and with held
+    /// intrinsics.
+    #[serde(default)]
+    pub lens_grade: Option<Grade>,
+    /// The same in words.
     pub lens_verdict: String,
     /// Whether what lies between the cameras is good.
     pub grade: Grade,
@@ -177,6 +181,7 @@ impl SecondCameraResult {
             camera: second.camera.clone(),
             sigma: second.sigma.clone(),
             covered_region: second.covered.corners().iter().map(|&corner| corner.into()).collect(),
+            lens_grade: second.lens_grade,
             lens_verdict: second.lens_verdict.clone(),
             grade: grade(calibration),
             verdict: String::new(),
@@ -235,6 +240,9 @@ impl SecondCameraResult {
             self.recording, self.seconds
         );
         let _ = writeln!(text, "  {}", self.verdict);
+        if self.lens_grade.is_some() {
+            let _ = writeln!(text, "  its lens: {}", self.lens_verdict);
+        }
         if let Some(whose) = match self.held {
             [true, true] => Some("both cameras were"),
             [true, false] => Some("the first camera were"),

@@ -22,11 +22,11 @@ use evcal::inertial::error::InertialError;
 use evcal::initial::model_choice::ModelRequest;
 use evcal::output::failure::{Failure, write_failure};
 use evcal::output::folder::write_folder;
-use evcal::result::{inertial_result, second_camera_result};
+use evcal::result::beside::{verdicts_beside, worst_grade};
 use evcal::second_camera::error::SecondCameraError;
 use evcal::settings::Settings;
 use evcal::solve::held_intrinsics::HeldIntrinsics;
-use evcal::trust::verdict::{Grade, Verdict};
+use evcal::trust::verdict::Grade;
 use evcal_core::sensor::Sensor;
 use rayon::ThreadPool;
 
@@ -157,7 +157,7 @@ impl Work<'_> {
         if self.arguments.json {
             print::line(written.json)?;
         } else {
-            print::line(coloured(&written.summary, &calibrated.verdict))?;
+            print::line(coloured(&written.summary, &calibrated))?;
             if self.arguments.verbose {
                 print::line(format!("\n{}", written.stage_report))?;
             }
@@ -309,29 +309,25 @@ impl Work<'_> {
     }
 }
 
-/// The worst grade of the camera and of the sensors that were calibrated beside it.
-fn worst_grade(calibrated: &Calibrated) -> Grade {
-    let Evidence::Events(events) = &calibrated.evidence else { return calibrated.verdict.grade };
-    let unit = events.inertial.as_ref().map(inertial_result::grade);
-    let others = events.second_cameras.iter().map(|second| second_camera_result::grade(&second.calibration));
-    unit.into_iter().chain(others).fold(calibrated.verdict.grade, Grade::max)
-}
-
 fn keep(first: &mut Calibrated, second: SecondCamera) {
     if let Evidence::Events(events) = &mut first.evidence {
         events.second_cameras.push(second);
     }
 }
 
-/// The summary with its verdict in green, yellow or red, where someone looks at it.
-fn coloured(summary: &str, verdict: &Verdict) -> String {
+/// The summary with its verdicts in green, yellow or red, where someone looks at it.
+fn coloured(summary: &str, calibrated: &Calibrated) -> String {
     if !std::io::stdout().is_terminal() || std::env::var_os("NO_COLOR").is_some() {
         return summary.to_owned();
     }
-    let colour = match verdict.grade {
-        Grade::Good => 32,
-        Grade::Usable => 33,
-        Grade::NotGood => 31,
-    };
-    summary.replacen(&verdict.sentence, &format!("\x1b[{colour}m{}\x1b[0m", verdict.sentence), 1)
+    let of_camera = (calibrated.verdict.grade, calibrated.verdict.sentence.clone());
+    let beside = verdicts_beside(calibrated).into_iter().map(|beside| (beside.grade, beside.sentence));
+    std::iter::once(of_camera).chain(beside).fold(summary.to_owned(), |summary, (grade, sentence)| {
+        let colour = match grade {
+            Grade::Good => 32,
+            Grade::Usable => 33,
+            Grade::NotGood => 31,
+        };
+        summary.replacen(&sentence, &format!("\x1b[{colour}m{sentence}\x1b[0m"), 1)
+    })
 }

@@ -120,48 +120,48 @@ impl Window {
         low.x >= 0.0 && low.y >= 0.0 && high.x <= right && high.y <= bottom
     }
 
-    fn paper(&self, image: &GreyImage) -> Option<Paper> {
-        let ring = || self.pixels(image).filter(|(_, distance, _)| *distance > self.inner);
+    /// The paper's light from `ring`, the places and values of the surroundings.
+    fn paper(ring: &[(Vector2<f64>, f64)]) -> Option<Paper> {
         let residual = |place: &Vector2<f64>, value: f64, plane: &Vector3<f64>| value - plane.dot(&place.push(1.0));
         let scatter_about = |plane: &Vector3<f64>| {
-            let mut sizes: Vec<f64> = ring().map(|(place, _, value)| residual(&place, value, plane).abs()).collect();
+            let mut sizes: Vec<f64> = ring.iter().map(|(place, value)| residual(place, *value, plane).abs()).collect();
             median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median.max(SMALLEST_SCATTER))
         };
         // What lies beside the paper would tilt the plane: it begins level, at the height of most pixels.
-        let mut values: Vec<f64> = ring().map(|(_, _, value)| value).collect();
+        let mut values: Vec<f64> = ring.iter().map(|(_, value)| *value).collect();
         let mut plane = Vector3::new(0.0, 0.0, median(&mut values, f64::total_cmp)?);
         let mut scatter = scatter_about(&plane)?;
         for _ in 0..2 {
             let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-            for (place, _, value) in ring() {
-                if residual(&place, value, &plane).abs() <= OUTLIER * scatter {
+            for (place, value) in ring {
+                if residual(place, *value, &plane).abs() <= OUTLIER * scatter {
                     let row = place.push(1.0);
                     normal += row * row.transpose();
-                    right += row * value;
+                    right += row * *value;
                 }
             }
             plane = normal.cholesky()?.solve(&right);
             scatter = scatter_about(&plane)?;
         }
-        let (mut count, mut foreign) = (0, 0);
-        for (place, _, value) in ring() {
-            count += 1;
-            foreign += i32::from(residual(&place, value, &plane).abs() > OUTLIER * scatter);
-        }
+        let is_foreign =
+            |(place, value): &&(Vector2<f64>, f64)| residual(place, *value, &plane).abs() > OUTLIER * scatter;
+        let foreign = ring.iter().filter(is_foreign).count();
         // Something lies there, and perhaps nearer to the dot too.
-        (f64::from(foreign) <= FOREIGN_SHARE * f64::from(count)).then_some(Paper { plane, scatter })
+        (foreign as f64 <= FOREIGN_SHARE * ring.len() as f64).then_some(Paper { plane, scatter })
     }
 
     fn measure(&self, image: &GreyImage, settings: &PictureSettings) -> Result<Dot, NoDot> {
         if !self.inside(image) {
             return Err(NoDot::CutByBorder);
         }
-        let paper = self.paper(image).ok_or(NoDot::UnevenSurroundings)?;
+        let (dot, ring): (Vec<_>, Vec<_>) = self.pixels(image).partition(|(_, distance, _)| *distance <= self.inner);
+        let ring: Vec<(Vector2<f64>, f64)> = ring.into_iter().map(|(place, _, value)| (place, value)).collect();
+        let paper = Self::paper(&ring).ok_or(NoDot::UnevenSurroundings)?;
         let brightness = paper.plane.z;
         let (mut core, mut core_count) = (0.0, 0.0);
         let (mut sum, mut squares, mut noise) = (0.0, 0.0, 0.0);
         let mut moment = Vector2::zeros();
-        for (place, distance, value) in self.pixels(image).filter(|(_, distance, _)| *distance <= self.inner) {
+        for (place, distance, value) in dot {
             let light = paper.plane.dot(&place.push(1.0));
             if light <= 0.0 {
                 return Err(NoDot::UnevenSurroundings);

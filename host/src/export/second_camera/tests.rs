@@ -36,6 +36,7 @@ pub(in crate::export) fn result(index: usize) -> SecondCameraResult {
         camera: of(3.0),
         sigma: of(0.0),
         covered_region: CoveredRegion::whole(SENSOR).corners().iter().map(|&corner| corner.into()).collect(),
+        lens_grade: None,
         lens_verdict: String::new(),
         grade: Grade::Good,
         verdict: "Good: known to 0.001°.".to_owned(),

@@ -122,6 +122,38 @@ fn events_before_and_behind_a_damaged_chunk_are_kept() {
     }
 }
 
+/// As a program leaves it that makes room first and is ended before all of it is filled.
+#[test]
+fn room_that_was_never_filled_is_no_events() {
+    let all = events(1050);
+    let nothing = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
+    for room in [2, 50, 40_000] {
+        let (content, _) = file(&[all.as_slice(), &vec![nothing; room]].concat(), &DEFLATE);
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.events.as_slice(), outcome.error), (all.as_slice(), None));
+        assert_eq!((outcome.report.unwritten, outcome.report.clock_resets), (room as u64, 0));
+    }
+}
+
+/// A few bytes can promise more events than anyone can wait for.
+#[test]
+fn arrays_without_any_bytes_end_at_once() {
+    const MANY: u64 = 1 << 44;
+    let numbers = Integer { size: 8, is_signed: true };
+    let mut bytes = vec![0; 48];
+    let objects = ["t", "x", "y", "p"].map(|name| {
+        let place = bytes.len() as u64;
+        bytes.extend(dataset(numbers, Some(MANY), u64::MAX));
+        (name, place)
+    });
+    let root = bytes.len() as u64;
+    bytes.extend(group(&objects, &[]));
+    let length = bytes.len() as u64;
+    bytes.splice(..48, superblock(root, length));
+    let outcome = testing::read(&bytes);
+    assert_eq!((outcome.events.len(), outcome.report.unwritten), (0, MANY));
+}
+
 #[test]
 fn of_a_file_that_is_cut_the_events_before_the_end_are_read() {
     let events = events(1050);

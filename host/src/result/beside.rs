@@ -1,0 +1,48 @@
+//! The verdicts on what was calibrated beside the camera: an inertial unit, other cameras.
+
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
+use crate::result::inertial_result::InertialResult;
+use crate::result::second_camera_result::SecondCameraResult;
+use crate::trust::verdict::Grade;
+
+/// The verdict on one thing beside the camera.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct VerdictBeside {
+    /// What it is about, with a capital letter in front.
+    pub about: String,
+    /// How good that is.
+    pub grade: Grade,
+    /// The same in words.
+    pub sentence: String,
+}
+
+/// The verdicts on all that was calibrated beside the camera.
+pub fn verdicts_beside(calibrated: &Calibrated) -> Vec<VerdictBeside> {
+    let Evidence::Events(events) = &calibrated.evidence else { return Vec::new() };
+    of_unit(events).into_iter().chain(of_cameras(events)).collect()
+}
+
+/// The worst grade of the camera and of all that was calibrated beside it.
+pub fn worst_grade(calibrated: &Calibrated) -> Grade {
+    let beside = verdicts_beside(calibrated).into_iter().map(|beside| beside.grade);
+    beside.fold(calibrated.verdict.grade, Grade::max)
+}
+
+fn of_unit(events: &EventCalibration) -> Option<VerdictBeside> {
+    let InertialResult { grade, verdict, .. } = InertialResult::new(events.inertial.as_ref()?);
+    Some(VerdictBeside { about: "Inertial unit".to_owned(), grade, sentence: verdict })
+}
+
+fn of_cameras(events: &EventCalibration) -> impl Iterator<Item = VerdictBeside> {
+    events.second_cameras.iter().flat_map(|second| {
+        let SecondCameraResult { recording, grade, verdict, lens_grade, lens_verdict, .. } =
+            SecondCameraResult::new(second);
+        let lens = lens_grade.map(|grade| VerdictBeside {
+            about: format!("Lens of {recording}"),
+            grade,
+            sentence: lens_verdict,
+        });
+        let place = VerdictBeside { about: format!("Place of {recording}"), grade, sentence: verdict };
+        lens.into_iter().chain([place])
+    })
+}
