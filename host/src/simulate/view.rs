@@ -40,7 +40,7 @@ impl View {
         let inverse = 1.0 / direction.z;
         let slope = Vector2::new(direction.x * inverse, direction.y * inverse);
         let point = self.position.xy() - self.position.z * slope;
-        let flat = Relief { scale: Vector2::new(1.0, 1.0), slope: Vector2::zeros(), stretch: 1.0 };
+        let flat = Relief { scale: Vector2::new(1.0, 1.0), slope: Vector2::zeros() };
         Some(Gaze { point, slope, distance: -self.position.z * inverse, relief: flat })
     }
 
@@ -53,10 +53,8 @@ impl View {
         }
         let met = surface.meet(&self.position.into(), &direction.into());
         let point = Vector2::from(surface.to_print(met.point));
-        let (scale, lean): (Vector2<f64>, Vector2<f64>) = (surface.per_scale().into(), met.slope.into());
-        let slope = direction.xy() * met.inverse;
-        let relief = Relief { scale, slope: lean, stretch: scale.max() * (1.0 + lean.norm() * slope.norm()) };
-        let gaze = Gaze { point, slope, distance: met.depth, relief };
+        let relief = Relief { scale: Vector2::from(surface.per_scale()), slope: Vector2::from(met.slope) };
+        let gaze = Gaze { point, slope: direction.xy() * met.inverse, distance: met.depth, relief };
         (met.depth.is_finite() && met.inverse.is_finite()).then_some(gaze)
     }
 
@@ -95,14 +93,14 @@ struct Relief {
     scale: Vector2<f64>,
     /// Slope of its surface.
     slope: Vector2<f64>,
-    /// Bound of how much faster the point moves over the print than over the board's plane.
-    stretch: f64,
 }
 
 impl Gaze {
     /// Bound of how fast the point moves over the board, in metres per pixel.
     #[inline]
     pub(super) fn metres_per_pixel(&self, ray: &Ray) -> f64 {
-        self.distance * ray.turn * (1.0 + self.slope.norm_squared()).sqrt() * self.relief.stretch
+        let Relief { scale, slope } = self.relief;
+        let relief = scale.max() * (1.0 + slope.norm() * self.slope.norm());
+        self.distance * ray.turn * (1.0 + self.slope.norm_squared()).sqrt() * relief
     }
 }
