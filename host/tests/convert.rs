@@ -1,12 +1,14 @@
 //! `evcal convert` and `evcal info` as a user runs them.
 
+#[path = "command/helpers.rs"]
+mod command;
+
 use evcal_core::sensor::Sensor;
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-use std::process::Output;
 
-use assert_cmd::Command;
+use command::{evcal, fail, succeed, text};
 use evcal::recording::aedat4::header::Compression;
 use evcal::recording::aedat4::other_streams::{FrameReader, inertial_samples};
 use evcal::recording::aedat4::write::Encoder;
@@ -19,30 +21,6 @@ use tempfile::TempDir;
 
 /// 10 September 2026 in µs.
 const UNIX_TIME: i64 = 1_789_000_000_000_000;
-
-fn evcal(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
-}
-
-fn succeed(arguments: &[&str]) -> String {
-    let output = evcal(arguments);
-    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", stderr(&output));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn fail(arguments: &[&str]) -> String {
-    let output = evcal(arguments);
-    assert_eq!(output.status.code(), Some(1), "{arguments:?}");
-    stderr(&output)
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
 
 /// Two seconds of events on a DAVIS346: bursts, several events a microsecond, a rest of 0.3 s.
 fn events(start: i64) -> Vec<Event> {

@@ -1,11 +1,15 @@
 //! Defects that were found and mended, one test each, in the order in which they were: the test fails as the program
 //! did. Those that need a whole calibration are in `tests/tests/regressions.rs`.
 
+#[path = "command/helpers.rs"]
+mod command;
+
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 
+use command::{fail, stderr, succeed, text};
 use evcal::recording::aedat4::header::Compression;
 use evcal::recording::aedat4::write::Encoder;
 use evcal::recording::encode::Encode;
@@ -16,30 +20,6 @@ use evcal_core::sensor::Sensor;
 use serde_json::Value;
 
 const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
-
-fn evcal(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
-}
-
-fn succeed(arguments: &[&str]) -> String {
-    let output = evcal(arguments);
-    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", stderr(&output));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn fail(arguments: &[&str]) -> String {
-    let output = evcal(arguments);
-    assert_eq!(output.status.code(), Some(1), "{arguments:?}");
-    stderr(&output)
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
 
 /// Ten thousand events, one each 100 µs.
 fn events() -> Vec<Event> {

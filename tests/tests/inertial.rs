@@ -234,6 +234,15 @@ fn a_loose_unit_has_the_exit_code_of_what_is_not_good_enough() {
     let file = read_json(&result.join("calibration.json"));
     assert_eq!(file["inertial"]["grade"], "not-good");
     assert_ne!(file["verdict"]["grade"], "not-good");
+    // The report says it before anything else.
+    let report = fs::read_to_string(result.join("report.html")).unwrap();
+    let head = report.split("<dl").next().unwrap_or_default();
+    let verdicts: Vec<&str> = head.split("<div class=\"verdict ").skip(1).collect();
+    assert!(
+        matches!(verdicts.as_slice(), [camera, unit]
+        if camera.contains("Camera: ") && unit.starts_with("not-good") && unit.contains("Inertial unit: Not good enough")),
+        "{head}"
+    );
 }
 
 fn slip() -> UnitQuaternion<f64> {

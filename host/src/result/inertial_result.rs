@@ -272,6 +272,11 @@ impl InertialResult {
                 1e3 * value.abs(),
             );
         }
+        if self.gyroscope.delay_measured || self.accelerometer.delay_measured {
+            text.push_str(
+                "  pixels answer late, by some 0.1 ms in good light and more in dim light; that is in these delays, and not in their σ\n",
+            );
+        }
         let list = |value: [f64; 3], factor: f64, digits: usize| {
             value.map(|value| format!("{:.digits$}", factor * value)).join(", ")
         };

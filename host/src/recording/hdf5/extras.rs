@@ -7,7 +7,7 @@ use hdf5_reader::error::Error;
 use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 
 use super::layout::Found;
-use super::{arrange, choose, structure, table};
+use super::{arrange, choose, structure, table, written};
 use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, take_until};
 use crate::recording::numbers::Number;
 use crate::recording::pictures::TimedImage;
@@ -21,6 +21,9 @@ pub const SAMPLES: &str = "inertial samples";
 /// More times than this, an hour at 1 kHz, are not held in memory.
 const MOST_TIMES: u64 = 4_000_000;
 
+/// Pictures of more pixels are none of a sensor's.
+const MOST_PIXELS: u64 = 1 << 24;
+
 /// Pictures or samples, in their order.
 struct Timed {
     data: Dataset,
@@ -31,7 +34,8 @@ struct Timed {
 
 impl Timed {
     fn open((data, times): (Dataset, Dataset), unit: TimeUnit, offset: i64) -> Option<Self> {
-        let numbers = table::numbers(&times, MOST_TIMES)?;
+        let mut numbers = table::numbers(&times, MOST_TIMES)?;
+        numbers.truncate(written(&numbers, |time| time.value() == 0.0));
         let times: Option<Vec<i64>> = numbers.iter().map(|time| time.microseconds(unit)).collect();
         let mut times: Vec<i64> = times?.iter().map(|time| time.saturating_add(offset)).collect();
         times.truncate(usize::try_from(*data.shape().first()?).ok()?);
@@ -45,12 +49,16 @@ impl Timed {
     fn frame(&mut self, t: i64) -> Result<Frame, Error> {
         let side = |axis: usize| self.data.shape().get(axis).copied().unwrap_or(0);
         let (height, width) = (side(1), side(2));
+        let too_large = || Error::InvalidData("pictures larger than any sensor".to_owned());
+        if height.checked_mul(width).is_none_or(|pixels| pixels > MOST_PIXELS) {
+            return Err(too_large());
+        }
         let all = |side: u64| SliceInfoElem::Slice { start: 0, end: side, step: 1 };
         let selections = vec![SliceInfoElem::Index(self.next as u64), all(height), all(width)];
         let pixels = self.data.read_slice::<u8>(&SliceInfo { selections })?.into_iter().collect();
         self.next += 1;
         let size = u16::try_from(width).ok().zip(u16::try_from(height).ok());
-        let size = size.ok_or_else(|| Error::InvalidData("pictures larger than any sensor".to_owned()))?;
+        let size = size.ok_or_else(too_large)?;
         Ok(Frame { t, exposure: None, readout: None, size, position: (0, 0), channels: 1, pixels })
     }
 

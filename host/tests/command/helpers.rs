@@ -1,0 +1,33 @@
+//! Runs of the program.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// What a run with these arguments gives.
+pub fn evcal(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap()
+}
+
+/// Its standard error.
+pub fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+/// Standard output of a run that succeeds.
+pub fn succeed(arguments: &[&str]) -> String {
+    let output = evcal(arguments);
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", stderr(&output));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Standard error of a run that fails.
+pub fn fail(arguments: &[&str]) -> String {
+    let output = evcal(arguments);
+    assert_eq!(output.status.code(), Some(1), "{arguments:?}");
+    stderr(&output)
+}
+
+/// A path as an argument.
+pub fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
