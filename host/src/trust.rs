@@ -141,7 +141,7 @@ pub fn examine(
         projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
     };
     // The halves have the same misfit: they cannot tell it.
-    let split_half = split_half(problem, state, uncertainty.inflation, settings.halves);
+    let split_half = split_half(problem, state, &parts, settings.halves);
     let of_events = residuals_at(problem, state);
     let ((classes, ranks), residuals) = rayon::join(
         || {

@@ -20,6 +20,7 @@ use crate::solve::levenberg::{Solved, intrinsics_covariance, one_step, one_step_
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::residuals_at;
 use crate::solve::{FreeParameters, Problem, SolveError, State};
+use crate::trust::uncertainty::parts::CovarianceParts;
 use crate::trust::uncertainty::projection::projection_uncertainty;
 
 settings! {
@@ -67,16 +68,23 @@ impl SplitHalf {
     }
 }
 
-/// Halves `problem`, which `state` solves, and compares; `inflation` is that of the whole
-/// ([`crate::trust::uncertainty::Uncertainty::inflation`]). `None` when there is too little to halve.
-pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &SplitHalfSettings) -> Option<SplitHalf> {
+/// Halves `problem`, which `state` solves, and compares; `parts` say where the covariance of the whole comes from. `None` when there is
+/// too little to halve.
+pub fn split_half(
+    problem: &Problem,
+    state: &State,
+    parts: &CovarianceParts,
+    settings: &SplitHalfSettings,
+) -> Option<SplitHalf> {
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
     if total < settings.slice * settings.fewest_slices.max(2) as f64 {
         return None;
     }
     let halves = [0, 1].map(|parity| half(problem, settings, parity));
     let [first, second] = [solved(&halves[0], state).ok()?, solved(&halves[1], state).ok()?];
-    let covariance = (&first.formal_covariance + &second.formal_covariance) * inflation;
+    // What both halves have in common cancels.
+    let scattered = &parts.noise + &parts.between_parts;
+    let covariance = alike(&(&first.formal_covariance + &second.formal_covariance), &parts.noise, &scattered)?;
     let (first_residuals, second_residuals) = (first.residuals, second.residuals);
     let (first, second) = (&first.state, &second.state);
     let difference = projection_difference(&first.camera, &second.camera, problem.sensor).ok()?;
@@ -99,6 +107,26 @@ pub fn split_half(problem: &Problem, state: &State, inflation: f64, settings: &S
         bound: expected.rms_95,
         held_out,
     })
+}
+
+/// What is to `formal` as `scattered` is to `noise`: covariances of the intrinsics, with zeros where a parameter is held. For a
+/// `formal` that is k times `noise` it is k times `scattered`. `None` where one of them is not positive definite.
+fn alike(formal: &DMatrix<f64>, noise: &DMatrix<f64>, scattered: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let count = noise.nrows();
+    let free: Vec<usize> = (0..count).filter(|&index| noise[(index, index)] > 0.0).collect();
+    let of_free = |matrix: &DMatrix<f64>| matrix.select_rows(&free).select_columns(&free);
+    let root = |matrix: &DMatrix<f64>| Some(of_free(matrix).cholesky()?.unpack());
+    let (formal, noise) = (root(formal)?, root(noise)?);
+    let half = noise.solve_lower_triangular(&of_free(scattered))?;
+    let shape = noise.solve_lower_triangular(&half.transpose())?;
+    let of_halves = &formal * shape * formal.transpose();
+    let mut whole = DMatrix::zeros(count, count);
+    for (row, &to_row) in free.iter().enumerate() {
+        for (column, &to_column) in free.iter().enumerate() {
+            whole[(to_row, to_column)] = of_halves[(row, column)];
+        }
+    }
+    Some(whole)
 }
 
 /// Steps that lead astray leave a smaller part of the observations than this, or make the residuals so many times as large. The loss is
@@ -148,4 +176,27 @@ fn with_camera_held(half: &Problem, own: &State, camera: &Camera<f64>) -> Option
 fn half(problem: &Problem, settings: &SplitHalfSettings, parity: i64) -> Problem {
     let wanted = |t: f64| (t / settings.slice).floor() as i64 & 1 == parity;
     problem.with_segments(problem.segments.iter().map(|segment| segment.within(wanted)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scatter_of_halves_has_the_shape_of_that_of_the_whole() {
+        let noise = DMatrix::from_row_slice(3, 3, &[2.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0, 1.0]);
+        let scattered = DMatrix::from_row_slice(3, 3, &[9.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 3.0]);
+        // Each half alone is half as sure, and the difference of two once more.
+        let four = alike(&(&noise * 4.0), &noise, &scattered).unwrap();
+        assert!((four - &scattered * 4.0).norm() < 1e-12);
+        let formal = DMatrix::from_row_slice(3, 3, &[7.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.0, 0.0, 5.0]);
+        // Without a shape of its own, the scatter only enlarges.
+        let enlarged = alike(&formal, &noise, &(&noise * 2.5)).unwrap();
+        assert!((enlarged - &formal * 2.5).norm() < 1e-12);
+        let scatter = alike(&formal, &noise, &scattered).unwrap();
+        assert!((&scatter - scatter.transpose()).norm() < 1e-12 && scatter[(0, 0)] > formal[(0, 0)]);
+        assert_eq!(scatter[(1, 1)], 0.0);
+        let held = DMatrix::zeros(3, 3);
+        assert_eq!(alike(&held, &held, &held), Some(held));
+    }
 }
