@@ -21,8 +21,8 @@ pub struct SecondCamera {
     pub sigma: CameraDescription,
     /// Where on its sensor the board was seen.
     pub covered: CoveredRegion,
-    /// Whether its lens, calibrated apart, is good; none where that does not matter: for the first camera's own frames, and with held
-    /// intrinsics.
+    /// Whether its lens, calibrated apart, is good; none where that does not matter: for the first camera's own frames, with held
+    /// intrinsics, and with a rolling shutter, whose frames no lens explains before it is known.
     pub lens_grade: Option<Grade>,
     /// What the calibration of its lens says of itself.
     pub lens_verdict: String,

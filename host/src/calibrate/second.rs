@@ -88,7 +88,7 @@ fn mounted(
         camera: CameraDescription::new(second.camera()),
         sigma: CameraDescription::of_values(second.camera().kind(), second.sigma()),
         covered: second.covered_region(),
-        lens_grade: (!calibration.held[1]).then_some(second.verdict.grade),
+        lens_grade: (!calibration.held[1] && !calibration.rolling_shutter).then_some(second.verdict.grade),
         lens_verdict: second.verdict.sentence.clone(),
         starts: [start(first), start(second)],
         frames,

@@ -94,8 +94,8 @@ pub struct SecondCameraResult {
     pub sigma: CameraDescription,
     /// Corners (px) of the convex region of its sensor in which the board was seen.
     pub covered_region: Vec<[f64; 2]>,
-    /// Whether its lens, calibrated apart, is good; none where that does not matter: for the first camera's own frames, and with held
-    /// intrinsics.
+    /// Whether its lens, calibrated apart, is good; none where that does not matter: for the first camera's own frames, with held
+    /// intrinsics, and with a rolling shutter, whose frames no lens explains before it is known.
     #[serde(default)]
     pub lens_grade: Option<Grade>,
     /// The same in words.
