@@ -250,15 +250,6 @@ impl Decoder {
     }
 }
 
-/// How many of `rows` stand before those at their end that nobody wrote: HDF5 has zeros there. One row that `is_zero` may be meant; two
-/// at one time, which a pixel does not send, are not.
-fn written<T>(rows: &[T], is_zero: impl Fn(&T) -> bool) -> usize {
-    match rows.iter().rev().take_while(|row| is_zero(row)).count() {
-        0 | 1 => rows.len(),
-        zeros => rows.len() - zeros,
-    }
-}
-
 fn is_zero(row: &Row) -> bool {
     row.iter().all(|(_, number)| number.value() == 0.0)
 }
@@ -276,7 +267,7 @@ impl Decode for Decoder {
         };
         // Fewer than asked for: damage is near, and would be met again and again.
         self.batch = self.batch.min((rows.len() as u64).max(1));
-        let (written, unwritten) = rows.split_at(written(&rows, is_zero));
+        let (written, unwritten) = rows.split_at(numbers::written(&rows, is_zero));
         if written.is_empty() && !unwritten.is_empty() {
             // Perhaps of very many, of which the file has none.
             report.unwritten += self.table.count() - self.next;

@@ -153,6 +153,15 @@ pub fn put(
     Ok(())
 }
 
+/// How many of `rows` stand before those at their end that nobody wrote, which are zeros. One row that `is_zero` may be meant; two at
+/// one time, which a pixel does not send, are not.
+pub fn written<T>(rows: &[T], is_zero: impl Fn(&T) -> bool) -> usize {
+    match rows.iter().rev().take_while(|row| is_zero(row)).count() {
+        0 | 1 => rows.len(),
+        zeros => rows.len() - zeros,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -147,7 +147,9 @@ fn sample(path: &Path, table: &Table) -> Result<Vec<Vec<columns::Cell>>, Recordi
         let fields = sources.iter().flat_map(|source| source.fields.iter().map(move |field| (source, field)));
         fields.map(|(source, (_, offset, number))| cell(source, row, *offset, *number)).collect()
     };
-    Ok((0..count).map(row).collect())
+    let mut rows: Vec<Vec<columns::Cell>> = (0..count).map(row).collect();
+    rows.truncate(numbers::written(&rows, |row| row.iter().all(|cell| cell.value == Some(0.0))));
+    Ok(rows)
 }
 
 /// Opens the parts of `table`, whose fields are `columns`.
@@ -229,6 +231,11 @@ struct Decoder {
 }
 
 impl Decoder {
+    fn is_zero(&self, row: usize) -> bool {
+        let mut bytes = self.sources.iter().filter_map(|source| source.record(row)).flatten();
+        bytes.all(|byte| *byte == 0)
+    }
+
     fn event(&mut self, row: usize) -> Result<Event, RecordingErrorKind> {
         self.events += 1;
         let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
@@ -256,8 +263,10 @@ impl Decode for Decoder {
         for source in &mut self.sources {
             fault = fault.or(source.fill(count).err());
         }
-        let rows = self.sources.iter().map(Source::records).min().unwrap_or(0);
-        for row in 0..rows {
+        let rows: Vec<usize> = (0..self.sources.iter().map(Source::records).min().unwrap_or(0)).collect();
+        let (written, unwritten) = rows.split_at(numbers::written(&rows, |row| self.is_zero(*row)));
+        report.unwritten += unwritten.len() as u64;
+        for &row in written {
             let event = self.event(row).map_err(|kind| RecordingError::new(&self.path, kind))?;
             batch.push(event);
         }

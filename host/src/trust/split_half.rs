@@ -16,10 +16,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::lens::camera_file::CameraDescription;
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
-use crate::solve::levenberg::{Solved, intrinsics_covariance, one_step, one_step_with_covariance, solve};
+use crate::solve::levenberg::{
+    Solved, intrinsics_covariance, intrinsics_of, one_step, one_step_with_covariance, solve,
+};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::residuals_at;
-use crate::solve::{FreeParameters, Problem, SolveError, State};
+use crate::solve::{FreeParameters, GLOBAL_COUNT, Problem, SolveError, State};
 use crate::trust::uncertainty::parts::CovarianceParts;
 use crate::trust::uncertainty::projection::projection_uncertainty;
 
@@ -84,7 +86,8 @@ pub fn split_half(
     let [first, second] = [solved(&halves[0], state).ok()?, solved(&halves[1], state).ok()?];
     // What both halves have in common cancels.
     let scattered = &parts.noise + &parts.between_parts;
-    let covariance = alike(&(&first.formal_covariance + &second.formal_covariance), &parts.noise, &scattered)?;
+    let formal = &first.formal_covariance + &second.formal_covariance;
+    let covariance = alike(&formal, &parts.noise, &scattered, &problem.free.mask())?;
     let (first_residuals, second_residuals) = (first.residuals, second.residuals);
     let (first, second) = (&first.state, &second.state);
     let difference = projection_difference(&first.camera, &second.camera, problem.sensor).ok()?;
@@ -109,24 +112,22 @@ pub fn split_half(
     })
 }
 
-/// What is to `formal` as `scattered` is to `noise`: covariances of the intrinsics, with zeros where a parameter is held. For a
+/// What is to `formal` as `scattered` is to `noise`: covariances of the intrinsics, with zeros where a parameter is not `free`. For a
 /// `formal` that is k times `noise` it is k times `scattered`. `None` where one of them is not positive definite.
-fn alike(formal: &DMatrix<f64>, noise: &DMatrix<f64>, scattered: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+fn alike(
+    formal: &DMatrix<f64>,
+    noise: &DMatrix<f64>,
+    scattered: &DMatrix<f64>,
+    free: &[bool; GLOBAL_COUNT],
+) -> Option<DMatrix<f64>> {
     let count = noise.nrows();
-    let free: Vec<usize> = (0..count).filter(|&index| noise[(index, index)] > 0.0).collect();
-    let of_free = |matrix: &DMatrix<f64>| matrix.select_rows(&free).select_columns(&free);
+    let places: Vec<usize> = (0..count).filter(|&index| free[index]).collect();
+    let of_free = |matrix: &DMatrix<f64>| matrix.select_rows(&places).select_columns(&places);
     let root = |matrix: &DMatrix<f64>| Some(of_free(matrix).cholesky()?.unpack());
     let (formal, noise) = (root(formal)?, root(noise)?);
     let half = noise.solve_lower_triangular(&of_free(scattered))?;
     let shape = noise.solve_lower_triangular(&half.transpose())?;
-    let of_halves = &formal * shape * formal.transpose();
-    let mut whole = DMatrix::zeros(count, count);
-    for (row, &to_row) in free.iter().enumerate() {
-        for (column, &to_column) in free.iter().enumerate() {
-            whole[(to_row, to_column)] = of_halves[(row, column)];
-        }
-    }
-    Some(whole)
+    Some(intrinsics_of(&(&formal * shape * formal.transpose()), free, count))
 }
 
 /// Steps that lead astray leave a smaller part of the observations than this, or make the residuals so many times as large. The loss is
@@ -186,17 +187,19 @@ mod tests {
     fn the_scatter_of_halves_has_the_shape_of_that_of_the_whole() {
         let noise = DMatrix::from_row_slice(3, 3, &[2.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0, 1.0]);
         let scattered = DMatrix::from_row_slice(3, 3, &[9.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 3.0]);
+        let mut free = [false; GLOBAL_COUNT];
+        (free[0], free[2]) = (true, true);
         // Each half alone is half as sure, and the difference of two once more.
-        let four = alike(&(&noise * 4.0), &noise, &scattered).unwrap();
+        let four = alike(&(&noise * 4.0), &noise, &scattered, &free).unwrap();
         assert!((four - &scattered * 4.0).norm() < 1e-12);
         let formal = DMatrix::from_row_slice(3, 3, &[7.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.0, 0.0, 5.0]);
         // Without a shape of its own, the scatter only enlarges.
-        let enlarged = alike(&formal, &noise, &(&noise * 2.5)).unwrap();
+        let enlarged = alike(&formal, &noise, &(&noise * 2.5), &free).unwrap();
         assert!((enlarged - &formal * 2.5).norm() < 1e-12);
-        let scatter = alike(&formal, &noise, &scattered).unwrap();
+        let scatter = alike(&formal, &noise, &scattered, &free).unwrap();
         assert!((&scatter - scatter.transpose()).norm() < 1e-12 && scatter[(0, 0)] > formal[(0, 0)]);
         assert_eq!(scatter[(1, 1)], 0.0);
         let held = DMatrix::zeros(3, 3);
-        assert_eq!(alike(&held, &held, &held), Some(held));
+        assert_eq!(alike(&held, &held, &held, &[false; GLOBAL_COUNT]), Some(held));
     }
 }

@@ -7,9 +7,9 @@ use hdf5_reader::error::Error;
 use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 
 use super::layout::Found;
-use super::{arrange, choose, structure, table, written};
+use super::{arrange, choose, structure, table};
 use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, take_until};
-use crate::recording::numbers::Number;
+use crate::recording::numbers::{Number, written};
 use crate::recording::pictures::TimedImage;
 use crate::recording::ros::GRAVITY;
 use crate::recording::{RecordingError, RecordingErrorKind, RecordingOptions, TimeUnit};

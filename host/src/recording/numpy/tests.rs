@@ -144,6 +144,15 @@ fn an_array_that_says_more_than_it_has_is_cut_off() {
     }
 }
 
+#[test]
+fn room_that_was_not_filled_is_no_events() {
+    let events = events(5);
+    let mut table = columns(&events, true);
+    table.extend([0; 3 * 32]);
+    let outcome = testing::read(&array("'<f8'", false, "(8, 4)", &table));
+    assert_eq!((outcome.events, outcome.error, outcome.report.unwritten), (events, None, 3));
+}
+
 /// An archive of these arrays.
 fn archive(compress: bool, members: &[(&str, Vec<u8>)]) -> Vec<u8> {
     let mut archive = ZipArchiveWriter::new(Vec::new());
