@@ -41,7 +41,7 @@ pub fn stated(system: &System, parts: &[Part], total: f64) -> Result<Stated, Ine
     let Blocks { times, contributions } = system.contributions(parts, LENGTHS[0])?;
     let lengths = LENGTHS.iter().filter(|&&length| length == LENGTHS[0] || length * FEWEST <= total);
     let scatters: Vec<DMatrix<f64>> = lengths
-        .filter_map(|&length| scatter(&formal, &sum_by_block(&times, &contributions, length), COUNT))
+        .filter_map(|&length| scatter(&formal, sum_by_block(&times, &contributions, length), COUNT))
         .map(|scatter| scatter.covariance)
         .collect();
     let ratio = |index: usize| {

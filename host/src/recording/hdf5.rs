@@ -131,6 +131,7 @@ fn arrange(
 ) -> Result<(Table, TimeUnit), RecordingError> {
     let layout = |error| RecordingError::new(path, RecordingErrorKind::Layout(error));
     let sample = table.cells(columns::SAMPLE as u64).map_err(|error| structure(path, &error))?;
+    let sample = numbers::written_cells(sample);
     if let Some(order) = table.order_to_find() {
         *order = match &options.columns {
             Some(columns) if columns.as_slice().len() == order.as_slice().len() => columns.clone(),

@@ -162,6 +162,12 @@ pub fn written<T>(rows: &[T], is_zero: impl Fn(&T) -> bool) -> usize {
     }
 }
 
+/// Those of `rows` that were [`written`].
+pub fn written_cells(mut rows: Vec<Vec<Cell>>) -> Vec<Vec<Cell>> {
+    rows.truncate(written(&rows, |row| row.iter().all(|cell| cell.value == Some(0.0))));
+    rows
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

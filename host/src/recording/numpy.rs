@@ -147,9 +147,7 @@ fn sample(path: &Path, table: &Table) -> Result<Vec<Vec<columns::Cell>>, Recordi
         let fields = sources.iter().flat_map(|source| source.fields.iter().map(move |field| (source, field)));
         fields.map(|(source, (_, offset, number))| cell(source, row, *offset, *number)).collect()
     };
-    let mut rows: Vec<Vec<columns::Cell>> = (0..count).map(row).collect();
-    rows.truncate(numbers::written(&rows, |row| row.iter().all(|cell| cell.value == Some(0.0))));
-    Ok(rows)
+    Ok(numbers::written_cells((0..count).map(row).collect()))
 }
 
 /// Opens the parts of `table`, whose fields are `columns`.

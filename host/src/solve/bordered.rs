@@ -16,7 +16,7 @@ use super::normal::{Block, StretchEquations, banded_times};
 use super::smoothness::accelerations;
 use super::stiffness::{Stiffness, add_jerk};
 use super::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
-use super::system::{Contribution, NotPositiveDefinite};
+use super::system::{Contribution, NotPositiveDefinite, PackedContribution};
 use super::{GLOBAL_COUNT, Problem, SolveSettings, State};
 use crate::numerics::banded::BandedCholesky;
 use crate::trajectory::Trajectory;
@@ -241,7 +241,7 @@ pub struct Blocks {
     /// For each its segment and a time in it.
     pub times: Vec<(usize, f64)>,
     /// For each what it says.
-    pub contributions: Vec<Contribution>,
+    pub contributions: Vec<PackedContribution>,
 }
 
 /// A segment whose control points are eliminated.
@@ -398,7 +398,7 @@ impl System {
             if let Some(eliminated) = eliminated.get(*segment) {
                 parts.iter().for_each(|part| add_contribution(&mut sum, part, &eliminated.follows));
             }
-            sum
+            sum.into()
         });
         let sums = sums.collect();
         let times = groups.iter().map(|((segment, block), _)| (*segment, (*block as f64 + 0.5) * length)).collect();

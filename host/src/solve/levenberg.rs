@@ -9,7 +9,7 @@ use super::bearing_table::BearingTable;
 use super::normal::StretchEquations;
 use super::smoothness::{Acceleration, accelerations};
 use super::stretch::{STRETCHES_TOGETHER, Stretch, linearise, stretches};
-use super::system::{Contribution, Follows, System};
+use super::system::{Follows, PackedContribution, System};
 use super::{BOARD_INDEX, GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
 use crate::board::shape::BoardShape;
 use crate::solve::event_bias::CLASS_COUNT;
@@ -188,7 +188,12 @@ pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> Syst
 }
 
 /// What each of `stretches` says of the global parameters that the control points are known to `follows`, in `problem` at `state`.
-pub fn contributions(problem: &Problem, state: &State, follows: &Follows, stretches: &[Stretch]) -> Vec<Contribution> {
+pub fn contributions(
+    problem: &Problem,
+    state: &State,
+    follows: &Follows,
+    stretches: &[Stretch],
+) -> Vec<PackedContribution> {
     let bearings = BearingTable::new(&state.camera, problem.sensor);
     let groups = stretches.chunks(STRETCHES_TOGETHER);
     groups.flat_map(|group| follows.contributions(&linearised(problem, state, &bearings, group))).collect()

@@ -64,6 +64,45 @@ impl Contribution {
     }
 }
 
+/// A [`Contribution`] in half the memory, for there are hundreds at a time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PackedContribution {
+    gradient: DVector<f64>,
+    /// The lower triangle of the information, column by column.
+    lower: Vec<f64>,
+}
+
+impl From<Contribution> for PackedContribution {
+    fn from(whole: Contribution) -> Self {
+        let columns = whole.information.column_iter().enumerate();
+        let lower = columns.flat_map(|(column, entries)| entries.iter().skip(column).copied().collect::<Vec<_>>());
+        Self { lower: lower.collect(), gradient: whole.gradient }
+    }
+}
+
+impl PackedContribution {
+    /// The sum of `parts`, which are of the same parameters; `None` of none.
+    pub fn sum<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Option<Contribution> {
+        let mut parts = parts.into_iter();
+        let first = parts.next()?.clone();
+        let sum = parts.fold(first, |mut sum, part| {
+            sum.gradient += &part.gradient;
+            sum.lower.iter_mut().zip(&part.lower).for_each(|(sum, entry)| *sum += entry);
+            sum
+        });
+        let count = sum.gradient.len();
+        let mut information = DMatrix::zeros(count, count);
+        let mut entries = sum.lower.iter();
+        for column in 0..count {
+            for (row, entry) in (column..count).zip(entries.by_ref().take(count - column)) {
+                information[(row, column)] = *entry;
+                information[(column, row)] = *entry;
+            }
+        }
+        Some(Contribution { gradient: sum.gradient, information })
+    }
+}
+
 /// The linear system could not be solved: its matrix is not positive definite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotPositiveDefinite;
@@ -260,7 +299,7 @@ impl Follows {
     /// (Aₖ, Bₖ, Cₖ) and the gradient (gₖ, hₖ) has the gradient hₖ − (A⁻¹B)ᵀgₖ and the information
     /// Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B; over all stretches these add up to those of the system,
     /// but for the share of what holds the trajectories.
-    pub fn contributions(&self, stretches: &[(Stretch, StretchEquations)]) -> Vec<Contribution> {
+    pub fn contributions(&self, stretches: &[(Stretch, StretchEquations)]) -> Vec<PackedContribution> {
         let free = &self.free;
         let of_stretch = |(stretch, equations): &(Stretch, StretchEquations)| {
             let segment = self.segments.get(stretch.segment)?;
@@ -275,10 +314,11 @@ impl Follows {
             });
             let mixed = border.transpose() * follows;
             let moved = banded_times(&equations.blocks, equations.order, follows);
-            Some(Contribution {
+            let contribution = Contribution {
                 gradient: own - follows.transpose() * gradient,
                 information: corner - &mixed - mixed.transpose() + follows.transpose() * moved,
-            })
+            };
+            Some(contribution.into())
         };
         stretches.par_iter().filter_map(of_stretch).collect()
     }

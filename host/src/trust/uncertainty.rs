@@ -34,7 +34,7 @@ use crate::solve::event_bias::bias::Biases;
 use crate::solve::levenberg::{contributions, intrinsics_of};
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::stretch::stretches;
-use crate::solve::system::{Contribution, System};
+use crate::solve::system::{Contribution, PackedContribution, System};
 use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, Problem, SolveError, State, bias_index};
 use crate::trust::board_evidence::{BoardEvidence, RADIUS, after, with_board};
 use blocks::{Scatter, scatter, sum_by_block};
@@ -263,7 +263,7 @@ fn first_count(free: &[bool; GLOBAL_COUNT]) -> usize {
 /// number of blocks behind it; `formal` is the inverse of the whole information, `contributions` what stretches of observations say.
 pub fn stated(
     formal: &DMatrix<f64>,
-    (contributions, part): (&[Contribution], &dyn Fn(Contribution) -> Contribution),
+    (contributions, part): (&[PackedContribution], &dyn Fn(Contribution) -> Contribution),
     time: Time,
     first: usize,
     settings: &UncertaintySettings,
@@ -272,9 +272,8 @@ pub fn stated(
     let formal_first = formal.view((0, 0), (first, first)).into_owned();
     let lengths = BLOCK_LENGTHS.map(|factor| (factor * settings.block).min(longest));
     let of_length = |length: f64| {
-        let blocks: Vec<Contribution> =
-            sum_by_block(time.starts, contributions, length).into_iter().map(part).collect();
-        scatter(formal, &blocks, first)
+        // One at a time: all of them would be as large as the contributions.
+        scatter(formal, sum_by_block(time.starts, contributions, length).map(part), first)
     };
     let (stated, inflation, blocks) = combined(&formal_first, lengths.into_iter().filter_map(of_length));
     let long = LONG_PARTS.map(|share| share * time.total).into_iter().filter(|&length| length > lengths[LAST_LENGTH]);
@@ -287,7 +286,7 @@ fn board_evidence(
     problem: &Problem,
     state: &State,
     (formal, step): (&DMatrix<f64>, &[f64]),
-    contributions: &[Contribution],
+    contributions: &[PackedContribution],
     time: Time,
     settings: &UncertaintySettings,
 ) -> BoardEvidence {

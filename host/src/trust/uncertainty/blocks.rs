@@ -4,28 +4,24 @@ use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 
-use crate::solve::system::Contribution;
+use crate::solve::system::{Contribution, PackedContribution};
 
 /// Sums what the stretches of observations that begin at `starts` (segment, seconds) say, for even blocks of about `length` seconds.
 ///
 /// Time between segments does not count: what drifts over a recording that was seen in pieces shows between its parts all the same.
-pub fn sum_by_block(starts: &[(usize, f64)], contributions: &[Contribution], length: f64) -> Vec<Contribution> {
+pub fn sum_by_block(
+    starts: &[(usize, f64)],
+    contributions: &[PackedContribution],
+    length: f64,
+) -> impl Iterator<Item = Contribution> {
     let (times, total) = observed_times(starts);
     let count = (total / length).round().max(1.0);
     let block = |t: &f64| (t / total * count).floor().min(count - 1.0) as usize;
-    let mut keyed: Vec<_> = times.iter().map(block).zip(contributions).collect();
-    keyed.sort_by_key(|(block, _)| *block);
-    keyed
-        .chunk_by(|a, b| a.0 == b.0)
-        .filter_map(|group| {
-            let (first, rest) = group.split_first()?;
-            Some(rest.iter().fold(first.1.clone(), |mut sum, (_, part)| {
-                sum.gradient += &part.gradient;
-                sum.information += &part.information;
-                sum
-            }))
-        })
-        .collect()
+    let mut keyed: BTreeMap<usize, Vec<&PackedContribution>> = BTreeMap::new();
+    for (t, part) in times.iter().zip(contributions) {
+        keyed.entry(block(t)).or_default().push(part);
+    }
+    keyed.into_values().filter_map(PackedContribution::sum)
 }
 
 /// The middles of the stretches that begin at `starts`, in order, when the segments follow each other without pause, from 0 on; and how long
@@ -64,24 +60,30 @@ pub struct Scatter {
 
 /// The scatter of the first `intrinsics` parameters over `blocks`; `formal` is the inverse of the whole information.
 /// `None` when it cannot be told.
-pub fn scatter(formal: &DMatrix<f64>, blocks: &[Contribution], intrinsics: usize) -> Option<Scatter> {
-    let covariance = jackknife(formal, blocks, intrinsics)?;
+pub fn scatter(
+    formal: &DMatrix<f64>,
+    blocks: impl IntoIterator<Item = Contribution>,
+    intrinsics: usize,
+) -> Option<Scatter> {
+    let (covariance, blocks) = jackknife(formal, blocks, intrinsics)?;
     let inflation = inflation(&formal.view((0, 0), (intrinsics, intrinsics)).into_owned(), &covariance)?;
-    (inflation > 0.0).then_some(Scatter { covariance, inflation, blocks: blocks.len() })
+    (inflation > 0.0).then_some(Scatter { covariance, inflation, blocks })
 }
 
 /// Covariance of the first `intrinsics` parameters by the jackknife over `blocks`; `formal` is the inverse
-/// of the whole information. `None` with fewer than two blocks.
+/// of the whole information; and how many blocks there are. `None` with fewer than two.
 ///
 /// Leaving out block k moves the estimate by (S − Sₖ)⁻¹ gₖ to first order.
-fn jackknife(formal: &DMatrix<f64>, blocks: &[Contribution], intrinsics: usize) -> Option<DMatrix<f64>> {
-    let count = blocks.len();
-    if count < 2 {
-        return None;
-    }
+fn jackknife(
+    formal: &DMatrix<f64>,
+    blocks: impl IntoIterator<Item = Contribution>,
+    intrinsics: usize,
+) -> Option<(DMatrix<f64>, usize)> {
+    let mut count = 0;
     let information = formal.clone().cholesky()?.inverse();
     let mut sum = DMatrix::zeros(intrinsics, intrinsics);
     for block in blocks {
+        count += 1;
         // Where a block alone determines a parameter, the estimate without it does not exist; the block's
         // own pull is then the most that can be said.
         let step = match (&information - &block.information).cholesky() {
@@ -91,7 +93,7 @@ fn jackknife(formal: &DMatrix<f64>, blocks: &[Contribution], intrinsics: usize) 
         let step = step.rows(0, intrinsics).into_owned();
         sum += &step * step.transpose();
     }
-    Some(sum * ((count - 1) as f64 / count as f64))
+    (count > 1).then(|| (sum * ((count - 1) as f64 / count as f64), count))
 }
 
 /// How much larger `covariance` is than `formal`: the mean over all directions in which the parameters can
@@ -112,7 +114,7 @@ mod tests {
     use crate::numerics::random::uniform_in;
 
     /// Measurements of two numbers, x and x + y, at 60 times, each repeated `copies` times.
-    fn contributions(copies: usize) -> (Vec<(usize, f64)>, Vec<Contribution>) {
+    fn contributions(copies: usize) -> (Vec<(usize, f64)>, Vec<PackedContribution>) {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let variance = 1.0 / 3.0;
         let mut noise: Vec<[f64; 2]> =
@@ -126,16 +128,16 @@ mod tests {
                 gradient: jacobian.transpose() * DVector::from_column_slice(pair) / variance,
                 information: jacobian.transpose() * &jacobian / variance,
             };
-            vec![((0, index as f64 * 0.1 + 0.01), one); copies]
+            vec![((0, index as f64 * 0.1 + 0.01), one.into()); copies]
         });
         all.unzip()
     }
 
     fn ratio(copies: usize, length: f64) -> f64 {
         let (times, contributions) = contributions(copies);
-        let information = contributions.iter().fold(DMatrix::zeros(2, 2), |sum, one| sum + &one.information);
+        let information = PackedContribution::sum(&contributions).unwrap().information;
         let formal = information.try_inverse().unwrap();
-        scatter(&formal, &sum_by_block(&times, &contributions, length), 2).unwrap().inflation
+        scatter(&formal, sum_by_block(&times, &contributions, length), 2).unwrap().inflation
     }
 
     #[test]
@@ -152,17 +154,17 @@ mod tests {
     /// What drifts from one end of a recording to the other shows in its halves, also where it was seen in pieces with pauses between.
     #[test]
     fn a_recording_in_pieces_has_halves_too() {
-        let one = |value: f64| Contribution {
-            gradient: DVector::from_element(1, value),
-            information: DMatrix::from_element(1, 1, 1.0),
+        let one = |value: f64| {
+            let gradient = DVector::from_element(1, value);
+            PackedContribution::from(Contribution { gradient, information: DMatrix::from_element(1, 1, 1.0) })
         };
         let pieces: Vec<(usize, f64)> =
             (0..40).map(|index| (index / 4, (index / 4) as f64 * 7.0 + (index % 4) as f64 * 0.25)).collect();
-        let drift: Vec<Contribution> = (0..40).map(|index| one(if index < 20 { -1.0 } else { 1.0 })).collect();
+        let drift: Vec<PackedContribution> = (0..40).map(|index| one(if index < 20 { -1.0 } else { 1.0 })).collect();
         let halves = sum_by_block(&pieces, &drift, 5.0);
-        let gradients: Vec<f64> = halves.iter().map(|half| half.gradient[0]).collect();
+        let gradients: Vec<f64> = halves.map(|half| half.gradient[0]).collect();
         assert_eq!(gradients, [-20.0, 20.0]);
-        assert_eq!(sum_by_block(&pieces, &drift, 1.0).len(), 10);
+        assert_eq!(sum_by_block(&pieces, &drift, 1.0).count(), 10);
     }
 
     #[test]
@@ -176,7 +178,7 @@ mod tests {
         };
         let blocks = [contribution(1.0, 0), contribution(-1.0, 0), contribution(0.0, 1)];
         let formal = DMatrix::from_diagonal(&DVector::from_column_slice(&[1.0 / 8.0, 1.0 / 4.0]));
-        let covariance = jackknife(&formal, &blocks, 2).unwrap();
+        let covariance = jackknife(&formal, blocks, 2).unwrap().0;
         assert!(covariance.iter().all(|value| value.is_finite()));
     }
 }
