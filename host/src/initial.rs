@@ -31,6 +31,7 @@ mod tests;
 mod velocity_gate;
 mod view_selection;
 
+use evcal_core::camera::refit::refits;
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
@@ -272,7 +273,13 @@ fn refine(
     let free = vec![true; camera.kind().parameter_names().len()];
     report.bundle_views = views.len();
     let count = views.len();
-    let refined = bundle(camera, &views, &free, sensor, settings.huber)
+    // Few views may have led to the wrong side of a model that has two, from where the other is not reached.
+    let kind = camera.kind();
+    let sides = (kind.expectation().fit_starts.len() > 1).then(|| refits(kind, camera, sensor));
+    let starts = std::iter::once(*camera).chain(sides.into_iter().flatten());
+    let refined = starts
+        .filter_map(|start| bundle(&start, &views, &free, sensor, settings.huber))
+        .min_by(|a, b| a.rms.total_cmp(&b.rms))
         .ok_or_else(|| InitialError::NoCamera { views: count, reason: "the refinement diverged".to_owned() })?;
     report.bundle_steps = refined.steps;
     views_differ(&refined, settings)?;

@@ -83,19 +83,38 @@ pub fn refit_where<T: RealField + Copy>(
     inside: impl Fn(&Vector2<T>) -> bool,
 ) -> Option<Camera<T>> {
     let mut best: Option<(Camera<T>, NormalEquations<T>)> = None;
-    for coefficients in kind.expectation().fit_starts {
-        let fitted = start(kind, reference, coefficients)
-            .and_then(|start| fit(kind, reference, start, || grid(sensor).filter(&inside)));
-        if let Some((camera, equations)) = fitted {
-            let better = best.as_ref().is_none_or(|(_, best)| {
-                equations.compared > best.compared || equations.compared == best.compared && equations.cost < best.cost
-            });
-            if better {
-                best = Some((camera, equations));
-            }
+    for (camera, equations) in fits(kind, reference, sensor, &inside) {
+        let better = best.as_ref().is_none_or(|(_, best)| {
+            equations.compared > best.compared || equations.compared == best.compared && equations.cost < best.cost
+        });
+        if better {
+            best = Some((camera, equations));
         }
     }
     Some(best?.0)
+}
+
+/// The cameras of model `kind` that are nearest to `reference` on `sensor` on each side of the model: one for each of its
+/// [`fit_starts`](super::expectation::Expectation::fit_starts) that leads to one.
+pub fn refits<T: RealField + Copy>(
+    kind: ModelKind,
+    reference: &Camera<T>,
+    sensor: Sensor,
+) -> impl Iterator<Item = Camera<T>> {
+    fits(kind, reference, sensor, &|_: &Vector2<T>| true).map(|(camera, _)| camera)
+}
+
+/// A fit from each start of model `kind`.
+fn fits<T: RealField + Copy, F: Fn(&Vector2<T>) -> bool>(
+    kind: ModelKind,
+    reference: &Camera<T>,
+    sensor: Sensor,
+    inside: &F,
+) -> impl Iterator<Item = (Camera<T>, NormalEquations<T>)> {
+    kind.expectation().fit_starts.iter().filter_map(move |coefficients| {
+        let start = start(kind, reference, coefficients)?;
+        fit(kind, reference, start, || grid(sensor).filter(|pixel| inside(pixel)))
+    })
 }
 
 /// Moves `parameters` of model `kind` to where the camera is nearest to `reference` on `pixels`.

@@ -59,7 +59,6 @@ pub struct Bundle {
     pub axial_focal_sigma: [f64; 2],
     /// Root mean square of the distances, each weighted as by Huber's loss, in pixels; tells which of two
     /// starts is the better one.
-    #[cfg(feature = "opencv")]
     pub rms: f64,
     /// Steps taken.
     pub steps: usize,
@@ -203,7 +202,6 @@ pub fn bundle(
         poses: poses.clone(),
         sigma: (0..camera.parameters().len()).map(|index| deviation(&unit(index))).collect(),
         axial_focal_sigma: axial_focal_gradients(camera)?.map(|gradient| deviation(&gradient)),
-        #[cfg(feature = "opencv")]
         rms: (squares / point_count as f64).sqrt(),
         steps,
     })

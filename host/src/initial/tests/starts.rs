@@ -54,6 +54,24 @@ fn the_seed_of_ransac_does_not_change_the_camera() {
     }
 }
 
+/// The double sphere model has two sides, xi < 0 and xi > 0, with cameras that are nearly alike.
+#[test]
+fn a_start_on_the_wrong_side_of_a_model_is_left() {
+    let (scene, sightings) = exact_sightings(ModelKind::DoubleSphere);
+    let settings = settings(Start::default());
+    let xi = |camera: &Camera<f64>| camera.parameters()[4];
+    let wrong = refits(ModelKind::DoubleSphere, &scene.camera, SENSOR).find(|camera| xi(camera) > 0.1).unwrap();
+    let mut report = InitialReport::default();
+    let posed = poses(&wrong, sightings, &settings, &mut report);
+    let views: Vec<BundleView> =
+        posed.iter().map(|posed| BundleView { points: &posed.sighting.points, pose: posed.pose }).collect();
+    let alone = bundle(&wrong, &views, &[true; 6], SENSOR, settings.huber).unwrap().camera;
+    assert!(xi(&alone) >= 0.0, "{alone:?} has left the wrong side by itself");
+    let refined = refine(&wrong, &posed, &scene.board, SENSOR, &settings, &mut report).unwrap().camera;
+    let from_truth = difference(&scene.camera, &refined, SENSOR);
+    assert!(from_truth.root_mean_square < 0.01, "{refined:?} {from_truth:?}");
+}
+
 fn exact_sightings(kind: ModelKind) -> (Scene, Vec<Sighting>) {
     let scene = Scene { noise: 0.0, count: 60, step: 0.1, ..Scene::new(kind) };
     let mut sightings = sighting::sightings(&scene.frames(1, |_| Fault::None), &scene.board);
