@@ -268,7 +268,7 @@ impl Decode for Decoder {
         };
         // Fewer than asked for: damage is near, and would be met again and again.
         self.batch = self.batch.min((rows.len() as u64).max(1));
-        let (written, unwritten) = rows.split_at(numbers::written(&rows, is_zero));
+        let (written, unwritten) = rows.split_at(numbers::written(rows.iter(), is_zero));
         if written.is_empty() && !unwritten.is_empty() {
             // Perhaps of very many, of which the file has none.
             report.unwritten += self.table.count() - self.next;

@@ -155,16 +155,17 @@ pub fn put(
 
 /// How many of `rows` stand before those at their end that nobody wrote, which are zeros. One row that `is_zero` may be meant; two at
 /// one time, which a pixel does not send, are not.
-pub fn written<T>(rows: &[T], is_zero: impl Fn(&T) -> bool) -> usize {
-    match rows.iter().rev().take_while(|row| is_zero(row)).count() {
-        0 | 1 => rows.len(),
-        zeros => rows.len() - zeros,
+pub fn written<R: ExactSizeIterator + DoubleEndedIterator>(rows: R, is_zero: impl Fn(R::Item) -> bool) -> usize {
+    let count = rows.len();
+    match rows.rev().map(is_zero).take_while(|zero| *zero).count() {
+        0 | 1 => count,
+        zeros => count - zeros,
     }
 }
 
 /// Those of `rows` that were [`written`].
 pub fn written_cells(mut rows: Vec<Vec<Cell>>) -> Vec<Vec<Cell>> {
-    rows.truncate(written(&rows, |row| row.iter().all(|cell| cell.value == Some(0.0))));
+    rows.truncate(written(rows.iter(), |row| row.iter().all(|cell| cell.value == Some(0.0))));
     rows
 }
 

@@ -261,10 +261,10 @@ impl Decode for Decoder {
         for source in &mut self.sources {
             fault = fault.or(source.fill(count).err());
         }
-        let rows: Vec<usize> = (0..self.sources.iter().map(Source::records).min().unwrap_or(0)).collect();
-        let (written, unwritten) = rows.split_at(numbers::written(&rows, |row| self.is_zero(*row)));
-        report.unwritten += unwritten.len() as u64;
-        for &row in written {
+        let rows = self.sources.iter().map(Source::records).min().unwrap_or(0);
+        let written = numbers::written(0..rows, |row| self.is_zero(row));
+        report.unwritten += (rows - written) as u64;
+        for row in 0..written {
             let event = self.event(row).map_err(|kind| RecordingError::new(&self.path, kind))?;
             batch.push(event);
         }

@@ -96,9 +96,9 @@ impl PackedContribution {
         for column in 0..count {
             for (row, entry) in (column..count).zip(entries.by_ref().take(count - column)) {
                 information[(row, column)] = *entry;
-                information[(column, row)] = *entry;
             }
         }
+        information.fill_upper_triangle_with_lower_triangle();
         Some(Contribution { gradient: sum.gradient, information })
     }
 }

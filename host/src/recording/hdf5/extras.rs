@@ -35,7 +35,7 @@ struct Timed {
 impl Timed {
     fn open((data, times): (Dataset, Dataset), unit: TimeUnit, offset: i64) -> Option<Self> {
         let mut numbers = table::numbers(&times, MOST_TIMES)?;
-        numbers.truncate(written(&numbers, |time| time.value() == 0.0));
+        numbers.truncate(written(numbers.iter(), |time| time.value() == 0.0));
         let times: Option<Vec<i64>> = numbers.iter().map(|time| time.microseconds(unit)).collect();
         let mut times: Vec<i64> = times?.iter().map(|time| time.saturating_add(offset)).collect();
         times.truncate(usize::try_from(*data.shape().first()?).ok()?);
