@@ -28,10 +28,13 @@ test-workspace: programs
 	cargo test --workspace --release --locked --tests
 	cargo test --workspace --release --locked --doc
 
-# All tests of evcal in a build without OpenCV: before a release, and after a change of what starts natively. `make test` has such a
-# build in the packages and in the Python package.
-test-without-opencv: setup
+# All tests of evcal and all end-to-end tests with a program without OpenCV: before a release, and after a change of what starts natively.
+# The end-to-end tests run the program that the tests before them left in its place. `make test` has such a build in the packages and
+# in the Python package.
+test-without-opencv: setup readers
 	cargo test -p evcal --release --locked --no-default-features --features cli
+	@! ldd "$${CARGO_TARGET_DIR:-target}/release/evcal" | grep opencv
+	cargo test -p evcal-tests --release --locked --tests
 
 # report.html and the page of evcal live in a headless browser, as a phone and as a desktop; installs the browser.
 test-report: programs

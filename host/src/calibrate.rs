@@ -13,6 +13,7 @@ pub mod input;
 mod joint_solve;
 mod kept_events;
 pub mod mounted;
+mod other_camera;
 pub mod other_stretches;
 pub mod parameter_request;
 mod pictures;

@@ -7,11 +7,12 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::ControlFlow;
 
+use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use serde::{Serialize, Serializer};
 
 use self::advice::next_step;
-use self::units::{OtherUnit, other_unit};
+use self::units::{OtherUnit, other_unit, unusual_unit};
 use crate::board::{Board, layout_name};
 use crate::detection::LARGEST_SENSOR;
 use crate::detection::focus::{EdgeWidth, edge_width};
@@ -20,6 +21,8 @@ use crate::detection::other_board::OtherBoard;
 use crate::detection::radius::other_radius;
 use crate::detection::search::{FoundContent, SearchFor, search_events};
 use crate::detection::settings::DetectionSettings;
+use crate::recording::bad_pixels::{BadPixels, PixelCounter, Repetition};
+use crate::recording::given_sensor::counted_from_one;
 use crate::recording::information::{Information, gather_events};
 use crate::recording::pass::{read_recording, read_while};
 use crate::recording::{Recording, RecordingError};
@@ -45,6 +48,10 @@ pub struct Checked {
     pub whole: bool,
     /// The unit that the times are more likely in.
     pub other_unit: Option<OtherUnit>,
+    /// The sensor whose pixels are counted from 1.
+    pub counted_from_one: Option<Sensor>,
+    /// Events that repeat others, where there are many.
+    pub repeated: Option<Repetition>,
     /// Where the board was seen, or circles; `None` where the sensor is not known or too large, or times are in another
     /// unit.
     pub seen: Option<Seen>,
@@ -64,7 +71,7 @@ pub struct Seen {
     pub found: u64,
     /// Windows tried, and those with too few events to be tried.
     pub windows: u64,
-    /// Share of the tenths of a second in which it was found.
+    /// Share of the tenths of a second with events in which it was found.
     pub time_share: f64,
     /// Share of the sensor in which there was a circle, in cells of an eighth by a sixth of it.
     pub covered: f64,
@@ -92,25 +99,51 @@ pub fn check(
     let whole = count < MOST_EVENTS;
     let beginning = recording.section((pass.first, pass.first.saturating_add(end).saturating_add(1)));
     let information = gather_events(&beginning)?;
-    let other_unit = other_unit(recording, information.mean_rate);
+    let mut other = unusual_unit(recording, information.mean_rate);
+    let outside = information.report.out_of_range;
+    let counted_from_one =
+        if outside > 0 || information.sensor.is_none() { counted_from_one(&beginning) } else { None };
+    let mut repeated = None;
     let seen = match information.sensor.or(information.likely_sensor) {
         // With times in another unit nothing can be seen.
-        _ if other_unit.is_some() => None,
+        _ if other.is_some() => None,
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
-            Some(look(&beginning, sensor, information.duration_s, board, settings)?)
+            let (pixels, slots) = count_events(&beginning, sensor)?;
+            repeated = pixels.repeated;
+            Some(look(&beginning, sensor, slots, board, settings)?)
         }
         _ => None,
     };
-    let mut checked = Checked { information, whole, other_unit, seen, next: String::new() };
-    checked.next = next_step(&checked, recording.path());
+    if seen.as_ref().is_some_and(|seen| seen.found == 0) {
+        other = other_unit(&beginning, information.mean_rate);
+    }
+    let mut checked =
+        Checked { information, whole, other_unit: other, counted_from_one, repeated, seen, next: String::new() };
+    checked.next = next_step(&checked, recording);
     Ok(checked)
+}
+
+/// What its pixels did, and the number of slots of time with events.
+fn count_events(recording: &Recording, sensor: Sensor) -> Result<(BadPixels, usize), RecordingError> {
+    let (mut pixels, mut slots) = (PixelCounter::new(sensor), BTreeSet::new());
+    read_recording(recording, &mut |events| {
+        pixels.push(events);
+        // Events are in the order of time: of those in one slot the first is enough.
+        slots.extend(events.chunk_by(|a, b| slot(a) == slot(b)).filter_map(|same| same.first().map(slot)));
+    })?;
+    Ok((pixels.finish(), slots.len()))
+}
+
+/// In which slot of time it is.
+fn slot(event: &Event) -> i64 {
+    event.t.div_euclid((SLOT * 1e6) as i64)
 }
 
 /// Looks for the board, or for circles.
 fn look(
     recording: &Recording,
     sensor: Sensor,
-    duration: f64,
+    slots_with_events: usize,
     board: Option<&Board>,
     settings: &DetectionSettings,
 ) -> Result<Seen, RecordingError> {
@@ -154,7 +187,7 @@ fn look(
         board: board.map(ToString::to_string),
         found: found.report.found,
         windows: found.report.windows + found.report.too_few_events,
-        time_share: (slots.len() as f64 * SLOT / duration.max(SLOT)).min(1.0),
+        time_share: (slots.len() as f64 / slots_with_events.max(1) as f64).min(1.0),
         covered: covered(&centers, sensor),
         edges,
         failure,
@@ -195,6 +228,12 @@ impl fmt::Display for Checked {
             let only = if share > 0.5 { "ON" } else { "OFF" };
             writeln!(f, "{:<12}{only} events only: a board is found in ON and OFF events together", "polarity")?;
         }
+        if let Some(sensor) = self.counted_from_one {
+            writeln!(f, "{:<12}{sensor}, counted from 1", "pixels")?;
+        }
+        if let Some(repeated) = self.repeated {
+            writeln!(f, "{:<12}{repeated}", "repeated")?;
+        }
         if self.information.flicker.is_none() {
             let seen =
                 if self.information.duration_s < SHORTEST_FOR_FLICKER { "too short to tell" } else { "none seen" };
@@ -222,7 +261,22 @@ impl fmt::Display for Checked {
 
 #[cfg(test)]
 mod tests {
+    use evcal_core::event::Polarity;
+
     use super::*;
+    use crate::recording::RecordingOptions;
+
+    /// With a pause of a minute the board was seen in 5 % of the time only.
+    #[test]
+    fn a_time_without_events_has_no_slots() {
+        let beginning = (0..10_000).map(|index| 100 * index);
+        let end = beginning.clone().map(|t| t + 61_000_000);
+        let event = |t: i64| Event { t, x: 1, y: 2, polarity: Polarity::On };
+        let events = beginning.chain(end).map(event).collect();
+        let recording = Recording::from_events("events", events, RecordingOptions::default());
+        let (pixels, slots) = count_events(&recording, Sensor::new(346, 260)).unwrap();
+        assert_eq!((pixels.repeated, slots), (None, 20));
+    }
 
     #[test]
     fn cells_are_counted_once() {

@@ -39,7 +39,7 @@ use self::dot_shape::DotShape;
 use self::kept_pixels::KeptPixels;
 use self::no_board::NoBoard;
 pub use self::ordering::order_frames;
-pub use self::report::{DetectionReport, NoCircle, NoPattern};
+pub use self::report::{DetectionReport, FEWEST_EVENTS, NoCircle, NoPattern, too_short};
 use self::second_pass::{Spacing, Uncertain, second_pass};
 use self::settings::{DetectionSettings, Grid};
 use crate::circles::compact_frame::CompactFrame;
@@ -196,7 +196,7 @@ impl<'a> DetectionStage<'a> {
     /// Takes the next events in time order; their times count from the start of the recording in
     /// microseconds.
     pub fn push(&mut self, mut events: &[Event]) {
-        self.report.events += events.len() as u64;
+        self.report.count_events(events);
         let length = self.chunk_length();
         while let Some(first) = events.first() {
             let index = first.t.div_euclid(length);

@@ -60,6 +60,7 @@ pub mod solve;
 pub mod trajectory;
 pub mod trust;
 pub mod undistort;
+mod yaml;
 
 pub use self::board::Board;
 pub use self::calibrate::calibrated::Calibrated;

@@ -28,6 +28,7 @@ pub mod bad_pixels;
 mod bytes;
 mod columns;
 pub mod convert;
+pub(crate) mod counted;
 mod date;
 pub mod davis;
 pub mod encode;
@@ -115,8 +116,8 @@ pub enum RecordingKind {
 /// # Errors
 /// When the file cannot be read, is empty, or is of no known format.
 pub fn sniff(path: &Path) -> Result<RecordingKind, RecordingError> {
-    if ros::is_folder(path) {
-        return Ok(RecordingKind::Events { format: ros::FOLDER_FORMAT.name });
+    if let Some(format) = folder_format(path) {
+        return Ok(RecordingKind::Events { format: format.name });
     }
     let head = Head::read(path)?;
     if head.text().is_some_and(track::is_circle_track) {
@@ -142,10 +143,21 @@ fn find_format(path: &Path, head: &Head) -> Result<&'static FileFormat, Recordin
         .ok_or_else(|| RecordingError::new(path, RecordingErrorKind::UnknownFormat))
 }
 
+/// The format of the recording that the folder at `path` is, if it is one.
+fn folder_format(path: &Path) -> Option<&'static FileFormat> {
+    if ros::is_folder(path) {
+        Some(&ros::FOLDER_FORMAT)
+    } else if numpy::is_folder(path) {
+        Some(&numpy::FOLDER_FORMAT)
+    } else {
+        None
+    }
+}
+
 /// The format of the events at `path`.
 fn format_of(path: &Path) -> Result<&'static FileFormat, RecordingError> {
-    if ros::is_folder(path) {
-        return Ok(&ros::FOLDER_FORMAT);
+    if let Some(format) = folder_format(path) {
+        return Ok(format);
     }
     let head = Head::read(path)?;
     if head.text().is_some_and(track::is_circle_track) || stream::is_circle_stream(&head.bytes) {

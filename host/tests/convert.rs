@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use command::{evcal, fail, succeed, text};
 use evcal::recording::aedat4::header::Compression;
-use evcal::recording::aedat4::other_streams::{FrameReader, inertial_samples};
+use evcal::recording::aedat4::other_streams::{FrameReader, InertialReader};
 use evcal::recording::aedat4::write::Encoder;
 use evcal::recording::encode::Encode;
 use evcal::recording::extras::{Frame, InertialSample, OtherStreams};
@@ -130,7 +130,8 @@ fn frames_and_inertial_samples_go_to_the_cameras_words_and_back() {
         assert_eq!(reader.next_frame().unwrap().as_ref(), Some(frame));
     }
     assert_eq!(reader.next_frame().unwrap(), None);
-    let again = inertial_samples(&file("again.aedat4")).unwrap();
+    let mut reader = InertialReader::open(&file("again.aedat4")).unwrap();
+    let again: Vec<InertialSample> = std::iter::from_fn(|| reader.next_sample().unwrap()).collect();
     assert_eq!(again.len(), samples.len());
     for (again, sample) in again.iter().zip(&samples) {
         assert_eq!((again.t, again.acceleration), (sample.t, sample.acceleration));
@@ -165,6 +166,10 @@ fn times_since_1970_are_kept_for_the_way_back() {
     assert_eq!(read(&file("again.aedat4")).0, expected);
     let frame_time = FrameReader::open(&file("again.aedat4")).unwrap().next_frame().unwrap().unwrap().t;
     assert_eq!(frame_time, UNIX_TIME + 20_000);
+    // RAW spent a word on each 4 ms since 1970, 800 GB in all.
+    let told = succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.raw")), "--unix-time"]);
+    assert!(told.contains(&format!("times count from {UNIX_TIME} us")), "{told}");
+    assert_eq!(read(&file("again.raw")).0, relative);
     let error = fail(&["convert", text(&file("first.aedat4")), text(&file("none.csv")), "--unix-time"]);
     assert!(error.contains("does not say when it began"), "{error}");
     assert!(!file("none.csv").exists());

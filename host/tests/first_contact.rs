@@ -367,7 +367,7 @@ fn a_sensor_smaller_than_the_events_is_an_error() {
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path().join("out");
     let errors = fail(1, &["calibrate", &fixture(), "--board", BOARD, "--sensor", "240x180", "-o", text(&folder)]);
-    assert!(errors.contains("829126 of 1947933 events lie outside of 240 x 180"), "{errors}");
+    assert!(errors.contains("829126 of 1947933 events lie outside the 240 x 180"), "{errors}");
     assert!(errors.contains("the file says 346 x 260"), "{errors}");
 }
 

@@ -300,6 +300,23 @@ fn a_capture_that_ends_within_a_packet() {
     }
 }
 
+/// A simple packet of 12 bytes has no room for its length; what was left of it was less than nothing.
+#[test]
+fn blocks_that_are_too_short_for_a_packet_are_refused() {
+    let block = |kind: u32, body: &[u8]| {
+        let length = (body.len() as u32 + 12).to_le_bytes();
+        [&kind.to_le_bytes()[..], &length, body, &length].concat()
+    };
+    let section =
+        block(0x0A0D_0D0A, &[0x4D, 0x3C, 0x2B, 0x1A, 1, 0, 0, 0, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF]);
+    let interface = block(1, &[220, 0, 0, 0, 0, 0, 0, 0]);
+    for (kind, length) in [(3, 0), (6, 0), (6, 16)] {
+        let file = [section.clone(), interface.clone(), block(kind, &[0; 16][..length])].concat();
+        let error = Capture::new(Cursor::new(file), None).err().expect("it is damaged").to_string();
+        assert!(error.contains(&format!("a block of {} bytes", length + 12)), "{error}");
+    }
+}
+
 #[test]
 fn bare_payload_is_known_by_its_words() {
     let expected = events(100_000);

@@ -1,7 +1,9 @@
 //! `.dvraw` files: round trip, crash, damage, seeking.
 
+use std::cell::Cell;
 use std::fs::{self, File};
-use std::io::{BufReader, Cursor};
+use std::io::{self, BufReader, Cursor, Read, Seek, SeekFrom};
+use std::rc::Rc;
 use std::thread;
 
 use proptest::prelude::*;
@@ -115,6 +117,66 @@ fn damage_costs_the_record_it_hits() {
             }
         }
     }
+}
+
+/// Counts what is read.
+struct Counting(Cursor<Vec<u8>>, Rc<Cell<usize>>);
+
+impl Read for Counting {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let got = self.0.read(buffer)?;
+        self.1.set(self.1.get() + got);
+        Ok(got)
+    }
+}
+
+impl Seek for Counting {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.0.seek(to)
+    }
+}
+
+/// As much was read as each head claims: 12 GB of a file of 1 MB.
+#[test]
+fn heads_without_records_are_not_read_again_and_again() {
+    let mut expected = transfers(50);
+    let mut file = write(&[], Compression::None, false);
+    let start = file.len();
+    let length = (1_u32 << 19).to_le_bytes();
+    let head = [&b"DVSR"[..], &[0; 12], &length, &length, &[0; 4]].concat();
+    let heads = head.repeat(40_000);
+    file.extend(&heads);
+    file.extend(&write(&expected, Compression::None, false)[start..]);
+    let read = Rc::new(Cell::new(0));
+    let mut reader = DumpReader::new(Counting(Cursor::new(file), Rc::clone(&read))).expect("the header is whole");
+    // The first good one comes after a gap.
+    expected[0].1 = true;
+    for (_, gap_before, _, payload) in &expected {
+        let Some(Record::Transfer(transfer)) = reader.next_record().expect("damage is no error") else {
+            panic!("a transfer")
+        };
+        assert_eq!((transfer.gap_before, transfer.payload), (*gap_before, payload.as_slice()));
+    }
+    assert_eq!(reader.damage(), Damage { bytes: heads.len() as u64, places: 1, unfinished: 0 });
+    assert!(read.get() < 300 << 20, "{} bytes", read.get());
+}
+
+/// For each byte between two records 64 kB were looked at.
+#[test]
+fn a_record_is_searched_for_nearby_first() {
+    let mut file = write(&[], Compression::None, false);
+    let start = file.len();
+    let record = write(&transfers(1), Compression::None, false).split_off(start);
+    (0..500).for_each(|_| file.extend([&record[..], &[0]].concat()));
+    let length = file.len();
+    let read = Rc::new(Cell::new(0));
+    let mut reader = DumpReader::new(Counting(Cursor::new(file), Rc::clone(&read))).expect("the header is whole");
+    let mut count = 0;
+    while reader.next_record().expect("damage is no error").is_some() {
+        count += 1;
+    }
+    assert_eq!((count, reader.damage()), (500, Damage { bytes: 499, places: 499, unfinished: 1 }));
+    assert!(read.get() < 5 * length, "{} of {length} bytes", read.get());
 }
 
 #[test]

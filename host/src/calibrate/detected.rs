@@ -14,7 +14,7 @@ use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::bad_pixels::PixelCounter;
 use crate::recording::fingerprint::Fingerprint;
 use crate::recording::flicker::RateBins;
-use crate::recording::given_sensor::{check_outside, check_stated};
+use crate::recording::given_sensor::{OtherSensor, check_outside, check_stated, counted_from_one};
 use crate::recording::information::likely_sensor_of;
 use crate::recording::pass::RecordingReport;
 use crate::recording::saturation::SaturationDetector;
@@ -181,6 +181,11 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
         }
         Input::Circles { sensor, .. } => given.or(*sensor),
     };
+    if let (None, Input::Events(recording)) = (sensor, input)
+        && let Some(sensor) = counted_from_one(recording)
+    {
+        return Err(OtherSensor::CountedFromOne { file: input.name(), sensor }.into());
+    }
     let sensor = sensor.ok_or_else(|| {
         let likely = match input {
             Input::Events(recording) => likely_sensor_of(recording),

@@ -56,7 +56,7 @@ pub enum CalibrateError {
     ImpossibleValues,
     /// Nothing fits with the values at which the lens is held.
     #[error(
-        "with the values of --fix no event lies near the board's circles: are they this lens's? Without --fix they are estimated"
+        "with the values of --fix no event lies near the board's circles: do these values belong to this lens? Without --fix they are estimated"
     )]
     HeldFarOff,
     /// The board that was looked for is a part of another one.

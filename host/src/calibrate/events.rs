@@ -15,7 +15,7 @@ use super::kept_events::events_of;
 use super::other_stretches::follow_others;
 use super::progress::Progress;
 use super::stretch_choice::{ChosenSeconds, StretchChoice, choose_stretches, second_of};
-use super::{PictureUse, Task, pictures};
+use super::{PictureUse, Task, other_camera, pictures};
 use crate::board::shape::BoardShape;
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
@@ -25,6 +25,7 @@ use crate::initial::{InitialModel, initial_model};
 use crate::picture_calibration::joint::JointPoints;
 use crate::solve::event_bias::unknown;
 use crate::solve::event_sample::{RankedEvent, Thinning};
+use crate::solve::left_out::LeftOut;
 use crate::solve::refinement::{EventInput, RefinementInput, SMALLEST_POINT_SIGMA};
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, State};
 use crate::trajectory::first::{FirstTrajectories, first_trajectories};
@@ -66,21 +67,9 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let choice = choose_stretches(&windows, task, sensor);
     let (mut frames, other_windows) = taken(windows, frames, choice.as_ref());
     let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
-    let (left_out, saturated) =
-        if saturated.iter().map(|stretch| stretch.end - stretch.start).sum::<f64>() <= MOST_LEFT_OUT * duration {
-            (saturated, Vec::new())
-        } else {
-            (Vec::new(), saturated)
-        };
-    let (initial, mut model_choice) = first_model(task, &frames, sensor, progress).map_err(|error| match error {
-        // A wrong radius keeps circles from being confirmed, whatever else is told of them.
-        CalibrateError::Initial(_) => match other_radius(&frames, task.board) {
-            Some(other) => CalibrateError::OtherRadius(other),
-            None => larger_board(task.inputs, task.board, &settings.detection)
-                .map_or(error, |larger| CalibrateError::LargerBoard(Box::new(larger))),
-        },
-        error => error,
-    })?;
+    let (left_out, saturated) = left_out_or_kept(saturated, duration);
+    let (initial, mut model_choice) =
+        first_model(task, &frames, sensor, progress).map_err(|error| explained(error, task, &frames))?;
 
     let from_pictures = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => None,
@@ -182,6 +171,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let (trust, event_trust) = examine(&refined, (certainty, board, undetermined), task.board, &saturated, looks)
         .map_err(CalibrateError::Solve)?;
     let mut findings = findings_on(&health);
+    findings.extend(other_camera::findings_on(task.inputs, &frames, &initial));
     findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
     let camera = &refined.state.camera;
     let verdict = verdict(camera, &trust, Some(&event_trust), task.board, sensor, findings, &settings.verdict);
@@ -206,6 +196,26 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     };
     let evidence = Evidence::Events(Box::new(calibration));
     Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
+}
+
+/// Stretches with a saturated readout: those that are left out, and those that stay, for they are too large a part of `duration`
+/// seconds.
+fn left_out_or_kept(saturated: Vec<LeftOut>, duration: f64) -> (Vec<LeftOut>, Vec<LeftOut>) {
+    let of_saturated: f64 = saturated.iter().map(|stretch| stretch.end - stretch.start).sum();
+    if of_saturated <= MOST_LEFT_OUT * duration { (saturated, Vec::new()) } else { (Vec::new(), saturated) }
+}
+
+/// Why there is no first camera, where the frames tell more than `error` does.
+fn explained(error: CalibrateError, task: &Task, frames: &[ReferenceFrame]) -> CalibrateError {
+    if !matches!(error, CalibrateError::Initial(_)) {
+        return error;
+    }
+    // A wrong radius keeps circles from being confirmed, whatever else is told of them.
+    match other_radius(frames, task.board) {
+        Some(other) => CalibrateError::OtherRadius(other),
+        None => larger_board(task.inputs, task.board, &task.settings.detection)
+            .map_or(error, |larger| CalibrateError::LargerBoard(Box::new(larger))),
+    }
 }
 
 /// The frames that the joint solve takes, and those of the `windows` that it has no room for.

@@ -1,7 +1,7 @@
 //! What the light, the lens and the pixels were like, as findings for the verdict.
 
 use crate::detection::focus::EdgeWidth;
-use crate::recording::bad_pixels::BadPixels;
+use crate::recording::bad_pixels::{BadPixels, Repetition};
 use crate::recording::flicker::Flicker;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
@@ -28,12 +28,15 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     let flicker = recordings.iter().filter_map(|health| health.flicker).max_by(|a, b| a.share.total_cmp(&b.share));
     let hottest = recordings.iter().map(|health| &health.pixels).max_by(|a, b| a.hot_share.total_cmp(&b.hot_share));
     let deadest = recordings.iter().map(|health| &health.pixels).max_by_key(|pixels| pixels.dead_columns.len());
+    let repeated = recordings.iter().filter_map(|health| health.pixels.repeated);
+    let most_repeated = repeated.max_by(|a, b| a.share.total_cmp(&b.share));
     let widths = recordings.iter().filter_map(|health| health.edges);
     let widest = widths.max_by(|a, b| a.pixels.total_cmp(&b.pixels));
     let mut findings = Vec::from_iter(flicker.map(flickering));
     if recordings.iter().any(|health| health.always_full) {
         findings.push(always_full());
     }
+    findings.extend(most_repeated.map(repeating));
     findings.extend(hottest.and_then(hot));
     findings.extend(deadest.and_then(dead));
     findings.extend(widest.and_then(out_of_focus));
@@ -66,6 +69,16 @@ fn always_full() -> Finding {
         reason: "the camera sent as many events as it can all the time: their times are late by an unknown amount".to_owned(),
         advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels"
             .to_owned(),
+    }
+}
+
+fn repeating(repeated: Repetition) -> Finding {
+    Finding {
+        // The same evidence counted twice makes σ too small.
+        cause: Cause::RepeatedEvents,
+        severity: Severity::Warning,
+        reason: repeated.to_string(),
+        advice: repeated.advice(),
     }
 }
 
@@ -121,12 +134,18 @@ mod tests {
         assert_eq!(causes(&[flickers(1.0)]), [(Cause::Flicker, Severity::Failure)]);
         let full = Health { always_full: true, ..calm.clone() };
         assert_eq!(causes(&[full]), [(Cause::Saturated, Severity::Failure)]);
-        let pixels = BadPixels { hot: 5, hot_share: 0.3, dead_columns: vec![7] };
+        let pixels = BadPixels { hot: 5, hot_share: 0.3, dead_columns: vec![7], ..BadPixels::default() };
         let bad = Health { pixels, edges: Some(EdgeWidth { pixels: 4.0, radii: 0.3 }), ..calm };
         let found = causes(&[bad.clone(), bad]);
         assert_eq!(
             found.iter().map(|(cause, _)| *cause).collect::<Vec<_>>(),
             [Cause::HotPixels, Cause::DeadColumns, Cause::Defocused]
         );
+        let twice = |share: f64| Health {
+            pixels: BadPixels { repeated: Some(Repetition { share }), ..BadPixels::default() },
+            ..Health::default()
+        };
+        assert_eq!(causes(&[twice(0.1), twice(0.5), Health::default()]), [(Cause::RepeatedEvents, Severity::Warning)]);
+        assert!(findings_on(&[twice(0.1), twice(0.5)]).iter().all(|finding| finding.reason.starts_with("50 %")));
     }
 }

@@ -1,4 +1,4 @@
-//! Reference frames of a detector in a quarter of their room, for there are some hundred a second.
+//! Reference frames of a detector in a fifth of their room, for there are some hundred a second.
 
 use nalgebra::Vector2;
 
@@ -7,7 +7,6 @@ use super::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 /// A circle that a detector found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct CompactCircle {
-    index: u32,
     center: [f32; 2],
     radius: f32,
 }
@@ -25,17 +24,20 @@ pub struct CompactFrame {
     /// In what the board was found.
     pub seen_in: SeenIn,
     circles: Box<[CompactCircle]>,
+    /// Which circles of the board they are; empty where they are its first ones in order, as when all of it was found.
+    indices: Box<[u32]>,
 }
 
 impl From<ReferenceFrame> for CompactFrame {
     fn from(frame: ReferenceFrame) -> Self {
         let compact = |circle: &ObservedCircle| CompactCircle {
-            index: circle.index as u32,
             center: [circle.center.x as f32, circle.center.y as f32],
             radius: circle.radius.unwrap_or_default() as f32,
         };
         let ReferenceFrame { recording, start, end, circles, seen_in } = frame;
-        Self { recording, start, end, seen_in, circles: circles.iter().map(compact).collect() }
+        let in_order = circles.iter().enumerate().all(|(place, circle)| place == circle.index);
+        let indices = circles.iter().filter(|_| !in_order).map(|circle| circle.index as u32).collect();
+        Self { recording, start, end, seen_in, circles: circles.iter().map(compact).collect(), indices }
     }
 }
 
@@ -61,14 +63,14 @@ impl CompactFrame {
     /// Its circles.
     pub fn observed(&self) -> Vec<ObservedCircle> {
         let t = self.t();
-        let observed = |circle: &CompactCircle| ObservedCircle {
-            index: circle.index as usize,
+        let observed = |(place, circle): (usize, &CompactCircle)| ObservedCircle {
+            index: self.indices.get(place).map_or(place, |&index| index as usize),
             t,
             center: Vector2::from(circle.center).cast(),
             radius: Some(f64::from(circle.radius)),
             velocity: None,
         };
-        self.circles.iter().map(observed).collect()
+        self.circles.iter().enumerate().map(observed).collect()
     }
 
     /// The frame without its events.
@@ -97,15 +99,11 @@ mod tests {
             radius: Some(f64::from(0.7 * x)),
             velocity: None,
         };
-        let frame = ReferenceFrame {
-            recording: 1,
-            start,
-            end,
-            circles: vec![circle(0, 12.3), circle(70_000, 0.1)],
-            seen_in: SeenIn::PassedEvents,
-        };
-        let compact = CompactFrame::from(frame.clone());
-        assert_eq!((compact.circle_count(), compact.without_events()), (2, frame.clone()));
-        assert_eq!(ReferenceFrame::from(compact), frame);
+        for circles in [vec![circle(0, 12.3), circle(70_000, 0.1)], vec![circle(0, 12.3), circle(1, 0.1)]] {
+            let frame = ReferenceFrame { recording: 1, start, end, circles, seen_in: SeenIn::PassedEvents };
+            let compact = CompactFrame::from(frame.clone());
+            assert_eq!((compact.circle_count(), compact.without_events()), (2, frame.clone()));
+            assert_eq!(ReferenceFrame::from(compact), frame);
+        }
     }
 }

@@ -82,7 +82,9 @@ pub struct Receiver {
     incomplete: u64,
     over_capacity: u64,
     losses: [u64; 7],
-    sensors: Vec<Sensor>,
+    /// The first one, and the latest that was another.
+    sensor: Option<Sensor>,
+    other_sensor: Option<Sensor>,
 }
 
 impl Receiver {
@@ -115,7 +117,7 @@ impl Receiver {
         self.close_without_end();
         let origin_us = self.windows.first()?.start_us;
         let notes = self.notes();
-        let seconds = |time_us: i64| (time_us - origin_us) as f64 * 1e-6;
+        let seconds = |time_us: i64| time_us.saturating_sub(origin_us) as f64 * 1e-6;
         let circles = self.windows.iter().map(|window| window.circles.len()).sum();
         let frames = self.windows.into_iter().map(|window| UnorderedFrame {
             start: seconds(window.start_us),
@@ -132,10 +134,9 @@ impl Receiver {
             circles,
             notes,
         };
-        let sensor = self.sensors.first().copied();
         Some(CircleStream {
             track,
-            sensor,
+            sensor: self.sensor,
             hello: self.hello,
             statistics: self.statistics,
             link: *self.decoder.counts(),
@@ -149,8 +150,8 @@ impl Receiver {
                     self.restart(device_time(hello.time_us));
                 }
                 let sensor = Sensor::new(hello.sensor_width, hello.sensor_height);
-                if sensor.width > 0 && sensor.height > 0 && !self.sensors.contains(&sensor) {
-                    self.sensors.push(sensor);
+                if sensor.width > 0 && sensor.height > 0 && *self.sensor.get_or_insert(sensor) != sensor {
+                    self.other_sensor = Some(sensor);
                 }
                 self.hello = Some(hello);
             }
@@ -239,7 +240,7 @@ impl Receiver {
                 ));
             }
         }
-        if let [first, .., last] = self.sensors.as_slice() {
+        if let (Some(first), Some(last)) = (self.sensor, self.other_sensor) {
             notes.push(format!("the device changed its sensor from {first} to {last} pixels: is it one recording?"));
         }
         let link = self.decoder.counts();
@@ -384,6 +385,33 @@ mod tests {
         assert!(starts[2] - starts[1] > 1.0 && starts[4] - starts[3] > 1.0, "{starts:?}");
         assert!((starts[3] - starts[2] - 0.01).abs() < 1e-9, "{starts:?}");
         assert!(stream.track.notes.iter().any(|note| note.starts_with("2 times the device started anew")));
+    }
+
+    /// The difference of times that restarts had driven to both ends did not fit in 64 bits.
+    #[test]
+    fn restarts_at_impossible_times_are_read() {
+        let hello_at = |time_us| Message::Hello(Hello { first: true, time_us, ..Hello::default() });
+        let mut messages = vec![hello(true), hello_at(u64::MAX)];
+        messages.extend(window(0, 0, 1));
+        for number in 1..8 {
+            messages.push(hello_at(0));
+            messages.extend(window(number, u64::MAX / 8, 1));
+        }
+        let stream = receive(&encode(&messages).concat()).unwrap();
+        let starts: Vec<f64> = frames(&stream).iter().map(|frame| frame.start).collect();
+        assert!(stream.track.time_origin_us < 0 && starts.len() == 8 && starts.is_sorted(), "{starts:?}");
+    }
+
+    #[test]
+    fn a_change_of_the_sensor_is_told_by_the_first_and_the_last() {
+        let mut messages = window(0, 0, 1);
+        for sensor_width in [320, 640, 320, 346, 320] {
+            messages.push(Message::Hello(Hello { sensor_width, sensor_height: 240, ..Hello::default() }));
+        }
+        let stream = receive(&encode(&messages).concat()).unwrap();
+        assert_eq!(stream.sensor, Some(Sensor::new(320, 240)));
+        let notes = stream.track.notes.join("; ");
+        assert!(notes.contains("changed its sensor from 320 x 240 to 346 x 240 pixels"), "{notes}");
     }
 
     #[test]

@@ -52,7 +52,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     };
     let sheet = board_sheet(&board, paper, *margin)?;
     let written: Vec<&Path> = arguments.pdf.iter().chain(&arguments.svg).map(PathBuf::as_path).collect();
-    arguments.results.check(written.iter().copied())?;
+    arguments.results.check(written.iter().copied(), &[])?;
     if let Some(path) = &arguments.pdf {
         files::write(path, &pdf(&sheet))?;
     }

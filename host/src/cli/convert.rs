@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let (input, output) = (&arguments.input, &arguments.output);
     let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
     let origin = if arguments.unix_time { TimeOrigin::Unix } else { TimeOrigin::Kept };
-    arguments.results.check([output.as_path()])?;
+    arguments.results.check([output.as_path()], &[input])?;
     let recording = Recording::new(input, arguments.source.options())?;
     let mut waiting = Waiting::new(arguments.json);
     let stage = format!("converting {}", short_name(input));

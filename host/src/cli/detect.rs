@@ -55,7 +55,8 @@ pub struct Arguments {
 
 /// Runs `evcal detect`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    arguments.results.check(arguments.output.iter().chain(&arguments.picture).map(PathBuf::as_path))?;
+    let outputs = arguments.output.iter().chain(&arguments.picture).map(PathBuf::as_path);
+    arguments.results.check(outputs, &[&arguments.recording])?;
     if let Some(stream) = open_stream(arguments)? {
         let wanted = wanted(arguments, &[], &DetectionSettings::default())?;
         if arguments.picture.is_some() {

@@ -92,7 +92,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         ros_topic: arguments.ros_topic.clone(),
         ..calibrated
     };
-    arguments.results.check(outputs(arguments).iter().map(PathBuf::as_path))?;
+    arguments.results.check(outputs(arguments).iter().map(PathBuf::as_path), &[&arguments.calibration])?;
     let mut report = serde_json::Map::new();
     let mut written = Vec::new();
     if let Some(name) = arguments.format.as_deref() {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use evcal::check::units::other_unit;
+use evcal::check::units::unusual_unit;
 use evcal::recording::Recording;
 use evcal::recording::information;
 
@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         } else {
             let separator = if index == 0 { "" } else { "\n" };
             print::line(format!("{separator}{}", information.to_string().trim_end()))?;
-            if let Some(other) = other_unit(&recording, information.mean_rate) {
+            if let Some(other) = unusual_unit(&recording, information.mean_rate) {
                 print::line(format!("{:<12}{other}: {}", "time unit", other.advice()))?;
             }
         }

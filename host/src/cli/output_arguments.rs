@@ -14,9 +14,9 @@ pub struct OutputArguments {
 }
 
 impl OutputArguments {
-    /// Whether the files can be written.
-    pub fn check<'a>(&self, paths: impl IntoIterator<Item = &'a Path>) -> Result<(), OutputError> {
-        check_outputs(paths, if self.force { Existing::Replace } else { Existing::Keep })
+    /// Whether the files can be written; `inputs` are those that are read, and stay in any case.
+    pub fn check<'a>(&self, paths: impl IntoIterator<Item = &'a Path>, inputs: &[&Path]) -> Result<(), OutputError> {
+        check_outputs(paths, inputs, if self.force { Existing::Replace } else { Existing::Keep })
     }
 
     /// The folder for results, which holds none yet unless they may be replaced.

@@ -164,7 +164,8 @@ fn check_outputs<'a>(
     (camera, sensor): (&Camera<f64>, Sensor),
 ) -> super::Outcome {
     let other = (!holds_camera(camera_file, camera, sensor)).then_some(camera_file);
-    Ok(arguments.results.check(outputs.into_iter().chain(other))?)
+    let inputs: Vec<&Path> = arguments.inputs.iter().chain([&arguments.calibration]).map(PathBuf::as_path).collect();
+    Ok(arguments.results.check(outputs.into_iter().chain(other), &inputs)?)
 }
 
 fn describe(camera: &Camera<f64>) -> String {

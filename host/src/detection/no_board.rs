@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use evcal_core::event::Polarity;
 use serde::{Deserialize, Serialize};
 
 use crate::recording::pictures::NoImage;
@@ -86,6 +87,17 @@ impl NoBoard {
             _ => "is the board in view and flat, and is --board right?".to_owned(),
         }
     }
+}
+
+/// Why no circle can be found in events of this polarity alone, with what to do.
+pub fn only_one_polarity(polarity: Polarity) -> String {
+    let only = match polarity {
+        Polarity::On => "ON",
+        Polarity::Off => "OFF",
+    };
+    format!(
+        "all events are {only}, and a circle is found from ON and OFF events together: export the polarity too, or say which column it is with --columns"
+    )
 }
 
 impl fmt::Display for NoBoard {

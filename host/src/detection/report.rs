@@ -5,10 +5,12 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use evcal_core::circle::CircleCounts;
+use evcal_core::event::{Event, Polarity};
 use serde::{Deserialize, Serialize};
 
-use super::no_board::NoBoard;
+use super::no_board::{NoBoard, only_one_polarity};
 use super::other_board::OtherReading;
+use crate::recording::counted::counted;
 
 /// Why a pair of clusters is no circle. Declared in the order of the words, in which reports list them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -43,11 +45,17 @@ impl fmt::Display for NoCircle {
     }
 }
 
+/// Recordings with fewer events are too short for anything else to be said of them.
+pub const FEWEST_EVENTS: u64 = 1000;
+
 /// What the detection took in and gave out.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DetectionReport {
     /// Events that came in.
     pub events: u64,
+    /// Those of them that are OFF and ON; not in files, which have them only where a board was found.
+    #[serde(skip)]
+    pub polarities: [u64; 2],
     /// Windows with too few events to be worth a try.
     pub too_few_events: u64,
     /// Windows tried.
@@ -72,6 +80,9 @@ impl DetectionReport {
     /// Adds the counts of another part.
     pub fn add(&mut self, other: &Self) {
         self.events += other.events;
+        for (count, more) in self.polarities.iter_mut().zip(other.polarities) {
+            *count += more;
+        }
         self.too_few_events += other.too_few_events;
         self.windows += other.windows;
         self.found += other.found;
@@ -93,11 +104,29 @@ impl DetectionReport {
         NoPattern { report: Box::new(self.clone()), max_interval, other }
     }
 
+    /// The polarity of all events, where it is one.
+    fn only_polarity(&self) -> Option<Polarity> {
+        match self.polarities {
+            [0, (FEWEST_EVENTS..)] => Some(Polarity::On),
+            [(FEWEST_EVENTS..), 0] => Some(Polarity::Off),
+            _ => None,
+        }
+    }
+
     /// What most windows lacked, and how many.
     fn main_reason(&self) -> Option<(NoBoard, u64)> {
         let reasons = self.grids_refused.iter().map(|(reason, count)| (*reason, *count));
         let reasons = reasons.chain([(NoBoard::TooFewEvents, self.too_few_events)]).filter(|(_, count)| *count > 0);
         reasons.min_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)))
+    }
+
+    pub(super) fn count_events(&mut self, events: &[Event]) {
+        let all = events.len() as u64;
+        let on = events.iter().filter(|event| event.polarity == Polarity::On).count() as u64;
+        self.events += all;
+        for (count, more) in self.polarities.iter_mut().zip([all - on, on]) {
+            *count += more;
+        }
     }
 
     pub(super) fn count_pairs(&mut self, counts: &CircleCounts) {
@@ -116,6 +145,11 @@ impl DetectionReport {
             }
         }
     }
+}
+
+/// That there are so few events that no more can be said.
+pub fn too_short(events: u64) -> String {
+    format!("the recording is too short, with only {}", counted(events, "event", "events"))
 }
 
 /// Why no window held the board, and what to do about it.
@@ -139,6 +173,13 @@ impl fmt::Display for NoPattern {
         // One advice: what fits.
         if let Some(other) = &self.other {
             return write!(f, "; {other}");
+        }
+        let events = self.report.events;
+        if (1..FEWEST_EVENTS).contains(&events) {
+            return write!(f, ": {}: record 10 seconds", too_short(events));
+        }
+        if let Some(polarity) = self.report.only_polarity() {
+            return write!(f, ": {}", only_one_polarity(polarity));
         }
         if let Some((reason, count)) = self.report.main_reason() {
             write!(f, ": {count} had {reason}: {}", reason.advice(self.max_interval))?;
@@ -168,5 +209,28 @@ mod tests {
             "no pattern found in 13 windows; 7 of 8 windows fit --board acircles:9x4:55mm:r17.5mm instead"
         );
         assert_eq!(DetectionReport::default().no_pattern(1, None).to_string(), "no pattern found in 0 windows");
+    }
+
+    /// Recordings without OFF events led to the focus, and such of ten events to a faster motion.
+    #[test]
+    fn one_polarity_or_too_few_events_come_before_what_the_windows_lacked() {
+        let event = |polarity: Polarity| Event { t: 0, x: 1, y: 1, polarity };
+        let told = |events: &[Event]| {
+            let mut report = DetectionReport { windows: 9, too_few_events: 9, ..DetectionReport::default() };
+            report.count_events(events);
+            let mut sum = DetectionReport::default();
+            sum.add(&report);
+            sum.no_pattern(100, None).to_string()
+        };
+        for (polarity, name) in [(Polarity::On, "ON"), (Polarity::Off, "OFF")] {
+            let text = told(&vec![event(polarity); 1000]);
+            assert!(text.contains(&format!("windows: all events are {name}, and")), "{text}");
+            assert!(text.contains("export the polarity too") && !text.contains("move faster"), "{text}");
+        }
+        let both = [vec![event(Polarity::On); 1000], vec![event(Polarity::Off)]].concat();
+        assert!(told(&both).contains("too few events: move faster"));
+        let few = told(&[event(Polarity::On); 10]);
+        assert!(few.ends_with("the recording is too short, with only 10 events: record 10 seconds"), "{few}");
+        assert!(told(&[event(Polarity::On)]).contains("only 1 event:"));
     }
 }

@@ -1,5 +1,6 @@
 //! Whether a file may be written where the user wants it.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::{FileError, try_out};
@@ -20,18 +21,29 @@ pub enum OutputError {
     /// There is one of its name.
     #[error("{} is there already: choose another name, or replace it with --force", .0.display())]
     Taken(PathBuf),
+    /// It is read too: when reading fails half-way, or less is written than was read, the rest would be lost.
+    #[error("{} is what is read: choose another name for the result", .0.display())]
+    IsInput(PathBuf),
     /// The system refuses.
     #[error(transparent)]
     Unusable(#[from] FileError),
 }
 
-/// Whether files can be written at all of `paths`, told before the work and not after it. Pipes and devices have no content to
-/// keep.
+/// Whether files can be written at all of `paths`, told before the work and not after it. Those that are also `inputs` never can.
+/// Pipes and devices have no content to keep.
 ///
 /// # Errors
 /// [`OutputError`] names the first that cannot be written.
-pub fn check_outputs<'a>(paths: impl IntoIterator<Item = &'a Path>, existing: Existing) -> Result<(), OutputError> {
+pub fn check_outputs<'a>(
+    paths: impl IntoIterator<Item = &'a Path>,
+    inputs: &[&Path],
+    existing: Existing,
+) -> Result<(), OutputError> {
+    let inputs: Vec<PathBuf> = inputs.iter().filter_map(|input| fs::canonicalize(input).ok()).collect();
     for path in paths {
+        if path.is_file() && fs::canonicalize(path).is_ok_and(|place| inputs.contains(&place)) {
+            return Err(OutputError::IsInput(path.to_owned()));
+        }
         if existing == Existing::Keep && path.is_file() {
             return Err(OutputError::Taken(path.to_owned()));
         }
@@ -42,8 +54,6 @@ pub fn check_outputs<'a>(paths: impl IntoIterator<Item = &'a Path>, existing: Ex
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
 
     #[test]
@@ -51,16 +61,28 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let [old, new] = ["old.csv", "new.csv"].map(|name| folder.path().join(name));
         fs::write(&old, "old").unwrap();
-        let taken = check_outputs([new.as_path(), &old], Existing::Keep).unwrap_err().to_string();
+        let taken = check_outputs([new.as_path(), &old], &[], Existing::Keep).unwrap_err().to_string();
         assert!(taken.contains("old.csv is there already") && taken.contains("--force"), "{taken}");
-        check_outputs([new.as_path(), &old], Existing::Replace).unwrap();
+        check_outputs([new.as_path(), &old], &[], Existing::Replace).unwrap();
         assert_eq!(fs::read_to_string(&old).unwrap(), "old");
         assert!(!new.exists());
         #[cfg(unix)]
-        check_outputs([Path::new("/dev/null")], Existing::Keep).unwrap();
+        check_outputs([Path::new("/dev/null")], &[Path::new("/dev/null")], Existing::Keep).unwrap();
         for existing in [Existing::Keep, Existing::Replace] {
-            let folder = check_outputs([folder.path()], existing).unwrap_err().to_string();
+            let folder = check_outputs([folder.path()], &[], existing).unwrap_err().to_string();
             assert!(folder.contains("name a file in it"), "{folder}");
+        }
+    }
+
+    #[test]
+    fn what_is_read_is_never_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("events.csv");
+        fs::write(&recording, "0,1,2,1").unwrap();
+        let otherwise = folder.path().join(".").join("events.csv");
+        for existing in [Existing::Keep, Existing::Replace] {
+            let told = check_outputs([otherwise.as_path()], &[&recording], existing).unwrap_err().to_string();
+            assert!(told.ends_with("events.csv is what is read: choose another name for the result"), "{told}");
         }
     }
 }

@@ -32,7 +32,7 @@ pub enum CsvError {
         what: &'static str,
     },
     /// A line cannot be read.
-    #[error("{}, line {line}: {text:?} is no number: mend or delete the line", path.display())]
+    #[error("{}, line {line}: {text:?} is not a number: mend or delete the line", path.display())]
     Number {
         /// The file.
         path: PathBuf,
@@ -166,6 +166,6 @@ mod tests {
         assert!(error.to_string().contains("line 1: no column for the acceleration along x"), "{error}");
         let text = "t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s\n1,2,3,4,5,6,7\n1,2,3,4,x,6,7\n";
         let error = parse(Path::new("a.csv"), text).unwrap_err();
-        assert!(error.to_string().contains("line 3: \"x\" is no number"), "{error}");
+        assert!(error.to_string().contains("line 3: \"x\" is not a number"), "{error}");
     }
 }

@@ -41,14 +41,15 @@ const FIRST_VIEWS: u64 = 24;
 const CAMERA_VIEWS: usize = 128;
 /// How often the ghost is thought over (s).
 const THINK: f64 = 0.5;
-/// The ghost stays until this share of its worth came in,
+/// The ghost moves on when this share of its worth has come in.
 const ENOUGH_OF_A_PLACE: f64 = 0.8;
-/// or the board was near it for so long (s),
+/// The ghost moves on when the board was near it for so long (s).
 const LONGEST_VISIT: f64 = 2.0;
-/// or for so long without coming nearer (s),
+/// The ghost moves on when the board has not come nearer for so long (s).
 const PATIENCE: f64 = 4.0;
-/// or until another place is worth so much more, and at least for so long (s).
+/// The ghost moves to another place that is worth so many times as much.
 const WORTH_CHANGE: f64 = 1.5;
+/// The ghost does not move before it has stayed for so long (s).
 const SHORTEST_STAY: f64 = 2.0;
 /// A board that was not seen for so long is lost (s).
 const LOST: f64 = 1.0;

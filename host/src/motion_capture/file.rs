@@ -41,7 +41,7 @@ pub enum CaptureError {
     #[error("{0}; EuRoC's CSV with its first line and the CSV of OptiTrack Motive are read too")]
     Tum(#[from] TumError),
     /// A field that is no number.
-    #[error("line {line}: {text:?} is no number: mend or delete the line")]
+    #[error("line {line}: {text:?} is not a number: mend or delete the line")]
     Number {
         /// Number of the line, from 1.
         line: usize,

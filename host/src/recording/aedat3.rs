@@ -21,7 +21,7 @@ use super::{
     Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
     RecordingOptions, StreamSummary, Truncation, Uses,
 };
-use packets::{EVENT, HEAD, Header, MAGIC, POLARITY, header, next_head, sensor, time};
+use packets::{EVENT, Header, MAGIC, POLARITY, PacketHead, header, is_known, next_head, sensor, time};
 
 /// AEDAT 3.0 and 3.1.
 pub const FORMAT: FileFormat = FileFormat {
@@ -32,6 +32,9 @@ pub const FORMAT: FileFormat = FileFormat {
     ..FileFormat::of_events("AEDAT 3", |head| head.bytes.starts_with(MAGIC), open)
 };
 
+/// Bytes of events that are read at a time: a packet may be as large as its file.
+const PART: u64 = 1 << 18;
+
 struct Decoder {
     file: ByteReader,
     header: Header,
@@ -40,9 +43,10 @@ struct Decoder {
     information: RecordingInformation,
     /// Height of the sensor, where y counts from below.
     from_below: Option<u16>,
-    packet: Vec<u8>,
+    /// What is left of a packet of which a part was read.
+    begun: Option<PacketHead>,
+    part: Vec<u8>,
     truncated: Option<Truncation>,
-    other: BTreeMap<String, u64>,
 }
 
 fn open(path: &Path, options: &RecordingOptions) -> Opened {
@@ -73,8 +77,8 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     };
     let (source, began) = (source.map(|(number, _)| *number), header.began.clone());
     let information = RecordingInformation { format: FORMAT.name, sensor: own_sensor, camera_name, began, notes };
-    let (packet, other) = (Vec::new(), BTreeMap::new());
-    Ok(Box::new(Decoder { file, header, source, information, from_below, packet, truncated: None, other }))
+    let (begun, part) = (None, Vec::new());
+    Ok(Box::new(Decoder { file, header, source, information, from_below, begun, part, truncated: None }))
 }
 
 /// The camera that is asked for, or the first one.
@@ -98,17 +102,22 @@ impl Decode for Decoder {
     }
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
-        let head = next_head(&mut self.file, &mut self.truncated)?;
-        report.truncated.clone_from(&self.truncated);
-        let Some(head) = head else { return Ok(false) };
-        if head.kind != POLARITY || !self.header.is_of(self.source, head.source) {
-            self.file.seek(self.file.position() + head.length)?;
-            *self.other.entry(other_name(&self.header, head.kind, head.source)).or_default() += 1;
-            report.other_packets.clone_from(&self.other);
-            return Ok(head.length == head.wanted);
-        }
-        self.file.read(&mut self.packet, head.length)?;
-        let events = self.packet.as_chunks::<EVENT>().0.iter().filter_map(|&[a, b, c, d, t @ ..]| {
+        let head = match self.begun.take() {
+            Some(head) => head,
+            None => {
+                let head = next_head(&mut self.file, &mut self.truncated)?;
+                report.truncated.clone_from(&self.truncated);
+                let Some(head) = head else { return Ok(false) };
+                if head.kind != POLARITY || !self.header.is_of(self.source, head.source) {
+                    self.file.seek(self.file.position() + head.length)?;
+                    *report.other_packets.entry(other_name(&self.header, head.kind, head.source)).or_default() += 1;
+                    return Ok(head.length == head.wanted);
+                }
+                head
+            }
+        };
+        self.file.read(&mut self.part, head.length.min(PART))?;
+        let events = self.part.as_chunks::<EVENT>().0.iter().filter_map(|&[a, b, c, d, t @ ..]| {
             let data = u32::from_le_bytes([a, b, c, d]);
             let y = (data >> 2) as u16 & 0x7fff;
             let y = self.from_below.map_or(Some(y), |height| height.checked_sub(1)?.checked_sub(y));
@@ -117,7 +126,9 @@ impl Decode for Decoder {
             (data & 1 == 1).then_some(event)
         });
         batch.extend(events);
-        Ok(head.length == head.wanted)
+        let rest = head.without(PART);
+        self.begun = Some(rest).filter(|rest| rest.length > 0);
+        Ok(self.begun.is_some() || head.length == head.wanted)
     }
 
     fn done(&self) -> Option<f64> {
@@ -125,9 +136,10 @@ impl Decode for Decoder {
     }
 }
 
-/// Under which name packets that are passed over are counted.
+/// Under which name packets that are passed over are counted. A damaged file may have any kind: those that cAER does not have are one.
 fn other_name(header: &Header, kind: i16, source: i16) -> String {
-    format!("{} ({kind})", header.name_of(kind, source))
+    let name = header.name_of(kind, source);
+    if is_known(kind) { format!("{name} ({kind})") } else { format!("{name} (of unknown kinds)") }
 }
 
 /// Counts what the packets of each kind and source hold.
@@ -135,8 +147,7 @@ fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut file = ByteReader::open(path)?;
     let Some(header) = header(&Head::read(path)?.bytes) else { return Ok(Vec::new()) };
     file.seek(header.length)?;
-    let mut kinds: BTreeMap<(i16, i16), StreamSummary> = BTreeMap::new();
-    let mut packet = Vec::new();
+    let mut kinds: BTreeMap<(Option<i16>, Option<i16>), StreamSummary> = BTreeMap::new();
     loop {
         let head = match next_head(&mut file, &mut None) {
             Ok(Some(head)) => head,
@@ -144,22 +155,23 @@ fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
             Err(error) => return Err(error),
         };
-        let source = if header.sources.len() > 1 { head.source } else { 0 };
+        let source = Some(head.source).filter(|source| header.sources.len() > 1 && header.names(*source));
+        let kind = Some(head.kind).filter(|kind| is_known(*kind));
         let name = || header.name_of(head.kind, head.source);
         let empty = || StreamSummary { name: name(), packets: 0, elements: 0, times_us: None };
-        let summary = kinds.entry((source, head.kind)).or_insert_with(empty);
+        let summary = kinds.entry((source, kind)).or_insert_with(empty);
         summary.packets += 1;
         summary.elements += head.count;
-        if head.kind == POLARITY {
-            file.read(&mut packet, head.length)?;
-            let records = packet.as_chunks::<EVENT>().0;
-            if let (Some(&[.., a, b, c, d]), Some(&[.., e, f, g, h])) = (records.first(), records.last()) {
-                let start = summary.times_us.map_or_else(|| time(&head, [a, b, c, d]), |(start, _)| start);
-                summary.times_us = Some((start, time(&head, [e, f, g, h])));
-            }
-        } else {
-            file.seek(head.byte + HEAD as u64 + head.length)?;
+        let start = file.position();
+        if head.kind == POLARITY
+            && let Some(last) = (head.length / EVENT as u64).checked_sub(1)
+        {
+            let first = file.array::<EVENT>()?;
+            file.seek(start + last * EVENT as u64)?;
+            let time = |[.., a, b, c, d]: [u8; EVENT]| time(&head, [a, b, c, d]);
+            summary.extend(first.map(time).zip(file.array::<EVENT>()?.map(time)));
         }
+        file.seek(start + head.length)?;
     }
     Ok(kinds.into_values().collect())
 }
@@ -272,6 +284,44 @@ mod tests {
         assert!(testing::read(compressed).error.unwrap().contains("compressed"));
         let nameless = b"#!AER-DAT3.0\r\n#Source 1: eDVS\r\n\0";
         assert!(testing::read(nameless).error.unwrap().contains("--sensor"));
+    }
+
+    /// A packet may be as large as its file: it was read at once.
+    #[test]
+    fn a_large_packet_is_read_in_parts() {
+        let count = 3 * PART as u32 / EVENT as u32 - 1;
+        let records: Vec<[u32; 2]> = (0..count).map(|index| record(index % 346, index % 260, 1, index)).collect();
+        let content = file("3.1", &[packet(1, 0, &records), packet(1, 0, &[record(1, 2, 1, count)])]);
+        let outcome = testing::read(&content);
+        assert_eq!(outcome.error, None);
+        let expected = (0..count).map(|index| (index.into(), (index % 346) as u16)).chain([(i64::from(count), 1)]);
+        assert!(outcome.events.iter().map(|event| (event.t, event.x)).eq(expected));
+        // Cut within its last event but one.
+        let outcome = testing::read(&content[..content.len() - 8 - 28 - 8 - 3]);
+        assert_eq!((outcome.events.len(), outcome.error), (count as usize - 2, None));
+        assert!(outcome.report.truncated.is_some());
+
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let mut decoder = open(&path, &RecordingOptions::default()).unwrap();
+        let mut batch = Vec::new();
+        assert!(decoder.decode(&mut batch, &mut ReadReport::default()).unwrap());
+        assert_eq!(batch.len(), PART as usize / EVENT);
+        let [summary] = &summarise(&path).unwrap()[..] else { panic!("one stream") };
+        assert_eq!((summary.packets, summary.times_us), (2, Some((0, count.into()))));
+    }
+
+    /// Damage made up to 65536 kinds, and all of them were copied for each packet.
+    #[test]
+    fn unknown_kinds_are_counted_as_one() {
+        let packets: Vec<Vec<u8>> = (i16::MIN..=i16::MAX).step_by(7).map(|kind| packet(kind, 0, &[])).collect();
+        let known = (i16::MIN..=i16::MAX).step_by(7).filter(|kind| (0..32).contains(kind)).count();
+        let content = file("3.1", &[packet(1, 0, &[record(3, 4, 1, 7)]), packets.concat()]);
+        let counted = testing::read(&content).report.other_packets;
+        assert_eq!(counted.values().sum::<u64>(), packets.len() as u64);
+        assert_eq!(counted.len(), known + 1);
+        assert_eq!(counted.get("other packets (of unknown kinds)"), Some(&((packets.len() - known) as u64)));
     }
 
     #[test]

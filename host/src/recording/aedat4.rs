@@ -13,6 +13,7 @@ pub mod write;
 mod flatbuffer;
 
 use evcal_core::sensor::Sensor;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use evcal_core::event::{Event, Polarity};
@@ -53,7 +54,8 @@ const BATCH: usize = 16_384;
 struct EventDecoder {
     packets: PacketReader,
     stream: i32,
-    names: Vec<(i32, String)>,
+    /// Names of the streams by their numbers.
+    names: BTreeMap<i32, String>,
     damage: Damage,
     information: RecordingInformation,
 }
@@ -72,7 +74,8 @@ impl EventDecoder {
             (Err(_), Some(_)) => None,
             (own, _) => own.map_err(error)?,
         };
-        let names = header.streams.iter().map(|stream| (stream.id, describe(stream))).collect();
+        // Where two streams have one number, the first.
+        let names = header.streams.iter().rev().map(|stream| (stream.id, describe(stream))).collect();
         let camera_name = stream.source.clone();
         let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: None, notes };
         Ok(Self { stream: stream.id, names, damage: options.damage, information, packets })
@@ -105,8 +108,8 @@ impl Decode for EventDecoder {
                 return Ok(false);
             };
             if head.stream != self.stream {
-                let known = self.names.iter().find(|(id, _)| *id == head.stream);
-                let name = known.map_or("streams that the header does not name", |(_, name)| name.as_str());
+                let known = self.names.get(&head.stream);
+                let name = known.map_or("streams that the header does not name", String::as_str);
                 *report.other_packets.entry(name.to_owned()).or_default() += 1;
                 continue;
             }
@@ -148,8 +151,7 @@ fn describe(stream: &Stream) -> String {
 }
 
 fn describe_all<'a>(streams: impl Iterator<Item = &'a Stream>) -> String {
-    let all: Vec<String> = streams.map(describe).collect();
-    if all.is_empty() { "none".to_owned() } else { all.join(", ") }
+    streams.map(describe).collect::<Vec<_>>().join(", ")
 }
 
 fn choose_stream<'a>(
@@ -159,7 +161,7 @@ fn choose_stream<'a>(
 ) -> Result<&'a Stream, RecordingErrorKind> {
     let of_events = || header.streams.iter().filter(|stream| stream.type_identifier == EVENTS);
     let Some(first) = of_events().next() else {
-        return Err(RecordingErrorKind::NoEventStream(format!("these: {}", describe_all(header.streams.iter()))));
+        return Err(RecordingErrorKind::NoEventStream(describe_all(header.streams.iter())));
     };
     match wanted {
         Some(wanted) => {
@@ -190,6 +192,7 @@ fn sensor_size(stream: &Stream) -> Result<Option<Sensor>, RecordingErrorKind> {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
     use std::path::PathBuf;
 
     use tempfile::TempDir;
@@ -334,8 +337,31 @@ mod tests {
 
     #[test]
     fn packets_that_unpack_to_too_much_are_damage() {
-        let bomb = zstd::bulk::compress(&vec![0; (1 << 29) + 1], 1).unwrap();
+        let bomb = zstd::bulk::compress(&vec![0; packets::MAX_UNPACKED + 1], 1).unwrap();
         let (_directory, path) = file(Compression::Zstd, 346, &[(0, bomb)]);
-        assert!(read(&path, RecordingOptions::default()).error.unwrap().contains("512 MiB"));
+        assert!(read(&path, RecordingOptions::default()).error.unwrap().contains("more than 64 MiB"));
+    }
+
+    /// Its bytes were read before its length was looked at.
+    #[test]
+    fn a_packet_that_is_too_long_is_not_read() {
+        let length = packets::MAX_UNPACKED as i32 * 2;
+        for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
+            let (_directory, path) = file(compression, 346, &[(0, packet(compression, 0))]);
+            let byte = std::fs::metadata(&path).unwrap().len();
+            let mut file = std::fs::OpenOptions::new().append(true).open(&path).unwrap();
+            file.write_all(&[0_i32.to_le_bytes(), length.to_le_bytes()].concat()).unwrap();
+            file.set_len(byte + 8 + length as u64).unwrap();
+            let outcome = read(&path, RecordingOptions::default());
+            assert_eq!(outcome.events, events(0));
+            let error = outcome.error.unwrap();
+            assert!(error.contains("more than 64 MiB") && error.contains(&format!("byte {}", byte + 8)), "{error}");
+            let outcome = read(&path, RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() });
+            assert_eq!((outcome.error, outcome.report.damaged_packets), (None, 1));
+            let mut packets = PacketReader::open(&path).unwrap();
+            packets.next_packet().unwrap();
+            let head = packets.next_packet().unwrap().unwrap();
+            assert!(packets.content(&head).is_err() && packets.memory() < 1 << 20, "{}", packets.memory());
+        }
     }
 }

@@ -1,12 +1,19 @@
-//! Pixels that do not do what they should: hot ones, which send far too much, and columns that send nothing.
+//! Pixels that do not do what they should: hot ones, which send far too much, those that send an event twice, and columns that
+//! send nothing.
 
-use evcal_core::event::Event;
+use std::fmt;
+
+use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
+use serde::Serialize;
 
 /// A pixel with more than this many times the events of the median active pixel is hot.
-const HOT_FACTOR: u32 = 10;
-/// Fewest events of a hot pixel.
-const FEWEST_OF_HOT: u32 = 50;
+pub(super) const HOT_FACTOR: u64 = 10;
+/// A pixel with no more events than this is not hot.
+const FEWEST_OF_HOT: u64 = 50;
+/// Events that repeat another are told from this share of all on. Of a recording with times rounded to 1 ms 0.02 % do, to 10 ms
+/// 44 %.
+const MANY_REPEATED: f64 = 0.05;
 /// A column without events is dead if the median column has so many.
 const FEWEST_OF_COLUMN: u64 = 1000;
 
@@ -14,7 +21,24 @@ const FEWEST_OF_COLUMN: u64 = 1000;
 #[derive(Clone, Debug)]
 pub struct PixelCounter {
     width: usize,
-    counts: Vec<u32>,
+    pixels: Vec<Pixel>,
+    repeated: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Pixel {
+    count: u32,
+    polarity: Polarity,
+    /// Time of its last event.
+    last: i64,
+}
+
+/// Events that have the time and the polarity of the last one of their pixel: the recording has them twice, or its times were
+/// rounded.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Repetition {
+    /// Their share of all events.
+    pub share: f64,
 }
 
 /// What was found.
@@ -24,6 +48,8 @@ pub struct BadPixels {
     pub hot: usize,
     /// Their share of all events.
     pub hot_share: f64,
+    /// Events that repeat others, where there are many.
+    pub repeated: Option<Repetition>,
     /// Columns that send nothing.
     pub dead_columns: Vec<u16>,
 }
@@ -32,33 +58,63 @@ impl PixelCounter {
     /// For a sensor of this size.
     pub fn new(sensor: Sensor) -> Self {
         let width = usize::from(sensor.width);
-        Self { width, counts: vec![0; width * usize::from(sensor.height)] }
+        let silent = Pixel { count: 0, polarity: Polarity::Off, last: i64::MIN };
+        Self { width, pixels: vec![silent; width * usize::from(sensor.height)], repeated: 0 }
     }
 
     /// Adds events.
     pub fn push(&mut self, events: &[Event]) {
         for event in events {
-            if let Some(count) = self.counts.get_mut(usize::from(event.y) * self.width + usize::from(event.x)) {
-                *count = count.saturating_add(1);
+            if let Some(pixel) = self.pixels.get_mut(usize::from(event.y) * self.width + usize::from(event.x)) {
+                self.repeated += u64::from(pixel.last == event.t && pixel.polarity == event.polarity);
+                *pixel = Pixel { count: pixel.count.saturating_add(1), polarity: event.polarity, last: event.t };
             }
         }
     }
 
     /// What was found.
     pub fn finish(&self) -> BadPixels {
-        let mut active: Vec<u32> = self.counts.iter().copied().filter(|count| *count > 0).collect();
-        let middle = active.len() / 2;
-        let median = if active.is_empty() { 0 } else { *active.select_nth_unstable(middle).1 };
-        let all: u64 = active.iter().map(|count| u64::from(*count)).sum();
-        let limit = median.saturating_mul(HOT_FACTOR).max(FEWEST_OF_HOT);
-        let hot: Vec<u32> = active.into_iter().filter(|count| *count > limit).collect();
-        let of_hot: u64 = hot.iter().map(|count| u64::from(*count)).sum();
+        let counts = || self.pixels.iter().map(|pixel| u64::from(pixel.count));
+        let limit = most_of_good(counts().filter(|count| *count > 0));
+        let hot = || counts().filter(|count| *count > limit);
+        let (of_hot, all): (u64, u64) = (hot().sum(), counts().sum());
         let mut columns = vec![0_u64; self.width];
-        for row in self.counts.chunks(self.width.max(1)) {
-            columns.iter_mut().zip(row).for_each(|(column, count)| *column += u64::from(*count));
+        for row in self.pixels.chunks(self.width.max(1)) {
+            columns.iter_mut().zip(row).for_each(|(column, pixel)| *column += u64::from(pixel.count));
         }
-        BadPixels { hot: hot.len(), hot_share: of_hot as f64 / all.max(1) as f64, dead_columns: dead_lines(&columns) }
+        BadPixels {
+            hot: hot().count(),
+            hot_share: of_hot as f64 / all.max(1) as f64,
+            repeated: Some(Repetition { share: self.repeated as f64 / all.max(1) as f64 })
+                .filter(|repeated| repeated.share > MANY_REPEATED),
+            dead_columns: dead_lines(&columns),
+        }
     }
+}
+
+impl Repetition {
+    /// What to do.
+    pub fn advice(self) -> String {
+        "export each event once, with its time in full microseconds".to_owned()
+    }
+}
+
+impl fmt::Display for Repetition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = 100.0 * self.share;
+        write!(
+            f,
+            "{percent:.0} % of the events repeat another of the same pixel, time and polarity, and no pixel sends two at once"
+        )
+    }
+}
+
+/// The most events of a pixel that is not hot, from the numbers of events of the active pixels.
+pub(super) fn most_of_good(active: impl Iterator<Item = u64>) -> u64 {
+    let mut active: Vec<u64> = active.collect();
+    let middle = active.len() / 2;
+    let median = if active.is_empty() { 0 } else { *active.select_nth_unstable(middle).1 };
+    median.saturating_mul(HOT_FACTOR).max(FEWEST_OF_HOT)
 }
 
 /// Those of some lines of pixels that have no events while most have many.
@@ -80,20 +136,46 @@ mod tests {
     #[test]
     fn hot_pixels_and_dead_columns_are_found() {
         let mut counter = PixelCounter::new(Sensor::new(20, 15));
-        let event = |x: u16, y: u16| Event { t: 0, x, y, polarity: Polarity::On };
+        let event = |t: i64, x: u16, y: u16| Event { t, x, y, polarity: Polarity::On };
         for round in 0..150 {
             for (x, y) in (0..15).flat_map(|y| (0..20).map(move |x| (x, y))) {
                 if x != 4 && x != 17 && (round + x + y) % 3 != 0 {
-                    counter.push(&[event(x, y)]);
+                    counter.push(&[event(i64::from(round), x, y)]);
                 }
             }
         }
-        assert_eq!(counter.finish(), BadPixels { hot: 0, hot_share: 0.0, dead_columns: vec![4, 17] });
-        counter.push(&vec![event(3, 3); 27_000]);
+        assert_eq!(counter.finish(), BadPixels { dead_columns: vec![4, 17], ..BadPixels::default() });
+        counter.push(&(0..27_000).map(|t| event(150 + t, 3, 3)).collect::<Vec<_>>());
         // Two thirds of 150 rounds of 18 columns and 15 rows, and what was added.
         let found = counter.finish();
         assert_eq!(found.hot, 1);
         assert!((found.hot_share - 0.5).abs() < 0.01, "{found:?}");
+    }
+
+    /// A recording with each event twice was called good, with a standard deviation that was too small.
+    #[test]
+    fn events_that_repeat_others_are_counted() {
+        let repeated = |events: &[Event]| {
+            let mut counter = PixelCounter::new(Sensor::new(20, 15));
+            counter.push(events);
+            counter.finish()
+        };
+        let at = |t: i64, x: u16, polarity: Polarity| Event { t, x, y: 2, polarity };
+        // Sorted by time alone, so that the events of one time come as a b a b.
+        let twice: Vec<Event> = (0..40).map(|index| at(index / 4, (index % 2) as u16, Polarity::On)).collect();
+        assert_eq!(repeated(&twice).repeated, Some(Repetition { share: 0.5 }));
+        assert!(Repetition { share: 0.5 }.to_string().starts_with("50 % of the events repeat another"));
+        // Another time, pixel or polarity is another event.
+        let once = [at(0, 1, Polarity::On), at(0, 2, Polarity::On), at(0, 1, Polarity::Off), at(1, 1, Polarity::Off)];
+        assert_eq!(repeated(&once), BadPixels::default());
+        assert_eq!(repeated(&[]), BadPixels::default());
+    }
+
+    #[test]
+    fn hot_is_over_ten_times_the_median_and_over_fifty_events() {
+        assert_eq!(most_of_good([1, 2, 3, 1000].into_iter()), 50);
+        assert_eq!(most_of_good([1, 7, 9, 100, 200].into_iter()), 90);
+        assert_eq!(most_of_good([].into_iter()), 50);
     }
 
     #[test]

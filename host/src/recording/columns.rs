@@ -17,6 +17,9 @@ pub enum LayoutError {
     /// A first line of two fields that are no size.
     #[error("the first line, {0:?}, is neither an event nor the size of a sensor; {ASK}")]
     FirstLine(String),
+    /// An array without rows, or whose rows were never written.
+    #[error("holds no events: its array has no rows, or none that was written")]
+    NoRows,
     /// Not one line of numbers.
     #[error("no line with numbers was found at its beginning; a line `t x y p` per event is expected")]
     NoNumbers,
@@ -38,6 +41,8 @@ pub enum LayoutError {
 pub const SAMPLE: usize = 2000;
 /// Whole numbers above it are nanoseconds since 1970 (or, as microseconds, later than the year 5000).
 const LARGEST_MICROSECONDS: f64 = 1e17;
+/// Share of times that may be less than the one before, where nothing else can be the time.
+const MOST_BACK: f64 = 0.1;
 /// From so many different times on, all multiples of 1000, they are taken for nanoseconds.
 const ENOUGH_TIMES: usize = 20;
 
@@ -73,10 +78,10 @@ pub fn from_names(names: &[&str]) -> (Option<Columns>, Option<TimeUnit>) {
 }
 
 /// The columns by their values: p has, but for single bad rows, no values but −1, 0 and 1, t does not
-/// decrease, and x stands before y.
+/// decrease, and x stands before y. A few steps back are allowed where no column can be t without one.
 pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Columns, LayoutError> {
     let Some(width) = rows.first().map(Vec::len) else {
-        return Err(LayoutError::NoNumbers);
+        return Err(LayoutError::NoRows);
     };
     if width != 4 {
         return Err(LayoutError::FieldCount(width));
@@ -85,16 +90,17 @@ pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Column
         let fitting = rows.iter().filter(|row| row.get(index).is_some_and(|cell| cell.is_polarity)).count();
         2 * fitting >= rows.len()
     };
-    let is_time = |index: usize| {
+    let is_time = |index: usize, most_back: f64| {
         let values: Vec<f64> = rows.iter().filter_map(|row| row.get(index)?.value).collect();
         let back = values.windows(2).filter(|pair| pair[1] < pair[0]).count();
-        10 * back <= values.len() && values.first() != values.last()
+        back as f64 <= most_back * values.len() as f64 && values.first() != values.last()
     };
     // The usual order first; it is also the only one that is believed without a change of time.
     const ORDERS: [(usize, usize); 3] = [(0, 3), (3, 2), (2, 3)];
-    let (t, p) = ORDERS
-        .into_iter()
-        .find(|&(t, p)| is_polarity(p) && is_time(t))
+    let order = |most_back: f64| ORDERS.into_iter().find(|&(t, p)| is_polarity(p) && is_time(t, most_back));
+    // Pixels that are read out in their order step back seldom, too.
+    let (t, p) = order(0.0)
+        .or_else(|| order(MOST_BACK))
         .or_else(|| Some((0, 3)).filter(|&(_, p)| is_polarity(p)))
         .ok_or(LayoutError::Unclear)?;
     let mut columns = vec![Column::X; 4];
@@ -128,4 +134,30 @@ pub fn unit_from_values(times: &[f64], notes: &mut Vec<String>) -> TimeUnit {
     };
     notes.push(format!("times are taken for {unit}, {reason}"));
     unit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn order(rows: impl Iterator<Item = [u32; 4]>) -> String {
+        let cell = |value: u32| Cell { value: Some(value.into()), is_polarity: value < 2 };
+        let rows: Vec<Vec<Cell>> = rows.map(|row| row.map(cell).to_vec()).collect();
+        from_values(&rows, &mut Vec::new()).map_or_else(|error| error.to_string(), |columns| columns.to_string())
+    }
+
+    /// With a sensor that is read out column by column x steps back no more often than times that are not quite in order. It was taken for one.
+    #[test]
+    fn a_column_without_a_step_back_is_the_time_rather_than_one_with_some() {
+        let scan = |index: u32| [index % 320 / 4, index * 7 % 100 + 2, 5000 + index / 320, index / 3 % 2];
+        assert_eq!(order((0..2000).map(scan)), "x,y,t,p");
+        let scan = |index: u32| [index % 320 / 4, index * 7 % 100 + 2, index / 3 % 2, 5000 + index / 320];
+        assert_eq!(order((0..2000).map(scan)), "x,y,p,t");
+        // Of every twentieth pair of events the second came first.
+        let exchanged = |index: u32| {
+            let early = if index % 20 == 9 { 13 } else { 0 };
+            [20 + index - early, index * 7 % 100 + 2, 50 - index % 37, 1]
+        };
+        assert_eq!(order((0..2000).map(exchanged)), "t,x,y,p");
+    }
 }

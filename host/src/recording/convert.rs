@@ -162,7 +162,8 @@ pub fn convert_changed(
         TimeOrigin::Kept => 0,
         TimeOrigin::Unix => start(recording)?.ok_or_else(|| ConvertError::StartUnknown(recording.path().to_owned()))?,
     };
-    let zero = zero(events.first().map(|event| event.t), extras.first_time());
+    let later = |time: i64| time.saturating_add(shift);
+    let zero = zero(events.first().map(|event| later(event.t)), extras.first_time().map(later));
     let failed = |error| ConvertError::Write { path: path.to_owned(), error };
     let information = reader.information();
     let sensor = match information.sensor {
@@ -181,7 +182,7 @@ pub fn convert_changed(
         file.insert(new).handle()
     };
     let mut output = (target.create)(&mut create, &description).map_err(failed)?;
-    let mut latest = zero;
+    let mut latest = zero.saturating_sub(shift);
     while more {
         let last = events.last().map_or(latest, |event| event.t);
         latest = last;

@@ -15,7 +15,7 @@ use std::path::Path;
 
 use evcal_core::event::Event;
 pub use messages::Messages;
-pub use messages::{CameraClock, event};
+pub use messages::{CameraClock, event, wire_event};
 use usb_davis::capture::{Capture, CaptureFormat, sniff};
 use usb_davis::dump::Growth;
 use usb_davis::protocol::Message;
@@ -278,7 +278,7 @@ mod tests {
         let repaired = RepairedTimes { from_us: 1_000_005 + 600_000, restored_us: wraps * 32_768, excess_us: 0 };
         assert_eq!((stream.gaps, &stream.repaired_times[..]), (1, &[repaired][..]));
         let notes = stream.notes().join("\n");
-        assert!(notes.contains("times were put later for that: by 98.304 ms from 1.600005 s on"), "{notes}");
+        assert!(notes.contains("later times were moved to make up for it: by 98.304 ms from 1.600005 s on"), "{notes}");
     }
 
     /// A pcap file of usbmon with one completed transfer from endpoint 0x82 of each device on bus 2.

@@ -37,12 +37,37 @@ pub enum WriteError {
     /// A time that the format does not have.
     #[error("ROS has no time of {0} us: times are from 0 on, in ROS 2 before the year 2038; write another format")]
     Time(i64),
+    /// Times leap further than a format can follow whose words count time.
+    #[error(
+        "its times leap from {before} us to {time} us, more than a day, which this format cannot follow: is their unit another one (--time-unit)? \
+         If not, cut the recording there"
+    )]
+    Leap {
+        /// The time before.
+        before: i64,
+        /// That of the event, frame or sample after it.
+        time: i64,
+    },
     /// A camera could not have sent this.
-    #[error("cannot be said in the words of a DAVIS346: {0}")]
+    #[error("a DAVIS346 could not send this: {0}")]
     Wire(#[from] EncodeError),
     /// A dump refuses it.
     #[error("cannot be written: {0}")]
     Dump(#[from] DumpError),
+}
+
+/// Longest leap forward where a format counts all time in words (µs): a day. A time that is wrong would fill the disk.
+const LONGEST_LEAP: u64 = 86_400_000_000;
+
+/// Whether a format that counts all time in words can go on from the time `before` to `time` (µs).
+///
+/// # Errors
+/// [`WriteError::Leap`].
+pub fn check_leap(before: i64, time: i64) -> Result<(), WriteError> {
+    if time > before && time.abs_diff(before) > LONGEST_LEAP {
+        return Err(WriteError::Leap { before, time });
+    }
+    Ok(())
 }
 
 /// What is known of a recording before it is written.

@@ -119,8 +119,8 @@ pub enum RecordingErrorKind {
     /// An address of a pixel means something only with the size of its sensor.
     #[error("does not say how many pixels its camera has: add --sensor WIDTHxHEIGHT")]
     ChipUnknown,
-    /// No stream of events.
-    #[error("holds no stream of events, but {0}: name a recording that has one")]
+    /// No stream of events, but this; empty where there is nothing.
+    #[error("{}", without_events(.0))]
     NoEventStream(String),
     /// The stream asked for is not there.
     #[error("has no event stream {wanted:?}; its event streams: {available}")]
@@ -202,7 +202,30 @@ impl RecordingError {
     }
 }
 
+/// What a recording without events holds.
+fn without_events(held: &str) -> String {
+    match held {
+        "" => "holds nothing at all: name a recording that has events".to_owned(),
+        held => format!("holds no events, only {held}; name a recording that has some"),
+    }
+}
+
 /// The names of all formats, for a sentence.
 fn known_formats() -> String {
     FORMATS.iter().map(|format| format.name).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_recording_without_events_holds_is_told() {
+        for (held, told) in [
+            ("", "holds nothing at all: name a recording that has events"),
+            ("0 frames (FRME)", "holds no events, only 0 frames (FRME); name a recording that has some"),
+        ] {
+            assert_eq!(RecordingErrorKind::NoEventStream(held.to_owned()).to_string(), told);
+        }
+    }
 }

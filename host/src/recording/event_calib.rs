@@ -129,7 +129,7 @@ fn event(record: &Record, index: u64) -> Result<Event, RecordingErrorKind> {
     // NaN fails the comparison too.
     let is_time = record.t.abs() < MAX_TIME;
     if !is_time {
-        return Err(error(format!("its time, {} s, is no time; the file is damaged there", record.t)));
+        return Err(error(format!("its time, {} s, is not a time; the file is damaged there", record.t)));
     }
     let pixel = |name, value: f64| {
         // Out of u16 saturates.
@@ -140,7 +140,9 @@ fn event(record: &Record, index: u64) -> Result<Event, RecordingErrorKind> {
             // No sensor has this one: the reader drops it as out of range.
             Ok(u16::MAX)
         } else {
-            Err(error(format!("its {name}, {value}, is no whole pixel; raw events are needed, not undistorted ones")))
+            Err(error(format!(
+                "its {name}, {value}, is not a whole pixel; raw events are needed, not undistorted ones"
+            )))
         }
     };
     let polarity = match record.polarity {

@@ -117,6 +117,16 @@ pub struct StreamSummary {
     pub times_us: Option<(i64, i64)>,
 }
 
+impl StreamSummary {
+    /// Takes note of a packet whose first and last elements have these times in µs.
+    pub(super) fn extend(&mut self, times: Option<(i64, i64)>) {
+        self.times_us = match (self.times_us, times) {
+            (Some((first, _)), Some((_, last))) => Some((first, last)),
+            (earlier, later) => earlier.or(later),
+        };
+    }
+}
+
 /// The beginning of a file.
 pub struct Head {
     /// The first 64 KiB of the file, or all of it.
@@ -196,5 +206,5 @@ fn recordings_in(path: &Path) -> String {
 }
 
 /// How names of recordings usually end.
-const USUAL_EXTENSIONS: [&str; 12] =
-    ["aedat4", "aedat", "dvraw", "raw", "dat", "bag", "mcap", "db3", "h5", "hdf5", "npz", "csv"];
+const USUAL_EXTENSIONS: [&str; 13] =
+    ["aedat4", "aedat", "dvraw", "raw", "dat", "bag", "mcap", "db3", "h5", "hdf5", "npz", "npy", "csv"];

@@ -47,6 +47,8 @@ pub const FORMAT: FileFormat = FileFormat {
 };
 
 const SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
+/// Class of the layout of a virtual dataset (HDF5 File Format Specification, section IV.A.2.i).
+const VIRTUAL: u8 = 3;
 /// Events of a batch.
 const BATCH: u64 = 32_768;
 
@@ -74,13 +76,13 @@ fn length(data: &Dataset) -> u64 {
     data.shape().first().copied().unwrap_or(0)
 }
 
-/// The stream that is asked for, or the first one, and what there is to tell of that.
+/// The stream that is asked for, or the first one that has events, and what there is to tell of that.
 fn choose(path: &Path, options: &RecordingOptions) -> Result<(Found, Vec<String>), RecordingError> {
     let mut all = all(path, options)?;
     let list = all.iter().map(|found| found.name.clone()).collect::<Vec<_>>().join(", ");
     let place = match &options.stream {
         Some(wanted) => all.iter().position(|found| found.name == wanted.trim_matches('/')),
-        None => Some(0),
+        None => Some(all.iter().position(|found| has_events(&found.table)).unwrap_or(0)),
     };
     let count = all.len();
     let Some(place) = place.filter(|place| *place < count) else {
@@ -93,9 +95,17 @@ fn choose(path: &Path, options: &RecordingOptions) -> Result<(Found, Vec<String>
     let found = all.swap_remove(place);
     let notes = match count {
         1 => Vec::new(),
-        _ => vec![format!("the events of {} are read; --stream takes one of {list}", found.name)],
+        _ => {
+            let first = if place == 0 { "" } else { ", the first of those that have some" };
+            vec![format!("the events of {} are read{first}; --stream takes one of {list}", found.name)]
+        }
     };
     Ok((found, notes))
+}
+
+/// What cannot be read is for the reader of the events to tell.
+fn has_events(table: &Table) -> bool {
+    table.cells(columns::SAMPLE as u64).map_or(true, |rows| !numbers::written_cells(rows).is_empty())
 }
 
 /// The streams of events, those first whose names say so. Of other arrays of four columns, such as attitudes, those whose values can be
@@ -141,7 +151,7 @@ fn arrange(
     } else if options.columns.is_some() {
         return Err(layout(columns::LayoutError::Named));
     }
-    let unit = options.time_unit.unwrap_or_else(|| {
+    let unit = options.time_unit.or_else(|| table.unit_of_name()).unwrap_or_else(|| {
         let place = table.place_of(Column::T);
         let times: Vec<f64> = sample.iter().filter_map(|row| row.get(place?)?.value).collect();
         columns::unit_from_values(&times, notes)
@@ -180,6 +190,10 @@ fn times(path: &Path, found: &Found, options: &RecordingOptions) -> Option<(i64,
 /// HDF5 has no one place for a fault: its structure is spread over the file.
 fn structure(path: &Path, error: &Error) -> RecordingError {
     let kind = match (unsupported(error), filters::cut_off(path)) {
+        _ if is_virtual(error) => RecordingErrorKind::Unsupported {
+            format: "virtual HDF5",
+            advice: "an array in it is a view of other arrays (a virtual dataset): copy the numbers into arrays of their own, with h5py or h5repack -l CONTI IN OUT",
+        },
         (Some(filter), _) => RecordingErrorKind::Filter(filter.to_owned()),
         (None, Some((length, promised))) => RecordingErrorKind::Damaged {
             byte: length,
@@ -203,6 +217,15 @@ fn unsupported(error: &Error) -> Option<&str> {
         Error::UnsupportedFilter(filter) => Some(filter),
         Error::Context { source, .. } => unsupported(source),
         _ => None,
+    }
+}
+
+/// Whether `error` tells of an array that has no numbers of its own.
+fn is_virtual(error: &Error) -> bool {
+    match error {
+        Error::UnsupportedLayoutClass(VIRTUAL) => true,
+        Error::Context { source, .. } => is_virtual(source),
+        _ => false,
     }
 }
 
@@ -251,8 +274,8 @@ impl Decoder {
     }
 }
 
-fn is_zero(row: &Row) -> bool {
-    row.iter().all(|(_, number)| number.value() == 0.0)
+fn is_filling(row: &Row) -> bool {
+    numbers::is_filling(row.iter().map(|(_, number)| Some(number.value())))
 }
 
 impl Decode for Decoder {
@@ -268,7 +291,7 @@ impl Decode for Decoder {
         };
         // Fewer than asked for: damage is near, and would be met again and again.
         self.batch = self.batch.min((rows.len() as u64).max(1));
-        let (written, unwritten) = rows.split_at(numbers::written(rows.iter(), is_zero));
+        let (written, unwritten) = rows.split_at(numbers::written(rows.iter(), is_filling));
         if written.is_empty() && !unwritten.is_empty() {
             // Perhaps of very many, of which the file has none.
             report.unwritten += self.table.count() - self.next;

@@ -131,13 +131,13 @@ pub enum ImageFolderError {
 #[non_exhaustive]
 pub enum LineError {
     /// It has too few columns.
-    #[error("{0:?} is no time stamp in ns, comma, name of a file")]
+    #[error("{0:?} is not a time stamp in ns, comma, name of a file")]
     Columns(String),
     /// The time is no whole number.
-    #[error("{0:?} is no whole number of nanoseconds")]
+    #[error("{0:?} is not a whole number of nanoseconds")]
     Time(String),
     /// The exposure is no number.
-    #[error("{0:?} is no exposure time, which is a number from 0 on")]
+    #[error("{0:?} is not an exposure time, which is a number from 0 on")]
     Exposure(String),
     /// Time stands still or goes back.
     #[error(

@@ -7,7 +7,7 @@ use std::fmt;
 use evcal_core::event::{Event, Polarity};
 use serde::Serialize;
 
-use crate::recording::bad_pixels::dead_lines;
+use crate::recording::bad_pixels::{HOT_FACTOR, dead_lines, most_of_good};
 use crate::recording::date::date;
 use crate::recording::extras::open_extras;
 use crate::recording::flicker::{Flicker, RateBins};
@@ -20,8 +20,6 @@ const RATE_BIN: i64 = 10_000;
 const GAP: i64 = 100_000;
 /// How many gaps and hot pixels are listed.
 const LISTED: usize = 10;
-/// A pixel with more than this many times the events of the median pixel is hot.
-const HOT_FACTOR: u64 = 10;
 /// Sensors of event cameras, for recordings that do not give theirs.
 const SENSORS: [Sensor; 7] = [
     Sensor::new(128, 128),
@@ -70,7 +68,7 @@ pub struct Information {
     pub longest_gaps: Vec<Gap>,
     /// Number of pixels that sent an event.
     pub active_pixels: u64,
-    /// Number of pixels with more than ten times the events of the median active pixel.
+    /// Number of pixels with more than ten times the events of the median active pixel, and more than 50.
     pub hot_pixel_count: u64,
     /// Those with the most events.
     pub hottest_pixels: Vec<HotPixel>,
@@ -312,17 +310,11 @@ impl Statistics {
 
     /// The number of hot pixels, and the hottest of them.
     fn hot_pixels(&self) -> (u64, Vec<HotPixel>) {
-        let mut counts: Vec<u64> = self.pixels.values().copied().collect();
-        let middle = counts.len() / 2;
-        if middle == 0 {
-            return (0, Vec::new());
-        }
-        let (_, &mut median, _) = counts.select_nth_unstable(middle);
-        let is_hot = |events: u64| events > HOT_FACTOR * median;
+        let limit = most_of_good(self.pixels.values().copied());
         let mut hot: Vec<HotPixel> = self
             .pixels
             .iter()
-            .filter(|&(_, &events)| is_hot(events))
+            .filter(|&(_, &events)| events > limit)
             .map(|(&(x, y), &events)| HotPixel { x, y, events })
             .collect();
         hot.sort_by_key(|pixel| (std::cmp::Reverse(pixel.events), pixel.y, pixel.x));
@@ -479,6 +471,22 @@ mod tests {
             assert!(text.contains(part), "{text}");
         }
         assert!(serde_json::to_string(&information).unwrap().contains("\"gap_count\":2"));
+    }
+
+    /// A pixel of a short recording was hot with eleven events, which the verdict of a calibration did not call so.
+    #[test]
+    fn few_events_make_no_pixel_hot() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.csv");
+        let lines = |count: usize| {
+            let calm = (0..100).map(|x| format!("{x},{x},9,1\n"));
+            "t_us,x,y,p\n".to_owned()
+                + &calm.chain((0..count).map(|t| format!("{},7,7,1\n", 100 + t))).collect::<String>()
+        };
+        for (count, hot) in [(50, 0), (51, 1)] {
+            std::fs::write(&path, lines(count)).unwrap();
+            assert_eq!(of(&path).hot_pixel_count, hot, "{count}");
+        }
     }
 
     #[test]

@@ -134,12 +134,12 @@ pub fn put(
     let wrong = |what: String| RecordingErrorKind::Event { event: index, what };
     let value = number.value();
     let pixel = |axis: &str| {
-        let what = || format!("its {axis}, {value}, is no whole pixel; raw events are needed, not undistorted ones");
+        let what = || format!("its {axis}, {value}, is not a whole pixel; raw events are needed, not undistorted ones");
         number.pixel().ok_or_else(|| wrong(what()))
     };
     match column {
         Column::T => {
-            let what = || format!("its time, {value}, is no time in {unit}; name the unit with --time-unit");
+            let what = || format!("its time, {value}, is not a time in {unit}; name the unit with --time-unit");
             event.t = number.microseconds(unit).ok_or_else(|| wrong(what()))?;
         }
         Column::X => event.x = pixel("x")?,
@@ -153,19 +153,25 @@ pub fn put(
     Ok(())
 }
 
-/// How many of `rows` stand before those at their end that nobody wrote, which are zeros. One row that `is_zero` may be meant; two at
-/// one time, which a pixel does not send, are not.
-pub fn written<R: ExactSizeIterator + DoubleEndedIterator>(rows: R, is_zero: impl Fn(R::Item) -> bool) -> usize {
+/// Whether a row of these values is one that nobody wrote: all are 0, or all -1.
+pub fn is_filling(mut values: impl Iterator<Item = Option<f64>>) -> bool {
+    let Some(first) = values.next() else { return false };
+    [Some(0.0), Some(-1.0)].contains(&first) && values.all(|value| value == first)
+}
+
+/// How many of `rows` stand before those at their end that nobody wrote. One row that `is_filling` may be meant; two at one time, which
+/// a pixel does not send, are not.
+pub fn written<R: ExactSizeIterator + DoubleEndedIterator>(rows: R, is_filling: impl Fn(R::Item) -> bool) -> usize {
     let count = rows.len();
-    match rows.rev().map(is_zero).take_while(|zero| *zero).count() {
+    match rows.rev().map(is_filling).take_while(|filling| *filling).count() {
         0 | 1 => count,
-        zeros => count - zeros,
+        filling => count - filling,
     }
 }
 
 /// Those of `rows` that were [`written`].
 pub fn written_cells(mut rows: Vec<Vec<Cell>>) -> Vec<Vec<Cell>> {
-    rows.truncate(written(rows.iter(), |row| row.iter().all(|cell| cell.value == Some(0.0))));
+    rows.truncate(written(rows.iter(), |row| is_filling(row.iter().map(|cell| cell.value))));
     rows
 }
 
@@ -208,9 +214,23 @@ mod tests {
     }
 
     #[test]
+    fn rows_that_nobody_wrote_are_known() {
+        for (row, filling) in [
+            (&[0.0, 0.0, 0.0, 0.0][..], true),
+            (&[-1.0; 4], true),
+            (&[0.0, -1.0, 0.0, 0.0], false),
+            (&[1.0; 4], false),
+            (&[f64::NAN; 4], false),
+            (&[], false),
+        ] {
+            assert_eq!(is_filling(row.iter().map(|value| Some(*value))), filling, "{row:?}");
+        }
+    }
+
+    #[test]
     fn what_is_no_event_is_told() {
         for (column, value, part) in [
-            (Column::T, f64::INFINITY, "no time"),
+            (Column::T, f64::INFINITY, "not a time"),
             (Column::X, 1.5, "its x, 1.5"),
             (Column::Y, f64::NAN, "its y, NaN"),
             (Column::P, 2.0, "polarity is 2"),

@@ -4,6 +4,8 @@
 //! |---|---|
 //! | structured array | events, by the names of its fields |
 //! | array of N × 4 or 4 × N numbers | events, by columns as in a text file |
+//! | npy of one number an event, or two of `xy`, with the other columns in files beside it | the same, by the names of the files |
+//! | folder of such npy files | the same, if one of them has times |
 //! | npz with arrays `t`, `x`, `y`, `p` of one length, or `t`, `xy`, `p` | events, by the names of the arrays |
 //!
 //! Names, units of time and what is guessed are those of text files.
@@ -28,7 +30,6 @@ use super::{
     Column, Columns, Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
     RecordingOptions, TimeUnit, Truncation, Uses, columns,
 };
-use archive::Place;
 use table::{Named, Part, Table};
 pub use write::OUTPUT;
 
@@ -38,6 +39,17 @@ pub const ARRAY_FORMAT: FileFormat = FileFormat {
     ..FileFormat::of_events("NumPy array", |head| head.bytes.starts_with(header::MAGIC), open_array)
 };
 
+/// A folder of npy files that hold a column each. It is told by what is in it, not by how it begins.
+pub const FOLDER_FORMAT: FileFormat = FileFormat {
+    uses: Uses { columns: true, ..Uses::NONE },
+    ..FileFormat::of_events("NumPy arrays", |_| false, open_folder)
+};
+
+/// Whether `path` is such a folder, of one recording.
+pub fn is_folder(path: &Path) -> bool {
+    table::times_in(path).is_some()
+}
+
 /// An npz file.
 pub const ARCHIVE_FORMAT: FileFormat = FileFormat {
     output: Some(&OUTPUT),
@@ -45,12 +57,20 @@ pub const ARCHIVE_FORMAT: FileFormat = FileFormat {
     ..FileFormat::of_events("NumPy archive", |head| head.bytes.starts_with(archive::MAGIC), open_archive)
 };
 
-/// Events of a batch.
+/// Events of a batch, at most.
 const BATCH: u64 = 16_384;
+/// Bytes of a batch, unless one record is longer: records may have 64 KiB.
+const BATCH_BYTES: u64 = 1 << 22;
 
 fn open_array(path: &Path, options: &RecordingOptions) -> Opened {
-    let table = table::of_array(path, Place::whole(path)?)?;
+    let table = table::of_array(path)?;
     open(ARRAY_FORMAT.name, path, table, None, Vec::new(), options)
+}
+
+fn open_folder(path: &Path, options: &RecordingOptions) -> Opened {
+    let nothing = || RecordingError::new(path, RecordingErrorKind::NoEventStream(String::new()));
+    let times = table::times_in(path).ok_or_else(nothing)?;
+    open(FOLDER_FORMAT.name, &times, table::of_array(&times)?, None, Vec::new(), options)
 }
 
 fn open_archive(path: &Path, options: &RecordingOptions) -> Opened {
@@ -74,7 +94,7 @@ fn likeliest(path: &Path, found: Vec<Named>, options: &RecordingOptions) -> Resu
         }
         first.get_or_insert(named);
     }
-    first.ok_or_else(|| RecordingError::new(path, RecordingErrorKind::NoEventStream("nothing else".to_owned())))
+    first.ok_or_else(|| RecordingError::new(path, RecordingErrorKind::NoEventStream(String::new())))
 }
 
 fn open(
@@ -134,7 +154,7 @@ fn layout(
 fn sample(path: &Path, table: &Table) -> Result<Vec<Vec<columns::Cell>>, RecordingError> {
     let all = vec![Column::Ignored; table.width()];
     let mut sources = sources(path, table, &all)?;
-    let wanted = table.count.min(columns::SAMPLE as u64);
+    let wanted = table.count.min(columns::SAMPLE as u64).min(rows_at_once(&sources));
     // Damage is for the pass that follows to report.
     sources.iter_mut().for_each(|source| drop(source.fill(wanted)));
     let count = sources.iter().map(Source::records).min().unwrap_or(0);
@@ -154,6 +174,12 @@ fn sample(path: &Path, table: &Table) -> Result<Vec<Vec<columns::Cell>>, Recordi
 fn sources(path: &Path, table: &Table, columns: &[Column]) -> Result<Vec<Source>, RecordingError> {
     let mut columns = columns.iter().copied();
     table.parts.iter().map(|part| Source::open(path, part, &mut columns)).collect()
+}
+
+/// How many rows of these parts are read at once.
+fn rows_at_once(sources: &[Source]) -> u64 {
+    let row: u64 = sources.iter().map(|source| source.record as u64).sum();
+    (BATCH_BYTES / row.max(1)).clamp(1, BATCH)
 }
 
 /// Numbers from one place of a file.
@@ -229,9 +255,16 @@ struct Decoder {
 }
 
 impl Decoder {
-    fn is_zero(&self, row: usize) -> bool {
-        let mut bytes = self.sources.iter().filter_map(|source| source.record(row)).flatten();
-        bytes.all(|byte| *byte == 0)
+    fn is_filling(&self, row: usize) -> bool {
+        let number = |record: &[u8], offset: usize, number: Option<NumberType>| {
+            Some(number?.read(record.get(offset..)?)?.value())
+        };
+        let values = self.sources.iter().flat_map(|source| {
+            let record = source.record(row).unwrap_or_default();
+            let read = source.fields.iter().filter(|(column, ..)| *column != Column::Ignored);
+            read.map(move |(_, offset, kind)| number(record, *offset, *kind))
+        });
+        numbers::is_filling(values)
     }
 
     fn event(&mut self, row: usize) -> Result<Event, RecordingErrorKind> {
@@ -256,13 +289,13 @@ impl Decode for Decoder {
     }
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
-        let count = self.left.min(BATCH);
+        let count = self.left.min(rows_at_once(&self.sources));
         let mut fault = None;
         for source in &mut self.sources {
             fault = fault.or(source.fill(count).err());
         }
         let rows = self.sources.iter().map(Source::records).min().unwrap_or(0);
-        let written = numbers::written(0..rows, |row| self.is_zero(row));
+        let written = numbers::written(0..rows, |row| self.is_filling(row));
         report.unwritten += (rows - written) as u64;
         for row in 0..written {
             let event = self.event(row).map_err(|kind| RecordingError::new(&self.path, kind))?;

@@ -9,13 +9,13 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, SyncSender};
 use std::thread;
 
-use evcal_core::event::{Event, Polarity};
 use usb_davis::capture::CaptureError;
 use usb_davis::dump::{DumpHeader, Identity};
 use usb_davis::emulator::{CapturePieces, Piece, default_registers};
-use usb_davis::protocol::{EncodeError, Encoder, Layout, Polarity as WirePolarity, PolarityEvent};
+use usb_davis::protocol::{EncodeError, Encoder, Layout};
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
+use crate::recording::davis::wire_event;
 use crate::recording::{OpenTransfers, Recording, RecordingError, RecordingOptions};
 use evcal_core::sensor::Sensor;
 
@@ -144,9 +144,9 @@ fn play_events(recording: &Recording, pieces: &SyncSender<Piece>) -> Result<(), 
     let (mut batch, mut number, mut start) = (Vec::new(), 0, None);
     let (mut bytes, mut began) = (Vec::new(), 0);
     while reader.next_batch(&mut batch)? {
-        for &Event { t, x, y, polarity } in &batch {
+        for event in &batch {
             // Readers hand out events in order of time.
-            let time = t.abs_diff(*start.get_or_insert(t));
+            let time = event.t.abs_diff(*start.get_or_insert(event.t));
             if bytes.len() >= PIECE_BYTES || (time - began >= PIECE_TIME && !bytes.is_empty()) {
                 let piece = Piece { time: encoder.time(), bytes: std::mem::take(&mut bytes) };
                 if pieces.send(piece).is_err() {
@@ -156,13 +156,8 @@ fn play_events(recording: &Recording, pieces: &SyncSender<Piece>) -> Result<(), 
             if bytes.is_empty() {
                 began = time;
             }
-            let polarity = match polarity {
-                Polarity::Off => WirePolarity::Off,
-                Polarity::On => WirePolarity::On,
-            };
-            let event = PolarityEvent { time, x, y, polarity };
             encoder
-                .event(&event, &mut bytes)
+                .event(&wire_event(event, time), &mut bytes)
                 .map_err(|error| PlaybackError::Event(recording.path().to_owned(), number, error))?;
             number += 1;
         }
@@ -174,8 +169,9 @@ fn play_events(recording: &Recording, pieces: &SyncSender<Piece>) -> Result<(), 
 
 #[cfg(test)]
 mod tests {
+    use evcal_core::event::{Event, Polarity};
     use usb_davis::dump::{Compression, DumpWriter, Transfer, TransferStatus};
-    use usb_davis::protocol::{Decoder, Message};
+    use usb_davis::protocol::{Decoder, Message, Polarity as WirePolarity};
 
     use super::*;
     use crate::recording::text;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
 
+use super::counted::counted;
 use super::{MAX_SENSOR_SIZE, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions};
 use evcal_core::sensor::Sensor;
 
@@ -102,41 +103,43 @@ impl ReadReport {
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         if self.steps_back > 0 {
-            let (count, largest) = (self.steps_back, self.largest_step_back);
-            warnings.push(format!(
-                "{count} events are up to {largest} µs earlier than one before them, and were given its time"
-            ));
+            let (events, largest) = (counted(self.steps_back, "event is", "events are"), self.largest_step_back);
+            warnings.push(format!("{events} up to {largest} µs earlier than one before, and got its time"));
         }
         if self.clock_resets > 0 {
-            let count = self.clock_resets;
+            let times = counted(self.clock_resets, "time", "times");
             warnings.push(format!(
-                "the clock of the recording was reset {count} times: times after that are shifted, to go on 1 s later"
+                "the clock of the recording was reset {times}: times after that are shifted, to go on 1 s later"
             ));
         }
         if self.strays > 0 {
-            warnings.push(format!(
-                "{} stray events, more than 0.1 s away from their neighbours, are left out",
-                self.strays
-            ));
+            let strays = counted(self.strays, "stray event is", "stray events are");
+            warnings.push(format!("{strays} left out: more than 0.1 s away from the events around"));
         }
         if self.out_of_range > 0 {
             let reason = if self.looks_exchanged() {
                 "; with x and y exchanged all events would lie in it".to_owned()
             } else if self.no_pixel > 0 {
-                format!("; {} of them have a column or row below 0 or beyond 32766", self.no_pixel)
+                let have = counted(self.no_pixel, "of them has", "of them have");
+                format!("; {have} a column or row below 0 or beyond 32766")
             } else {
                 String::new()
             };
-            warnings.push(format!("{} events lie outside the sensor and are left out{reason}", self.out_of_range));
+            let outside = counted(
+                self.out_of_range,
+                "event lies outside the sensor and is left out",
+                "events lie outside the sensor and are left out",
+            );
+            warnings.push(format!("{outside}{reason}"));
         }
         if self.unwritten > 0 {
-            warnings.push(format!(
-                "the file has room for {} more events that were never written: was the recording ended early?",
-                self.unwritten
-            ));
+            let events =
+                counted(self.unwritten, "more event that was never written", "more events that were never written");
+            warnings.push(format!("the file has room for {events}: was the recording ended early?"));
         }
         if self.damaged_packets > 0 {
-            warnings.push(format!("{} damaged packets are left out", self.damaged_packets));
+            let packets = counted(self.damaged_packets, "damaged packet is", "damaged packets are");
+            warnings.push(format!("{packets} left out"));
         }
         warnings.extend(self.stream.notes());
         warnings.extend(self.truncated.as_ref().map(Truncation::to_string));
@@ -185,12 +188,11 @@ impl StreamFaults {
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if self.gaps > 0 {
-            let places = if self.gaps == 1 { "place" } else { "places" };
-            notes.push(format!("bytes of the stream were lost in {} {places}", self.gaps));
+            notes.push(format!("bytes of the stream were lost in {}", counted(self.gaps, "place", "places")));
         }
         if self.repaired_gaps > 0 {
             notes.push(format!(
-                "in {} of them the camera's count of time was lost too, {:.3} s in all; the computer's clock told how much",
+                "in {} of them words that count the camera's time were lost too, {:.3} s in all; the computer's clock shows how much",
                 self.repaired_gaps,
                 self.restored_us as f64 / 1e6
             ));
@@ -204,22 +206,22 @@ impl StreamFaults {
             });
             let more = match self.repaired_times.len().saturating_sub(REPAIRS_NAMED) {
                 0 => String::new(),
-                more => format!(", and in {more} more places"),
+                more => format!(", and in {}", counted(more as u64, "more place", "more places")),
             };
-            notes.push(format!("times were put later for that: {}{more}", named.collect::<Vec<_>>().join(", ")));
+            let named = named.collect::<Vec<_>>().join(", ");
+            notes.push(format!("later times were moved to make up for it: {named}{more}"));
         }
         if self.taken_back_us > 0 {
             let taken_back = self.taken_back_us as f64 / 1e3;
-            notes.push(format!(
-                "{taken_back:.3} ms of that turned out to be too much, and were taken back at a later gap"
-            ));
+            notes.push(format!("{taken_back:.3} ms too much was added, and taken back at a later gap"));
         }
         if self.dropped > 0 {
-            let dropped = self.dropped;
-            notes.push(format!("the camera dropped {dropped} events because the computer read too slowly"));
+            let events = counted(self.dropped, "event", "events");
+            notes.push(format!("the camera dropped {events} because the computer read too slowly"));
         }
         if self.clock_resets > 0 {
-            notes.push(format!("the camera's clock was reset {} times; later times are shifted", self.clock_resets));
+            let times = counted(self.clock_resets, "time", "times");
+            notes.push(format!("the camera's clock was reset {times}; later times are shifted"));
         }
         notes.extend(self.faults.iter().map(|(what, count)| format!("in the camera's stream: {what} ({count})")));
         notes
@@ -396,7 +398,7 @@ impl EventReader {
     fn begin_or_admit(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         if !(-MAX_TIME..=MAX_TIME).contains(&event.t) {
             let what = format!(
-                "its time, {} µs, is none of a recording: it is damaged here, or the unit of its times is another one",
+                "its time, {} µs, cannot be right: the file is damaged here, or its times are in another unit",
                 event.t
             );
             return Err(RecordingErrorKind::Event { event: self.decoded, what });
@@ -614,6 +616,44 @@ mod tests {
             let (times, report, _) = times((0..first).chain(7_000_000..7_000_200).map(at).collect());
             assert_eq!((times.len() as i64, report.strays), (first + 200, 0));
         }
+    }
+
+    /// "1 stray events … are left out", "reset 1 times".
+    #[test]
+    fn what_was_met_once_is_told_in_the_singular() {
+        let stream = StreamFaults { gaps: 1, dropped: 1, clock_resets: 1, ..StreamFaults::default() };
+        let report = |count| ReadReport {
+            steps_back: count,
+            largest_step_back: 7,
+            clock_resets: count,
+            strays: count,
+            out_of_range: count,
+            no_pixel: count,
+            unwritten: count,
+            damaged_packets: count,
+            ..ReadReport::default()
+        };
+        let once = ReadReport { stream, ..report(1) };
+        assert_eq!(
+            once.warnings(),
+            [
+                "1 event is up to 7 µs earlier than one before, and got its time",
+                "the clock of the recording was reset 1 time: times after that are shifted, to go on 1 s later",
+                "1 stray event is left out: more than 0.1 s away from the events around",
+                "1 event lies outside the sensor and is left out; 1 of them has a column or row below 0 or beyond 32766",
+                "the file has room for 1 more event that was never written: was the recording ended early?",
+                "1 damaged packet is left out",
+                "bytes of the stream were lost in 1 place",
+                "the camera dropped 1 event because the computer read too slowly",
+                "the camera's clock was reset 1 time; later times are shifted",
+            ]
+        );
+        let twice = report(2).warnings();
+        assert_eq!(twice[2], "2 stray events are left out: more than 0.1 s away from the events around");
+        assert_eq!(
+            twice[3],
+            "2 events lie outside the sensor and are left out; 2 of them have a column or row below 0 or beyond 32766"
+        );
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! What the tests of every format do.
 
+use std::path::Path;
+
 use evcal_core::event::Event;
 use tempfile::TempDir;
 
@@ -30,8 +32,13 @@ pub fn read_with(content: &[u8], options: RecordingOptions) -> Outcome {
     let directory = short_lived();
     let path = directory.path().join("recording");
     std::fs::write(&path, content).unwrap();
+    read_file(&path, options)
+}
+
+/// Reads the file at `path`, and what it holds beside events.
+pub fn read_file(path: &Path, options: RecordingOptions) -> Outcome {
     let mut outcome = Outcome { events: Vec::new(), information: None, report: ReadReport::default(), error: None };
-    let opened = Recording::new(&path, options).and_then(|recording| Ok((recording.open()?, recording)));
+    let opened = Recording::new(path, options).and_then(|recording| Ok((recording.open()?, recording)));
     let (mut reader, recording) = match opened {
         Ok(opened) => opened,
         Err(error) => return Outcome { error: Some(error.to_string()), ..outcome },

@@ -29,7 +29,7 @@ use super::columns::LayoutError;
 use super::encode::{Encode, OutputFormat, WriteError};
 use super::{
     Column, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, Truncation, Uses,
+    RecordingOptions, TimeUnit, Truncation, Uses,
 };
 
 /// Text or CSV.
@@ -60,8 +60,8 @@ fn recognise(head: &Head) -> bool {
 const BATCH: usize = 32_768;
 /// No line with an event is longer.
 const MAX_LINE: u64 = 4096;
-/// More fields than this are not looked at.
-const MAX_FIELDS: usize = 16;
+/// Stands in front of the text where an editor of Windows wrote it.
+const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 
 struct Decoder {
     path: PathBuf,
@@ -94,7 +94,12 @@ impl Decoder {
         let io = |error| RecordingError::io(path, error);
         let file = File::open(path).map_err(io)?;
         let length = file.metadata().map_err(io)?.len();
-        let file = BufReader::with_capacity(1 << 18, file);
+        let mut file = BufReader::with_capacity(1 << 18, file);
+        let mut byte = 0;
+        while file.fill_buf().map_err(io)?.starts_with(BYTE_ORDER_MARK) {
+            file.consume(BYTE_ORDER_MARK.len());
+            byte += BYTE_ORDER_MARK.len() as u64;
+        }
         let information = RecordingInformation {
             format: FORMAT.name,
             sensor: layout.sensor,
@@ -104,7 +109,7 @@ impl Decoder {
         };
         let path = path.to_owned();
         let line = Vec::new();
-        Ok(Box::new(Self { path, file, layout, information, line, number: 0, byte: 0, length, last_field: 0 }))
+        Ok(Box::new(Self { path, file, layout, information, line, number: 0, byte, length, last_field: 0 }))
     }
 
     /// The event of the next line, if that is in the buffer as a whole and plain.
@@ -137,14 +142,12 @@ impl Decoder {
         if self.number <= self.layout.first_line {
             return Ok(Line::Nothing);
         }
-        let mut fields = [&[][..]; MAX_FIELDS];
         let line = self.line.trim_ascii();
         if is_comment(line) {
             return Ok(Line::Nothing);
         }
-        let count = split(line, &mut fields);
-        let last_field = fields.get(count.saturating_sub(1)).map_or(0, |field| field.len());
-        let event = event(&fields, count, &self.layout);
+        let last_field = line.iter().rev().take_while(|byte| !is_separator(byte)).count();
+        let event = event(line, &self.layout);
         // Without its end, a line may have lost digits of its last field; that of a polarity has none to lose.
         let ends_in_polarity = self.layout.columns.as_slice().last() == Some(&Column::P);
         let shorter = !ends_in_polarity && last_field < self.last_field;
@@ -195,61 +198,73 @@ fn is_comment(line: &[u8]) -> bool {
     matches!(line.first(), None | Some(b'#' | b'%'))
 }
 
-/// Puts the fields of `line` into `fields` and returns how many there are, also those that do not fit.
-/// Spaces and tabs separate; so does one comma or semicolon, with or without spaces around it.
-fn split<'a>(line: &'a [u8], fields: &mut [&'a [u8]]) -> usize {
-    let is_space = |byte: &u8| matches!(byte, b' ' | b'\t');
-    let is_separator = |byte: &u8| matches!(byte, b' ' | b'\t' | b',' | b';');
-    let mut rest = line.trim_ascii();
-    let mut count = 0;
-    while !rest.is_empty() {
-        let end = rest.iter().position(is_separator).unwrap_or(rest.len());
-        let (field, after) = rest.split_at(end);
-        if let Some(slot) = fields.get_mut(count) {
-            *slot = field;
-        }
-        count += 1;
-        let spaces = after.iter().take_while(|byte| is_space(byte)).count();
-        rest = after.get(spaces..).unwrap_or_default();
-        if let Some((b',' | b';', after)) = rest.split_first() {
-            rest = after.trim_ascii_start();
-            if rest.is_empty() {
-                // A separator at the end of the line: one more, empty field.
-                if let Some(slot) = fields.get_mut(count) {
-                    *slot = rest;
-                }
-                count += 1;
-            }
-        }
-    }
-    count
+fn is_separator(byte: &u8) -> bool {
+    matches!(byte, b' ' | b'\t' | b',' | b';')
 }
 
-/// The event of a line with these fields.
-fn event(fields: &[&[u8]], count: usize, layout: &Layout) -> Result<Event, LineError> {
+/// The fields of a line from left to right. Spaces and tabs separate; so does one comma or semicolon, with or without spaces
+/// around it.
+struct Fields<'a> {
+    /// What follows the fields that were handed out; `None` behind the last one.
+    rest: Option<&'a [u8]>,
+}
+
+impl<'a> Fields<'a> {
+    fn of(line: &'a [u8]) -> Self {
+        let line = line.trim_ascii();
+        Self { rest: (!line.is_empty()).then_some(line) }
+    }
+}
+
+impl<'a> Iterator for Fields<'a> {
+    type Item = &'a [u8];
+
+    fn next(&mut self) -> Option<&'a [u8]> {
+        let rest = self.rest?;
+        let (field, after) = rest.split_at(rest.iter().position(is_separator).unwrap_or(rest.len()));
+        let spaces = after.iter().take_while(|byte| matches!(byte, b' ' | b'\t')).count();
+        let after = after.get(spaces..).unwrap_or_default();
+        self.rest = match after.split_first() {
+            // Behind a separator at the end of the line there is one more, empty field.
+            Some((b',' | b';', after)) => Some(after.trim_ascii_start()),
+            Some(_) => Some(after),
+            None => None,
+        };
+        Some(field)
+    }
+}
+
+/// The event of a line.
+fn event(line: &[u8], layout: &Layout) -> Result<Event, LineError> {
     let columns = layout.columns.as_slice();
+    let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
+    let (mut count, mut wrong) = (0, None);
+    for field in Fields::of(line) {
+        if let (Some(column), None) = (columns.get(count), &wrong) {
+            wrong = put(&mut event, *column, field, layout.time_unit).err();
+        }
+        count += 1;
+    }
     if count != columns.len() {
         return Err(LineError::FieldCount { count, columns: layout.columns.clone() });
     }
-    let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
-    for (column, field) in columns.iter().zip(fields) {
-        let shown = || String::from_utf8_lossy(field).into_owned();
-        match column {
-            Column::T => {
-                event.t = number::microseconds(field, layout.time_unit)
-                    .ok_or_else(|| LineError::Time { field: shown(), unit: layout.time_unit })?;
-            }
-            Column::X => {
-                event.x = number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis: "x" })?;
-            }
-            Column::Y => {
-                event.y = number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis: "y" })?;
-            }
-            Column::P => event.polarity = number::polarity(field).ok_or_else(|| LineError::Polarity(shown()))?,
-            Column::Ignored => {}
+    wrong.map_or(Ok(event), Err)
+}
+
+/// Puts the field of a column into its place in `event`.
+fn put(event: &mut Event, column: Column, field: &[u8], unit: TimeUnit) -> Result<(), LineError> {
+    let shown = || String::from_utf8_lossy(field).into_owned();
+    let pixel = |axis| number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis });
+    match column {
+        Column::T => {
+            event.t = number::microseconds(field, unit).ok_or_else(|| LineError::Time { field: shown(), unit })?;
         }
+        Column::X => event.x = pixel("x")?,
+        Column::Y => event.y = pixel("y")?,
+        Column::P => event.polarity = number::polarity(field).ok_or_else(|| LineError::Polarity(shown()))?,
+        Column::Ignored => {}
     }
-    Ok(event)
+    Ok(())
 }
 
 /// Writes a line of names and one line `t x y p` per event, times in microseconds.
@@ -285,7 +300,7 @@ impl<W: Write> Encode for Encoder<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::{Recording, TimeUnit};
+    use crate::recording::Recording;
 
     fn read(
         text: &[u8],
@@ -362,6 +377,46 @@ mod tests {
         assert_eq!(information.notes, [""; 0]);
     }
 
+    /// Fields beyond the sixteenth were counted but not kept: every event was one of time 0 at pixel (0, 0).
+    #[test]
+    fn columns_far_to_the_right_are_read() {
+        let others = |field: &str| [field; 16].join(",");
+        let expected = [event(3811, 96, 133, Polarity::On), event(3820, 5, 7, Polarity::Off)];
+        let lines = format!("{0},3811,96,133,1\n{0},3820,5,7,0\n", others("0.5"));
+        assert_eq!(default(&format!("{},t_us,x,y,p\n{lines}", others("gain"))).0, expected);
+        let columns = format!("{},t,x,y,p", others("-"));
+        let options = RecordingOptions {
+            columns: Some(columns.parse().unwrap()),
+            time_unit: Some(TimeUnit::Microseconds),
+            ..RecordingOptions::default()
+        };
+        assert_eq!(read(lines.as_bytes(), options).unwrap().0, expected);
+        assert!(failure(&lines).contains("it has 20 fields in a row"));
+    }
+
+    /// The first event was taken for names, for an empty field is no number.
+    #[test]
+    fn empty_fields_do_not_make_a_first_event_names() {
+        let expected = [event(1, 5, 7, Polarity::On), event(2, 6, 8, Polarity::Off)];
+        for (lines, columns) in [
+            ("1,5,7,1,\n2,6,8,0,\n", "t,x,y,p,-"),
+            ("1,,5,7,1\n2,,6,8,0\n", "t,-,x,y,p"),
+            (",0,1,2,3\n0,1,5,7,1\n1,2,6,8,0\n", "-,t,x,y,p"),
+        ] {
+            let options = RecordingOptions { columns: Some(columns.parse().unwrap()), ..RecordingOptions::default() };
+            assert_eq!(read(lines.as_bytes(), options).unwrap().0, expected, "{lines}");
+        }
+        assert!(failure("1,5,7,1,\n2,6,8,0,\n").contains("it has 5 fields in a row"));
+    }
+
+    /// The first line was read with the mark, which is no part of a time.
+    #[test]
+    fn a_byte_order_mark_is_left_out_without_names_too() {
+        let (events, _, report) = default("\u{feff}0.001 5 6 1\n0.002 7 8 0\n0.0");
+        assert_eq!(events, [event(1000, 5, 6, Polarity::On), event(2000, 7, 8, Polarity::Off)]);
+        assert_eq!(report.truncated.unwrap().byte, 27);
+    }
+
     #[test]
     fn the_size_of_the_sensor_is_read() {
         for text in ["346 260\n1 2 3 1\n", "# sensor 346 x 260\nt_us,x,y,p\n1,2,3,1\n"] {
@@ -385,7 +440,7 @@ mod tests {
             ("5 1 2 1 1", "5 fields"),
             ("5,,1,2,1", "5 fields"),
             ("5,1,2,", "\"\""),
-            ("zzz", "1 fields"),
+            ("zzz", "1 field, not 4"),
         ] {
             let message = failure(&format!("1 1 2 1\n2 1 2 0\n{line}\n9 1 2 1\n"));
             assert!(message.contains("line 3") && message.contains(part), "{line}: {message}");

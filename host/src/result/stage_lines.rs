@@ -6,6 +6,7 @@ use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
 use crate::picture_calibration::joint::JointReport;
+use crate::recording::counted::counted;
 use crate::solve::refinement::RoundReport;
 use crate::trust::witness::{Comparison, WitnessOutcome};
 
@@ -74,8 +75,8 @@ fn event_lines(events: &EventCalibration) -> Vec<StageLine> {
     lines.extend(events.choice.as_ref().map(|choice| choice_line(events, choice)));
     lines.push(initial_line(&events.initial.report));
     let segments = &events.segments;
-    let plural = if segments.segments == 1 { "" } else { "s" };
-    let kept = format!("frames in {} segment{plural} of {:.3} s", segments.segments, segments.duration);
+    let parts = counted(segments.segments as u64, "segment", "segments");
+    let kept = format!("frames in {parts} of {:.3} s", segments.duration);
     let taken = Amount::new(segments.frames_in as u64, "frames");
     lines.push(StageLine::new("Trajectory segments", taken, Amount::new(segments.frames_out as u64, kept)).dropping([
         (segments.too_few_frames as u64, "groups of too few frames".to_owned()),

@@ -99,10 +99,14 @@ pub enum Cause {
     HotPixels,
     /// Columns of the sensor send nothing.
     DeadColumns,
+    /// Events repeat others.
+    RepeatedEvents,
     /// The lens is out of focus, or dirty.
     Defocused,
     /// The camera's own frames give another camera.
     FramesDisagree,
+    /// A recording is of another camera than the rest.
+    OtherCamera,
 }
 
 /// Something that speaks for caution.

@@ -28,7 +28,7 @@ pub enum TargetError {
     )]
     RimUnseen,
     /// The calibrated camera is none that can be inverted.
-    #[error("this calibration leaves no camera without distortion: fx or fy is not positive")]
+    #[error("no undistorted camera can be made from this calibration: fx or fy is not positive")]
     Impossible,
 }
 

@@ -204,7 +204,13 @@ impl<R: Read> PacketReader<R> {
             let kind = Fields { bytes: &kind, big_endian }.u32(0);
             let Some(length) = self.head::<4>()? else { return Ok(None) };
             let length = Fields { bytes: &length, big_endian }.u32(0);
-            if length < 12 || !length.is_multiple_of(4) {
+            // What stands around the bytes of a packet.
+            let least = match kind {
+                3 => 16,
+                6 => 32,
+                _ => 12,
+            };
+            if length < least || !length.is_multiple_of(4) {
                 return Err(CaptureError::Damaged(format!("a block of {length} bytes")));
             }
             if !self.take(length - 8)? {

@@ -6,8 +6,14 @@ use super::record::{HEAD, Head, Kind, MARKER, Transfer, checksum};
 use super::{DumpError, DumpHeader, Growth, INDEX_MAGIC, LENGTH_MOST, MAGIC};
 use crate::registers::Register;
 
-/// Bytes looked at in one go when searching for a record.
-const SEARCH: usize = 1 << 16;
+/// Bytes looked at in one go when searching for a record: few at first, for there may be a good record behind each byte.
+const SEARCH: [usize; 2] = [1 << 10, 1 << 16];
+/// Bytes that may be read in vain because a head belongs to no good record: so many, and this many times the place in the file. A file
+/// may be full of heads that each claim the longest record, and to read them all would never end.
+const IN_VAIN: u64 = 4 * LENGTH_MOST as u64;
+const IN_VAIN_FACTOR: u64 = 4;
+/// What a short record counts for: a seek.
+const LEAST_IN_VAIN: u32 = 4096;
 
 /// A record of a dump.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,6 +56,8 @@ pub struct DumpReader<R> {
     contents: Vec<u8>,
     damage: Damage,
     gap: bool,
+    /// Bytes read of records that were not good.
+    in_vain: u64,
     /// While it is being written.
     growth: Option<Growth>,
 }
@@ -89,6 +97,7 @@ impl<R: Read + Seek> DumpReader<R> {
             contents: Vec::new(),
             damage: Damage::default(),
             gap: false,
+            in_vain: 0,
             growth: None,
         })
     }
@@ -160,12 +169,14 @@ impl<R: Read + Seek> DumpReader<R> {
     /// Goes to a transfer at or shortly before `host_ns`. Decoding from there needs a decoder that
     /// begins anew: the time of the first events is unknown up to the next timestamp reset.
     pub fn seek(&mut self, host_ns: u64) -> Result<(), DumpError> {
+        self.in_vain = 0;
         let target = match self.index()? {
             Some(index) => index.iter().rev().find(|&&(_, at)| at <= host_ns).map(|&(offset, _)| offset),
             None => self.scan_for(host_ns)?,
         };
         self.offset = target.unwrap_or(self.start);
         self.gap = self.offset != self.start;
+        self.in_vain = 0;
         Ok(())
     }
 
@@ -255,9 +266,9 @@ impl<R: Read + Seek> DumpReader<R> {
 
     /// Reads bytes at `offset` until `buffer` is full or the file ends.
     fn read_bytes(&mut self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
-        if self.position != offset {
-            self.position = self.input.seek(SeekFrom::Start(offset))?;
-        }
+        // Buffers keep what they hold of a place nearby.
+        self.input.seek_relative(offset.wrapping_sub(self.position).cast_signed())?;
+        self.position = offset;
         let got = fill(&mut self.input, buffer)?;
         self.position += got as u64;
         Ok(got)
@@ -269,48 +280,67 @@ impl<R: Read + Seek> DumpReader<R> {
         if self.read_bytes(offset, &mut bytes)? < HEAD {
             return Ok(None);
         }
-        let Some((head, claimed)) = Head::parse(&bytes) else { return Ok(None) };
-        if offset + HEAD as u64 + u64::from(head.stored) > self.length {
+        let Some((head, claimed)) = Head::parse(&bytes).filter(|(head, _)| self.may_be_at(offset, head)) else {
             return Ok(None);
+        };
+        let [covered @ .., _, _, _, _] = bytes;
+        let good = self.read_contents(&head, |stored| checksum(&covered, stored) == claimed)?;
+        if !good {
+            self.in_vain += in_vain(&head);
         }
+        Ok(good.then_some(head))
+    }
+
+    /// Whether the record of this head fits into the file and may be read, even in vain.
+    fn may_be_at(&self, offset: u64, head: &Head) -> bool {
+        let most = offset.saturating_mul(IN_VAIN_FACTOR).saturating_add(IN_VAIN);
+        offset + HEAD as u64 + u64::from(head.stored) <= self.length && self.in_vain + in_vain(head) <= most
+    }
+
+    /// Reads what follows `head`; false if it is not good.
+    fn read_contents(&mut self, head: &Head, is_whole: impl Fn(&[u8]) -> bool) -> io::Result<bool> {
         self.stored.resize(head.stored as usize, 0);
         let got = fill(&mut self.input, &mut self.stored)?;
         self.position += got as u64;
-        if got < self.stored.len() {
-            return Ok(None);
-        }
-        let [covered @ .., _, _, _, _] = bytes;
-        if checksum(&covered, &self.stored) != claimed {
-            return Ok(None);
+        if got < self.stored.len() || !is_whole(&self.stored) {
+            return Ok(false);
         }
         if head.compressed {
             match zstd::bulk::decompress(&self.stored, head.length as usize) {
                 Ok(contents) if contents.len() == head.length as usize => self.contents = contents,
-                _ => return Ok(None),
+                _ => return Ok(false),
             }
         } else {
             std::mem::swap(&mut self.stored, &mut self.contents);
         }
-        Ok(Some(head))
+        Ok(true)
     }
 
     /// Offset of the first good record at or behind `from`.
     fn find_record(&mut self, mut from: u64) -> Result<Option<u64>, DumpError> {
-        let mut window = vec![0; SEARCH];
+        let [mut size, most] = SEARCH;
+        let mut window = Vec::new();
         while from + HEAD as u64 <= self.length {
+            window.resize(size, 0);
+            size = (2 * size).min(most);
             let got = self.read_bytes(from, &mut window)?;
             let bytes = window.get(..got).unwrap_or(&[]);
-            let candidates: Vec<u64> =
-                bytes.windows(MARKER.len()).zip(from..).filter(|(at, _)| at == MARKER).map(|(_, at)| at).collect();
-            for candidate in candidates {
-                if self.read_at(candidate)?.is_some() {
-                    return Ok(Some(candidate));
+            let heads = bytes.windows(HEAD).zip(from..).filter(|(at, _)| at.starts_with(MARKER));
+            let candidates = heads.filter_map(|(at, offset)| Some((offset, Head::parse(at.first_chunk()?)?.0)));
+            for (offset, head) in candidates {
+                if self.may_be_at(offset, &head) && self.read_at(offset)?.is_some() {
+                    return Ok(Some(offset));
                 }
             }
-            from += (got.max(MARKER.len()) - MARKER.len() + 1) as u64;
+            from += (got.max(HEAD) - HEAD + 1) as u64;
         }
         Ok(None)
     }
+}
+
+/// What it costs to find that the record of this head is not good.
+fn in_vain(head: &Head) -> u64 {
+    head.stored.max(head.length).max(LEAST_IN_VAIN).into()
 }
 
 /// Reads until `buffer` is full or the input ends; returns how much was read.

@@ -87,8 +87,8 @@ fn u32_at<const AT: usize>(bytes: &[u8; HEAD]) -> u32 {
 impl Head {
     /// The head and the checksum that it claims; `None` if these bytes are no head.
     pub(super) fn parse(bytes: &[u8; HEAD]) -> Option<(Self, u32)> {
-        let [m0, m1, m2, m3, kind, flags, status, _, ..] = *bytes;
-        if [m0, m1, m2, m3] != *MARKER {
+        let [m0, m1, m2, m3, kind, flags, status, zero, ..] = *bytes;
+        if [m0, m1, m2, m3] != *MARKER || flags > 3 || zero != 0 {
             return None;
         }
         let kind = match kind {
@@ -106,7 +106,8 @@ impl Head {
             stored: u32_at::<16>(bytes),
             length: u32_at::<20>(bytes),
         };
-        (head.stored <= LENGTH_MOST && head.length <= LENGTH_MOST).then_some((head, u32_at::<24>(bytes)))
+        let fits = head.stored <= LENGTH_MOST && head.length <= LENGTH_MOST;
+        (fits && (head.compressed || head.stored == head.length)).then_some((head, u32_at::<24>(bytes)))
     }
 
     /// Head and stored bytes as one record, appended to `out`.

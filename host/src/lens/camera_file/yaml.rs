@@ -3,14 +3,13 @@
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
-use yaml_rust2::{Yaml, YamlLoader};
+use yaml_rust2::Yaml;
 
 use super::{CameraDescription, CameraFile, tree};
+use crate::yaml::{self, LoadError};
 
 /// Bytes of the largest file that is read.
 const LARGEST: usize = 1 << 16;
-/// Levels of lists in each other, and columns before the first word of a line.
-const DEEPEST: usize = 64;
 
 /// Why a YAML file is no camera.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -47,11 +46,11 @@ pub enum YamlError {
 pub fn parse(text: &str) -> Result<CameraFile, YamlError> {
     // OpenCV's `%YAML:1.0` is no directive of YAML.
     let body: String = text.lines().filter(|line| !line.starts_with("%YAML")).flat_map(|line| [line, "\n"]).collect();
-    // No camera has more; and what refers to itself many times over would fill the memory.
-    if body.len() > LARGEST || body.lines().any(|line| !line.starts_with('#') && line.contains('&')) || nests(&body) {
-        return Err(YamlError::NoCamera);
-    }
-    let documents = YamlLoader::load_from_str(&body).map_err(|error| YamlError::NoYaml(error.to_string()))?;
+    let documents = yaml::load(&body, LARGEST).map_err(|error| match error {
+        LoadError::Syntax(error) => YamlError::NoYaml(error),
+        // No camera has more, is deeper or repeats itself.
+        _ => YamlError::NoCamera,
+    })?;
     camera_of(documents.first().ok_or(YamlError::NoCamera)?)
 }
 
@@ -94,21 +93,6 @@ fn camera_of(document: &Yaml) -> Result<CameraFile, YamlError> {
     let camera = nodes.into_iter().find(|node| !node["camera_matrix"].is_badvalue()).ok_or(YamlError::NoCamera)?;
     let is_fisheye = document["use_fisheye_model"].as_i64() == Some(1);
     matrix_camera(camera, if is_fisheye { "fisheye" } else { "radtan" })
-}
-
-/// Whether lists are nested deeper than any camera needs: the reader's stack is as deep.
-fn nests(body: &str) -> bool {
-    let indent = |line: &str| line.chars().take_while(|letter| " \t-?:".contains(*letter)).count();
-    let mut depth = 0_usize;
-    let opens = body.chars().any(|letter| {
-        match letter {
-            '[' | '{' => depth += 1,
-            ']' | '}' => depth = depth.saturating_sub(1),
-            _ => {}
-        }
-        depth > DEEPEST
-    });
-    opens || body.lines().any(|line| indent(line) > DEEPEST)
 }
 
 /// As OpenCV and ROS write it.

@@ -30,22 +30,54 @@ const DEGREES_PER_SECOND_PER_UNIT: f32 = 1.0 / 65.5;
 const DEGREES_PER_UNIT: f32 = 1.0 / 340.0;
 const ZERO_DEGREES: f32 = 35.0;
 
-/// Levels of the pixels of a frame, and when they were read.
+/// Levels of one kind of the pixels of a frame.
 struct Levels {
-    sensor: Sensor,
-    /// After the reset and after the exposure, row by row.
-    reset: Vec<Option<u16>>,
-    exposed: Vec<Option<u16>>,
-    /// Pixels that have the latter.
-    count: usize,
-    resets: Option<(i64, i64)>,
-    exposures: Option<(i64, i64)>,
+    /// Row by row.
+    levels: Vec<Option<u16>>,
+    /// The pixels that have one. Frames may be of few pixels, and there may be very many such frames: none looks at the whole sensor.
+    places: Vec<usize>,
+    /// When the first and the last were read.
+    times: Option<(i64, i64)>,
 }
 
 impl Levels {
     fn new(sensor: Sensor) -> Self {
-        let none = vec![None; sensor.pixel_count()];
-        Self { sensor, reset: none.clone(), exposed: none, count: 0, resets: None, exposures: None }
+        Self { levels: vec![None; sensor.pixel_count()], places: Vec::new(), times: None }
+    }
+
+    fn get(&self, place: usize) -> Option<u16> {
+        self.levels.get(place).copied().flatten()
+    }
+
+    fn set(&mut self, place: usize, level: u16, t: i64) {
+        self.times = Some((self.times.map_or(t, |times| times.0), t));
+        if let Some(known) = self.levels.get_mut(place)
+            && known.replace(level).is_none()
+        {
+            self.places.push(place);
+        }
+    }
+
+    fn clear(&mut self) {
+        for place in self.places.drain(..) {
+            if let Some(level) = self.levels.get_mut(place) {
+                *level = None;
+            }
+        }
+        self.times = None;
+    }
+}
+
+/// A frame that grows level by level.
+struct Growing {
+    sensor: Sensor,
+    reset: Levels,
+    exposed: Levels,
+}
+
+impl Growing {
+    fn new(sensor: Sensor) -> Self {
+        Self { sensor, reset: Levels::new(sensor), exposed: Levels::new(sensor) }
     }
 
     /// Takes a level; the frame before it if it is the first of another one, and the frame that it makes complete.
@@ -53,27 +85,18 @@ impl Levels {
         let (width, height) = (usize::from(self.sensor.width), usize::from(self.sensor.height));
         let (column, row) = ((word >> 12 & 0x3ff) as usize, (word >> 22 & 0x1ff) as usize);
         let Some(row) = height.checked_sub(1 + row).filter(|_| column < width) else { return [None, None] };
-        let (index, level) = (row * width + column, (word & 0x3ff) as u16);
-        let grow = |span: Option<(i64, i64)>| Some((span.map_or(t, |span| span.0), t));
+        let (place, level) = (row * width + column, (word & 0x3ff) as u16);
         match word >> 10 & 3 {
             0 => {
                 // Where the shutter rolls, rows are reset while others are read.
-                let again = self.reset.get(index).is_some_and(Option::is_some);
-                let before = if again && self.exposures.is_some() { self.take() } else { None };
-                self.resets = grow(self.resets);
-                if let Some(place) = self.reset.get_mut(index) {
-                    *place = Some(level);
-                }
+                let again = self.reset.get(place).is_some() && self.exposed.times.is_some();
+                let before = if again { self.take() } else { None };
+                self.reset.set(place, level, t);
                 [before, None]
             }
             1 => {
-                self.exposures = grow(self.exposures);
-                if let Some(place) = self.exposed.get_mut(index)
-                    && place.replace(level).is_none()
-                {
-                    self.count += 1;
-                }
-                let complete = if self.count == width * height { self.take() } else { None };
+                self.exposed.set(place, level, t);
+                let complete = if self.exposed.places.len() == width * height { self.take() } else { None };
                 [None, complete]
             }
             // A third level, which no camera sends any more.
@@ -83,19 +106,26 @@ impl Levels {
 
     /// The frame of the levels so far, if they fill a rectangle; then another begins.
     fn take(&mut self) -> Option<Frame> {
-        let levels = std::mem::replace(self, Self::new(self.sensor));
-        let (reset, exposed) = (levels.resets?, levels.exposures?);
+        let frame = self.frame();
+        self.reset.clear();
+        self.exposed.clear();
+        frame
+    }
+
+    fn frame(&self) -> Option<Frame> {
+        let (reset, exposed) = (self.reset.times?, self.exposed.times?);
         let width = usize::from(self.sensor.width).max(1);
-        let places = || levels.exposed.iter().enumerate().filter(|(_, level)| level.is_some()).map(|(index, _)| index);
-        let (left, right) = (places().map(|index| index % width).min()?, places().map(|index| index % width).max()?);
-        let (top, bottom) = (places().min()? / width, places().max()? / width);
-        let value = |index: usize| {
-            let fallen = (*levels.reset.get(index)?)?.saturating_sub((*levels.exposed.get(index)?)?);
+        let columns = || self.exposed.places.iter().map(|place| place % width);
+        let rows = || self.exposed.places.iter().map(|place| place / width);
+        let (left, right) = (columns().min()?, columns().max()?);
+        let (top, bottom) = (rows().min()?, rows().max()?);
+        let value = |place: usize| {
+            let fallen = self.reset.get(place)?.saturating_sub(self.exposed.get(place)?);
             // The upper 8 of 10 bits.
             Some((fallen >> 2) as u8)
         };
-        let rows = (top..=bottom).flat_map(|row| (left..=right).map(move |column| row * width + column));
-        let pixels = rows.map(value).collect::<Option<Vec<u8>>>()?;
+        let places = (top..=bottom).flat_map(|row| (left..=right).map(move |column| row * width + column));
+        let pixels = places.map(value).collect::<Option<Vec<u8>>>()?;
         // Where the shutter rolls, resets go on while the first rows are read, and no exposure is that of all rows.
         let exposure = (reset.1 <= exposed.0).then_some((reset.1, exposed.0));
         let (begin, end) = exposure.unwrap_or((reset.0, exposed.1));
@@ -146,7 +176,7 @@ impl Sample {
 struct Words {
     file: ByteReader,
     clock: Clock,
-    levels: Levels,
+    frame: Growing,
     sample: Sample,
     block: Vec<u8>,
     /// Frames and samples that are complete, in their order.
@@ -162,7 +192,7 @@ impl Words {
         Ok(Some(Self {
             file: start.file,
             clock: start.clock,
-            levels: Levels::new(sensor),
+            frame: Growing::new(sensor),
             sample: Sample::default(),
             block: Vec::new(),
             waiting: std::collections::VecDeque::new(),
@@ -179,11 +209,11 @@ impl Words {
                 if is_sample(word) {
                     self.waiting.extend(self.sample.push(word, t).map(Extra::Inertial));
                 } else if is_level(word) {
-                    self.waiting.extend(self.levels.push(word, t).into_iter().flatten().map(Extra::Frame));
+                    self.waiting.extend(self.frame.push(word, t).into_iter().flatten().map(Extra::Frame));
                 }
             }
             if self.ended {
-                self.waiting.extend(self.levels.take().map(Extra::Frame));
+                self.waiting.extend(self.frame.take().map(Extra::Frame));
             }
         }
         Ok(self.waiting.pop_front())
@@ -374,6 +404,24 @@ mod tests {
         let mut times = Vec::new();
         assert_eq!(visit_frames(&recording, |image| times.push(image.exposure)).unwrap(), None);
         assert_eq!(times, [(5005, 6000)]);
+    }
+
+    /// Each frame looked at all pixels of the sensor, and took memory for them anew.
+    #[test]
+    fn frames_of_one_pixel_take_no_more_than_that() {
+        let mut frame = Growing::new(SENSOR);
+        let memory = (frame.reset.levels.as_ptr(), frame.exposed.levels.as_ptr());
+        let pair = |index: u32| [level(10, 7, RESET, 40 + 4 * (index % 200)), level(10, 7, EXPOSED, 40)];
+        let words = (0..100_000).flat_map(pair).zip(0..);
+        let frames: Vec<Frame> = words.flat_map(|(word, t)| frame.push(word, t)).flatten().collect();
+        // The last one may still grow.
+        assert_eq!(frames.len(), 99_999);
+        for (frame, index) in frames.iter().zip(0..) {
+            assert_eq!((frame.size, frame.position, frame.pixels[0]), ((1, 1), (10, 7), (index % 200) as u8));
+            assert_eq!(frame.exposure, Some((2 * index, 2 * index + 1)));
+        }
+        assert_eq!(memory, (frame.reset.levels.as_ptr(), frame.exposed.levels.as_ptr()));
+        assert_eq!((frame.reset.places.len(), frame.exposed.places.len()), (1, 1));
     }
 
     #[test]

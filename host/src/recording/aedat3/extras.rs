@@ -5,7 +5,6 @@
 //! | 2, frames | u32 (bit 0 valid, 1–3 channels), i32 times in µs: start and end of the frame, start and end of the exposure; i32 width, height, column, row; u16 values, red before blue |
 //! | 3, inertial samples | u32 (bit 0 valid), i32 time in µs; f32 accelerations x, y, z in g, rates x, y, z in °/s, °C |
 
-use std::collections::VecDeque;
 use std::path::Path;
 
 use super::packets::{Header, PacketHead, header, name, next_head, sensor, time};
@@ -20,6 +19,8 @@ const SAMPLES: i16 = 3;
 /// Bytes of a frame before its pixels.
 const FRAME_HEAD: usize = 36;
 const SAMPLE: usize = 36;
+/// A frame or sample that is said to be larger (64 MiB) is damaged.
+const LARGEST: u64 = 1 << 26;
 
 /// The packets of one camera in a file, of which frames and samples are decoded.
 struct Packets {
@@ -29,8 +30,9 @@ struct Packets {
     source: Option<i16>,
     /// Height of the sensor, where rows count from below.
     from_below: Option<u16>,
+    /// What is left of a packet of which a part was read.
+    begun: Option<PacketHead>,
     bytes: Vec<u8>,
-    waiting: VecDeque<Extra>,
 }
 
 impl Packets {
@@ -44,7 +46,7 @@ impl Packets {
         let source = source.map(|(number, _)| *number);
         let start = header.as_ref().map_or(u64::MAX, |header| header.length);
         file.seek(start.min(file.left()))?;
-        Ok(Self { file, header, source, from_below, bytes: Vec::new(), waiting: VecDeque::new() })
+        Ok(Self { file, header, source, from_below, begun: None, bytes: Vec::new() })
     }
 
     /// The head of the next packet of frames or samples that is whole.
@@ -60,23 +62,34 @@ impl Packets {
     }
 
     fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
-        while self.waiting.is_empty() {
-            let Some(head) = self.next_packet()? else { return Ok(None) };
-            self.file.read(&mut self.bytes, head.length)?;
-            let Some(size) = usize::try_from(head.size).ok().filter(|size| *size > 0) else { continue };
-            for event in self.bytes.chunks_exact(size) {
-                if event.first().is_none_or(|flags| flags & 1 == 0) {
-                    continue;
+        loop {
+            let head = match self.begun.take() {
+                Some(head) => head,
+                None => match self.next_packet()? {
+                    Some(head) => head,
+                    None => return Ok(None),
+                },
+            };
+            if head.size == 0 || head.size > head.length || head.size > LARGEST {
+                self.file.seek(self.file.position() + head.length)?;
+                if head.size > LARGEST && head.length > 0 {
+                    let what = format!("a packet of {} says that one has {} bytes", name(head.kind), head.size);
+                    return Err(self.file.damaged(head.byte, what));
                 }
-                let extra = match head.kind {
-                    FRAMES => frame(&head, event).map(|frame| Extra::Frame(upright(frame, self.from_below))),
-                    _ => sample(&head, event).map(Extra::Inertial),
-                };
-                let damaged = || self.file.damaged(head.byte, format!("a packet of {} is damaged", name(head.kind)));
-                self.waiting.push_back(extra.ok_or_else(damaged)?);
+                continue;
             }
+            self.file.read(&mut self.bytes, head.size)?;
+            self.begun = Some(head.without(head.size));
+            if self.bytes.first().is_none_or(|flags| flags & 1 == 0) {
+                continue;
+            }
+            let extra = match head.kind {
+                FRAMES => frame(&head, &self.bytes).map(|frame| Extra::Frame(upright(frame, self.from_below))),
+                _ => sample(&head, &self.bytes).map(Extra::Inertial),
+            };
+            let damaged = || self.file.damaged(head.byte, format!("a packet of {} is damaged", name(head.kind)));
+            return extra.map(Some).ok_or_else(damaged);
         }
-        Ok(self.waiting.pop_front())
     }
 }
 
@@ -294,6 +307,40 @@ mod tests {
         let Some(Extra::Frame(coloured)) = found.last() else { panic!("a frame last") };
         assert_eq!(coloured.pixels, [6, 5, 4, 3, 2, 1]);
         assert_eq!(found.len(), 4);
+    }
+
+    /// All frames of a packet were in memory before the first was handed over, and a packet may be as large as its file.
+    #[test]
+    fn frames_of_a_packet_come_one_by_one() {
+        let good = frame_event(1, 1, &[0x0100, 0x0200, 0x0300, 0x0400, 0x0500, 0x0600]);
+        let mut bad = good.clone();
+        bad[20] = 4;
+        let lines = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n";
+        let frames = packet(2, 0, &[good.clone(), good.clone(), bad, good.clone()]);
+        let (_directory, recording) = recording(&[&lines[..], &frames].concat());
+        let mut count = 0;
+        let lost = visit_frames(&recording, |_| count += 1).unwrap().unwrap();
+        assert!(count == 2 && lost.contains("frames is damaged"), "{count} {lost}");
+        let mut packets = Packets::open(recording.path(), &RecordingOptions::default()).unwrap();
+        packets.next().unwrap();
+        assert_eq!(packets.bytes.len(), good.len());
+    }
+
+    /// As many bytes as the head of a packet told were read.
+    #[test]
+    fn frames_that_are_too_large_are_damage() {
+        let (directory, _) = recording(&file());
+        let path = directory.path().join("recording");
+        let (byte, size) = (file().len() as u64, LARGEST as i32 + 1);
+        let head = [2_i16.to_le_bytes(), 1_i16.to_le_bytes()].concat();
+        let head = [head, numbers(&[size, 4, 0, 1, 1, 1])].concat();
+        std::fs::write(&path, [file(), head].concat()).unwrap();
+        let sparse = std::fs::OpenOptions::new().append(true).open(&path).unwrap();
+        sparse.set_len(byte + 28 + size as u64).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        let mut count = 0;
+        let lost = visit_frames(&recording, |_| count += 1).unwrap().unwrap();
+        assert!(count == 2 && lost.contains(&format!("byte {byte}")) && lost.contains("67108865 bytes"), "{lost}");
     }
 
     #[test]

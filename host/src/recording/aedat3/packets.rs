@@ -11,13 +11,15 @@ const LAST_LINE: &str = "#!END-HEADER";
 /// No line of the header is longer.
 const LONGEST_LINE: usize = 4096;
 /// Size of a packet's head.
-pub const HEAD: usize = 28;
+const HEAD: usize = 28;
 /// Kind of packets of events.
 pub const POLARITY: i16 = 1;
 /// Size of a polarity event.
 pub const EVENT: usize = 8;
 /// Names of what packets hold, by kind.
 const KINDS: [&str; 5] = ["special events", "events", "frames", "inertial samples", "inertial samples with compass"];
+/// Kinds below this number are counted one by one: cAER has fewer.
+const KNOWN_KINDS: i16 = 32;
 /// What in the line of the source tells its sensor.
 const SOURCES: &[(&str, Sensor)] = &[
     ("DAVIS346", Sensor::new(346, 260)),
@@ -52,6 +54,11 @@ impl Header {
     /// Whether packets of the source `number` are those of `chosen`. Where the header names but one source, all are.
     pub fn is_of(&self, chosen: Option<i16>, number: i16) -> bool {
         self.sources.len() < 2 || chosen == Some(number)
+    }
+
+    /// Whether the header names the source `number`.
+    pub fn names(&self, number: i16) -> bool {
+        self.sources.iter().any(|(known, _)| *known == number)
     }
 
     /// What packets of this kind and source are called.
@@ -108,6 +115,7 @@ pub fn header(bytes: &[u8]) -> Option<Header> {
 }
 
 /// Head of a packet.
+#[derive(Clone, Copy)]
 pub struct PacketHead {
     /// Its offset in the file.
     pub byte: u64,
@@ -125,6 +133,14 @@ pub struct PacketHead {
     pub turns: i64,
     /// Number of events.
     pub count: u64,
+}
+
+impl PacketHead {
+    /// The head of what of the packet is left when its first `bytes` were read.
+    pub fn without(self, bytes: u64) -> Self {
+        let [length, wanted] = [self.length, self.wanted].map(|length| length.saturating_sub(bytes));
+        Self { length, wanted, ..self }
+    }
 }
 
 /// The next head; `None` at the end of the file, or where it is cut off.
@@ -164,6 +180,11 @@ pub fn next_head(
 /// A time of an event in µs, of the packet with this head.
 pub fn time(head: &PacketHead, bytes: [u8; 4]) -> i64 {
     head.turns + i64::from(i32::from_le_bytes(bytes))
+}
+
+/// Whether cAER may have packets of this kind.
+pub fn is_known(kind: i16) -> bool {
+    (0..KNOWN_KINDS).contains(&kind)
 }
 
 /// What packets of this kind hold.

@@ -6,6 +6,9 @@
 //! and vectors are behind one more relative offset and start with their length. All little-endian.
 //! Every access checks its bounds: any bytes give a value or [`Malformed`].
 
+/// Bytes of a table that tells a time: its place in the vector, the distance to its vtable, and an i64.
+const LEAST_TABLE: usize = 16;
+
 /// The bytes are not the FlatBuffer that they should be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Malformed(pub &'static str);
@@ -127,6 +130,15 @@ impl<'a> Vector<'a> {
     pub fn first_elements<const N: usize>(&self) -> &'a [[u8; N]] {
         let (elements, _) = self.bytes.get(self.start..).unwrap_or_default().as_chunks();
         elements.get(..self.length).unwrap_or(elements)
+    }
+
+    /// Itself, if the buffer can hold as many tables with times: any bytes would do as tables without fields, and tables may lie on
+    /// each other.
+    pub fn of_tables(self) -> Result<Self, Malformed> {
+        if self.length > self.bytes.len() / LEAST_TABLE {
+            return Err(Malformed("a vector has more tables than its packet can hold"));
+        }
+        Ok(self)
     }
 
     /// Table number `index` of a vector of tables.

@@ -6,7 +6,9 @@
 //! | `IMUS` | vector of tables: time, temperature, accelerations, angular velocities | samples |
 //! | `TRIG` | vector of tables, field 0 = time | triggers |
 
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::vec::IntoIter;
 
 use super::flatbuffer::{self, Malformed, Table};
 use super::header::Stream;
@@ -17,13 +19,37 @@ use crate::recording::pictures::TimedImage;
 use crate::recording::{RecordingError, RecordingErrorKind, StreamSummary};
 
 const FRAMES: &str = "FRME";
-pub(super) const INERTIAL: &str = "IMUS";
+const INERTIAL: &str = "IMUS";
+
+/// The packets of the first stream of one kind.
+struct StreamPackets {
+    packets: PacketReader,
+    stream: Option<Stream>,
+}
+
+impl StreamPackets {
+    fn open(path: &Path, type_identifier: &str) -> Result<Self, RecordingError> {
+        let packets = PacketReader::open(path)?;
+        let mut streams = packets.header().streams.iter();
+        let stream = streams.find(|stream| stream.type_identifier == type_identifier).cloned();
+        Ok(Self { packets, stream })
+    }
+
+    /// What `parse` makes of the next packet that is whole; `None` at the end.
+    fn next<T>(&mut self, parse: impl FnOnce(&[u8]) -> Result<T, Malformed>) -> Result<Option<T>, RecordingError> {
+        let Some(stream) = &self.stream else { return Ok(None) };
+        while let Some(head) = self.packets.next_packet()? {
+            if head.stream == stream.id && !head.cut_off {
+                let parsed = parse(self.packets.content(&head)?);
+                return parsed.map(Some).map_err(|Malformed(what)| self.packets.damaged(&head, what));
+            }
+        }
+        Ok(None)
+    }
+}
 
 /// Reads the pictures of the first frame stream of a file.
-pub struct FrameReader {
-    packets: PacketReader,
-    stream: Option<i32>,
-}
+pub struct FrameReader(StreamPackets);
 
 impl FrameReader {
     /// Opens the file at `path`. A file without frame stream has no frames.
@@ -31,16 +57,12 @@ impl FrameReader {
     /// # Errors
     /// When the file cannot be read or its header is damaged.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        let packets = PacketReader::open(path)?;
-        let mut streams = packets.header().streams.iter();
-        let stream = streams.find(|stream| stream.type_identifier == FRAMES).map(|stream| stream.id);
-        Ok(Self { packets, stream })
+        StreamPackets::open(path, FRAMES).map(Self)
     }
 
     /// The stream that is read, as [`describe`] names it.
     pub(super) fn stream(&self) -> Option<String> {
-        let mut streams = self.packets.header().streams.iter();
-        streams.find(|stream| Some(stream.id) == self.stream).map(describe)
+        self.0.stream.as_ref().map(describe)
     }
 
     /// The next picture; `None` at the end, also at that of a file that was cut off.
@@ -48,14 +70,45 @@ impl FrameReader {
     /// # Errors
     /// When the file cannot be read or a packet is damaged; the pictures after that one can still be read.
     pub fn next_frame(&mut self) -> Result<Option<Frame>, RecordingError> {
-        while let Some(head) = self.packets.next_packet()? {
-            if Some(head.stream) == self.stream && !head.cut_off {
-                let content = self.packets.content(&head)?;
-                let parsed = flatbuffer::root(content, b"FRME").and_then(|table| frame(&table));
-                return parsed.map(Some).map_err(|Malformed(what)| self.packets.damaged(&head, what));
+        self.0.next(|content| flatbuffer::root(content, b"FRME").and_then(|table| frame(&table)))
+    }
+}
+
+/// Reads the samples of the first inertial stream of a file, packet by packet.
+pub struct InertialReader {
+    packets: StreamPackets,
+    /// Those of the present packet.
+    samples: IntoIter<InertialSample>,
+}
+
+impl InertialReader {
+    /// Opens the file at `path`. A file without inertial stream has no samples.
+    ///
+    /// # Errors
+    /// When the file cannot be read or its header is damaged.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        Ok(Self { packets: StreamPackets::open(path, INERTIAL)?, samples: Vec::new().into_iter() })
+    }
+
+    /// The stream that is read, as [`describe`] names it.
+    pub(super) fn stream(&self) -> Option<String> {
+        self.packets.stream.as_ref().map(describe)
+    }
+
+    /// The next sample; `None` at the end, also at that of a file that was cut off.
+    ///
+    /// # Errors
+    /// When the file cannot be read or a packet is damaged; the samples after that one can still be read.
+    pub fn next_sample(&mut self) -> Result<Option<InertialSample>, RecordingError> {
+        loop {
+            if let Some(sample) = self.samples.next() {
+                return Ok(Some(sample));
+            }
+            match self.packets.next(inertial_packet)? {
+                Some(samples) => self.samples = samples.into_iter(),
+                None => return Ok(None),
             }
         }
-        Ok(None)
     }
 }
 
@@ -108,39 +161,19 @@ fn frame(table: &Table) -> Result<Frame, Malformed> {
     })
 }
 
-/// Reads the first stream of inertial samples of the file at `path`; empty without such a stream. A
-/// file that was cut off gives what is whole.
-///
-/// # Errors
-/// When the file cannot be read or a packet is damaged.
-pub fn inertial_samples(path: &Path) -> Result<Vec<InertialSample>, RecordingError> {
-    let mut packets = PacketReader::open(path)?;
-    let mut streams = packets.header().streams.iter();
-    let stream = streams.find(|stream| stream.type_identifier == INERTIAL).map(|stream| stream.id);
-    let mut samples = Vec::new();
-    while let Some(head) = packets.next_packet()? {
-        if Some(head.stream) == stream && !head.cut_off {
-            let content = packets.content(&head)?;
-            let parsed = inertial_packet(content, &mut samples);
-            parsed.map_err(|Malformed(what)| packets.damaged(&head, what))?;
-        }
-    }
-    Ok(samples)
-}
-
-fn inertial_packet(content: &[u8], samples: &mut Vec<InertialSample>) -> Result<(), Malformed> {
-    let vector = flatbuffer::root(content, b"IMUS")?.vector(0)?;
-    for index in 0..vector.length {
+fn inertial_packet(content: &[u8]) -> Result<Vec<InertialSample>, Malformed> {
+    let vector = flatbuffer::root(content, b"IMUS")?.vector(0)?.of_tables()?;
+    let sample = |index| {
         let table = vector.table(index)?;
         let axes = |first: usize| Ok([table.f32(first, 0.0)?, table.f32(first + 1, 0.0)?, table.f32(first + 2, 0.0)?]);
-        samples.push(InertialSample {
+        Ok(InertialSample {
             t: table.i64(0, 0)?,
             temperature: table.f32(1, 0.0)?,
             acceleration: axes(2)?,
             angular_velocity: axes(5)?,
-        });
-    }
-    Ok(())
+        })
+    };
+    (0..vector.length).map(sample).collect()
 }
 
 /// Counts what the streams of the file at `path` hold. Packets that are damaged or cut off count as
@@ -151,6 +184,9 @@ fn inertial_packet(content: &[u8], samples: &mut Vec<InertialSample>) -> Result<
 pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut packets = PacketReader::open(path)?;
     let streams = packets.header().streams.clone();
+    // Where two streams have one number, the first.
+    let places: BTreeMap<i32, usize> =
+        streams.iter().enumerate().rev().map(|(place, stream)| (stream.id, place)).collect();
     let mut summaries: Vec<StreamSummary> = streams
         .iter()
         .map(|stream| StreamSummary { name: describe(stream), packets: 0, elements: 0, times_us: None })
@@ -162,8 +198,8 @@ pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => return Ok(summaries),
             Err(error) => return Err(error),
         };
-        let number = streams.iter().position(|stream| stream.id == head.stream);
-        let Some((stream, summary)) = number.and_then(|index| Some((streams.get(index)?, summaries.get_mut(index)?)))
+        let place = places.get(&head.stream);
+        let Some((stream, summary)) = place.and_then(|&index| Some((streams.get(index)?, summaries.get_mut(index)?)))
         else {
             continue;
         };
@@ -171,10 +207,7 @@ pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
         match elements(&mut packets, &head, stream) {
             Ok((count, times)) => {
                 summary.elements += count;
-                summary.times_us = match (summary.times_us, times) {
-                    (Some((first, _)), Some((_, last))) => Some((first, last)),
-                    (earlier, later) => earlier.or(later),
-                };
+                summary.extend(times);
             }
             Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => {}
             Err(error) => return Err(error),
@@ -203,7 +236,7 @@ fn elements(
 }
 
 fn tables(content: &[u8], identifier: &[u8; 4]) -> Result<(u64, Option<(i64, i64)>), Malformed> {
-    let vector = flatbuffer::root(content, identifier)?.vector(0)?;
+    let vector = flatbuffer::root(content, identifier)?.vector(0)?.of_tables()?;
     let Some(last) = vector.length.checked_sub(1) else {
         return Ok((0, None));
     };
@@ -269,5 +302,21 @@ mod tests {
         for length in 0..bytes.len() {
             assert!(parse(&bytes[..length]).is_err());
         }
+    }
+
+    /// Each zero of such a vector was a sample: 16 million of them in a packet of some kilobytes.
+    #[test]
+    fn more_tables_than_a_packet_can_hold_are_refused() {
+        let packet = |identifier: &[u8; 4], count: usize| {
+            // The vtable at 8, the root table at 16, the vector at 24.
+            let mut bytes = [&16u32.to_le_bytes()[..], identifier].concat();
+            bytes.extend([6u16, 8, 4, 0].into_iter().flat_map(u16::to_le_bytes));
+            bytes.extend([8, 4, count as u32].into_iter().flat_map(u32::to_le_bytes));
+            bytes.resize(28 + 4 * count, 0);
+            bytes
+        };
+        assert!(inertial_packet(&packet(b"IMUS", 1000)).is_err());
+        assert!(tables(&packet(b"IMUS", 1000), b"IMUS").is_err() && tables(&packet(b"TRIG", 1000), b"TRIG").is_err());
+        assert_eq!(tables(&packet(b"TRIG", 2), b"TRIG"), Ok((2, Some((0, 0)))));
     }
 }

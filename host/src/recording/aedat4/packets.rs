@@ -15,7 +15,9 @@ use crate::recording::bytes::share;
 use crate::recording::{RecordingError, RecordingErrorKind, Truncation};
 
 /// A packet that unpacks to more (64 MiB, 4 million events) is damaged: a camera would need seconds to fill it, and programs write many a second.
-const MAX_UNPACKED: usize = 1 << 26;
+pub(super) const MAX_UNPACKED: usize = 1 << 26;
+/// What cannot be compressed grows by less when it is packed.
+const MAX_PACKED: u64 = MAX_UNPACKED as u64 + (1 << 20);
 
 const SKIP_ADVICE: &str = "the events before it can be used; damaged packets can be left out (--skip-damaged)";
 
@@ -113,6 +115,16 @@ impl PacketReader {
         RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte: head.byte, what, advice: SKIP_ADVICE })
     }
 
+    /// Bytes that its packets take.
+    #[cfg(test)]
+    pub(super) fn memory(&self) -> usize {
+        self.packed.capacity() + self.unpacked.capacity()
+    }
+
+    fn too_large(&self, head: &PacketHead) -> RecordingError {
+        self.damaged(head, &format!("it unpacks to more than {} MiB", MAX_UNPACKED >> 20))
+    }
+
     /// The next packet, or `None` at the end. Its content may be read once with [`Self::content`].
     pub fn next_packet(&mut self) -> Result<Option<PacketHead>, RecordingError> {
         let io = |error| RecordingError::io(&self.path, error);
@@ -170,6 +182,9 @@ impl PacketReader {
     /// without size prefix. Of a packet that is cut off, what can be had: of a compressed one, nothing.
     pub fn content(&mut self, head: &PacketHead) -> Result<&[u8], RecordingError> {
         self.packed.clear();
+        if head.length > MAX_PACKED {
+            return Err(self.too_large(head));
+        }
         let read = self.file.by_ref().take(head.length).read_to_end(&mut self.packed);
         read.map_err(|error| RecordingError::io(&self.path, error))?;
         let unpacked: &[u8] = match self.header.compression {
@@ -190,7 +205,7 @@ impl PacketReader {
             }
         };
         if unpacked.len() > MAX_UNPACKED {
-            return Err(self.damaged(head, "it unpacks to more than 512 MiB"));
+            return Err(self.too_large(head));
         }
         match unpacked.split_first_chunk() {
             Some((size, content)) => {

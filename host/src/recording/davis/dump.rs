@@ -14,7 +14,7 @@ use usb_davis::emulator::default_registers;
 use usb_davis::protocol::{Encoder, Frame, FrameStep, ImuSample, Polarity as WirePolarity, PolarityEvent, frame_steps};
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
-use crate::recording::encode::WriteError;
+use crate::recording::encode::{WriteError, check_leap};
 
 /// Bytes of a transfer, as `usb_davis::device` queues them.
 const TRANSFER_BYTES: usize = 128 * 1024;
@@ -114,7 +114,7 @@ impl<W: Write> DumpEncoder<W> {
     /// Sends everything before `end`: nothing earlier than that will come any more.
     ///
     /// # Errors
-    /// When an item is earlier than one already sent or is not on the sensor, or the output cannot be
+    /// When an item is earlier than one already sent, more than a day later or not on the sensor, or the output cannot be
     /// written.
     pub fn advance(&mut self, end: u64) -> Result<(), WriteError> {
         self.waiting.sort_by_key(|(time, item)| (*time, item.priority()));
@@ -126,7 +126,9 @@ impl<W: Write> DumpEncoder<W> {
     }
 
     fn send(&mut self, time: u64, item: &Item) -> Result<(), WriteError> {
-        let due = self.since + self.early_packet_delay;
+        let [before, now] = [self.encoder.time(), time].map(|time| i64::try_from(time).unwrap_or(i64::MAX));
+        check_leap(before, now)?;
+        let due = self.since.saturating_add(self.early_packet_delay);
         if self.words.is_empty() {
             self.since = self.since.max(time);
         } else if time >= due {
@@ -153,7 +155,7 @@ impl<W: Write> DumpEncoder<W> {
     fn hand_over(&mut self, time: u64, length: usize) -> Result<(), WriteError> {
         let rest = self.words.split_off(length.min(self.words.len()));
         let transfer = Transfer {
-            host_ns: Some((time + LATENCY) * 1000),
+            host_ns: Some(noticed(time)),
             gap_before: false,
             status: TransferStatus::Completed,
             payload: &self.words,
@@ -170,8 +172,39 @@ impl<W: Write> DumpEncoder<W> {
     pub fn finish(mut self) -> Result<W, WriteError> {
         self.advance(u64::MAX)?;
         if !self.words.is_empty() {
-            self.hand_over(self.since + self.early_packet_delay, self.words.len())?;
+            self.hand_over(self.since.saturating_add(self.early_packet_delay), self.words.len())?;
         }
         Ok(self.dump.finish()?)
+    }
+}
+
+/// When the host notices a transfer that the camera sent at `time` (µs), in nanoseconds.
+fn noticed(time: u64) -> u64 {
+    time.saturating_add(LATENCY).saturating_mul(1000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(times: &[i64]) -> Result<Vec<u8>, WriteError> {
+        let mut encoder = DumpEncoder::new(Vec::new(), DumpHeader::default(), Compression::None)?;
+        let event = |&t| Event { t, x: 1, y: 2, polarity: Polarity::On };
+        encoder.events(&times.iter().map(event).collect::<Vec<_>>());
+        encoder.finish()
+    }
+
+    /// The words of such a leap were gigabytes, and were copied once for each transfer.
+    #[test]
+    fn a_leap_of_years_is_refused() {
+        let error = written(&[0, 1_700_000_000_000_000]).unwrap_err().to_string();
+        assert!(error.contains("1700000000000000 us") && error.contains("--time-unit"), "{error}");
+        assert!(written(&[0, 86_400_000_000, 172_800_000_000]).is_ok());
+    }
+
+    /// Times up to 2⁵⁵ µs are read, which are more nanoseconds than 64 bits hold.
+    #[test]
+    fn the_latest_times_do_not_overflow() {
+        assert_eq!((noticed(7), noticed(1 << 55), noticed(u64::MAX)), (157_000, u64::MAX, u64::MAX));
     }
 }

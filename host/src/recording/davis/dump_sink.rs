@@ -88,6 +88,16 @@ impl DumpSink {
         u64::try_from(t.saturating_sub(self.origin)).unwrap_or(0)
     }
 
+    /// An error of the encoder, its times as in the recording.
+    fn recorded(&self, error: WriteError) -> WriteError {
+        match error {
+            WriteError::Leap { before, time } => {
+                WriteError::Leap { before: before.saturating_add(self.origin), time: time.saturating_add(self.origin) }
+            }
+            other => other,
+        }
+    }
+
     fn encoder(&mut self) -> Result<&mut DumpEncoder<File>, WriteError> {
         self.encoder.as_mut().ok_or_else(|| io::Error::other("the file is closed").into())
     }
@@ -156,7 +166,8 @@ impl DumpSink {
 
 impl Encode for DumpSink {
     fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
-        let events: Vec<Event> = events.iter().map(|event| Event { t: event.t - self.origin, ..*event }).collect();
+        let events: Vec<Event> =
+            events.iter().map(|event| Event { t: event.t.saturating_sub(self.origin), ..*event }).collect();
         self.encoder()?.events(&events);
         Ok(())
     }
@@ -171,12 +182,12 @@ impl Encode for DumpSink {
     fn advance(&mut self, end: i64) -> Result<(), WriteError> {
         self.sent = end;
         let end = self.time(end);
-        self.encoder()?.advance(end)
+        self.encoder()?.advance(end).map_err(|error| self.recorded(error))
     }
 
     fn finish(&mut self) -> Result<(), WriteError> {
         match self.encoder.take() {
-            Some(encoder) => encoder.finish().map(|_| ()),
+            Some(encoder) => encoder.finish().map(|_| ()).map_err(|error| self.recorded(error)),
             None => Ok(()),
         }
     }

@@ -13,6 +13,9 @@ const DEEPEST: usize = 6;
 /// More groups than this are not looked into.
 const MOST_GROUPS: usize = 512;
 
+/// Poses and projections, which lie beside events, have four columns, too.
+const MOST_ROWS_OF_A_MATRIX: u64 = 4;
+
 /// What a file holds.
 pub struct Contents {
     /// Streams of events, in the order of the file; those of a group before those of the groups in it.
@@ -58,11 +61,14 @@ pub fn find(file: &Hdf5File) -> Result<Contents, Error> {
         let (tables, unread) = tables(&path, &datasets);
         contents.unread = contents.unread.or(unread);
         for (name, table) in tables {
+            let is_named = !matches!(table, Table::Rows(..)) || name_of(&name).to_lowercase().starts_with("event");
+            if !is_named && table.count() <= MOST_ROWS_OF_A_MATRIX {
+                continue;
+            }
             let sensor = sensor(&group, &datasets).or_else(|| upper.and_then(geometry));
             let sensor = sensor.or_else(|| places.first().and_then(|root| geometry(&root.group)));
             let beside = group.dataset(OFFSET).or_else(|error| upper.map_or(Err(error), |upper| upper.dataset(OFFSET)));
             let offset = beside.ok().as_ref().and_then(table::single);
-            let is_named = !matches!(table, Table::Rows(..)) || name_of(&name).to_lowercase().starts_with("event");
             let [frames, samples] = [(FRAMES, 3), (SAMPLES, 2)].map(|(name, sides)| timed(&datasets, name, sides));
             contents.streams.push(Found { name, is_named, table, sensor, offset, frames, samples });
         }

@@ -94,6 +94,32 @@ pub fn chunked(numbers: Integer, count: u64, side: u32, address: u64, filters: &
     ])
 }
 
+/// An array of several axes: its numbers are at `address`.
+#[cfg(test)]
+pub fn shaped(numbers: Integer, sides: &[u64], address: u64) -> Vec<u8> {
+    let length = sides.iter().product::<u64>() * u64::from(numbers.size);
+    let space = [2, sides.len() as u8, 0, 1].into_iter().chain(sides.iter().flat_map(|side| side.to_le_bytes()));
+    let layout = [&[3, 1][..], &address.to_le_bytes(), &length.to_le_bytes()].concat();
+    object_header(&[
+        message(DATASPACE, &space.collect::<Vec<_>>()),
+        message(DATATYPE, &numbers.message()),
+        message(FILL_VALUE, &[3, 0x0a]),
+        message(DATA_LAYOUT, &layout),
+    ])
+}
+
+/// A virtual array, whose sources stand nowhere.
+#[cfg(test)]
+pub fn virtual_array(numbers: Integer, count: u64) -> Vec<u8> {
+    let layout = [&[4, 3][..], &NOWHERE.to_le_bytes(), &[0; 4]].concat();
+    object_header(&[
+        message(DATASPACE, &dataspace(Some(count))),
+        message(DATATYPE, &numbers.message()),
+        message(FILL_VALUE, &[3, 0x0a]),
+        message(DATA_LAYOUT, &layout),
+    ])
+}
+
 /// A group of objects by their names and addresses, and one number for each attribute.
 pub fn group(objects: &[(&str, u64)], attributes: &[(&str, u16)]) -> Vec<u8> {
     let nowhere = NOWHERE.to_le_bytes();

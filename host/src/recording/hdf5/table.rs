@@ -1,11 +1,11 @@
 //! Events in datasets, and the numbers of a part of them.
 
 use hdf5_reader::error::Error;
-use hdf5_reader::{Attribute, ByteOrder, Dataset, Datatype, H5Type, SliceInfo, SliceInfoElem};
+use hdf5_reader::{Attribute, ByteOrder, CompoundField, Dataset, Datatype, H5Type, SliceInfo, SliceInfoElem};
 
 use super::filters::Limits;
 use crate::recording::numbers::{Number, NumberKind, NumberType};
-use crate::recording::{Column, Columns, columns};
+use crate::recording::{Column, Columns, TimeUnit, columns};
 
 /// One event: what its numbers are, and the numbers.
 pub type Row = [(Column, Number); 4];
@@ -94,6 +94,16 @@ impl Table {
             Self::Rows(_, order) => Some(order),
             Self::Columns(_) | Self::Records(_) => None,
         }
+    }
+
+    /// The unit that the name of the times gives.
+    pub fn unit_of_name(&self) -> Option<TimeUnit> {
+        let name = match self {
+            Self::Columns(columns) => columns.iter().find(|(column, _)| *column == Column::T)?.1.name(),
+            Self::Records(dataset) => &field(dataset.dtype(), Column::T)?.name,
+            Self::Rows(..) => return None,
+        };
+        columns::of_name(name.rsplit('/').next()?).1
     }
 
     /// Where in a row of [`Self::cells`] a column is.
@@ -258,13 +268,18 @@ const RECORD: [Column; 4] = [Column::T, Column::X, Column::Y, Column::P];
 #[derive(Clone)]
 struct Record([Number; 4]);
 
+/// The field of a record with this column.
+fn field(dtype: &Datatype, column: Column) -> Option<&CompoundField> {
+    let Datatype::Compound { fields, .. } = dtype else { return None };
+    let named = fields.iter().filter(|field| columns::of_name(&field.name).0 == column);
+    named.min_by_key(|field| field.name.len())
+}
+
 /// Where the fields of a record are.
 fn record_fields(dtype: &Datatype) -> Option<[(usize, NumberType); 4]> {
-    let Datatype::Compound { fields, .. } = dtype else { return None };
     let mut places = [None; 4];
     for (slot, column) in places.iter_mut().zip(RECORD) {
-        let field = fields.iter().filter(|field| columns::of_name(&field.name).0 == column);
-        let field = field.min_by_key(|field| field.name.len())?;
+        let field = field(dtype, column)?;
         *slot = Some((usize::try_from(field.byte_offset).ok()?, number_type(&field.datatype)?));
     }
     let [t, x, y, p] = places;

@@ -5,11 +5,11 @@ use std::io::Write;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::structure::{Integer, chunked, dataset, group, superblock};
+use super::structure::{Integer, chunked, dataset, group, shaped, superblock, virtual_array};
 use super::write;
 use crate::recording::testing::{self, Outcome};
 use crate::recording::write::EventWriter;
-use crate::recording::{Damage, RecordingOptions};
+use crate::recording::{Damage, Recording, RecordingOptions};
 
 /// Numbers of a chunk.
 const SIDE: usize = 100;
@@ -230,7 +230,118 @@ fn what_lies_beside_events_is_not_taken_for_them() {
         bytes.splice(..48, superblock(root, length));
         bytes
     };
-    assert!(testing::read(&content(&["t", "x", "y"])).error.unwrap().contains("no stream of events"));
+    assert!(
+        testing::read(&content(&["t", "x", "y"]))
+            .error
+            .unwrap()
+            .contains("holds no events, only groups without arrays")
+    );
     let error = testing::read(&content(&["t", "x", "y", "p"])).error.unwrap();
     assert!(error.contains("polarity is 7"), "{error}");
+}
+
+/// An array by its name, its sides and its numbers.
+type Array<'a> = (&'a str, &'a [u64], Vec<i64>);
+
+const WHOLE: Integer = Integer { size: 8, is_signed: true };
+
+/// A file of groups of arrays.
+fn groups(groups: &[(&str, &[Array])]) -> Vec<u8> {
+    let mut bytes = vec![0; 48];
+    let mut places = Vec::new();
+    for (name, arrays) in groups {
+        let mut objects = Vec::new();
+        for (name, sides, numbers) in *arrays {
+            let address = bytes.len() as u64;
+            bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+            objects.push((*name, bytes.len() as u64));
+            bytes.extend(match (*sides, numbers.is_empty()) {
+                ([], _) => virtual_array(WHOLE, 5),
+                (_, true) => dataset(WHOLE, Some(0), address),
+                (sides, false) => shaped(WHOLE, sides, address),
+            });
+        }
+        places.push((*name, bytes.len() as u64));
+        bytes.extend(group(&objects, &[]));
+    }
+    let root = bytes.len() as u64;
+    bytes.extend(group(&places, &[]));
+    let length = bytes.len() as u64;
+    bytes.splice(..48, superblock(root, length));
+    bytes
+}
+
+/// Arrays of the times of `events` times `scale`, named `t`, and of their x, y and p.
+fn four<'a>(t: &'a str, scale: i64, events: &[Event], sides: &'a [u64]) -> [Array<'a>; 4] {
+    let numbers = |number: fn(&Event) -> i64| events.iter().map(number).collect::<Vec<_>>();
+    let times = events.iter().map(|event| event.t * scale).collect();
+    [
+        (t, sides, times),
+        ("x", sides, numbers(|event| event.x.into())),
+        ("y", sides, numbers(|event| event.y.into())),
+        ("p", sides, numbers(|event| event.polarity.index() as i64)),
+    ]
+}
+
+/// They were taken for microseconds.
+#[test]
+fn the_name_of_the_times_gives_their_unit() {
+    let events = events(50);
+    for (name, scale) in [("t_ns", 1000), ("t_us", 1), ("timestamps", 1)] {
+        let outcome = testing::read(&groups(&[("events", &four(name, scale, &events, &[50]))]));
+        assert_eq!((outcome.events.as_slice(), outcome.error), (events.as_slice(), None), "{name}");
+        let guessed = outcome.information.unwrap().notes.iter().any(|note| note.contains("times are taken for"));
+        assert_eq!(guessed, name == "timestamps", "{name}");
+    }
+}
+
+/// The first group was read, and there were no events.
+#[test]
+fn the_first_group_with_events_is_read() {
+    let (events, nothing) = (events(50), Event { t: 0, x: 0, y: 0, polarity: Polarity::Off });
+    let right = four("t", 1, &events, &[50]);
+    for (left, sides) in [(vec![], [0]), (vec![nothing; 7], [7])] {
+        let content = groups(&[("left", &four("t", 1, &left, &sides)), ("right", &right)]);
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.events.as_slice(), outcome.error), (events.as_slice(), None));
+        let notes = outcome.information.unwrap().notes;
+        assert!(notes[0].contains("of right are read, the first") && notes[0].contains("left, right"), "{notes:?}");
+        let left = RecordingOptions { stream: Some("left".to_owned()), ..RecordingOptions::default() };
+        assert!(testing::read_with(&content, left).events.is_empty());
+    }
+}
+
+#[test]
+fn room_filled_with_another_number_is_no_events() {
+    let events = events(50);
+    let mut arrays = four("t", 1, &events, &[53]);
+    arrays.iter_mut().for_each(|(_, _, numbers)| numbers.extend([-1; 3]));
+    let outcome = testing::read(&groups(&[("events", &arrays)]));
+    assert_eq!((outcome.events, outcome.error), (events, None));
+    assert_eq!((outcome.report.unwritten, outcome.report.out_of_range), (3, 0));
+}
+
+/// A pose has four columns, of which one may be a time and one a polarity.
+#[test]
+fn matrices_are_no_streams() {
+    let identity: Vec<i64> = (0..16).map(|place| i64::from(place % 5 == 0)).collect();
+    let (rows, events) = (events(50), events(50));
+    let rows = rows.iter().flat_map(|event| [event.t, event.x.into(), event.y.into(), event.polarity.index() as i64]);
+    let pose: &[Array] = &[("pose", &[4, 4], identity.clone()), ("projection", &[3, 4], identity[..12].to_vec())];
+    let content = groups(&[("calib", pose), ("stream", &[("rows", &[50, 4], rows.collect())])]);
+    assert_eq!(testing::read(&content).events, events);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("poses.h5");
+    std::fs::write(&path, &content).unwrap();
+    let streams = Recording::new(&path, RecordingOptions::default()).unwrap().streams().unwrap();
+    assert_eq!(streams.iter().map(|stream| stream.name.as_str()).collect::<Vec<_>>(), ["stream/rows"]);
+    assert!(testing::read(&groups(&[("calib", pose)])).error.unwrap().contains("holds no events"));
+}
+
+/// The advice was to copy the file again.
+#[test]
+fn virtual_arrays_are_told() {
+    let arrays = ["t", "x", "y", "p"].map(|name| (name, &[][..], Vec::new()));
+    let error = testing::read(&groups(&[("events", &arrays)])).error.unwrap();
+    assert!(error.contains("virtual dataset") && error.contains("h5repack -l CONTI"), "{error}");
 }

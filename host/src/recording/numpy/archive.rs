@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use flate2::bufread::DeflateDecoder;
 use flate2::{Crc, CrcReader};
@@ -13,7 +13,7 @@ use crate::recording::{RecordingError, RecordingErrorKind};
 /// How an archive begins.
 pub const MAGIC: &[u8] = b"PK\x03\x04";
 /// What ends the names of arrays in it.
-const EXTENSION: &str = ".npy";
+pub const EXTENSION: &str = ".npy";
 /// More arrays are not looked at.
 const MOST_MEMBERS: usize = 1000;
 const BUFFER: usize = 1 << 17;
@@ -29,6 +29,8 @@ pub struct Member {
 /// Where an array is in a file.
 #[derive(Clone, Debug)]
 pub struct Place {
+    /// The file, where it is not the recording's own.
+    file: Option<PathBuf>,
     /// Its first byte.
     pub start: u64,
     /// Bytes in the file.
@@ -48,7 +50,18 @@ impl Place {
     /// All of the file at `path`.
     pub fn whole(path: &Path) -> Result<Self, RecordingError> {
         let metadata = std::fs::metadata(path).map_err(|error| RecordingError::io(path, error))?;
-        Ok(Self { start: 0, length: metadata.len(), packed: None })
+        Ok(Self { file: None, start: 0, length: metadata.len(), packed: None })
+    }
+
+    /// All of the file at `path`, which lies beside that of the recording.
+    pub fn beside(path: PathBuf) -> Result<Self, RecordingError> {
+        let whole = Self::whole(&path)?;
+        Ok(Self { file: Some(path), ..whole })
+    }
+
+    /// The file that it is in, where the recording is at `path`.
+    pub fn file<'a>(&'a self, path: &'a Path) -> &'a Path {
+        self.file.as_deref().unwrap_or(path)
     }
 
     /// Whether its bytes are packed, so that places in it are none in the file.
@@ -58,6 +71,7 @@ impl Place {
 
     /// Opens it at its beginning. Damage is an error of kind `InvalidData` or `InvalidInput`.
     pub fn open(&self, path: &Path) -> Result<Box<dyn Read + Send>, RecordingError> {
+        let path = self.file(path);
         let io = |error| RecordingError::io(path, error);
         let mut file = File::open(path).map_err(io)?;
         file.seek(SeekFrom::Start(self.start)).map_err(io)?;
@@ -177,7 +191,8 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
         };
         let packed = Packed { deflated, size: entry.uncompressed_size_hint(), checksum: entry.crc32() };
         let (start, end) = archive.get_entry(entry.wayfinder()).map_err(damaged)?.compressed_data_range();
-        members.push(Member { name, place: Place { start, length: end.saturating_sub(start), packed: Some(packed) } });
+        let length = end.saturating_sub(start);
+        members.push(Member { name, place: Place { file: None, start, length, packed: Some(packed) } });
         if members.len() == MOST_MEMBERS {
             break;
         }

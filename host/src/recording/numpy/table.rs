@@ -1,11 +1,11 @@
 //! Which arrays of a file are its events, and where their numbers are.
 
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use evcal_core::sensor::Sensor;
 
-use super::archive::{Member, Place};
+use super::archive::{EXTENSION, Member, Place};
 use super::header::{self, Element, HeadError, Header};
 use crate::recording::bytes::BEFORE_IT;
 use crate::recording::numbers::NumberType;
@@ -45,7 +45,7 @@ impl Table {
 
 fn damaged(path: &Path, place: &Place, what: &str) -> RecordingError {
     let kind = RecordingErrorKind::Damaged { byte: place.start, what: what.to_owned(), advice: BEFORE_IT };
-    RecordingError::new(path, kind)
+    RecordingError::new(place.file(path), kind)
 }
 
 /// The head of the array `name` at `place`.
@@ -56,7 +56,7 @@ fn header(path: &Path, name: &str, place: &Place) -> Result<Header, RecordingErr
     Header::parse(&bytes).map_err(|error| match error {
         HeadError::Damaged(what) => damaged(path, place, what),
         HeadError::Elements(what) => {
-            RecordingError::new(path, RecordingErrorKind::Elements { array: name.to_owned(), what })
+            RecordingError::new(place.file(path), RecordingErrorKind::Elements { array: name.to_owned(), what })
         }
     })
 }
@@ -91,15 +91,49 @@ fn table(header: &Header, place: &Place) -> Option<Table> {
     }
 }
 
-/// The events of the array at `place`.
-pub fn of_array(path: &Path, place: Place) -> Result<Table, RecordingError> {
-    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+/// The events of the array at `path`, or of the arrays beside it, where it is but one column of them.
+pub fn of_array(path: &Path) -> Result<Table, RecordingError> {
+    let (name, place) = (path.file_stem().unwrap_or_default().to_string_lossy(), Place::whole(path)?);
     let header = header(path, &name, &place)?;
+    let is_column = single(&header).is_some() || header.shape.get(1) == Some(&2);
+    if is_column && let Some(table) = of_files(path, &name)? {
+        return Ok(table);
+    }
     table(&header, &place).ok_or_else(|| {
         let kind =
             RecordingErrorKind::NoEventStream(format!("an array of shape {:?} without named fields", header.shape));
         RecordingError::new(path, kind)
     })
+}
+
+/// The only file in `folder` whose name says that it holds the times of events.
+pub fn times_in(folder: &Path) -> Option<PathBuf> {
+    let names = std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.file_name());
+    let is_time = |name: &str| name.strip_suffix(EXTENSION).and_then(event_column) == Some(Column::T);
+    let mut times = names.filter(|name| name.to_str().is_some_and(is_time));
+    match (times.next(), times.next()) {
+        (Some(name), None) => Some(folder.join(name)),
+        _ => None,
+    }
+}
+
+/// The events of the file `name` at `path` and those beside it that hold the other columns, with the same words in front.
+fn of_files(path: &Path, name: &str) -> Result<Option<Table>, RecordingError> {
+    let Some(front) = event_column(name).and_then(|_| name.strip_suffix(event_name(name))) else { return Ok(None) };
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let entries = std::fs::read_dir(folder).map_err(|error| RecordingError::io(folder, error))?;
+    let name_of = |entry: &std::fs::DirEntry| Some(entry.file_name().to_str()?.strip_suffix(EXTENSION)?.to_owned());
+    let mut names: Vec<String> = entries.flatten().filter_map(|entry| name_of(&entry)).collect();
+    names.retain(|name| name.strip_suffix(event_name(name)) == Some(front) && event_column(name).is_some());
+    names.sort();
+    let member = |name: String| {
+        let place = Place::beside(folder.join(format!("{name}{EXTENSION}")))?;
+        Ok(Member { name, place })
+    };
+    let members = names.into_iter().map(member).collect::<Result<Vec<_>, RecordingError>>()?;
+    let head = |member: &Member| header(path, &member.name, &member.place);
+    let heads = members.iter().map(head).collect::<Result<Vec<_>, _>>()?;
+    of_columns(path, &members.iter().zip(&heads).collect::<Vec<_>>())
 }
 
 /// An array of one number an event.
@@ -157,7 +191,7 @@ pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Resu
     Err(unread.unwrap_or_else(|| {
         let kind = match wanted {
             Some(wanted) => RecordingErrorKind::NoSuchStream { wanted: wanted.to_owned(), available: list() },
-            None => RecordingErrorKind::NoEventStream(format!("these arrays: {}", list())),
+            None => RecordingErrorKind::NoEventStream(list()),
         };
         RecordingError::new(path, kind)
     }))

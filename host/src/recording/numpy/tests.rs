@@ -9,7 +9,7 @@ use rawzip::{CompressionMethod, ZipArchiveWriter};
 use super::header::MAGIC;
 use crate::recording::testing::{self, Outcome};
 use crate::recording::write::EventWriter;
-use crate::recording::{RecordingOptions, TimeUnit};
+use crate::recording::{ReadReport, RecordingOptions, TimeUnit};
 
 fn array(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
     let order = if fortran { "True" } else { "False" };
@@ -144,13 +144,36 @@ fn an_array_that_says_more_than_it_has_is_cut_off() {
     }
 }
 
+/// A batch of the longest records took 1 GiB.
+#[test]
+fn batches_of_long_records_are_short() {
+    let events = events(150);
+    let descr = "[('t', '<i8'), ('x', '<u2'), ('y', '<u2'), ('p', '|u1'), ('', '|V60000')]";
+    let content = records(descr, &events, |event| {
+        let numbers = [&event.t.to_le_bytes()[..], &event.x.to_le_bytes(), &event.y.to_le_bytes(), &[bit(event)]];
+        [numbers.concat(), vec![0; 60_000]].concat()
+    });
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("long.npy");
+    std::fs::write(&path, &content).unwrap();
+    let mut decoder = super::open_array(&path, &RecordingOptions::default()).unwrap();
+    let (mut batch, mut report) = (Vec::new(), ReadReport::default());
+    assert!(decoder.decode(&mut batch, &mut report).unwrap());
+    assert_eq!(batch, events[..(1 << 22) / 60_013]);
+    assert_events(testing::read(&content), &events);
+}
+
 #[test]
 fn room_that_was_not_filled_is_no_events() {
     let events = events(5);
     let mut table = columns(&events, true);
     table.extend([0; 3 * 32]);
     let outcome = testing::read(&array("'<f8'", false, "(8, 4)", &table));
-    assert_eq!((outcome.events, outcome.error, outcome.report.unwritten), (events, None, 3));
+    assert_eq!((outcome.events.as_slice(), outcome.error, outcome.report.unwritten), (events.as_slice(), None, 3));
+    table.truncate(5 * 32);
+    table.extend([-1.0_f64; 2 * 4].map(f64::to_le_bytes).as_flattened());
+    let outcome = testing::read(&array("'<f8'", false, "(7, 4)", &table));
+    assert_eq!((outcome.events, outcome.error, outcome.report.unwritten), (events, None, 2));
 }
 
 /// An archive of these arrays.
@@ -251,6 +274,49 @@ fn archives_of_evimo_are_read() {
     assert!(error.contains("array p holds floating-point numbers of 16 bits"), "{error}");
 }
 
+/// EVIMO's second version: a file for each array, of which the folder was told as one without a recording.
+#[test]
+fn arrays_in_files_of_their_own_are_read_together() {
+    let events = events(40);
+    let column = |number: fn(&Event) -> u16| -> Vec<u8> {
+        array("'<u2'", false, "(40,)", &events.iter().flat_map(|event| number(event).to_le_bytes()).collect::<Vec<_>>())
+    };
+    let xy: Vec<u8> = events.iter().flat_map(|event| [event.x.to_le_bytes(), event.y.to_le_bytes()].concat()).collect();
+    let times: Vec<u8> = events.iter().flat_map(|event| (event.t as f64 / 1e6).to_le_bytes()).collect();
+    let (t, xy) = (array("'<f8'", false, "(40,)", &times), array("'<u2'", false, "(40, 2)", &xy));
+    let p = array("'|u1'", false, "(40,)", &events.iter().map(bit).collect::<Vec<_>>());
+    let (x, y) = (column(|event| event.x), column(|event| event.y));
+    let evimo = vec![("t", t.clone()), ("xy", xy), ("p", p.clone())];
+    for (front, files) in
+        [("dataset_events_", evimo.clone()), ("events_", vec![("t", t), ("x", x), ("y", y), ("p", p)]), ("", evimo)]
+    {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(format!("{front}{name}.npy"));
+        files.iter().for_each(|(name, content)| std::fs::write(path(name), content).unwrap());
+        // Of another recording, and of none.
+        std::fs::write(folder.path().join("other_t.npy"), b"t").unwrap();
+        std::fs::write(folder.path().join("dataset_info.npz"), b"PK").unwrap();
+        for (name, _) in &files {
+            assert_events(testing::read_file(&path(name), RecordingOptions::default()), &events);
+        }
+        assert_events(testing::read_file(folder.path(), RecordingOptions::default()), &events);
+        std::fs::write(path("p"), &files[0].1[..40]).unwrap();
+        let error = testing::read_file(&path("t"), RecordingOptions::default()).error.unwrap();
+        assert!(error.contains(&format!("{front}p.npy: byte 0")), "{error}");
+        std::fs::remove_file(path("p")).unwrap();
+        let error = testing::read_file(&path("t"), RecordingOptions::default()).error.unwrap();
+        assert!(error.contains("an array of shape [40]"), "{error}");
+    }
+}
+
+#[test]
+fn an_array_without_rows_is_told_as_one() {
+    for (shape, data) in [("(0, 4)", &[][..]), ("(5, 4)", &[0; 160])] {
+        let error = testing::read(&array("'<f8'", false, shape, data)).error.unwrap();
+        assert!(error.contains("its array has no rows"), "{error}");
+    }
+}
+
 #[test]
 fn archives_without_events_say_what_they_hold() {
     let mut unequal = four(&events(3));
@@ -258,7 +324,7 @@ fn archives_without_events_say_what_they_hold() {
     for (members, part) in [
         (vec![("picture.png", vec![1])], "unpack it first"),
         (vec![("xl/workbook.xml", vec![1])], "is a spreadsheet file, which is not supported; save its events as CSV"),
-        (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "but these arrays: a: name"),
+        (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "holds no events, only a; name"),
         (unequal, "x has 2 elements"),
     ] {
         let error = testing::read(&archive(true, &members)).error.unwrap();

@@ -3,6 +3,8 @@
 //! Behind the header a byte with the kind of the records (0 or 12: events) and one with their size, 8. A record is u32
 //! time in µs and u32 data, little-endian:
 //!
+//! Version 2 calls its events kind 12, version 1 leaves bits 18–31 empty; a header without a version is judged by that.
+//!
 //! | version | column | row | polarity |
 //! |---|---|---|---|
 //! | 1 | bits 0–8 | 9–16 | 17 |
@@ -30,12 +32,24 @@ const BLOCK: u64 = 1 << 18;
 /// Kinds of records that are events.
 const EVENT_KINDS: [u8; 2] = [0, 12];
 
+/// The kind that events have in version 2.
+const KIND_OF_VERSION_2: u8 = 12;
+/// Bits of an event that version 1 has.
+const BITS_OF_VERSION_1: u32 = 18;
+
 /// The header, if it is followed by records that are events.
 fn layout(head: &Head) -> Option<Header> {
     let header = Header::parse(&head.bytes)?;
     let &[kind, size] = head.bytes.get(header.length..)?.first_chunk()?;
     let of_camera = header.get("evt").or_else(|| header.get("format")).is_some();
     (EVENT_KINDS.contains(&kind) && size == 8 && !of_camera).then_some(header)
+}
+
+/// Whether the events behind a header of `length` bytes can only be of version 2.
+fn is_version_2(head: &Head, length: usize) -> bool {
+    let Some(([kind, _], records)) = head.bytes.get(length..).and_then(<[u8]>::split_first_chunk) else { return false };
+    let data = |&[.., a, b, c, d]: &[u8; RECORD]| u32::from_le_bytes([a, b, c, d]);
+    *kind == KIND_OF_VERSION_2 || records.as_chunks().0.iter().any(|record| data(record) >> BITS_OF_VERSION_1 != 0)
 }
 
 struct Decoder {
@@ -50,14 +64,16 @@ struct Decoder {
 
 fn open(path: &Path, _: &RecordingOptions) -> Opened {
     let mut file = ByteReader::open(path)?;
-    let header = layout(&Head::read(path)?).ok_or_else(|| file.damaged(0, "the header has changed"))?;
+    let head = Head::read(path)?;
+    let header = layout(&head).ok_or_else(|| file.damaged(0, "the header has changed"))?;
     file.seek(header.length as u64 + 2)?;
     let mut notes = Vec::new();
     let version = header.get("Version").or_else(|| header.get("version"));
+    let version_1 = version.map_or_else(|| !is_version_2(&head, header.length), |version| version == "1");
     if version.is_none() {
-        notes.push("the header gives no version: taken for version 1".to_owned());
+        let version = if version_1 { 1 } else { 2 };
+        notes.push(format!("the header gives no version: by its events it is taken for version {version}"));
     }
-    let version_1 = version.is_none_or(|version| version == "1");
     let (sensor, camera_name) = (header.sensor(), header.camera_name());
     let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: header.date(), notes };
     Ok(Box::new(Decoder { file, information, version_1, block: Vec::new(), latest: 0, turns: 0 }))
@@ -109,8 +125,12 @@ mod tests {
     const HEADER: &[u8] = b"% Data file containing CD events.\n% Version 2\n% Height 240\n% Width 304\n";
 
     fn file(header: &[u8], records: &[[u32; 2]]) -> Vec<u8> {
+        file_of_kind(12, header, records)
+    }
+
+    fn file_of_kind(kind: u8, header: &[u8], records: &[[u32; 2]]) -> Vec<u8> {
         let records = records.iter().flatten().flat_map(|value| value.to_le_bytes());
-        header.iter().copied().chain([12, 8]).chain(records).collect()
+        header.iter().copied().chain([kind, 8]).chain(records).collect()
     }
 
     #[test]
@@ -133,9 +153,23 @@ mod tests {
     fn version_1_has_fewer_bits() {
         // 9 bits of 303, 8 of 239, ON.
         let records = [[7, (1 << 17) + (239 << 9) + 303]];
-        for header in [b"% Version 1\n".as_slice(), b"% Date 2015\n"] {
-            let outcome = testing::read(&file(header, &records));
+        for (kind, header) in [(0, b"% Version 1\n".as_slice()), (12, b"% Version 1\n"), (0, b"% Date 2015\n")] {
+            let outcome = testing::read(&file_of_kind(kind, header, &records));
             assert_eq!(outcome.events, [Event { t: 7, x: 303, y: 239, polarity: Polarity::On }]);
+        }
+    }
+
+    /// Such files were read as version 1, with half of their events at wrong pixels.
+    #[test]
+    fn version_2_is_told_from_the_events() {
+        // (303, 239) ON, then (5, 1) OFF, of which version 1 has all bits.
+        let records = [[7, 0x103b_c12f], [8, 0x0000_4005]];
+        let event = |t, x, y, polarity| Event { t, x, y, polarity };
+        let expected = [event(7, 303, 239, Polarity::On), event(8, 5, 1, Polarity::Off)];
+        for (kind, from) in [(12, 0), (12, 1), (0, 0)] {
+            let outcome = testing::read(&file_of_kind(kind, b"% Date 2019\n", &records[from..]));
+            assert_eq!(outcome.events, expected[from..]);
+            assert!(outcome.information.unwrap().notes.iter().any(|note| note.contains("version 2")));
         }
     }
 

@@ -7,7 +7,7 @@ use std::io::{BufWriter, Write};
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
-use crate::recording::encode::{Description, Encode, OutputFormat, WriteError};
+use crate::recording::encode::{Description, Encode, OutputFormat, WriteError, check_leap};
 
 /// RAW in EVT 3.0.
 pub const OUTPUT: OutputFormat = OutputFormat {
@@ -67,6 +67,8 @@ impl Encoder {
     fn time(&mut self, t: i64) -> Result<(), WriteError> {
         let (high, low) = (t >> HIGH_SHIFT, t & MASK);
         if self.high != Some(high) {
+            let before = self.high.unwrap_or(0) << HIGH_SHIFT;
+            check_leap(before.saturating_add(self.zero), t.saturating_add(self.zero))?;
             // All between, as a camera sends them: some readers follow a turn of the clock from its last time high only.
             for step in self.high.map_or(0, |latest| latest + 1)..=high {
                 self.word(TIME_HIGH | (step & MASK) as u16)?;
@@ -153,6 +155,18 @@ mod tests {
         assert_eq!(information.camera_name.as_deref(), Some("EVK4 7"));
         let shifted = testing::read(&written(&events, Sensor::new(2048, 2048), times[0]).unwrap());
         assert!(shifted.events.iter().zip(&events).all(|(found, event)| found.t == event.t - times[0]));
+    }
+
+    /// A word for each 4096 µs between was 830 GB for this.
+    #[test]
+    fn a_leap_of_years_is_refused() {
+        let at = |t| event(t, 3, 2, Polarity::On);
+        let error = written(&[at(0), at(1_700_000_000_000_000)], Sensor::new(1280, 720), 0).unwrap_err().to_string();
+        assert!(error.contains("1700000000000000 us") && error.contains("--time-unit"), "{error}");
+        let zero = 1_600_000_000_000_000;
+        let error = written(&[at(zero + 8192), at(zero + 86_500_000_000)], Sensor::new(1280, 720), zero).unwrap_err();
+        let WriteError::Leap { before, time } = error else { panic!("{error}") };
+        assert_eq!((before, time), (zero + 8192, zero + 86_500_000_000));
     }
 
     #[test]

@@ -4,9 +4,11 @@
 //! length and `name=value`. `op` says what the record is: 5 a chunk (records, perhaps packed as bz2 or LZ4), 7 a
 //! connection (a topic and its type), 2 a message; the others are an index, which is not needed.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::Path;
 
-use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic};
+use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record};
 use super::fields::Wire;
 use super::message::Kind;
 use super::write::BAG_OUTPUT;
@@ -33,6 +35,8 @@ pub const FORMAT: FileFormat = FileFormat {
 const CHUNK: u8 = 5;
 const CONNECTION: u8 = 7;
 const MESSAGE: u8 = 2;
+/// No header of a record is longer.
+const LONGEST_RECORD_HEADER: u64 = 1 << 16;
 /// No header of a file is longer, nor are the connections in an index.
 const LONGEST_HEADER: u64 = 1 << 13;
 const LONGEST_INDEX: u64 = 1 << 22;
@@ -47,7 +51,8 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
         header: Vec::new(),
         packed: Vec::new(),
         topics: Vec::new(),
-        connections: Vec::new(),
+        connections: BTreeMap::new(),
+        places: BTreeMap::new(),
         message: (0, 0),
         truncated: None,
         ended: false,
@@ -60,8 +65,10 @@ struct Bag {
     header: Vec<u8>,
     packed: Vec<u8>,
     topics: Vec<Topic>,
-    /// Number of a connection and the place of its topic.
-    connections: Vec<(u32, usize)>,
+    /// Numbers of connections and the places of their topics.
+    connections: BTreeMap<u32, usize>,
+    /// Names and types of topics and their places.
+    places: BTreeMap<(String, String), usize>,
     /// Where the message is in the chunk.
     message: (usize, usize),
     truncated: Option<Truncation>,
@@ -164,6 +171,11 @@ impl Bag {
                 return Ok(false);
             }
             let Some(header_length) = self.length(start)? else { return Ok(false) };
+            if header_length > LONGEST_RECORD_HEADER {
+                self.ended = true;
+                let what = format!("the header of a record is said to have {header_length} bytes");
+                return Err(self.file.damaged(start, what));
+            }
             self.file.read(&mut self.header, header_length)?;
             let Some(operation) = operation(&self.header) else {
                 self.ended = true;
@@ -174,12 +186,12 @@ impl Bag {
             };
             match operation {
                 CHUNK => {
-                    self.file.read(&mut self.packed, length)?;
+                    read_record(&mut self.file, start, length, &mut self.packed)?;
                     self.unpack(start)?;
                     return Ok(true);
                 }
                 CONNECTION | MESSAGE => {
-                    self.file.read(&mut self.packed, length)?;
+                    read_record(&mut self.file, start, length, &mut self.packed)?;
                     let bytes = &mut self.chunk.bytes;
                     bytes.clear();
                     for part in [&self.header, &self.packed] {
@@ -231,16 +243,14 @@ impl Bag {
     fn connect(&mut self, from: usize) -> Option<()> {
         let record = record(&self.chunk.bytes, from)?;
         let connection = number(record.header, b"conn")?;
-        if self.connections.iter().any(|(known, _)| *known == connection) {
-            return Some(());
+        if let Entry::Vacant(vacant) = self.connections.entry(connection) {
+            let topic = topic(&record)?;
+            let place = self.places.entry((topic.name.clone(), topic.type_name.clone())).or_insert(self.topics.len());
+            vacant.insert(*place);
+            if *place == self.topics.len() {
+                self.topics.push(topic);
+            }
         }
-        let topic = topic(&record)?;
-        let same = |other: &Topic| topic.name == other.name && topic.type_name == other.type_name;
-        let index = self.topics.iter().position(same).unwrap_or(self.topics.len());
-        if index == self.topics.len() {
-            self.topics.push(topic);
-        }
-        self.connections.push((connection, index));
         Some(())
     }
 }
@@ -270,8 +280,7 @@ impl Container for Bag {
                     .connect(position)
                     .ok_or_else(|| self.file.damaged(self.chunk.byte, "a connection names no topic or no type"))?,
                 Some(MESSAGE) => {
-                    let known = self.connections.iter().find(|(known, _)| Some(*known) == connection);
-                    let Some(&(_, topic)) = known else {
+                    let Some(&topic) = connection.and_then(|connection| self.connections.get(&connection)) else {
                         return Err(self
                             .file
                             .damaged(self.chunk.byte, "a message is of a connection that is not known"));

@@ -5,10 +5,13 @@ use std::path::Path;
 
 use super::fields::{MessageError, Wire};
 use super::message::Kind;
-use crate::recording::{RecordingError, Truncation};
+use crate::recording::bytes::ByteReader;
+use crate::recording::{Damage, RecordingError, RecordingErrorKind, Truncation};
 
 /// A chunk that says it unpacks to more is damaged: writers begin a new one after some megabytes.
 pub const MOST_UNPACKED: u64 = 1 << 26;
+/// A record that is said to be longer is damaged: what cannot be packed grows by less, and its head is shorter.
+pub const LONGEST_RECORD: u64 = MOST_UNPACKED + (1 << 20);
 
 /// Messages of one name.
 #[derive(Clone, Debug)]
@@ -64,6 +67,23 @@ pub trait Container: Send {
 
     /// An error about the message at `byte`.
     fn damaged(&self, byte: u64, what: String) -> RecordingError;
+}
+
+/// Whether reading goes on behind this error.
+pub fn is_skipped(error: &RecordingError, damage: Damage) -> bool {
+    damage == Damage::Skip && matches!(error.kind, RecordingErrorKind::Damaged { .. })
+}
+
+/// Reads the next `length` bytes of `file` into `buffer`, of the record at `byte`. They are passed over where they are more than any
+/// record has, which is an error.
+pub fn read_record(file: &mut ByteReader, byte: u64, length: u64, buffer: &mut Vec<u8>) -> Result<(), RecordingError> {
+    if length > LONGEST_RECORD {
+        file.seek(file.position().saturating_add(length))?;
+        let what =
+            format!("a record is said to have {length} bytes, where {LONGEST_RECORD} are the most that are read");
+        return Err(file.damaged(byte, what));
+    }
+    file.read(buffer, length)
 }
 
 /// Opens a file of messages.
@@ -124,13 +144,14 @@ impl Packing {
         })
     }
 
-    /// Unpacks a chunk of `size` bytes into `unpacked`. One that is not packed is no larger than it says, or than the file.
+    /// Unpacks a chunk of `size` bytes into `unpacked`.
     pub fn unpack(self, packed: &[u8], size: u64, unpacked: &mut Vec<u8>) -> Result<(), ChunkError> {
         unpacked.clear();
+        // One that is not packed is no larger than its record.
         if size > MOST_UNPACKED && self != Self::Plain {
             return Err(ChunkError::Large { size });
         }
-        let read = self.open(packed)?.take(size + 1).read_to_end(unpacked)?;
+        let read = self.open(packed)?.take(size.saturating_add(1)).read_to_end(unpacked)?;
         if read as u64 == size { Ok(()) } else { Err(ChunkError::Size { size }) }
     }
 

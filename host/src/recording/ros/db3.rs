@@ -1,5 +1,6 @@
 //! Bags of ROS 2 in SQLite: a table `topics` and a table `messages`, in the order in which they were recorded.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::container::{Container, MessageHead, Topic, unpack_message};
@@ -28,8 +29,8 @@ struct Bag {
     /// Which columns of a message are its topic and its bytes.
     columns: [usize; 2],
     topics: Vec<Topic>,
-    /// The numbers of the topics, in their order.
-    numbers: Vec<i64>,
+    /// The numbers of the topics and their places.
+    places: BTreeMap<i64, usize>,
     row: Vec<u8>,
     /// The message, where it was packed by itself.
     unpacked: Vec<u8>,
@@ -50,23 +51,23 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
             return Err(pages.damaged(truncated.byte, truncated.lost.clone()));
         }
         let names: Vec<&str> = tables.iter().map(|table| table.name.as_str()).collect();
-        let what = format!("these tables, which are none of a ROS 2 bag: {}", names.join(", "));
+        let what = format!("tables that are not those of a ROS 2 bag: {}", names.join(", "));
         return Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)));
     };
-    let (numbers, topics) = read_topics(&mut pages, topics, &topic_columns)?;
+    let (places, topics) = read_topics(&mut pages, topics, &topic_columns)?;
     let columns = columns.try_into().unwrap_or_default();
     let messages = messages.open();
-    Ok(Box::new(Bag { pages, messages, columns, topics, numbers, row: Vec::new(), unpacked: Vec::new() }))
+    Ok(Box::new(Bag { pages, messages, columns, topics, places, row: Vec::new(), unpacked: Vec::new() }))
 }
 
-/// The topics and their numbers.
+/// The topics, and their places by their numbers.
 fn read_topics(
     pages: &mut Pages,
     table: &Description,
     columns: &[usize],
-) -> Result<(Vec<i64>, Vec<Topic>), RecordingError> {
+) -> Result<(BTreeMap<i64, usize>, Vec<Topic>), RecordingError> {
     let (mut rows, mut row) = (table.open(), Vec::new());
-    let (mut numbers, mut topics) = (Vec::new(), Vec::new());
+    let (mut places, mut topics) = (BTreeMap::new(), Vec::new());
     while let Some((number, byte)) = pages.next(&mut rows, &mut row)? {
         let values = sqlite::values(&row).ok_or_else(|| pages.damaged(byte, "a topic cannot be read"))?;
         let text = |column: &usize| match values.get(*column) {
@@ -76,10 +77,10 @@ fn read_topics(
         let texts: Vec<String> = columns.iter().map(text).collect();
         let [name, type_name, format] = texts.as_slice() else { continue };
         let kind = if format == "cdr" { Kind::of_type(type_name) } else { Kind::Other };
+        places.entry(number).or_insert(topics.len());
         topics.push(Topic { name: name.clone(), type_name: type_name.clone(), kind, wire: Wire::Cdr });
-        numbers.push(number);
     }
-    Ok((numbers, topics))
+    Ok((places, topics))
 }
 
 impl Container for Bag {
@@ -93,7 +94,7 @@ impl Container for Bag {
         let (Some(Value::Whole(topic)), Some(Value::Bytes(message))) = (values.get(topic), values.get(data)) else {
             return Err(self.pages.damaged(byte, "a message cannot be read"));
         };
-        let Some(topic) = self.numbers.iter().position(|number| number == topic) else {
+        let Some(&topic) = self.places.get(topic) else {
             return Err(self.pages.damaged(byte, "a message is of a topic that is not known"));
         };
         unpack_message(message, &mut self.unpacked)

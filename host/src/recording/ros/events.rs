@@ -1,11 +1,10 @@
 //! The events of one topic.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use evcal_core::event::Event;
 
-use super::container::{Container, MessageHead, OpenContainer, Topic};
+use super::container::{Container, MessageHead, OpenContainer, Topic, is_skipped};
 use super::message::{self, Description, Kind};
 use super::packet::PacketDecoder;
 use crate::recording::prophesee::{TRIGGERS, tell};
@@ -23,7 +22,6 @@ struct Decoder {
     damage: Damage,
     information: RecordingInformation,
     packets: PacketDecoder,
-    other: BTreeMap<String, u64>,
 }
 
 /// Starts reading the events of the topic that is asked for, or of the first one that has any.
@@ -47,7 +45,7 @@ pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &Re
     let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
     let packets = PacketDecoder::default();
     let container = open(path)?;
-    Ok(Box::new(Decoder { container, topic, damage: options.damage, information, packets, other: BTreeMap::new() }))
+    Ok(Box::new(Decoder { container, topic, damage: options.damage, information, packets }))
 }
 
 /// A topic with events, and what its first message with events says of them.
@@ -86,22 +84,17 @@ fn first_of(
     }
 }
 
-fn is_skipped(error: &RecordingError, damage: Damage) -> bool {
-    damage == Damage::Skip && matches!(error.kind, RecordingErrorKind::Damaged { .. })
-}
-
 fn no_topic(topics: &[Topic], wanted: Option<&str>) -> RecordingErrorKind {
-    let list = |topics: Vec<String>| if topics.is_empty() { "none".to_owned() } else { topics.join(", ") };
     let of_events = topics.iter().filter(|topic| topic.kind.holds_events());
     match wanted {
         Some(wanted) => RecordingErrorKind::NoSuchStream {
             wanted: wanted.to_owned(),
-            available: list(of_events.map(Topic::description).collect()),
+            available: match of_events.map(Topic::description).collect::<Vec<_>>() {
+                none if none.is_empty() => "none".to_owned(),
+                some => some.join(", "),
+            },
         },
-        None => {
-            let topics = list(topics.iter().map(Topic::description).collect());
-            RecordingErrorKind::NoEventStream(format!("these topics: {topics}"))
-        }
+        None => RecordingErrorKind::NoEventStream(topics.iter().map(Topic::description).collect::<Vec<_>>().join(", ")),
     }
 }
 
@@ -110,12 +103,12 @@ fn damaged(container: &dyn Container, head: &MessageHead, topic: &Topic, what: &
 }
 
 impl Decoder {
-    /// Appends the events of the next message; false at the end.
-    fn next_message(&mut self, batch: &mut Vec<Event>) -> Result<bool, RecordingError> {
+    /// Appends the events of the next message, or counts it if it is of another topic; false at the end.
+    fn next_message(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let Some(head) = self.container.next()? else { return Ok(false) };
         let Some(topic) = self.container.topics().get(head.topic) else { return Ok(true) };
         if topic.name != self.topic || !topic.kind.holds_events() {
-            *self.other.entry(topic.description()).or_default() += 1;
+            *report.other_packets.entry(topic.description()).or_default() += 1;
             return Ok(true);
         }
         let message = self.container.message();
@@ -133,7 +126,7 @@ impl Decode for Decoder {
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut more = true;
         while more && batch.len() < BATCH {
-            match self.next_message(batch) {
+            match self.next_message(batch, report) {
                 Ok(there_is) => more = there_is,
                 Err(error) if is_skipped(&error, self.damage) => report.damaged_packets += 1,
                 Err(error) => return Err(error),
@@ -141,9 +134,8 @@ impl Decode for Decoder {
         }
         tell(self.packets.counts(), report);
         if self.packets.triggers > 0 {
-            self.other.insert(TRIGGERS.to_owned(), self.packets.triggers);
+            report.other_packets.insert(TRIGGERS.to_owned(), self.packets.triggers);
         }
-        report.other_packets.clone_from(&self.other);
         report.truncated = self.container.truncated().cloned();
         Ok(more)
     }
@@ -188,10 +180,7 @@ pub fn summarise(open: OpenContainer, path: &Path) -> Result<Vec<StreamSummary>,
             Kind::Other => (1, None),
         };
         summary.elements += count;
-        summary.times_us = match (summary.times_us, times) {
-            (Some((first, _)), Some((_, last))) => Some((first, last)),
-            (earlier, later) => earlier.or(later),
-        };
+        summary.extend(times);
     }
     Ok(summaries)
 }

@@ -2,13 +2,16 @@
 //! which follow each other.
 
 use std::collections::VecDeque;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use yaml_rust2::{Yaml, YamlLoader};
+use yaml_rust2::Yaml;
 
 use super::container::{Container, MessageHead, OpenContainer, Topic};
 use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, events, extras, mcap};
 use crate::recording::{FileFormat, Head, RecordingError, RecordingErrorKind, Truncation, Uses, find_format};
+use crate::yaml;
 
 /// Folder of a ROS 2 bag. It is told by what is in it, not by how it begins.
 pub const FORMAT: FileFormat = FileFormat {
@@ -20,6 +23,8 @@ pub const FORMAT: FileFormat = FileFormat {
 };
 
 const METADATA: &str = "metadata.yaml";
+/// Bytes of the longest metadata that are read: the settings of a topic and the times of a file take some hundred each.
+const LONGEST_METADATA: usize = 1 << 20;
 
 /// Whether `path` is such a folder.
 pub fn is_bag(path: &Path) -> bool {
@@ -65,8 +70,15 @@ fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
 /// The files that the metadata of the folder name, in their order; one at least.
 fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let path = folder.join(METADATA);
-    let text = std::fs::read_to_string(&path).map_err(|error| RecordingError::io(&path, error))?;
-    let documents = YamlLoader::load_from_str(&text).unwrap_or_default();
+    let damaged = |what| {
+        let advice = "name the .db3 or .mcap file itself";
+        RecordingError::new(&path, RecordingErrorKind::Damaged { byte: 0, what, advice })
+    };
+    let mut text = Vec::new();
+    let read = File::open(&path).and_then(|file| file.take(LONGEST_METADATA as u64 + 1).read_to_end(&mut text));
+    read.map_err(|error| RecordingError::io(&path, error))?;
+    let documents =
+        yaml::load(&String::from_utf8_lossy(&text), LONGEST_METADATA).map_err(|error| damaged(error.to_string()))?;
     let names = documents.first().map(|all| &all["rosbag2_bagfile_information"]["relative_file_paths"]);
     let names = names.and_then(Yaml::as_vec).into_iter().flatten().filter_map(Yaml::as_str);
     let place = |name: &str| {
@@ -77,9 +89,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     };
     let files: Vec<PathBuf> = names.map(place).collect();
     if files.is_empty() {
-        let what = "it lists no files under relative_file_paths".to_owned();
-        let advice = "name the .db3 or .mcap file itself";
-        return Err(RecordingError::new(&path, RecordingErrorKind::Damaged { byte: 0, what, advice }));
+        return Err(damaged("it lists no files under relative_file_paths".to_owned()));
     }
     Ok(files)
 }
@@ -158,5 +168,49 @@ impl Container for Folder {
 
     fn damaged(&self, byte: u64, what: String) -> RecordingError {
         self.now.damaged(byte, what)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The files that metadata of this text name.
+    fn named(text: &str) -> Result<Vec<PathBuf>, String> {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(METADATA), text).unwrap();
+        let files = files(folder.path()).map_err(|error| error.to_string())?;
+        Ok(files.iter().map(|file| file.strip_prefix(folder.path()).unwrap().to_owned()).collect())
+    }
+
+    /// A kilobyte of aliases took all memory.
+    #[test]
+    fn metadata_that_repeat_or_nest_without_end_are_refused() {
+        let line = |level: usize| format!("a{level}: &a{level} [{}]\n", format!("*a{},", level - 1).repeat(9));
+        let bomb: String = (1..20).map(line).collect();
+        for (text, part) in [
+            (format!("a0: &a0 1\n{bomb}"), "repeats parts of itself"),
+            ("[".repeat(100_000), "metadata.yaml"),
+            (format!("a: {}\n", "b".repeat(LONGEST_METADATA)), "more than 1048576 bytes"),
+            ("a: [\n".to_owned(), "name the .db3 or .mcap file itself"),
+        ] {
+            let error = named(&text).unwrap_err();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+
+    #[test]
+    fn long_metadata_with_quoted_marks_are_read() {
+        let qos = "- history: 3\\n  depth: 0\\n  reliability: 1\\n".repeat(10);
+        let topic = format!(
+            "    - topic_metadata:\n        name: /a\n        offered_qos_profiles: \"{qos}\"\n      message_count: 1\n"
+        );
+        let text = format!(
+            "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n    - \"R&D *1.db3\"\n    - b.db3\n  \
+             topics_with_message_count:\n{}",
+            topic.repeat(400)
+        );
+        assert!(text.len() > 1 << 17);
+        assert_eq!(named(&text), Ok(vec![PathBuf::from("R&D *1.db3"), PathBuf::from("b.db3")]));
     }
 }

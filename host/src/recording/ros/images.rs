@@ -1,10 +1,11 @@
 //! The images of one topic, where they are those of a camera that sends no events.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use evcal_core::sensor::Sensor;
 
-use super::container::{MessageHead, OpenContainer, Topic};
+use super::container::{MessageHead, OpenContainer, Topic, is_skipped};
 use super::message::Kind;
 use super::{folder, picture};
 use crate::recording::extras::Frame;
@@ -144,10 +145,6 @@ fn is_images(topic: &Topic, name: &str) -> bool {
     topic.kind.holds_images() && topic.name == name
 }
 
-fn is_skipped(error: &RecordingError, damage: Damage) -> bool {
-    damage == Damage::Skip && matches!(error.kind, RecordingErrorKind::Damaged { .. })
-}
-
 /// The topics of a file that have a message; without any more as soon as the `wanted` one is among them, or one of events where none
 /// is wanted.
 fn topics(
@@ -157,7 +154,8 @@ fn topics(
     damage: Damage,
 ) -> Result<Vec<Topic>, RecordingError> {
     let mut container = open(path)?;
-    let mut seen: Vec<usize> = Vec::new();
+    // In the order of their first messages.
+    let (mut seen, mut known) = (Vec::new(), BTreeSet::new());
     loop {
         let head = match container.next() {
             Ok(Some(head)) => head,
@@ -165,7 +163,7 @@ fn topics(
             Err(error) if is_skipped(&error, damage) => continue,
             Err(error) => return Err(error),
         };
-        if seen.contains(&head.topic) {
+        if !known.insert(head.topic) {
             continue;
         }
         seen.push(head.topic);

@@ -4,9 +4,13 @@
 //! chunk of such records (perhaps packed as LZ4 or Zstandard), 15 the end of the data. What follows is an index, which is
 //! not needed.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::Path;
 
-use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, unpack_message};
+use super::container::{
+    ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record, unpack_message,
+};
 use super::fields::{Fields, MessageError, Wire};
 use super::message::Kind;
 use super::write::MCAP_OUTPUT;
@@ -130,7 +134,7 @@ impl Mcap {
             }
             match kind {
                 CHUNK => {
-                    self.file.read(&mut self.packed, length)?;
+                    read_record(&mut self.file, start, length, &mut self.packed)?;
                     (self.position, self.byte) = (0, start);
                     self.unpack().map_err(|what| {
                         self.records.clear();
@@ -139,7 +143,7 @@ impl Mcap {
                     return Ok(true);
                 }
                 SCHEMA | CHANNEL | MESSAGE => {
-                    self.file.read(&mut self.packed, length)?;
+                    read_record(&mut self.file, start, length, &mut self.packed)?;
                     self.records.clear();
                     self.records.push(kind);
                     self.records.extend_from_slice(&length.to_le_bytes());
@@ -213,9 +217,9 @@ impl Mcap {
 #[derive(Default)]
 struct Described {
     /// Numbers and names of schemas.
-    schemas: Vec<(u16, String)>,
-    /// Number of a channel and the place of its topic.
-    channels: Vec<(u16, usize)>,
+    schemas: BTreeMap<u16, String>,
+    /// Numbers of channels and the places of their topics.
+    channels: BTreeMap<u16, usize>,
     topics: Vec<Topic>,
 }
 
@@ -225,22 +229,19 @@ impl Described {
         let mut fields = Fields::new(Wire::Ros1, content)?;
         let id = fields.u16("its number")?;
         if kind == SCHEMA {
-            let name = text(&mut fields)?;
-            self.schemas.retain(|(known, _)| *known != id);
-            self.schemas.push((id, name));
+            self.schemas.insert(id, text(&mut fields)?);
             return Ok(());
         }
         let schema = fields.u16("its schema")?;
         let (name, encoding) = (text(&mut fields)?, text(&mut fields)?);
-        let type_name = self.schemas.iter().find(|(known, _)| *known == schema);
-        let type_name = type_name.map(|(_, name)| name.clone()).unwrap_or_default();
+        let type_name = self.schemas.get(&schema).cloned().unwrap_or_default();
         let (known_kind, wire) = match encoding.as_str() {
             "cdr" => (Kind::of_type(&type_name), Wire::Cdr),
             "ros1" => (Kind::of_type(&type_name), Wire::Ros1),
             _ => (Kind::Other, Wire::Ros1),
         };
-        if !self.channels.iter().any(|(known, _)| *known == id) {
-            self.channels.push((id, self.topics.len()));
+        if let Entry::Vacant(channel) = self.channels.entry(id) {
+            channel.insert(self.topics.len());
             self.topics.push(Topic { name, type_name, kind: known_kind, wire });
         }
         Ok(())
@@ -279,8 +280,7 @@ impl Container for Mcap {
                     // Channel, number, and two times.
                     let channel = self.records.get(start..end).and_then(|content| content.first_chunk());
                     let channel = channel.map(|bytes| u16::from_le_bytes(*bytes));
-                    let known = self.described.channels.iter().find(|(known, _)| Some(*known) == channel);
-                    let Some(&(_, topic)) = known else {
+                    let Some(&topic) = channel.and_then(|channel| self.described.channels.get(&channel)) else {
                         return Err(self.file.damaged(self.byte, "a message is of a channel that is not known"));
                     };
                     self.message = ((start + 22).min(end), end);

@@ -1,6 +1,7 @@
 //! What can be wrong with a line of a text file.
 
 use super::MAX_LINE;
+use crate::recording::counted::counted;
 use crate::recording::{Columns, TimeUnit};
 
 /// Why a line is no event.
@@ -11,7 +12,7 @@ pub enum LineError {
     #[error("is longer than {MAX_LINE} characters; is this a text file?")]
     TooLong,
     /// More or fewer fields than columns.
-    #[error("has {count} fields, not {} ({columns}){}", columns.as_slice().len(), field_advice(*count, columns))]
+    #[error("has {}, not {} ({columns}){}", counted(*count as u64, "field", "fields"), columns.as_slice().len(), field_advice(*count, columns))]
     FieldCount {
         /// Fields of the line.
         count: usize,
@@ -19,7 +20,7 @@ pub enum LineError {
         columns: Columns,
     },
     /// A time that is no number.
-    #[error("{field:?} is no time in {unit}")]
+    #[error("{field:?} is not a time in {unit}")]
     Time {
         /// What stands there.
         field: String,
@@ -27,7 +28,7 @@ pub enum LineError {
         unit: TimeUnit,
     },
     /// A coordinate that is no whole number.
-    #[error("{field:?} is no whole pixel in {axis}; raw events are needed, not undistorted ones")]
+    #[error("{field:?} is not a whole pixel in {axis}; raw events are needed, not undistorted ones")]
     Pixel {
         /// What stands there.
         field: String,
@@ -35,7 +36,7 @@ pub enum LineError {
         axis: &'static str,
     },
     /// A polarity that is none.
-    #[error("{0:?} is no polarity (1 for ON, 0 or -1 for OFF)")]
+    #[error("{0:?} is not a polarity (1 for ON, 0 or -1 for OFF)")]
     Polarity(String),
 }
 

@@ -1,6 +1,6 @@
 //! What the columns of a text file are: from the options, its line of names, or its values.
 
-use super::{MAX_FIELDS, is_comment, number, split};
+use super::{Fields, is_comment, number};
 use crate::recording::columns::{self, Cell, LayoutError, SAMPLE};
 use crate::recording::{Column, Columns, MAX_SENSOR_SIZE, RecordingOptions, TimeUnit};
 use evcal_core::sensor::Sensor;
@@ -43,6 +43,7 @@ pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutErro
         (None, Some((None, _))) => {
             return Err(LayoutError::Names(parts.names.unwrap_or_default().join(", ")));
         }
+        (None, None) if parts.rows.is_empty() => return Err(LayoutError::NoNumbers),
         (None, None) => (columns::from_values(&cells(&parts.rows), &mut notes)?, None),
     };
     let time_unit = match options.time_unit.or(unit_of_name) {
@@ -57,12 +58,6 @@ pub fn is_named(text: &str) -> bool {
     text.lines().any(|line| columns::from_names(&name_list(line)).0.is_some())
 }
 
-fn fields(line: &str) -> Vec<&[u8]> {
-    let mut fields = [&[][..]; MAX_FIELDS];
-    let count = split(line.as_bytes(), &mut fields);
-    fields.into_iter().take(count).collect()
-}
-
 fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
     let mut first_line = 0;
     let mut names = None;
@@ -74,8 +69,8 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
         }
         let line = line.trim();
         if !is_comment(line.as_bytes()) {
-            let fields = fields(line);
-            if fields.iter().all(|field| number::is_number(field) || number::polarity(field).is_some()) {
+            let fields: Vec<&[u8]> = Fields::of(line.as_bytes()).collect();
+            if is_row(&fields) {
                 // Two numbers at the very beginning are the size of the sensor.
                 match (&fields[..], rows.is_empty(), sensor) {
                     ([width, height], true, None) => {
@@ -112,6 +107,13 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
         rows.pop();
     }
     Ok(Parts { first_line, names, sensor, rows })
+}
+
+/// Whether these fields are an event, not names. Columns that are not read may be empty; only names begin with nothing, above the numbers of rows.
+fn is_row(fields: &[&[u8]]) -> bool {
+    let is_number = |field: &[u8]| number::is_number(field) || number::polarity(field).is_some();
+    fields.first().is_none_or(|first| is_number(first))
+        && fields.iter().all(|field| field.is_empty() || is_number(field))
 }
 
 fn sensor_size(width: &[u8], height: &[u8]) -> Option<Sensor> {

@@ -93,16 +93,14 @@ fn time(rest: &mut &[u8], places: usize) -> Option<i64> {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::{LineError, MAX_FIELDS, event as general, split};
+    use super::super::{LineError, event as general};
     use super::*;
     use crate::recording::TimeUnit;
 
     fn both(line: &str, columns: &str, time_unit: TimeUnit) -> (Option<PlainLine>, Result<Event, LineError>) {
         let columns = columns.parse().unwrap();
         let layout = Layout { columns, time_unit, first_line: 0, sensor: None, notes: Vec::new() };
-        let mut fields = [&[][..]; MAX_FIELDS];
-        let count = split(line.as_bytes(), &mut fields);
-        (event(format!("{line}\nnext").as_bytes(), &layout), general(&fields, count, &layout))
+        (event(format!("{line}\nnext").as_bytes(), &layout), general(line.as_bytes(), &layout))
     }
 
     proptest! {

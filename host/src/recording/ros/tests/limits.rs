@@ -1,0 +1,131 @@
+//! What a file claims neither fills the memory nor stops the reading of what is good in it.
+
+use std::fs::{File, OpenOptions};
+use std::path::PathBuf;
+
+use super::super::container::{LONGEST_RECORD, OpenContainer};
+use super::super::{bag as bags, mcap as mcaps};
+use super::files::{bag_record, mcap_record, mcap_text};
+use super::*;
+
+/// A few bytes that say that they unpack to 4 GB took as much memory.
+#[test]
+fn a_chunk_that_says_to_be_larger_than_any_is_refused() {
+    let mut content = bag("bz2", &messages(Wire::Ros1));
+    let size = content.windows(5).position(|bytes| bytes == b"size=").unwrap() + 5;
+    content[size..size + 4].copy_from_slice(&u32::MAX.to_le_bytes());
+    let error = testing::read(&content).error.unwrap();
+    assert!(error.contains("4294967295 bytes"), "{error}");
+}
+
+/// A file with this content and so many zeros behind it, which take no room.
+fn sparse(content: &[u8], zeros: u64) -> (tempfile::TempDir, PathBuf) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("recording");
+    std::fs::write(&path, content).unwrap();
+    let file: File = OpenOptions::new().append(true).open(&path).unwrap();
+    file.set_len(content.len() as u64 + zeros).unwrap();
+    (directory, path)
+}
+
+/// A bag and an MCAP file without their ends, each with seven events.
+fn beginnings() -> [Vec<u8>; 2] {
+    let mut mcap = mcap("zstd", &messages(Wire::Cdr));
+    // The end of the data, the footer, the mark.
+    mcap.truncate(mcap.len() - (9 + 4) - (9 + 20) - 8);
+    [bag("lz4", &messages(Wire::Ros1)), mcap]
+}
+
+/// As much was read as the head of a record says.
+#[test]
+fn records_that_are_too_long_are_named_and_not_read() {
+    let claimed = LONGEST_RECORD + 1;
+    let of_bag = |operation: u8| {
+        let mut record = bag_record(&[("op", &[operation]), ("compression", b"none"), ("conn", &[0; 4])], &[]);
+        record.truncate(record.len() - 4);
+        [record, (claimed as u32).to_le_bytes().to_vec()].concat()
+    };
+    let of_mcap = |kind: u8| [&[kind][..], &claimed.to_le_bytes()].concat();
+    let [bag, mcap] = beginnings();
+    let files = [2, 5, 7].map(|operation| (&bag, of_bag(operation)));
+    let files = files.into_iter().chain([3, 4, 5, 6].map(|kind| (&mcap, of_mcap(kind))));
+    for (beginning, record) in files {
+        let (_directory, path) = sparse(&[beginning.as_slice(), &record].concat(), claimed);
+        let outcome = testing::read_file(&path, RecordingOptions::default());
+        assert_eq!(outcome.events, events(0, 7));
+        let error = outcome.error.unwrap();
+        let expected = [format!("byte {}", beginning.len()), format!("{claimed} bytes")];
+        assert!(expected.iter().all(|part| error.contains(part)), "{error}");
+        // What stands behind it can be read.
+        let skip = RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() };
+        let outcome = testing::read_file(&path, skip);
+        assert_eq!((outcome.events, outcome.error, outcome.report.damaged_packets), (events(0, 7), None, 1));
+    }
+    let (_directory, path) = sparse(&[&bag[..], &(claimed as u32).to_le_bytes()].concat(), claimed);
+    let error = testing::read_file(&path, RecordingOptions::default()).error.unwrap();
+    assert!(error.contains(&format!("byte {}", bag.len())) && error.contains("the header of a record"), "{error}");
+}
+
+/// What nobody reads may be as long as it likes.
+#[test]
+fn long_records_that_are_not_needed_are_passed_over() {
+    let length = LONGEST_RECORD + 1;
+    let [bag, mcap] = beginnings();
+    let mut index = bag_record(&[("op", &[4])], &[]);
+    index.truncate(index.len() - 4);
+    let index = [index, (length as u32).to_le_bytes().to_vec()].concat();
+    let attachment = [&[9][..], &length.to_le_bytes()].concat();
+    for content in [[bag, index].concat(), [mcap, attachment].concat()] {
+        let (_directory, path) = sparse(&content, length);
+        let outcome = testing::read_file(&path, RecordingOptions::default());
+        assert_eq!((outcome.events, outcome.error), (events(0, 7), None));
+    }
+}
+
+/// One more than the largest number was asked for.
+#[test]
+fn a_chunk_of_the_largest_size_is_damaged() {
+    let [_, beginning] = beginnings();
+    let chunk = [&[0; 16][..], &u64::MAX.to_le_bytes(), &[0; 4], &mcap_text(""), &0_u64.to_le_bytes()].concat();
+    let outcome = testing::read(&[beginning, mcap_record(6, &chunk)].concat());
+    assert_eq!(outcome.events, events(0, 7));
+    assert!(outcome.error.unwrap().contains("unpacks to other than 18446744073709551615 bytes"));
+}
+
+/// All connections were looked through for each connection and each message.
+#[test]
+fn each_of_many_connections_leads_to_its_topic() {
+    const COUNT: u32 = 60_000;
+    let topic = |number: u32| format!("/t{}", number % 20_000);
+    let mut bag = b"#ROSBAG V2.0\n".to_vec();
+    let mut mcap =
+        [b"\x89MCAP0\r\n".to_vec(), mcap_record(3, &[&[1, 0][..], &mcap_text("a/B"), &[0; 8]].concat())].concat();
+    for number in 0..COUNT {
+        // Neither in their order nor without gaps.
+        let id = number.wrapping_mul(0x9E37_79B1);
+        let name = topic(number);
+        let data = bag_record(&[("type", b"a/B")], &[]);
+        let head: [(&str, &[u8]); 3] = [("op", &[7]), ("conn", &id.to_le_bytes()), ("topic", name.as_bytes())];
+        bag.extend(bag_record(&head, &data[4..data.len() - 4]));
+        let channel = [&(number as u16).to_le_bytes()[..], &[1, 0], &mcap_text(&name), &mcap_text("cdr"), &[0; 4]];
+        mcap.extend(mcap_record(4, &channel.concat()));
+    }
+    for number in (0..COUNT).rev() {
+        let id = number.wrapping_mul(0x9E37_79B1);
+        bag.extend(bag_record(&[("op", &[2]), ("conn", &id.to_le_bytes()), ("time", &[0; 8])], &[]));
+        mcap.extend(mcap_record(5, &[&(number as u16).to_le_bytes()[..], &[0; 20]].concat()));
+    }
+    mcap.extend(mcap_record(15, &[0; 4]));
+    // A bag puts connections of one name into one topic, MCAP does not.
+    for (content, open, topics) in [(bag, bags::open as OpenContainer, 20_000), (mcap, mcaps::open, COUNT)] {
+        let (_directory, path) = sparse(&content, 0);
+        let mut container = open(&path).unwrap();
+        for number in (0..COUNT).rev() {
+            let head = container.next().unwrap().unwrap();
+            assert_eq!(head.topic as u32, number % topics);
+            assert_eq!(container.topics()[head.topic].name, topic(number));
+        }
+        assert!(container.next().unwrap().is_none());
+        assert_eq!(container.topics().len() as u32, topics);
+    }
+}
