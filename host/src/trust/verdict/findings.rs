@@ -181,7 +181,7 @@ fn radius(observed: &ObservedRadius, board: &Board, settings: &VerdictSettings) 
             1e3 * board.spacing
         ),
         advice: format!(
-            "measure radius and spacing on the print: one of them is wrong (with the stated radius the spacing would be {:.1} mm)",
+            "measure radius and spacing on the print: one of them is wrong (with the stated radius the spacing would be {:.1} mm); if both are right, ON and OFF are exchanged, or the dots are lighter than the paper",
             1e3 * board.spacing / ratio
         ),
     })
