@@ -157,7 +157,7 @@ mod tests {
 
     /// Events 10 µs apart all over the sensor, ON and OFF.
     fn events(count: u16) -> Vec<Event> {
-        let polarity = |index: u16| if index % 2 == 0 { Polarity::On } else { Polarity::Off };
+        let polarity = |index: u16| if index.is_multiple_of(2) { Polarity::On } else { Polarity::Off };
         let event = |index: u16| Event {
             t: 10 * i64::from(index),
             x: index % 346,
