@@ -22,6 +22,7 @@ pub mod repeat;
 pub mod second;
 pub mod step;
 pub mod stretch_choice;
+mod unseen_rows;
 
 use std::ops::ControlFlow;
 use std::sync::LazyLock;

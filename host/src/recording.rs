@@ -31,6 +31,7 @@ pub mod convert;
 pub(crate) mod counted;
 mod date;
 pub mod davis;
+pub mod disorder;
 pub mod encode;
 mod error;
 pub mod event_calib;

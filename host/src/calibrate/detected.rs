@@ -12,6 +12,7 @@ use crate::detection::focus::{WINDOWS, edge_width};
 use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::bad_pixels::PixelCounter;
+use crate::recording::disorder::Disorder;
 use crate::recording::fingerprint::Fingerprint;
 use crate::recording::flicker::RateBins;
 use crate::recording::given_sensor::{OtherSensor, check_outside, check_stated, counted_from_one};
@@ -110,6 +111,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                     flicker: bins.flicker(),
                     always_full: bins.is_even(),
                     pixels: pixels.finish(),
+                    disorder: Disorder::met(&pass.report),
                     edges: edge_width(&looked_at(&windows)),
                 });
                 all.windows.extend(windows);

@@ -15,7 +15,7 @@ use super::kept_events::events_of;
 use super::other_stretches::follow_others;
 use super::progress::Progress;
 use super::stretch_choice::{ChosenSeconds, StretchChoice, choose_stretches, second_of};
-use super::{PictureUse, Task, other_camera, pictures};
+use super::{PictureUse, Task, other_camera, pictures, unseen_rows};
 use crate::board::shape::BoardShape;
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
@@ -172,6 +172,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         .map_err(CalibrateError::Solve)?;
     let mut findings = findings_on(&health);
     findings.extend(other_camera::findings_on(task.inputs, &frames, &initial));
+    findings.extend(unseen_rows::finding_on(task.board.pattern, &frames));
     findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
     let camera = &refined.state.camera;
     let verdict = verdict(camera, &trust, Some(&event_trust), task.board, sensor, findings, &settings.verdict);

@@ -2,6 +2,7 @@
 
 use crate::detection::focus::EdgeWidth;
 use crate::recording::bad_pixels::{BadPixels, Repetition};
+use crate::recording::disorder::Disorder;
 use crate::recording::flicker::Flicker;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
@@ -12,6 +13,7 @@ pub(super) struct Health {
     /// Whether there are as many events at any time.
     pub(super) always_full: bool,
     pub(super) pixels: BadPixels,
+    pub(super) disorder: Option<Disorder>,
     /// Width of the sharpest circles' edges.
     pub(super) edges: Option<EdgeWidth>,
 }
@@ -37,6 +39,8 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
         findings.push(always_full());
     }
     findings.extend(most_repeated.map(repeating));
+    let disorders = recordings.iter().filter_map(|health| health.disorder);
+    findings.extend(disorders.max_by(|a, b| a.share.total_cmp(&b.share)).map(out_of_order));
     findings.extend(hottest.and_then(hot));
     findings.extend(deadest.and_then(dead));
     findings.extend(widest.and_then(out_of_focus));
@@ -69,6 +73,15 @@ fn always_full() -> Finding {
         reason: "the camera sent as many events as it can all the time: their times are late by an unknown amount".to_owned(),
         advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels"
             .to_owned(),
+    }
+}
+
+fn out_of_order(disorder: Disorder) -> Finding {
+    Finding {
+        cause: Cause::OutOfOrder,
+        severity: Severity::Warning,
+        reason: disorder.to_string(),
+        advice: disorder.advice(),
     }
 }
 
@@ -146,6 +159,9 @@ mod tests {
             ..Health::default()
         };
         assert_eq!(causes(&[twice(0.1), twice(0.5), Health::default()]), [(Cause::RepeatedEvents, Severity::Warning)]);
+        let disorder = Disorder { share: 0.9, largest: 30_000 };
+        let disordered = Health { disorder: Some(disorder), ..Health::default() };
+        assert_eq!(causes(&[Health::default(), disordered]), [(Cause::OutOfOrder, Severity::Warning)]);
         assert!(findings_on(&[twice(0.1), twice(0.5)]).iter().all(|finding| finding.reason.starts_with("50 %")));
     }
 }

@@ -10,6 +10,7 @@ use crate::detection::no_board::only_one_polarity;
 use crate::detection::{FEWEST_EVENTS, too_short};
 use crate::files::shell_word::shell_word;
 use crate::recording::Recording;
+use crate::recording::disorder::Disorder;
 use crate::recording::information::Information;
 
 /// Share of events that may lie outside the sensor, or come from hot pixels.
@@ -53,6 +54,9 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> String {
     }
     if let Some(share) = information.on_share.filter(|share| [0.0, 1.0].contains(share)) {
         return only_one_polarity(if share > 0.5 { Polarity::On } else { Polarity::Off });
+    }
+    if let Some(disorder) = Disorder::met(&information.report) {
+        return format!("{disorder}: {}", disorder.advice());
     }
     if let Some(repeated) = checked.repeated {
         return format!("{repeated}: {}", repeated.advice());

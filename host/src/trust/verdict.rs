@@ -105,6 +105,10 @@ pub enum Cause {
     Defocused,
     /// The camera's own frames give another camera.
     FramesDisagree,
+    /// Events are not in the order of their times.
+    OutOfOrder,
+    /// Rows or columns of the board were never found.
+    PartOfBoard,
     /// A recording is of another camera than the rest.
     OtherCamera,
 }

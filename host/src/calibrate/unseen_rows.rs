@@ -1,0 +1,62 @@
+//! Rows and columns of the board that were never found: it may have fewer than stated.
+
+use evcal_core::pattern::Pattern;
+
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::trust::verdict::{Cause, Finding, Severity};
+
+/// Fewer reference frames tell too little.
+const FEWEST: usize = 100;
+
+/// A note where `frames` never have a circle of the first or last rows or columns of `pattern`.
+pub(super) fn finding_on(pattern: Pattern, frames: &[ReferenceFrame]) -> Option<Finding> {
+    let columns = usize::from(pattern.columns);
+    let mut seen = vec![false; pattern.circle_count()];
+    for circle in frames.iter().flat_map(|frame| &frame.circles) {
+        if let Some(seen) = seen.get_mut(circle.index) {
+            *seen = true;
+        }
+    }
+    let count = |is_of: &dyn Fn(usize, usize) -> bool, of: usize| {
+        (0..of).filter(|&line| seen.iter().enumerate().any(|(index, &seen)| seen && is_of(index, line))).count()
+    };
+    let rows = count(&|index, row| index / columns == row, usize::from(pattern.rows));
+    let seen_columns = count(&|index, column| index % columns == column, columns);
+    let all = (usize::from(pattern.rows), columns);
+    (frames.len() >= FEWEST && (rows, seen_columns) != all).then(|| Finding {
+        cause: Cause::PartOfBoard,
+        severity: Severity::Note,
+        reason: format!(
+            "of the {}x{} rows and columns of the board only {rows}x{seen_columns} were ever found",
+            all.0, all.1
+        ),
+        advice: "count them on the board: --board names more than it has, or a part of it was never in view".to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::pattern::Layout;
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::circles::reference_frame::{ObservedCircle, SeenIn};
+
+    #[test]
+    fn rows_that_were_never_found_are_told() {
+        let board = |rows| Pattern { layout: Layout::Asymmetric, rows, columns: 4 };
+        let circle = |index| ObservedCircle { index, t: 0.0, center: Vector2::zeros(), radius: None, velocity: None };
+        let frame = ReferenceFrame {
+            recording: 0,
+            start: 0.0,
+            end: 0.0,
+            circles: (0..36).map(circle).collect(),
+            seen_in: SeenIn::PassedEvents,
+        };
+        let frames = vec![frame; FEWEST];
+        assert_eq!(finding_on(board(9), &frames), None);
+        assert_eq!(finding_on(board(11), &frames[1..]), None);
+        let told = finding_on(board(11), &frames).unwrap().reason;
+        assert_eq!(told, "of the 11x4 rows and columns of the board only 9x4 were ever found");
+    }
+}
