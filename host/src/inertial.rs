@@ -155,8 +155,8 @@ fn finish(
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
     let Stated { mut covariance, sigma_of_others, block_scatter } =
         uncertainty::stated(&solved.system, &solved.parts, total)?;
-    uncertainty::add_systematic(&mut covariance, mean_distance(&refined.state.trajectories));
     let Solved { estimate, residuals, spectra, system, .. } = solved;
+    uncertainty::add_systematic(&mut covariance, &estimate.parameters, mean_distance(&refined.state.trajectories));
     // An error of the intrinsics that all events have in common moves the unit, and no block of time tells it.
     let share = match held {
         Some(held) => {

@@ -1,9 +1,9 @@
 //! How sure the inertial parameters are: the formal covariance, enlarged to the scatter of blocks of time.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector3};
 
 use super::error::InertialError;
-use super::parameters::{COUNT, GRAVITY, POSITION};
+use super::parameters::{ACCELEROMETER_BIAS, COUNT, GRAVITY, InertialParameters, POSITION};
 use crate::solve::bordered::{Blocks, Part, System};
 use crate::trust::uncertainty::blocks::{scatter, sum_by_block};
 
@@ -16,17 +16,21 @@ const FEWEST: f64 = 10.0;
 /// puts the unit further along the line of sight, and all blocks agree on it. From simulated recordings.
 const TRAJECTORY_SCALE: f64 = 4e-4;
 
-/// How far gravity is turned in all blocks alike (rad): what moves it along the board's normal is told from the accelerometer's bias
-/// by tilts alone, so that small errors of real pixels count for much. From simulated recordings; with ideal pixels it is a third.
-const GRAVITY_TURN: f64 = 2e-4;
+/// How far gravity is turned in all blocks alike (rad), and how much of it the accelerometer's bias along the line of sight takes
+/// for itself: by tilts alone the two are told from each other, so that small errors of real pixels count for much. From simulated
+/// recordings; with ideal pixels it is a third.
+const GRAVITY_TURN: f64 = 2.5e-4;
 
-/// Adds to `covariance` what blocks of time cannot tell, for a board that is `distance` metres away.
-pub fn add_systematic(covariance: &mut DMatrix<f64>, distance: f64) {
+/// Adds to `covariance` of `parameters` what blocks of time cannot tell, for a board that is `distance` metres away.
+pub fn add_systematic(covariance: &mut DMatrix<f64>, parameters: &InertialParameters, distance: f64) {
     let place = POSITION + 2;
     covariance[(place, place)] += (TRAJECTORY_SCALE * distance).powi(2);
     for angle in [GRAVITY, GRAVITY + 1] {
         covariance[(angle, angle)] += GRAVITY_TURN.powi(2);
     }
+    let bias = parameters.rotation * Vector3::z() * (GRAVITY_TURN * parameters.gravity.norm());
+    let mut of_bias = covariance.fixed_view_mut::<3, 3>(ACCELEROMETER_BIAS, ACCELEROMETER_BIAS);
+    of_bias += bias * bias.transpose();
 }
 
 /// How sure a solve is.
@@ -61,4 +65,27 @@ pub fn stated(system: &System, parts: &[Part], total: f64) -> Result<Stated, Ine
     let covariance = DMatrix::from_fn(COUNT, COUNT, |row, column| formal[(row, column)] * factor(row) * factor(column));
     let sigma_of_others = formal.diagonal().iter().skip(COUNT).map(|variance| variance.max(0.0).sqrt()).collect();
     Ok(Stated { covariance, sigma_of_others, block_scatter })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    use super::*;
+
+    #[test]
+    fn the_bias_is_less_sure_along_the_line_of_sight() {
+        // The camera's z is the unit's -y.
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
+        let parameters =
+            InertialParameters { rotation, ..InertialParameters::perfect(Vector3::new(0.0, 8.0, 0.0), 0.0) };
+        let mut covariance = DMatrix::zeros(COUNT, COUNT);
+        add_systematic(&mut covariance, &parameters, 0.5);
+        let sigma = |place: usize| covariance[(place, place)].sqrt();
+        let bias = [0, 1, 2].map(|axis| sigma(ACCELEROMETER_BIAS + axis));
+        assert!(bias[0] < 1e-12 && (bias[1] - 2e-3).abs() < 1e-12 && bias[2] < 1e-12, "{bias:?}");
+        assert!((sigma(POSITION + 2) - 2e-4).abs() < 1e-12 && (sigma(GRAVITY) - 2.5e-4).abs() < 1e-12);
+    }
 }
