@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::ControlFlow;
 
-use evcal_core::event::Event;
+use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use serde::{Serialize, Serializer};
 
@@ -224,8 +224,8 @@ impl fmt::Display for Checked {
         if let Some(other) = &self.other_unit {
             writeln!(f, "{:<12}{other}", "time unit")?;
         }
-        if let Some(share) = self.information.on_share.filter(|share| [0.0, 1.0].contains(share)) {
-            let only = if share > 0.5 { "ON" } else { "OFF" };
+        if let Some(only) = self.information.only_polarity() {
+            let only = if only == Polarity::On { "ON" } else { "OFF" };
             writeln!(f, "{:<12}{only} events only: a board is found in ON and OFF events together", "polarity")?;
         }
         if let Some(sensor) = self.counted_from_one {
@@ -261,8 +261,6 @@ impl fmt::Display for Checked {
 
 #[cfg(test)]
 mod tests {
-    use evcal_core::event::Polarity;
-
     use super::*;
     use crate::recording::RecordingOptions;
 

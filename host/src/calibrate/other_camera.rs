@@ -28,16 +28,15 @@ impl Count {
 /// A failure for each recording of which hardly a frame fits the first camera, where the frames of another one do.
 pub(super) fn findings_on(inputs: &[Input], frames: &[ReferenceFrame], initial: &InitialModel) -> Vec<Finding> {
     let mut counts = vec![Count::default(); inputs.len()];
-    let count_of = |counts: &mut [Count], recording: usize, add: fn(&mut Count)| {
-        if let Some(count) = counts.get_mut(recording) {
-            add(count);
-        }
-    };
     for frame in frames {
-        count_of(&mut counts, frame.recording, |count| count.found += 1);
+        if let Some(count) = counts.get_mut(frame.recording) {
+            count.found += 1;
+        }
     }
     for frame in initial.frames.iter().filter_map(|posed| frames.get(posed.frame)) {
-        count_of(&mut counts, frame.recording, |count| count.fitting += 1);
+        if let Some(count) = counts.get_mut(frame.recording) {
+            count.fitting += 1;
+        }
     }
     foreign(&counts)
         .into_iter()

@@ -1,5 +1,7 @@
 //! Rows and columns of the board that were never found: it may have fewer than stated.
 
+use std::collections::BTreeSet;
+
 use evcal_core::pattern::Pattern;
 
 use crate::circles::reference_frame::ReferenceFrame;
@@ -11,17 +13,9 @@ const FEWEST: usize = 100;
 /// A note where `frames` never have a circle of the first or last rows or columns of `pattern`.
 pub(super) fn finding_on(pattern: Pattern, frames: &[ReferenceFrame]) -> Option<Finding> {
     let columns = usize::from(pattern.columns);
-    let mut seen = vec![false; pattern.circle_count()];
-    for circle in frames.iter().flat_map(|frame| &frame.circles) {
-        if let Some(seen) = seen.get_mut(circle.index) {
-            *seen = true;
-        }
-    }
-    let count = |is_of: &dyn Fn(usize, usize) -> bool, of: usize| {
-        (0..of).filter(|&line| seen.iter().enumerate().any(|(index, &seen)| seen && is_of(index, line))).count()
-    };
-    let rows = count(&|index, row| index / columns == row, usize::from(pattern.rows));
-    let seen_columns = count(&|index, column| index % columns == column, columns);
+    let indices = || frames.iter().flat_map(|frame| &frame.circles).map(|circle| circle.index);
+    let rows = indices().map(|index| index / columns).collect::<BTreeSet<_>>().len();
+    let seen_columns = indices().map(|index| index % columns).collect::<BTreeSet<_>>().len();
     let all = (usize::from(pattern.rows), columns);
     (frames.len() >= FEWEST && (rows, seen_columns) != all).then(|| Finding {
         cause: Cause::PartOfBoard,

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 
 use super::{Checked, Seen};
@@ -52,8 +51,8 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> String {
     if outside as f64 > FEW_EVENTS * (information.events + outside) as f64 {
         return advice_on_outside(information, recording.format().uses.columns);
     }
-    if let Some(share) = information.on_share.filter(|share| [0.0, 1.0].contains(share)) {
-        return only_one_polarity(if share > 0.5 { Polarity::On } else { Polarity::Off });
+    if let Some(polarity) = information.only_polarity() {
+        return only_one_polarity(polarity);
     }
     if let Some(disorder) = Disorder::met(&information.report) {
         return format!("{disorder}: {}", disorder.advice());
@@ -142,7 +141,7 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
-    use evcal_core::event::Event;
+    use evcal_core::event::{Event, Polarity};
 
     use super::*;
     use crate::check::check;

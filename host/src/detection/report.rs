@@ -53,9 +53,9 @@ pub const FEWEST_EVENTS: u64 = 1000;
 pub struct DetectionReport {
     /// Events that came in.
     pub events: u64,
-    /// Those of them that are OFF and ON; not in files, which have them only where a board was found.
+    /// Those of them that are ON; not in files, which have them only where a board was found.
     #[serde(skip)]
-    pub polarities: [u64; 2],
+    pub on_events: u64,
     /// Windows with too few events to be worth a try.
     pub too_few_events: u64,
     /// Windows tried.
@@ -80,9 +80,7 @@ impl DetectionReport {
     /// Adds the counts of another part.
     pub fn add(&mut self, other: &Self) {
         self.events += other.events;
-        for (count, more) in self.polarities.iter_mut().zip(other.polarities) {
-            *count += more;
-        }
+        self.on_events += other.on_events;
         self.too_few_events += other.too_few_events;
         self.windows += other.windows;
         self.found += other.found;
@@ -106,9 +104,10 @@ impl DetectionReport {
 
     /// The polarity of all events, where it is one.
     fn only_polarity(&self) -> Option<Polarity> {
-        match self.polarities {
-            [0, (FEWEST_EVENTS..)] => Some(Polarity::On),
-            [(FEWEST_EVENTS..), 0] => Some(Polarity::Off),
+        match self.on_events {
+            _ if self.events < FEWEST_EVENTS => None,
+            0 => Some(Polarity::Off),
+            on if on == self.events => Some(Polarity::On),
             _ => None,
         }
     }
@@ -121,12 +120,8 @@ impl DetectionReport {
     }
 
     pub(super) fn count_events(&mut self, events: &[Event]) {
-        let all = events.len() as u64;
-        let on = events.iter().filter(|event| event.polarity == Polarity::On).count() as u64;
-        self.events += all;
-        for (count, more) in self.polarities.iter_mut().zip([all - on, on]) {
-            *count += more;
-        }
+        self.events += events.len() as u64;
+        self.on_events += events.iter().filter(|event| event.polarity == Polarity::On).count() as u64;
     }
 
     pub(super) fn count_pairs(&mut self, counts: &CircleCounts) {

@@ -6,8 +6,8 @@ use evcal_core::sensor::Sensor;
 
 use super::image_folder::{ImageFolder, ImageFolderError, Stamps};
 use super::pictures::TimedImage;
-use super::ros::{ImageTopic, is_folder};
-use super::{Damage, RecordingError};
+use super::ros::ImageTopic;
+use super::{Damage, RecordingError, folder_format};
 
 /// Where images are.
 #[derive(Clone, Debug)]
@@ -42,7 +42,7 @@ impl Images {
     /// # Errors
     /// [`ImagesError`] names the file and what is wrong with it.
     pub fn open(path: &Path, topic: Option<&str>, damage: Damage, stamps: Stamps) -> Result<Option<Self>, ImagesError> {
-        let source = if path.is_dir() && !is_folder(path) {
+        let source = if path.is_dir() && folder_format(path).is_none() {
             Some(Source::Folder(ImageFolder::open(path, stamps)?))
         } else {
             ImageTopic::open(path, topic, damage)?.map(Source::Topic)

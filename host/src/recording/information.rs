@@ -324,6 +324,17 @@ impl Statistics {
     }
 }
 
+impl Information {
+    /// The polarity of all events, where it is one.
+    pub fn only_polarity(&self) -> Option<Polarity> {
+        match self.on_share? {
+            0.0 => Some(Polarity::Off),
+            1.0 => Some(Polarity::On),
+            _ => None,
+        }
+    }
+}
+
 impl fmt::Display for Information {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let line = |f: &mut fmt::Formatter<'_>, name: &str, value: String| writeln!(f, "{name:<12}{value}");

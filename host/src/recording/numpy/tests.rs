@@ -7,9 +7,11 @@ use evcal_core::sensor::Sensor;
 use rawzip::{CompressionMethod, ZipArchiveWriter};
 
 use super::header::MAGIC;
+use crate::recording::image_folder::Stamps;
+use crate::recording::images::Images;
 use crate::recording::testing::{self, Outcome};
 use crate::recording::write::EventWriter;
-use crate::recording::{ReadReport, RecordingOptions, TimeUnit};
+use crate::recording::{Damage, ReadReport, RecordingOptions, TimeUnit};
 
 fn array(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
     let order = if fortran { "True" } else { "False" };
@@ -300,6 +302,8 @@ fn arrays_in_files_of_their_own_are_read_together() {
             assert_events(testing::read_file(&path(name), RecordingOptions::default()), &events);
         }
         assert_events(testing::read_file(folder.path(), RecordingOptions::default()), &events);
+        // As a second camera it was taken for a folder of images.
+        assert!(Images::open(folder.path(), None, Damage::Refuse, Stamps::default()).unwrap().is_none());
         std::fs::write(path("p"), &files[0].1[..40]).unwrap();
         let error = testing::read_file(&path("t"), RecordingOptions::default()).error.unwrap();
         assert!(error.contains(&format!("{front}p.npy: byte 0")), "{error}");

@@ -31,12 +31,15 @@ pub fn is_bag(path: &Path) -> bool {
     path.join(METADATA).is_file()
 }
 
-/// How messages are read from what is at `path`, a file or a folder of them; `None` for files of another kind.
+/// How messages are read from what is at `path`, a file or a folder of them; `None` for files and folders of another kind.
 ///
 /// # Errors
 /// When it cannot be read.
 pub fn opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
-    if is_bag(path) { Ok(Some(open)) } else { file_opener(path) }
+    if is_bag(path) {
+        return Ok(Some(open));
+    }
+    if path.is_dir() { Ok(None) } else { file_opener(path) }
 }
 
 fn file_opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
