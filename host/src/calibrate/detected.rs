@@ -91,6 +91,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                     stage.push(events);
                     all.sample.push(events, &mut thinning);
                 })?;
+                all.sample.end(&mut thinning);
                 check_outside(recording, &pass.report)?;
                 if pass.count == 0 {
                     return Err(CalibrateError::Empty { file: input.name() });

@@ -110,7 +110,11 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
             thinning.take(events, share, &mut kept);
             visit(&kept);
         });
-        pass.map(|_| ())
+        pass?;
+        kept.clear();
+        thinning.take_rest(&mut kept);
+        visit(&kept);
+        Ok(())
     };
     let input = RefinementInput {
         board: task.board,

@@ -35,10 +35,11 @@ pub(super) fn events_of(
                     *count += events.len() as u64;
                     sample.push(events, &mut thinning);
                 } else {
-                    thinning.pass(events);
+                    sample.pass(events, &mut thinning);
                 }
             }
         })?;
+        sample.end(&mut thinning);
     }
     Ok((sample, counts))
 }

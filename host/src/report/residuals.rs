@@ -7,7 +7,7 @@ use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
-use crate::solve::burst::RANK_COUNT;
+use crate::solve::burst::{BurstLength, RANK_COUNT};
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{CLASS_COUNT, EventKind};
 use crate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals};
@@ -213,5 +213,11 @@ fn class_name(class: usize) -> String {
         Polarity::On => "ON",
     };
     let rank = RANKS.get(usize::from(place.rank)).copied().unwrap_or_default();
-    format!("{polarity}, {rank}{}", if place.after_short { ", after a short burst" } else { "" })
+    let length = match place.length {
+        BurstLength::FiveOrMore => "five or more",
+        BurstLength::Four => "four",
+        BurstLength::Three => "three",
+        BurstLength::OneOrTwo => "one or two",
+    };
+    format!("{polarity}, {rank} of {length}")
 }

@@ -18,6 +18,7 @@ use crate::recording::pass::RecordingReport;
 use crate::result::inertial_result::InertialResult;
 use crate::result::printed_board::PrintedBoard;
 use crate::result::second_camera_result::SecondCameraResult;
+use crate::solve::burst::BurstLength;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{EventBias, EventKind, SPEED_RANGE_COUNT};
 use crate::solve::refinement::RoundReport;
@@ -162,15 +163,15 @@ pub struct TrajectoryStages {
     pub rounds: Vec<RoundReport>,
 }
 
-/// One event class: polarity, rank in the burst, and the burst before.
+/// One event class: polarity, rank in the burst, and length of the burst.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EventClass {
     /// Darker or brighter.
     pub polarity: ClassPolarity,
     /// Rank in the burst, 0 for the first event; the last rank stands for all later ones.
     pub rank: u8,
-    /// Whether the burst before had one or two events only.
-    pub after_short_burst: bool,
+    /// How many events the burst has.
+    pub burst_length: BurstLength,
     /// What shifts its events from the edge, under the names of [`Bias::name`].
     #[serde(flatten, serialize_with = "write_biases", deserialize_with = "read_biases")]
     pub biases: Biases<f64>,
@@ -212,7 +213,7 @@ impl EventClass {
                         Polarity::On => ClassPolarity::On,
                     },
                     rank: place.rank,
-                    after_short_burst: place.after_short,
+                    burst_length: place.length,
                     biases: bias.biases,
                     sigma: bias.sigma,
                     standard_deviations: *sigma,

@@ -6,12 +6,14 @@
 //! for all pixels, while it differs by up to two pixels between ranks. Knowing the rank makes an
 //! event several times as precise.
 //!
-//! A pixel compares with its level at its last event. After a burst that ended early, as the thresholds of some
-//! pixels and the time for which they are dead after an event make it, this level is another one, and the next burst begins
-//! elsewhere on the edge. How often that happens depends on speed and distance, so such bursts are told apart.
+//! A pixel compares with its level at its last event, so where on the edge a burst begins depends on where the one before
+//! ended. The number of events of the whole burst tells most of it: a burst that begins late on the edge has room for fewer. How
+//! many bursts are short depends on speed, distance and place on the sensor, so that without their lengths the mean of a rank
+//! would change with these.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
+use serde::{Deserialize, Serialize};
 
 /// Largest rank that is told apart; later events of a burst share it.
 pub const MAX_RANK: u8 = 3;
@@ -19,28 +21,77 @@ pub const MAX_RANK: u8 = 3;
 /// Number of ranks told apart.
 pub const RANK_COUNT: usize = MAX_RANK as usize + 1;
 
-/// Bursts of fewer events are short.
-const SHORT_BURST: u8 = 3;
+/// How many events a burst has in all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum BurstLength {
+    /// Five or more.
+    #[default]
+    FiveOrMore,
+    /// Four.
+    Four,
+    /// Three.
+    Three,
+    /// One or two.
+    OneOrTwo,
+}
+
+impl BurstLength {
+    /// All that are told apart, in the order of their indices.
+    pub const ALL: [Self; 4] = [Self::FiveOrMore, Self::Four, Self::Three, Self::OneOrTwo];
+
+    /// Number of lengths that are told apart.
+    pub const COUNT: usize = Self::ALL.len();
+
+    /// That of a burst of `events` events.
+    const fn of(events: u8) -> Self {
+        match events {
+            0..=2 => Self::OneOrTwo,
+            3 => Self::Three,
+            4 => Self::Four,
+            5.. => Self::FiveOrMore,
+        }
+    }
+
+    /// Place in the order.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+}
 
 /// Where an event stands in the bursts of its pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BurstPlace {
     /// 0 for the first event of a burst, at most [`MAX_RANK`].
     pub rank: u8,
-    /// Whether the burst before had one or two events only.
-    pub after_short: bool,
+    /// Length of the burst.
+    pub length: BurstLength,
 }
+
+/// Where an event stands in a burst that may go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BurstBeginning {
+    /// 0 for the first event of a burst, at most [`MAX_RANK`].
+    pub rank: u8,
+    /// Number of the burst among those of its pixel, modulo 256.
+    burst: u8,
+}
+
+/// Bits that hold a length.
+const LENGTH_BITS: u32 = 2;
 
 #[derive(Clone, Copy)]
 struct PixelState {
     /// Time of the last event in microseconds; `i64::MIN` before the first.
     last: i64,
+    /// Lengths of the 16 bursts before, the latest in the lowest bits.
+    before: u32,
     /// Polarity index of the last event.
     polarity: u8,
     /// Number of events in the burst so far.
     length: u8,
-    /// Whether the burst before was short.
-    after_short: bool,
+    /// Number of the burst, modulo 256.
+    burst: u8,
 }
 
 /// Follows the bursts of every pixel of a sensor.
@@ -55,16 +106,19 @@ impl BurstTracker {
     /// longer than `longest_pause` microseconds starts a new burst.
     pub fn new(sensor: Sensor, longest_pause: i64) -> Self {
         let width = usize::from(sensor.width);
-        let state = PixelState { last: i64::MIN, polarity: 0, length: 0, after_short: false };
+        let state = PixelState { last: i64::MIN, before: 0, polarity: 0, length: 0, burst: 0 };
         Self { width, pixels: vec![state; width * usize::from(sensor.height)], longest_pause }
     }
 
-    /// Takes the next event in time order and tells its place. `None` for an event outside the sensor.
-    pub fn place(&mut self, event: &Event) -> Option<BurstPlace> {
-        if usize::from(event.x) >= self.width {
-            return None;
-        }
-        let state = self.pixels.get_mut(usize::from(event.y) * self.width + usize::from(event.x))?;
+    /// Index of a pixel; `None` outside the sensor.
+    fn pixel(&self, x: u16, y: u16) -> Option<usize> {
+        (usize::from(x) < self.width).then_some(usize::from(y) * self.width + usize::from(x))
+    }
+
+    /// Takes the next event in time order and tells where it stands in its burst. `None` for an event outside the sensor.
+    pub fn push(&mut self, event: &Event) -> Option<BurstBeginning> {
+        let pixel = self.pixel(event.x, event.y)?;
+        let state = self.pixels.get_mut(pixel)?;
         let polarity = event.polarity.index() as u8;
         let continues = state.last != i64::MIN
             && state.polarity == polarity
@@ -72,18 +126,35 @@ impl BurstTracker {
         if continues {
             state.length = state.length.saturating_add(1);
         } else {
-            // Nothing is known of what came before a pixel's first burst.
-            state.after_short = state.length > 0 && state.length < SHORT_BURST;
+            state.before = state.before << LENGTH_BITS | BurstLength::of(state.length).index() as u32;
+            state.burst = state.burst.wrapping_add(1);
             state.length = 1;
         }
         state.polarity = polarity;
         state.last = event.t;
-        Some(BurstPlace { rank: (state.length - 1).min(MAX_RANK), after_short: state.after_short })
+        Some(BurstBeginning { rank: (state.length - 1).min(MAX_RANK), burst: state.burst })
+    }
+
+    /// The place of an earlier event of pixel (`x`, `y`), now that its burst has gone on. Of bursts with more than 16 others after them nothing
+    /// is known any more; they count as long.
+    pub fn place(&self, (x, y): (u16, u16), beginning: BurstBeginning) -> BurstPlace {
+        let BurstBeginning { rank, burst } = beginning;
+        let state = self.pixel(x, y).and_then(|pixel| self.pixels.get(pixel));
+        let length = state.map_or_else(BurstLength::default, |state| match state.burst.wrapping_sub(burst) {
+            0 => BurstLength::of(state.length),
+            since => {
+                let lengths = state.before.checked_shr(LENGTH_BITS * u32::from(since - 1)).unwrap_or(0);
+                let index = lengths & ((1 << LENGTH_BITS) - 1);
+                BurstLength::ALL.get(index as usize).copied().unwrap_or_default()
+            }
+        });
+        BurstPlace { rank, length }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::BurstLength::{FiveOrMore, Four, OneOrTwo, Three};
     use super::*;
     use evcal_core::event::Polarity::{Off, On};
 
@@ -91,30 +162,44 @@ mod tests {
     fn a_burst_ends_with_the_polarity_or_a_pause() {
         let mut tracker = BurstTracker::new(Sensor::new(4, 3), 1000);
         let events = [(0, Off), (10, Off), (20, On), (30, On), (40, On), (50, On), (60, On), (2000, On), (2001, Off)];
-        let ranks: Vec<u8> = events
-            .iter()
-            .map(|&(t, polarity)| tracker.place(&Event { t, x: 3, y: 2, polarity }).unwrap().rank)
-            .collect();
-        assert_eq!(ranks, [0, 1, 0, 1, 2, 3, 3, 0, 0]);
-        assert_eq!(tracker.place(&Event { t: 3000, x: 4, y: 0, polarity: On }), None);
-        assert_eq!(tracker.place(&Event { t: 3000, x: 0, y: 3, polarity: On }), None);
+        let beginnings = events.map(|(t, polarity)| tracker.push(&Event { t, x: 3, y: 2, polarity }).unwrap());
+        assert_eq!(beginnings.map(|one| one.rank), [0, 1, 0, 1, 2, 3, 3, 0, 0]);
+        let lengths = beginnings.map(|one| tracker.place((3, 2), one).length);
+        let [short, long] = [OneOrTwo, FiveOrMore];
+        assert_eq!(lengths, [short, short, long, long, long, long, long, short, short]);
+        assert_eq!(tracker.push(&Event { t: 3000, x: 4, y: 0, polarity: On }), None);
+        assert_eq!(tracker.push(&Event { t: 3000, x: 0, y: 3, polarity: On }), None);
     }
 
     #[test]
-    fn the_burst_before_is_short_or_not() {
+    fn the_length_of_a_burst_is_known_for_sixteen_more() {
         let mut tracker = BurstTracker::new(Sensor::new(1, 1), 1000);
-        let bursts = [(On, 2), (Off, 3), (On, 1), (Off, 4), (On, 300), (Off, 1)];
+        let counts = [2, 3, 1, 4, 300, 3, 1, 1, 4, 2, 2, 3, 4, 5, 6, 1, 4, 3];
         let mut t = 0;
-        let after_short = bursts.map(|(polarity, length)| {
-            let places: Vec<bool> = (0..length)
-                .map(|_| {
+        let firsts: Vec<BurstBeginning> = counts
+            .iter()
+            .enumerate()
+            .map(|(burst, &count)| {
+                let polarity = if burst % 2 == 0 { On } else { Off };
+                let mut events = (0..count).map(|_| {
                     t += 10;
-                    tracker.place(&Event { t, x: 0, y: 0, polarity }).unwrap().after_short
-                })
-                .collect();
-            assert!(places.iter().all(|place| *place == places[0]));
-            places[0]
-        });
-        assert_eq!(after_short, [false, true, false, true, false, false]);
+                    tracker.push(&Event { t, x: 0, y: 0, polarity }).unwrap()
+                });
+                let first = events.next().unwrap();
+                events.for_each(drop);
+                first
+            })
+            .collect();
+        let length = |count| match count {
+            1 | 2 => OneOrTwo,
+            3 => Three,
+            4 => Four,
+            _ => FiveOrMore,
+        };
+        for (first, count) in firsts.iter().zip(counts).skip(1) {
+            assert_eq!(tracker.place((0, 0), *first), BurstPlace { rank: 0, length: length(count) }, "{count}");
+        }
+        // The first has seventeen after it.
+        assert_eq!(tracker.place((0, 0), firsts[0]).length, FiveOrMore);
     }
 }

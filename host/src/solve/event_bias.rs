@@ -4,7 +4,7 @@
 //! smaller), each further event of a burst lies deeper in the blurred edge, the blur shifts a curved
 //! edge more than a straight one, and the pixel's latency moves edges along the motion, less than in
 //! proportion at high speed, and more towards the corners, where lenses give less light. Each event
-//! class (polarity × rank in the burst × whether the burst before was short) therefore has its own biases and spread, estimated together
+//! class (polarity × rank in the burst × length of the burst) therefore has its own biases and spread, estimated together
 //! with the camera: an event of class c on an edge that moves with normal speed v, of a dot whose
 //! radius is ρ pixels, lies
 //! `offset + curvature / ρ + bend v² + corner_latency v s² + curvature_latency v / ρ + memory a`
@@ -18,32 +18,35 @@ pub mod robust;
 
 use evcal_core::event::Polarity;
 
-use crate::solve::burst::{BurstPlace, MAX_RANK, RANK_COUNT};
+use crate::solve::burst::{BurstLength, BurstPlace, MAX_RANK, RANK_COUNT};
 use bias::{Bias, Biases};
 
-/// Number of classes of either kind: two polarities × ranks.
-const CLASSES_OF_KIND: usize = 2 * RANK_COUNT;
-/// Number of event classes: those after a burst that was not short, then the others.
-pub const CLASS_COUNT: usize = 2 * CLASSES_OF_KIND;
-/// Classes after a short burst have so many biases of their own, the first ones: offset and latency. The others are those of
-/// the class that differs in this only.
-const BIASES_AFTER_SHORT: usize = 2;
+/// Number of classes of each length of bursts: two polarities × ranks.
+pub const CLASSES_OF_LENGTH: usize = 2 * RANK_COUNT;
+/// Number of event classes: those of long bursts, then those of shorter ones.
+pub const CLASS_COUNT: usize = BurstLength::COUNT * CLASSES_OF_LENGTH;
+/// Classes of shorter bursts have so many biases of their own, the first ones: offset and latency. The others are those of
+/// the class of long bursts that differs in this only.
+const BIASES_OF_SHORTER: usize = 2;
 /// Number of biases of all classes.
-pub const BIAS_COUNT: usize = (Bias::COUNT + BIASES_AFTER_SHORT) * CLASSES_OF_KIND;
+pub const BIAS_COUNT: usize = Bias::COUNT * CLASSES_OF_LENGTH + BIASES_OF_SHORTER * (CLASS_COUNT - CLASSES_OF_LENGTH);
+
+/// Whether classes that differ in the length of the bursts only share `bias`.
+pub const fn is_shared_bias(bias: Bias) -> bool {
+    bias.index() >= BIASES_OF_SHORTER
+}
 
 /// Whether `bias` is one that `class` does not share with an earlier class.
 pub const fn is_own_bias(class: usize, bias: Bias) -> bool {
-    class < CLASSES_OF_KIND || bias.index() < BIASES_AFTER_SHORT
+    class < CLASSES_OF_LENGTH || !is_shared_bias(bias)
 }
 
 /// Place of a bias of `class` among those of all classes, below [`BIAS_COUNT`].
 pub const fn bias_place(class: usize, bias: Bias) -> usize {
-    if class < CLASSES_OF_KIND {
-        Bias::COUNT * class + bias.index()
-    } else if is_own_bias(class, bias) {
-        Bias::COUNT * CLASSES_OF_KIND + BIASES_AFTER_SHORT * (class - CLASSES_OF_KIND) + bias.index()
+    if class >= CLASSES_OF_LENGTH && is_own_bias(class, bias) {
+        Bias::COUNT * CLASSES_OF_LENGTH + BIASES_OF_SHORTER * (class - CLASSES_OF_LENGTH) + bias.index()
     } else {
-        Bias::COUNT * (class - CLASSES_OF_KIND) + bias.index()
+        Bias::COUNT * (class % CLASSES_OF_LENGTH) + bias.index()
     }
 }
 
@@ -57,9 +60,9 @@ pub struct EventKind {
 }
 
 impl EventKind {
-    /// Index of the class: those after a short burst come last, in each half OFF before ON.
+    /// Index of the class: those of long bursts come first, of each length OFF before ON.
     pub fn class(&self) -> usize {
-        let burst = 2 * usize::from(self.place.after_short) + self.polarity.index();
+        let burst = 2 * self.place.length.index() + self.polarity.index();
         burst * RANK_COUNT + usize::from(self.place.rank.min(MAX_RANK))
     }
 
@@ -67,7 +70,8 @@ impl EventKind {
     pub fn of_class(class: usize) -> Self {
         let burst = class / RANK_COUNT;
         let polarity = if burst.is_multiple_of(2) { Polarity::Off } else { Polarity::On };
-        let place = BurstPlace { rank: (class % RANK_COUNT) as u8, after_short: burst >= 2 };
+        let length = BurstLength::ALL.get(burst / 2).copied().unwrap_or_default();
+        let place = BurstPlace { rank: (class % RANK_COUNT) as u8, length };
         Self { polarity, place }
     }
 }
@@ -160,15 +164,17 @@ mod tests {
             assert_eq!(EventKind::of_class(class).class(), class);
         }
         let first = EventKind::of_class(0);
-        assert_eq!(first, EventKind { polarity: Polarity::Off, place: BurstPlace { rank: 0, after_short: false } });
+        let place = BurstPlace { rank: 0, length: BurstLength::FiveOrMore };
+        assert_eq!(first, EventKind { polarity: Polarity::Off, place });
     }
 
     #[test]
-    fn classes_after_a_short_burst_share_all_biases_but_offset_and_latency() {
+    fn classes_of_shorter_bursts_share_all_biases_but_offset_and_latency() {
         let mut owners = [0; BIAS_COUNT];
         for class in 0..CLASS_COUNT {
             let kind = EventKind::of_class(class);
-            let twin = EventKind { place: BurstPlace { after_short: false, ..kind.place }, ..kind }.class();
+            let long = BurstPlace { length: BurstLength::FiveOrMore, ..kind.place };
+            let twin = EventKind { place: long, ..kind }.class();
             for bias in Bias::ALL {
                 let place = bias_place(class, bias);
                 let is_own = twin == class || matches!(bias, Bias::Offset | Bias::Latency);

@@ -1,13 +1,15 @@
 //! An even sample of the events of all recordings, held in memory.
 //!
-//! The place of an event in the bursts of its pixel needs all events before it, so that the recording is followed once from its beginning to
-//! its end. The rounds of association use a part of the events only: as many as fit are kept with their places while
-//! the board is looked for, and the recording is not read again.
+//! The place of an event in the bursts of its pixel needs all events before it and some after it, so that the recording is followed once
+//! from its beginning to its end, and events wait until their bursts are over. The rounds of association use a part of the events only:
+//! as many as fit are kept with their places while the board is looked for, and the recording is not read again.
+
+use std::collections::VecDeque;
 
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::burst::{BurstPlace, BurstTracker};
+use super::burst::{BurstBeginning, BurstLength, BurstPlace, BurstTracker};
 
 /// An event and its place in the bursts of its pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,37 +41,70 @@ fn places(share: f64) -> u64 {
 /// Follows one recording, and hands on the ranked events of a share.
 pub struct Thinning {
     bursts: BurstTracker,
+    /// For how long events wait for the end of their bursts (µs).
+    patience: i64,
     ordinal: u64,
+    waiting: VecDeque<Waiting>,
+}
+
+/// An event whose burst may go on.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    t: i64,
+    /// Place in the order of thinning.
+    order: u32,
+    x: u16,
+    y: u16,
+    polarity: Polarity,
+    beginning: BurstBeginning,
 }
 
 impl Thinning {
     /// For a recording of this sensor, whose pixels start a new burst after a pause of so many seconds.
     pub fn new(sensor: Sensor, burst_pause: f64) -> Self {
-        Self { bursts: BurstTracker::new(sensor, (burst_pause * 1e6) as i64), ordinal: 0 }
+        let patience = (burst_pause * 1e6) as i64;
+        Self { bursts: BurstTracker::new(sensor, patience), patience, ordinal: 0, waiting: VecDeque::new() }
     }
 
-    /// Takes the next events of the recording; their times count from its start in microseconds. `keep` gets those whose
-    /// place is below `places`.
+    /// Takes the next events of the recording; their times count from its start in microseconds. Those whose
+    /// place is below `places` wait, and `keep` gets those that have waited for long enough.
     fn push(&mut self, events: &[Event], places: u64, mut keep: impl FnMut(RankedEvent, u32)) {
         for event in events {
+            let over = event.t.saturating_sub(self.patience);
+            while let Some(first) = self.waiting.front().copied().filter(|first| first.t < over) {
+                self.waiting.pop_front();
+                keep(self.ranked(&first), first.order);
+            }
             let order = thinning_place(self.ordinal);
             self.ordinal += 1;
-            let Some(place) = self.bursts.place(event) else { continue };
+            let Some(beginning) = self.bursts.push(event) else { continue };
             if u64::from(order) < places {
                 let Event { t, x, y, polarity } = *event;
-                keep(RankedEvent { t, x, y, polarity, place }, order);
+                self.waiting.push_back(Waiting { t, order, x, y, polarity, beginning });
             }
         }
     }
 
-    /// Follows the next events, of which none is kept.
-    pub fn pass(&mut self, events: &[Event]) {
-        self.push(events, 0, |_, _| {});
+    fn ranked(&self, event: &Waiting) -> RankedEvent {
+        let Waiting { t, x, y, polarity, beginning, .. } = *event;
+        RankedEvent { t, x, y, polarity, place: self.bursts.place((x, y), beginning) }
     }
 
-    /// Appends those of the next events to `kept` that belong to a share of 0 to 1.
+    /// The recording is over: `keep` gets the events that still wait.
+    fn end(&mut self, mut keep: impl FnMut(RankedEvent, u32)) {
+        for event in std::mem::take(&mut self.waiting) {
+            keep(self.ranked(&event), event.order);
+        }
+    }
+
+    /// Appends events to `kept` that belong to a share of 0 to 1: those of the next ones, as soon as their bursts are over.
     pub fn take(&mut self, events: &[Event], share: f64, kept: &mut Vec<RankedEvent>) {
         self.push(events, places(share), |event, _| kept.push(event));
+    }
+
+    /// Appends those that still wait at the end of the recording to `kept`.
+    pub fn take_rest(&mut self, kept: &mut Vec<RankedEvent>) {
+        self.end(|event, _| kept.push(event));
     }
 }
 
@@ -100,13 +135,13 @@ struct CompactEvent {
     place: u32,
 }
 
-/// Polarity, rank and what came before in one byte.
+/// Polarity, rank and length of the burst in one byte.
 #[derive(Clone, Copy, Debug)]
 struct CompactKind(u8);
 
 impl CompactKind {
     fn new(polarity: Polarity, place: BurstPlace) -> Self {
-        Self(polarity.index() as u8 | u8::from(place.after_short) << 1 | place.rank << 2)
+        Self(polarity.index() as u8 | (place.length.index() as u8) << 1 | place.rank << 3)
     }
 
     fn polarity(self) -> Polarity {
@@ -114,7 +149,8 @@ impl CompactKind {
     }
 
     fn place(self) -> BurstPlace {
-        BurstPlace { rank: self.0 >> 2, after_short: self.0 & 2 != 0 }
+        let length = BurstLength::ALL.get(usize::from(self.0 >> 1 & 3)).copied().unwrap_or_default();
+        BurstPlace { rank: self.0 >> 3, length }
     }
 }
 
@@ -204,9 +240,33 @@ impl EventSample {
 
     /// Takes the next events of the recording that began last, which `thinning` follows.
     pub fn push(&mut self, events: &[Event], thinning: &mut Thinning) {
+        self.follow(thinning, |thinning, places, keep| thinning.push(events, places, keep));
+    }
+
+    /// Passes the next events of the recording that began last, of which none is taken.
+    pub fn pass(&mut self, events: &[Event], thinning: &mut Thinning) {
+        self.follow(thinning, |thinning, _, keep| thinning.push(events, 0, keep));
+    }
+
+    /// The recording that began last is over.
+    pub fn end(&mut self, thinning: &mut Thinning) {
+        self.follow(thinning, |thinning, _, keep| thinning.end(keep));
+    }
+
+    /// Keeps what `thinning` hands on in a `step`, which gets the places that events of the sample have.
+    fn follow(
+        &mut self,
+        thinning: &mut Thinning,
+        step: impl FnOnce(&mut Thinning, u64, &mut dyn FnMut(RankedEvent, u32)),
+    ) {
         let places = places(self.share);
         let Some(kept) = self.recordings.last_mut() else { return };
-        thinning.push(events, places, |event, place| kept.push(event, place));
+        // The share may have become smaller while events waited.
+        step(thinning, places, &mut |event, place| {
+            if u64::from(place) < places {
+                kept.push(event, place);
+            }
+        });
         self.thin();
     }
 
@@ -279,6 +339,7 @@ mod tests {
     fn streamed(events: &[Event], share: f64) -> Vec<RankedEvent> {
         let (mut thinning, mut kept) = (Thinning::new(SENSOR, 0.1), Vec::new());
         events.chunks(777).for_each(|batch| thinning.take(batch, share, &mut kept));
+        thinning.take_rest(&mut kept);
         kept
     }
 
@@ -288,6 +349,7 @@ mod tests {
             sample.begin(index);
             let mut thinning = Thinning::new(SENSOR, 0.1);
             events.chunks(999).for_each(|batch| sample.push(batch, &mut thinning));
+            sample.end(&mut thinning);
         }
         sample
     }

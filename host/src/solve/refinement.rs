@@ -17,7 +17,7 @@ use crate::solve::association::{AssociationContext, AssociationReport, Associati
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
-use crate::solve::event_bias::{CLASS_COUNT, EventBias, is_own_bias, unknown};
+use crate::solve::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own_bias, is_shared_bias, unknown};
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::left_out::{LeftOut, leave_out};
@@ -330,22 +330,32 @@ fn updated_bias(state: &State, mut residuals: Vec<EventResidual>, settings: Stag
 }
 
 /// The parameters that may change: classes with hardly any events keep their biases, and the
-/// latency of class 0 is the common delay that no event can tell.
+/// latency of the first OFF event of a burst is the common delay that no event can tell.
 fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &RefinementSettings) -> FreeParameters {
     let mut counts = [0_usize; CLASS_COUNT];
+    // Of the classes that share biases.
+    let mut counts_of_all_lengths = [0_usize; CLASSES_OF_LENGTH];
     for event in problem.segments.iter().flat_map(|segment| &segment.events) {
-        if let Some(count) = counts.get_mut(usize::from(event.class)) {
+        let class = usize::from(event.class);
+        if let Some(count) = counts.get_mut(class) {
             *count += 1;
+            counts_of_all_lengths[class % CLASSES_OF_LENGTH] += 1;
         }
     }
     let mut biases = std::array::from_fn(|class| {
-        // The paper's residual knows no biases.
-        let enough = counts[class] >= FEWEST_OF_CLASS && problem.settings.residual == ResidualMeasure::Pixel;
         let wanted = |bias: Bias| if bias.needs_motion() { settings.latencies } else { settings.offsets };
-        Biases::from_fn(|bias| enough && wanted(bias) && is_own_bias(class, bias))
+        Biases::from_fn(|bias| {
+            let alike = counts_of_all_lengths[class % CLASSES_OF_LENGTH];
+            let count = if is_shared_bias(bias) { alike } else { counts[class] };
+            // The paper's residual knows no biases.
+            let enough = count >= FEWEST_OF_CLASS && problem.settings.residual == ResidualMeasure::Pixel;
+            enough && wanted(bias) && is_own_bias(class, bias)
+        })
     });
     // What delays all events alike cannot be told from a shift of the clock.
-    biases[0][Bias::Latency] = false;
+    let mut first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
+    let reference = first_off.find(|&class| counts[class] >= FEWEST_OF_CLASS).unwrap_or(0);
+    biases[reference][Bias::Latency] = false;
     biases[0][Bias::Bend] = false;
     let intrinsics = std::array::from_fn(|index| index < camera.parameters().len());
     FreeParameters { intrinsics, board: [false; BOARD_PARAMETERS], biases }
