@@ -29,6 +29,7 @@ mod bytes;
 mod columns;
 pub mod convert;
 pub(crate) mod counted;
+mod counter;
 mod date;
 pub mod davis;
 pub mod disorder;
@@ -68,7 +69,7 @@ pub use columns::LayoutError;
 pub use error::{RecordingError, RecordingErrorKind};
 pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary, Uses};
 pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
-pub use reader::{Decode, EventReader, ReadReport, RepairedTimes, StreamFaults, Truncation};
+pub use reader::{CounterWraps, Decode, EventReader, ReadReport, RepairedTimes, StreamFaults, Truncation};
 
 use self::memory::MemoryDecoder;
 use crate::circles::{stream, track};

@@ -29,6 +29,7 @@ use hdf5_reader::Dataset;
 use hdf5_reader::error::Error;
 
 use super::bytes::share;
+use super::counter::TimeCounter;
 use super::{
     Column, Damage, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind,
     RecordingInformation, RecordingOptions, StreamSummary, TimeUnit, Truncation, Uses, columns, numbers,
@@ -67,8 +68,8 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let other = beside.into_iter().filter_map(|(name, found)| Some((name.to_owned(), length(&found?.0)))).collect();
     let information = RecordingInformation { format: FORMAT.name, sensor, camera_name: None, began: None, notes };
     let path = path.to_owned();
-    let damage = options.damage;
-    Ok(Box::new(Decoder { path, information, table, unit, offset, damage, other, next: 0, batch: BATCH }))
+    let (damage, counter) = (options.damage, TimeCounter::new(unit));
+    Ok(Box::new(Decoder { path, information, table, unit, counter, offset, damage, other, next: 0, batch: BATCH }))
 }
 
 /// Number of pictures or samples.
@@ -234,6 +235,7 @@ struct Decoder {
     information: RecordingInformation,
     table: Table,
     unit: TimeUnit,
+    counter: TimeCounter,
     /// Added to all times, in microseconds.
     offset: i64,
     damage: Damage,
@@ -304,7 +306,7 @@ impl Decode for Decoder {
             for (column, number) in row {
                 numbers::put(&mut event, self.next, *column, *number, self.unit).map_err(|kind| self.error(kind))?;
             }
-            event.t = event.t.saturating_add(self.offset);
+            event.t = self.counter.time(event.t, report).saturating_add(self.offset);
             batch.push(event);
         }
         report.unwritten += unwritten.len() as u64;

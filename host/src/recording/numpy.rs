@@ -25,6 +25,7 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::bytes::{BEFORE_IT, share};
+use super::counter::TimeCounter;
 use super::numbers::{self, NumberType};
 use super::{
     Column, Columns, Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
@@ -118,7 +119,8 @@ fn open(
     }
     let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
     let path = path.to_owned();
-    Ok(Box::new(Decoder { path, information, sources, unit, events: 0, left: table.count, count: table.count }))
+    let (counter, count) = (TimeCounter::new(unit), table.count);
+    Ok(Box::new(Decoder { path, information, sources, unit, counter, events: 0, left: count, count }))
 }
 
 /// The columns, and the unit of the time.
@@ -248,6 +250,7 @@ struct Decoder {
     information: RecordingInformation,
     sources: Vec<Source>,
     unit: TimeUnit,
+    counter: TimeCounter,
     /// Events read, and those to come.
     events: u64,
     left: u64,
@@ -299,7 +302,7 @@ impl Decode for Decoder {
         report.unwritten += (rows - written) as u64;
         for row in 0..written {
             let event = self.event(row).map_err(|kind| RecordingError::new(&self.path, kind))?;
-            batch.push(event);
+            batch.push(Event { t: self.counter.time(event.t, report), ..event });
         }
         self.left -= count;
         match fault {

@@ -57,6 +57,23 @@ impl fmt::Display for Truncation {
     }
 }
 
+/// A counter of 32 bits that began anew behind its highest count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct CounterWraps {
+    /// How often.
+    pub count: u64,
+    /// The first event behind the first of them, counted from 1.
+    pub first_event: u64,
+}
+
+impl fmt::Display for CounterWraps {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (times, first) = (counted(self.count, "time", "times"), if self.count == 1 { "" } else { "first " });
+        let event = self.first_event;
+        write!(f, "the counter of the times wrapped {times}, {first}at event {event}: times go on as if it had not")
+    }
+}
+
 /// What was met in one pass through a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct ReadReport {
@@ -75,6 +92,8 @@ pub struct ReadReport {
     pub largest_step_back: i64,
     /// Steps back by more than 0.1 s: the clock was reset. Times go on 1 s after the latest event.
     pub clock_resets: u64,
+    /// Set when the counter of a table's times wrapped. Times go on as if it had not.
+    pub counter_wraps: Option<CounterWraps>,
     /// Events left out because they are more than 0.1 s earlier than those before and behind them, as a
     /// DAVIS346 sends them now and then; at the beginning also those that are more than 0.1 s from all others.
     pub strays: u64,
@@ -112,6 +131,7 @@ impl ReadReport {
                 "the clock of the recording was reset {times}: times after that are shifted, to go on 1 s later"
             ));
         }
+        warnings.extend(self.counter_wraps.as_ref().map(CounterWraps::to_string));
         if self.strays > 0 {
             let strays = counted(self.strays, "stray event is", "stray events are");
             warnings.push(format!("{strays} left out: more than 0.1 s away from the events around"));
@@ -626,6 +646,7 @@ mod tests {
             steps_back: count,
             largest_step_back: 7,
             clock_resets: count,
+            counter_wraps: Some(CounterWraps { count, first_event: 7 }),
             strays: count,
             out_of_range: count,
             no_pixel: count,
@@ -639,6 +660,7 @@ mod tests {
             [
                 "1 event is up to 7 µs earlier than one before, and got its time",
                 "the clock of the recording was reset 1 time: times after that are shifted, to go on 1 s later",
+                "the counter of the times wrapped 1 time, at event 7: times go on as if it had not",
                 "1 stray event is left out: more than 0.1 s away from the events around",
                 "1 event lies outside the sensor and is left out; 1 of them has a column or row below 0 or beyond 32766",
                 "the file has room for 1 more event that was never written: was the recording ended early?",
@@ -649,9 +671,13 @@ mod tests {
             ]
         );
         let twice = report(2).warnings();
-        assert_eq!(twice[2], "2 stray events are left out: more than 0.1 s away from the events around");
         assert_eq!(
-            twice[3],
+            twice[2],
+            "the counter of the times wrapped 2 times, first at event 7: times go on as if it had not"
+        );
+        assert_eq!(twice[3], "2 stray events are left out: more than 0.1 s away from the events around");
+        assert_eq!(
+            twice[4],
             "2 events lie outside the sensor and are left out; 2 of them have a column or row below 0 or beyond 32766"
         );
     }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use evcal_core::event::Event;
+use evcal_core::event::{Event, Polarity};
 use tempfile::TempDir;
 
 use super::{Damage, ReadReport, Recording, RecordingInformation, RecordingOptions};
@@ -62,6 +62,32 @@ pub fn read_file(path: &Path, options: RecordingOptions) -> Outcome {
     outcome.information = Some(reader.information().clone());
     outcome.report = reader.report().clone();
     outcome
+}
+
+/// What counters of 32 bits keep of a count: all of them, with a sign, and without the bit of the sign.
+pub const KEPT: [fn(i64) -> i64; 3] =
+    [|count| (count as u32).into(), |count| (count as i32).into(), |count| count & 0x7fff_ffff];
+
+/// Events around this time, 150 µs apart, up to 3 ms earlier than some before them.
+pub fn events_around(time: i64) -> Vec<Event> {
+    let event = |index: i64| Event {
+        t: time - 1 + 150 * (index - 500) - if index % 13 == 0 { 3000 } else { 0 },
+        x: (index * 7 % 340) as u16 + 2,
+        y: (index * 11 % 250) as u16 + 2,
+        polarity: if index % 3 == 0 { Polarity::On } else { Polarity::Off },
+    };
+    (0..1000).map(event).collect()
+}
+
+/// A file with the times of a counter that wraps gives the same events as one with times of 64 bits.
+pub fn check_wrap(wrapped: &[u8], whole: &[u8]) {
+    let [mut wrapped, whole] = [wrapped, whole].map(read);
+    assert_eq!((whole.report.counter_wraps, whole.report.clock_resets, whole.events.len()), (None, 0, 1000));
+    assert!(wrapped.report.steps_back > 70);
+    let wraps = wrapped.report.counter_wraps.take();
+    // The one before it has the highest count, which of unsigned numbers is read as -1.
+    assert!(wraps.is_some_and(|wraps| wraps.count == 1 && (501..=502).contains(&wraps.first_event)), "{wraps:?}");
+    assert_eq!((wrapped.error, wrapped.events, wrapped.report), (None, whole.events, whole.report));
 }
 
 /// A file cut at any byte gives the beginning of its events and tells of the loss or of the damage; a file with any

@@ -26,6 +26,7 @@ use layout::Layout;
 
 use super::bytes::share;
 use super::columns::LayoutError;
+use super::counter::TimeCounter;
 use super::encode::{Encode, OutputFormat, WriteError};
 use super::{
     Column, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
@@ -67,6 +68,7 @@ struct Decoder {
     path: PathBuf,
     file: BufReader<File>,
     layout: Layout,
+    counter: TimeCounter,
     information: RecordingInformation,
     line: Vec<u8>,
     /// Number of the line that was read last, from 1.
@@ -108,8 +110,8 @@ impl Decoder {
             notes: layout.notes.clone(),
         };
         let path = path.to_owned();
-        let line = Vec::new();
-        Ok(Box::new(Self { path, file, layout, information, line, number: 0, byte, length, last_field: 0 }))
+        let (line, counter) = (Vec::new(), TimeCounter::new(layout.time_unit));
+        Ok(Box::new(Self { path, file, layout, counter, information, line, number: 0, byte, length, last_field: 0 }))
     }
 
     /// The event of the next line, if that is in the buffer as a whole and plain.
@@ -176,14 +178,14 @@ impl Decode for Decoder {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         while batch.len() < BATCH {
-            if let Some(event) = self.next_plain_line() {
-                batch.push(event);
-                continue;
-            }
-            match self.next_line(report)? {
+            let line = match self.next_plain_line() {
+                Some(event) => Line::Event(event),
+                None => self.next_line(report)?,
+            };
+            match line {
                 Line::End => return Ok(false),
                 Line::Nothing => {}
-                Line::Event(event) => batch.push(event),
+                Line::Event(event) => batch.push(Event { t: self.counter.time(event.t, report), ..event }),
             }
         }
         Ok(true)
@@ -300,7 +302,7 @@ impl<W: Write> Encode for Encoder<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::Recording;
+    use crate::recording::{Recording, testing};
 
     fn read(
         text: &[u8],
@@ -415,6 +417,32 @@ mod tests {
         let (events, _, report) = default("\u{feff}0.001 5 6 1\n0.002 7 8 0\n0.0");
         assert_eq!(events, [event(1000, 5, 6, Polarity::On), event(2000, 7, 8, Polarity::Off)]);
         assert_eq!(report.truncated.unwrap().byte, 27);
+    }
+
+    #[test]
+    fn times_go_on_where_their_counter_wraps() {
+        let text = |wrap: i64, time: &dyn Fn(i64) -> String| {
+            let events = testing::events_around(wrap);
+            let line =
+                |event: &Event| format!("{} {} {} {}\n", time(event.t), event.x, event.y, event.polarity.index());
+            events.iter().map(line).collect::<String>().into_bytes()
+        };
+        let seconds = |t: i64| format!("{}.{:06}", t / 1_000_000, t % 1_000_000);
+        for (kept, wrap) in testing::KEPT.into_iter().zip([1 << 32, 1 << 31, 1 << 31]) {
+            testing::check_wrap(&text(wrap, &|t| kept(t).to_string()), &text(wrap, &|t| t.to_string()));
+        }
+        testing::check_wrap(&text(1 << 32, &|t| seconds(testing::KEPT[0](t))), &text(1 << 32, &seconds));
+    }
+
+    /// A minute before the end of the counter's range.
+    #[test]
+    fn a_reset_of_the_clock_is_no_wrap_of_its_counter() {
+        let line = |t: i64| format!("{t} 5 7 1\n");
+        let (before, after) = ((4_235_000_000..).step_by(100).take(200), (0..).step_by(100).take(200));
+        let (events, _, report) = default(&before.clone().chain(after.clone()).map(line).collect::<String>());
+        let expected = before.chain(after.map(|t| 4_235_000_000 + 19_900 + 1_000_000 + t));
+        assert!(events.iter().map(|event| event.t).eq(expected));
+        assert_eq!((report.clock_resets, report.counter_wraps, report.strays), (1, None, 0));
     }
 
     #[test]

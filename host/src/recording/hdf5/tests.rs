@@ -96,6 +96,15 @@ fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
 }
 
 #[test]
+fn times_go_on_where_their_counter_wraps() {
+    for (kept, wrap) in testing::KEPT.into_iter().zip([1 << 32, 1 << 31, 1 << 31]) {
+        let events = testing::events_around(wrap);
+        let wrapped: Vec<Event> = events.iter().map(|event| Event { t: kept(event.t), ..*event }).collect();
+        testing::check_wrap(&file(&wrapped, &DEFLATE).0, &file(&events, &DEFLATE).0);
+    }
+}
+
+#[test]
 fn events_before_and_behind_a_damaged_chunk_are_kept() {
     let events = events(1050);
     let (content, places) = file(&events, &DEFLATE);

@@ -97,6 +97,27 @@ fn tables_of_numbers_are_read_in_every_order_of_memory() {
 }
 
 #[test]
+fn times_go_on_where_their_counter_wraps() {
+    let records = |events: &[Event], time: &str, bytes: &dyn Fn(i64) -> Vec<u8>| {
+        let descr = format!("[('t', '{time}'), ('x', '<u2'), ('y', '<u2'), ('p', '|u1')]");
+        let record = |event: &Event| {
+            [&bytes(event.t)[..], &event.x.to_le_bytes(), &event.y.to_le_bytes(), &[bit(event)]].concat()
+        };
+        records(&descr, events, record)
+    };
+    let unsigned = |t: i64| (t as u32).to_le_bytes().to_vec();
+    let signed = |t: i64| (t as i32).to_be_bytes().to_vec();
+    let real = |t: i64| f64::from(t as u32).to_le_bytes().to_vec();
+    let cases: [(_, _, &dyn Fn(i64) -> Vec<u8>); 3] =
+        [(1 << 32, "<u4", &unsigned), (1 << 31, ">i4", &signed), (1 << 32, "<f8", &real)];
+    for (wrap, time, bytes) in cases {
+        let events = testing::events_around(wrap);
+        let whole = records(&events, "<i8", &|t| t.to_le_bytes().to_vec());
+        testing::check_wrap(&records(&events, time, bytes), &whole);
+    }
+}
+
+#[test]
 fn options_have_the_last_word() {
     let options = RecordingOptions {
         columns: Some("-,t,p,x,y".parse().unwrap()),
