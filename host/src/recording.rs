@@ -57,6 +57,7 @@ pub mod pass;
 pub mod pictures;
 pub mod playback;
 pub mod prophesee;
+mod read_report;
 mod reader;
 pub mod ros;
 pub mod saturation;
@@ -69,7 +70,8 @@ pub use columns::LayoutError;
 pub use error::{RecordingError, RecordingErrorKind};
 pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary, Uses};
 pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
-pub use reader::{CounterWraps, Decode, EventReader, ReadReport, RepairedTimes, StreamFaults, Truncation};
+pub use read_report::{CounterWraps, ReadReport, RepairedTimes, StreamFaults, Truncation};
+pub use reader::{Decode, EventReader};
 
 use self::memory::MemoryDecoder;
 use crate::circles::{stream, track};
