@@ -329,34 +329,65 @@ fn updated_bias(state: &State, mut residuals: Vec<EventResidual>, settings: Stag
     bias
 }
 
-/// The parameters that may change: classes with hardly any events keep their biases, and the
-/// latency of the first OFF event of a burst is the common delay that no event can tell.
+/// The parameters that may change.
 fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &RefinementSettings) -> FreeParameters {
-    let mut counts = [0_usize; CLASS_COUNT];
-    // Of the classes that share biases.
-    let mut counts_of_all_lengths = [0_usize; CLASSES_OF_LENGTH];
+    let mut counts = [0; CLASS_COUNT];
     for event in problem.segments.iter().flat_map(|segment| &segment.events) {
-        let class = usize::from(event.class);
-        if let Some(count) = counts.get_mut(class) {
+        if let Some(count) = counts.get_mut(usize::from(event.class)) {
             *count += 1;
-            counts_of_all_lengths[class % CLASSES_OF_LENGTH] += 1;
         }
     }
-    let mut biases = std::array::from_fn(|class| {
-        let wanted = |bias: Bias| if bias.needs_motion() { settings.latencies } else { settings.offsets };
-        Biases::from_fn(|bias| {
-            let alike = counts_of_all_lengths[class % CLASSES_OF_LENGTH];
-            let count = if is_shared_bias(bias) { alike } else { counts[class] };
-            // The paper's residual knows no biases.
-            let enough = count >= FEWEST_OF_CLASS && problem.settings.residual == ResidualMeasure::Pixel;
-            enough && wanted(bias) && is_own_bias(class, bias)
-        })
-    });
-    // What delays all events alike cannot be told from a shift of the clock.
-    let mut first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
-    let reference = first_off.find(|&class| counts[class] >= FEWEST_OF_CLASS).unwrap_or(0);
-    biases[reference][Bias::Latency] = false;
-    biases[0][Bias::Bend] = false;
+    let biases = match problem.settings.residual {
+        ResidualMeasure::Pixel => free_biases(&counts, settings),
+        // The paper's residual knows none.
+        ResidualMeasure::Plane => Default::default(),
+    };
     let intrinsics = std::array::from_fn(|index| index < camera.parameters().len());
     FreeParameters { intrinsics, board: [false; BOARD_PARAMETERS], biases }
+}
+
+/// The biases that may change, with so many events of each class: classes with hardly any keep theirs, and the latency of the first OFF
+/// event of a burst is the common delay that no event can tell.
+fn free_biases(counts: &[usize; CLASS_COUNT], settings: &RefinementSettings) -> [Biases<bool>; CLASS_COUNT] {
+    // Of the classes that share biases.
+    let mut together = [0; CLASSES_OF_LENGTH];
+    for (class, count) in counts.iter().enumerate() {
+        together[class % CLASSES_OF_LENGTH] += count;
+    }
+    let mut free = std::array::from_fn(|class| {
+        let wanted = |bias: Bias| if bias.needs_motion() { settings.latencies } else { settings.offsets };
+        Biases::from_fn(|bias| {
+            let count = if is_shared_bias(bias) { together[class % CLASSES_OF_LENGTH] } else { counts[class] };
+            count >= FEWEST_OF_CLASS && wanted(bias) && is_own_bias(class, bias)
+        })
+    });
+    let mut first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
+    let reference = first_off.find(|&class| counts[class] >= FEWEST_OF_CLASS).unwrap_or(0);
+    free[reference][Bias::Latency] = false;
+    free[0][Bias::Bend] = false;
+    free
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_is_a_reference_for_latencies_where_no_burst_is_long() {
+        let settings = RefinementSettings::default();
+        let [long, three] = [0, 2 * CLASSES_OF_LENGTH];
+        let mut counts = [FEWEST_OF_CLASS; CLASS_COUNT];
+        let free = free_biases(&counts, &settings);
+        assert!(!free[long][Bias::Latency] && free[three][Bias::Latency] && free[three][Bias::Offset]);
+
+        counts[..three].fill(0);
+        let free = free_biases(&counts, &settings);
+        assert!(!free[three][Bias::Latency] && free[three + 1][Bias::Latency]);
+        // What all lengths share stands with the long ones.
+        assert!(free[long][Bias::Curvature] && !free[long][Bias::Offset] && !free[long][Bias::Latency]);
+        assert!(free[long + 1][Bias::Bend] && !free[long][Bias::Bend]);
+
+        let none = free_biases(&[0; CLASS_COUNT], &settings);
+        assert_eq!(none, [Biases::default(); CLASS_COUNT]);
+    }
 }
