@@ -36,6 +36,8 @@ const EVENT_KINDS: [u8; 2] = [0, 12];
 const KIND_OF_VERSION_2: u8 = 12;
 /// Bits of an event that version 1 has.
 const BITS_OF_VERSION_1: u32 = 18;
+/// Half of the range of the times (µs).
+const HALF_TURN: i64 = 1 << 31;
 
 /// The header, if it is followed by records that are events.
 fn layout(head: &Head) -> Option<Header> {
@@ -83,8 +85,12 @@ impl Decoder {
     fn event(&mut self, record: [u8; RECORD]) -> Event {
         let [a, b, c, d, e, f, g, h] = record;
         let (t, data) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]));
-        if self.latest.checked_sub(t).is_some_and(|step| step > 1 << 31) {
-            self.turns = self.turns.saturating_add(1 << 32);
+        let step = i64::from(t) - i64::from(self.latest);
+        if step < -HALF_TURN {
+            self.turns = self.turns.saturating_add(2 * HALF_TURN);
+        } else if step > HALF_TURN && self.turns > 0 {
+            // An event from before the wrap.
+            self.turns -= 2 * HALF_TURN;
         }
         self.latest = t;
         let bits = |first: u32, count: u32| (data >> first & ((1 << count) - 1)) as u16;
@@ -147,6 +153,16 @@ mod tests {
         assert_eq!((outcome.events.as_slice(), outcome.error), (expected.as_slice(), None));
         let information = outcome.information.unwrap();
         assert_eq!((information.format, information.sensor), ("Prophesee DAT", Some(Sensor::new(304, 240))));
+    }
+
+    /// Such an event threw the clock by 71.6 min.
+    #[test]
+    fn events_from_before_the_wrap_may_follow_it() {
+        let records = [0xffff_fff0, 4, 0xffff_ffff, 5].map(|t| [t, 0]);
+        let times: Vec<i64> = testing::read(&file(HEADER, &records)).events.iter().map(|event| event.t).collect();
+        let wrap = 1 << 32;
+        // One that is late gets the time of the one before it.
+        assert_eq!(times, [wrap - 16, wrap + 4, wrap + 4, wrap + 5]);
     }
 
     #[test]
