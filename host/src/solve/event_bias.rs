@@ -14,6 +14,7 @@
 //! differences between pixels' latencies into pixels.
 
 pub mod bias;
+pub mod first_events;
 pub mod robust;
 
 use evcal_core::event::Polarity;

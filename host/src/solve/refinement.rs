@@ -16,6 +16,7 @@ use crate::circles::reference_frame::PointObservation;
 use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::event_bias::bias::{Bias, Biases};
+use crate::solve::event_bias::first_events::relative_latency;
 use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
 use crate::solve::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own_bias, is_shared_bias, unknown};
 use crate::solve::event_sample::RankedEvent;
@@ -199,8 +200,14 @@ pub fn refine<E: Send>(
         leave_out(&mut problem, &state, input.left_out);
         let (residuals, mean_scale) = residuals_and_scale(&problem, &state, &bearings);
         problem.mean_scale = mean_scale.unwrap_or(problem.mean_scale);
+        let counts = class_counts(&problem);
+        let reference = latency_reference(&counts);
+        let reference_latency = relative_latency(&state.bias, &residuals, reference);
         state.bias = updated_bias(&state, residuals, settings);
-        problem.free = free_parameters(&state.camera, &problem, settings.refinement);
+        if knows_latencies(settings) {
+            state.bias[reference].biases[Bias::Latency] = reference_latency;
+        }
+        problem.free = free_parameters(&state.camera, &counts, settings);
         problem.free.board = input.free_board;
         let intrinsics = problem.free.intrinsics.iter_mut().zip(input.held);
         intrinsics.for_each(|(free, held)| *free &= !held);
@@ -329,25 +336,39 @@ fn updated_bias(state: &State, mut residuals: Vec<EventResidual>, settings: Stag
     bias
 }
 
-/// The parameters that may change.
-fn free_parameters(camera: &Camera<f64>, problem: &Problem, settings: &RefinementSettings) -> FreeParameters {
+/// Events of each class.
+fn class_counts(problem: &Problem) -> [usize; CLASS_COUNT] {
     let mut counts = [0; CLASS_COUNT];
     for event in problem.segments.iter().flat_map(|segment| &segment.events) {
         if let Some(count) = counts.get_mut(usize::from(event.class)) {
             *count += 1;
         }
     }
-    let biases = match problem.settings.residual {
-        ResidualMeasure::Pixel => free_biases(&counts, settings),
-        // The paper's residual knows none.
+    counts
+}
+
+/// Whether classes have latencies: the paper's residual knows no biases.
+fn knows_latencies(settings: StageSettings) -> bool {
+    settings.refinement.latencies && settings.solve.residual == ResidualMeasure::Pixel
+}
+
+/// The class of first OFF events whose latency is held, for a delay of all events cannot be told from a shift of the clock.
+fn latency_reference(counts: &[usize; CLASS_COUNT]) -> usize {
+    let mut first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
+    first_off.find(|&class| counts[class] >= FEWEST_OF_CLASS).unwrap_or(0)
+}
+
+/// The parameters that may change, with so many events of each class.
+fn free_parameters(camera: &Camera<f64>, counts: &[usize; CLASS_COUNT], settings: StageSettings) -> FreeParameters {
+    let biases = match settings.solve.residual {
+        ResidualMeasure::Pixel => free_biases(counts, settings.refinement),
         ResidualMeasure::Plane => Default::default(),
     };
     let intrinsics = std::array::from_fn(|index| index < camera.parameters().len());
     FreeParameters { intrinsics, board: [false; BOARD_PARAMETERS], biases }
 }
 
-/// The biases that may change, with so many events of each class: classes with hardly any keep theirs, and the latency of the first OFF
-/// event of a burst is the common delay that no event can tell.
+/// The biases that may change, with so many events of each class: classes with hardly any keep theirs.
 fn free_biases(counts: &[usize; CLASS_COUNT], settings: &RefinementSettings) -> [Biases<bool>; CLASS_COUNT] {
     // Of the classes that share biases.
     let mut together = [0; CLASSES_OF_LENGTH];
@@ -361,9 +382,7 @@ fn free_biases(counts: &[usize; CLASS_COUNT], settings: &RefinementSettings) -> 
             count >= FEWEST_OF_CLASS && wanted(bias) && is_own_bias(class, bias)
         })
     });
-    let mut first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
-    let reference = first_off.find(|&class| counts[class] >= FEWEST_OF_CLASS).unwrap_or(0);
-    free[reference][Bias::Latency] = false;
+    free[latency_reference(counts)][Bias::Latency] = false;
     free[0][Bias::Bend] = false;
     free
 }

@@ -194,6 +194,8 @@ pub struct EventResidual {
     pub class: u8,
     /// Range of the edge's normal speed.
     pub speed_range: u8,
+    /// The edge's normal speed (px/s), positive where the pixel leaves the dot.
+    pub normal_speed: f32,
     /// Distance from where the model puts the event (px).
     pub residual: f32,
 }
@@ -227,6 +229,7 @@ pub fn residuals_and_scale(
                 for (lane, (event, _)) in in_view {
                     let scale = edges.scale[lane];
                     let bias = &state.bias[class_of(event)];
+                    let passage = edges.passage(lane);
                     let residual = EventResidual {
                         t: bin.t + f64::from(event.dt),
                         segment: stretch.segment as u32,
@@ -234,7 +237,8 @@ pub fn residuals_and_scale(
                         normal: [0, 1].map(|axis| (edges.by_pixel[axis][lane] / scale) as f32),
                         class: event.class,
                         speed_range: event.speed_range,
-                        residual: (edges.pixels[lane] - bias.distance(&edges.passage(lane))) as f32,
+                        normal_speed: passage.normal_speed as f32,
+                        residual: (edges.pixels[lane] - bias.distance(&passage)) as f32,
                     };
                     found.push((residual, scale as f32));
                 }

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 pub enum Bias {
     /// Mean signed distance from the geometric edge, positive outside the dot (px).
     Offset,
-    /// Delay between the edge's passage and the event, relative to the first OFF event of a
-    /// long burst (s): a delay common to all classes cannot be told from a shift of the clock.
+    /// Delay between the edge's passage and the event, relative to that of all first OFF events
+    /// together (s): a delay common to all classes cannot be told from a shift of the clock.
     Latency,
     /// What the square of the normal speed in px/s adds to the distance, relative to the first OFF event of a burst (s²/px): at
     /// high speed the pixel's low-pass no longer delays by a constant time.
