@@ -23,6 +23,7 @@ pub mod second;
 pub mod step;
 pub mod stretch_choice;
 mod unseen_rows;
+mod unstated_rows;
 
 use std::ops::ControlFlow;
 use std::sync::LazyLock;

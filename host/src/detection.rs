@@ -8,6 +8,7 @@ mod board_finder;
 pub mod dot_shape;
 pub mod focus;
 mod kept_pixels;
+pub mod larger_pattern;
 pub mod layout;
 pub mod no_board;
 mod ordering;
@@ -18,6 +19,7 @@ mod report;
 pub mod search;
 mod second_pass;
 pub mod settings;
+pub mod unplaced;
 
 use std::borrow::Cow;
 
@@ -42,6 +44,7 @@ pub use self::ordering::order_frames;
 pub use self::report::{DetectionReport, FEWEST_EVENTS, NoCircle, NoPattern, too_short};
 use self::second_pass::{Spacing, Uncertain, second_pass};
 use self::settings::{DetectionSettings, Grid};
+use self::unplaced::{UnplacedWindows, is_whole};
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedCircle, UnorderedFrame};
@@ -108,6 +111,14 @@ enum Found {
 }
 
 impl Found {
+    /// Whether it is a frame with all rows and columns of the board.
+    fn shows_all(&self, pattern: Pattern) -> bool {
+        match self {
+            Self::Frame(frame) => is_whole(frame, pattern),
+            Self::Circles(_) => false,
+        }
+    }
+
     fn into_circles(self) -> Option<CircleWindow> {
         match self {
             Self::Frame(_) => None,
@@ -137,6 +148,8 @@ enum Seeker {
 struct Searched {
     findings: Vec<Found>,
     uncertain: Vec<Uncertain>,
+    /// Of the windows with more circles than the board has, and no place on it, the one with most.
+    unplaced: Option<UnorderedFrame>,
     report: DetectionReport,
     /// What all windows with a board say of its dots, those that were refused for it too.
     shape: DotShape,
@@ -154,6 +167,7 @@ pub struct DetectionStage<'a> {
     waiting_events: usize,
     frames: Vec<CompactFrame>,
     circle_windows: Vec<CircleWindow>,
+    unplaced: UnplacedWindows,
     report: DetectionReport,
     shape: DotShape,
     kept_pixels: KeptPixels,
@@ -187,6 +201,7 @@ impl<'a> DetectionStage<'a> {
             waiting_events: 0,
             frames: Vec::new(),
             circle_windows: Vec::new(),
+            unplaced: UnplacedWindows::new(recording),
             report: DetectionReport::default(),
             shape: DotShape::default(),
             kept_pixels: KeptPixels::default(),
@@ -244,6 +259,10 @@ impl<'a> DetectionStage<'a> {
         for part in parts {
             self.report.add(&part.report);
             self.shape.add(&part.shape);
+            if let Wanted::Board(pattern) = self.wanted {
+                let as_stated = part.findings.iter().any(|found| found.shows_all(pattern));
+                self.unplaced.take(part.unplaced, as_stated);
+            }
             found.extend(part.findings);
             uncertain.extend(part.uncertain);
         }
@@ -300,7 +319,7 @@ impl<'a> DetectionStage<'a> {
         events: &[Event],
         span: (i64, i64),
     ) -> Searched {
-        let Searched { mut findings, mut uncertain, mut report, mut shape } = Searched::default();
+        let Searched { mut findings, mut uncertain, mut unplaced, mut report, mut shape } = Searched::default();
         let start = events.first().map_or(span.0, |event| event.t);
         let mut planner = WindowPlanner::new(self.settings.window, start, span.1);
         let detector_settings = self.settings.detector();
@@ -327,6 +346,11 @@ impl<'a> DetectionStage<'a> {
                         let candidates = within_capacity(&circles).to_vec();
                         uncertain.push(Uncertain { chunk, window, candidates });
                     }
+                    let most =
+                        unplaced.as_ref().map_or_else(|| self.circles_of_board(), |fullest| fullest.circles.len());
+                    if matches!(reason, NoBoard::PlaceUncertain | NoBoard::BesideBoard) && circles.len() > most {
+                        unplaced = Some(circle_window(&window, &circles, Vec::new()).to_frame());
+                    }
                     *report.grids_refused.entry(reason).or_default() += 1;
                     let unique_pixels = detection.clusters.events.saturating_sub(detection.clusters.both_polarities);
                     planner.report(Outcome::NotFound { unique_pixels });
@@ -334,7 +358,15 @@ impl<'a> DetectionStage<'a> {
             }
         }
         report.too_few_events += u64::from(planner.too_few_events());
-        Searched { findings, uncertain, report, shape }
+        Searched { findings, uncertain, unplaced, report, shape }
+    }
+
+    /// Circles of the board that is looked for.
+    fn circles_of_board(&self) -> usize {
+        match self.wanted {
+            Wanted::Board(pattern) => pattern.circle_count(),
+            Wanted::Circles(_) => 0,
+        }
     }
 
     fn seeker(&self) -> Seeker {
@@ -376,12 +408,9 @@ impl<'a> DetectionStage<'a> {
                     Err(NoBoard::NotRound)
                 }
             }
-            Seeker::Circles(fewest) if circles.len() >= *fewest => Ok(Found::Circles(CircleWindow {
-                start: window.start_us as f64 * 1e-6,
-                end: window.end_us as f64 * 1e-6,
-                circles: circles.iter().map(|circle| (circle.center.cast(), f64::from(circle.radius))).collect(),
-                pixels: unique_pixels(events),
-            })),
+            Seeker::Circles(fewest) if circles.len() >= *fewest => {
+                Ok(Found::Circles(circle_window(window, circles, unique_pixels(events))))
+            }
             Seeker::Circles(_) => Err(NoBoard::TooFewCircles),
         }
     }
@@ -442,20 +471,29 @@ impl<'a> DetectionStage<'a> {
 
     /// The reference frames in order of time, and the report.
     pub fn into_frames(self) -> (Vec<ReferenceFrame>, DetectionReport) {
-        let (frames, report) = self.into_compact_frames();
+        let (frames, _, report) = self.into_compact_frames();
         (frames.into_iter().map(ReferenceFrame::from).collect(), report)
     }
 
-    /// The same in less room.
-    pub fn into_compact_frames(mut self) -> (Vec<CompactFrame>, DetectionReport) {
+    /// The same in less room, and the windows that a larger board may be in.
+    pub fn into_compact_frames(mut self) -> (Vec<CompactFrame>, UnplacedWindows, DetectionReport) {
         self.finish();
-        (self.frames, self.report)
+        (self.frames, self.unplaced, self.report)
     }
 
     /// The windows with circles in order of time, and the report.
     pub fn into_circles(mut self) -> (Vec<CircleWindow>, DetectionReport) {
         self.finish();
         (self.circle_windows, self.report)
+    }
+}
+
+fn circle_window(window: &Window, circles: &[GridCandidate<f32>], pixels: Vec<EventPixel>) -> CircleWindow {
+    CircleWindow {
+        start: window.start_us as f64 * 1e-6,
+        end: window.end_us as f64 * 1e-6,
+        circles: circles.iter().map(|circle| (circle.center.cast(), f64::from(circle.radius))).collect(),
+        pixels,
     }
 }
 

@@ -200,6 +200,23 @@ fn a_mirrored_print_gives_the_same_camera() {
     assert!((direct[3] - mirrored[3]).abs() < 0.1, "{direct:?} {mirrored:?}");
 }
 
+/// With a row or a column fewer than the board has, the camera comes out, but not the origin; the verdict names the whole board.
+#[test]
+fn a_part_of_the_board() {
+    let events = RADTAN.recording().join("events.aedat4");
+    for (name, board) in [("a-row-fewer", "acircles:8x4:55mm:r17.5mm"), ("a-column-fewer", "acircles:9x3:55mm:r17.5mm")]
+    {
+        let verdict = verdict(name, &events, board);
+        let findings = verdict["findings"].as_array().expect("findings");
+        let told: Vec<&Value> = findings.iter().filter(|finding| finding["cause"] == "larger-board").collect();
+        assert_eq!(told.len(), 1, "{board}: {verdict:#}");
+        assert_eq!(told[0]["severity"], "warning", "{board}: {verdict:#}");
+        assert!(told[0]["advice"].as_str().expect("advice").contains(&format!("--board {BOARD},")), "{verdict:#}");
+    }
+    let whole = read_json(&RADTAN.own_calibration().join("calibration.json"))["verdict"].clone();
+    assert!(whole["findings"].as_array().expect("findings").iter().all(|finding| finding["cause"] != "larger-board"));
+}
+
 #[test]
 fn another_board() {
     let events = RADTAN.recording().join("events.aedat4");

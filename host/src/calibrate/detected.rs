@@ -10,6 +10,7 @@ use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::focus::{WINDOWS, edge_width};
 use crate::detection::other_board::{OtherBoard, OtherReading};
+use crate::detection::unplaced::UnplacedWindows;
 use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
 use crate::recording::bad_pixels::PixelCounter;
 use crate::recording::disorder::Disorder;
@@ -33,6 +34,8 @@ pub(super) struct Detected {
     pub(super) starts: Vec<f64>,
     pub(super) recordings: Vec<RecordingReport>,
     pub(super) detection: DetectionReport,
+    /// Windows with more circles than the board has, one entry for each recording of events.
+    pub(super) unplaced: Vec<UnplacedWindows>,
     /// Events in each input, none in circles; `None` where the input is circles alone.
     pub(super) events: Option<Vec<u64>>,
     /// As many of them as fit into memory.
@@ -65,6 +68,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
         starts: Vec::new(),
         recordings: Vec::new(),
         detection: DetectionReport::default(),
+        unplaced: Vec::new(),
         events: None,
         sample: EventSample::new(SAMPLE_TIMES * task.settings.association.most_events),
         without_pictures: vec![false; task.inputs.len()],
@@ -107,7 +111,8 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
                     end,
                     reason: Reason::Saturated,
                 }));
-                let (windows, report) = stage.into_compact_frames();
+                let (windows, unplaced, report) = stage.into_compact_frames();
+                all.unplaced.push(unplaced);
                 all.health.push(Health {
                     flicker: bins.flicker(),
                     always_full: bins.is_even(),

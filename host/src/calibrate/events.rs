@@ -15,10 +15,11 @@ use super::kept_events::events_of;
 use super::other_stretches::follow_others;
 use super::progress::Progress;
 use super::stretch_choice::{ChosenSeconds, StretchChoice, choose_stretches, second_of};
-use super::{PictureUse, Task, other_camera, pictures, unseen_rows};
+use super::{PictureUse, Task, other_camera, pictures, unseen_rows, unstated_rows};
 use crate::board::shape::BoardShape;
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
+use crate::detection::larger_pattern::larger_pattern;
 use crate::detection::radius::other_radius;
 use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::initial::{InitialModel, initial_model};
@@ -55,6 +56,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         starts,
         recordings,
         detection,
+        unplaced,
         events,
         sample,
         without_pictures,
@@ -177,6 +179,10 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let mut findings = findings_on(&health);
     findings.extend(other_camera::findings_on(task.inputs, &frames, &initial));
     findings.extend(unseen_rows::finding_on(task.board.pattern, &frames));
+    if let Some(larger) = larger_pattern(&unplaced, task.board.pattern, sensor) {
+        let State { camera, trajectories, .. } = &refined.state;
+        findings.push(unstated_rows::finding_on(&larger, task.board, camera, trajectories));
+    }
     findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
     let camera = &refined.state.camera;
     let verdict = verdict(camera, &trust, Some(&event_trust), task.board, sensor, findings, &settings.verdict);

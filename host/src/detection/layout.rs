@@ -103,18 +103,8 @@ pub(super) fn recognise(frames: &[UnorderedFrame], sensor: Sensor) -> Option<Rec
     let sample = fullest(frames);
     let mut counts: Vec<f64> = sample.iter().map(|frame| frame.circles.len() as f64).collect();
     let full = median(&mut counts, f64::total_cmp)?;
-    let score = |pattern: &Pattern| {
-        let whole = pattern.circle_count();
-        let (found, _) = order_frames(&sample, pattern, Some(sensor));
-        found.iter().map(|frame| (2 * frame.circles.len()).saturating_sub(whole)).sum::<usize>()
-    };
     let tried = layouts().filter(|pattern| COUNTS.contains(&(pattern.circle_count() as f64 / full)));
-    // Of equals the first.
-    let (_, pattern) = tried
-        .map(|pattern| (score(&pattern), pattern))
-        .rev()
-        .max_by_key(|(score, _)| *score)
-        .filter(|best| best.0 > 0)?;
+    let pattern = most_fitting(&sample, tried, sensor)?;
     let (found, _) = order_frames(frames, &pattern, Some(sensor));
     if found.len() < FEWEST_WINDOWS || (found.len() as f64) < FEWEST_FITS * frames.len() as f64 {
         return None;
@@ -123,6 +113,23 @@ pub(super) fn recognise(frames: &[UnorderedFrame], sensor: Sensor) -> Option<Rec
     let mut ratios: Vec<f64> = found.iter().flat_map(|frame| radius_ratios(frame, &unit)).collect();
     let radius = median(&mut ratios, f64::total_cmp).map(|ratio| ratio * unit.neighbour_distance());
     Some(RecognisedLayout { pattern, fitting: found.len(), windows: frames.len(), radius })
+}
+
+/// The one of these layouts that places most circles of the frames and misses fewest, the first of equals; `None` where all miss more
+/// than they place.
+pub(super) fn most_fitting(
+    frames: &[UnorderedFrame],
+    patterns: impl DoubleEndedIterator<Item = Pattern>,
+    sensor: Sensor,
+) -> Option<Pattern> {
+    let score = |pattern: &Pattern| {
+        let whole = pattern.circle_count();
+        let (found, _) = order_frames(frames, pattern, Some(sensor));
+        found.iter().map(|frame| (2 * frame.circles.len()).saturating_sub(whole)).sum::<usize>()
+    };
+    // Of equals the first.
+    let scored = patterns.map(|pattern| (score(&pattern), pattern)).rev();
+    scored.max_by_key(|(score, _)| *score).filter(|best| best.0 > 0).map(|(_, pattern)| pattern)
 }
 
 /// Radius over the distance of neighbouring centres in the image, for each circle with a neighbour. Of the board, its layout

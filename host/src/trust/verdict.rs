@@ -109,6 +109,8 @@ pub enum Cause {
     OutOfOrder,
     /// Rows or columns of the board were never found.
     PartOfBoard,
+    /// The board has more rows or columns than stated.
+    LargerBoard,
     /// A recording is of another camera than the rest.
     OtherCamera,
 }

@@ -26,7 +26,7 @@ use evcal::result::beside::{verdicts_beside, worst_grade};
 use evcal::second_camera::error::SecondCameraError;
 use evcal::settings::Settings;
 use evcal::solve::held_intrinsics::HeldIntrinsics;
-use evcal::trust::verdict::Grade;
+use evcal::trust::verdict::{Cause, Grade};
 use evcal_core::sensor::Sensor;
 use rayon::ThreadPool;
 
@@ -168,7 +168,9 @@ impl Work<'_> {
                 folder.display()
             ))?;
         }
+        let told = calibrated.verdict.findings.iter().any(|finding| finding.cause == Cause::LargerBoard);
         if calibrated.verdict.grade == Grade::NotGood
+            && !told
             && let Some(LargerBoard { found, board }) =
                 larger_board(&self.inputs, &self.board, &self.settings.detection)
         {

@@ -1,0 +1,78 @@
+//! Windows with more circles than the board has, which have no place on it: the board may be larger than stated.
+//!
+//! Where a lattice goes on beside the stated board, that lies on it in several places, or in none, and the grid finder refuses it. The
+//! fullest such window of each chunk is kept.
+
+use evcal_core::pattern::Pattern;
+
+use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
+
+/// Most windows of a recording that are kept.
+const MOST: usize = 256;
+
+/// The windows of one recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnplacedWindows {
+    /// Which recording of the camera.
+    pub(super) recording: usize,
+    /// Chunks with such a window.
+    pub(super) chunks: usize,
+    /// Chunks without one, but with one that shows all of the stated board.
+    pub(super) as_stated: usize,
+    /// The window of one of so many chunks is kept.
+    every: usize,
+    pub(super) kept: Vec<UnorderedFrame>,
+}
+
+impl UnplacedWindows {
+    pub(super) fn new(recording: usize) -> Self {
+        Self { recording, chunks: 0, as_stated: 0, every: 1, kept: Vec::new() }
+    }
+
+    /// Takes the fullest unplaced window of the next chunk, and whether the chunk shows all of the stated board.
+    pub(super) fn take(&mut self, fullest: Option<UnorderedFrame>, as_stated: bool) {
+        let Some(window) = fullest else {
+            self.as_stated += usize::from(as_stated);
+            return;
+        };
+        if self.chunks.is_multiple_of(self.every) {
+            self.kept.push(window);
+        }
+        self.chunks += 1;
+        if self.kept.len() > MOST {
+            self.every *= 2;
+            let mut place = 0;
+            self.kept.retain(|_| {
+                place += 1;
+                place % 2 == 1
+            });
+        }
+    }
+}
+
+/// Whether at least half of the circles of each row and of each column of `pattern` are there.
+pub(super) fn is_whole(frame: &ReferenceFrame, pattern: Pattern) -> bool {
+    let (rows, columns) = (usize::from(pattern.rows), usize::from(pattern.columns).max(1));
+    let (mut in_rows, mut in_columns) = (vec![0; rows], vec![0; columns]);
+    for circle in &frame.circles {
+        for count in [in_rows.get_mut(circle.index / columns), in_columns.get_mut(circle.index % columns)] {
+            count.into_iter().for_each(|count| *count += 1);
+        }
+    }
+    in_rows.iter().all(|count| 2 * count >= columns) && in_columns.iter().all(|count| 2 * count >= rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_recordings_keep_windows_of_all_their_length() {
+        let mut windows = UnplacedWindows::new(0);
+        let window = |start| UnorderedFrame { start, end: start + 0.01, circles: Vec::new() };
+        (0..2000).for_each(|chunk| windows.take(Some(window(f64::from(chunk))), false));
+        assert_eq!((windows.chunks, windows.every), (2000, 8));
+        let starts = windows.kept.iter().map(|window| window.start);
+        assert!(starts.eq((0..2000).step_by(8).map(f64::from)));
+    }
+}
