@@ -16,7 +16,7 @@ use crate::circles::reference_frame::PointObservation;
 use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::event_bias::first_events::relative_latency;
+use crate::solve::event_bias::first_events::reference_latency;
 use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
 use crate::solve::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own_bias, is_shared_bias, unknown};
 use crate::solve::event_sample::RankedEvent;
@@ -202,10 +202,10 @@ pub fn refine<E: Send>(
         problem.mean_scale = mean_scale.unwrap_or(problem.mean_scale);
         let counts = class_counts(&problem);
         let reference = latency_reference(&counts);
-        let reference_latency = relative_latency(&state.bias, &residuals, reference);
+        let held = reference_latency(&state.bias, &residuals, reference);
         state.bias = updated_bias(&state, residuals, settings);
         if knows_latencies(settings) {
-            state.bias[reference].biases[Bias::Latency] = reference_latency;
+            state.bias[reference].biases[Bias::Latency] = held;
         }
         problem.free = free_parameters(&state.camera, &counts, settings);
         problem.free.board = input.free_board;

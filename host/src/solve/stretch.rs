@@ -196,6 +196,8 @@ pub struct EventResidual {
     pub speed_range: u8,
     /// The edge's normal speed (px/s), positive where the pixel leaves the dot.
     pub normal_speed: f32,
+    /// Distance from the edge (px), positive outside the dot.
+    pub distance: f32,
     /// Distance from where the model puts the event (px).
     pub residual: f32,
 }
@@ -238,6 +240,7 @@ pub fn residuals_and_scale(
                         class: event.class,
                         speed_range: event.speed_range,
                         normal_speed: passage.normal_speed as f32,
+                        distance: edges.pixels[lane] as f32,
                         residual: (edges.pixels[lane] - bias.distance(&passage)) as f32,
                     };
                     found.push((residual, scale as f32));
