@@ -352,10 +352,11 @@ fn knows_latencies(settings: StageSettings) -> bool {
     settings.refinement.latencies && settings.solve.residual == ResidualMeasure::Pixel
 }
 
-/// The class of first OFF events whose latency is held, for a delay of all events cannot be told from a shift of the clock.
+/// The class of first OFF events whose latency is held, for a delay of all events cannot be told from a shift of the clock: the largest, as
+/// it knows the time best.
 fn latency_reference(counts: &[usize; CLASS_COUNT]) -> usize {
-    let mut first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
-    first_off.find(|&class| counts[class] >= FEWEST_OF_CLASS).unwrap_or(0)
+    let first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
+    first_off.rev().max_by_key(|&class| counts[class]).unwrap_or(0)
 }
 
 /// The parameters that may change, with so many events of each class.
@@ -392,12 +393,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn there_is_a_reference_for_latencies_where_no_burst_is_long() {
+    fn one_latency_is_held_also_where_no_burst_is_long() {
         let settings = RefinementSettings::default();
         let [long, three] = [0, 2 * CLASSES_OF_LENGTH];
         let mut counts = [FEWEST_OF_CLASS; CLASS_COUNT];
         let free = free_biases(&counts, &settings);
         assert!(!free[long][Bias::Latency] && free[three][Bias::Latency] && free[three][Bias::Offset]);
+        // The largest class of first OFF events, whatever others have.
+        counts[three] += 1;
+        counts[three + 1] += 2;
+        let free = free_biases(&counts, &settings);
+        assert!(free[long][Bias::Latency] && !free[three][Bias::Latency] && free[three + 1][Bias::Latency]);
 
         counts[..three].fill(0);
         let free = free_biases(&counts, &settings);
