@@ -92,7 +92,7 @@ pub struct ObservedRadius {
 
 /// Events lie inside of the edge by this much on average (px): they happen where the logarithm of the
 /// blurred edge changes, which is on its dark side.
-const USUAL_OFFSET: f64 = -0.45;
+const USUAL_OFFSET: f64 = -0.41;
 
 /// How [`examine`] looks at a calibration.
 #[derive(Clone, Copy)]

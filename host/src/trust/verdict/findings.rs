@@ -169,9 +169,13 @@ fn empty_places(coverage: &Coverage) -> String {
     }
 }
 
+/// By how much the mean offset of events differs between kinds of light and of motion (px).
+const DIFFERENT_OFFSETS: f64 = 0.25;
+
 fn radius(observed: &ObservedRadius, board: &Board, settings: &VerdictSettings) -> Option<Finding> {
     let ratio = observed.radius / board.radius;
-    ((ratio - 1.0).abs() > settings.radius).then(|| Finding {
+    let pixels = (observed.radius - board.radius) / observed.scale;
+    ((ratio - 1.0).abs() > settings.radius && pixels.abs() > DIFFERENT_OFFSETS).then(|| Finding {
         cause: Cause::RadiusDisagrees,
         severity: Severity::Failure,
         reason: format!(
