@@ -16,7 +16,7 @@ use crate::circles::reference_frame::PointObservation;
 use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::event_bias::first_events::reference_latency;
+use crate::solve::event_bias::first_events::{common_delay, shift_clock};
 use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
 use crate::solve::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own_bias, is_shared_bias, unknown};
 use crate::solve::event_sample::RankedEvent;
@@ -201,13 +201,12 @@ pub fn refine<E: Send>(
         let (residuals, mean_scale) = residuals_and_scale(&problem, &state, &bearings);
         problem.mean_scale = mean_scale.unwrap_or(problem.mean_scale);
         let counts = class_counts(&problem);
-        let reference = latency_reference(&counts);
-        let held = reference_latency(&state.bias, &residuals, reference);
         state.bias = updated_bias(&state, residuals, settings);
-        if knows_latencies(settings) {
-            state.bias[reference].biases[Bias::Latency] = held;
-        }
         problem.free = free_parameters(&state.camera, &counts, settings);
+        let has_points = input.points.iter().any(|points| !points.is_empty());
+        if !has_points {
+            problem.free.biases[latency_reference(&counts)][Bias::Latency] = false;
+        }
         problem.free.board = input.free_board;
         let intrinsics = problem.free.intrinsics.iter_mut().zip(input.held);
         intrinsics.for_each(|(free, held)| *free &= !held);
@@ -232,6 +231,7 @@ pub fn refine<E: Send>(
                 || unexplained(&problem, &state, &last, settings.unexplained),
                 || residual_statistics(&problem, &state, &last),
             );
+            let delay = common_delay(&state.bias, &last);
             drop(last);
             if !unexplained.is_empty() {
                 leave_out(&mut problem, &state, &unexplained);
@@ -239,6 +239,10 @@ pub fn refine<E: Send>(
                 Solved { state, system, .. } = solve_telling(&problem, state, solving)?;
                 tell(1.0).map_err(RefinementError::Read)?;
                 residuals = residual_statistics(&problem, &state, &residuals_at(&problem, &state));
+            }
+            // Points know the time.
+            if !has_points && knows_latencies(settings) {
+                shift_clock(&mut state.bias, &mut state.trajectories, delay);
             }
             let left_out = input.left_out.iter().chain(&unexplained).copied().collect();
             return Ok((Refined { state, problem, residuals, left_out, rounds }, system));
@@ -352,8 +356,8 @@ fn knows_latencies(settings: StageSettings) -> bool {
     settings.refinement.latencies && settings.solve.residual == ResidualMeasure::Pixel
 }
 
-/// The class of first OFF events whose latency is held, for a delay of all events cannot be told from a shift of the clock: the largest, as
-/// it knows the time best.
+/// The class whose latency is held where nothing but events tells the time, for a delay of all events cannot be told from a shift of the
+/// clock: the largest of first OFF events, as it knows the time best.
 fn latency_reference(counts: &[usize; CLASS_COUNT]) -> usize {
     let first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
     first_off.rev().max_by_key(|&class| counts[class]).unwrap_or(0)
@@ -383,7 +387,7 @@ fn free_biases(counts: &[usize; CLASS_COUNT], settings: &RefinementSettings) -> 
             count >= FEWEST_OF_CLASS && wanted(bias) && is_own_bias(class, bias)
         })
     });
-    free[latency_reference(counts)][Bias::Latency] = false;
+    // A bend of all events cannot be told from a motion.
     free[0][Bias::Bend] = false;
     free
 }
@@ -393,22 +397,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_latency_is_held_also_where_no_burst_is_long() {
+    fn what_all_lengths_share_stands_with_long_bursts() {
         let settings = RefinementSettings::default();
         let [long, three] = [0, 2 * CLASSES_OF_LENGTH];
         let mut counts = [FEWEST_OF_CLASS; CLASS_COUNT];
-        let free = free_biases(&counts, &settings);
-        assert!(!free[long][Bias::Latency] && free[three][Bias::Latency] && free[three][Bias::Offset]);
-        // The largest class of first OFF events, whatever others have.
         counts[three] += 1;
+        assert_eq!(latency_reference(&counts), three);
         counts[three + 1] += 2;
-        let free = free_biases(&counts, &settings);
-        assert!(free[long][Bias::Latency] && !free[three][Bias::Latency] && free[three + 1][Bias::Latency]);
-
+        assert_eq!(latency_reference(&counts), three, "the second OFF event is no first one");
         counts[..three].fill(0);
         let free = free_biases(&counts, &settings);
-        assert!(!free[three][Bias::Latency] && free[three + 1][Bias::Latency]);
-        // What all lengths share stands with the long ones.
+        assert!(free[three][Bias::Latency] && free[three][Bias::Offset]);
         assert!(free[long][Bias::Curvature] && !free[long][Bias::Offset] && !free[long][Bias::Latency]);
         assert!(free[long + 1][Bias::Bend] && !free[long][Bias::Bend]);
 

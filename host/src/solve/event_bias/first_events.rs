@@ -11,31 +11,34 @@ use super::bias::Bias;
 use super::{EventBias, EventKind};
 use crate::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 use crate::solve::stretch::EventResidual;
+use crate::trajectory::Trajectory;
 
 /// Events farther from the line than this many times their spread do not count.
 const OUTLIER: f64 = 3.0;
 /// How often outliers are looked for.
 const PASSES: usize = 3;
 
-/// What the latency (s) of the class `reference` has to be so that the first OFF events of all bursts have none, as `residuals` at `bias`
-/// tell it.
-pub fn reference_latency(bias: &EventBias, residuals: &[EventResidual], reference: usize) -> f64 {
-    let is_first = |class: usize| {
-        let EventKind { polarity, place } = EventKind::of_class(class);
-        polarity == Polarity::Off && place.rank == 0
-    };
-    let (mut of_reference, mut of_all) = (Vec::new(), Vec::new());
-    for event in residuals {
+/// By how much (s) the first OFF events of all bursts come late on average, as `residuals` at `bias` tell it.
+pub fn common_delay(bias: &EventBias, residuals: &[EventResidual]) -> f64 {
+    let place = |event: &EventResidual| {
         let class = usize::from(event.class);
-        let Some(known) = bias.get(class).filter(|_| is_first(class)) else { continue };
+        let known = bias.get(class).filter(|_| is_first_off(class))?;
         let speed = f64::from(event.normal_speed);
-        of_all.push((speed, f64::from(event.distance) + known.biases[Bias::Latency] * speed));
-        if class == reference {
-            of_reference.push((speed, f64::from(event.residual)));
-        }
-    }
-    let known = bias.get(reference).map_or(0.0, |known| known.biases[Bias::Latency]);
-    known + delay(of_reference) - delay(of_all)
+        // The latency that is known is in the time already.
+        Some((speed, f64::from(event.distance) + known.biases[Bias::Latency] * speed))
+    };
+    delay(residuals.iter().filter_map(place).collect())
+}
+
+fn is_first_off(class: usize) -> bool {
+    let EventKind { polarity, place } = EventKind::of_class(class);
+    polarity == Polarity::Off && place.rank == 0
+}
+
+/// Makes all events of all classes come earlier by `delay` (s), and the trajectories later: no event tells the one from the other.
+pub fn shift_clock(bias: &mut EventBias, trajectories: &mut [Trajectory], delay: f64) {
+    bias.iter_mut().for_each(|class| class.biases[Bias::Latency] -= delay);
+    trajectories.iter_mut().flat_map(|trajectory| &mut trajectory.knots).for_each(|knot| *knot += delay);
 }
 
 /// Slope of a line through places (speed in px/s, distance in px), which is a delay (s), without outliers; 0 where all speeds are the same.
@@ -94,23 +97,18 @@ mod tests {
                 });
             }
         }
-        // Long bursts begin at (0.71 + step / 200) / 2 - 0.5 on average, which is 0.5 ms less.
-        let long = reference_latency(&bias, &residuals, 0);
-        assert!((long + 5e-4).abs() < 3e-5, "{long}");
-        let others = reference_latency(&bias, &residuals, CLASSES_OF_LENGTH);
-        assert!((others + 5e-4).abs() < 3e-5, "{others}");
+        assert!((common_delay(&bias, &residuals) - late).abs() < 1e-5);
         // An event of another kind is none of them.
         let other = EventResidual { class: 1, normal_speed: 1e6, distance: 50.0, ..EventResidual::default() };
         residuals.push(other);
-        assert_eq!(reference_latency(&bias, &residuals, 0), long);
+        assert!((common_delay(&bias, &residuals) - late).abs() < 1e-5);
     }
 
     #[test]
-    fn without_events_or_differences_of_speed_nothing_changes() {
-        let mut bias = unknown(1.0);
-        bias[0].biases[Bias::Latency] = 1e-4;
-        assert_eq!(reference_latency(&bias, &[], 0), 1e-4);
+    fn without_events_or_differences_of_speed_nothing_is_late() {
+        let bias = unknown(1.0);
+        assert_eq!(common_delay(&bias, &[]), 0.0);
         let event = EventResidual { normal_speed: -50.0, distance: 0.3, ..EventResidual::default() };
-        assert_eq!(reference_latency(&bias, &[event; 9], 0), 1e-4);
+        assert_eq!(common_delay(&bias, &[event; 9]), 0.0);
     }
 }
