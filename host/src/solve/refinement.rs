@@ -178,6 +178,8 @@ pub fn refine<E: Send>(
     // Circle centres stay as they are: without events to associate anew, one round is all.
     let total = if input.events.is_some() { settings.refinement.rounds.max(1) } else { 1 };
     let count = input.events.as_ref().map_or(1, |events| events.counts.iter().sum::<u64>().max(1)) as f64;
+    // They know the time, which events alone do not.
+    let has_points = input.points.iter().any(|points| !points.is_empty());
     let mut last_early = false;
     loop {
         let round = rounds.len();
@@ -203,7 +205,6 @@ pub fn refine<E: Send>(
         let counts = class_counts(&problem);
         state.bias = updated_bias(&state, residuals, settings);
         problem.free = free_parameters(&state.camera, &counts, settings);
-        let has_points = input.points.iter().any(|points| !points.is_empty());
         if !has_points {
             problem.free.biases[latency_reference(&counts)][Bias::Latency] = false;
         }
@@ -231,7 +232,7 @@ pub fn refine<E: Send>(
                 || unexplained(&problem, &state, &last, settings.unexplained),
                 || residual_statistics(&problem, &state, &last),
             );
-            let delay = common_delay(&state.bias, &last);
+            let delay = (!has_points && knows_latencies(settings)).then(|| common_delay(&state.bias, &last));
             drop(last);
             if !unexplained.is_empty() {
                 leave_out(&mut problem, &state, &unexplained);
@@ -240,8 +241,7 @@ pub fn refine<E: Send>(
                 tell(1.0).map_err(RefinementError::Read)?;
                 residuals = residual_statistics(&problem, &state, &residuals_at(&problem, &state));
             }
-            // Points know the time.
-            if !has_points && knows_latencies(settings) {
+            if let Some(delay) = delay {
                 shift_clock(&mut state.bias, &mut state.trajectories, delay);
             }
             let left_out = input.left_out.iter().chain(&unexplained).copied().collect();
