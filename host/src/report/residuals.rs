@@ -51,15 +51,15 @@ fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup 
         @if calibration.measured == Measured::EventEdges {
             h3 { "By event class" }
             p {
-                "When an edge passes, a pixel sends a burst of events. Each rank of the burst, OFF (darker) and ON (brighter), has its "
-                "own bias, which is part of the result, and another one after a burst of one or two events. Curves should be narrow, alike on both sides and centred on 0."
+                "When an edge passes, a pixel sends a burst of events. OFF (darker) and ON (brighter) events of each rank in bursts of each "
+                "length have their own bias, which is part of the result. Curves should be narrow, alike on both sides and centred on 0."
             }
             div.pair {
                 figure { (histogram(off, "OFF", highest).render()) figcaption { "Residuals of OFF events, by rank in the burst." } }
                 figure { (histogram(on, "ON", highest).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
             }
             (scrolling("Event classes", &class_table(calibration, classes)))
-            p.faint { "Offsets are those of a straight, slow edge, positive outside the dot; latencies count from the first OFF event of a burst." }
+            p.faint { "Offsets are those of a straight, slow edge, positive outside the dot; latencies count from the mean of all first OFF events of bursts." }
         }
     }
 }
