@@ -7,7 +7,8 @@
 //! exceeds the best one's by no more than so many standard errors of the difference, the one with the
 //! fewest parameters is chosen, if possible of those that OpenCV and ROS hold: the one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and
 //! Friedman, *The Elements of Statistical Learning*, section 7.10). The standard error is that of the
-//! difference block by block, for what makes a block hard makes it hard for all models.
+//! difference block by block, for what makes a block hard makes it hard for all models. If none of these is held by OpenCV and ROS,
+//! those count too whose excess is too small to matter.
 
 use evcal_core::sensor::Sensor;
 use std::fmt;
@@ -84,6 +85,9 @@ settings! {
         /// Standard errors by which a model's held-out cost may exceed the best one's for it to count as being as
         /// good.
         pub standard_errors: f64 = 1.0, "", at_least(0.0);
+        /// Where no model that is as good is held by OpenCV and ROS: share of the best cost by which that of one that
+        /// they hold may exceed it.
+        pub negligible: f64 = 1e-3, "", at_least(0.0);
     }
 }
 
@@ -122,18 +126,23 @@ fn mean_and_error(values: &[f64]) -> (f64, f64) {
 ///
 /// A model that is widely held goes before one that is not. Of candidates with equally many parameters, the one with the
 /// smaller cost is simpler.
-pub fn choose(candidates: &[Candidate], standard_errors: f64) -> Option<(usize, Vec<Standing>)> {
+pub fn choose(candidates: &[Candidate], settings: &ModelChoiceSettings) -> Option<(usize, Vec<Standing>)> {
     let cost = |candidate: &Candidate| candidate.held_out.mean();
     let best = candidates.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))?;
-    let standings: Vec<Standing> = candidates
+    let mut standings: Vec<Standing> = candidates
         .iter()
         .map(|candidate| {
             let pairs = candidate.held_out.block_costs.iter().zip(&best.held_out.block_costs);
             let differences: Vec<f64> = pairs.map(|(own, best)| own - best).collect();
             let (excess, standard_error) = mean_and_error(&differences);
-            Standing { excess, standard_error, as_good: excess <= standard_errors * standard_error }
+            Standing { excess, standard_error, as_good: excess <= settings.standard_errors * standard_error }
         })
         .collect();
+    if !candidates.iter().zip(&standings).any(|(candidate, standing)| candidate.widely_held && standing.as_good) {
+        for (candidate, standing) in candidates.iter().zip(&mut standings) {
+            standing.as_good |= candidate.widely_held && standing.excess <= settings.negligible * cost(best);
+        }
+    }
     let good = candidates.iter().zip(&standings).enumerate().filter(|(_, (_, standing))| standing.as_good);
     let simplest = good.min_by(|(_, (a, _)), (_, (b, _))| {
         let held = b.widely_held.cmp(&a.widely_held);
@@ -271,7 +280,7 @@ pub fn choose_model(
             held_out.clone().map(|held_out| Candidate { parameters, widely_held, held_out })
         })
         .collect();
-    let (chosen, standings) = match choose(&candidates, settings.standard_errors) {
+    let (chosen, standings) = match choose(&candidates, settings) {
         Some((position, standings)) => (compared.get(position).copied(), standings),
         None => (None, Vec::new()),
     };
@@ -336,7 +345,7 @@ mod tests {
             candidate(8, &[1.01, 1.99, 3.02, 4.00]),
             candidate(5, &[1.5, 2.4, 3.6, 4.5]),
         ];
-        let (chosen, standings) = choose(&candidates, 1.0).unwrap();
+        let (chosen, standings) = choose(&candidates, &ModelChoiceSettings::default()).unwrap();
         assert_eq!(chosen, 1);
         assert!(standings[0].as_good && standings[1].as_good && !standings[2].as_good);
         assert_eq!((standings[0].excess, standings[0].standard_error), (0.0, 0.0));
@@ -350,26 +359,45 @@ mod tests {
     fn what_is_hard_for_all_does_not_hide_a_difference() {
         let hard = [0.1, 5.0, 0.3, 9.0, 1.0];
         let worse = hard.map(|cost| cost + 0.01);
-        let (chosen, standings) = choose(&[candidate(4, &worse), candidate(9, &hard)], 1.0).unwrap();
+        let (chosen, standings) =
+            choose(&[candidate(4, &worse), candidate(9, &hard)], &ModelChoiceSettings::default()).unwrap();
         assert_eq!(chosen, 1);
         assert!(!standings[0].as_good && standings[0].standard_error < 1e-9);
     }
 
     #[test]
     fn of_equally_simple_models_the_better_one_is_chosen() {
-        let (chosen, _) = choose(&[candidate(8, &[1.1, 0.9]), candidate(8, &[0.9, 1.0])], 1.0).unwrap();
+        let (chosen, _) =
+            choose(&[candidate(8, &[1.1, 0.9]), candidate(8, &[0.9, 1.0])], &ModelChoiceSettings::default()).unwrap();
         assert_eq!(chosen, 1);
-        assert_eq!(choose(&[], 1.0), None);
+        assert_eq!(choose(&[], &ModelChoiceSettings::default()), None);
     }
 
     #[test]
     fn a_model_that_others_hold_goes_before_one_that_they_do_not() {
         let rare = Candidate { widely_held: false, ..candidate(6, &[1.0, 1.2, 0.9]) };
         let held = candidate(8, &[1.01, 1.19, 0.91]);
-        let (chosen, standings) = choose(&[rare.clone(), held], 1.0).unwrap();
+        let (chosen, standings) = choose(&[rare.clone(), held], &ModelChoiceSettings::default()).unwrap();
         assert_eq!((chosen, standings[1].as_good), (1, true), "{standings:?}");
-        let (chosen, _) = choose(&[rare, candidate(8, &[1.5, 1.7, 1.4])], 1.0).unwrap();
+        let (chosen, _) = choose(&[rare, candidate(8, &[1.5, 1.7, 1.4])], &ModelChoiceSettings::default()).unwrap();
         assert_eq!(chosen, 0);
+    }
+
+    /// A thousandth of the cost, and still many standard errors.
+    #[test]
+    fn a_difference_that_does_not_matter_keeps_nobody_from_a_model_that_others_hold() {
+        let rare = Candidate { widely_held: false, ..candidate(5, &[1.0, 1.2, 0.9]) };
+        let slightly_worse = candidate(8, &[1.0009, 1.2010, 0.9011]);
+        let simpler = candidate(4, &[1.0007, 1.2008, 0.9009]);
+        let choose = |candidates: &[Candidate], negligible| {
+            let settings = ModelChoiceSettings { negligible, ..ModelChoiceSettings::default() };
+            choose(candidates, &settings).unwrap().0
+        };
+        assert_eq!(choose(&[rare.clone(), slightly_worse.clone()], 1e-3), 1);
+        assert_eq!(choose(&[rare.clone(), slightly_worse.clone()], 5e-4), 0);
+        // One that they hold and that is as good leaves no need for it.
+        let best = candidate(12, &[1.0, 1.2, 0.9]);
+        assert_eq!(choose(&[rare, best, simpler, slightly_worse], 1e-3), 1);
     }
 
     #[test]
