@@ -144,7 +144,7 @@ struct NotGoodEnough;
 /// Runs the program.
 pub fn run() -> ExitCode {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    allocator::share_one_arena();
+    allocator::keep_little_memory();
     // clap exits with 2 on wrong usage.
     let words = || std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
     let matches = help::command().try_get_matches().unwrap_or_else(|error| mistaken::explained(error, words()).exit());

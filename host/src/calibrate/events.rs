@@ -35,9 +35,6 @@ use crate::trust::verdict::verdict;
 use crate::trust::witness::WitnessOutcome;
 use crate::trust::{ExamineSettings, better_model, examine};
 
-/// Events in the sample for the stretches that are not in the joint solve, at most.
-const EVENTS_OF_OTHERS: usize = 1_500_000;
-
 /// Stretches with a saturated readout are left out unless they are a larger part of the recordings than this.
 const MOST_LEFT_OUT: f64 = 0.5;
 
@@ -86,14 +83,14 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     };
 
     keep_examples(&mut frames, &initial);
-    // Of a long recording there are few events of each second in the sample: enough for a trajectory, not for the camera.
-    let (sample, events, sample_of_others) = match &choice {
+    // Of a long recording there are few events of each second in the sample: too few for the camera.
+    let (sample, events) = match &choice {
         Some(choice) => {
-            let all = sample.thinned(EVENTS_OF_OTHERS);
+            drop(sample);
             let (chosen, counts) = events_of(task, &ChosenSeconds::new(choice), sensor, progress)?;
-            (chosen, Some(counts), Some(all))
+            (chosen, Some(counts))
         }
-        None => (sample, events, None),
+        None => (sample, events),
     };
 
     progress.tell("trajectory")?;
@@ -165,13 +162,10 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     }
 
     let sample = sample.thinned(SAMPLE);
-    let mut followed = Vec::new();
-    if let Some(sample) = &sample_of_others {
-        let mut left_out = Vec::new();
-        followed = follow_others(task, (&refined, &certainty), (&other_windows, sample), &mut left_out, progress)?;
-        refined.left_out.extend(left_out);
-    }
-    drop(sample_of_others);
+    let mut left_out_beside = Vec::new();
+    let others = (other_windows.as_slice(), recordings.as_slice());
+    let followed = follow_others(task, (&refined, &certainty), others, &mut left_out_beside, progress)?;
+    refined.left_out.extend(left_out_beside);
 
     progress.tell("examination")?;
     let (trust, event_trust) = examine(&refined, (certainty, board, undetermined), task.board, &saturated, looks)

@@ -1,7 +1,9 @@
 //! The trajectory along stretches that the joint solve had no room for, stretch by stretch with its camera.
 
+use std::convert::Infallible;
+use std::ops::Range;
+
 use evcal_core::camera::MAX_PARAMETERS;
-use evcal_core::sensor::Sensor;
 
 use super::Task;
 use super::error::CalibrateError;
@@ -10,11 +12,12 @@ use super::progress::Progress;
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::{InitialModel, posed_frames};
-use crate::solve::event_sample::{EventSample, RankedEvent};
+use crate::recording::pass::RecordingReport;
+use crate::solve::event_sample::{RankedEvent, Thinning};
 use crate::solve::held_camera::{Followed, follow};
 use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
-use crate::solve::refinement::{EventInput, Refined, RefinementError, RefinementInput};
+use crate::solve::refinement::{EventInput, Refined, RefinementInput};
 use crate::solve::{BOARD_PARAMETERS, State};
 use crate::trajectory::first::first_trajectories;
 use crate::trust::poses::{UncertainPose, sampled_poses};
@@ -22,6 +25,10 @@ use crate::trust::uncertainty::SolveUncertainty;
 
 /// Stretches are solved together in lengths of this (s).
 const LENGTH: f64 = 10.0;
+/// Events that are taken of a second, on average over a recording.
+const EVENTS_PER_SECOND: f64 = 50_000.0;
+/// Events may belong to a stretch from so long before its first window, and until so long after its last one (s).
+const MARGIN: f64 = 0.5;
 
 /// The poses along one stretch that is not in the joint solve.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,85 +39,112 @@ pub struct FollowedStretch {
     pub poses: Vec<UncertainPose>,
 }
 
-/// Follows the camera of `refined` along `frames`, which are in order of recording and time. What no curve explains is added to
-/// `left_out`.
+/// Reads the recordings once more, and follows the camera of `refined` along `frames`, which are in order of recording and time.
+/// What no curve explains is added to `left_out`.
 ///
 /// # Errors
-/// [`CalibrateError`] when the caller wants the end.
+/// [`CalibrateError`] when a recording cannot be read, or the caller wants the end.
 pub(super) fn follow_others(
     task: &Task,
     (refined, certainty): (&Refined, &SolveUncertainty),
-    (frames, sample): (&[CompactFrame], &EventSample),
+    (frames, reports): (&[CompactFrame], &[RecordingReport]),
     left_out: &mut Vec<LeftOut>,
     progress: &Progress,
 ) -> Result<Vec<FollowedStretch>, CalibrateError> {
-    let part = |frame: &CompactFrame| (frame.recording, (frame.t() / LENGTH).floor() as i64);
-    let (mut followed, mut seen) = (Vec::new(), 0);
-    let all = frames.len() as f64;
-    for frames in frames.chunk_by(|a, b| part(a) == part(b)) {
-        progress.tell_part("trajectory of the other stretches", seen as f64 / all)?;
-        seen += frames.len();
-        let frames: Vec<ReferenceFrame> = frames.iter().map(CompactFrame::without_events).collect();
-        // Where nothing can be followed no pose is written.
-        let Some(stretch) = follow_stretch(task, (refined, certainty), (&frames, sample), &refined.left_out)? else {
-            continue;
+    if frames.is_empty() {
+        return Ok(Vec::new());
+    }
+    progress.tell("trajectory of the other stretches")?;
+    let part = |frame: &CompactFrame| (frame.t() / LENGTH).floor() as i64;
+    let mut followed = Vec::new();
+    for frames in frames.chunk_by(|a, b| a.recording == b.recording) {
+        let Some(recording) = frames.first().map(|frame| frame.recording) else { continue };
+        let share = reports.get(recording).map_or(1.0, share);
+        let mut stretches = frames.chunk_by(|a, b| part(a) == part(b)).peekable();
+        // The stretches of which all events before `t` (µs) tell. Those of stretches to come stay.
+        let mut follow_until = |events: &mut Vec<RankedEvent>, t: i64| {
+            while let Some(frames) = stretches.next_if(|frames| span(frames).end <= t) {
+                let frames: Vec<ReferenceFrame> = frames.iter().map(CompactFrame::without_events).collect();
+                // Where nothing can be followed no pose is written.
+                if let Some((stretch, unexplained)) = follow_stretch(task, (refined, certainty), (&frames, events)) {
+                    left_out.extend(unexplained);
+                    followed.push(stretch);
+                }
+            }
+            let next = stretches.peek().map_or(i64::MAX, |frames| span(frames).start);
+            events.drain(..events.partition_point(|event| event.t < next));
         };
-        left_out.extend(stretch.1);
-        followed.push(stretch.0);
+        let mut thinning = Thinning::new(refined.problem.sensor, task.settings.association.burst_pause);
+        let mut kept = Vec::new();
+        progress.read(task.inputs, recording, &mut |events| {
+            thinning.take(events, share, &mut kept);
+            let t = kept.last().map_or(i64::MIN, |event| event.t);
+            follow_until(&mut kept, t);
+        })?;
+        thinning.take_rest(&mut kept);
+        follow_until(&mut kept, i64::MAX);
     }
     Ok(followed)
+}
+
+/// The share of its events that is taken of a recording.
+fn share(report: &RecordingReport) -> f64 {
+    (EVENTS_PER_SECOND * report.duration / report.count as f64).min(1.0)
+}
+
+/// The times (µs) of the events that tell of a stretch.
+fn span(frames: &[CompactFrame]) -> Range<i64> {
+    let start = frames.first().map_or(0.0, |first| first.start);
+    let end = frames.last().map_or(0.0, |last| last.end);
+    ((start - MARGIN) * 1e6) as i64..((end + MARGIN) * 1e6) as i64
 }
 
 fn follow_stretch(
     task: &Task,
     (refined, certainty): (&Refined, &SolveUncertainty),
-    (frames, sample): (&[ReferenceFrame], &EventSample),
-    left_out: &[LeftOut],
-) -> Result<Option<(FollowedStretch, Vec<LeftOut>)>, CalibrateError> {
+    (frames, events): (&[ReferenceFrame], &[RankedEvent]),
+) -> Option<(FollowedStretch, Vec<LeftOut>)> {
     let settings = task.settings;
     let (problem, solution) = (&refined.problem, &refined.state);
-    let sensor: Sensor = problem.sensor;
-    let Some(recording) = frames.first().map(|frame| frame.recording) else { return Ok(None) };
+    let recording = frames.first()?.recording;
     let initial =
         InitialModel::of_frames(solution.camera, posed_frames(frames, task.board, &solution.camera, &settings.initial));
     let curves = (&settings.spline, &settings.knots);
-    let Ok(first) = first_trajectories(&initial, frames, &settings.segment, curves) else { return Ok(None) };
+    let first = first_trajectories(&initial, frames, &settings.segment, curves).ok()?;
+    let events_in = |span: Range<i64>| {
+        let from = events.partition_point(|event| event.t < span.start);
+        let to = events.partition_point(|event| event.t < span.end);
+        events.get(from..to).unwrap_or_default()
+    };
     let start = first.trajectories.iter().map(|one| one.start()).fold(f64::INFINITY, f64::min);
     let end = first.trajectories.iter().map(|one| one.end()).fold(f64::NEG_INFINITY, f64::max);
-    let span = ((start - 0.1) * 1e6) as i64..((end + 0.1) * 1e6) as i64;
-    let events = sample.within(recording, span);
+    let events = events_in(((start - 0.1) * 1e6) as i64..((end + 0.1) * 1e6) as i64);
     let counts: Vec<u64> = (0..=recording).map(|one| if one == recording { events.len() as u64 } else { 0 }).collect();
     let read = |index: usize, _: f64, visit: &mut dyn FnMut(&[RankedEvent])| {
         if index == recording {
-            visit(&events);
+            visit(events);
         }
-        Ok::<(), CalibrateError>(())
+        Ok::<(), Infallible>(())
     };
     let input = RefinementInput {
         board: task.board,
-        sensor,
+        sensor: problem.sensor,
         events: Some(EventInput { counts: &counts, read: &read }),
         points: Vec::new(),
         point_sigma: problem.point_sigma,
-        left_out,
+        left_out: &refined.left_out,
         free_board: [false; BOARD_PARAMETERS],
         held: [true; MAX_PARAMETERS],
     };
     let state = State { trajectories: first.trajectories, ..solution.clone() };
-    let Followed { state, system, left_out: unexplained, .. } =
-        match follow(&input, state, problem, stage_settings(settings)) {
-            Ok(followed) => followed,
-            Err(RefinementError::Read(error)) => return Err(error),
-            // Too few events, say.
-            Err(RefinementError::Solve(_)) => return Ok(None),
-        };
-    let Ok(reduced) = system.into_reduced(0.0, &problem.free.mask()) else { return Ok(None) };
+    // It fails where there are too few events, say.
+    let followed = follow(&input, state, problem, stage_settings(settings)).ok()?;
+    let Followed { state, system, left_out: unexplained, .. } = followed;
+    let reduced = system.into_reduced(0.0, &problem.free.mask()).ok()?;
     let places: Vec<usize> = reduced.places(&problem.free.mask());
-    let Some(controls) = reduced.into_follows().control_covariances(&places, &certainty.formal) else {
-        return Ok(None);
-    };
+    let controls = reduced.into_follows().control_covariances(&places, &certainty.formal)?;
     let covariance = PoseCovariance::new(controls, certainty.intrinsics.inflation);
-    let all_left_out: Vec<LeftOut> = left_out.iter().chain(&unexplained).copied().collect();
+    let all_left_out: Vec<LeftOut> = refined.left_out.iter().chain(&unexplained).copied().collect();
     let poses = sampled_poses(&state, (&covariance, &all_left_out), recording, &settings.poses);
-    Ok(Some((FollowedStretch { recording, poses }, unexplained)))
+    Some((FollowedStretch { recording, poses }, unexplained))
 }
