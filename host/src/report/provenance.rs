@@ -42,10 +42,10 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
     html! {
         table {
             thead { tr {
-                th scope="col" { "recording" }
+                th scope="col" { "file" }
                 th scope="col" { "camera" }
                 th scope="col" { "recorded" }
-                th.number scope="col" { "file (MB)" }
+                th.number scope="col" { "MB" }
                 th.number scope="col" { "events or circles" }
                 th.number scope="col" { "duration (s)" }
                 th scope="col" { "notes" }
@@ -101,7 +101,7 @@ fn table_of(files: &[ResultFile]) -> Markup {
             tbody {
                 @for file in files {
                     tr {
-                        th scope="row" { (file.name) }
+                        th.path scope="row" { (file.name) }
                         td.number { (format!("{:.1}", file.length as f64 / 1e3)) }
                         td.words { (meaning(&file.name)) }
                     }

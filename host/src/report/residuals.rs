@@ -173,7 +173,7 @@ fn histogram(ranks: &[ClassResiduals], polarity: &str, highest: f64) -> Chart<'s
 fn class_table(calibration: &EventCalibration, classes: &[ClassResiduals; CLASS_COUNT]) -> Markup {
     let bias = &calibration.refined.state.bias;
     html! {
-        table.short {
+        table.short.classes {
             thead { tr {
                 th scope="col" { "class" }
                 th.number scope="col" { "events" }
