@@ -85,7 +85,7 @@ fn the_report_has_what_is_copied_from_it_and_names_its_files() {
         assert!(html.contains(angle), "{angle}");
     }
     for name in ["calibration.json", "camera.yaml", "exports/camchain.yaml", "circles.csv", "trajectory.csv"] {
-        let row = html.split(&format!("<th scope=\"row\">{name}</th>")).nth(1).unwrap_or_default();
+        let row = html.split(&format!("<th class=\"path\" scope=\"row\">{name}</th>")).nth(1).unwrap_or_default();
         let told: f64 = row.split(['<', '>']).nth(2).unwrap_or_default().parse().expect(name);
         let length = fs::metadata(folder.join(name)).unwrap().len() as f64 / 1e3;
         assert!((told - length).abs() < 0.06, "{name}: {told} kB for {length}");

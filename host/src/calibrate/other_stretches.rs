@@ -111,14 +111,11 @@ fn follow_stretch(
         InitialModel::of_frames(solution.camera, posed_frames(frames, task.board, &solution.camera, &settings.initial));
     let curves = (&settings.spline, &settings.knots);
     let first = first_trajectories(&initial, frames, &settings.segment, curves).ok()?;
-    let events_in = |span: Range<i64>| {
-        let from = events.partition_point(|event| event.t < span.start);
-        let to = events.partition_point(|event| event.t < span.end);
-        events.get(from..to).unwrap_or_default()
-    };
     let start = first.trajectories.iter().map(|one| one.start()).fold(f64::INFINITY, f64::min);
     let end = first.trajectories.iter().map(|one| one.end()).fold(f64::NEG_INFINITY, f64::max);
-    let events = events_in(((start - 0.1) * 1e6) as i64..((end + 0.1) * 1e6) as i64);
+    // The clock of its biases lets events of a little before and after it count.
+    let place = |t: f64| events.partition_point(|event| event.t < (t * 1e6) as i64);
+    let events = events.get(place(start - 0.1)..place(end + 0.1)).unwrap_or_default();
     let counts: Vec<u64> = (0..=recording).map(|one| if one == recording { events.len() as u64 } else { 0 }).collect();
     let read = |index: usize, _: f64, visit: &mut dyn FnMut(&[RankedEvent])| {
         if index == recording {

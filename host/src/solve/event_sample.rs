@@ -373,7 +373,7 @@ mod tests {
     fn times_survive_the_waiting() {
         let hours = 3_600_000_000;
         // Within a burst, after the longest silence, and where the lowest bits of the time begin anew.
-        let times = [0, 1, 50_000, hours, 30 * hours, (1 << 35) - 10, (1 << 35) + 10, (1 << 35) + 99_000, i64::MAX / 2];
+        let times = [0, 1, 50_000, hours, 30 * hours, (1 << 37) - 10, (1 << 37) + 10, (1 << 37) + 99_000, i64::MAX / 2];
         let event = |t: i64| Event { t, x: (t % 64) as u16, y: 3, polarity: Polarity::On };
         let kept = streamed(&times.map(event), 1.0);
         assert_eq!(kept.iter().map(|event| event.t).collect::<Vec<_>>(), times);
