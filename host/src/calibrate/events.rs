@@ -11,7 +11,7 @@ use super::detected::{Detected, detect_all};
 use super::error::CalibrateError;
 use super::health::findings_on;
 use super::joint_solve::solve;
-use super::kept_events::events_of;
+use super::kept_events::{events_of, read_share};
 use super::other_stretches::follow_others;
 use super::progress::Progress;
 use super::stretch_choice::{ChosenSeconds, StretchChoice, choose_stretches, second_of};
@@ -25,7 +25,7 @@ use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose
 use crate::initial::{InitialModel, initial_model};
 use crate::picture_calibration::joint::JointPoints;
 use crate::solve::event_bias::unknown;
-use crate::solve::event_sample::{RankedEvent, Thinning};
+use crate::solve::event_sample::RankedEvent;
 use crate::solve::left_out::LeftOut;
 use crate::solve::refinement::{EventInput, RefinementInput, SMALLEST_POINT_SIGMA};
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, State};
@@ -102,18 +102,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         if sample.read(index, share, visit) {
             return Ok(());
         }
-        let mut thinning = Thinning::new(sensor, settings.association.burst_pause);
-        let mut kept = Vec::new();
-        let pass = progress.read(task.inputs, index, &mut |events| {
-            kept.clear();
-            thinning.take(events, share, &mut kept);
-            visit(&kept);
-        });
-        pass?;
-        kept.clear();
-        thinning.take_rest(&mut kept);
-        visit(&kept);
-        Ok(())
+        read_share(task, (index, share), sensor, progress, visit)
     };
     let input = RefinementInput {
         board: task.board,

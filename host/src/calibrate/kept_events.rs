@@ -1,4 +1,4 @@
-//! The events of the seconds that the joint solve takes of long recordings.
+//! Events of recordings that are read again, with their places in bursts.
 
 use evcal_core::sensor::Sensor;
 
@@ -7,7 +7,7 @@ use super::error::CalibrateError;
 use super::input::Input;
 use super::progress::Progress;
 use super::stretch_choice::{ChosenSeconds, second_of};
-use crate::solve::event_sample::{EventSample, Thinning};
+use crate::solve::event_sample::{EventSample, RankedEvent, Thinning};
 
 /// Events for each one that the joint solve uses at most.
 const SAMPLE_TIMES: usize = 2;
@@ -42,6 +42,30 @@ pub(super) fn events_of(
         sample.end(&mut thinning);
     }
     Ok((sample, counts))
+}
+
+/// Reads recording number `index` once more, and hands an even `share` of 0 to 1 of its events to `visit`, in the order of time.
+///
+/// # Errors
+/// [`CalibrateError`] when the recording cannot be read, or the caller wants the end.
+pub(super) fn read_share(
+    task: &Task,
+    (index, share): (usize, f64),
+    sensor: Sensor,
+    progress: &Progress,
+    visit: &mut dyn FnMut(&[RankedEvent]),
+) -> Result<(), CalibrateError> {
+    let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
+    let mut kept = Vec::new();
+    progress.read(task.inputs, index, &mut |events| {
+        kept.clear();
+        thinning.take(events, share, &mut kept);
+        visit(&kept);
+    })?;
+    kept.clear();
+    thinning.take_rest(&mut kept);
+    visit(&kept);
+    Ok(())
 }
 
 fn second(t: i64) -> i64 {

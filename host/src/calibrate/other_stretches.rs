@@ -8,12 +8,13 @@ use evcal_core::camera::MAX_PARAMETERS;
 use super::Task;
 use super::error::CalibrateError;
 use super::joint_solve::stage_settings;
+use super::kept_events::read_share;
 use super::progress::Progress;
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::{InitialModel, posed_frames};
 use crate::recording::pass::RecordingReport;
-use crate::solve::event_sample::{RankedEvent, Thinning};
+use crate::solve::event_sample::RankedEvent;
 use crate::solve::held_camera::{Followed, follow};
 use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
@@ -61,7 +62,7 @@ pub(super) fn follow_others(
         let Some(recording) = frames.first().map(|frame| frame.recording) else { continue };
         let share = reports.get(recording).map_or(1.0, share);
         let mut stretches = frames.chunk_by(|a, b| part(a) == part(b)).peekable();
-        // The stretches of which all events before `t` (µs) tell. Those of stretches to come stay.
+        // Follows the stretches that end before `t` (µs), and drops the events that none of the later ones needs.
         let mut follow_until = |events: &mut Vec<RankedEvent>, t: i64| {
             while let Some(frames) = stretches.next_if(|frames| span(frames).end <= t) {
                 let frames: Vec<ReferenceFrame> = frames.iter().map(CompactFrame::without_events).collect();
@@ -74,14 +75,12 @@ pub(super) fn follow_others(
             let next = stretches.peek().map_or(i64::MAX, |frames| span(frames).start);
             events.drain(..events.partition_point(|event| event.t < next));
         };
-        let mut thinning = Thinning::new(refined.problem.sensor, task.settings.association.burst_pause);
-        let mut kept = Vec::new();
-        progress.read(task.inputs, recording, &mut |events| {
-            thinning.take(events, share, &mut kept);
+        let mut kept: Vec<RankedEvent> = Vec::new();
+        read_share(task, (recording, share), refined.problem.sensor, progress, &mut |events| {
+            kept.extend_from_slice(events);
             let t = kept.last().map_or(i64::MIN, |event| event.t);
             follow_until(&mut kept, t);
         })?;
-        thinning.take_rest(&mut kept);
         follow_until(&mut kept, i64::MAX);
     }
     Ok(followed)
@@ -113,7 +112,7 @@ fn follow_stretch(
     let first = first_trajectories(&initial, frames, &settings.segment, curves).ok()?;
     let start = first.trajectories.iter().map(|one| one.start()).fold(f64::INFINITY, f64::min);
     let end = first.trajectories.iter().map(|one| one.end()).fold(f64::NEG_INFINITY, f64::max);
-    // The clock of its biases lets events of a little before and after it count.
+    // Events come later than their edges, by the latency of their class.
     let place = |t: f64| events.partition_point(|event| event.t < (t * 1e6) as i64);
     let events = events.get(place(start - 0.1)..place(end + 0.1)).unwrap_or_default();
     let counts: Vec<u64> = (0..=recording).map(|one| if one == recording { events.len() as u64 } else { 0 }).collect();
