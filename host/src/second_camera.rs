@@ -136,7 +136,8 @@ pub fn calibrate_pictures_against(
     let mut solved = solve_holding(joint, estimate, lenses, settings)?;
     // The focal length of the events is off by what no block of time shows, and that of pictures is not.
     let place = TRANSLATION + 2;
-    solved.covariance[(place, place)] += (settings.systematic_scale * mean_distance(&state.trajectories)).powi(2);
+    solved.covariance[(place, place)] +=
+        (first.uncertainty.systematic_scale * mean_distance(&state.trajectories)).powi(2);
     let sensor = first.refined.problem.sensor;
     let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2], lenses };
     let before = (state.camera, pictures.camera);

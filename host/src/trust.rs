@@ -198,6 +198,7 @@ pub fn examine_pictures(calibration: &PictureCalibration, board: &Board, sensor:
         uncertainty: Uncertainty {
             covariance: calibration.covariance.clone(),
             systematic: DMatrix::zeros(calibration.covariance.nrows(), calibration.covariance.ncols()),
+            systematic_scale: 0.0,
             inflation: calibration.inflation,
             observations: calibration.report.dots_used,
             blocks: calibration.report.used,

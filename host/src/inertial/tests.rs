@@ -178,6 +178,7 @@ impl Bench {
             uncertainty: Uncertainty {
                 covariance: DMatrix::from_diagonal(&sigma.map(|one| one * one).to_vec().into()),
                 systematic: DMatrix::zeros(sigma.len(), sigma.len()),
+                systematic_scale: 0.0,
                 inflation: 1.0,
                 observations: 1,
                 blocks: 1,

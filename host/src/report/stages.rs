@@ -23,7 +23,7 @@ fn table(lines: &[StageLine]) -> Markup {
         dropped.chain(line.notes.iter().cloned()).collect::<Vec<_>>().join(", ")
     };
     html! {
-        table {
+        table.stages {
             thead { tr {
                 th scope="col" { "stage" }
                 th scope="col" { "took" }

@@ -109,7 +109,8 @@ pub fn calibrate_frames(
     }
     // The focal length of the events is off by what no block of time shows, and that of frames is not.
     let place = TRANSLATION + 2;
-    solved.covariance[(place, place)] += (settings.systematic_scale * mean_distance(&state.trajectories)).powi(2);
+    solved.covariance[(place, place)] +=
+        (first.uncertainty.systematic_scale * mean_distance(&state.trajectories)).powi(2);
     let known = Known {
         correlation: Some(start.correlation),
         seconds: start.seconds,

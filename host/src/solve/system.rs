@@ -165,6 +165,11 @@ impl System {
         self.corner.fill_upper_triangle_with_lower_triangle();
     }
 
+    /// What all observations say of the global parameter at `place` when everything else is known: one over its variance.
+    pub fn information_of(&self, place: usize) -> f64 {
+        self.corner.get((place, place)).copied().unwrap_or(0.0)
+    }
+
     /// Adds the accelerations of the control points of each segment, in their order.
     pub fn add_smoothness(&mut self, segments: &[Vec<Acceleration>]) {
         for (segment, accelerations) in self.segments.iter_mut().zip(segments) {

@@ -172,7 +172,8 @@ mod tests {
         let covariance =
             DMatrix::from_fn(9, 9, |row, column| if row == column { sigma[row] * sigma[row] } else { 0.0 });
         let systematic = DMatrix::zeros(9, 9);
-        let uncertainty = Uncertainty { covariance, systematic, inflation: 2.0, observations: 100, blocks: 8 };
+        let uncertainty =
+            Uncertainty { covariance, systematic, systematic_scale: 0.0, inflation: 2.0, observations: 100, blocks: 8 };
         let bound = |uncertainty: &Uncertainty| {
             projection_uncertainty(&camera, &uncertainty.covariance, Sensor::new(346, 260)).unwrap()
         };

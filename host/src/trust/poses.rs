@@ -22,6 +22,8 @@ settings! {
         pub largest_position_sigma: f64 = 0.005, "m", above(0.0);
         /// The same for the rotation about any axis.
         pub largest_rotation_sigma: f64 = 0.01, "rad", above(0.0);
+        /// Poses that are so many times less sure than is usual in the recording (the median) are only in `trajectory.csv`, too.
+        pub largest_weakness: f64 = 4.0, "", above(1.0);
     }
 }
 
@@ -40,6 +42,7 @@ impl UncertainPose {
         self.sigma.is_some_and(|sigma| {
             sigma.position.iter().all(|sigma| *sigma <= settings.largest_position_sigma)
                 && sigma.rotation.iter().all(|sigma| *sigma <= settings.largest_rotation_sigma)
+                && sigma.weakness <= settings.largest_weakness
         })
     }
 }
@@ -72,4 +75,25 @@ pub fn sampled_poses(
     }
     poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));
     poses
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Isometry3;
+
+    use super::*;
+
+    #[test]
+    fn a_pose_must_be_sure_by_itself_and_among_the_others() {
+        let settings = PoseSettings::default();
+        let of = |position: f64, rotation: f64, weakness: f64| {
+            let sigma = PoseSigma { position: [0.0, position, 0.0], rotation: [rotation, 0.0, 0.0], weakness };
+            UncertainPose { pose: TimedPose { t: 0.0, pose: Isometry3::identity() }, sigma: Some(sigma) }
+        };
+        assert!(of(0.004, 0.009, 3.9).is_determined(&settings));
+        assert!(!of(0.006, 0.0, 1.0).is_determined(&settings));
+        assert!(!of(0.0, 0.011, 1.0).is_determined(&settings));
+        assert!(!of(0.001, 0.001, 4.1).is_determined(&settings));
+        assert!(!UncertainPose { sigma: None, ..of(0.0, 0.0, 1.0) }.is_determined(&settings));
+    }
 }

@@ -15,10 +15,10 @@
 //! halves. There are few of them, so that their scatter is chance to a good part: they count by the lower end of what
 //! it may be, one standard deviation below.
 //!
-//! No scatter shows an error that every part of a recording has. Simulated recordings with known truth do: what the biases of
-//! the events do not follow, some thousandths of a pixel, moves the camera in the directions that the views hardly determine, the further
-//! the less they do ([`UncertaintySettings::model_error`]; the poses and the board go with it), and the focal lengths are never surer than
-//! [`UncertaintySettings::systematic_scale`].
+//! No scatter shows an error that every part of a recording has. Simulated recordings with known truth do. What the biases of
+//! the events do not follow, some thousandths of a pixel, is the larger the more their latencies move them. It moves the camera in the
+//! directions that the views hardly determine, the further the less they do ([`UncertaintySettings::model_error`]; the poses and the board
+//! go with it), and the focal lengths, even if the views determine them well ([`UncertaintySettings::latency_scale`]).
 
 pub mod blocks;
 pub mod parts;
@@ -30,7 +30,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::CLASS_COUNT;
-use crate::solve::event_bias::bias::Biases;
+use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::levenberg::{contributions, intrinsics_of};
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::stretch::stretches;
@@ -51,14 +51,18 @@ settings! {
         pub block: f64 = 0.25, "s", at_least(1e-3);
         /// Shorter recordings get shorter blocks, so that there are this many.
         pub fewest_blocks: usize = 4, "blocks", from_to(2.0, 1e4);
-        /// Least error of the focal lengths that all events have in common and that does not become smaller with more of
-        /// them, as a share of the focal lengths (σ).
-        pub systematic_scale: f64 = 1.5e-4, "", at_least(0.0);
-        /// How far what is wrong with the model of events moves the projection (σ, px rms over the sensor), for each unit of
-        /// leverage: the variance that one event alone would leave of the projection, over the event's own. More events do not make it
-        /// smaller.
-        pub model_error: f64 = 3.2e-6, "px", at_least(0.0);
-        /// The same of the circles' radius, where it is estimated (σ).
+        /// The focal lengths are never surer than this share of them (σ), as one error common to both.
+        pub systematic_scale: f64 = 5e-5, "", at_least(0.0);
+        /// The same for each pixel by which the latencies of events move them apart (root mean square).
+        pub latency_scale: f64 = 5e-4, "1/px", at_least(0.0);
+        /// How far what is wrong with the model of events moves the projection (σ, rms over the sensor), as a share of what the latencies
+        /// of events move them apart (root mean square), for each unit of leverage: the variance that one event alone would leave of the
+        /// projection, over the event's own. More events do not make it smaller.
+        pub model_error: f64 = 1.3e-5, "", at_least(0.0);
+        /// What the model of events gets wrong of a pose, as a share of its usual σ; it grows with the square of how many times less sure
+        /// a pose is.
+        pub pose_model_error: f64 = 0.2, "", at_least(0.0);
+        /// The least error of the circles' radius that all events have in common, where it is estimated (σ).
         pub systematic_radius: f64 = 0.03, "px", at_least(0.0);
     }
 }
@@ -71,6 +75,8 @@ pub struct Uncertainty {
     pub covariance: DMatrix<f64>,
     /// What of it all parts of the recording have in common, so that their scatter does not tell it; zero where nothing is known of it.
     pub systematic: DMatrix<f64>,
+    /// The least error of the focal lengths that all events have in common, as a share of them (σ).
+    pub systematic_scale: f64,
     /// Variance of the estimate over what it would be if all observations were independent, at least 1.
     pub inflation: f64,
     /// Number of observations.
@@ -177,6 +183,11 @@ pub fn uncertainty(
     let free = problem.free.mask();
     let singular = |_| SolveError::Singular;
     let observations = system.count;
+    // The derivative of an event's place by the offset of its class is 1, that by the latency the edge's speed.
+    let latency_shift = latency_shift(state.bias.iter().enumerate().map(|(class, bias)| {
+        let sums = [Bias::Offset, Bias::Latency].map(|bias| system.information_of(bias_index(class, bias)));
+        (bias.biases[Bias::Latency], sums)
+    }));
     // Long trajectories have large systems: there is one of a kind at a time.
     let reduced = system.into_reduced(0.0, &with_board(problem).mask()).map_err(singular)?;
     let places = reduced.places(&free);
@@ -200,15 +211,16 @@ pub fn uncertainty(
 
     let count = state.camera.parameters().len();
     // What all parts of the recording have in common, as a share of the formal covariance and as an error of the focal lengths.
-    let common = common_share(problem, state, &intrinsics_of(&formal, &free, count), observations, settings);
-    let focal_lengths = std::array::from_fn(|axis| if free[axis] { state.camera.parameters()[axis] } else { 0.0 });
     let noise = intrinsics_of(&formal, &free, count);
-    let of_model = &noise * common;
-    let scale = if common > 0.0 {
-        scale_error(&of_model, focal_lengths, settings.systematic_scale)
+    let (common, systematic_scale) = if problem.segments.iter().all(|segment| segment.events.is_empty()) {
+        (0.0, 0.0)
     } else {
-        DVector::zeros(count)
+        let common = common_share(problem, state, &noise, observations, settings.model_error * latency_shift);
+        (common, settings.systematic_scale.max(settings.latency_scale * latency_shift))
     };
+    let focal_lengths = std::array::from_fn(|axis| if free[axis] { state.camera.parameters()[axis] } else { 0.0 });
+    let of_model = &noise * common;
+    let scale = scale_error(&of_model, focal_lengths, systematic_scale);
     let stated_intrinsics = intrinsics_of(&stated, &free, count);
     let parts = CovarianceParts {
         between_parts: &stated_intrinsics - &noise,
@@ -224,7 +236,7 @@ pub fn uncertainty(
     let of_globals = &formal * (1.0 + common / inflation) + &scale * scale.transpose() / inflation;
     let controls = follows.control_covariances(&places, &of_globals).ok_or(SolveError::Singular)?;
     drop(follows);
-    let poses = PoseCovariance::new(controls, inflation);
+    let poses = PoseCovariance::new(controls, inflation).with_usual(&state.trajectories, settings.pose_model_error);
 
     let mut variances = [0.0; GLOBAL_COUNT];
     let places = (0..GLOBAL_COUNT).filter(|&global| free[global]);
@@ -241,7 +253,7 @@ pub fn uncertainty(
     if problem.free.board[RADIUS] {
         board_sigma[RADIUS] = libm::hypot(board_sigma[RADIUS], settings.systematic_radius * problem.mean_scale);
     }
-    let intrinsics = Uncertainty { covariance, systematic, inflation, observations, blocks };
+    let intrinsics = Uncertainty { covariance, systematic, systematic_scale, inflation, observations, blocks };
     Ok(SolveUncertainty { intrinsics, parts, board_sigma, board, bias_sigma, poses, formal })
 }
 
@@ -301,23 +313,33 @@ fn board_evidence(
     BoardEvidence::new(state, step, parameters.board, (variances.into_iter(), radius_error))
 }
 
-/// What the model of events gets wrong, as a share of the `formal` covariance of the intrinsics; zero where there are no events.
-fn common_share(
-    problem: &Problem,
-    state: &State,
-    formal: &DMatrix<f64>,
-    observations: usize,
-    settings: &UncertaintySettings,
-) -> f64 {
-    if problem.segments.iter().all(|segment| segment.events.is_empty()) {
-        return 0.0;
-    }
+/// What the model of events gets wrong, as a share of the `formal` covariance of the intrinsics; `model_error` is what it moves the
+/// projection for each unit of leverage (px rms, σ).
+fn common_share(problem: &Problem, state: &State, formal: &DMatrix<f64>, observations: usize, model_error: f64) -> f64 {
     match projection_uncertainty(&state.camera, formal, problem.sensor) {
         // A projection error of `model_error` times the leverage N rms² / s².
         Ok(ProjectionUncertainty { rms, .. }) => {
-            (settings.model_error * observations as f64 * rms / spread_squared(problem, state)).powi(2)
+            (model_error * observations as f64 * rms / spread_squared(problem, state)).powi(2)
         }
         Err(NoView) => 1.0,
+    }
+}
+
+/// How far the latencies of event classes move events apart (px, root mean square over all events), from each class's latency (s) and the
+/// sums over its events of their weights, and of their weights times the squares of the edges' speeds (px²/s²). The latency that all have in
+/// common, in the mean over these squares, moves none: it is a shift of the clock.
+fn latency_shift(classes: impl Iterator<Item = (f64, [f64; 2])>) -> f64 {
+    let (mut weights, mut speeds, mut latencies, mut squares) = (0.0, 0.0, 0.0, 0.0);
+    for (latency, [weight, speed]) in classes {
+        weights += weight;
+        speeds += speed;
+        latencies += speed * latency;
+        squares += speed * latency * latency;
+    }
+    if weights > 0.0 && speeds > 0.0 {
+        ((squares - latencies * latencies / speeds).max(0.0) / weights).sqrt()
+    } else {
+        0.0
     }
 }
 
@@ -368,6 +390,19 @@ mod tests {
         let ratio = DVector::from_column_slice(&[1.0 / 300.0, -1.0 / 400.0, 0.0, 0.0]);
         assert!((&difference * &ratio).norm() < 1e-12, "{difference}");
         assert_eq!(difference.view((2, 2), (2, 2)).norm(), 0.0);
+    }
+
+    #[test]
+    fn only_differences_between_latencies_move_events_apart() {
+        // As many events of either class, on edges of 500 px/s.
+        let sums = [2.0, 2.0 * 250_000.0];
+        let shift = |latencies: [f64; 2]| latency_shift(latencies.map(|latency| (latency, sums)).into_iter());
+        // Half a millisecond away from the middle of both.
+        assert!((shift([0.0, 1e-3]) - 0.25).abs() < 1e-12);
+        assert!((shift([7e-3, 8e-3]) - 0.25).abs() < 1e-9);
+        assert!(shift([3e-3, 3e-3]) < 1e-6);
+        // Where nothing moves, no latency shows.
+        assert_eq!(latency_shift([(0.0, [2.0, 0.0]), (1e-3, [2.0, 0.0])].into_iter()), 0.0);
     }
 
     #[test]
