@@ -28,7 +28,7 @@ pub struct PoseSigma {
 
 /// The σ that are usual in a recording (medians): of the centre (m) and of the rotation (rad), each the length of its three.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct UsualSigma {
+struct UsualSigma {
     position: f64,
     rotation: f64,
     /// What the biases of the events do not follow, as a share of the usual σ.
@@ -67,16 +67,6 @@ impl PoseCovariance {
         let middle = |values: &mut [f64]| median(values, f64::total_cmp).filter(|sigma| *sigma > 0.0);
         let usual = middle(&mut positions).zip(middle(&mut rotations));
         let usual = usual.map(|(position, rotation)| UsualSigma { position, rotation, model_error });
-        Self { usual, ..self }
-    }
-
-    /// What is usual; `None` before [`with_usual`](Self::with_usual).
-    pub fn usual(&self) -> Option<UsualSigma> {
-        self.usual
-    }
-
-    /// The same with what is `usual` elsewhere.
-    pub fn with_usual_of(self, usual: Option<UsualSigma>) -> Self {
         Self { usual, ..self }
     }
 
