@@ -134,15 +134,19 @@ pub fn calibrate_pictures_against(
     };
     let lenses = [held, None];
     let mut solved = solve_holding(joint, estimate, lenses, settings)?;
-    // The focal length of the events is off by what no block of time shows, and that of pictures is not.
-    let place = TRANSLATION + 2;
-    solved.covariance[(place, place)] +=
-        (first.uncertainty.systematic_scale * mean_distance(&state.trajectories)).powi(2);
+    add_scale_error(&mut solved, &first);
     let sensor = first.refined.problem.sensor;
     let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2], lenses };
     let before = (state.camera, pictures.camera);
     let sigma = first.uncertainty.sigma();
     Ok(finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]))
+}
+
+/// Adds to `solved` what no block of time shows: the focal length of the `first` camera's events is off, and that of pictures is not.
+fn add_scale_error(solved: &mut Solved, first: &Apart) {
+    let place = TRANSLATION + 2;
+    let distance = mean_distance(&first.refined.state.trajectories);
+    solved.covariance[(place, place)] += (first.uncertainty.systematic_scale * distance).powi(2);
 }
 
 /// The problem of centres of dots with this spread (px), through a lens whose parameters have these `sigma`; those without any are

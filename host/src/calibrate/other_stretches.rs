@@ -140,8 +140,12 @@ fn follow_stretch(
     let places: Vec<usize> = reduced.places(&problem.free.mask());
     let controls = reduced.into_follows().control_covariances(&places, &certainty.formal)?;
     // Fewer events than in the joint solve: its own poses tell what is usual.
-    let covariance = PoseCovariance::new(controls, certainty.intrinsics.inflation)
-        .with_usual(&state.trajectories, settings.uncertainty.pose_model_error);
+    let covariance = PoseCovariance::new(
+        controls,
+        certainty.intrinsics.inflation,
+        &state.trajectories,
+        settings.uncertainty.pose_model_error,
+    );
     let all_left_out: Vec<LeftOut> = refined.left_out.iter().chain(&unexplained).copied().collect();
     let poses = sampled_poses(&state, (&covariance, &all_left_out), recording, &settings.poses);
     Some((FollowedStretch { recording, poses }, unexplained))

@@ -12,9 +12,9 @@ use super::error::SecondCameraError;
 use super::estimate::Estimate;
 use super::findings::findings;
 use super::joint::{Joint, Lenses, Solved, share_of_lenses, solve};
-use super::mount::{LINE_DELAY, Mount, TRANSLATION};
+use super::mount::{LINE_DELAY, Mount};
 use super::seen::Seen;
-use super::{Apart, Known, finish, holding, problem_of_points, seen_by_both, start, with_board_held};
+use super::{Apart, Known, add_scale_error, finish, holding, problem_of_points, seen_by_both, start, with_board_held};
 use crate::board::symmetry::Symmetry;
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::State;
@@ -107,10 +107,7 @@ pub fn calibrate_frames(
         let distance = angle * mean_distance(&state.trajectories);
         return Err(SecondCameraError::NotFixed { distance, degrees: angle.to_degrees() });
     }
-    // The focal length of the events is off by what no block of time shows, and that of frames is not.
-    let place = TRANSLATION + 2;
-    solved.covariance[(place, place)] +=
-        (first.uncertainty.systematic_scale * mean_distance(&state.trajectories)).powi(2);
+    add_scale_error(&mut solved, &first);
     let known = Known {
         correlation: Some(start.correlation),
         seconds: start.seconds,

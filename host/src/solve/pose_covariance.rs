@@ -7,7 +7,7 @@
 //!
 //! The events around a moment err together too, by what their biases do not follow. This moves a pose the further the less they determine
 //! it: its error grows with the variance, not with σ. What is usual in a recording is in the inflation; a pose that is several times less
-//! sure is stated as less sure still ([`PoseCovariance::with_usual`]).
+//! sure is stated as less sure still ([`PoseCovariance::new`]).
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -40,6 +40,7 @@ struct UsualSigma {
 pub struct PoseCovariance {
     segments: Vec<ControlCovariance>,
     inflation: f64,
+    /// `None` without poses.
     usual: Option<UsualSigma>,
 }
 
@@ -47,19 +48,21 @@ pub struct PoseCovariance {
 const STEP: f64 = 0.02;
 
 impl PoseCovariance {
-    /// From the covariance of the control points of each segment, which is too small by `inflation`.
-    pub fn new(segments: Vec<ControlCovariance>, inflation: f64) -> Self {
-        Self { segments, inflation, usual: None }
-    }
-
-    /// The same with what is usual along `trajectories`, one of each segment, and with room for what the biases of the events do not
-    /// follow: the share `model_error` of the usual σ, times the square of how many times less sure a pose is.
-    pub fn with_usual(self, trajectories: &[Trajectory], model_error: f64) -> Self {
+    /// From the covariance of the control points of each segment, which is too small by `inflation`, and the trajectory of each, along
+    /// which it is told what is usual. There is room for what the biases of the events do not follow: the share `model_error` of the
+    /// usual σ, times the square of how many times less sure a pose is.
+    pub fn new(
+        segments: Vec<ControlCovariance>,
+        inflation: f64,
+        trajectories: &[Trajectory],
+        model_error: f64,
+    ) -> Self {
+        let of_events = Self { segments, inflation, usual: None };
         let (mut positions, mut rotations) = (Vec::new(), Vec::new());
         for (segment, trajectory) in trajectories.iter().enumerate() {
             let count = ((trajectory.end() - trajectory.start()) / STEP).max(1.0) as usize;
             let times = (0..count).map(|step| trajectory.start() + (step as f64 + 0.5) * STEP);
-            for sigma in times.filter_map(|t| self.of_events(segment, trajectory, t)) {
+            for sigma in times.filter_map(|t| of_events.of_events(segment, trajectory, t)) {
                 positions.push(length(sigma.position));
                 rotations.push(length(sigma.rotation));
             }
@@ -67,7 +70,7 @@ impl PoseCovariance {
         let middle = |values: &mut [f64]| median(values, f64::total_cmp).filter(|sigma| *sigma > 0.0);
         let usual = middle(&mut positions).zip(middle(&mut rotations));
         let usual = usual.map(|(position, rotation)| UsualSigma { position, rotation, model_error });
-        Self { usual, ..self }
+        Self { usual, ..of_events }
     }
 
     /// How sure the pose of segment number `segment`, whose trajectory is `trajectory`, is at time `t` (s); `None` outside it.

@@ -236,7 +236,7 @@ pub fn uncertainty(
     let of_globals = &formal * (1.0 + common / inflation) + &scale * scale.transpose() / inflation;
     let controls = follows.control_covariances(&places, &of_globals).ok_or(SolveError::Singular)?;
     drop(follows);
-    let poses = PoseCovariance::new(controls, inflation).with_usual(&state.trajectories, settings.pose_model_error);
+    let poses = PoseCovariance::new(controls, inflation, &state.trajectories, settings.pose_model_error);
 
     let mut variances = [0.0; GLOBAL_COUNT];
     let places = (0..GLOBAL_COUNT).filter(|&global| free[global]);
