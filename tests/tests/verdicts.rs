@@ -66,7 +66,8 @@ fn a_board_in_one_corner() {
 fn a_model_that_cannot_follow_the_lens() {
     for (lens, model, right) in [
         (lens::KANNALA_BRANDT, "radtan", &["kannala-brandt", "radtan8", "eucm", "double-sphere"][..]),
-        (lens::RADTAN, "fov", &["radtan", "radtan8"][..]),
+        // Half a pixel off in the corners, where the board hardly comes, and next to nothing elsewhere.
+        (lens::RADTAN8, "radtan4", &["radtan", "radtan8"][..]),
     ] {
         let simulation = lens.simulation("wrong-model", &["--motion", "fast", "--duration", "4s", "--seed", "7"]);
         let events = simulation.join("events.aedat4");

@@ -41,7 +41,7 @@ settings! {
         pub radius: f64 = 0.06, "", at_least(0.0);
         /// Displacements that stay in the same places of the image, beyond what noise explains: from this size on (rms)
         /// other lens models are asked.
-        pub suspicious_pattern: f64 = 0.004, "px", at_least(0.0);
+        pub suspicious_pattern: f64 = 0.002, "px", at_least(0.0);
         /// They must also be so many times what noise makes of them.
         pub suspicious_ratio: f64 = 1.2, "", at_least(1.0);
         /// Such displacements larger than this (rms) speak against the calibration although no other model is better.
