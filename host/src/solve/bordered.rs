@@ -24,7 +24,7 @@ use crate::trajectory::jerk::jerks;
 
 /// Parameters of a control point.
 const POINT: usize = 6;
-/// Smallest weight of a control point that no observation touches, as a share of the mean of its segment.
+/// Smallest weight of a control point that no observation touches, as a share of what observations say of those of its segment.
 const FLOOR: f64 = 1e-9;
 /// Most iterations.
 const ITERATIONS: usize = 15;
@@ -215,6 +215,8 @@ struct Segment {
     blocks: Vec<Block>,
     border: DMatrix<f64>,
     gradient: DVector<f64>,
+    /// Mean diagonal entry of the control points' matrix from the observations alone.
+    scale: f64,
 }
 
 /// All parts together.
@@ -267,6 +269,7 @@ impl System {
                 blocks: vec![Block::zeros(); count * order],
                 border: DMatrix::zeros(POINT * count, globals),
                 gradient: DVector::zeros(POINT * count),
+                scale: 0.0,
             })
             .collect();
         let mut corner = DMatrix::zeros(globals, globals);
@@ -290,6 +293,10 @@ impl System {
             let mut sum = corner_gradient.rows_mut(columns.start, columns.len());
             sum += &part.corner_gradient;
             cost += part.cost;
+        }
+        for segment in &mut segments {
+            let trace: f64 = segment.blocks.iter().step_by(order).map(|block| block.trace()).sum();
+            segment.scale = trace / segment.gradient.len().max(1) as f64;
         }
         Self { segments, corner, corner_gradient, cost }
     }
@@ -443,8 +450,7 @@ impl Segment {
     fn eliminate(&self, damping: f64) -> Result<Eliminated, NotPositiveDefinite> {
         let (dimension, count) = (self.gradient.len(), self.gradient.len() / POINT);
         let mut band = BandedCholesky::zeros(dimension, (POINT * self.order - 1).min(dimension.saturating_sub(1)));
-        let trace: f64 = self.blocks.iter().step_by(self.order).map(|block| block.trace()).sum();
-        let floor = FLOOR * (trace / dimension.max(1) as f64).max(f64::MIN_POSITIVE);
+        let floor = FLOOR * self.scale.max(f64::MIN_POSITIVE);
         for index in 0..count {
             for back in 0..self.order.min(index + 1) {
                 let block = &self.blocks[index * self.order + back];

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::knot_fit::{Displacement, KnotFit};
 use super::levenberg::assemble;
-use super::stiffness::Stiffness;
+use super::stiffness::{Stiffness, weigh_jerks};
 use super::stretch::stretches;
 use super::system::SegmentSystem;
 use super::{Problem, State};
@@ -84,28 +84,38 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
     let mut report = KnotReport { inflation, finest: settings.finest, seconds: Vec::new(), control_points: 0 };
     let mut trajectories = state.trajectories.clone();
     let mut stiffness = vec![Stiffness::new(); trajectories.len()];
-    let places = trajectories.iter_mut().zip(&mut stiffness).zip(&on_finest).zip(&costs).zip(&system.segments);
-    for ((((trajectory, stiffness), fit), costs), equations) in places {
-        if let (Some((grid, fit)), Some(costs)) = (fit, costs) {
-            let scaled: Vec<Vec<f64>> =
-                costs.iter().enumerate().map(|(level, costs)| smoothed(costs, level, inflation)).collect();
-            let levels = cheapest_levels(&scaled, settings.gain * CONTROL_POINT as f64);
-            let knots = grid.uneven(&levels, trajectory.degree);
-            if let Some(best) = fit.best_on(&knots, equations, settings.noise) {
-                (*trajectory, *stiffness) = best;
+    // The curves on the knots that are chosen, with the segments that they are of.
+    let (mut places, mut nearest) = (Vec::new(), Vec::new());
+    for (segment, (fit, costs)) in on_finest.iter().zip(&costs).enumerate() {
+        let (Some((grid, fit)), Some(costs)) = (fit, costs) else { continue };
+        let trajectory = &fit.trajectory;
+        let scaled: Vec<Vec<f64>> =
+            costs.iter().enumerate().map(|(level, costs)| smoothed(costs, level, inflation)).collect();
+        let levels = cheapest_levels(&scaled, settings.gain * CONTROL_POINT as f64);
+        let knots = grid.uneven(&levels, trajectory.degree);
+        if let Some(curve) = system.segments.get(segment).and_then(|equations| fit.nearest_on(&knots, equations)) {
+            places.push((segment, fit));
+            nearest.push(curve);
+        }
+        let span = (trajectory.end() - trajectory.start()) / levels.len().max(1) as f64;
+        for level in levels {
+            if report.seconds.len() <= level {
+                report.seconds.resize(level + 1, 0.0);
             }
-            let span = (trajectory.end() - trajectory.start()) / levels.len().max(1) as f64;
-            for level in levels {
-                if report.seconds.len() <= level {
-                    report.seconds.resize(level + 1, 0.0);
-                }
-                if let Some(seconds) = report.seconds.get_mut(level) {
-                    *seconds += span;
-                }
+            if let Some(seconds) = report.seconds.get_mut(level) {
+                *seconds += span;
             }
         }
-        report.control_points += trajectory.control_point_count();
     }
+    let stiff = weigh_jerks(&nearest, settings.noise);
+    for (((segment, fit), (curve, _)), stiff) in places.into_iter().zip(nearest).zip(stiff) {
+        let moved = stiff.and_then(|(weights, step)| Some((fit.moved(curve, &step)?, weights)));
+        let places = trajectories.get_mut(segment).zip(stiffness.get_mut(segment));
+        if let (Some(moved), Some((trajectory, stiffness))) = (moved, places) {
+            (*trajectory, *stiffness) = moved;
+        }
+    }
+    report.control_points = trajectories.iter().map(Trajectory::control_point_count).sum();
     KnotChoice { trajectories, stiffness, report }
 }
 

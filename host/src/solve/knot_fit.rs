@@ -3,7 +3,7 @@
 use evcal_core::spline::rotation::log;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::stiffness::{Quadratic, Stiffness, stiffness};
+use super::stiffness::Quadratic;
 use super::system::SegmentSystem;
 use crate::numerics::banded::BandedCholesky;
 use crate::trajectory::fit::on_knots;
@@ -89,27 +89,29 @@ impl KnotFit {
         Some(blends.iter().zip(&apart).map(|(blend, apart)| moved(blend, apart)).collect())
     }
 
-    /// The best curve on `coarse` knots whose acceleration changes no more than the motion asks for, and what its jerks
-    /// weigh; `noise` is by how much errors in common make the information of events smaller.
-    pub fn best_on(&self, coarse: &[f64], equations: &SegmentSystem, noise: f64) -> Option<(Trajectory, Stiffness)> {
+    /// The curve on `coarse` knots that is nearest, with quaternions, and what the events say of its control points.
+    pub fn nearest_on(&self, coarse: &[f64], equations: &SegmentSystem) -> Option<(Trajectory, Quadratic)> {
         let degree = self.trajectory.degree;
         let blends = insertion(coarse, &self.trajectory.knots, degree);
         let (translation, quaternions) = self.nearest(&blends, coarse.len() - degree - 1)?;
         let apart = self.apart(&blends, &translation, &quaternions);
         let cost = reduced(&blends, degree + 1, translation.len(), &apart, equations)?;
-        let mut trajectory = Trajectory {
+        let trajectory = Trajectory {
             knots: coarse.to_vec(),
             translation,
             rotation: RotationControl::Quaternion(quaternions),
             ..self.trajectory.clone()
         };
-        let (stiffness, step) = stiffness(&trajectory, &cost, noise)?;
-        trajectory.update(&step);
-        let trajectory = match self.trajectory.rotation {
-            RotationControl::Quaternion(_) => trajectory,
-            RotationControl::So3(_) => on_knots(&trajectory, coarse.to_vec(), RotationSpline::So3).ok()?,
-        };
-        Some((trajectory, stiffness))
+        Some((trajectory, cost))
+    }
+
+    /// That curve after a `step` of its control points, with the rotations that this trajectory has.
+    pub fn moved(&self, mut nearest: Trajectory, step: &[f64]) -> Option<Trajectory> {
+        nearest.update(step);
+        match self.trajectory.rotation {
+            RotationControl::Quaternion(_) => Some(nearest),
+            RotationControl::So3(_) => on_knots(&nearest, nearest.knots.clone(), RotationSpline::So3).ok(),
+        }
     }
 
     /// Control points of the curve on coarser knots whose fine control points are nearest to those there are.

@@ -21,6 +21,8 @@ pub struct SegmentSystem {
     border: Vec<BorderBlock>,
     /// For each control point its gradient.
     pub gradient: Vec<[f64; 6]>,
+    /// Mean diagonal entry of A from the observations alone.
+    scale: f64,
 }
 
 /// Normal equations of the whole problem.
@@ -107,7 +109,7 @@ impl PackedContribution {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotPositiveDefinite;
 
-/// Smallest damping of a control point, relative to the mean diagonal of its segment: keeps control
+/// Smallest damping of a control point, relative to what observations say of those of its segment: keeps control
 /// points that no observation touches where they are.
 const FLOOR: f64 = 1e-9;
 
@@ -119,6 +121,7 @@ impl System {
             blocks: vec![Block::zeros(); count],
             border: vec![[[0.0; GLOBAL_COUNT]; 6]; count],
             gradient: vec![[0.0; 6]; count],
+            scale: 0.0,
         };
         Self {
             segments: control_points.iter().map(empty).collect(),
@@ -163,6 +166,10 @@ impl System {
     /// Ends the adding of stretches.
     pub fn close(&mut self) {
         self.corner.fill_upper_triangle_with_lower_triangle();
+        for segment in &mut self.segments {
+            let trace: f64 = segment.blocks.iter().step_by(segment.order).map(|block| block.trace()).sum();
+            segment.scale = trace / (6 * segment.border.len()).max(1) as f64;
+        }
     }
 
     /// What all observations say of the global parameter at `place` when everything else is known: one over its variance.
@@ -369,8 +376,7 @@ impl SegmentSystem {
     fn factored(&self, damping: f64) -> Result<BandedCholesky, NotPositiveDefinite> {
         let dimension = 6 * self.border.len();
         let mut band = BandedCholesky::zeros(dimension, (6 * self.order - 1).min(dimension.saturating_sub(1)));
-        let trace: f64 = self.blocks.iter().step_by(self.order).map(|block| block.trace()).sum();
-        let floor = FLOOR * (trace / dimension.max(1) as f64).max(f64::MIN_POSITIVE);
+        let floor = FLOOR * self.scale.max(f64::MIN_POSITIVE);
         for index in 0..self.border.len() {
             for back in 0..self.order.min(index + 1) {
                 let block = &self.blocks[index * self.order + back];
