@@ -37,6 +37,20 @@ pub struct KnotReport {
     pub inflation: f64,
 }
 
+impl KnotReport {
+    /// Adds spans of `span` seconds each that have these `levels`.
+    fn add(&mut self, levels: &[usize], span: f64) {
+        for &level in levels {
+            if self.seconds.len() <= level {
+                self.seconds.resize(level + 1, 0.0);
+            }
+            if let Some(seconds) = self.seconds.get_mut(level) {
+                *seconds += span;
+            }
+        }
+    }
+}
+
 /// Trajectories on the knots that were chosen.
 pub struct KnotChoice {
     /// One for each segment.
@@ -84,7 +98,7 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
     let mut report = KnotReport { inflation, finest: settings.finest, seconds: Vec::new(), control_points: 0 };
     let mut trajectories = state.trajectories.clone();
     let mut stiffness = vec![Stiffness::new(); trajectories.len()];
-    // The curves on the knots that are chosen, with the segments that they are of.
+    // The curves on the chosen knots, and the segments that they are of.
     let (mut places, mut nearest) = (Vec::new(), Vec::new());
     for (segment, (fit, costs)) in on_finest.iter().zip(&costs).enumerate() {
         let (Some((grid, fit)), Some(costs)) = (fit, costs) else { continue };
@@ -97,21 +111,13 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
             places.push((segment, fit));
             nearest.push(curve);
         }
-        let span = (trajectory.end() - trajectory.start()) / levels.len().max(1) as f64;
-        for level in levels {
-            if report.seconds.len() <= level {
-                report.seconds.resize(level + 1, 0.0);
-            }
-            if let Some(seconds) = report.seconds.get_mut(level) {
-                *seconds += span;
-            }
-        }
+        report.add(&levels, (trajectory.end() - trajectory.start()) / levels.len().max(1) as f64);
     }
     let stiff = weigh_jerks(&nearest, settings.noise);
     for (((segment, fit), (curve, _)), stiff) in places.into_iter().zip(nearest).zip(stiff) {
         let moved = stiff.and_then(|(weights, step)| Some((fit.moved(curve, &step)?, weights)));
-        let places = trajectories.get_mut(segment).zip(stiffness.get_mut(segment));
-        if let (Some(moved), Some((trajectory, stiffness))) = (moved, places) {
+        let of_segment = trajectories.get_mut(segment).zip(stiffness.get_mut(segment));
+        if let (Some(moved), Some((trajectory, stiffness))) = (moved, of_segment) {
             (*trajectory, *stiffness) = moved;
         }
     }
