@@ -53,8 +53,8 @@ settings! {
         pub fewest_blocks: usize = 4, "blocks", from_to(2.0, 1e4);
         /// The focal lengths are never surer than this share of them (σ), as one error common to both.
         pub systematic_scale: f64 = 5e-5, "", at_least(0.0);
-        /// The same for each pixel by which the latencies of events move them apart (root mean square).
-        pub latency_scale: f64 = 5e-4, "1/px", at_least(0.0);
+        /// The same where the latencies of events move them apart by half the sensor's diagonal (root mean square), less where they do by less.
+        pub latency_scale: f64 = 0.108, "", at_least(0.0);
         /// How far what is wrong with the model of events moves the projection (σ, rms over the sensor), as a share of what the latencies
         /// of events move them apart (root mean square), for each unit of leverage: the variance that one event alone would leave of the
         /// projection, over the event's own. More events do not make it smaller.
@@ -216,7 +216,8 @@ pub fn uncertainty(
         (0.0, 0.0)
     } else {
         let common = common_share(problem, state, &noise, observations, settings.model_error * latency_shift);
-        (common, settings.systematic_scale.max(settings.latency_scale * latency_shift))
+        let half_diagonal = 0.5 * f64::from(problem.sensor.width).hypot(f64::from(problem.sensor.height));
+        (common, settings.systematic_scale.max(settings.latency_scale * latency_shift / half_diagonal.max(1.0)))
     };
     let focal_lengths = std::array::from_fn(|axis| if free[axis] { state.camera.parameters()[axis] } else { 0.0 });
     let of_model = &noise * common;
