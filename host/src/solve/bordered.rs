@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
 use super::levenberg::{linearised, moved};
-use super::normal::{Block, StretchEquations, banded_times};
+use super::normal::{Block, StretchEquations, banded_times, mean_diagonal};
 use super::smoothness::accelerations;
 use super::stiffness::{Stiffness, add_jerk};
 use super::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
@@ -295,8 +295,7 @@ impl System {
             cost += part.cost;
         }
         for segment in &mut segments {
-            let trace: f64 = segment.blocks.iter().step_by(order).map(|block| block.trace()).sum();
-            segment.scale = trace / segment.gradient.len().max(1) as f64;
+            segment.scale = mean_diagonal(&segment.blocks, order);
         }
         Self { segments, corner, corner_gradient, cost }
     }

@@ -79,6 +79,13 @@ impl StretchEquations {
     }
 }
 
+/// The mean diagonal entry of the matrix of control points that has the `blocks` of a banded lower triangle, `order` for each control point.
+pub fn mean_diagonal(blocks: &[Block], order: usize) -> f64 {
+    let diagonal = blocks.iter().step_by(order);
+    let entries = 6 * diagonal.len();
+    diagonal.map(|block| block.trace()).sum::<f64>() / entries.max(1) as f64
+}
+
 /// The symmetric matrix of control points that has the `blocks` of a banded lower triangle, `order` for each control point from
 /// the diagonal backwards, times `columns`, which has six rows a control point.
 pub fn banded_times(blocks: &[Block], order: usize, columns: &DMatrix<f64>) -> DMatrix<f64> {

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::eliminated::{ControlCovariance, Eliminated, Following};
-use super::normal::{Block, BorderBlock, StretchEquations, banded_times};
+use super::normal::{Block, BorderBlock, StretchEquations, banded_times, mean_diagonal};
 use super::smoothness::Acceleration;
 use super::stiffness::add_jerk;
 use super::stretch::Stretch;
@@ -167,8 +167,7 @@ impl System {
     pub fn close(&mut self) {
         self.corner.fill_upper_triangle_with_lower_triangle();
         for segment in &mut self.segments {
-            let trace: f64 = segment.blocks.iter().step_by(segment.order).map(|block| block.trace()).sum();
-            segment.scale = trace / (6 * segment.border.len()).max(1) as f64;
+            segment.scale = mean_diagonal(&segment.blocks, segment.order);
         }
     }
 
