@@ -12,6 +12,7 @@ pub mod board_ray;
 pub mod board_surface;
 pub mod bordered;
 pub mod burst;
+pub mod control_band;
 pub mod edge_batch;
 pub mod eliminated;
 pub mod event_bias;

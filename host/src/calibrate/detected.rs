@@ -20,6 +20,7 @@ use crate::recording::given_sensor::{OtherSensor, check_outside, check_stated, c
 use crate::recording::information::likely_sensor_of;
 use crate::recording::pass::RecordingReport;
 use crate::recording::saturation::SaturationDetector;
+use crate::recording::{Recording, RecordingError};
 use crate::solve::event_sample::{EventSample, Thinning};
 use crate::solve::left_out::{LeftOut, Reason};
 use evcal_core::sensor::Sensor;
@@ -82,69 +83,16 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
         progress.tell(format!("looking for the board in {}", input.short_name()))?;
         match input {
             Input::Events(recording) => {
-                let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
-                let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
-                let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
-                all.sample.begin(index);
-                let (mut bins, mut pixels) = (RateBins::default(), PixelCounter::new(sensor));
-                let pass = progress.read(task.inputs, index, &mut |events| {
-                    fingerprint.push(events);
-                    saturation.push(events);
-                    events.iter().for_each(|event| bins.add(event.t, event.polarity));
-                    pixels.push(events);
-                    stage.push(events);
-                    all.sample.push(events, &mut thinning);
-                })?;
-                all.sample.end(&mut thinning);
-                check_outside(recording, &pass.report)?;
-                if pass.count == 0 {
-                    return Err(CalibrateError::Empty { file: input.name() });
-                }
+                let (fingerprint, broken) = all.look_through(task, (index, recording), progress)?;
                 if let Some((other, _)) = fingerprints.iter().find(|(_, other)| other.shared(&fingerprint) > SAME) {
                     return Err(CalibrateError::SameEvents { file: input.name(), other: other.clone() });
                 }
                 fingerprints.push((input.name(), fingerprint));
-                let stretches = saturation.finish().stretches.into_iter();
-                all.saturated.extend(stretches.map(|(start, end)| LeftOut {
-                    recording: index,
-                    start,
-                    end,
-                    reason: Reason::Saturated,
-                }));
-                let (windows, unplaced, report) = stage.into_compact_frames();
-                all.unplaced.push(unplaced);
-                all.health.push(Health {
-                    flicker: bins.flicker(),
-                    always_full: bins.is_even(),
-                    pixels: pixels.finish(),
-                    disorder: Disorder::met(&pass.report),
-                    edges: edge_width(&looked_at(&windows)),
-                });
-                all.windows.extend(windows);
-                all.detection.add(&report);
-                all.events.get_or_insert_default().resize(index, 0);
-                all.events.get_or_insert_default().push(pass.count);
-                all.starts.push(pass.first as f64 * 1e-6);
-                all.recordings.push(pass.to_report());
-                if let Some(without) = all.without_pictures.get_mut(index) {
-                    *without = pass.damage.is_none() && pass.report.frames == Some(0);
-                }
-                damage = damage.or(pass.damage);
+                damage = damage.or(broken);
             }
             Input::Images(_) => return Err(CalibrateError::OnlyFrames { file: input.name() }),
             Input::Circles { frames, start, notes, detection, .. } => {
-                all.detection.add(detection);
-                let count = frames.iter().map(|frame| frame.circles.len() as u64).sum();
-                let duration = frames.last().map_or(0.0, |last| last.end) - frames.first().map_or(0.0, |f| f.start);
-                all.frames.extend(frames.iter().cloned().map(|frame| ReferenceFrame { recording: index, ..frame }));
-                all.starts.push(*start);
-                all.recordings.push(RecordingReport {
-                    count,
-                    duration,
-                    camera_name: None,
-                    began: None,
-                    notes: notes.clone(),
-                });
+                all.take_circles(index, frames, (*start, notes), detection);
             }
         }
     }
@@ -157,6 +105,85 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
             let max_interval = task.settings.detection.window.max_interval;
             Err(CalibrateError::NoPattern(all.detection.no_pattern(max_interval, other)))
         }
+    }
+}
+
+impl Detected {
+    /// Looks for the board in recording `index`, and takes what else must be known of its events. Returns its fingerprint, and what it broke
+    /// off with.
+    fn look_through(
+        &mut self,
+        task: &Task,
+        (index, recording): (usize, &Recording),
+        progress: &Progress,
+    ) -> Result<(Fingerprint, Option<RecordingError>), CalibrateError> {
+        let sensor = self.sensor;
+        let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
+        let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
+        let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
+        self.sample.begin(index);
+        let (mut bins, mut pixels) = (RateBins::default(), PixelCounter::new(sensor));
+        let pass = progress.read(task.inputs, index, &mut |events| {
+            fingerprint.push(events);
+            saturation.push(events);
+            events.iter().for_each(|event| bins.add(event.t, event.polarity));
+            pixels.push(events);
+            stage.push(events);
+            self.sample.push(events, &mut thinning);
+        })?;
+        self.sample.end(&mut thinning);
+        check_outside(recording, &pass.report)?;
+        if pass.count == 0 {
+            return Err(CalibrateError::Empty { file: recording.path().display().to_string() });
+        }
+        let stretches = saturation.finish().stretches.into_iter();
+        self.saturated.extend(stretches.map(|(start, end)| LeftOut {
+            recording: index,
+            start,
+            end,
+            reason: Reason::Saturated,
+        }));
+        let (windows, unplaced, report) = stage.into_compact_frames();
+        self.unplaced.push(unplaced);
+        self.health.push(Health {
+            flicker: bins.flicker(),
+            always_full: bins.is_even(),
+            pixels: pixels.finish(),
+            disorder: Disorder::met(&pass.report),
+            edges: edge_width(&looked_at(&windows)),
+        });
+        self.windows.extend(windows);
+        self.detection.add(&report);
+        self.events.get_or_insert_default().resize(index, 0);
+        self.events.get_or_insert_default().push(pass.count);
+        self.starts.push(pass.first as f64 * 1e-6);
+        self.recordings.push(pass.to_report());
+        if let Some(without) = self.without_pictures.get_mut(index) {
+            *without = pass.damage.is_none() && pass.report.frames == Some(0);
+        }
+        Ok((fingerprint, pass.damage))
+    }
+
+    /// Takes the circles of input `index`, with times from `start` (s).
+    fn take_circles(
+        &mut self,
+        index: usize,
+        frames: &[ReferenceFrame],
+        (start, notes): (f64, &[String]),
+        detection: &DetectionReport,
+    ) {
+        self.detection.add(detection);
+        let count = frames.iter().map(|frame| frame.circles.len() as u64).sum();
+        let duration = frames.last().map_or(0.0, |last| last.end) - frames.first().map_or(0.0, |f| f.start);
+        self.frames.extend(frames.iter().cloned().map(|frame| ReferenceFrame { recording: index, ..frame }));
+        self.starts.push(start);
+        self.recordings.push(RecordingReport {
+            count,
+            duration,
+            camera_name: None,
+            began: None,
+            notes: notes.to_vec(),
+        });
     }
 }
 

@@ -21,6 +21,7 @@ use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
 use crate::detection::larger_pattern::larger_pattern;
 use crate::detection::radius::other_radius;
+use crate::detection::unplaced::UnplacedWindows;
 use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::initial::{InitialModel, initial_model};
 use crate::picture_calibration::joint::JointPoints;
@@ -31,7 +32,7 @@ use crate::solve::refinement::{EventInput, RefinementInput, SMALLEST_POINT_SIGMA
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, State};
 use crate::trajectory::first::{FirstTrajectories, first_trajectories};
 use crate::trust::board_evidence::BoardEstimate;
-use crate::trust::verdict::verdict;
+use crate::trust::verdict::{Finding, verdict};
 use crate::trust::witness::WitnessOutcome;
 use crate::trust::{ExamineSettings, better_model, examine};
 
@@ -67,7 +68,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let (mut frames, other_windows) = taken(windows, frames, choice.as_ref());
     let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
     let (left_out, saturated) = left_out_or_kept(saturated, duration);
-    let (initial, mut model_choice) =
+    let (initial, model_choice) =
         first_model(task, &frames, sensor, progress).map_err(|error| explained(error, task, &frames))?;
 
     let from_pictures = match task.pictures {
@@ -116,39 +117,27 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     };
     let board = BoardShape::stated(task.board);
     let state = State { camera: initial.camera, board, bias: unknown(settings.refinement.first_sigma), trajectories };
-    let mut solved = solve_with_board(task, &input, state, (looks, progress))?;
-    if model_choice.is_some()
-        && let Some(kind) = better_model(&solved.refined, solved.certainty.intrinsics.inflation, looks)
-        && let Some(camera) = refit(kind, &solved.refined.state.camera, sensor)
-    {
-        progress.tell(format!("joint solve with {kind}"))?;
-        let state = State { camera, board, ..solved.refined.state };
-        solved = solve_with_board(task, &input, state, (looks, progress))?;
-        model_choice = model_choice.map(|choice| choice.instead(kind));
-    }
-    let BoardSolve { mut refined, mut certainty, mut board, as_stated, undetermined } = solved;
+    let (mut solved, model_choice) = solve_with_model(task, &input, state, model_choice, (looks, progress))?;
     // The pictures are calibrated with the board as it is stated: so is what they are compared with.
-    let (compared, compared_certainty) = match &as_stated {
+    let (compared, compared_certainty) = match &solved.as_stated {
         Some((camera, certainty)) => (camera, &certainty.intrinsics),
-        None => (&refined.state.camera, &certainty.intrinsics),
+        None => (&solved.refined.state.camera, &solved.certainty.intrinsics),
     };
     let witness =
         from_pictures.as_ref().map(|found| pictures::witness(task, compared, compared_certainty, sensor, found));
     let (mut joint, mut own_pictures) = (None, None);
     if let Some(calibration) = to_join {
         let JointPoints { points, report } =
-            pictures::observations(task, &refined, &certainty.intrinsics, calibration)?;
+            pictures::observations(task, &solved.refined, &solved.certainty.intrinsics, calibration)?;
         if task.pictures == PictureUse::SecondCamera {
             own_pictures = Some(OwnPictures { camera: calibration.camera, sigma: calibration.sigma(), points, report });
         } else {
-            let FreeParameters { board: free_board, intrinsics, .. } = refined.problem.free;
-            let held = std::array::from_fn(|index| !intrinsics[index] || undetermined.contains(&index));
-            let input = RefinementInput { points, point_sigma: report.sigma, free_board, held, ..input };
-            (refined, certainty) = solve(task, &input, refined.state, progress)?;
-            board = BoardEstimate { shape: refined.state.board, sigma: certainty.board_sigma, ..board };
+            let input = RefinementInput { points, point_sigma: report.sigma, ..input };
+            solved = solve_with_pictures(task, input, solved, progress)?;
             joint = Some(report);
         }
     }
+    let BoardSolve { mut refined, certainty, board, undetermined, .. } = solved;
 
     let sample = sample.thinned(SAMPLE);
     let mut left_out_beside = Vec::new();
@@ -160,12 +149,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let (trust, event_trust) = examine(&refined, (certainty, board, undetermined), task.board, &saturated, looks)
         .map_err(CalibrateError::Solve)?;
     let mut findings = findings_on(&health);
-    findings.extend(other_camera::findings_on(task.inputs, &frames, &initial));
-    findings.extend(unseen_rows::finding_on(task.board.pattern, &frames));
-    if let Some(larger) = larger_pattern(&unplaced, task.board.pattern, sensor) {
-        let State { camera, trajectories, .. } = &refined.state;
-        findings.push(unstated_rows::finding_on(&larger, task.board, camera, trajectories));
-    }
+    findings.extend(findings_on_frames(task, &frames, &initial));
+    findings.extend(finding_on_board(task, &unplaced, sensor, &refined.state));
     findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
     let camera = &refined.state.camera;
     let verdict = verdict(camera, &trust, Some(&event_trust), task.board, sensor, findings, &settings.verdict);
@@ -190,6 +175,55 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     };
     let evidence = Evidence::Events(Box::new(calibration));
     Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
+}
+
+/// Solves from `state` on, and once more with the model that the events ask for, where the model was chosen and they ask for another one.
+fn solve_with_model(
+    task: &Task,
+    input: &RefinementInput<CalibrateError>,
+    state: State,
+    choice: Option<ModelChoice>,
+    (looks, progress): (ExamineSettings, &Progress),
+) -> Result<(BoardSolve, Option<ModelChoice>), CalibrateError> {
+    let board = state.board;
+    let solved = solve_with_board(task, input, state, (looks, progress))?;
+    let Some(choice) = choice else { return Ok((solved, None)) };
+    let better = better_model(&solved.refined, solved.certainty.intrinsics.inflation, looks);
+    let camera = better.and_then(|kind| refit(kind, &solved.refined.state.camera, input.sensor));
+    let Some((kind, camera)) = better.zip(camera) else { return Ok((solved, Some(choice))) };
+    progress.tell(format!("joint solve with {kind}"))?;
+    let state = State { camera, board, ..solved.refined.state };
+    let solved = solve_with_board(task, input, state, (looks, progress))?;
+    Ok((solved, Some(choice.instead(kind))))
+}
+
+/// Solves once more from `solved` on, with the centres of dots in pictures that `input` has beside the events; free is what was free.
+fn solve_with_pictures(
+    task: &Task,
+    input: RefinementInput<CalibrateError>,
+    solved: BoardSolve,
+    progress: &Progress,
+) -> Result<BoardSolve, CalibrateError> {
+    let BoardSolve { refined, board, as_stated, undetermined, .. } = solved;
+    let FreeParameters { board: free_board, intrinsics, .. } = refined.problem.free;
+    let held = std::array::from_fn(|index| !intrinsics[index] || undetermined.contains(&index));
+    let input = RefinementInput { free_board, held, ..input };
+    let (refined, certainty) = solve(task, &input, refined.state, progress)?;
+    let board = BoardEstimate { shape: refined.state.board, sigma: certainty.board_sigma, ..board };
+    Ok(BoardSolve { refined, certainty, board, as_stated, undetermined })
+}
+
+/// What the frames tell of mistakes: of another camera, of rows of the board that are never seen.
+fn findings_on_frames(task: &Task, frames: &[ReferenceFrame], initial: &InitialModel) -> Vec<Finding> {
+    let mut findings = other_camera::findings_on(task.inputs, frames, initial);
+    findings.extend(unseen_rows::finding_on(task.board.pattern, frames));
+    findings
+}
+
+/// What the circles beside the board tell of its size.
+fn finding_on_board(task: &Task, unplaced: &[UnplacedWindows], sensor: Sensor, state: &State) -> Option<Finding> {
+    let larger = larger_pattern(unplaced, task.board.pattern, sensor)?;
+    Some(unstated_rows::finding_on(&larger, task.board, &state.camera, &state.trajectories))
 }
 
 /// Stretches with a saturated readout: those that are left out, and those that stay, for they are too large a part of `duration`

@@ -1,23 +1,18 @@
 //! What a recording holds, at a glance: the content of `evcal info`.
 
-use evcal_core::sensor::Sensor;
-use std::collections::HashMap;
-use std::fmt;
+mod statistics;
+mod text;
 
-use evcal_core::event::{Event, Polarity};
+use evcal_core::event::Polarity;
+use evcal_core::sensor::Sensor;
 use serde::Serialize;
 
-use crate::recording::bad_pixels::{HOT_FACTOR, dead_lines, most_of_good};
+use self::statistics::Statistics;
 use crate::recording::date::date;
 use crate::recording::extras::open_extras;
-use crate::recording::flicker::{Flicker, RateBins};
-use crate::recording::saturation::SaturationDetector;
+use crate::recording::flicker::Flicker;
 use crate::recording::{ReadReport, Recording, RecordingError, StreamSummary};
 
-/// Length of the bins of the peak rate, in microseconds.
-const RATE_BIN: i64 = 10_000;
-/// Time without events that counts as a gap, in microseconds.
-const GAP: i64 = 100_000;
 /// How many gaps and hot pixels are listed.
 const LISTED: usize = 10;
 /// Sensors of event cameras, for recordings that do not give theirs.
@@ -217,113 +212,6 @@ fn seconds(microseconds: i64) -> f64 {
     microseconds as f64 / 1e6
 }
 
-#[derive(Default)]
-struct Statistics {
-    events: u64,
-    on_events: u64,
-    first: Option<i64>,
-    latest: i64,
-    largest: (u16, u16),
-    /// Start and number of events of the present bin and of the fullest one before.
-    bin: (i64, u64),
-    fullest_bin: (i64, u64),
-    gap_count: u64,
-    /// Duration and start of the longest gaps.
-    longest_gaps: Vec<(i64, i64)>,
-    pixels: HashMap<(u16, u16), u64>,
-    saturation: SaturationDetector,
-    bins: RateBins,
-}
-
-impl Statistics {
-    fn add(&mut self, event: &Event) {
-        match self.first {
-            None => {
-                self.first = Some(event.t);
-                self.bin.0 = event.t;
-            }
-            Some(_) if event.t - self.latest > GAP => {
-                self.gap_count += 1;
-                self.longest_gaps.push((event.t - self.latest, self.latest));
-                if self.longest_gaps.len() > 2 * LISTED {
-                    self.keep_longest_gaps();
-                }
-            }
-            Some(_) => {}
-        }
-        self.latest = event.t;
-        self.events += 1;
-        self.on_events += u64::from(event.polarity == Polarity::On);
-        self.largest = (self.largest.0.max(event.x), self.largest.1.max(event.y));
-        let after_bin = event.t - self.bin.0;
-        if after_bin >= RATE_BIN {
-            self.close_bin();
-            self.bin = (event.t - after_bin % RATE_BIN, 0);
-        }
-        self.bin.1 += 1;
-        self.saturation.add(event.t - self.first.unwrap_or(event.t));
-        self.bins.add(event.t - self.first.unwrap_or(event.t), event.polarity);
-        *self.pixels.entry((event.x, event.y)).or_default() += 1;
-    }
-
-    fn close_bin(&mut self) {
-        if self.bin.1 > self.fullest_bin.1 {
-            self.fullest_bin = self.bin;
-        }
-    }
-
-    fn peak(&mut self) -> Option<Peak> {
-        self.close_bin();
-        let (start, events) = self.fullest_bin;
-        Some(Peak { rate: events as f64 / seconds(RATE_BIN), t_s: seconds(start - self.first?) })
-    }
-
-    fn saturation(&self) -> Option<SaturatedReadout> {
-        let found = self.saturation.finish();
-        let (t_s, _) = *found.stretches.first()?;
-        Some(SaturatedReadout { rate: found.rate, duration_s: found.duration(), t_s })
-    }
-
-    fn keep_longest_gaps(&mut self) {
-        self.longest_gaps.sort_by_key(|&(duration, start)| (std::cmp::Reverse(duration), start));
-        self.longest_gaps.truncate(LISTED);
-    }
-
-    fn gaps(&mut self) -> Vec<Gap> {
-        self.keep_longest_gaps();
-        self.longest_gaps.sort_by_key(|&(_, start)| start);
-        let first = self.first.unwrap_or_default();
-        let gap = |&(duration, start): &(i64, i64)| Gap { t_s: seconds(start - first), duration_s: seconds(duration) };
-        self.longest_gaps.iter().map(gap).collect()
-    }
-
-    /// Columns that send nothing while most send many events.
-    fn dead_columns(&self) -> Vec<u16> {
-        let mut columns = vec![0; if self.events > 0 { usize::from(self.largest.0) + 1 } else { 0 }];
-        for ((x, _), events) in &self.pixels {
-            if let Some(column) = columns.get_mut(usize::from(*x)) {
-                *column += events;
-            }
-        }
-        dead_lines(&columns)
-    }
-
-    /// The number of hot pixels, and the hottest of them.
-    fn hot_pixels(&self) -> (u64, Vec<HotPixel>) {
-        let limit = most_of_good(self.pixels.values().copied());
-        let mut hot: Vec<HotPixel> = self
-            .pixels
-            .iter()
-            .filter(|&(_, &events)| events > limit)
-            .map(|(&(x, y), &events)| HotPixel { x, y, events })
-            .collect();
-        hot.sort_by_key(|pixel| (std::cmp::Reverse(pixel.events), pixel.y, pixel.x));
-        let count = hot.len() as u64;
-        hot.truncate(LISTED);
-        (count, hot)
-    }
-}
-
 impl Information {
     /// The polarity of all events, where it is one.
     pub fn only_polarity(&self) -> Option<Polarity> {
@@ -335,108 +223,11 @@ impl Information {
     }
 }
 
-impl fmt::Display for Information {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let line = |f: &mut fmt::Formatter<'_>, name: &str, value: String| writeln!(f, "{name:<12}{value}");
-        line(f, "file", self.path.clone())?;
-        line(f, "format", self.format.to_owned())?;
-        line(f, "camera", self.camera_name.clone().unwrap_or_else(|| "not named".to_owned()))?;
-        if let Some(began) = &self.began {
-            line(f, "recorded", began.clone())?;
-        }
-        line(
-            f,
-            "sensor",
-            match (self.sensor, self.likely_sensor) {
-                (Some(sensor), _) => format!("{sensor} pixels"),
-                (None, Some(likely)) => format!("not given; all events fit in {likely} pixels"),
-                (None, None) => "not given".to_owned(),
-            },
-        )?;
-        if let Some((first, last)) = self.times_us {
-            line(f, "duration", format!("{:.6} s (time stamps {first} to {last} us)", self.duration_s))?;
-        }
-        let share = self.on_share.map(|share| format!(", {:.1} % ON", 100.0 * share)).unwrap_or_default();
-        line(f, "events", format!("{}{share}", self.events))?;
-        if let Some(Peak { rate, t_s }) = self.peak {
-            let mean = self.mean_rate / 1e6;
-            let peak = rate / 1e6;
-            line(
-                f,
-                "rate",
-                format!("mean {mean:.3} Mev/s, at most {peak:.3} Mev/s (10 ms, {t_s:.3} s after the first event)"),
-            )?;
-        }
-        if let Some(SaturatedReadout { rate, duration_s, t_s }) = self.saturation {
-            let rate = rate / 1e6;
-            line(
-                f,
-                "saturated",
-                format!(
-                    "for {duration_s:.3} s, first at {t_s:.3} s: the sensor cannot read more than {rate:.3} Mev/s, and events come late there"
-                ),
-            )?;
-        }
-        if let Some(Flicker { frequency, share, fills_readout }) = self.flicker {
-            let share = 100.0 * share;
-            let value =
-                format!("the light flickers at {frequency} Hz, and the rate of events swings with it by {share:.0} %");
-            let full = if fills_readout { ", as many as can be read: they come late" } else { "" };
-            line(f, "flicker", value + full)?;
-        }
-        if self.gap_count > 0 {
-            let shown = self.longest_gaps.iter().map(|gap| format!("{:.3} s at {:.3} s", gap.duration_s, gap.t_s));
-            let shown = shown.collect::<Vec<_>>().join(", ");
-            line(f, "gaps", format!("{} of more than 0.1 s without events; the longest: {shown}", self.gap_count))?;
-        }
-        if self.hot_pixel_count > 0 {
-            let shown = self.hottest_pixels.iter().map(|pixel| format!("({}, {}): {}", pixel.x, pixel.y, pixel.events));
-            let shown = shown.collect::<Vec<_>>().join(", ");
-            let count = self.hot_pixel_count;
-            line(
-                f,
-                "hot pixels",
-                format!("{count} with over {HOT_FACTOR} times the median; events of the hottest: {shown}"),
-            )?;
-        }
-        if !self.dead_columns.is_empty() {
-            let columns: Vec<String> = self.dead_columns.iter().take(LISTED).map(ToString::to_string).collect();
-            let more = if self.dead_columns.len() > LISTED { " …" } else { "" };
-            let value = format!("{} send nothing: {}{more}", self.dead_columns.len(), columns.join(", "));
-            line(f, "columns", value)?;
-        }
-        for stream in self.streams.iter().filter(|stream| stream.packets > 0) {
-            let seconds = stream.times_us.map_or(0.0, |(first, last)| seconds(last.saturating_sub(first)));
-            let rate =
-                if seconds > 0.0 { format!(", {:.1}/s", stream.elements as f64 / seconds) } else { String::new() };
-            let text = format!("{}: {} in {} packets{rate}", stream.name, stream.elements, stream.packets);
-            line(f, "stream", text)?;
-        }
-        let report = &self.report;
-        if self.streams.is_empty() {
-            for (name, count) in &report.other_packets {
-                line(f, "stream", format!("{name}: {count}"))?;
-            }
-        }
-        for warning in report.warnings() {
-            line(f, "warning", warning)?;
-        }
-        if self.events == 0 && self.error.is_none() {
-            line(f, "warning", "it holds no events".to_owned())?;
-        }
-        for note in &self.notes {
-            line(f, "note", note.clone())?;
-        }
-        if let Some(error) = &self.error {
-            line(f, "error", format!("reading stopped: {error}"))?;
-        }
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::path::Path;
+
+    use evcal_core::event::Event;
 
     use super::*;
     use crate::recording::RecordingOptions;

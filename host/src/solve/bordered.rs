@@ -11,21 +11,19 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
+use super::control_band::{Block, banded_times, factored, mean_diagonal};
 use super::levenberg::{linearised, moved};
-use super::normal::{Block, StretchEquations, banded_times, mean_diagonal};
+use super::normal::StretchEquations;
 use super::smoothness::accelerations;
 use super::stiffness::{Stiffness, add_jerk};
 use super::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
 use super::system::{Contribution, NotPositiveDefinite, PackedContribution};
 use super::{GLOBAL_COUNT, Problem, SolveSettings, State};
-use crate::numerics::banded::BandedCholesky;
 use crate::trajectory::Trajectory;
 use crate::trajectory::jerk::jerks;
 
 /// Parameters of a control point.
 const POINT: usize = 6;
-/// Smallest weight of a control point that no observation touches, as a share of what observations say of those of its segment.
-const FLOOR: f64 = 1e-9;
 /// Most iterations.
 const ITERATIONS: usize = 15;
 /// Iterations end when the cost falls by less.
@@ -447,23 +445,7 @@ pub fn scaled_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, NotPositive
 
 impl Segment {
     fn eliminate(&self, damping: f64) -> Result<Eliminated, NotPositiveDefinite> {
-        let (dimension, count) = (self.gradient.len(), self.gradient.len() / POINT);
-        let mut band = BandedCholesky::zeros(dimension, (POINT * self.order - 1).min(dimension.saturating_sub(1)));
-        let floor = FLOOR * self.scale.max(f64::MIN_POSITIVE);
-        for index in 0..count {
-            for back in 0..self.order.min(index + 1) {
-                let block = &self.blocks[index * self.order + back];
-                for row in 0..POINT {
-                    let last = if back == 0 { row } else { POINT - 1 };
-                    for column in 0..=last {
-                        let diagonal = back == 0 && row == column;
-                        let raised = if diagonal { damping * block[(row, column)] + floor } else { 0.0 };
-                        band.add(POINT * index + row, POINT * (index - back) + column, block[(row, column)] + raised);
-                    }
-                }
-            }
-        }
-        band.factor().map_err(|_| NotPositiveDefinite)?;
+        let band = factored(&self.blocks, self.order, damping, self.scale)?;
         let (mut gradient, mut follows) = (self.gradient.clone(), self.border.clone());
         band.solve_in_place(gradient.as_mut_slice());
         band.solve_in_place(follows.as_mut_slice());

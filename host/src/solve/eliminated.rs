@@ -7,7 +7,8 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::normal::{Block, BorderBlock};
+use super::control_band::Block;
+use super::normal::BorderBlock;
 use crate::numerics::banded::BandedCholesky;
 use crate::numerics::panel::{PANEL, Panel, panel_product};
 

@@ -18,7 +18,7 @@ use super::levenberg::assemble;
 use super::stiffness::{Stiffness, weigh_jerks};
 use super::stretch::stretches;
 use super::system::SegmentSystem;
-use super::{Problem, State};
+use super::{Problem, SegmentObservations, State};
 use crate::numerics::statistics::median;
 use crate::trajectory::knot_grid::{KnotGrid, KnotSettings, cheapest_levels};
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, Trajectory};
@@ -69,23 +69,8 @@ const SAMPLE: usize = 6;
 /// The trajectories of `state` on the knots that the observations of `problem` ask for, and what these are. A trajectory whose
 /// knots are not those of a grid of `settings`, or which has no events, stays as it is.
 pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -> KnotChoice {
-    let on_finest: Vec<Option<(KnotGrid, KnotFit)>> = state
-        .trajectories
-        .iter()
-        .zip(&problem.segments)
-        .map(|(trajectory, observations)| {
-            let grid = settings.grid(trajectory);
-            let fit = KnotFit::new(trajectory, grid.even(0, trajectory.degree))?;
-            (!observations.events.is_empty()).then_some((grid, fit))
-        })
-        .collect();
-    let mut fine = state.clone();
-    for (trajectory, fit) in fine.trajectories.iter_mut().zip(&on_finest) {
-        if let Some((_, fit)) = fit {
-            *trajectory = fit.trajectory.clone();
-        }
-    }
-    let system = assemble(problem, &fine, &stretches(&problem.segments));
+    let on_finest = on_finest_knots(problem, state, settings);
+    let system = assemble(problem, &with_finest(state, &on_finest), &stretches(&problem.segments));
     let costs: Vec<Option<Vec<Vec<f64>>>> = on_finest
         .par_iter()
         .zip(&system.segments)
@@ -96,8 +81,6 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
         .collect();
     let inflation = inflation(costs.iter().flatten());
     let mut report = KnotReport { inflation, finest: settings.finest, seconds: Vec::new(), control_points: 0 };
-    let mut trajectories = state.trajectories.clone();
-    let mut stiffness = vec![Stiffness::new(); trajectories.len()];
     // The curves on the chosen knots, and the segments that they are of.
     let (mut places, mut nearest) = (Vec::new(), Vec::new());
     for (segment, (fit, costs)) in on_finest.iter().zip(&costs).enumerate() {
@@ -113,6 +96,8 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
         }
         report.add(&levels, (trajectory.end() - trajectory.start()) / levels.len().max(1) as f64);
     }
+    let mut trajectories = state.trajectories.clone();
+    let mut stiffness = vec![Stiffness::new(); trajectories.len()];
     let stiff = weigh_jerks(&nearest, settings.noise);
     for (((segment, fit), (curve, _)), stiff) in places.into_iter().zip(nearest).zip(stiff) {
         let moved = stiff.and_then(|(weights, step)| Some((fit.moved(curve, &step)?, weights)));
@@ -123,6 +108,27 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
     }
     report.control_points = trajectories.iter().map(Trajectory::control_point_count).sum();
     KnotChoice { trajectories, stiffness, report }
+}
+
+/// Each trajectory on its finest even knots; `None` where it stays as it is.
+fn on_finest_knots(problem: &Problem, state: &State, settings: &KnotSettings) -> Vec<Option<(KnotGrid, KnotFit)>> {
+    let of_segment = |(trajectory, observations): (&Trajectory, &SegmentObservations)| {
+        let grid = settings.grid(trajectory);
+        let fit = KnotFit::new(trajectory, grid.even(0, trajectory.degree))?;
+        (!observations.events.is_empty()).then_some((grid, fit))
+    };
+    state.trajectories.iter().zip(&problem.segments).map(of_segment).collect()
+}
+
+/// `state` with these trajectories.
+fn with_finest(state: &State, on_finest: &[Option<(KnotGrid, KnotFit)>]) -> State {
+    let mut fine = state.clone();
+    for (trajectory, fit) in fine.trajectories.iter_mut().zip(on_finest) {
+        if let Some((_, fit)) = fit {
+            *trajectory = fit.trajectory.clone();
+        }
+    }
+    fine
 }
 
 /// For each level and each finest span what the best curve on even knots of that level costs more than that on

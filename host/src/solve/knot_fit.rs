@@ -223,7 +223,7 @@ fn add_block(
     matrix: &mut BandedCholesky,
     (row, column): (usize, usize),
     weight: f64,
-    block: &super::normal::Block,
+    block: &super::control_band::Block,
     symmetric: bool,
 ) {
     let entry = |a: usize, b: usize| if symmetric { block[(a.max(b), a.min(b))] } else { block[(a, b)] };

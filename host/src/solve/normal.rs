@@ -7,11 +7,12 @@
 
 use evcal_core::camera::MAX_PARAMETERS;
 use multiversion::multiversion;
-use nalgebra::{DMatrix, Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
 
+use super::control_band::Block;
 use super::event_row::{ROW_BOARD, ROW_INTRINSICS, ROW_RESIDUAL, row_bias};
 use super::pose_bin::PoseBin;
 use super::row_products::RowProducts;
@@ -29,8 +30,6 @@ const COMMON_PLACES: [usize; BOARD_INDEX + BOARD_PARAMETERS] = {
     places
 };
 
-/// 6×6 block of two control points: rotation first, then translation.
-pub type Block = SMatrix<f64, 6, 6>;
 /// 6 × globals block of a control point, line by line.
 pub type BorderBlock = [[f64; GLOBAL_COUNT]; 6];
 
@@ -77,35 +76,6 @@ impl StretchEquations {
     pub fn control_point_count(&self) -> usize {
         self.border.len()
     }
-}
-
-/// The mean diagonal entry of the matrix of control points that has the `blocks` of a banded lower triangle, `order` for each control point.
-pub fn mean_diagonal(blocks: &[Block], order: usize) -> f64 {
-    let diagonal = blocks.iter().step_by(order);
-    let entries = 6 * diagonal.len();
-    diagonal.map(|block| block.trace()).sum::<f64>() / entries.max(1) as f64
-}
-
-/// The symmetric matrix of control points that has the `blocks` of a banded lower triangle, `order` for each control point from
-/// the diagonal backwards, times `columns`, which has six rows a control point.
-pub fn banded_times(blocks: &[Block], order: usize, columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut product = DMatrix::zeros(columns.nrows(), columns.ncols());
-    for (index, lines) in blocks.chunks(order.max(1)).enumerate() {
-        for (back, block) in lines.iter().take(index + 1).enumerate() {
-            let mut block = *block;
-            if back == 0 {
-                block.fill_upper_triangle_with_lower_triangle();
-            }
-            let (row, column) = (6 * index, 6 * (index - back));
-            let mut target = product.rows_mut(row, 6);
-            target.gemm(1.0, &block, &columns.rows(column, 6), 1.0);
-            if back > 0 {
-                let mut target = product.rows_mut(column, 6);
-                target.gemm_tr(1.0, &block, &columns.rows(row, 6), 1.0);
-            }
-        }
-    }
-    product
 }
 
 impl StretchEquations {

@@ -9,7 +9,7 @@
 //! and the cost is a² / (2 σ²) with σ far above what events leave open.
 
 use super::SolveSettings;
-use super::normal::Block;
+use super::control_band::Block;
 use crate::trajectory::Trajectory;
 use crate::trajectory::jerk::turns;
 use crate::trajectory::knots::greville;

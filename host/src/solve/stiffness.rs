@@ -11,7 +11,7 @@
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::normal::Block;
+use super::control_band::Block;
 use crate::numerics::banded::{BandedCholesky, SymmetricBand};
 use crate::trajectory::jerk::{Jerk, jerks};
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, Trajectory};

@@ -3,13 +3,13 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::control_band::{Block, banded_times, factored, mean_diagonal};
 use super::eliminated::{ControlCovariance, Eliminated, Following};
-use super::normal::{Block, BorderBlock, StretchEquations, banded_times, mean_diagonal};
+use super::normal::{BorderBlock, StretchEquations};
 use super::smoothness::Acceleration;
 use super::stiffness::add_jerk;
 use super::stretch::Stretch;
 use super::{GLOBAL_COUNT, places};
-use crate::numerics::banded::BandedCholesky;
 use crate::trajectory::jerk::Jerk;
 
 /// Normal equations of one segment: A (block-banded), B (border) and gradient.
@@ -108,10 +108,6 @@ impl PackedContribution {
 /// The linear system could not be solved: its matrix is not positive definite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotPositiveDefinite;
-
-/// Smallest damping of a control point, relative to what observations say of those of its segment: keeps control
-/// points that no observation touches where they are.
-const FLOOR: f64 = 1e-9;
 
 impl System {
     /// An empty system of segments with `control_points` control points each.
@@ -367,31 +363,7 @@ impl SegmentSystem {
 
     /// Its control points eliminated, damped by `damping`, from the global parameters that are `free`.
     fn eliminated(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
-        let factor = self.factored(damping)?;
+        let factor = factored(&self.blocks, self.order, damping, self.scale)?;
         Ok(Eliminated::new((factor, self.order), &self.border, &self.gradient, free))
-    }
-
-    /// The factored matrix of the control points.
-    fn factored(&self, damping: f64) -> Result<BandedCholesky, NotPositiveDefinite> {
-        let dimension = 6 * self.border.len();
-        let mut band = BandedCholesky::zeros(dimension, (6 * self.order - 1).min(dimension.saturating_sub(1)));
-        let floor = FLOOR * self.scale.max(f64::MIN_POSITIVE);
-        for index in 0..self.border.len() {
-            for back in 0..self.order.min(index + 1) {
-                let block = &self.blocks[index * self.order + back];
-                for row in 0..6 {
-                    let last = if back == 0 { row } else { 5 };
-                    for column in 0..=last {
-                        let mut value = block[(row, column)];
-                        if back == 0 && row == column {
-                            value += damping * value + floor;
-                        }
-                        band.add(6 * index + row, 6 * (index - back) + column, value);
-                    }
-                }
-            }
-        }
-        band.factor().map_err(|_| NotPositiveDefinite)?;
-        Ok(band)
     }
 }
