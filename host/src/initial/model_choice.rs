@@ -100,6 +100,8 @@ pub struct Standing {
     pub standard_error: f64,
     /// Whether the candidate is as good as the best.
     pub as_good: bool,
+    /// Whether it counts although it is worse: by too little to matter.
+    pub nearly_as_good: bool,
 }
 
 /// A candidate as [`choose`] sees it.
@@ -135,15 +137,17 @@ pub fn choose(candidates: &[Candidate], settings: &ModelChoiceSettings) -> Optio
             let pairs = candidate.held_out.block_costs.iter().zip(&best.held_out.block_costs);
             let differences: Vec<f64> = pairs.map(|(own, best)| own - best).collect();
             let (excess, standard_error) = mean_and_error(&differences);
-            Standing { excess, standard_error, as_good: excess <= settings.standard_errors * standard_error }
+            let as_good = excess <= settings.standard_errors * standard_error;
+            Standing { excess, standard_error, as_good, nearly_as_good: false }
         })
         .collect();
     if !candidates.iter().zip(&standings).any(|(candidate, standing)| candidate.widely_held && standing.as_good) {
         for (candidate, standing) in candidates.iter().zip(&mut standings) {
-            standing.as_good |= candidate.widely_held && standing.excess <= settings.negligible * cost(best);
+            standing.nearly_as_good = candidate.widely_held && standing.excess <= settings.negligible * cost(best);
         }
     }
-    let good = candidates.iter().zip(&standings).enumerate().filter(|(_, (_, standing))| standing.as_good);
+    let counts = |standing: &Standing| standing.as_good || standing.nearly_as_good;
+    let good = candidates.iter().zip(&standings).enumerate().filter(|(_, (_, standing))| counts(standing));
     let simplest = good.min_by(|(_, (a, _)), (_, (b, _))| {
         let held = b.widely_held.cmp(&a.widely_held);
         held.then(a.parameters.cmp(&b.parameters)).then(cost(a).total_cmp(&cost(b)))
@@ -168,6 +172,9 @@ pub struct CandidateReport {
     pub standard_error: Option<f64>,
     /// Whether it is as good as the best.
     pub as_good: bool,
+    /// Whether it counts although it is worse: by too little to matter.
+    #[serde(default)]
+    pub nearly_as_good: bool,
     /// Why it failed.
     pub failure: Option<String>,
 }
@@ -193,7 +200,11 @@ impl fmt::Display for ModelChoice {
             write!(f, "\n{:<14} {:>2} parameters", candidate.model, candidate.parameters)?;
             match (candidate.root_mean_cost, candidate.excess, candidate.standard_error, &candidate.failure) {
                 (Some(root), Some(excess), Some(error), _) => {
-                    let good = if candidate.as_good { ", as good as the best" } else { "" };
+                    let good = match (candidate.as_good, candidate.nearly_as_good) {
+                        (true, _) => ", as good as the best",
+                        (false, true) => ", nearly as good as the best",
+                        (false, false) => "",
+                    };
                     write!(f, ", {root:.4} px, {excess:.6} ± {error:.6} px² above the best{good}")?;
                 }
                 (_, _, _, Some(failure)) => write!(f, ": {failure}")?,
@@ -220,6 +231,13 @@ impl ModelChoice {
         }
         let others = self.candidates.iter().filter(|candidate| candidate.as_good && candidate.model != self.chosen);
         let others: Vec<&str> = others.map(|candidate| candidate.model.as_str()).collect();
+        if self.candidates.iter().any(|candidate| candidate.nearly_as_good && candidate.model == self.chosen) {
+            return format!(
+                "{} chosen: OpenCV and ROS hold it, and it predicts unseen circles nearly as well as {}",
+                self.chosen,
+                others.join(", ")
+            );
+        }
         if others.is_empty() {
             return format!("{} chosen: no other model predicts unseen circles as well", self.chosen);
         }
@@ -295,6 +313,7 @@ pub fn choose_model(
             excess: None,
             standard_error: None,
             as_good: false,
+            nearly_as_good: false,
             failure: None,
         };
         if let Some((_, error)) = failures.iter().find(|(failed, _)| *failed == kind) {
@@ -308,6 +327,7 @@ pub fn choose_model(
                 excess: Some(standing.excess),
                 standard_error: Some(standing.standard_error),
                 as_good: standing.as_good,
+                nearly_as_good: standing.nearly_as_good,
                 ..blank
             },
             None => CandidateReport { failure: Some("too few views without one of the parts".to_owned()), ..blank },
@@ -398,6 +418,31 @@ mod tests {
         // One that they hold and that is as good leaves no need for it.
         let best = candidate(12, &[1.0, 1.2, 0.9]);
         assert_eq!(choose(&[rare, best, simpler, slightly_worse], 1e-3), 1);
+    }
+
+    #[test]
+    fn the_reason_does_not_call_as_good_what_is_nearly_as_good() {
+        let report = |model: &str, as_good, nearly_as_good| CandidateReport {
+            model: model.to_owned(),
+            parameters: 8,
+            count: 100,
+            root_mean_cost: Some(0.2),
+            excess: Some(0.0),
+            standard_error: Some(0.0),
+            as_good,
+            nearly_as_good,
+            failure: None,
+        };
+        let chosen = |of_chosen| ModelChoice {
+            chosen: "kannala-brandt".to_owned(),
+            instead_of: None,
+            circles_of: "fov".to_owned(),
+            candidates: vec![report("fov", true, false), report("radtan", false, false), of_chosen],
+        };
+        let nearly = chosen(report("kannala-brandt", false, true)).reason();
+        assert!(nearly.ends_with("unseen circles nearly as well as fov"), "{nearly}");
+        let as_good = chosen(report("kannala-brandt", true, false)).reason();
+        assert!(as_good.contains("unseen circles as well as fov;"), "{as_good}");
     }
 
     #[test]

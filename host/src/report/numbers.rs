@@ -146,6 +146,7 @@ fn chosen(choice: &ModelChoice) -> Markup {
                             td.number { (figure(candidate.root_mean_cost)) }
                             td.words {
                                 @if candidate.as_good { "as good as the best" }
+                                @else if candidate.nearly_as_good { "nearly as good as the best" }
                                 @if let Some(failure) = &candidate.failure { (failure) }
                             }
                         }
