@@ -341,6 +341,13 @@ fn what_cannot_be_compared_is_told() {
         assert!(stderr(output).contains(part), "{}", stderr(output));
     }
     assert!(succeed(&["evaluate", text(&a), "--truth", text(&a)]).contains("no trajectories"));
+
+    // A trajectory without poses beside a calibration does not keep the cameras from being compared; one that is asked for does.
+    fs::write(path("trajectory.txt"), "# t tx ty tz qx qy qz qw\n").unwrap();
+    assert!(succeed(&["evaluate", text(&a), "--truth", text(&a)]).contains("has no pose"));
+    let asked = with(&path("trajectory.txt"));
+    assert_eq!(code(&asked), 1);
+    assert!(stderr(&asked).contains("no pose"), "{}", stderr(&asked));
 }
 
 #[test]

@@ -98,6 +98,10 @@ pub fn run(arguments: Arguments) -> super::Outcome {
             estimate.display(),
             truth.display()
         )),
+        ComparedTrajectories::WithoutPoses(file) => print::line(format!(
+            "\nthe trajectories were not compared: {} has no pose, for none was sure enough; trajectory.csv beside it has them all",
+            file.display()
+        )),
         _ => print::line(format!("\nno trajectories to compare: {TRAJECTORY_FILE} is not beside both files")),
     }
 }

@@ -62,6 +62,8 @@ pub enum ComparedTrajectories {
         /// The true trajectory's file.
         truth: PathBuf,
     },
+    /// The one beside a camera is empty: no pose was sure enough to be written.
+    WithoutPoses(PathBuf),
     /// They were compared.
     Compared(Box<TrajectoryComparison>),
 }
@@ -169,6 +171,9 @@ pub fn compare(files: &ComparedFiles) -> Result<Comparison, CompareError> {
             // Nobody asked for them.
             Err(CompareError::FewPoses { estimate, truth, .. }) if !named => {
                 ComparedTrajectories::OtherTimes { estimate, truth }
+            }
+            Err(CompareError::Trajectory { file, error: TumError::Empty }) if !named => {
+                ComparedTrajectories::WithoutPoses(file)
             }
             Err(error) => return Err(error),
         },

@@ -168,6 +168,14 @@ fn write_files(
         if calibrated.events().is_some() {
             files::write_with(&folder.join(of_recording(POSES)), |file| csv::write(file, &poses))?;
         }
+        if 2 * determined.len() < poses.len() {
+            let (most, all) = (of_recording(TRAJECTORY), of_recording(POSES));
+            let (kept, count) = (determined.len(), poses.len());
+            let _ = write!(
+                summary,
+                "\n{most} has {kept} of {count} poses: the others are not sure enough; {all} has them all"
+            );
+        }
         let frames = frames(calibrated, recording);
         let origin = (start * 1e6).round() as i64;
         files::write_with(&folder.join(of_recording(CIRCLES)), |file| {

@@ -9,6 +9,7 @@ use super::settings::{CERTAIN_DIFFERENCE, KNOWN_TOGETHER, OPEN_FOCAL_LENGTH, TOL
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::board::Board;
 use crate::solve::left_out::{LeftOut, Reason};
+use crate::trust::board_evidence::{BoardEvidence, RADIUS};
 use crate::trust::coverage::Coverage;
 use crate::trust::misfit::BetterModel;
 use crate::trust::split_half::SplitHalf;
@@ -25,7 +26,7 @@ pub(super) fn findings_on(
 ) -> Vec<Finding> {
     let mut findings = Vec::from_iter(uncertain(trust, settings));
     findings.extend(views(&trust.coverage, settings));
-    findings.extend(events.and_then(|events| radius(&events.radius?, board, settings)));
+    findings.extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board, settings)));
     findings.extend(events.and_then(|events| board_finding(&events.board, board, camera)));
     findings.extend(pixels_not_square(camera, trust, settings));
     findings.extend(not_one_to_one(camera, sensor));
@@ -171,11 +172,27 @@ fn empty_places(coverage: &Coverage) -> String {
 
 /// By how much the mean offset of events differs between kinds of light and of motion (px).
 const DIFFERENT_OFFSETS: f64 = 0.25;
+/// Standard deviations beyond which the evidence tells a radius from its own.
+const TOLD_APART: f64 = 2.0;
+/// By how much it may differ where dots are small and pixels are slow (px): less than exchanged polarities or light dots do.
+const MOST_DIFFERENT_OFFSETS: f64 = 0.5;
 
-fn radius(observed: &ObservedRadius, board: &Board, settings: &VerdictSettings) -> Option<Finding> {
+/// The stated radius disagrees with the mean offset of the events, and with the `evidence`, if that tells the one from the other: a small
+/// dot in little light moves the offset too.
+fn radius(
+    observed: &ObservedRadius,
+    evidence: Option<&BoardEvidence>,
+    board: &Board,
+    settings: &VerdictSettings,
+) -> Option<Finding> {
     let ratio = observed.radius / board.radius;
     let pixels = (observed.radius - board.radius) / observed.scale;
-    ((ratio - 1.0).abs() > settings.radius && pixels.abs() > DIFFERENT_OFFSETS).then(|| Finding {
+    let speaks_against = |evidence: &&BoardEvidence| {
+        let apart = |radius: f64| (evidence.values[RADIUS] - radius).abs() / evidence.sigma[RADIUS];
+        apart(board.radius) < TOLD_APART && apart(observed.radius) > TOLD_APART
+    };
+    let most = evidence.filter(speaks_against).map_or(DIFFERENT_OFFSETS, |_| MOST_DIFFERENT_OFFSETS);
+    ((ratio - 1.0).abs() > settings.radius && pixels.abs() > most).then(|| Finding {
         cause: Cause::RadiusDisagrees,
         severity: Severity::Failure,
         reason: format!(
@@ -314,4 +331,31 @@ fn halves(halves: &SplitHalf) -> Option<Finding> {
         ),
         advice: "did anything change in between: focus, board, temperature? The stated ± is too small".to_owned(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// In little light, dots of 3 px had an offset of their own (11 circles of 8 mm, 2.7 mm/px), and the radius was called wrong.
+    #[test]
+    fn a_radius_that_the_events_themselves_confirm_is_not_wrong() {
+        let board: Board = "acircles:11x5:30mm:r8mm".parse().unwrap();
+        let settings = VerdictSettings::default();
+        let scale = 2.7e-3;
+        let told = |pixels: f64, evidence: Option<(f64, f64)>| {
+            let observed = ObservedRadius { mean_offset: pixels - 0.41, scale, radius: board.radius + pixels * scale };
+            let evidence = evidence.map(|(radius, sigma)| BoardEvidence {
+                values: [1.0, 0.0, 0.0, radius],
+                sigma: [1e-4, 1e-4, 1e-4, sigma],
+            });
+            radius(&observed, evidence.as_ref(), &board, &settings).is_some()
+        };
+        let stated = Some((8.1e-3, 0.23e-3));
+        assert!(told(0.3, None) && !told(0.3, stated) && !told(-0.3, stated));
+        // Evidence that tells neither, or that the radius is another one, is none for the stated one.
+        assert!(told(0.3, Some((8.1e-3, 1e-3))) && told(0.3, Some((8.9e-3, 0.23e-3))));
+        // Light dots, or polarities exchanged.
+        assert!(told(0.8, stated) && told(-0.8, stated));
+    }
 }
