@@ -4,6 +4,7 @@ pub mod axial_focal;
 pub mod camera_file;
 pub mod covered_region;
 pub mod distortion_prior;
+pub(crate) mod folds;
 pub(crate) mod held;
 pub mod nearest;
 pub mod projection_difference;

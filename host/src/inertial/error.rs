@@ -2,7 +2,7 @@
 
 use super::csv::CsvError;
 use crate::recording::RecordingError;
-use crate::solve::system::NotPositiveDefinite;
+use crate::solve::control_band::NotPositiveDefinite;
 
 /// Why an inertial unit cannot be calibrated, and what to do.
 #[derive(Debug, thiserror::Error)]

@@ -8,7 +8,7 @@
 //! fewest parameters is chosen, if possible of those that OpenCV and ROS hold: the one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and
 //! Friedman, *The Elements of Statistical Learning*, section 7.10). The standard error is that of the
 //! difference block by block, for what makes a block hard makes it hard for all models. If none of these is held by OpenCV and ROS,
-//! those count too whose excess is too small to matter.
+//! those count too whose excess is too small to matter. A candidate that folds over inside the image counts only where all do.
 
 use evcal_core::sensor::Sensor;
 use std::fmt;
@@ -23,6 +23,7 @@ use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::held_out::{ComparedCircles, Division, HeldOutCost, held_out};
 use crate::initial::{InitialError, InitialModel, InitialSettings, initial_model};
+use crate::lens::folds::folded_share;
 
 /// Models that `auto` tries: those that other programs read.
 pub const CANDIDATES: [ModelKind; 9] = [
@@ -111,6 +112,8 @@ pub struct Candidate {
     pub parameters: usize,
     /// Whether OpenCV and ROS hold it.
     pub widely_held: bool,
+    /// Whether its distortion folds over inside the image.
+    pub folds: bool,
     /// Its held-out statistics, on the same blocks for all candidates.
     pub held_out: HeldOutCost,
 }
@@ -126,24 +129,26 @@ fn mean_and_error(values: &[f64]) -> (f64, f64) {
 
 /// Where each candidate stands, and the position of the chosen one; `None` without candidates.
 ///
-/// A model that is widely held goes before one that is not. Of candidates with equally many parameters, the one with the
+/// A model that folds over inside the image counts only where all do. One that is widely held goes before one that is not. Of candidates with equally many parameters, the one with the
 /// smaller cost is simpler.
 pub fn choose(candidates: &[Candidate], settings: &ModelChoiceSettings) -> Option<(usize, Vec<Standing>)> {
     let cost = |candidate: &Candidate| candidate.held_out.mean();
-    let best = candidates.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))?;
+    let best = candidates.iter().min_by(|a, b| a.folds.cmp(&b.folds).then(cost(a).total_cmp(&cost(b))))?;
     let mut standings: Vec<Standing> = candidates
         .iter()
         .map(|candidate| {
             let pairs = candidate.held_out.block_costs.iter().zip(&best.held_out.block_costs);
             let differences: Vec<f64> = pairs.map(|(own, best)| own - best).collect();
             let (excess, standard_error) = mean_and_error(&differences);
-            let as_good = excess <= settings.standard_errors * standard_error;
+            let as_good = candidate.folds == best.folds && excess <= settings.standard_errors * standard_error;
             Standing { excess, standard_error, as_good, nearly_as_good: false }
         })
         .collect();
     if !candidates.iter().zip(&standings).any(|(candidate, standing)| candidate.widely_held && standing.as_good) {
         for (candidate, standing) in candidates.iter().zip(&mut standings) {
-            standing.nearly_as_good = candidate.widely_held && standing.excess <= settings.negligible * cost(best);
+            standing.nearly_as_good = candidate.widely_held
+                && candidate.folds == best.folds
+                && standing.excess <= settings.negligible * cost(best);
         }
     }
     let counts = |standing: &Standing| standing.as_good || standing.nearly_as_good;
@@ -175,6 +180,9 @@ pub struct CandidateReport {
     /// Whether it counts although it is worse: by too little to matter.
     #[serde(default)]
     pub nearly_as_good: bool,
+    /// Whether its distortion folds over inside the image.
+    #[serde(default)]
+    pub folds: bool,
     /// Why it failed.
     pub failure: Option<String>,
 }
@@ -205,7 +213,8 @@ impl fmt::Display for ModelChoice {
                         (false, true) => ", nearly as good as the best",
                         (false, false) => "",
                     };
-                    write!(f, ", {root:.4} px, {excess:.6} ± {error:.6} px² above the best{good}")?;
+                    let folds = if candidate.folds { ", folds over inside the image" } else { "" };
+                    write!(f, ", {root:.4} px, {excess:.6} ± {error:.6} px² above the best{good}{folds}")?;
                 }
                 (_, _, _, Some(failure)) => write!(f, ": {failure}")?,
                 _ => write!(f, ": not compared")?,
@@ -231,6 +240,19 @@ impl ModelChoice {
         }
         let others = self.candidates.iter().filter(|candidate| candidate.as_good && candidate.model != self.chosen);
         let others: Vec<&str> = others.map(|candidate| candidate.model.as_str()).collect();
+        let folding: Vec<&str> = self
+            .candidates
+            .iter()
+            .filter(|candidate| candidate.folds && candidate.excess.is_some_and(|excess| excess < 0.0))
+            .map(|candidate| candidate.model.as_str())
+            .collect();
+        if !folding.is_empty() {
+            return format!(
+                "{} chosen: {} may predict unseen circles better, but folds over inside the image",
+                self.chosen,
+                folding.join(", ")
+            );
+        }
         if self.candidates.iter().any(|candidate| candidate.nearly_as_good && candidate.model == self.chosen) {
             return format!(
                 "{} chosen: OpenCV and ROS hold it, and it predicts unseen circles nearly as well as {}",
@@ -292,10 +314,11 @@ pub fn choose_model(
     let candidates: Vec<Candidate> = found
         .iter()
         .zip(&held)
-        .filter_map(|((kind, _), held_out)| {
+        .filter_map(|((kind, model), held_out)| {
             let parameters = kind.parameter_names().len();
             let widely_held = WIDELY_HELD.contains(kind);
-            held_out.clone().map(|held_out| Candidate { parameters, widely_held, held_out })
+            let folds = folded_share(&model.camera, sensor) > 0.0;
+            held_out.clone().map(|held_out| Candidate { parameters, widely_held, folds, held_out })
         })
         .collect();
     let (chosen, standings) = match choose(&candidates, settings) {
@@ -314,6 +337,7 @@ pub fn choose_model(
             standard_error: None,
             as_good: false,
             nearly_as_good: false,
+            folds: false,
             failure: None,
         };
         if let Some((_, error)) = failures.iter().find(|(failed, _)| *failed == kind) {
@@ -328,6 +352,7 @@ pub fn choose_model(
                 standard_error: Some(standing.standard_error),
                 as_good: standing.as_good,
                 nearly_as_good: standing.nearly_as_good,
+                folds: candidate.folds,
                 ..blank
             },
             None => CandidateReport { failure: Some("too few views without one of the parts".to_owned()), ..blank },
@@ -354,6 +379,7 @@ mod tests {
         Candidate {
             parameters,
             widely_held: true,
+            folds: false,
             held_out: HeldOutCost { count: 100, block_costs: block_costs.to_vec() },
         }
     }
@@ -421,6 +447,18 @@ mod tests {
     }
 
     #[test]
+    fn a_model_that_folds_counts_only_where_all_do() {
+        let settings = ModelChoiceSettings::default();
+        let folding = |model: &Candidate| Candidate { folds: true, ..model.clone() };
+        let (better, worse) = (candidate(12, &[1.0, 1.2, 0.9]), candidate(8, &[1.1, 1.3, 1.02]));
+        let (chosen, standings) = choose(&[folding(&better), worse.clone()], &settings).unwrap();
+        assert_eq!((chosen, standings[0].as_good, standings[1].as_good), (1, false, true));
+        assert!(standings[0].excess < 0.0 && standings[1].excess == 0.0);
+        assert_eq!(choose(&[folding(&better), folding(&worse)], &settings).unwrap().0, 0);
+        assert_eq!(choose(&[better, worse], &settings).unwrap().0, 0);
+    }
+
+    #[test]
     fn the_reason_does_not_call_as_good_what_is_nearly_as_good() {
         let report = |model: &str, as_good, nearly_as_good| CandidateReport {
             model: model.to_owned(),
@@ -431,6 +469,7 @@ mod tests {
             standard_error: Some(0.0),
             as_good,
             nearly_as_good,
+            folds: false,
             failure: None,
         };
         let chosen = |of_chosen| ModelChoice {

@@ -147,6 +147,7 @@ fn chosen(choice: &ModelChoice) -> Markup {
                             td.words {
                                 @if candidate.as_good { "as good as the best" }
                                 @else if candidate.nearly_as_good { "nearly as good as the best" }
+                                @else if candidate.folds { "folds over inside the image" }
                                 @if let Some(failure) = &candidate.failure { (failure) }
                             }
                         }

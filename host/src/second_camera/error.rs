@@ -1,6 +1,6 @@
 //! Why a second camera cannot be calibrated against the first.
 
-use crate::solve::system::NotPositiveDefinite;
+use crate::solve::control_band::NotPositiveDefinite;
 
 /// Why a second camera cannot be calibrated against the first, and what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -11,13 +11,13 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
-use super::control_band::{Block, banded_times, factored, mean_diagonal};
+use super::control_band::{Block, NotPositiveDefinite, banded_times, factored, mean_diagonal};
 use super::levenberg::{linearised, moved};
 use super::normal::StretchEquations;
 use super::smoothness::accelerations;
 use super::stiffness::{Stiffness, add_jerk};
 use super::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
-use super::system::{Contribution, NotPositiveDefinite, PackedContribution};
+use super::system::{Contribution, PackedContribution};
 use super::{GLOBAL_COUNT, Problem, SolveSettings, State};
 use crate::trajectory::Trajectory;
 use crate::trajectory::jerk::jerks;

@@ -3,8 +3,11 @@
 
 use nalgebra::{DMatrix, SMatrix};
 
-use super::system::NotPositiveDefinite;
 use crate::numerics::banded::BandedCholesky;
+
+/// The linear system could not be solved: its matrix is not positive definite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NotPositiveDefinite;
 
 /// Parameters of a control point.
 const POINT: usize = 6;

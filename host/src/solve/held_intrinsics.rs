@@ -7,7 +7,7 @@ use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use nalgebra::DMatrix;
 
 use super::bordered::System;
-use super::system::NotPositiveDefinite;
+use super::control_band::NotPositiveDefinite;
 use super::{FreeParameters, Problem};
 
 /// Intrinsics that are held.

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::control_band::{Block, banded_times, factored, mean_diagonal};
+use super::control_band::{Block, NotPositiveDefinite, banded_times, factored, mean_diagonal};
 use super::eliminated::{ControlCovariance, Eliminated, Following};
 use super::normal::{BorderBlock, StretchEquations};
 use super::smoothness::Acceleration;
@@ -104,10 +104,6 @@ impl PackedContribution {
         Some(Contribution { gradient: sum.gradient, information })
     }
 }
-
-/// The linear system could not be solved: its matrix is not positive definite.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NotPositiveDefinite;
 
 impl System {
     /// An empty system of segments with `control_points` control points each.

@@ -9,6 +9,7 @@ use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 use nalgebra::DMatrix;
 
 use crate::board::shape::BoardShape;
+use crate::lens::folds::folded_share;
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
 use crate::solve::levenberg::solve;
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, SolveSettings, State};
@@ -139,7 +140,9 @@ fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<Bett
         .collect();
     let best = others.iter().map(|(_, _, cost)| *cost).fold(f64::INFINITY, f64::min);
     let chance = CERTAIN * (inflation / step as f64).max(1.0);
-    let (kind, camera, _) = others.into_iter().find(|(_, _, cost)| *cost <= best + chance)?;
+    // Of those that explain as much, the first that does not fold over inside the image.
+    let as_good = others.into_iter().filter(|(_, _, cost)| *cost <= best + chance);
+    let (kind, camera, _) = as_good.min_by_key(|(_, camera, _)| folded_share(camera, problem.sensor) > 0.0)?;
     if best + chance >= own_cost {
         return None;
     }

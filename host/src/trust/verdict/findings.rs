@@ -2,12 +2,12 @@
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
-use nalgebra::Vector2;
 
 use super::board_statement::board_finding;
 use super::settings::{CERTAIN_DIFFERENCE, KNOWN_TOGETHER, OPEN_FOCAL_LENGTH, TOLD_FROM_ZERO};
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::board::Board;
+use crate::lens::folds::folded_share;
 use crate::solve::left_out::{LeftOut, Reason};
 use crate::trust::board_evidence::{BoardEvidence, RADIUS};
 use crate::trust::coverage::Coverage;
@@ -224,19 +224,12 @@ fn pixels_not_square(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSett
     })
 }
 
-fn not_one_to_one(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Option<Finding> {
-    let pixels = (0..height).step_by(4).flat_map(|y| (0..width).step_by(4).map(move |x| (x, y)));
-    let corners = [(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)];
-    let all: Vec<(u16, u16)> = pixels.chain(corners).collect();
-    let outside =
-        all.iter().filter(|(x, y)| camera.unproject(&Vector2::new(f64::from(*x), f64::from(*y))).is_none()).count();
-    (outside > 0).then(|| Finding {
+fn not_one_to_one(camera: &Camera<f64>, sensor: Sensor) -> Option<Finding> {
+    let share = folded_share(camera, sensor);
+    (share > 0.0).then(|| Finding {
         cause: Cause::NotOneToOne,
         severity: Severity::Warning,
-        reason: format!(
-            "the distortion folds over inside the image, at {:.1} % of the pixels",
-            100.0 * outside as f64 / all.len() as f64
-        ),
+        reason: format!("the distortion folds over inside the image, at {:.1} % of the pixels", 100.0 * share),
         advice: "cover the corners of the image, or take a model with fewer coefficients or one for wide lenses"
             .to_owned(),
     })
