@@ -23,7 +23,7 @@ use crate::board::Board;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::held_out::{ComparedCircles, Division, HeldOutCost, held_out};
 use crate::initial::{InitialError, InitialModel, InitialSettings, initial_model};
-use crate::lens::folds::folded_share;
+use crate::lens::folds::folds;
 
 /// Models that `auto` tries: those that other programs read.
 pub const CANDIDATES: [ModelKind; 9] = [
@@ -317,7 +317,7 @@ pub fn choose_model(
         .filter_map(|((kind, model), held_out)| {
             let parameters = kind.parameter_names().len();
             let widely_held = WIDELY_HELD.contains(kind);
-            let folds = folded_share(&model.camera, sensor) > 0.0;
+            let folds = folds(&model.camera, sensor);
             held_out.clone().map(|held_out| Candidate { parameters, widely_held, folds, held_out })
         })
         .collect();

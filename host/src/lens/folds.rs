@@ -2,7 +2,7 @@
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
 /// Every so many pixels are looked at, along rows and columns.
 const STEP: usize = 4;
@@ -18,6 +18,38 @@ pub fn folded_share(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> f
         folded += usize::from(camera.unproject(&Vector2::new(f64::from(x), f64::from(y))).is_none());
     }
     folded as f64 / count as f64
+}
+
+/// Directions from the optical axis, and steps between angles to it (rad), that are looked at.
+const DIRECTIONS: usize = 48;
+const ANGLE_STEP: f64 = 0.005;
+/// Steps from the axis to the side.
+const STEPS: usize = 400;
+
+/// Whether pixels belong to no bearing, or to one beyond a fold: bearings further and further from the axis come nearer to the
+/// principal point before they leave the image.
+pub fn folds(camera: &Camera<f64>, sensor: Sensor) -> bool {
+    folded_share(camera, sensor) > 0.0 || (0..DIRECTIONS).any(|direction| turns_back(camera, sensor, direction))
+}
+
+fn turns_back(camera: &Camera<f64>, Sensor { width, height }: Sensor, direction: usize) -> bool {
+    let (sin, cos) = (std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64).sin_cos();
+    let Some(center) = camera.project(&Vector3::z()) else { return false };
+    let (right, bottom) = (f64::from(width) - 1.0, f64::from(height) - 1.0);
+    let mut farthest = 0.0;
+    for step in 1..STEPS {
+        let (across, along) = (ANGLE_STEP * step as f64).sin_cos();
+        let Some(pixel) = camera.project(&Vector3::new(across * cos, across * sin, along)) else { return false };
+        if !(0.0..=right).contains(&pixel.x) || !(0.0..=bottom).contains(&pixel.y) {
+            return false;
+        }
+        let distance = (pixel - center).norm();
+        if distance <= farthest {
+            return true;
+        }
+        farthest = distance;
+    }
+    false
 }
 
 #[cfg(test)]
@@ -43,5 +75,21 @@ mod tests {
         let outside = 1.0 - inside / (half * half);
         let found = folded_share(&camera(120.0 / 0.651), sensor);
         assert!((found - outside).abs() < 0.01, "{found} {outside}");
+    }
+
+    /// A lens whose rational terms turn back at 203 px from the middle and come out again beyond a pole: every pixel has a bearing, and
+    /// the corners, which are 231 px away, have a wrong one.
+    #[test]
+    fn bearings_beyond_a_fold_are_none() {
+        let terms = [0.25937, -0.11397, 1.05e-4, -3.5e-5, -0.00383, 0.60949, -0.11683, -0.0254];
+        let camera = |terms: &[f64]| {
+            let parameters: Vec<f64> =
+                [184.15, 184.52, 154.41, 156.14].into_iter().chain(terms.iter().copied()).collect();
+            Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap()
+        };
+        let sensor = Sensor::new(320, 320);
+        assert_eq!(folded_share(&camera(&terms), sensor), 0.0);
+        assert!(folds(&camera(&terms), sensor));
+        assert!(!folds(&camera(&[0.0; 8]), sensor));
     }
 }

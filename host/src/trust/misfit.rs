@@ -9,7 +9,7 @@ use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 use nalgebra::DMatrix;
 
 use crate::board::shape::BoardShape;
-use crate::lens::folds::folded_share;
+use crate::lens::folds::folds;
 use crate::lens::projection_difference::{ProjectionDifference, projection_difference};
 use crate::solve::levenberg::solve;
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, SolveSettings, State};
@@ -142,7 +142,7 @@ fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<Bett
     let chance = CERTAIN * (inflation / step as f64).max(1.0);
     // Of those that explain as much, the first that does not fold over inside the image.
     let as_good = others.into_iter().filter(|(_, _, cost)| *cost <= best + chance);
-    let (kind, camera, _) = as_good.min_by_key(|(_, camera, _)| folded_share(camera, problem.sensor) > 0.0)?;
+    let (kind, camera, _) = as_good.min_by_key(|(_, camera, _)| folds(camera, problem.sensor))?;
     if best + chance >= own_cost {
         return None;
     }
