@@ -81,18 +81,19 @@ mod tests {
         assert!((found - outside).abs() < 0.01, "{found} {outside}");
     }
 
-    /// A lens that has a pole 203 px from the middle: all of the corners, which are 231 px away, is seen in the last hair's breadth before it.
+    /// r (1 − r² / zero²) / (1 − r² / pole²) is nearly r but for the pole, before which all that is farther away is seen.
     #[test]
     fn a_jump_at_a_pole_is_a_fold() {
-        let terms = [0.25937, -0.11397, 1.05e-4, -3.5e-5, -0.00383, 0.60949, -0.11683, -0.0254];
-        let camera = |terms: &[f64]| {
-            let parameters: Vec<f64> =
-                [184.15, 184.52, 154.41, 156.14].into_iter().chain(terms.iter().copied()).collect();
+        let camera = |zero: f64, pole: f64| {
+            let (k1, k4) = (-1.0 / zero.powi(2), -1.0 / pole.powi(2));
+            let parameters = [100.0, 100.0, 159.5, 159.5, k1, 0.0, 0.0, 0.0, 0.0, k4, 0.0, 0.0];
             Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap()
         };
+        // 199 px from the middle; the corners are 226 px away.
         let sensor = Sensor::new(320, 320);
-        assert_eq!(folded_share(&camera(&terms), sensor), 0.0);
-        assert!(folds(&camera(&terms), sensor));
-        assert!(!folds(&camera(&[0.0; 8]), sensor));
+        assert_eq!(folded_share(&camera(1.9901, 1.99), sensor), 0.0);
+        assert!(folds(&camera(1.9901, 1.99), sensor));
+        assert!(!folds(&camera(f64::INFINITY, f64::INFINITY), sensor));
+        assert!(!folds(&camera(2.9901, 2.99), sensor), "outside the image");
     }
 }
