@@ -129,8 +129,8 @@ fn mean_and_error(values: &[f64]) -> (f64, f64) {
 
 /// Where each candidate stands, and the position of the chosen one; `None` without candidates.
 ///
-/// A model that folds over inside the image counts only where all do. One that is widely held goes before one that is not. Of candidates with equally many parameters, the one with the
-/// smaller cost is simpler.
+/// A model that folds over inside the image counts only where all do. One that is widely held goes before one that is not. Of
+/// candidates with equally many parameters, the one with the smaller cost is simpler.
 pub fn choose(candidates: &[Candidate], settings: &ModelChoiceSettings) -> Option<(usize, Vec<Standing>)> {
     let cost = |candidate: &Candidate| candidate.held_out.mean();
     let best = candidates.iter().min_by(|a, b| a.folds.cmp(&b.folds).then(cost(a).total_cmp(&cost(b))))?;

@@ -169,11 +169,11 @@ fn write_files(
             files::write_with(&folder.join(of_recording(POSES)), |file| csv::write(file, &poses))?;
         }
         if 2 * determined.len() < poses.len() {
-            let (most, all) = (of_recording(TRAJECTORY), of_recording(POSES));
+            let (sure, all) = (of_recording(TRAJECTORY), of_recording(POSES));
             let (kept, count) = (determined.len(), poses.len());
             let _ = write!(
                 summary,
-                "\n{most} has {kept} of {count} poses: the others are not sure enough; {all} has them all"
+                "\n{sure} has {kept} of {count} poses: the others are not sure enough; {all} has them all"
             );
         }
         let frames = frames(calibrated, recording);

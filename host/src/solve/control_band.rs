@@ -21,8 +21,8 @@ const FLOOR: f64 = 1e-9;
 
 /// The mean diagonal entry of the matrix of control points that has the `blocks` of a banded lower triangle, `order` for each control point.
 pub fn mean_diagonal(blocks: &[Block], order: usize) -> f64 {
-    let diagonal = blocks.iter().step_by(order);
-    let entries = 6 * diagonal.len();
+    let diagonal = blocks.iter().step_by(order.max(1));
+    let entries = POINT * diagonal.len();
     diagonal.map(|block| block.trace()).sum::<f64>() / entries.max(1) as f64
 }
 
@@ -36,12 +36,12 @@ pub fn banded_times(blocks: &[Block], order: usize, columns: &DMatrix<f64>) -> D
             if back == 0 {
                 block.fill_upper_triangle_with_lower_triangle();
             }
-            let (row, column) = (6 * index, 6 * (index - back));
-            let mut target = product.rows_mut(row, 6);
-            target.gemm(1.0, &block, &columns.rows(column, 6), 1.0);
+            let (row, column) = (POINT * index, POINT * (index - back));
+            let mut target = product.rows_mut(row, POINT);
+            target.gemm(1.0, &block, &columns.rows(column, POINT), 1.0);
             if back > 0 {
-                let mut target = product.rows_mut(column, 6);
-                target.gemm_tr(1.0, &block, &columns.rows(row, 6), 1.0);
+                let mut target = product.rows_mut(column, POINT);
+                target.gemm_tr(1.0, &block, &columns.rows(row, POINT), 1.0);
             }
         }
     }

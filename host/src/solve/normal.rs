@@ -76,9 +76,7 @@ impl StretchEquations {
     pub fn control_point_count(&self) -> usize {
         self.border.len()
     }
-}
 
-impl StretchEquations {
     /// Expands what `products` say of the pose to the control points of `pose`, and clears it there.
     pub fn add_bin(&mut self, pose: &PoseBin, products: &mut RowProducts) {
         if !products.is_touched {

@@ -140,12 +140,12 @@ fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<Bett
         .collect();
     let best = others.iter().map(|(_, _, cost)| *cost).fold(f64::INFINITY, f64::min);
     let chance = CERTAIN * (inflation / step as f64).max(1.0);
-    // Of those that explain as much, the first that does not fold over inside the image.
-    let as_good = others.into_iter().filter(|(_, _, cost)| *cost <= best + chance);
-    let (kind, camera, _) = as_good.min_by_key(|(_, camera, _)| folds(camera, problem.sensor))?;
     if best + chance >= own_cost {
         return None;
     }
+    // Of those that explain as much, the first that does not fold over inside the image.
+    let as_good = others.into_iter().filter(|(_, _, cost)| *cost <= best + chance);
+    let (kind, camera, _) = as_good.min_by_key(|(_, camera, _)| folds(camera, problem.sensor))?;
     let difference = projection_difference(&state.camera, &camera, problem.sensor).ok()?;
     Some(BetterModel { kind, difference })
 }
