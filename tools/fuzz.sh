@@ -25,7 +25,7 @@ for target in "$@"; do
     log="$target_folder/$target.log"
     echo "fuzz: $target, $seconds s"
     EVCAL_FUZZ_TARGET="$target" "$target_folder/$host/release/evcal-fuzz" \
-        -max_total_time="$seconds" -timeout=10 -rss_limit_mb=1024 -max_len=8192 -print_final_stats=1 \
+        -max_total_time="$seconds" -timeout=10 -rss_limit_mb=1024 -max_len=65536 -print_final_stats=1 \
         -artifact_prefix="$target_folder/findings/$target-" \
         "$target_folder/corpus/$target" "fuzz/corpus/$target" >"$log" 2>&1 || {
         found=1

@@ -12,6 +12,7 @@ use evcal::board::{Board, BoardProblem};
 use evcal::circles::{stream, track};
 use evcal::page::Page;
 use evcal::recording::image_folder::{self, ImageFolder, ImageFolderError, Stamps};
+use evcal::recording::images::Images;
 use evcal::recording::{Damage, FORMATS, Recording, RecordingErrorKind, RecordingOptions, pictures};
 use evcal::result::calibrated_camera::CalibratedCamera;
 use evcal::settings::Settings;
@@ -32,6 +33,8 @@ enum Read {
     Recording(&'static str),
     /// As a file of another kind.
     File(fn(&Path)),
+    /// As the files of a folder of this format.
+    Folder(&'static FolderOf),
     /// In memory.
     Bytes(fn(&[u8])),
 }
@@ -39,6 +42,24 @@ enum Read {
 const fn recording(name: &'static str, format: &'static str) -> Target {
     Target { name, read: Read::Recording(format) }
 }
+
+/// A format of which a recording is a folder.
+struct FolderOf {
+    /// [`evcal::recording::FileFormat::name`].
+    format: &'static str,
+    /// The file that has what comes before the first zero byte, if one has.
+    text: Option<&'static str>,
+    /// What the files behind it are called.
+    names: &'static [&'static str],
+}
+
+static ROS_FOLDER: FolderOf =
+    FolderOf { format: "ROS 2 bag", text: Some("metadata.yaml"), names: &["0", "1", "2", "3"] };
+static NPY_FOLDER: FolderOf = FolderOf {
+    format: "NumPy arrays",
+    text: None,
+    names: &["dataset_events_t.npy", "dataset_events_xy.npy", "dataset_events_p.npy"],
+};
 
 const fn file(name: &'static str, read: fn(&Path)) -> Target {
     Target { name, read: Read::File(read) }
@@ -65,6 +86,8 @@ pub const TARGETS: &[Target] = &[
     recording("npz", "NumPy archive"),
     recording("text", "text"),
     recording("event-calib", "EventCalib binary"),
+    Target { name: "ros-folder", read: Read::Folder(&ROS_FOLDER) },
+    Target { name: "npy-folder", read: Read::Folder(&NPY_FOLDER) },
     file("circle-track", read_circle_track),
     file("circle-stream", read_circle_stream),
     file("settings", read_settings),
@@ -92,8 +115,40 @@ impl Target {
                 true
             }),
             Read::Recording(format) => with_file(bytes, |path| read_recording(format, path)),
+            Read::Folder(FolderOf { format, text, names }) => {
+                let (table, pieces) = pieces(bytes);
+                let texts = text.map(|name| (PathBuf::from(name), table));
+                let files = names.iter().map(PathBuf::from).zip(pieces);
+                with_folder(texts.into_iter().chain(files), |path| read_recording(format, path))
+            }
         }
     }
+}
+
+/// What comes before the first zero byte, and what follows it: pieces, each after two bytes with its length.
+fn pieces(bytes: &[u8]) -> (&[u8], impl Iterator<Item = &[u8]>) {
+    let (text, rest) = bytes.split_at(bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len()));
+    let mut rest = rest.get(1..).unwrap_or_default();
+    let pieces = std::iter::from_fn(move || {
+        let [low, high, behind @ ..] = rest else { return None };
+        let (piece, behind) = behind.split_at(behind.len().min(usize::from(u16::from_le_bytes([*low, *high]))));
+        rest = behind;
+        Some(piece)
+    });
+    (text, pieces)
+}
+
+/// Hands a folder with these files to `read`.
+fn with_folder<'a, R>(files: impl Iterator<Item = (PathBuf, &'a [u8])>, read: impl FnOnce(&Path) -> R) -> R {
+    let folder = scratch(&[]).with_extension("folder");
+    for (name, content) in files {
+        let path = folder.join(name);
+        fs::create_dir_all(path.parent().expect("it is in the folder")).expect("the scratch folder can be made");
+        fs::write(path, content).expect("the scratch file can be written");
+    }
+    let seen = read(&folder);
+    let _ = fs::remove_dir_all(folder);
+    seen
 }
 
 /// Hands a file with this content to `read`.
@@ -151,7 +206,13 @@ fn read_events(recording: &Recording) {
 }
 
 fn read_others(recording: &Recording) {
-    let _ = recording.streams();
+    // Each topic as the images of a second camera.
+    for stream in recording.streams().unwrap_or_default() {
+        let topic = stream.name.rsplit_once(" (").map_or(stream.name.as_str(), |(name, _)| name);
+        if let Ok(Some(images)) = Images::open(recording.path(), Some(topic), Damage::Refuse, Stamps::Start) {
+            let _ = images.visit(|_| {});
+        }
+    }
     let _ = pictures::visit_frames(recording, |_| {});
     if let Some(open) = recording.format().extras
         && let Ok(mut extras) = open(recording.path(), recording.options())
@@ -220,24 +281,12 @@ fn cobs(frame: &[u8]) -> Vec<u8> {
     coded
 }
 
-/// Images in a folder whose table is what comes before the first zero byte. Behind it the images follow, each after two bytes with
-/// its length; their names are 0, 1 and so on. How many there are.
+/// Images in a folder with this table, named 0, 1 and so on ([`pieces`]). How many there are.
 pub fn images_in(bytes: &[u8]) -> Result<usize, ImageFolderError> {
-    let (table, mut rest) = bytes.split_at(bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len()));
-    rest = rest.get(1..).unwrap_or_default();
-    let folder = scratch(&[]).with_extension("images");
-    let images = folder.join(image_folder::IMAGES);
-    fs::create_dir_all(&images).expect("the scratch folder can be made");
-    fs::write(folder.join(image_folder::TABLE), table).expect("the scratch file can be written");
-    let mut number = 0;
-    while let [low, high, behind @ ..] = rest {
-        let (image, behind) = behind.split_at(behind.len().min(usize::from(u16::from_le_bytes([*low, *high]))));
-        fs::write(images.join(number.to_string()), image).expect("the scratch file can be written");
-        (rest, number) = (behind, number + 1);
-    }
-    let seen = read_images(&folder);
-    let _ = fs::remove_dir_all(folder);
-    seen
+    let (table, images) = pieces(bytes);
+    let images =
+        images.enumerate().map(|(number, image)| (Path::new(image_folder::IMAGES).join(number.to_string()), image));
+    with_folder(std::iter::once((PathBuf::from(image_folder::TABLE), table)).chain(images), read_images)
 }
 
 fn read_images(folder: &Path) -> Result<usize, ImageFolderError> {

@@ -133,15 +133,11 @@ impl<R: Read> PacketReader<R> {
         if length > LENGTH_MOST {
             return Err(CaptureError::Damaged(format!("a packet of {length} bytes")));
         }
-        self.data.resize(length as usize, 0);
-        match self.input.read_exact(&mut self.data) {
-            Ok(()) => Ok(true),
-            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => {
-                self.unfinished = true;
-                Ok(false)
-            }
-            Err(error) => Err(error.into()),
-        }
+        self.data.clear();
+        // Grows with what is there, for the length may be a lie.
+        let got = self.input.by_ref().take(length.into()).read_to_end(&mut self.data)?;
+        self.unfinished |= got < length as usize;
+        Ok(got == length as usize)
     }
 
     /// Reads a head of `N` bytes; `None` at the end of the file.
