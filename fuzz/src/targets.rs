@@ -13,7 +13,7 @@ use evcal::circles::{stream, track};
 use evcal::page::Page;
 use evcal::recording::image_folder::{self, ImageFolder, ImageFolderError, Stamps};
 use evcal::recording::images::Images;
-use evcal::recording::{Damage, FORMATS, Recording, RecordingErrorKind, RecordingOptions, pictures};
+use evcal::recording::{Damage, Recording, RecordingErrorKind, RecordingOptions, pictures};
 use evcal::result::calibrated_camera::CalibratedCamera;
 use evcal::settings::Settings;
 use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt21Decoder};
@@ -169,7 +169,6 @@ fn scratch(bytes: &[u8]) -> PathBuf {
 }
 
 fn read_recording(format: &str, path: &Path) -> bool {
-    assert!(FORMATS.iter().any(|known| known.name == format), "there is no format {format:?}");
     let options = RecordingOptions::default();
     let Ok(recording) = Recording::new(path, options.clone()) else { return false };
     if recording.format().name != format {
