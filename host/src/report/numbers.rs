@@ -123,10 +123,13 @@ fn printed_board(estimate: &BoardEstimate) -> Markup {
 
 fn chosen(choice: &ModelChoice) -> Markup {
     let figure = |value: Option<f64>| value.map(|value| signed(value, 4)).unwrap_or_default();
+    let is_nearly = choice.candidates.iter().any(|candidate| candidate.model == choice.chosen && !candidate.as_good);
     html! {
         h3 { "Choice of the model" }
         p {
-            code { (choice.chosen) } " was chosen: of the models that predict unseen circles as well as the best one, it has the fewest parameters"
+            code { (choice.chosen) } " was chosen: of the models that predict unseen circles as well as the best one"
+            @if is_nearly { ", or nearly so" }
+            ", it has the fewest parameters"
             @if WIDELY_HELD.iter().any(|kind| kind.name() == choice.chosen) { ", among those that OpenCV and ROS hold" }
             "."
         }

@@ -135,7 +135,7 @@ pub struct Verdict {
     pub grade: Grade,
     /// In one sentence.
     pub sentence: String,
-    /// The reasons, gravest first.
+    /// The reasons, gravest first; among those that weigh the same, causes before what follows from them.
     pub findings: Vec<Finding>,
 }
 
@@ -167,9 +167,14 @@ pub fn verdict(
 ) -> Verdict {
     let mut findings = more;
     findings.extend(findings_on(camera, trust, events, board, sensor, settings));
-    findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+    sort(&mut findings);
     let grade = Grade::of(findings.iter().map(|finding| finding.severity));
     Verdict { grade, sentence: sentence(grade, camera, trust, &findings), findings }
+}
+
+/// The gravest first. What makes the projection uncertain comes before that it is: to mend the one mends the other.
+fn sort(findings: &mut [Finding]) {
+    findings.sort_by_key(|finding| (std::cmp::Reverse(finding.severity), finding.cause == Cause::Uncertain));
 }
 
 fn sentence(grade: Grade, camera: &Camera<f64>, trust: &Trust, findings: &[Finding]) -> String {
@@ -217,6 +222,16 @@ mod tests {
 
     fn finding(cause: Cause, severity: Severity, reason: &str) -> Finding {
         Finding { cause, severity, reason: reason.to_owned(), advice: String::new() }
+    }
+
+    #[test]
+    fn causes_come_before_what_follows_from_them() {
+        let uncertain = finding(Cause::Uncertain, Severity::Failure, "known to 1.59 px");
+        let poor = finding(Cause::ModelTooPoor, Severity::Failure, "radtan8 cannot follow this lens");
+        let far = finding(Cause::FarAway, Severity::Warning, "far away");
+        let mut findings = [far, uncertain, poor];
+        sort(&mut findings);
+        assert_eq!(findings.map(|finding| finding.cause), [Cause::ModelTooPoor, Cause::Uncertain, Cause::FarAway]);
     }
 
     #[test]
