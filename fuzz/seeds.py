@@ -374,7 +374,7 @@ def pcapng(link, packets):
 def camera():
     payload = camera_words()
     put("wire", "all", bytes([7]) + payload)
-    put("davis", "bare", payload)
+    put("bare", "words", payload)
     packets = list(enumerate(usb_packets(payload)))
     mmapped = [usbmon(number, packet, 64) for number, packet in packets]
     put("davis", "usbmon", pcap(220, mmapped))

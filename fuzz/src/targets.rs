@@ -13,7 +13,7 @@ use evcal::circles::{stream, track};
 use evcal::page::Page;
 use evcal::recording::image_folder::{self, ImageFolder, ImageFolderError, Stamps};
 use evcal::recording::images::Images;
-use evcal::recording::{Damage, Recording, RecordingErrorKind, RecordingOptions, pictures};
+use evcal::recording::{Damage, Recording, RecordingError, RecordingErrorKind, RecordingOptions, pictures};
 use evcal::result::calibrated_camera::CalibratedCamera;
 use evcal::settings::Settings;
 use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt21Decoder};
@@ -86,6 +86,7 @@ pub const TARGETS: &[Target] = &[
     recording("npz", "NumPy archive"),
     recording("text", "text"),
     recording("event-calib", "EventCalib binary"),
+    recording("bare", "bare DAVIS stream"),
     Target { name: "ros-folder", read: Read::Folder(&ROS_FOLDER) },
     Target { name: "npy-folder", read: Read::Folder(&NPY_FOLDER) },
     file("circle-track", read_circle_track),
@@ -115,14 +116,50 @@ impl Target {
                 true
             }),
             Read::Recording(format) => with_file(bytes, |path| read_recording(format, path)),
-            Read::Folder(FolderOf { format, text, names }) => {
-                let (table, pieces) = pieces(bytes);
-                let texts = text.map(|name| (PathBuf::from(name), table));
-                let files = names.iter().map(PathBuf::from).zip(pieces);
-                with_folder(texts.into_iter().chain(files), |path| read_recording(format, path))
-            }
+            Read::Folder(folder) => with_files(folder, bytes, |path| read_recording(folder.format, path)),
         }
     }
+
+    /// How many events `bytes` hold, if they are a recording's.
+    ///
+    /// # Errors
+    /// When they cannot be read to their end.
+    #[cfg(test)]
+    pub fn events(&self, bytes: &[u8]) -> Option<Result<u64, RecordingError>> {
+        match self.read {
+            Read::Bytes(_) | Read::File(_) => None,
+            Read::Recording(_) => Some(with_file(bytes, count_events)),
+            Read::Folder(folder) => Some(with_files(folder, bytes, count_events)),
+        }
+    }
+}
+
+#[cfg(test)]
+fn count_events(path: &Path) -> Result<u64, RecordingError> {
+    let recording = Recording::new(path, options_for(path)?)?;
+    let (mut reader, mut batch) = (recording.open()?, Vec::new());
+    while reader.next_batch(&mut batch)? {}
+    // Of frames and inertial samples too.
+    if let Some(open) = recording.format().extras {
+        open(path, recording.options())?;
+    }
+    Ok(reader.report().events)
+}
+
+/// Those with which the recording at `path` can be opened, be its sensor known or not.
+fn options_for(path: &Path) -> Result<RecordingOptions, RecordingError> {
+    let options = RecordingOptions::default();
+    let opened = Recording::new(path, options.clone())?.open();
+    let needs_sensor = opened.is_err_and(|error| matches!(error.kind, RecordingErrorKind::ChipUnknown));
+    Ok(RecordingOptions { sensor: needs_sensor.then_some(Sensor::new(346, 260)), ..options })
+}
+
+/// Hands a folder whose files these bytes are to `read`.
+fn with_files<R>(folder: &FolderOf, bytes: &[u8], read: impl FnOnce(&Path) -> R) -> R {
+    let (table, pieces) = pieces(bytes);
+    let texts = folder.text.map(|name| (PathBuf::from(name), table));
+    let files = folder.names.iter().map(PathBuf::from).zip(pieces);
+    with_folder(texts.into_iter().chain(files), read)
 }
 
 /// What comes before the first zero byte, and what follows it: pieces, each after two bytes with its length.
@@ -152,7 +189,7 @@ fn with_folder<'a, R>(files: impl Iterator<Item = (PathBuf, &'a [u8])>, read: im
 }
 
 /// Hands a file with this content to `read`.
-fn with_file(bytes: &[u8], read: impl FnOnce(&Path) -> bool) -> bool {
+fn with_file<R>(bytes: &[u8], read: impl FnOnce(&Path) -> R) -> R {
     let path = scratch(bytes);
     let kept = read(&path);
     let _ = fs::remove_file(path);
@@ -169,13 +206,11 @@ fn scratch(bytes: &[u8]) -> PathBuf {
 }
 
 fn read_recording(format: &str, path: &Path) -> bool {
-    let options = RecordingOptions::default();
-    let Ok(recording) = Recording::new(path, options.clone()) else { return false };
-    if recording.format().name != format {
+    let Ok(options) = options_for(path) else { return false };
+    let is_other = |recording: &Recording| recording.format().name != format;
+    if Recording::new(path, options.clone()).as_ref().map_or(true, is_other) {
         return false;
     }
-    let needs_sensor = recording.open().is_err_and(|error| matches!(error.kind, RecordingErrorKind::ChipUnknown));
-    let options = RecordingOptions { sensor: needs_sensor.then_some(Sensor::new(346, 260)), ..options };
     for damage in [Damage::Refuse, Damage::Skip] {
         let options = RecordingOptions { damage, ..options.clone() };
         let Ok(recording) = Recording::new(path, options) else { return false };

@@ -9,7 +9,7 @@ mod targets;
 use targets::{TARGETS, Target};
 
 /// Places at which a file is cut, and at which a byte is changed; all where it has no more bytes.
-const PLACES: usize = 400;
+const PLACES: usize = 250;
 
 fn files(target: &Target) -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(target.name);
@@ -22,6 +22,11 @@ fn files(target: &Target) -> Vec<PathBuf> {
     files
 }
 
+/// Whether no fuzzer found it.
+fn is_seed(file: &Path) -> bool {
+    file.file_name().unwrap().to_str().unwrap().starts_with("seed")
+}
+
 fn places(length: usize) -> impl Iterator<Item = usize> {
     (0..length).step_by(length.div_ceil(PLACES).max(1))
 }
@@ -29,11 +34,21 @@ fn places(length: usize) -> impl Iterator<Item = usize> {
 #[test]
 fn the_corpus_is_read_as_it_is() {
     for target in TARGETS {
-        // Of another format is only what a fuzzer found.
         for file in files(target) {
             let read = target.run(&fs::read(&file).unwrap());
-            let is_seed = file.file_name().unwrap().to_str().unwrap().starts_with("seed");
-            assert!(read || !is_seed, "{} is no {}", file.display(), target.name);
+            // Of another format is only what a fuzzer found.
+            assert!(read || !is_seed(&file), "{} is no {}", file.display(), target.name);
+        }
+    }
+}
+
+/// Cut off or of another kind, a seed would lead a fuzzer nowhere.
+#[test]
+fn the_seeds_of_recordings_are_read_to_their_end() {
+    for target in TARGETS {
+        for file in files(target).iter().filter(|file| is_seed(file)) {
+            let events = target.events(&fs::read(file).unwrap());
+            assert!(events.as_ref().is_none_or(|events| matches!(events, Ok(1..))), "{}: {events:?}", file.display());
         }
     }
 }
@@ -42,7 +57,7 @@ fn the_corpus_is_read_as_it_is() {
 #[test]
 fn the_seeds_of_image_folders_are_images() {
     let target = TARGETS.iter().find(|target| target.name == "image-folder").unwrap();
-    for file in files(target).iter().filter(|file| file.file_name().unwrap().to_str().unwrap().starts_with("seed")) {
+    for file in files(target).iter().filter(|file| is_seed(file)) {
         let images = targets::images_in(&fs::read(file).unwrap());
         assert!(matches!(images, Ok(2)), "{}: {images:?}", file.display());
     }
