@@ -9,7 +9,7 @@ mod targets;
 use targets::{TARGETS, Target};
 
 /// Places at which a file is cut, and at which a byte is changed; all where it has no more bytes.
-const PLACES: usize = 250;
+const PLACES: usize = 400;
 
 fn files(target: &Target) -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(target.name);
