@@ -94,9 +94,7 @@ def write_bag(path, compression):
 
     store = recordings.typestore(1, recordings.EVENT_ARRAY)
     types = store.types
-    stamp = lambda t: types["builtin_interfaces/msg/Time"](t // 1_000_000, t % 1_000_000 * 1000)
-    array = [types["dvs_msgs/msg/Event"](x=x, y=y, ts=stamp(t), polarity=bool(p)) for t, x, y, p in EVENTS]
-    events = types["dvs_msgs/msg/EventArray"](recordings.header(types, 1, START), SIZE[1], SIZE[0], array)
+    events = recordings.event_array(types, EVENTS, SIZE)
     writer = Writer(path)
     if compression:
         writer.set_compression(getattr(Writer.CompressionFormat, compression))
@@ -112,7 +110,7 @@ def write_bag(path, compression):
 
 
 def evt3():
-    words, high, low = [], None, None
+    words, high = [], None
     for t, x, y, p in EVENTS:
         if t >> 12 != high:
             high = t >> 12
@@ -124,11 +122,6 @@ def evt3():
 def libcaer():
     words = [((t - START) * 1000, y << 16 | x << 1 | p) for t, x, y, p in EVENTS]
     return "libcaer", np.array(words, dtype="<u4").reshape(-1).view(np.uint8)
-
-
-def mono():
-    words = [(t - START) * 1000 | x << 32 | y << 48 | p << 63 for t, x, y, p in EVENTS]
-    return "mono", np.array(words, dtype="<u8").view(np.uint8)
 
 
 def write_rosbag2(folder, storage, compression=None):
@@ -145,7 +138,7 @@ def write_rosbag2(folder, storage, compression=None):
             (f"/{encoding}/events", "event_camera_msgs/msg/EventPacket", START, types["event_camera_msgs/msg/EventPacket"](
                 recordings.header(types, 2, START), SIZE[1], SIZE[0], 0, START * 1000, encoding, False, payload
             ))
-            for encoding, payload in (evt3(), libcaer(), mono())
+            for encoding, payload in (evt3(), libcaer(), ("mono", recordings.mono(EVENTS)))
         ]
         for topic, kind, t, message in [*packets, *other_messages(store, 2)]:
             if topic not in topics:
@@ -177,7 +170,7 @@ METADATA = """rosbag2_bagfile_information:
     - topic_metadata: {name: /evt3/events, type: event_camera_msgs/msg/EventPacket, serialization_format: cdr}
       message_count: 1
   relative_file_paths:
-    - 0
+    - '0'
     - bag/1
 """
 
@@ -195,8 +188,7 @@ def ros(folder, evcal):
     put("mcap", "packets", mcap)
     put("db3", "packets", smaller_pages(write_rosbag2(folder / "db3", "SQLITE3")))
     put("db3", "packed", smaller_pages(write_rosbag2(folder / "packed", "SQLITE3", "MESSAGE")))
-    names = METADATA.replace("    - 0\n", "    - '0'\n")
-    put("ros-folder", "split", names.encode() + b"\0" + pieces(mcap, (folder / "converted.mcap").read_bytes()))
+    put("ros-folder", "split", METADATA.encode() + b"\0" + pieces(mcap, (folder / "converted.mcap").read_bytes()))
 
 
 # ---- AEDAT
@@ -414,7 +406,10 @@ def arrays(folder):
                 # The lists of chunks of what may grow and of what may not are of different kinds.
                 file.create_dataset(key, data=values, maxshape=(None,) if key in "ty" else None, **storage)
         put("hdf5", name, path.read_bytes())
-    ecf(folder / "ecf.h5")
+    # In all three ways of Metavision's compression, in chunks of a few events with long steps and long runs.
+    chunk = 60
+    runs = [(START + (index // 40) * 70_000, 3 + index % 6, index // 35, index // 45 % 2) for index in range(3 * chunk)]
+    hdf5.write_metavision(folder / "ecf.h5", runs, SIZE, chunk)
     put("hdf5", "ecf", (folder / "ecf.h5").read_bytes())
     for name, dtype in {
         "seconds": "f8", "big-endian": ">i4", "fortran": "i8",
@@ -440,25 +435,6 @@ def arrays(folder):
         put("npz", name, data.getvalue())
 
 
-def ecf(path):
-    """All three ways of Metavision's compression, in chunks of a few events with long steps and long runs."""
-    chunk = 60
-    events = [(START + (index // 40) * 70_000, 3 + index % 6, index // 35, index // 45 % 2) for index in range(3 * chunk)]
-    with h5py.File(path, "w") as file:
-        file.attrs["geometry"] = "16x12"
-        properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-        properties.set_chunk((chunk,))
-        properties.set_obj_track_times(False)
-        properties.set_filter(0x8ECF, h5py.h5z.FLAG_OPTIONAL, ())
-        dtype = np.dtype(
-            {"names": ["x", "y", "p", "t"], "formats": ["<u2", "<u2", "<i2", "<i8"], "offsets": [0, 2, 4, 8], "itemsize": 16}
-        )
-        space = h5py.h5s.create_simple((len(events),), (h5py.h5s.UNLIMITED,))
-        dataset = h5py.h5d.create(file.create_group("CD").id, b"events", h5py.h5t.py_create(dtype), space, properties)
-        for number, start in enumerate(range(0, len(events), chunk)):
-            dataset.write_direct_chunk((start,), hdf5.ecf(events[start : start + chunk], number))
-
-
 # ---- Calibrations
 
 
@@ -468,23 +444,20 @@ CAMERAS = {
     "double-sphere": {"fx": 200, "fy": 201, "cx": 172, "cy": 130, "xi": -0.2, "alpha": 0.55},
     "omni": {"fx": 700, "fy": 701, "cx": 172, "cy": 130, "xi": 1.2, "k1": -0.1, "k2": 0.02, "p1": 0.001, "p2": -0.001},
 }
-
-
-EXPORTS = {"radtan": ["all"], "kannala-brandt": ["all"], "double-sphere": ["basalt", "kalibr"], "omni": ["opencv-json", "kalibr"]}
+# Of other models most programs get a refit to one of the first two.
+KEPT = {"double-sphere": {"basalt.json", "camchain.yaml"}, "omni": {"camera.json", "camchain.yaml"}}
 
 
 def calibrations(folder, evcal):
     for model, parameters in CAMERAS.items():
-        camera = folder / f"{model}.json"
+        camera, exported = folder / f"{model}.json", folder / model
         truth = {"sensor": {"width": 346, "height": 260}, "camera": {"model": model, "parameters": parameters}}
         camera.write_text(json.dumps(truth, indent=1))
         put("calibration", camera.name, camera.read_bytes())
-        for name in EXPORTS[model]:
-            exported = folder / f"{model}-{name}"
-            subprocess.run([evcal, "export", camera, "--format", name, "-o", exported], check=True, stdout=subprocess.DEVNULL)
-            for path in sorted(exported.iterdir()) if exported.is_dir() else [exported]:
-                if path.suffix != ".csv":
-                    put("calibration", f"{model}-{path.name}" if exported.is_dir() else path.name, path.read_bytes())
+        subprocess.run([evcal, "export", camera, "--format", "all", "-o", exported], check=True, stdout=subprocess.DEVNULL)
+        for path in sorted(exported.iterdir()):
+            if path.suffix != ".csv" and path.name in KEPT.get(model, {path.name}):
+                put("calibration", f"{model}-{path.name}", path.read_bytes())
 
 
 def main():

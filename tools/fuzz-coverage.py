@@ -52,7 +52,7 @@ def reached(binary, target):
         control, merged = pathlib.Path(scratch, "control"), pathlib.Path(scratch, "merged")
         merged.mkdir()
         corpora = [path for path in (folder / "corpus" / target, repository / "fuzz/corpus" / target) if path.is_dir()]
-        arguments = ["-merge=1", f"-merge_control_file={control}", "-max_len=65536", merged, *corpora]
+        arguments = ["-merge=1", f"-merge_control_file={control}", merged, *corpora]
         output(binary, *arguments, env=dict(os.environ, EVCAL_FUZZ_TARGET=target))
         seen = [line.split()[2:] for line in control.read_text().splitlines() if line.startswith("COV")]
     return {int(place) for line in seen for place in line}

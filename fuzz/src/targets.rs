@@ -207,13 +207,12 @@ fn scratch(bytes: &[u8]) -> PathBuf {
 
 fn read_recording(format: &str, path: &Path) -> bool {
     let Ok(options) = options_for(path) else { return false };
-    let is_other = |recording: &Recording| recording.format().name != format;
-    if Recording::new(path, options.clone()).as_ref().map_or(true, is_other) {
-        return false;
-    }
     for damage in [Damage::Refuse, Damage::Skip] {
         let options = RecordingOptions { damage, ..options.clone() };
         let Ok(recording) = Recording::new(path, options) else { return false };
+        if recording.format().name != format {
+            return false;
+        }
         read_events(&recording);
         // Other streams do not ask for it.
         if damage == Damage::Refuse {

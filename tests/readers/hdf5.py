@@ -141,9 +141,8 @@ def ecf(events, packing):
     return data
 
 
-def write_metavision(path, events, size):
+def write_metavision(path, events, size, chunk=4096):
     """The compression is done here, chunk by chunk in each of its three ways: HDF5 has no plugin for it."""
-    chunk = 4096
     dtype = np.dtype(
         {"names": ["x", "y", "p", "t"], "formats": ["<u2", "<u2", "<i2", "<i8"], "offsets": [0, 2, 4, 8], "itemsize": 16}
     )
@@ -151,6 +150,7 @@ def write_metavision(path, events, size):
         file.attrs["geometry"] = f"{size[0]}x{size[1]}"
         properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         properties.set_chunk((chunk,))
+        properties.set_obj_track_times(False)
         properties.set_filter(0x8ECF, h5py.h5z.FLAG_OPTIONAL, ())
         space = h5py.h5s.create_simple((len(events),), (h5py.h5s.UNLIMITED,))
         group = file.create_group("CD")

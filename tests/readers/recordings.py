@@ -42,6 +42,19 @@ def header(types, ros, t):
     return types["std_msgs/msg/Header"](**({"seq": 0} if ros == 1 else {}), **fields)
 
 
+def event_array(types, events, size):
+    """A message of dvs_msgs."""
+    stamps = [types["builtin_interfaces/msg/Time"](t // 1_000_000, t % 1_000_000 * 1000) for t, *_ in events]
+    array = [types["dvs_msgs/msg/Event"](x=x, y=y, ts=ts, polarity=bool(p)) for ts, (_, x, y, p) in zip(stamps, events)]
+    return types["dvs_msgs/msg/EventArray"](header(types, 1, events[-1][0]), size[1], size[0], array)
+
+
+def mono(events):
+    """The encoding `mono`: nanoseconds after the first event, x, y and polarity in 64 bits."""
+    words = [(t - events[0][0]) * 1000 | x << 32 | y << 48 | p << 63 for t, x, y, p in events]
+    return np.array(words, dtype="<u8").view(np.uint8)
+
+
 def write_bag(path, events, size, compression):
     from rosbags.rosbag1 import Writer
 
@@ -53,17 +66,13 @@ def write_bag(path, events, size, compression):
     with writer:
         connection = writer.add_connection("/dvs/events", "dvs_msgs/msg/EventArray", typestore=store)
         for part in packets(events):
-            stamps = [types["builtin_interfaces/msg/Time"](t // 1_000_000, t % 1_000_000 * 1000) for t, *_ in part]
-            array = [
-                types["dvs_msgs/msg/Event"](x=x, y=y, ts=ts, polarity=bool(p)) for ts, (_, x, y, p) in zip(stamps, part)
-            ]
-            message = types["dvs_msgs/msg/EventArray"](header(types, 1, part[-1][0]), size[1], size[0], array)
+            message = event_array(types, part, size)
             data = store.serialize_ros1(message, "dvs_msgs/msg/EventArray")
             writer.write(connection, part[-1][0] * 1000, data)
 
 
 def write_rosbag2(path, events, size, storage):
-    """With the encoding `mono`: nanoseconds after the base, x, y and polarity in 64 bits."""
+    """With the encoding `mono`."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     store = typestore(2, EVENT_PACKET)
@@ -73,10 +82,8 @@ def write_rosbag2(path, events, size, storage):
         connection = writer.add_connection("/camera/events", "event_camera_msgs/msg/EventPacket", typestore=store)
         for number, part in enumerate(packets(events)):
             base = part[0][0]
-            words = [(t - base) * 1000 | x << 32 | y << 48 | p << 63 for t, x, y, p in part]
-            payload = np.array(words, dtype="<u8").view(np.uint8)
             message = types["event_camera_msgs/msg/EventPacket"](
-                header(types, 2, base), size[1], size[0], number, base * 1000, "mono", False, payload
+                header(types, 2, base), size[1], size[0], number, base * 1000, "mono", False, mono(part)
             )
             data = store.serialize_cdr(message, "event_camera_msgs/msg/EventPacket")
             writer.write(connection, part[-1][0] * 1000, data)

@@ -61,7 +61,7 @@ fn recognise(head: &Head) -> bool {
 
 fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let (found, mut notes) = choose(path, options)?;
-    let Found { table, sensor, offset, frames, samples, .. } = with_room(path, found)?;
+    let Found { table, sensor, offset, frames, samples, .. } = found;
     let (table, unit) = arrange(path, table, options, &mut notes)?;
     let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
     let beside = [(extras::FRAMES, frames), (extras::SAMPLES, samples)];
@@ -77,7 +77,7 @@ fn length(data: &Dataset) -> u64 {
     data.shape().first().copied().unwrap_or(0)
 }
 
-/// The stream that is asked for, or the first one that has events, and what there is to tell of that.
+/// The stream that is asked for, or the first one that has events, with room for its chunks, and what there is to tell of that.
 fn choose(path: &Path, options: &RecordingOptions) -> Result<(Found, Vec<String>), RecordingError> {
     let mut all = all(path, options)?;
     let list = all.iter().map(|found| found.name.clone()).collect::<Vec<_>>().join(", ");
@@ -101,7 +101,7 @@ fn choose(path: &Path, options: &RecordingOptions) -> Result<(Found, Vec<String>
             vec![format!("the events of {} are read{first}; --stream takes one of {list}", found.name)]
         }
     };
-    Ok((found, notes))
+    Ok((with_room(path, found)?, notes))
 }
 
 /// What cannot be read is for the reader of the events to tell.

@@ -123,7 +123,8 @@ fn printed_board(estimate: &BoardEstimate) -> Markup {
 
 fn chosen(choice: &ModelChoice) -> Markup {
     let figure = |value: Option<f64>| value.map(|value| signed(value, 4)).unwrap_or_default();
-    let is_nearly = choice.candidates.iter().any(|candidate| candidate.model == choice.chosen && !candidate.as_good);
+    let is_nearly =
+        choice.candidates.iter().any(|candidate| candidate.model == choice.chosen && candidate.nearly_as_good);
     html! {
         h3 { "Choice of the model" }
         p {

@@ -7,7 +7,7 @@ use hdf5_reader::error::Error;
 use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 
 use super::layout::Found;
-use super::{arrange, choose, structure, table, with_room};
+use super::{arrange, choose, structure, table};
 use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, take_until};
 use crate::recording::numbers::{Number, written};
 use crate::recording::pictures::TimedImage;
@@ -86,7 +86,7 @@ struct Beside {
 
 impl Beside {
     fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
-        let Found { table, offset, frames, samples, .. } = with_room(path, choose(path, options)?.0)?;
+        let Found { table, offset, frames, samples, .. } = choose(path, options)?.0;
         let (_, unit) = arrange(path, table, options, &mut Vec::new())?;
         let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
         let open = |found: Option<(Dataset, Dataset)>| Timed::open(found?, unit, offset);
