@@ -1,17 +1,22 @@
-//! AEDAT 2.0, the format of jAER, of a DAVIS or a DVS128.
+//! AEDAT 2.0, the format of jAER.
 //!
-//! Lines that begin with `#`, the first one `#!AER-DAT2.0`; then records of u32 address and u32 time in µs, big-endian.
-//! Addresses count x from the right and y from below:
+//! Lines that begin with `#` ([`header`]); then records of u32 address and u32 time in µs, big-endian. Addresses count x from the right
+//! and y from below:
 //!
 //! | camera | column | row | polarity | no event |
 //! |---|---|---|---|---|
 //! | DAVIS | bits 12–21 | 22–30 | 11: 1 is ON | 31 (frames, inertial samples: see [`extras`]), 10 (signals) |
 //! | DVS128 | bits 1–7 | 8–14 | 0: 0 is ON | 15 (signals) |
 //!
+//! Where several DAVIS were recorded together, the lowest 4 bits of an event are the number of its camera (jAER,
+//! `MultiCameraApsDvsEvent`). Frames and inertial samples of such files are not read.
+//!
 //! The camera follows from the line `# AEChip:`; without one, from the addresses of the first records.
 
 mod extras;
+mod header;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use evcal_core::event::{Event, Polarity};
@@ -19,9 +24,10 @@ use evcal_core::sensor::Sensor;
 
 use super::bytes::ByteReader;
 use super::{
-    Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions,
+    Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
+    StreamSummary, Uses,
 };
+use header::Header;
 
 const MAGIC: &[u8] = b"#!AER-DAT2.0";
 
@@ -29,6 +35,8 @@ const MAGIC: &[u8] = b"#!AER-DAT2.0";
 pub const FORMAT: FileFormat = FileFormat {
     frames: Some(extras::visit_frames),
     extras: Some(extras::open),
+    streams: summarise,
+    uses: Uses { stream: true, ..Uses::NONE },
     ..FileFormat::of_events("AEDAT 2.0", |head| head.bytes.starts_with(MAGIC), open)
 };
 
@@ -36,72 +44,96 @@ pub const FORMAT: FileFormat = FileFormat {
 const RECORD: usize = 8;
 /// Bytes that are decoded at a time: whole records.
 const BLOCK: u64 = 1 << 17;
-/// No line of the header is longer.
-const LONGEST_LINE: usize = 4096;
 /// How many records are looked at where no chip is named.
-const SAMPLE: usize = 2000;
+const SAMPLE: u64 = 2000;
 /// What in the line of the chip tells its sensor.
 const CHIPS: &[(&str, Sensor)] = &[
     ("DAVIS346", Sensor::new(346, 260)),
     ("DAVIS240", Sensor::new(240, 180)),
     ("SBRET10", Sensor::new(240, 180)),
     ("DAVIS640", Sensor::new(640, 480)),
+    ("DAVIS128", Sensor::new(128, 128)),
 ];
 const DVS128: Sensor = Sensor::new(128, 128);
+/// In the name of the chip of several cameras that were recorded together.
+const SEVERAL: &str = "MULTI";
+/// Bits of an event of several cameras with the number of its camera.
+const CAMERA: u32 = 0xf;
 
 /// How addresses are laid out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Layout {
     Davis(Sensor),
+    /// Of several cameras with such a sensor each, this one is read.
+    SeveralDavis(Sensor, u32),
     Dvs128,
 }
 
 impl Layout {
     fn sensor(self) -> Sensor {
         match self {
-            Self::Davis(sensor) => sensor,
+            Self::Davis(sensor) | Self::SeveralDavis(sensor, _) => sensor,
             Self::Dvs128 => DVS128,
         }
     }
 }
 
-/// The lines at the top, and how many bytes they have. Data may begin with a `#` as well, but not with a line of text.
-fn header(bytes: &[u8]) -> (Vec<&str>, usize) {
-    let (mut lines, mut length) = (Vec::new(), 0);
-    while let Some(rest) = bytes.get(length..).filter(|rest| rest.starts_with(b"#"))
-        && let Some(end) = rest.iter().take(LONGEST_LINE).position(|&byte| byte == b'\n')
-        && let Some(Ok(line)) = rest.get(..end).map(std::str::from_utf8)
-        && !line.trim_end().contains(|character: char| character.is_control() && character != '\t')
-    {
-        lines.push(line.trim_end());
-        length += end + 1;
-    }
-    (lines, length)
+/// Address and time of a record.
+fn words([a, b, c, d, e, f, g, h]: [u8; RECORD]) -> (u32, u32) {
+    (u32::from_be_bytes([a, b, c, d]), u32::from_be_bytes([e, f, g, h]))
 }
 
-/// When the recording was made, as jAER writes it: `# created Thu Dec 03 14:55:00 CET 2015`.
-fn created(lines: &[&str]) -> Option<String> {
-    lines.iter().find_map(|line| line.strip_prefix('#')?.trim().strip_prefix("created ")).map(str::to_owned)
+/// The layout of the first `records`, and what was taken for granted.
+fn layout(
+    header: &Header,
+    records: &[[u8; RECORD]],
+    options: &RecordingOptions,
+) -> Result<(Layout, Option<String>), RecordingErrorKind> {
+    let sensor = match &header.chip {
+        Some(chip) if chip.contains("DVS128") => return Ok((Layout::Dvs128, None)),
+        Some(chip) => {
+            let known = CHIPS.iter().find(|(name, _)| chip.contains(name)).map(|&(_, sensor)| sensor);
+            if known.is_none() && !chip.contains("DAVIS") {
+                return Err(RecordingErrorKind::Chip(chip.clone()));
+            }
+            if chip.contains(SEVERAL) {
+                let sensor = known.or(options.sensor).ok_or(RecordingErrorKind::ChipUnknown)?;
+                return several(sensor, records, options);
+            }
+            known
+        }
+        None => None,
+    };
+    if options.stream.is_some() {
+        return Err(RecordingErrorKind::NoEffect { option: "--stream", format: "AEDAT 2.0 of one camera" });
+    }
+    if let Some(sensor) = sensor {
+        return Ok((Layout::Davis(sensor), None));
+    }
+    if !records.is_empty() && header.chip.is_none() && records.iter().all(|record| words(*record).0 >> 16 == 0) {
+        return Ok((Layout::Dvs128, Some("no chip is named: taken for a DVS128 by its addresses".to_owned())));
+    }
+    let sensor = options.sensor.ok_or(RecordingErrorKind::ChipUnknown)?;
+    Ok((Layout::Davis(sensor), Some("the chip is not known: taken for a DAVIS with the size asked for".to_owned())))
 }
 
-/// The layout, and what was taken for granted.
-fn layout(lines: &[&str], records: &[u8], options: &RecordingOptions) -> Option<(Layout, Option<String>)> {
-    let chip = lines.iter().find_map(|line| line.split_once("AEChip:")).map(|(_, chip)| chip.to_uppercase());
-    if let Some(chip) = chip {
-        if chip.contains("DVS128") {
-            return Some((Layout::Dvs128, None));
-        }
-        if let Some((_, sensor)) = CHIPS.iter().find(|(name, _)| chip.contains(name)) {
-            return Some((Layout::Davis(*sensor), None));
-        }
-    }
-    let (records, _) = records.as_chunks::<8>();
-    let short = |&[a, b, ..]: &[u8; 8]| a == 0 && b == 0;
-    if !records.is_empty() && records.iter().take(SAMPLE).all(short) {
-        return Some((Layout::Dvs128, Some("no chip is named: taken for a DVS128 by its addresses".to_owned())));
-    }
-    let sensor = options.sensor?;
-    Some((Layout::Davis(sensor), Some("the chip is not known: taken for a DAVIS with the size asked for".to_owned())))
+/// That of several cameras: the one asked for, or that of the first event.
+fn several(
+    sensor: Sensor,
+    records: &[[u8; RECORD]],
+    options: &RecordingOptions,
+) -> Result<(Layout, Option<String>), RecordingErrorKind> {
+    let first = || records.iter().map(|record| words(*record).0).find(|word| is_event(*word)).unwrap_or(0) & CAMERA;
+    let camera = match &options.stream {
+        Some(wanted) => wanted.parse().ok().filter(|camera| *camera <= CAMERA).ok_or_else(|| {
+            let available = format!("numbers of cameras, 0 to {CAMERA}");
+            RecordingErrorKind::NoSuchStream { wanted: wanted.clone(), available }
+        })?,
+        None => first(),
+    };
+    let note =
+        format!("several cameras were recorded together: events of camera {camera} are read, --stream takes others");
+    Ok((Layout::SeveralDavis(sensor, camera), Some(note)))
 }
 
 struct Decoder {
@@ -110,8 +142,8 @@ struct Decoder {
     layout: Layout,
     block: Vec<u8>,
     clock: Clock,
-    /// Words of frames, of inertial samples, and signals.
-    others: [u64; 3],
+    /// Words of frames, of inertial samples, signals, and events of other cameras.
+    others: [u64; 4],
 }
 
 /// Makes times of 32 bits go on over their ends: the latest one as it stands in the file, and as it goes on.
@@ -153,21 +185,19 @@ struct Start {
 }
 
 fn start(path: &Path, options: &RecordingOptions) -> Result<Start, RecordingError> {
-    let head = Head::read(path)?;
-    let (lines, length) = header(&head.bytes);
-    let records = head.bytes.get(length..).unwrap_or_default();
-    let Some((layout, note)) = layout(&lines, records, options) else {
-        return Err(RecordingError::new(path, RecordingErrorKind::ChipUnknown));
-    };
     let mut file = ByteReader::open(path)?;
-    file.seek(length as u64)?;
+    let header = header::read(&mut file)?;
+    let first = file.position();
+    let mut sample = Vec::new();
+    file.read(&mut sample, SAMPLE * RECORD as u64)?;
+    file.seek(first)?;
+    let (records, _) = sample.as_chunks();
+    let (layout, note) = layout(&header, records, options).map_err(|kind| RecordingError::new(path, kind))?;
     let mut clock = Clock::default();
-    let words = records.as_chunks::<RECORD>().0.iter();
-    let words = words.map(|&[a, b, c, d, time @ ..]| (u32::from_be_bytes([a, b, c, d]), u32::from_be_bytes(time)));
-    if let Some((_, time)) = words.into_iter().find(|(word, _)| is_event(*word)) {
+    if let Some((_, time)) = records.iter().map(|record| words(*record)).find(|(word, _)| is_event(*word)) {
         clock.time(time);
     }
-    Ok(Start { file, layout, note, created: created(&lines), clock })
+    Ok(Start { file, layout, note, created: header.created, clock })
 }
 
 fn open(path: &Path, options: &RecordingOptions) -> Opened {
@@ -179,7 +209,29 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
         began: created,
         notes: note.into_iter().collect(),
     };
-    Ok(Box::new(Decoder { file, information, layout, block: Vec::new(), clock: Clock::default(), others: [0; 3] }))
+    Ok(Box::new(Decoder { file, information, layout, block: Vec::new(), clock: Clock::default(), others: [0; 4] }))
+}
+
+/// Counts the events of each of several cameras.
+fn summarise(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError> {
+    let Start { mut file, layout: Layout::SeveralDavis(..), mut clock, .. } = start(path, options)? else {
+        return Ok(Vec::new());
+    };
+    let (mut cameras, mut block, mut more) = (BTreeMap::new(), Vec::new(), true);
+    while more {
+        more = file.read_records::<RECORD>(&mut block, BLOCK, &mut ReadReport::default())?;
+        for (word, time) in block.as_chunks().0.iter().map(|record| words(*record)).filter(|(word, _)| is_event(*word))
+        {
+            let camera = word & CAMERA;
+            let name = || format!("{camera} camera {camera} (events)");
+            let empty = || StreamSummary { name: name(), packets: 0, elements: 0, times_us: None };
+            let summary: &mut StreamSummary = cameras.entry(camera).or_insert_with(empty);
+            let t = clock.time(time);
+            summary.elements += 1;
+            summary.extend(Some((t, t)));
+        }
+    }
+    Ok(cameras.into_values().collect())
 }
 
 /// The place of an address that counts from the other side; one that no sensor has if it is beyond.
@@ -189,17 +241,22 @@ fn mirrored(size: u16, address: u32) -> u16 {
 
 impl Decoder {
     /// The event of a record; `None` if it is something else.
-    fn event(&mut self, [a, b, c, d, e, f, g, h]: [u8; 8]) -> Option<Event> {
-        let (address, time) = (u32::from_be_bytes([a, b, c, d]), u32::from_be_bytes([e, f, g, h]));
+    fn event(&mut self, record: [u8; RECORD]) -> Option<Event> {
+        let (address, time) = words(record);
         let Sensor { width, height } = self.layout.sensor();
-        let (taken, x, y, on) = match self.layout {
-            Layout::Davis(_) => (is_event(address), address >> 12 & 0x3ff, address >> 22 & 0x1ff, address & 0x800 != 0),
-            Layout::Dvs128 => (address & 0xffff_8000 == 0, address >> 1 & 0x7f, address >> 8 & 0x7f, address & 1 == 0),
+        let of_davis = || (address >> 12 & 0x3ff, address >> 22 & 0x1ff, address & 0x800 != 0);
+        let (taken, (x, y, on)) = match self.layout {
+            Layout::Davis(_) => (is_event(address), of_davis()),
+            Layout::SeveralDavis(_, camera) => (is_event(address) && address & CAMERA == camera, of_davis()),
+            Layout::Dvs128 => {
+                (address & 0xffff_8000 == 0, (address >> 1 & 0x7f, address >> 8 & 0x7f, address & 1 == 0))
+            }
         };
         if !taken {
             let is_davis = self.layout != Layout::Dvs128;
-            let [levels, samples, signals] = &mut self.others;
+            let [levels, samples, signals, others] = &mut self.others;
             *match address {
+                word if is_davis && is_event(word) => others,
                 word if is_davis && is_sample(word) => samples,
                 word if is_davis && is_level(word) => levels,
                 _ => signals,
@@ -221,7 +278,8 @@ impl Decode for Decoder {
         let mut block = std::mem::take(&mut self.block);
         let more = self.file.read_records::<RECORD>(&mut block, BLOCK, report)?;
         batch.extend(block.as_chunks().0.iter().filter_map(|record| self.event(*record)));
-        for (name, count) in [extras::LEVELS, extras::SAMPLES, "signals"].into_iter().zip(self.others) {
+        let names = [extras::LEVELS, extras::SAMPLES, "signals", "events of other cameras"];
+        for (name, count) in names.into_iter().zip(self.others) {
             if count > 0 {
                 report.other_packets.insert(name.to_owned(), count);
             }
@@ -298,8 +356,42 @@ mod tests {
     }
 
     #[test]
+    fn a_chip_whose_addresses_are_not_known_is_refused() {
+        let content = file("# AEChip: ch.unizh.ini.jaer.chip.retina.DVXplorer\r\n", &[[davis(1, 2, 0), 3]]);
+        let sensor = Some(Sensor::new(640, 480));
+        let error = testing::read_with(&content, RecordingOptions { sensor, ..RecordingOptions::default() }).error;
+        assert!(error.as_ref().is_some_and(|error| error.contains("RETINA.DVXPLORER")), "{error:?}");
+    }
+
+    /// As DHP19 has four of them.
+    #[test]
+    fn of_several_cameras_one_is_read() {
+        let chip = "# AEChip: ch.unizh.ini.jaer.chip.multicamera.MultiDAVIS346BCameraChip\r\n";
+        let records: Vec<[u32; 2]> = (0..12).map(|index| [davis(index, 7, 1) | (3 - index % 4), index]).collect();
+        let content = file(chip, &records);
+        let places = |outcome: &testing::Outcome| outcome.events.iter().map(|event| event.x).collect::<Vec<_>>();
+        let first = testing::read(&content);
+        assert_eq!((places(&first), first.report.other_packets.len()), (vec![0, 4, 8], 1));
+        let with = |stream: &str| RecordingOptions { stream: Some(stream.to_owned()), ..RecordingOptions::default() };
+        assert_eq!(places(&testing::read_with(&content, with("1"))), [2, 6, 10]);
+        assert!(testing::read_with(&content, with("left")).error.unwrap().contains("0 to 15"));
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("several.aedat");
+        std::fs::write(&path, &content).unwrap();
+        let streams = summarise(&path, &RecordingOptions::default()).unwrap();
+        let expected = [(0, (3, 11)), (1, (2, 10)), (2, (1, 9)), (3, (0, 8))];
+        let counts = |(camera, times)| (format!("{camera} camera {camera} (events)"), 3, Some(times));
+        assert_eq!(
+            streams.into_iter().map(|one| (one.name, one.elements, one.times_us)).collect::<Vec<_>>(),
+            expected.map(counts)
+        );
+        // One camera has no number.
+        assert!(testing::read_with(&file(DAVIS, &records), with("1")).error.unwrap().contains("--stream"));
+    }
+
+    #[test]
     fn an_unknown_chip_needs_the_size_of_the_sensor() {
-        let content = file("# AEChip: Cochlea\r\n", &[[davis(1, 2, 0), 3]]);
+        let content = file("# AEChip: Davis999\r\n", &[[davis(1, 2, 0), 3]]);
         assert!(testing::read(&content).error.unwrap().contains("--sensor"));
         let sensor = Some(Sensor::new(346, 260));
         let outcome = testing::read_with(&content, RecordingOptions { sensor, ..RecordingOptions::default() });
