@@ -7,6 +7,7 @@ use usb_davis::capture::CaptureError;
 
 use super::FORMATS;
 use super::columns::LayoutError;
+use super::ros::ENCODINGS;
 use super::text::LineError;
 
 /// Why a recording could not be read.
@@ -119,6 +120,20 @@ pub enum RecordingErrorKind {
     /// An address of a pixel means something only with the size of its sensor.
     #[error("does not say how many pixels its camera has: add --sensor WIDTHxHEIGHT")]
     ChipUnknown,
+    /// A camera that writes its addresses in a way that is not known.
+    #[error("is of a camera whose addresses are not known here ({0}): save it as text with jAER first")]
+    Chip(String),
+    /// Packets of events in an encoding that is not read.
+    #[error(
+        "the events of its topic {topic} are encoded as {encoding:?}, which is not read (known: {}): record them with another encoding",
+        ENCODINGS.join(", ")
+    )]
+    EventEncoding {
+        /// Name of the topic.
+        topic: String,
+        /// The encoding.
+        encoding: String,
+    },
     /// No stream of events, but this; empty where there is nothing.
     #[error("{}", without_events(.0))]
     NoEventStream(String),

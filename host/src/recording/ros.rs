@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `dvs_msgs/EventArray`, `prophesee_event_msgs/EventArray` | events |
 //! | `event_camera_msgs/EventPacket` | events, encodings `evt3`, `libcaer`, `libcaer_cmp`, `mono` |
-//! | `sensor_msgs/Image` | frames: `mono8`, `mono16`, `bgr8`, `rgb8`, `bayer_rggb8` and other Bayer patterns of 8 and 16 bits |
+//! | `sensor_msgs/Image` | frames: `mono8`, `mono16`, `bgr8`, `rgb8`, `bgra8`, `rgba8`, `bayer_rggb8` and other Bayer patterns of 8 and 16 bits |
 //! | `sensor_msgs/CompressedImage` | images of a second camera: JPEG and PNG |
 //! | `sensor_msgs/Imu` | inertial samples |
 //!
@@ -34,4 +34,6 @@ pub use db3::FORMAT as DB3_FORMAT;
 pub use folder::{FORMAT as FOLDER_FORMAT, is_bag as is_folder};
 pub use images::ImageTopic;
 pub use mcap::FORMAT as MCAP_FORMAT;
+#[cfg(feature = "hdf5")]
 pub(super) use message::GRAVITY;
+pub(super) use packet::ENCODINGS;

@@ -28,7 +28,7 @@ struct Decoder {
 pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &RecordingOptions) -> Opened {
     let mut container = open(path)?;
     let wanted = options.stream.as_deref();
-    let Some(First { topic, description }) = first_of(&mut *container, wanted, options.damage)? else {
+    let Some(First { topic, description }) = first_of(path, &mut *container, wanted, options.damage)? else {
         return Err(match container.truncated() {
             Some(Truncation { byte, lost }) => container.damaged(*byte, format!("{lost}; no events stand before it")),
             None => RecordingError::new(path, no_topic(container.topics(), wanted)),
@@ -54,17 +54,19 @@ struct First {
     description: Description,
 }
 
-/// The first message with events of the topic `wanted`, or of any; where there is none, the first message that could have some.
+/// The first message with events of the topic `wanted`, or of any; where there is none, the first message that could have some. Messages
+/// in an encoding that is not read are passed over while others may follow: some drivers send triggers as such.
 fn first_of(
+    path: &Path,
     container: &mut dyn Container,
     wanted: Option<&str>,
     damage: Damage,
 ) -> Result<Option<First>, RecordingError> {
-    let mut without = None;
+    let (mut without, mut unread) = (None, None);
     loop {
         let head = match container.next() {
             Ok(Some(head)) => head,
-            Ok(None) => return Ok(without),
+            Ok(None) => return unread.map_or(Ok(without), |kind| Err(RecordingError::new(path, kind))),
             Err(error) if is_skipped(&error, damage) => continue,
             Err(error) => return Err(error),
         };
@@ -75,6 +77,11 @@ fn first_of(
             Err(_) if damage == Damage::Skip => continue,
             Err(error) => return Err(damaged(container, &head, topic, &error.to_string())),
         };
+        if let Some(encoding) = description.unread_encoding() {
+            let (topic, encoding) = (topic.name.clone(), encoding.to_owned());
+            unread.get_or_insert(RecordingErrorKind::EventEncoding { topic, encoding });
+            continue;
+        }
         let has_events = description.has_events;
         let first = First { topic: topic.name.clone(), description };
         if has_events {

@@ -1,8 +1,8 @@
 //! Pictures and inertial samples of the camera whose events are read.
 //!
 //! A bag may hold several cameras and units. The topics that go with the events are those whose names share most of their
-//! beginning with that of the events: `/davis/left/image_raw` and `/davis/left/imu` go with `/davis/left/events`. A picture that is
-//! larger than the sensor is of another camera.
+//! beginning with that of the events: `/davis/left/image_raw` and `/davis/left/imu` go with `/davis/left/events`. A picture is of another
+//! camera if it is larger than the sensor, or smaller and its name shares nothing with that of the events, or if it is one of distances.
 
 use std::cmp::Reverse;
 use std::path::Path;
@@ -59,6 +59,7 @@ fn next(container: &mut dyn Container, topics: Topics) -> Result<Option<Extra>, 
 /// The topics that go with the events of the topic `wanted`, or of the first one that has any.
 fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics, RecordingError> {
     let mut events: Option<(usize, Option<Sensor>)> = None;
+    // Topics with the size of a picture of each, where it may be of the camera of the events.
     let mut pictures: Vec<(usize, Option<(u16, u16)>)> = Vec::new();
     let mut samples: Vec<usize> = Vec::new();
     let listed = container.listed();
@@ -86,11 +87,13 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics,
                 if events.is_none() && wanted.is_none_or(|wanted| wanted == topic.name) =>
             {
                 let described = message::description(topic.kind, topic.wire, message).ok();
-                events =
-                    described.filter(|described| described.has_events).map(|described| (head.topic, described.sensor));
+                let described = described.filter(|it| it.has_events && it.unread_encoding().is_none());
+                events = described.map(|described| (head.topic, described.sensor));
             }
             Kind::Image if pictures.iter().all(|(known, _)| *known != head.topic) => {
+                let encoding = picture::encoding(topic.kind, topic.wire, message).unwrap_or_default();
                 let frame = picture::frame(topic.kind, topic.wire, message).ok().flatten();
+                let frame = frame.filter(|_| !picture::may_be_distances(&encoding));
                 pictures.push((head.topic, frame.map(|frame| frame.size)));
             }
             Kind::Imu if !samples.contains(&head.topic) => samples.push(head.topic),
@@ -108,14 +111,17 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics,
     let sensor = events.and_then(|(_, sensor)| sensor);
     let fits = |&(index, picture): &(usize, Option<(u16, u16)>)| {
         let (width, height) = picture?;
-        sensor.is_none_or(|sensor| width <= sensor.width && height <= sensor.height).then_some(index)
+        let is_whole = sensor.is_some_and(|sensor| (width, height) == (sensor.width, sensor.height));
+        let fits = sensor.is_none_or(|sensor| width <= sensor.width && height <= sensor.height);
+        (is_whole || fits && shared(beside, name(index)) > 0).then_some(index)
     };
     Ok(Topics { pictures: best(&mut pictures.iter().filter_map(fits)), samples: best(&mut samples.iter().copied()) })
 }
 
 /// How many parts at their beginnings two names share.
 fn shared(first: &str, second: &str) -> usize {
-    first.split('/').zip(second.split('/')).take_while(|(first, second)| first == second).count()
+    let parts = |name| str::split(name, '/').filter(|part| !part.is_empty());
+    parts(first).zip(parts(second)).take_while(|(first, second)| first == second).count()
 }
 
 /// Opens those of the file at `path`.

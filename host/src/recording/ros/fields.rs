@@ -25,7 +25,7 @@ pub enum MessageError {
     #[error("the picture is {0}")]
     Picture(String),
     /// An encoding of events that is not known.
-    #[error("the events are encoded in a way that is not known here (known: evt3, libcaer, libcaer_cmp, mono)")]
+    #[error("its events are encoded in a way that is not known here (known: evt3, libcaer, libcaer_cmp, mono)")]
     Encoding,
     /// Big-endian events.
     #[error("the events are big-endian")]

@@ -88,7 +88,10 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
         let place = folder.join(name);
         // Some versions put the name of the folder in front.
         let inside = Path::new(name).file_name().map(|name| folder.join(name));
-        inside.filter(|inside| !place.exists() && inside.exists()).unwrap_or(place)
+        let place = inside.filter(|inside| !place.exists() && inside.exists()).unwrap_or(place);
+        // Files that were compressed as a whole, and have been unpacked.
+        let unpacked = place.to_str().and_then(|place| place.strip_suffix(".zstd")).map(PathBuf::from);
+        unpacked.filter(|unpacked| unpacked.exists()).unwrap_or(place)
     };
     let files: Vec<PathBuf> = names.map(place).collect();
     if files.is_empty() {
@@ -200,6 +203,17 @@ mod tests {
             let error = named(&text).unwrap_err();
             assert!(error.contains(part), "{error}");
         }
+    }
+
+    #[test]
+    fn a_file_that_was_unpacked_is_read_in_place_of_the_packed_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = "rosbag2_bagfile_information:\n  relative_file_paths: [a_0.db3.zstd, a_1.db3.zstd]\n";
+        for (name, content) in [(METADATA, text), ("a_0.db3.zstd", ""), ("a_0.db3", ""), ("a_1.db3.zstd", "")] {
+            std::fs::write(folder.path().join(name), content).unwrap();
+        }
+        let expected = ["a_0.db3", "a_1.db3.zstd"].map(|name| folder.path().join(name));
+        assert_eq!(files(folder.path()).unwrap(), expected);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::fields::{Fields, MessageError, Wire};
-use super::packet::PacketDecoder;
+use super::packet::{self, PacketDecoder};
 use crate::recording::extras::InertialSample;
 
 /// Standard gravity in m/s².
@@ -68,6 +68,13 @@ pub struct Description {
     pub encoding: Option<String>,
     /// Whether there are any.
     pub has_events: bool,
+}
+
+impl Description {
+    /// The encoding, if events in it are not read.
+    pub fn unread_encoding(&self) -> Option<&str> {
+        self.encoding.as_deref().filter(|encoding| !packet::ENCODINGS.contains(encoding))
+    }
 }
 
 /// What a message with events says of them.

@@ -5,6 +5,9 @@ use evcal_core::event::{Event, Polarity};
 
 use super::fields::MessageError;
 
+/// The encodings that are read.
+pub const ENCODINGS: [&str; 4] = ["evt3", "libcaer", "libcaer_cmp", "mono"];
+
 /// Decodes the packets of one topic. What one packet says may hold for the next.
 #[derive(Default)]
 pub struct PacketDecoder {

@@ -18,6 +18,10 @@ enum Pixels {
     Bgr,
     /// Red, green, blue.
     Rgb,
+    /// Blue, green, red, and how opaque.
+    Bgra,
+    /// Red, green, blue, and how opaque.
+    Rgba,
     /// One byte each, behind a colour filter.
     Bayer,
     /// Two bytes each, behind a colour filter.
@@ -31,6 +35,8 @@ impl Pixels {
             b"mono16" | b"16UC1" => Some(Self::Grey16),
             b"bgr8" | b"8UC3" => Some(Self::Bgr),
             b"rgb8" => Some(Self::Rgb),
+            b"bgra8" | b"8UC4" => Some(Self::Bgra),
+            b"rgba8" => Some(Self::Rgba),
             b"bayer_rggb8" | b"bayer_bggr8" | b"bayer_gbrg8" | b"bayer_grbg8" => Some(Self::Bayer),
             b"bayer_rggb16" | b"bayer_bggr16" | b"bayer_gbrg16" | b"bayer_grbg16" => Some(Self::Bayer16),
             _ => None,
@@ -43,12 +49,18 @@ impl Pixels {
             Self::Grey | Self::Bayer => 1,
             Self::Grey16 | Self::Bayer16 => 2,
             Self::Bgr | Self::Rgb => 3,
+            Self::Bgra | Self::Rgba => 4,
         }
     }
 
     fn is_bayer(self) -> bool {
         matches!(self, Self::Bayer | Self::Bayer16)
     }
+}
+
+/// Whether a picture of this encoding may be one of distances: those of depth cameras are in millimetres.
+pub fn may_be_distances(encoding: &str) -> bool {
+    encoding.starts_with("16UC1")
 }
 
 /// The encoding of a picture, or the format of one in a file's bytes.
@@ -106,6 +118,12 @@ fn plain(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
             let pixels = rows_of_bytes.flat_map(|row| row.as_chunks().0);
             let rgb = kind == Pixels::Rgb;
             pixels.flat_map(|&[a, b, c]| if rgb { [c, b, a] } else { [a, b, c] }).collect()
+        }
+        Pixels::Bgra | Pixels::Rgba => {
+            channels = 3;
+            let pixels = rows_of_bytes.flat_map(|row| row.as_chunks().0);
+            let rgb = kind == Pixels::Rgba;
+            pixels.flat_map(|&[a, b, c, _]| if rgb { [c, b, a] } else { [a, b, c] }).collect()
         }
     };
     Ok(Some(Frame { t, exposure: None, readout: None, size: (columns, rows), position: (0, 0), channels, pixels }))

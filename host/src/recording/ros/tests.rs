@@ -112,6 +112,28 @@ fn a_topic_is_chosen_by_name() {
     }
 }
 
+/// Some drivers send triggers as packets of events.
+#[test]
+fn packets_in_an_encoding_that_is_not_read_are_passed_over() {
+    let name = "event_camera_msgs/msg/EventPacket";
+    let with = |second: &'static str| {
+        move |wire: Wire| -> Messages {
+            vec![
+                ("/trigger", name, event_packet(wire, "trigger", 0, &[1, 2, 3, 4])),
+                ("/events", name, event_packet(wire, second, 1_000_000, &[0x0000, 0x1001, 0x2003, 0x3804])),
+            ]
+        }
+    };
+    for content in files(with("libcaer_cmp")) {
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.error, outcome.events.len()), (None, 1));
+    }
+    for content in files(with("secret")) {
+        let error = testing::read(&content).error.unwrap();
+        assert!(error.contains("/trigger") && error.contains("\"trigger\", which is not read"), "{error}");
+    }
+}
+
 /// A PNG of two rows of three pixels, which are numbered.
 fn png() -> Vec<u8> {
     let directory = tempfile::tempdir().unwrap();
@@ -229,7 +251,9 @@ fn frames_and_samples_are_of_the_camera_whose_events_are_read() {
         let grey = |t: i64, value: u8| image(wire, t, "mono8", 3, &[value; 6]);
         let array = "dvs_msgs/msg/EventArray";
         vec![
-            ("/depth/image_raw", "sensor_msgs/msg/Image", image(wire, START, "16UC1", 6, &[9; 12])),
+            // Distances, and another camera, of which nothing but the size would fit.
+            ("/rig/left/depth/image_raw", "sensor_msgs/msg/Image", image(wire, START, "16UC1", 6, &[9; 12])),
+            ("/camera/color/image_raw", "sensor_msgs/msg/Image", image(wire, START, "rgb8", 9, &[9; 18])),
             ("/body/imu", "sensor_msgs/msg/Imu", imu(wire, START + 1)),
             ("/rig/left/image_raw", "sensor_msgs/msg/Image", grey(START + 2, 1)),
             ("/rig/right/image_raw", "sensor_msgs/msg/Image", grey(START + 3, 2)),
