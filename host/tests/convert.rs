@@ -125,12 +125,12 @@ fn frames_and_inertial_samples_go_to_the_cameras_words_and_back() {
     let told = succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.aedat4"))]);
     assert!(told.contains("40000 events, 20 frames, 899 inertial samples") && told.contains("10 bits"), "{told}");
     assert_eq!(read(&file("again.aedat4")).0, expected);
-    let mut reader = FrameReader::open(&file("again.aedat4")).unwrap();
+    let mut reader = FrameReader::open(&file("again.aedat4"), &RecordingOptions::default()).unwrap();
     for frame in &frames {
         assert_eq!(reader.next_frame().unwrap().as_ref(), Some(frame));
     }
     assert_eq!(reader.next_frame().unwrap(), None);
-    let mut reader = InertialReader::open(&file("again.aedat4")).unwrap();
+    let mut reader = InertialReader::open(&file("again.aedat4"), &RecordingOptions::default()).unwrap();
     let again: Vec<InertialSample> = std::iter::from_fn(|| reader.next_sample().unwrap()).collect();
     assert_eq!(again.len(), samples.len());
     for (again, sample) in again.iter().zip(&samples) {
@@ -164,7 +164,12 @@ fn times_since_1970_are_kept_for_the_way_back() {
     assert_eq!(read(&file("camera.dvraw")).0, relative);
     succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.aedat4")), "--unix-time"]);
     assert_eq!(read(&file("again.aedat4")).0, expected);
-    let frame_time = FrameReader::open(&file("again.aedat4")).unwrap().next_frame().unwrap().unwrap().t;
+    let frame_time = FrameReader::open(&file("again.aedat4"), &RecordingOptions::default())
+        .unwrap()
+        .next_frame()
+        .unwrap()
+        .unwrap()
+        .t;
     assert_eq!(frame_time, UNIX_TIME + 20_000);
     // RAW spent a word on each 4 ms since 1970, 800 GB in all.
     let told = succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.raw")), "--unix-time"]);

@@ -34,15 +34,15 @@ pub const FORMAT: FileFormat = FileFormat {
     recognise: |head| head.bytes.starts_with(MAGIC),
     events: |path, options| Ok(Box::new(EventDecoder::open(path, options)?)),
     streams: |path, _| other_streams::summarise(path),
-    frames: Some(|path, _, visit| other_streams::visit_frames(path, visit)),
+    frames: Some(other_streams::visit_frames),
     extras: Some(open_extras),
     transfers: None,
     output: Some(&OUTPUT),
     uses: Uses { stream: true, ..Uses::NONE },
 };
 
-fn open_extras(path: &Path, _: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    Ok(Box::new(extras::Aedat4Extras::open(path)?))
+fn open_extras(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
+    Ok(Box::new(extras::Aedat4Extras::open(path, options)?))
 }
 
 /// Type identifier of a stream of events.
@@ -150,10 +150,16 @@ fn describe(stream: &Stream) -> String {
     format!("{} {} ({})", stream.id, stream.name, stream.type_identifier)
 }
 
+/// The streams, with their cameras where these have names.
 fn describe_all<'a>(streams: impl Iterator<Item = &'a Stream>) -> String {
-    streams.map(describe).collect::<Vec<_>>().join(", ")
+    let one = |stream: &Stream| match &stream.source {
+        Some(camera) => format!("{} of {camera}", describe(stream)),
+        None => describe(stream),
+    };
+    streams.map(one).collect::<Vec<_>>().join(", ")
 }
 
+/// The stream of events `wanted`, by its name, its number or the name of its camera; else the first one.
 fn choose_stream<'a>(
     header: &'a Header,
     wanted: Option<&str>,
@@ -165,8 +171,12 @@ fn choose_stream<'a>(
     };
     match wanted {
         Some(wanted) => {
-            of_events().find(|stream| stream.name == wanted || stream.id.to_string() == wanted).ok_or_else(|| {
-                RecordingErrorKind::NoSuchStream { wanted: wanted.to_owned(), available: describe_all(of_events()) }
+            let is_wanted = |stream: &&Stream| {
+                stream.name == wanted || stream.id.to_string() == wanted || stream.source.as_deref() == Some(wanted)
+            };
+            of_events().find(is_wanted).ok_or_else(|| RecordingErrorKind::NoSuchStream {
+                wanted: wanted.to_owned(),
+                available: describe_all(of_events()),
             })
         }
         None => {
@@ -202,12 +212,14 @@ mod tests {
     use super::*;
     use crate::recording::Recording;
 
-    /// A file with streams 0 "events", 1 "frames", 2 "more" (events) and these packets; not closed.
+    /// A file with streams 0 "events", 1 "frames", 2 "more" (events of another camera) and these packets; not closed.
     fn file(compression: Compression, size: i64, packets: &[(i32, Vec<u8>)]) -> (TempDir, PathBuf) {
         let stream = |id, name, kind| {
+            let camera = if id == 2 { "right" } else { "left" };
             format!(
                 r#"<node name="{id}"><attr key="originalOutputName">{name}</attr><attr key="typeIdentifier">{kind}</attr>
-                <node name="info"><attr key="sizeX">{size}</attr><attr key="sizeY">260</attr></node></node>"#
+                <node name="info"><attr key="sizeX">{size}</attr><attr key="sizeY">260</attr>
+                <attr key="source">{camera}</attr></node></node>"#
             )
         };
         let streams = stream(2, "more", "EVTS") + &stream(0, "events", "EVTS") + &stream(1, "frames", "FRME");
@@ -313,13 +325,23 @@ mod tests {
         let (_directory, path) = file(compression, 346, &[(0, packet(compression, 0)), (2, packet(compression, 50))]);
         let outcome = read(&path, RecordingOptions::default());
         assert_eq!(outcome.events, events(0));
-        assert!(outcome.notes.iter().any(|note| note.contains("2 more (EVTS)")), "{:?}", outcome.notes);
-        for wanted in ["2", "more"] {
+        assert!(outcome.notes.iter().any(|note| note.contains("2 more (EVTS) of right")), "{:?}", outcome.notes);
+        for wanted in ["2", "more", "right"] {
             let outcome = read(&path, RecordingOptions { stream: Some(wanted.into()), ..RecordingOptions::default() });
             assert_eq!(outcome.events, events(50));
         }
         let outcome = read(&path, RecordingOptions { stream: Some("frames".into()), ..RecordingOptions::default() });
-        assert!(outcome.error.unwrap().contains("0 events (EVTS), 2 more (EVTS)"));
+        assert!(outcome.error.unwrap().contains("0 events (EVTS) of left, 2 more (EVTS) of right"));
+    }
+
+    #[test]
+    fn frames_are_of_the_camera_whose_events_are_read() {
+        let (_directory, path) = file(Compression::None, 346, &[]);
+        let of = |stream: &str| {
+            let options = RecordingOptions { stream: Some(stream.to_owned()), ..RecordingOptions::default() };
+            other_streams::FrameReader::open(&path, &options).unwrap().stream()
+        };
+        assert_eq!((of("left").as_deref(), of("right")), (Some("1 frames (FRME)"), None));
     }
 
     #[test]

@@ -351,7 +351,7 @@ mod tests {
             seen.extend_from_slice(&batch);
         }
         assert_eq!(seen, events);
-        let mut reader = FrameReader::open(&path).unwrap();
+        let mut reader = FrameReader::open(&path, &RecordingOptions::default()).unwrap();
         for SimulatedFrame { times, pixels } in frames {
             let frame = reader.next_frame().unwrap().unwrap();
             assert_eq!(frame.exposure, Some((times.exposure_start as i64, times.exposure_end as i64)));
@@ -361,7 +361,7 @@ mod tests {
         }
         assert_eq!(reader.next_frame().unwrap(), None);
         let expected: Vec<InertialSample> = samples.iter().map(inertial_sample).collect();
-        let mut reader = InertialReader::open(&path).unwrap();
+        let mut reader = InertialReader::open(&path, &RecordingOptions::default()).unwrap();
         let found = std::iter::from_fn(|| reader.next_sample().unwrap());
         assert_eq!(found.collect::<Vec<_>>(), expected);
     }

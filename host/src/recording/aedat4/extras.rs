@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::other_streams::{FrameReader, InertialReader};
-use crate::recording::RecordingError;
 use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, frame_start};
+use crate::recording::{RecordingError, RecordingOptions};
 
 /// Those of an AEDAT4 file.
 pub struct Aedat4Extras {
@@ -21,9 +21,9 @@ pub struct Aedat4Extras {
 }
 
 impl Aedat4Extras {
-    /// Those of the file at `path`.
-    pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        let (mut frames, mut samples) = (FrameReader::open(path)?, InertialReader::open(path)?);
+    /// Those of the file at `path`, of the camera whose events are read.
+    pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+        let (mut frames, mut samples) = (FrameReader::open(path, options)?, InertialReader::open(path, options)?);
         let mut lost = Vec::new();
         let frame = told(frames.next_frame(), "frames", &mut lost);
         let sample = told(samples.next_sample(), "inertial samples", &mut lost);
@@ -96,7 +96,7 @@ mod tests {
         encoder.finish().unwrap();
 
         let read = || {
-            let (mut extras, mut lost) = (Aedat4Extras::open(&path).unwrap(), Vec::new());
+            let (mut extras, mut lost) = (Aedat4Extras::open(&path, &RecordingOptions::default()).unwrap(), Vec::new());
             assert_eq!(extras.first_time(), Some(0));
             let read: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
             (read, lost)

@@ -13,24 +13,31 @@ use std::vec::IntoIter;
 use super::flatbuffer::{self, Malformed, Table};
 use super::header::Stream;
 use super::packets::{PacketHead, PacketReader};
-use super::{EVENTS, describe, event, events};
+use super::{EVENTS, choose_stream, describe, event, events};
 use crate::recording::extras::{Frame, InertialSample};
 use crate::recording::pictures::TimedImage;
-use crate::recording::{RecordingError, RecordingErrorKind, StreamSummary};
+use crate::recording::{RecordingError, RecordingErrorKind, RecordingOptions, StreamSummary};
 
 const FRAMES: &str = "FRME";
 const INERTIAL: &str = "IMUS";
 
-/// The packets of the first stream of one kind.
+/// The packets of the first stream of one kind that is of the camera whose events are read.
 struct StreamPackets {
     packets: PacketReader,
     stream: Option<Stream>,
 }
 
 impl StreamPackets {
-    fn open(path: &Path, type_identifier: &str) -> Result<Self, RecordingError> {
+    fn open(path: &Path, options: &RecordingOptions, type_identifier: &str) -> Result<Self, RecordingError> {
         let packets = PacketReader::open(path)?;
-        let mut streams = packets.header().streams.iter();
+        let header = packets.header();
+        let events = choose_stream(header, options.stream.as_deref(), &mut Vec::new()).ok();
+        let camera = events.and_then(|events| events.source.as_ref());
+        let is_beside = |stream: &&Stream| match (&stream.source, camera) {
+            (Some(source), Some(camera)) => source == camera,
+            _ => true,
+        };
+        let mut streams = header.streams.iter().filter(is_beside);
         let stream = streams.find(|stream| stream.type_identifier == type_identifier).cloned();
         Ok(Self { packets, stream })
     }
@@ -48,16 +55,16 @@ impl StreamPackets {
     }
 }
 
-/// Reads the pictures of the first frame stream of a file.
+/// Reads the pictures of the first frame stream of a camera.
 pub struct FrameReader(StreamPackets);
 
 impl FrameReader {
-    /// Opens the file at `path`. A file without frame stream has no frames.
+    /// Opens the file at `path`. A camera without frame stream has no frames.
     ///
     /// # Errors
     /// When the file cannot be read or its header is damaged.
-    pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        StreamPackets::open(path, FRAMES).map(Self)
+    pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+        StreamPackets::open(path, options, FRAMES).map(Self)
     }
 
     /// The stream that is read, as [`describe`] names it.
@@ -86,8 +93,8 @@ impl InertialReader {
     ///
     /// # Errors
     /// When the file cannot be read or its header is damaged.
-    pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        Ok(Self { packets: StreamPackets::open(path, INERTIAL)?, samples: Vec::new().into_iter() })
+    pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+        Ok(Self { packets: StreamPackets::open(path, options, INERTIAL)?, samples: Vec::new().into_iter() })
     }
 
     /// The stream that is read, as [`describe`] names it.
@@ -115,9 +122,10 @@ impl InertialReader {
 /// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
 pub(super) fn visit_frames(
     path: &Path,
+    options: &RecordingOptions,
     visit: &mut dyn FnMut(TimedImage),
 ) -> Result<Result<(), RecordingError>, RecordingError> {
-    let mut reader = FrameReader::open(path)?;
+    let mut reader = FrameReader::open(path, options)?;
     Ok(loop {
         match reader.next_frame() {
             Ok(Some(frame)) => visit(frame.into()),
