@@ -89,12 +89,15 @@ fn unit_for(usual: Range<f64>, recording: &Recording, rate: f64) -> Option<Other
         // With a long time without events the rate of all is small in any unit, and only that at the beginning tells.
         return None;
     }
-    let units = [TimeUnit::Seconds, TimeUnit::Milliseconds, TimeUnit::Microseconds, TimeUnit::Nanoseconds];
-    let rates = units.into_iter().filter_map(|unit| {
+    let rate_in = |unit: TimeUnit| {
         let options = RecordingOptions { time_unit: Some(unit), ..recording.options().clone() };
-        let rate = first_rate(&Recording::new(recording.path(), options).ok()?)?;
-        usual.contains(&rate).then_some((unit, rate))
-    });
+        first_rate(&Recording::new(recording.path(), options).ok()?)
+    };
+    // Times with decimals were taken for seconds, and are never nanoseconds.
+    let has_decimals = first_rate(recording).is_some_and(|rate| rate_in(TimeUnit::Seconds) == Some(rate));
+    let units = [TimeUnit::Seconds, TimeUnit::Milliseconds, TimeUnit::Microseconds, TimeUnit::Nanoseconds];
+    let units = units.into_iter().filter(|unit| !(has_decimals && *unit == TimeUnit::Nanoseconds));
+    let rates = units.filter_map(|unit| Some((unit, rate_in(unit).filter(|rate| usual.contains(rate))?)));
     let from_middle = |rate: f64| (rate / MIDDLE).ln().abs();
     let best = rates.min_by(|a, b| from_middle(a.1).total_cmp(&from_middle(b.1)));
     Some(OtherUnit { unit: best.map(|(unit, _)| unit), rate, other_rate: best.map(|(_, rate)| rate) })
@@ -151,6 +154,18 @@ mod tests {
         assert_eq!(told(1, 31_557_600_000_000), None);
         // Multiples of 1000 would be taken for nanoseconds at once.
         assert_eq!(told(1001, 0).as_deref(), Some("add --time-unit ns"));
+    }
+
+    /// The advice was nanoseconds, of which 26 million a second come nearer to the middle.
+    #[test]
+    fn times_with_decimals_are_no_nanoseconds() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("events.csv");
+        let line = |index: i64| format!("{}.25,{},{},{}\n", 38 * index, index % 346, index % 260, index % 2);
+        std::fs::write(&path, format!("t,x,y,p\n{}", (0..30_000).map(line).collect::<String>())).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        let other = other_unit(&recording, 1.0 / 38.0).unwrap();
+        assert_eq!(other.unit, Some(TimeUnit::Microseconds));
     }
 
     /// Nanoseconds that were taken for microseconds, of a camera with 5 million events a second.

@@ -57,7 +57,7 @@ pub struct Cell {
 
 /// What a column of this name holds, and the unit that the name gives.
 pub fn of_name(name: &str) -> (Column, Option<TimeUnit>) {
-    let name = name.to_lowercase();
+    let name = event_name(name).to_lowercase();
     let mut words = name.split(|character: char| !character.is_alphanumeric()).filter(|word| !word.is_empty());
     match words.next() {
         Some("t" | "ts" | "time" | "times" | "timestamp" | "timestamps") => {
@@ -68,6 +68,12 @@ pub fn of_name(name: &str) -> (Column, Option<TimeUnit>) {
         Some("p" | "ps" | "pol" | "polarity" | "polarities" | "on") => (Column::P, None),
         _ => (Column::Ignored, None),
     }
+}
+
+/// The name of a column as it stands behind what says that it is one of events: `t` of `dataset_events_t`.
+pub fn event_name(name: &str) -> &str {
+    let name = name.strip_prefix("dataset_").unwrap_or(name);
+    name.strip_prefix("events_").or_else(|| name.strip_prefix("event_")).unwrap_or(name)
 }
 
 /// The columns by their names, if t, x, y and p are all there, and the unit that the name of t gives.

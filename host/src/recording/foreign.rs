@@ -67,7 +67,18 @@ pub fn recognise(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
     let later = || FOREIGN_LATER.iter().find(|(at, magic, ..)| bytes.get(*at..).is_some_and(|b| b.starts_with(magic)));
     let utf_16 =
         is_utf_16(bytes).then_some(("UTF-16 text", "save it as UTF-8, or convert it with iconv -f UTF-16 -t UTF-8"));
-    first.or_else(|| later().map(|&(_, _, name, advice)| (name, advice))).or(utf_16)
+    let latin_1 = || {
+        is_latin_1(bytes).then_some(("Latin-1 text", "save it as UTF-8, or convert it with iconv -f LATIN1 -t UTF-8"))
+    };
+    first.or_else(|| later().map(|&(_, _, name, advice)| (name, advice))).or(utf_16).or_else(latin_1)
+}
+
+/// Whether `bytes` begin as lines of text with single letters that are not ASCII, in one byte each, as programs of Windows write a µ.
+fn is_latin_1(bytes: &[u8]) -> bool {
+    let is_utf_8 = std::str::from_utf8(bytes).map_or_else(|error| error.error_len().is_none(), |_| true);
+    let is_text = |byte: &u8| !byte.is_ascii_control() || matches!(byte, b'\t' | b'\r' | b'\n');
+    let letters = bytes.iter().filter(|byte| !byte.is_ascii()).count();
+    !is_utf_8 && bytes.contains(&b'\n') && bytes.iter().all(is_text) && letters < bytes.len() / 10
 }
 
 /// Whether `bytes` begin as text that Windows calls Unicode: a mark of the order of bytes, then letters of two bytes of which one is
@@ -92,6 +103,20 @@ mod tests {
         let name = |bytes| recognise(bytes).map(|(name, _)| name);
         assert_eq!(name(b"{\n  \"format\": \"evcal-calibration\",\n"), Some("calibration"));
         assert_eq!((name(b"{\n  \"other\": 1}"), name(b"1,2,3\n")), (Some("JSON"), None));
+    }
+
+    #[test]
+    fn text_with_single_letters_of_another_alphabet_is_told_from_other_bytes() {
+        let name = |bytes: &[u8]| recognise(bytes).map(|(name, _)| name);
+        let text = "t [us],x,y,p\n".to_owned() + &"5,1,2,1\n".repeat(20);
+        let bytes: Vec<u8> = text.bytes().map(|byte| if byte == b'u' { 0xb5 } else { byte }).collect();
+        assert_eq!((name(&bytes), name(text.as_bytes())), (Some("Latin-1 text"), None));
+        assert_eq!(name(text.replace('u', "µ").as_bytes()), None);
+        // A letter of two bytes that was cut, and words of a camera.
+        assert_eq!(
+            (name(&text.replace('u', "µ").as_bytes()[..4]), name(&[0x80, 0x0a, 0xb5, 0x20].repeat(40))),
+            (None, None)
+        );
     }
 
     #[test]

@@ -199,12 +199,15 @@ fn recordings_in(path: &Path) -> String {
         .filter_map(|entry| entry.file_name().into_string().ok())
         .filter(|name| name.rsplit_once('.').is_some_and(|(_, extension)| USUAL_EXTENSIONS.contains(&extension)))
         .collect();
-    names.sort();
+    // Beside the events may lie other tables.
+    names.sort_by_key(|name| (!name.to_lowercase().contains("event"), name.clone()));
     let more = if names.len() > MOST_NAMED { " …" } else { "" };
     names.truncate(MOST_NAMED);
     if names.is_empty() { String::new() } else { format!(" ({}{more})", names.join(", ")) }
 }
 
 /// How names of recordings usually end.
-const USUAL_EXTENSIONS: [&str; 13] =
-    ["aedat4", "aedat", "dvraw", "raw", "dat", "bag", "mcap", "db3", "h5", "hdf5", "npz", "npy", "csv"];
+const USUAL_EXTENSIONS: [&str; 17] = [
+    "aedat4", "aedat", "dvraw", "raw", "dat", "bag", "mcap", "db3", "h5", "hdf5", "npz", "npy", "csv", "txt", "es",
+    "pcap", "pcapng",
+];

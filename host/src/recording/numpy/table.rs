@@ -119,12 +119,14 @@ pub fn times_in(folder: &Path) -> Option<PathBuf> {
 
 /// The events of the file `name` at `path` and those beside it that hold the other columns, with the same words in front.
 fn of_files(path: &Path, name: &str) -> Result<Option<Table>, RecordingError> {
-    let Some(front) = event_column(name).and_then(|_| name.strip_suffix(event_name(name))) else { return Ok(None) };
+    let Some(front) = event_column(name).and_then(|_| name.strip_suffix(columns::event_name(name))) else {
+        return Ok(None);
+    };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let entries = std::fs::read_dir(folder).map_err(|error| RecordingError::io(folder, error))?;
     let name_of = |entry: &std::fs::DirEntry| Some(entry.file_name().to_str()?.strip_suffix(EXTENSION)?.to_owned());
     let mut names: Vec<String> = entries.flatten().filter_map(|entry| name_of(&entry)).collect();
-    names.retain(|name| name.strip_suffix(event_name(name)) == Some(front) && event_column(name).is_some());
+    names.retain(|name| name.strip_suffix(columns::event_name(name)) == Some(front) && event_column(name).is_some());
     names.sort();
     let member = |name: String| {
         let place = Place::beside(folder.join(format!("{name}{EXTENSION}")))?;
@@ -200,16 +202,10 @@ pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Resu
 /// An array of an archive, and its head.
 type Array<'a> = (&'a Member, &'a Header);
 
-/// The name of a column as it stands behind what says that it is one of events: `t` of `dataset_events_t`.
-fn event_name(name: &str) -> &str {
-    let name = name.strip_prefix("dataset_").unwrap_or(name);
-    name.strip_prefix("events_").or_else(|| name.strip_prefix("event_")).unwrap_or(name)
-}
-
 /// What column of events the array of this name holds, if it is one; of `xy`, which has two, the first.
 fn event_column(name: &str) -> Option<Column> {
-    match columns::of_name(event_name(name)).0 {
-        Column::Ignored => (event_name(name) == "xy").then_some(Column::X),
+    match columns::of_name(name).0 {
+        Column::Ignored => (columns::event_name(name) == "xy").then_some(Column::X),
         column => Some(column),
     }
 }
@@ -220,20 +216,20 @@ fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingE
     let mut names = Vec::new();
     let mut counts = Vec::new();
     let xy = arrays.iter().find_map(|(member, header)| match (&header.element, header.shape.as_slice()) {
-        (Element::Number(number), &[count, 2]) if event_name(&member.name) == "xy" => {
+        (Element::Number(number), &[count, 2]) if columns::event_name(&member.name) == "xy" => {
             Some((member, header, *number, count))
         }
         _ => None,
     });
     for column in [Column::T, Column::X, Column::Y, Column::P] {
-        let named = arrays.iter().filter(|(member, _)| columns::of_name(event_name(&member.name)).0 == column);
+        let named = arrays.iter().filter(|(member, _)| columns::of_name(&member.name).0 == column);
         let usable = named.filter_map(|(member, header)| Some((member, header, single(header)?)));
         // `t` rather than `t_offset`.
         match (usable.min_by_key(|(member, ..)| member.name.len()), column, xy) {
             (Some((member, header, number)), ..) => {
                 let fields = vec![(0, Some(number))];
                 parts.push(Part { place: member.place.clone(), skip: header.length, record: number.size, fields });
-                names.push(event_name(&member.name).to_owned());
+                names.push(columns::event_name(&member.name).to_owned());
                 counts.push(header.count());
             }
             (None, Column::X | Column::Y, Some((member, header, number, count))) => {

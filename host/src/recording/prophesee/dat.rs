@@ -71,7 +71,8 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
     file.seek(header.length as u64 + 2)?;
     let mut notes = Vec::new();
     let version = header.get("Version").or_else(|| header.get("version"));
-    let version_1 = version.map_or_else(|| !is_version_2(&head, header.length), |version| version == "1");
+    let version_1 =
+        version.map_or_else(|| !is_version_2(&head, header.length), |version| version.split('.').next() == Some("1"));
     if version.is_none() {
         let version = if version_1 { 1 } else { 2 };
         notes.push(format!("the header gives no version: by its events it is taken for version {version}"));

@@ -27,9 +27,10 @@ pub const FORMAT: FileFormat = FileFormat {
 /// Bytes that are decoded at a time: whole words of every encoding.
 const BLOCK: u64 = 1 << 15;
 
-/// Name of the encoding.
+/// Name of the encoding. Early files of sensors of generation 3 do not name it; these send no other than EVT 2.0.
 fn encoding(header: &Header) -> Option<&str> {
-    header.get("evt").or_else(|| header.get("format")?.split(';').next())
+    let early = || header.get("plugin_name").filter(|name| name.contains("gen3")).map(|_| "2.0");
+    header.get("evt").or_else(|| header.get("format")?.split(';').next()).or_else(early)
 }
 
 /// Whether the words of EVT 2.1 in `bytes` have their halves the other way round: which half has times that go on?
@@ -231,6 +232,11 @@ mod tests {
             file("% evt 2.1\n% geometry 346x260\n% end\n", wide.iter().map(|word| word.to_le_bytes())),
             file("% evt 2.1\n% geometry 346x260\n% end\n", wide.iter().map(|word| word.rotate_left(32).to_le_bytes())),
             file("% format EVT3;height=260;width=346\n% end\n", evt3(events).iter().map(|word| word.to_le_bytes())),
+            // As the first cameras of generation 3 were recorded.
+            file(
+                "% plugin_name hal_plugin_gen31_fx3\n% geometry 346x260\n",
+                words.iter().map(|word| word.to_le_bytes()),
+            ),
         ]
     }
 
