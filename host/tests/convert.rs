@@ -175,6 +175,9 @@ fn times_since_1970_are_kept_for_the_way_back() {
     let told = succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.raw")), "--unix-time"]);
     assert!(told.contains(&format!("times count from {UNIX_TIME} us")), "{told}");
     assert_eq!(read(&file("again.raw")).0, relative);
+    // Transfers are copied as they are.
+    let error = fail(&["convert", text(&file("camera.dvraw")), text(&file("copy.dvraw")), "--unix-time"]);
+    assert!(error.contains("--unix-time has no effect"), "{error}");
     let error = fail(&["convert", text(&file("first.aedat4")), text(&file("none.csv")), "--unix-time"]);
     assert!(error.contains("does not say when it began"), "{error}");
     assert!(!file("none.csv").exists());
@@ -210,6 +213,22 @@ fn what_cannot_be_done_is_said_and_nothing_is_overwritten() {
     assert!(error.contains("what came before is in"), "{error}");
     let (saved, _) = read(&file("saved.csv"));
     assert!(saved.len() > 10_000 && saved == events(0)[..saved.len()]);
+}
+
+/// It was replaced by a file without events.
+#[test]
+fn a_recording_that_breaks_off_at_once_replaces_nothing() {
+    let (_directory, file) = place();
+    write_aedat4(&file("damaged.aedat4"), &events(0), &[], &[]);
+    let mut content = fs::read(file("damaged.aedat4")).unwrap();
+    // Behind the head of the first packet stands a frame of LZ4, which begins with its mark.
+    let mark = content.windows(4).position(|bytes| bytes == [0x04, 0x22, 0x4d, 0x18]).unwrap();
+    content[mark] ^= 0xff;
+    fs::write(file("damaged.aedat4"), content).unwrap();
+    fs::write(file("good.csv"), "what was there").unwrap();
+    let error = fail(&["convert", text(&file("damaged.aedat4")), text(&file("good.csv")), "--force"]);
+    assert!(error.contains("nothing was written"), "{error}");
+    assert_eq!(fs::read_to_string(file("good.csv")).unwrap(), "what was there");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 //!
 //! A sensor repeats time high all the time, so it never leaps. A leap is a word that was damaged on its way
 //! (unless the next time high confirms it); followed at once, a single one would put the rest of the
-//! stream in the wrong hour.
+//! stream in the wrong hour. A little step back is none: sensors make them, and go on.
 
 use crate::event::Event;
 
@@ -115,8 +115,12 @@ pub(super) struct EvtClock<const BITS: u32, const SHIFT: u32, const LEAP: u32> {
     pub(super) counts: EvtCounts,
 }
 
+/// A sensor steps no further back than this in µs: ten time highs of EVT 3.0, which event_camera_codecs allows for.
+const MOST_BACK_US: u32 = 10 << 12;
+
 impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, LEAP> {
     const MASK: u32 = (1 << BITS) - 1;
+    const MOST_BACK: u32 = MOST_BACK_US >> SHIFT;
     const HALF_RANGE: u32 = 1 << (BITS - 1);
 
     pub(super) const fn new() -> Self {
@@ -147,13 +151,18 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
         let high = word & Self::MASK;
         let before = (self.trust, self.high);
         let follows = |before: u32| high.wrapping_sub(before) & Self::MASK <= LEAP;
+        let back = self.high.wrapping_sub(high) & Self::MASK;
         match self.trust {
             Trust::Nothing => self.base_us = i64::from(high) << SHIFT,
-            _ if follows(self.high) => {
+            _ if follows(self.high) || back <= Self::MOST_BACK => {
                 if self.trust != Trust::Steady {
                     self.counts.false_leaps = self.counts.false_leaps.saturating_add(1);
                 }
-                self.advance(high);
+                if follows(self.high) {
+                    self.advance(high);
+                } else {
+                    self.base_us = self.base_us.saturating_sub(i64::from(back) << SHIFT);
+                }
             }
             Trust::Leapt(leapt) if follows(leapt) => {
                 let count = if high.wrapping_sub(self.high) & Self::MASK < Self::HALF_RANGE {

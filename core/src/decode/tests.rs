@@ -195,6 +195,21 @@ fn one_damaged_time_high_of_evt3_is_not_believed_and_a_reset_is_followed() {
     assert_eq!(*decoder.counts(), counts);
 }
 
+/// Events behind such a step were lost, and a second word of that time shifted all later times.
+#[test]
+fn evt_times_that_step_back_a_little_are_followed() {
+    let mut decoder = Evt3Decoder::new();
+    let words = [0x0001, 0x8065, 0x6000, 0x2000, 0x8064, 0x2000, 0x8064, 0x2000, 0x8065, 0x2000, 0x8066, 0x2000];
+    let time = |high: i64| high * 4096;
+    assert_eq!(times(&decode_evt3(&mut decoder, &words)), [0x65, 0x64, 0x64, 0x65, 0x66].map(time));
+    assert_eq!(*decoder.counts(), EvtCounts::default());
+    // Over the end of its bits.
+    let mut decoder = Evt2Decoder::new();
+    let words = [time_high(0xfff_ffff), time_high(0), word(0, 1, 1, 1), time_high(0xfff_fffe), word(0, 2, 1, 1)];
+    assert_eq!(times(&decode_evt2(&mut decoder, &words)), [(1 << 34) + 1, (1 << 34) - 128 + 2]);
+    assert_eq!(*decoder.counts(), EvtCounts::default());
+}
+
 #[test]
 fn packed_words_made_by_hand() {
     let mut decoder = PackedDecoder::new();

@@ -27,7 +27,7 @@ use super::{
     Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
     StreamSummary, Uses,
 };
-use header::Header;
+use header::{Header, Ranges};
 
 const MAGIC: &[u8] = b"#!AER-DAT2.0";
 
@@ -49,6 +49,8 @@ const SAMPLE: u64 = 2000;
 /// What in the line of the chip tells its sensor.
 const CHIPS: &[(&str, Sensor)] = &[
     ("DAVIS346", Sensor::new(346, 260)),
+    // As some exporters write it.
+    ("DAVI346", Sensor::new(346, 260)),
     ("DAVIS240", Sensor::new(240, 180)),
     ("SBRET10", Sensor::new(240, 180)),
     ("DAVIS640", Sensor::new(640, 480)),
@@ -180,6 +182,7 @@ struct Start {
     layout: Layout,
     note: Option<String>,
     created: Option<String>,
+    ranges: Ranges,
     /// At the first event, if there is one among the first records.
     clock: Clock,
 }
@@ -197,7 +200,7 @@ fn start(path: &Path, options: &RecordingOptions) -> Result<Start, RecordingErro
     if let Some((_, time)) = records.iter().map(|record| words(*record)).find(|(word, _)| is_event(*word)) {
         clock.time(time);
     }
-    Ok(Start { file, layout, note, created: header.created, clock })
+    Ok(Start { file, layout, note, created: header.created, ranges: header.ranges, clock })
 }
 
 fn open(path: &Path, options: &RecordingOptions) -> Opened {

@@ -17,7 +17,7 @@ use super::extras::{Extra, NoExtras, left_out, open_extras};
 use super::given_sensor::{OtherSensor, check_outside, check_stated};
 use super::information::{likely_sensor_of, sensor_advice};
 use super::write::output_extensions;
-use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError};
+use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError, RecordingErrorKind};
 use crate::files::{FileError, NewFile};
 
 /// The format that the extension of `path` stands for.
@@ -96,6 +96,9 @@ pub enum ConvertError {
         /// The smallest usual sensor that has all its pixels.
         likely: Option<Sensor>,
     },
+    /// Reading stopped before there was anything to write.
+    #[error("{0}; nothing was written, for nothing stands before it")]
+    Nothing(String),
     /// The recording does not say when it began.
     #[error("{} does not say when it began: times cannot count from 1970", .0.display())]
     StartUnknown(PathBuf),
@@ -134,6 +137,10 @@ pub fn convert(
     progress: impl FnMut(ConversionProgress),
 ) -> Result<ConversionReport, ConvertError> {
     if let (Some(open), Some(copy)) = (recording.format().transfers, target.copy_transfers) {
+        if origin == TimeOrigin::Unix {
+            let kind = RecordingErrorKind::NoEffect { option: "--unix-time", format: "transfers that are copied" };
+            return Err(RecordingError::new(recording.path(), kind).into());
+        }
         return copy_transfers(recording, path, open, copy);
     }
     let unchanged = Change { events: &mut |_| {}, extra: &mut |_| {} };
@@ -205,6 +212,12 @@ pub fn convert_changed(
         report.lost.push("frames or inertial samples more than a minute after the last event".to_owned());
     }
     check_outside(recording, reader.report())?;
+    // What was there is not replaced by nothing.
+    if report.events + report.frames + report.inertial_samples == 0
+        && let Some(error) = report.error.take()
+    {
+        return Err(ConvertError::Nothing(error));
+    }
     output.finish().map_err(failed)?;
     report.lost.extend(output.lost());
     drop(output);
@@ -249,7 +262,12 @@ fn copy_transfers(
     let unwritten = |error: FileError| failed(error.error.into());
     let file = NewFile::create(path).map_err(unwritten)?;
     let handle = file.handle().map_err(|error| failed(error.into()))?;
-    let copied = copy(&mut capture, handle).map_err(failed)?;
+    let mut copied = copy(&mut capture, handle).map_err(failed)?;
+    if copied.transfers == 0
+        && let Some(error) = copied.error.take()
+    {
+        return Err(ConvertError::Nothing(unreadable(error).to_string()));
+    }
     file.finish().map_err(unwritten)?;
     Ok(ConversionReport {
         transfers: copied.transfers,

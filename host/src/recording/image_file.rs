@@ -53,11 +53,19 @@ pub enum ImageFileError {
         /// Bytes of the file.
         length: u64,
     },
+    /// It needs more memory than is given to one.
+    #[error("a picture of {} x {} pixels, more than are read: make it smaller first", size.0, size.1)]
+    Memory {
+        /// The width and height that it states.
+        size: (u32, u32),
+    },
     /// It is something else.
     #[error("neither PNG nor JPEG: convert it to PNG first")]
     Unknown,
 }
 
+/// No picture takes more bytes: 11 000 x 8000 pixels in colour.
+const MOST_BYTES: usize = 1 << 28;
 /// Deflate makes data at most so many times as short.
 const DEFLATE: u64 = 1032;
 /// Pixels that a byte of a JPEG holds at most: no block of 64 takes less than a bit.
@@ -111,19 +119,30 @@ fn read_png(file: impl BufRead + Seek, file_length: u64) -> Result<ImageFile, Im
     // Samples of less than a byte become bytes.
     let pixels = DEFLATE * 8 / header.bits_per_pixel().max(1) as u64;
     check_size(header.size(), pixels, file_length)?;
+    let (size, is_interlaced) = (header.size(), header.interlaced);
     let length = reader.output_buffer_size().ok_or(png::DecodingError::LimitsExceeded)?;
-    let mut bytes = vec![0; length];
-    let information = reader.next_frame(&mut bytes)?;
-    bytes.truncate(information.buffer_size());
-    let samples = match information.bit_depth {
+    if length > MOST_BYTES {
+        return Err(ImageFileError::Memory { size });
+    }
+    let mut bytes = Vec::new();
+    if is_interlaced {
+        bytes.resize(length, 0);
+        reader.next_frame(&mut bytes)?;
+    } else {
+        // Row by row, for what a file says of its size may be untrue.
+        while let Some(row) = reader.next_row()? {
+            bytes.extend_from_slice(row.data());
+        }
+    }
+    let (color_type, bit_depth) = reader.output_color_type();
+    let samples = match bit_depth {
         BitDepth::Sixteen => {
             let pairs = bytes.as_chunks::<2>().0.iter();
             Samples::Sixteen(pairs.map(|pair| u16::from_be_bytes(*pair)).collect())
         }
         _ => Samples::Eight(bytes),
     };
-    let channels = information.color_type.samples();
-    Ok(ImageFile { size: (information.width, information.height), channels, samples })
+    Ok(ImageFile { size, channels: color_type.samples(), samples })
 }
 
 fn read_jpeg(file: impl BufRead + Seek, length: u64) -> Result<ImageFile, ImageFileError> {
@@ -207,6 +226,29 @@ mod tests {
             let ImageFileError::TooLarge { size: stated, length } = refused else { panic!("{refused}") };
             assert_eq!((stated, length), ((size, size), bytes.len() as u64));
         }
+    }
+
+    /// A megabyte of such a file took a gigabyte at once.
+    #[test]
+    fn a_picture_that_needs_more_memory_than_is_given_to_one_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("picture.png");
+        let samples = Samples::Eight(vec![0; 16]);
+        ImageFile { size: (4, 4), channels: 1, samples }.write_png(&path).unwrap();
+        let mut png = std::fs::read(&path).unwrap();
+        png[16..24].copy_from_slice(&[0, 0, 0xFF, 0xFF, 0, 0, 0xFF, 0xFF]);
+        let mut checksum = flate2::Crc::new();
+        checksum.update(&png[12..29]);
+        png[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
+        png.resize(8 << 20, 0);
+        std::fs::write(&path, &png).unwrap();
+        assert!(matches!(read(&path), Err(ImageFileError::Memory { size: (0xFFFF, 0xFFFF) })));
+        // What it states fits, but the rows are not there: memory is taken as they come.
+        png[16..24].copy_from_slice(&[0, 0, 0x3F, 0xFF, 0, 0, 0x3F, 0xFF]);
+        let mut checksum = flate2::Crc::new();
+        checksum.update(&png[12..29]);
+        png[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
+        assert!(matches!(decode(&png), Err(ImageFileError::Png(_))));
     }
 
     #[test]

@@ -21,7 +21,7 @@ pub(super) fn tell(counts: &EvtCounts, report: &mut ReadReport) {
         ("events left out for want of a time: none came before, or the last one was damaged", counts.without_time),
         ("events left out for want of a row: none came before", counts.without_row),
         (
-            "words of time taken for damaged: they leap by more than a second, and the next ones do not confirm it",
+            "words of time taken for damaged: they leap by more than a second or far back, and the next ones do not confirm it",
             counts.false_leaps,
         ),
         ("leaps in time by more than a second that the next words confirm: something was lost", counts.leaps),

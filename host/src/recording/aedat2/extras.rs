@@ -5,14 +5,14 @@
 //! | level of a pixel | 31 set; 22–30 row, from below; 12–21 column, from the left, unlike that of events; 10–11: 0 after the reset, 1 after the exposure; 0–9 level |
 //! | part of an inertial sample | 31, 11 and 10 set; 28–30: 0 to 2 acceleration x, y, z, 3 temperature, 4 to 6 rate about x, y, z; 12–27 value |
 //!
-//! A pixel is as bright as its level fell during the exposure. jAER (`DavisChip`, `DavisBaseCamera`, `IMUSample`) keeps no ranges of
-//! the inertial unit: those that it sets are taken, ±4 g and ±500 °/s.
+//! A pixel is as bright as its level fell during the exposure (jAER: `DavisChip`, `DavisBaseCamera`, `IMUSample`). The axes of the
+//! samples are those of the inertial unit: how it is turned against the sensor, jAER does not say without contradiction.
 
 use std::path::Path;
 
 use evcal_core::sensor::Sensor;
 
-use super::{Clock, Layout, RECORD, is_level, is_sample, start};
+use super::{Clock, Layout, RECORD, Ranges, is_level, is_sample, start};
 use crate::recording::bytes::ByteReader;
 use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until};
 use crate::recording::pictures::{NoImage, TimedImage};
@@ -25,8 +25,8 @@ pub const SAMPLES: &str = "words of inertial samples";
 const BLOCK: u64 = 1 << 15;
 /// Words of a sample.
 const PARTS: usize = 7;
-const G_PER_UNIT: f32 = 1.0 / 8192.0;
-const DEGREES_PER_SECOND_PER_UNIT: f32 = 1.0 / 65.5;
+/// Units from zero to the end of a range.
+const UNITS: f32 = 32_768.0;
 const DEGREES_PER_UNIT: f32 = 1.0 / 340.0;
 const ZERO_DEGREES: f32 = 35.0;
 
@@ -144,6 +144,7 @@ impl Growing {
 /// The parts of a sample, in their order.
 #[derive(Default)]
 struct Sample {
+    ranges: Ranges,
     t: i64,
     parts: Vec<f32>,
 }
@@ -166,8 +167,8 @@ impl Sample {
         Some(InertialSample {
             t: self.t,
             temperature: temperature * DEGREES_PER_UNIT + ZERO_DEGREES,
-            acceleration: [ax, ay, az].map(|value| value * G_PER_UNIT),
-            angular_velocity: [gx, gy, gz].map(|value| value * DEGREES_PER_SECOND_PER_UNIT),
+            acceleration: [ax, ay, az].map(|value| value * self.ranges.acceleration / UNITS),
+            angular_velocity: [gx, gy, gz].map(|value| value * self.ranges.angular_velocity / UNITS),
         })
     }
 }
@@ -193,7 +194,7 @@ impl Words {
             file: start.file,
             clock: start.clock,
             frame: Growing::new(sensor),
-            sample: Sample::default(),
+            sample: Sample { ranges: start.ranges, ..Sample::default() },
             block: Vec::new(),
             waiting: std::collections::VecDeque::new(),
             ended: false,
@@ -341,7 +342,7 @@ mod tests {
         let records = [
             vec![event(t)],
             frame(t + 10),
-            sample(t + 3000, [8192, -8192, 4096, 340, 655, -655, 131]),
+            sample(t + 3000, [4096, -4096, 2048, 340, 4096, -4096, 2048]),
             // Two parts are missing: no sample.
             sample(t + 4000, [1; PARTS])[..5].to_vec(),
             sample(t + 5000, [0; PARTS]),
@@ -367,7 +368,7 @@ mod tests {
             t: t + 3000,
             temperature: 36.0,
             acceleration: [1.0, -1.0, 0.5],
-            angular_velocity: [10.0, -10.0, 2.0],
+            angular_velocity: [125.0, -125.0, 62.5],
         };
         let mut lost = Vec::new();
         let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();

@@ -12,12 +12,30 @@ const LONGEST_LINE: u64 = 1 << 16;
 const END: &[u8] = b"#End Of ASCII Header";
 
 /// What the lines tell.
-#[derive(Debug, Default, PartialEq, Eq)]
+#[derive(Debug, Default, PartialEq)]
 pub struct Header {
     /// Name of the class of the camera, in capitals, from the line `# AEChip:`.
     pub chip: Option<String>,
     /// When the recording was made, as jAER writes it: `# created Thu Dec 03 14:55:00 CET 2015`.
     pub created: Option<String>,
+    /// Ranges of the inertial unit, from the settings of the camera.
+    pub ranges: Ranges,
+}
+
+/// Ranges of the inertial unit, to both sides of zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ranges {
+    /// In g.
+    pub acceleration: f32,
+    /// In °/s.
+    pub angular_velocity: f32,
+}
+
+impl Default for Ranges {
+    /// Those that jAER sets where nobody chose others (`ImuControl`).
+    fn default() -> Self {
+        Self { acceleration: 8.0, angular_velocity: 1000.0 }
+    }
 }
 
 /// Reads the lines at the beginning of `file`, and leaves it at the first record.
@@ -69,8 +87,18 @@ impl Header {
             self.chip.get_or_insert_with(|| chip.trim().to_uppercase());
         } else if let Some(created) = line.trim_start_matches('#').trim().strip_prefix("created ") {
             self.created.get_or_insert_with(|| created.to_owned());
+        } else if let Some(range) = number_behind(line, "ImuAccelScaleG") {
+            self.ranges.acceleration = range;
+        } else if let Some(range) = number_behind(line, "GyroFullScaleDegPerSec") {
+            self.ranges.angular_velocity = range;
         }
     }
+}
+
+/// The number behind `name` in a line of settings; `None` where there is none.
+fn number_behind(line: &str, name: &str) -> Option<f32> {
+    let (_, rest) = line.split_once(name)?;
+    rest.split(|character: char| !character.is_ascii_digit()).next()?.parse().ok().filter(|range| *range > 0.0)
 }
 
 #[cfg(test)]
@@ -92,12 +120,15 @@ mod tests {
         let mut content = b"#!AER-DAT2.0\r\n# created Do M\xe4r 03 2016\r\n".to_vec();
         content.extend(setting.repeat(50).bytes());
         content.extend(b"# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n");
+        content.extend(b"#  <entry key=\"DAVIS240C.IMU.AccelScale\" value=\"ImuAccelScaleG4\"/>\r\n");
+        content.extend(b"#  <entry key=\"DAVIS240C.IMU.GyroScale\" value=\"GyroFullScaleDegPerSec500\"/>\r\n");
         let length = content.len() as u64;
         // A record, of the row 140 from below.
         content.extend([0x23, 0x15, 0x08, 0, 0x0a, 0x0a, 0x0a, 0x0a]);
         let expected = Header {
             chip: Some("EU.SEEBETTER.INI.CHIPS.DAVIS.DAVIS240C".to_owned()),
             created: Some("Do M\u{fffd}r 03 2016".to_owned()),
+            ranges: Ranges { acceleration: 4.0, angular_velocity: 500.0 },
         };
         assert_eq!(header(&content), Ok((expected, length)));
     }

@@ -20,6 +20,9 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     copy_transfers: None,
 };
 
+/// Letters of the name of a camera that are written: lines of the header have a longest length.
+const LONGEST_NAME: usize = 200;
+
 /// Columns and rows have 11 bits.
 const SIDE: u16 = 1 << 11;
 /// Time high has 12 bits, of 4096 µs each.
@@ -51,7 +54,8 @@ impl Encoder {
         }
         let mut output = BufWriter::with_capacity(1 << 18, file()?);
         write!(output, "% evt 3.0\n% format EVT3;height={height};width={width}\n% geometry {width}x{height}\n")?;
-        let name: String = camera_name.chars().filter(|character| !character.is_control()).collect();
+        let name = camera_name.chars().filter(|character| !character.is_control()).take(LONGEST_NAME);
+        let name: String = name.collect();
         if !name.is_empty() {
             writeln!(output, "% serial_number {name}")?;
         }
