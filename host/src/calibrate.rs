@@ -1,4 +1,4 @@
-//! The whole calibration: stages 1 to 11 in their order.
+//! The whole calibration: sections 1 to 11 of method.md in their order.
 
 pub mod beginning;
 pub mod board_choice;

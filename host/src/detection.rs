@@ -1,4 +1,4 @@
-//! Stages 2 to 5: from events to reference frames.
+//! Sections 1 to 4 of method.md: from events to reference frames.
 //!
 //! A recording is cut into chunks of fixed length, and each chunk is searched by itself (windows →
 //! clusters → circles → grid), so that chunks run in parallel and the result does not depend on the

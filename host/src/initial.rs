@@ -1,4 +1,4 @@
-//! Initial model (stages 6 and 7): from reference frames to a camera and a pose for every good frame.
+//! Initial model (section 5 of method.md): from reference frames to a camera and a pose for every good frame.
 //!
 //! Frames pass the rotation gate, a camera is calibrated from a diverse subset (OpenCV, or a native start
 //! where OpenCV fails or is not built in; refined by a robust bundle adjustment), every frame gets a pose by PnP in

@@ -42,25 +42,25 @@ settings! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct Settings {
-        /// Stages 2 to 5: windows, clusters, circles, grid.
+        /// Sections 1 to 4 of method.md: windows, clusters, circles, grid.
         pub detection: DetectionSettings;
-        /// Stages 6 and 7: gates, initial camera and poses, cross-validation.
+        /// Section 5: gates, initial camera and poses, cross-validation.
         pub initial: InitialSettings;
-        /// Stages 6 and 7: which camera model, where that is left to the program.
+        /// Section 5: which camera model, where that is left to the program.
         pub model_choice: ModelChoiceSettings;
-        /// Stage 8: segments.
+        /// Section 6: segments.
         pub segment: SegmentSettings;
-        /// Stage 9: splines.
+        /// Section 7: splines.
         pub spline: SplineSettings;
-        /// Stages 9 and 11: how dense knots may be.
+        /// Section 7: how dense knots may be.
         pub knots: KnotSettings;
-        /// Stage 11: which stretches no curve explains.
+        /// Section 7: which stretches no curve explains.
         pub unexplained: UnexplainedSettings;
-        /// Stage 10: which event belongs to which circle.
+        /// Section 8: which event belongs to which circle.
         pub association: AssociationSettings;
-        /// Stage 11: the joint solve.
+        /// Sections 9 and 10: the joint solve.
         pub solve: SolveSettings;
-        /// Rounds of association and solve, and the biases of events.
+        /// Section 11: rounds of association and solve, and the biases of events.
         pub refinement: RefinementSettings;
         /// Which poses are written.
         pub poses: PoseSettings;

@@ -1,4 +1,4 @@
-//! Stage 11: the joint solve.
+//! Sections 9 and 10 of method.md: the joint solve.
 //!
 //! The intrinsics, the control points of every trajectory segment and the biases of the event
 //! classes together minimise Σ ρ(r), where r is the distance of an event from the edge of its
@@ -119,7 +119,7 @@ pub fn places(mask: &[bool; GLOBAL_COUNT]) -> Vec<usize> {
 }
 
 settings! {
-    /// The joint solve (stage 11).
+    /// The joint solve (sections 9 and 10 of method.md).
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct SolveSettings {

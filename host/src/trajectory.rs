@@ -1,4 +1,4 @@
-//! Stage 9: continuous trajectories of the camera, one spline a segment.
+//! Section 7 of method.md: continuous trajectories of the camera, one spline a segment.
 //!
 //! A trajectory is a clamped B-spline of degree 1 to 5 on non-uniform knots (seconds) for the pose
 //! `T_world_camera`: a curve in space for the camera centre and, on the same knots, a curve of

@@ -89,7 +89,7 @@ pub const SAMPLE: usize = 1_000_000;
 
 /// A calibration along trajectories.
 pub struct EventCalibration {
-    /// Stages 2 to 5.
+    /// Sections 1 to 4 of method.md.
     pub detection: DetectionReport,
     /// All reference frames found that the joint solve had room for, also those that fell away later.
     pub frames: Vec<ReferenceFrame>,
@@ -99,9 +99,9 @@ pub struct EventCalibration {
     pub choice: Option<StretchChoice>,
     /// The poses along stretches that it did not take.
     pub followed: Vec<FollowedStretch>,
-    /// Stages 6 and 7: what the joint solve started from.
+    /// Section 5: what the joint solve started from.
     pub initial: InitialModel,
-    /// Stage 8.
+    /// Section 6.
     pub segments: SegmentReport,
     /// An even sample of the events, [`SAMPLE`] of them at most: enough for pictures of the result.
     pub sample: EventSample,
@@ -109,7 +109,7 @@ pub struct EventCalibration {
     pub segments_without_spline: usize,
     /// What the joint solve observed.
     pub measured: Measured,
-    /// Stages 10 and 11: camera, event biases and trajectories.
+    /// Sections 8 to 11: camera, event biases and trajectories.
     pub refined: Refined,
     /// What speaks for and against it, beside [`Calibrated::trust`].
     pub trust: EventTrust,

@@ -1,4 +1,4 @@
-//! Stages 1 to 5: from recordings to reference frames.
+//! Sections 1 to 4 of method.md: from recordings to reference frames.
 
 use super::Task;
 use super::error::CalibrateError;

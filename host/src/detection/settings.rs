@@ -61,7 +61,7 @@ impl TryFrom<String> for Grid {
 }
 
 settings! {
-    /// From events to reference frames (stages 2 to 5). `max_radius` and `most_events` are for 346 columns and grow with the sensor.
+    /// From events to reference frames (sections 1 to 4 of method.md). `max_radius` and `most_events` are for 346 columns and grow with the sensor.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct DetectionSettings {

@@ -32,7 +32,7 @@ impl Default for Start {
 }
 
 settings! {
-    /// The first camera and the pose of every reference frame (stages 6 and 7).
+    /// The first camera and the pose of every reference frame (section 5 of method.md).
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct InitialSettings {

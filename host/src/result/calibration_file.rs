@@ -140,14 +140,14 @@ pub struct FailedFrames {
 pub struct StageReports {
     /// What each recording held.
     pub recordings: Vec<RecordingReport>,
-    /// Stages 2 to 5.
+    /// Sections 1 to 4 of method.md.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detection: Option<DetectionReport>,
-    /// Stages 6 and 7.
+    /// Section 5.
     pub initial: InitialReport,
     /// How the camera model was chosen, where that was left to the program.
     pub model_choice: Option<ModelChoice>,
-    /// Stages 8 to 11.
+    /// Sections 6 to 11.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub trajectory: Option<TrajectoryStages>,
 }
@@ -155,11 +155,11 @@ pub struct StageReports {
 /// What the stages along trajectories took in and gave out.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrajectoryStages {
-    /// Stage 8.
+    /// Section 6.
     pub segments: SegmentReport,
     /// Segments whose spline could not be fitted.
     pub segments_without_spline: usize,
-    /// Stages 10 and 11, one entry a round.
+    /// Sections 8 to 11, one entry a round.
     pub rounds: Vec<RoundReport>,
 }
 

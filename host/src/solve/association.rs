@@ -1,4 +1,4 @@
-//! Stage 10: which event belongs to which circle.
+//! Section 8 of method.md: which event belongs to which circle.
 //!
 //! Every event inside a trajectory segment is carried to the board plane through the pose at its
 //! own time (so motion is taken into account), where the nearest circle is a matter of rounding.
@@ -26,7 +26,7 @@ use crate::solve::pose_bin::PoseBin;
 use crate::trajectory::Trajectory;
 
 settings! {
-    /// Which event belongs to which circle (stage 10).
+    /// Which event belongs to which circle (section 8 of method.md).
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct AssociationSettings {

@@ -1,4 +1,4 @@
-//! Stages 10 and 11 in turn: associate, solve, associate anew with the better model, until it stops
+//! Section 11 of method.md: associate, solve, associate anew with the better model, until it stops
 //! paying.
 
 use std::ops::ControlFlow;
@@ -115,7 +115,7 @@ pub struct RefinementInput<'a, E> {
     pub held: [bool; MAX_PARAMETERS],
 }
 
-/// All thresholds of stages 10 and 11.
+/// All thresholds of association and joint solve (sections 8 to 11 of method.md).
 #[derive(Clone, Copy)]
 pub struct StageSettings<'a> {
     /// Rounds.

@@ -1,4 +1,4 @@
-//! Stages 8 and 9: segments, and the spline of each through the initial poses.
+//! Sections 6 and 7 of method.md: segments, and the spline of each through the initial poses.
 
 use crate::circles::reference_frame::PointObservation;
 use crate::circles::reference_frame::ReferenceFrame;

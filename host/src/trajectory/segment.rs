@@ -1,4 +1,4 @@
-//! Stage 8: trajectory segments.
+//! Section 6 of method.md: trajectory segments.
 //!
 //! The board is only seen while it moves and is in view, so the trajectory is a set of smooth
 //! segments: reference frames close in time share one (paper III-C, the grouping into Φ_l).
@@ -8,7 +8,7 @@ use evcal_core::settings::{above, at_least};
 use serde::{Deserialize, Serialize};
 
 settings! {
-    /// Trajectory segments (stage 8).
+    /// Trajectory segments (section 6 of method.md).
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct SegmentSettings {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::RotationSpline;
 
 settings! {
-    /// The curves of the trajectory (stage 9).
+    /// The curves of the trajectory (section 7 of method.md).
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct SplineSettings {
