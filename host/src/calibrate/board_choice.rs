@@ -16,7 +16,9 @@ pub enum BoardChoiceError {
     #[error(transparent)]
     Search(#[from] SearchError),
     /// There are no events to recognise it in.
-    #[error("a board is recognised in events only: name it, for example --board acircles:9x4:55mm:r17.5mm")]
+    #[error(
+        "`auto` needs a recording of events to look at. Name the board, for example --board acircles:9x4:55mm:r17.5mm"
+    )]
     NoEvents,
     /// No layout fits.
     #[error(

@@ -107,7 +107,9 @@ impl SecondCameraArguments {
             ("--with-camera", self.with_camera.len()),
         ];
         match counts.into_iter().find(|(_, count)| *count > self.with.len()) {
-            Some((name, _)) => Err(UsageError(format!("give one {name} for each --with at most, in their order"))),
+            Some((name, _)) => Err(UsageError(format!(
+                "there are more {name} than --with; give at most one for each, in the same order"
+            ))),
             None => Ok(()),
         }
     }
@@ -116,7 +118,8 @@ impl SecondCameraArguments {
     fn held_cameras(&self, calibration: &CalibrationArguments) -> Result<HeldCameras, Box<dyn Error>> {
         let together = calibration.imu.is_some() || calibration.with_frames || !self.with.is_empty();
         if self.camera.is_some() && !together {
-            let advice = "--camera counts with --imu, --with or --with-frames only: add one of them, or leave it out";
+            let advice =
+                "--camera works only together with --imu, --with or --with-frames: add one of them, or leave it out";
             return Err(UsageError(advice.to_owned()).into());
         }
         let first = self.camera.as_deref().map(HeldCamera::read).transpose()?;
@@ -175,10 +178,10 @@ pub struct CalibrationArguments {
 #[derive(clap::Args)]
 pub struct MethodArguments {
     /// Board, for example acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius); auto:55mm:r17.5mm
-    /// recognises layout, rows and columns
+    /// recognises layout, rows and columns in a recording
     #[arg(long)]
     pub board: BoardRequest,
-    /// Camera model, or auto: the simplest one that predicts circles it was not fitted to as well as the best one does
+    /// Camera model. auto takes the simplest model that fits held-out circles as well as the best one
     #[arg(long, default_value = "radtan", value_parser = super::value::model_request())]
     pub model: ModelRequest,
     /// Circle extraction: hard or soft [default: hard]

@@ -14,7 +14,7 @@ use super::value;
 /// Options of every subcommand that runs a camera.
 #[derive(clap::Args)]
 pub struct CameraArguments {
-    /// Stop after this time, for example 10s [default: at Ctrl-C]
+    /// Stop after this time at the latest, for example 10s; Ctrl-C stops earlier
     #[arg(long, value_name = "TIME", value_parser = value::seconds)]
     duration: Option<f64>,
     /// Record frames, too: 9 MB/s more

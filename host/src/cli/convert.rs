@@ -22,7 +22,7 @@ pub struct Arguments {
     output: PathBuf,
     #[command(flatten)]
     results: OutputArguments,
-    /// Format to write, such as aedat4, npz, hdf5 or csv; a name that is none lists them all [default: by the extension of OUT]
+    /// Format to write, such as aedat4, npz, hdf5 or csv; any unknown name prints the list [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT")]
     to: Option<OutputFormat>,
     /// Write Unix times (since 1970), where the recording says when it began

@@ -106,7 +106,7 @@ Examples:
   The largest board that fits on A4:
     evcal board --pdf board.pdf
   A given one, on a paper of its own:
-    evcal board --board acircles:9x4:55mm:r17.5mm --paper 600x400mm --pdf board.pdf";
+    evcal board --board acircles:9x4:55mm:r17.5mm --paper 600x460mm --pdf board.pdf";
 
 pub const SIMULATE: &str = "\
 Examples:

@@ -60,7 +60,7 @@ struct TableArguments {
     /// Write the undistortion look-up for events as a C99 header
     #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
     c_header: Option<PathBuf>,
-    /// Largest error of the look-up in pixels; the coarsest table that keeps it is written
+    /// Largest error of the look-up in pixels; of node spacings of 64, 32, … 1 px the widest that keeps it is taken
     #[arg(long, value_name = "PIXELS", default_value = "0.05", value_parser = value::number(1e-6..=100.0, " pixels"))]
     max_error: f64,
     /// Number of nodes of the look-up, instead of an error to keep

@@ -41,8 +41,8 @@ pub struct Arguments {
     speed: Speed,
     #[command(flatten)]
     source: SourceArguments,
-    /// Stop once a calibration states this error of the projection or a smaller one, root mean square over the sensor
-    /// [default: 0.05px]
+    /// Stop once a calibration states an error of the projection of at most this: one standard deviation, root mean square over
+    /// the sensor [default: 0.05px]
     #[arg(long, value_name = "ERROR", value_parser = value::pixels)]
     target: Option<f64>,
     /// Hints as lines of text only, no page
@@ -58,7 +58,7 @@ pub struct Arguments {
     /// Do not open a browser
     #[arg(long, conflicts_with = "no_page")]
     no_open: bool,
-    /// Hints as the board is seen in a mirror, for who looks at the screen while they hold it
+    /// Mirror the picture and the hints, for someone who holds the board and watches the screen
     #[arg(long)]
     mirror: bool,
 }

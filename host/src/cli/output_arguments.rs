@@ -8,7 +8,7 @@ use evcal::files::output::{Existing, OutputError, check_outputs};
 /// Options of every subcommand that writes results.
 #[derive(clap::Args)]
 pub struct OutputArguments {
-    /// Replace results that are there already [default: they stay, and evcal stops before it begins]
+    /// Overwrite existing results [default: stop with an error]
     #[arg(long)]
     force: bool,
 }

@@ -38,7 +38,7 @@ pub struct Arguments {
     output: PathBuf,
     #[command(flatten)]
     results: OutputArguments,
-    /// Camera model [default: a radtan lens with a field of view of about 55 degrees]
+    /// Camera model [default: a radtan lens with a horizontal field of view of about 60 degrees]
     #[arg(long, value_name = "NAME", requires = "parameters", value_parser = value::model())]
     model: Option<ModelKind>,
     /// Parameters of the model: fx,fy,cx,cy in pixels, then the distortion coefficients
@@ -105,7 +105,7 @@ pub struct Arguments {
     /// Frames too, with a global shutter, so many a second [default: 25] (aedat4 and dvraw)
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25", value_parser = value::number(0.1..=1000.0, " a second"))]
     frames: Option<f64>,
-    /// Another lens for the frames, to see a calibration notice: parameters of the same model
+    /// Give the frames another lens (parameters of the same model), to test that a calibration detects it
     #[arg(long, value_name = "NUMBERS", requires = "frames", allow_hyphen_values = true)]
     frame_lens: Option<Numbers>,
     /// Inertial samples too, 1000 a second (aedat4 and dvraw): of a perfect unit in the camera, or, with davis346, of a
@@ -246,7 +246,7 @@ fn printed(arguments: &Arguments) -> Result<Option<BoardShape>, UsageError> {
     };
     if !shape.is_possible(&arguments.board) {
         return Err(UsageError(format!(
-            "no board of {} is printed and bent like that: circles must not overlap, and a bend be below half the board's side",
+            "this print ratio, bend and radius are impossible for {}: circles must not overlap, and a bend must be below half the board's side",
             arguments.board
         )));
     }

@@ -22,8 +22,7 @@ pub struct SourceArguments {
     /// Name or number of the event stream to read [default: the first]
     #[arg(long, value_name = "STREAM")]
     stream: Option<String>,
-    /// Which device of a USB capture is the camera, by the numbers of bus and device [default: the only one
-    /// that may be]
+    /// The camera in a USB capture, as BUS.DEVICE; needed only if several devices could be it
     #[arg(long, value_name = "BUS.DEVICE")]
     device: Option<DeviceAddress>,
     /// Leave out damaged packets instead of stopping there

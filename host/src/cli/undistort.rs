@@ -49,7 +49,7 @@ pub struct Arguments {
     /// Keep the fractions of pixels: OUT is .csv, .txt or .bin (EventCalib)
     #[arg(long)]
     subpixel: bool,
-    /// Format of the recording to write, such as aedat4, npz, hdf5 or csv; a name that is none lists them all
+    /// Format of the recording to write, such as aedat4, npz, hdf5 or csv; any unknown name prints the list
     /// [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT", conflicts_with = "subpixel")]
     to: Option<OutputFormat>,

@@ -40,7 +40,7 @@ const OTHER_NAMES: &[(&str, &str)] = &[
 /// Takes the name of a file to write.
 pub fn output_file() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().try_map(|path| match path.as_os_str() == "-" {
-        true => Err("a file is written: name it, or write /dev/stdout for a pipe"),
+        true => Err("`-` is not accepted as an output; give a file name, or /dev/stdout for a pipe"),
         false => Ok(path),
     })
 }

@@ -23,7 +23,7 @@ pub fn lens(kind: ModelKind, parameters: &[f64]) -> Result<Camera<f64>, LensErro
     Camera::from_parameters(kind, parameters).ok_or(LensError { kind, given: parameters.len() })
 }
 
-/// A radtan lens with a field of view of about 55 degrees and visible barrel distortion.
+/// A radtan lens with a horizontal field of view of about 60 degrees and visible barrel distortion.
 ///
 /// # Errors
 /// [`LensError`] for a sensor without pixels.
