@@ -96,7 +96,7 @@ pub enum PageError {
         error: io::Error,
     },
     /// The system gave no thread or no random numbers.
-    #[error("no page: {0}; --no-page goes without")]
+    #[error("the page cannot be served: {0}; add --no-page to run without it")]
     System(io::Error),
 }
 

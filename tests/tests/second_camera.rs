@@ -100,7 +100,7 @@ fn intrinsics_can_be_held() {
     assert_eq!(finished.code, Some(0), "{}", finished.stderr);
     // The truth has no σ.
     assert_eq!(finished.said().len(), 2, "{}", finished.stderr);
-    assert!(finished.said().iter().all(|line| line.contains("tells no σ of the intrinsics")), "{}", finished.stderr);
+    assert!(finished.said().iter().all(|line| line.contains("has no σ for the intrinsics")), "{}", finished.stderr);
     let found = &read_json(&result.join("calibration.json"))["second_cameras"][0];
     assert_eq!(found["held"], serde_json::json!([true, true]));
     for (solved, was) in [(0, &truth["camera"]), (1, &of_second["camera"])] {
@@ -121,7 +121,7 @@ fn intrinsics_can_be_held() {
         assert_ne!(finished.code, Some(0));
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
-    refused("--camera counts with --imu, --with or --with-frames only", &["--camera", text(&folder)]);
+    refused("--camera works only together with --imu, --with or --with-frames", &["--camera", text(&folder)]);
     refused("one --with-camera for each", &["--with", text(&second), "--with-camera", "a", "--with-camera", "b"]);
 }
 
@@ -330,7 +330,7 @@ fn mistakes_in_a_folder_of_frames_are_named() {
     refused("data.csv: line 2: there is no file");
 }
 
-/// Frames and events of a DAVIS have one eye.
+/// Frames and events of a DAVIS come through the same lens.
 #[test]
 fn own_frames_are_where_the_events_are() {
     let recording = session().join("events.dvraw");

@@ -137,7 +137,7 @@ fn seen_frame(posed: &PosedFrame, frame: &ReferenceFrame) -> SeenFrame {
     SeenFrame { t, pose: posed.pose, circles: posed.circles.iter().map(circle).collect() }
 }
 
-/// Calibrates the camera's own pictures against its events, as if they were those of a second camera: both are of one eye, so that
+/// Calibrates the camera's own pictures against its events, as if they were those of a second camera: both come through the same lens, so that
 /// nothing should lie between them. `first` was calibrated with [`PictureUse::SecondCamera`](super::PictureUse).
 ///
 /// # Errors

@@ -78,7 +78,7 @@ fn advice_on_outside(information: &Information, has_columns: bool) -> String {
     let report = &information.report;
     let outside = report.out_of_range;
     if report.looks_exchanged() {
-        return "x and y are exchanged: say where they are with --columns, or turn the numbers of --sensor".to_owned();
+        return "x and y are swapped: correct --columns, or swap the two numbers of --sensor".to_owned();
     }
     let no_pixels = report.no_pixel as f64 > FEW_EVENTS * (information.events + outside) as f64;
     let who = if information.events == 0 {
@@ -107,7 +107,8 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> String {
     }
     let hot: u64 = checked.information.hottest_pixels.iter().map(|pixel| pixel.events).sum();
     if hot as f64 > FEW_EVENTS * checked.information.events as f64 && *share < ENOUGH {
-        return "hot pixels send much of what there is: raise the camera's thresholds, and record again".to_owned();
+        return "a large share of the events comes from hot pixels: raise the camera's thresholds, and record again"
+            .to_owned();
     }
     let Some(board) = board else {
         return match (found, recognised) {

@@ -86,7 +86,7 @@ pub enum CircleLineError {
         expected: usize,
     },
     /// A field that is no number.
-    #[error("{field:?} is no {name}")]
+    #[error("{field:?} is not a valid {name}")]
     Number {
         /// What stands there.
         field: String,
@@ -94,7 +94,7 @@ pub enum CircleLineError {
         name: &'static str,
     },
     /// A field that is no whole number.
-    #[error("{field:?} is no {name}: a whole number from 0 is needed")]
+    #[error("{field:?} is not a valid {name}: a whole number from 0 is needed")]
     WholeNumber {
         /// What stands there.
         field: String,

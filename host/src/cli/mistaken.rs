@@ -25,7 +25,7 @@ pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) ->
 /// `evcal FILE`.
 fn file_first(error: &clap::Error) -> Option<String> {
     let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return None };
-    Path::new(word).exists().then(|| format!("what to do with it comes first: 'evcal info {word}'"))
+    Path::new(word).exists().then(|| format!("the subcommand comes first, for example 'evcal info {word}'"))
 }
 
 /// A command without its board, of which a newcomer may not know how to write it.

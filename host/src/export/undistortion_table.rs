@@ -37,7 +37,7 @@ pub enum ExportTableError {
     Table(#[from] TableError),
     /// Not even a node a pixel is exact enough.
     #[error(
-        "no undistortion table has an error of at most {wanted} px: with a node at every pixel it is {reached} px, the precision of 32-bit numbers"
+        "an error of {wanted} px cannot be reached; a node at every pixel gives {reached} px, the precision of 32-bit numbers"
     )]
     NotExact {
         /// What was asked for, in pixels.

@@ -89,9 +89,7 @@ pub enum CameraFileError {
         error: DescriptionError,
     },
     /// The file is of a later program.
-    #[error(
-        "{file}: the layout of this calibration is version {version}, known are up to {known}: it was written by a later evcal, update this one"
-    )]
+    #[error("{file}: this file has layout version {version}; this evcal reads up to {known}: update evcal")]
     Version {
         /// The file.
         file: String,
@@ -113,7 +111,7 @@ pub enum DescriptionError {
     #[error("camera parameter {0} is missing")]
     MissingParameter(&'static str),
     /// A parameter is out of its range.
-    #[error("model {0} refuses its parameters: all must be finite, the focal lengths positive")]
+    #[error("invalid parameters for model {0}: all must be finite, the focal lengths positive")]
     Refused(ModelKind),
 }
 

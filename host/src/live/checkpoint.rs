@@ -48,7 +48,7 @@ impl Checkpoint {
                 Some(format!("more views (stated ±{:.3} px, wanted {target})", stated.rms))
             }
             Ok(stated) if stated.max > LARGEST * target => Some(format!(
-                "more views where the camera is known least (stated ±{:.3} px there, wanted {:.3})",
+                "more views where the error is largest (stated ±{:.3} px there, at most {:.3} wanted)",
                 stated.max,
                 LARGEST * target
             )),
@@ -191,7 +191,7 @@ mod tests {
     fn each_criterion_counts_by_itself() {
         assert_eq!(missing(GOOD), None);
         assert!(missing(Stated { rms: 0.051, ..GOOD }).unwrap().contains("±0.051 px, wanted 0.05"));
-        assert!(missing(Stated { max: 0.151, ..GOOD }).unwrap().contains("known least"));
+        assert!(missing(Stated { max: 0.151, ..GOOD }).unwrap().contains("where the error is largest"));
         assert!(missing(Stated { halves_agree: false, ..GOOD }).unwrap().contains("halves"));
         let failed = Checkpoint { t: 10.0, stated: Err("no board".to_owned()) };
         assert!(failed.missing(0.05).unwrap().contains("no board"));

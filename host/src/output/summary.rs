@@ -51,7 +51,7 @@ pub fn summary(calibration: &CalibrationFile) -> String {
             let _ = write!(text, "\nframes: {}", witness.sentence);
         }
         Some(FramesResult::Failed(failure)) => {
-            let _ = write!(text, "\nframes: no calibration to compare with: {}", failure.reason);
+            let _ = write!(text, "\nthe camera's frames could not be calibrated for comparison: {}", failure.reason);
         }
         Some(FramesResult::Only(frames)) => {
             let _ = write!(text, "\nfrom {} of {} frames", frames.report.used, frames.report.detection.frames);

@@ -274,7 +274,7 @@ impl InertialResult {
         }
         if self.gyroscope.delay_measured || self.accelerometer.delay_measured {
             text.push_str(
-                "  pixels answer late, by some 0.1 ms in good light and more in dim light; that is in these delays, and not in their σ\n",
+                "  these delays include the latency of the pixels (some 0.1 ms in good light, more in dim light); their σ does not\n",
             );
         }
         let list = |value: [f64; 3], factor: f64, digits: usize| {
@@ -318,7 +318,10 @@ impl InertialResult {
         );
         self.noises(&mut text);
         let Uncertain { value, sigma } = self.board_scale;
-        let _ = write!(text, "  the board is {value:.4} ± {sigma:.4} of its stated size, says the accelerometer");
+        let _ = write!(
+            text,
+            "  according to the accelerometer, the board is {value:.4} ± {sigma:.4} times its stated size"
+        );
         for (one, other, value) in self.correlated() {
             let _ = write!(text, "\n  {one} and {other} are correlated by {value:.2}");
         }

@@ -295,7 +295,7 @@ impl SecondCameraResult {
             };
             let _ = writeln!(
                 text,
-                "  frames and events have one eye, so that the transform should be the identity: {verdict} (χ² {chi_squared:.1}, 6 expected, \
+                "  frames and events come through the same lens, so the transform should be the identity: {verdict} (χ² {chi_squared:.1}, 6 expected, \
                  above {RARELY:.1} in 1 of 100 cases)"
             );
         }

@@ -103,12 +103,12 @@ pub enum StreamError {
     #[error("the camera halted its data endpoint; start again")]
     Stalled,
     /// The bus failed many times in a row.
-    #[error("one transfer after the other failed ({0:?}); check cable and hub, then start again")]
+    #[error("too many transfers in a row failed ({0:?}); check cable and hub, then start again")]
     Failed(crate::dump::TransferStatus),
     /// libusb refuses a transfer.
     #[error("a transfer could not be queued: {0}; use fewer or smaller ones (usbfs_memory_mb limits their sum)")]
     Queue(rusb::Error),
     /// libusb cannot tell any more what comes.
-    #[error("libusb fails to handle its events: {0}; start again")]
+    #[error("libusb could not process its events: {0}; start again")]
     Events(rusb::Error),
 }

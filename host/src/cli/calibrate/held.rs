@@ -36,7 +36,7 @@ impl HeldCamera {
         if covariance.is_none() {
             let file = path.display();
             print::aside(format!(
-                "{file} tells no σ of the intrinsics: what is solved with them has smaller σ than it should"
+                "{file} has no σ for the intrinsics, so the σ of everything solved with them is too small"
             ));
         }
         Ok(Self { file: path.to_owned(), sensor, intrinsics: HeldIntrinsics { camera, covariance } })

@@ -55,9 +55,9 @@ fn text(compared: &Compared) -> String {
         if value < 0.0 { "earlier" } else { "later" },
     ));
     if let Some(Measured { value, sigma }) = compared.drift {
-        let word = if value < 0.0 { "slower" } else { "faster" };
+        let word = if value < 0.0 { "slow" } else { "fast" };
         lines.push(format!(
-            "  that is in the middle; its clock is {:.1} ± {:.1} ppm {word}",
+            "  this offset holds in the middle of the recording; the capture's clock runs {:.1} ± {:.1} ppm {word}",
             1e6 * value.abs(),
             1e6 * sigma
         ));
@@ -83,7 +83,7 @@ fn text(compared: &Compared) -> String {
             1f64.to_degrees(),
         ));
     }
-    lines.push("quote that of the slices that were held out; noise is that of the capture".to_owned());
+    lines.push("Quote the error of the held-out slices. \"noise\" is the noise of the capture system.".to_owned());
     lines.join("\n")
 }
 
