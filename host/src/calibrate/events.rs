@@ -150,7 +150,9 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         .map_err(CalibrateError::Solve)?;
     let mut findings = findings_on(&health);
     findings.extend(findings_on_frames(task, &frames, &initial));
-    findings.extend(finding_on_board(task, &unplaced, sensor, &refined.state));
+    let whole_board = finding_on_board(task, &unplaced, sensor, &refined.state);
+    let witness = if whole_board.is_some() { witness.map(WitnessOutcome::with_larger_board) } else { witness };
+    findings.extend(whole_board);
     findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
     let camera = &refined.state.camera;
     let verdict = verdict(camera, &trust, Some(&event_trust), task.board, sensor, findings, &settings.verdict);

@@ -104,7 +104,7 @@ pub struct NoPictureCalibration {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PictureFailure {
     /// Too few of them show the board.
-    #[error("the board was found in {found} of {read} frames, {required} are needed ({}): more light, slower motion, the whole board in view", in_words(.refused))]
+    #[error("the board was found in {found} of {read} frames, {required} are needed ({}): {advice}", in_words(.refused))]
     TooFewPictures {
         /// Pictures with the board.
         found: usize,
@@ -114,6 +114,8 @@ pub enum PictureFailure {
         required: usize,
         /// Pictures without a board, by reason.
         refused: BTreeMap<NoBoard, u64>,
+        /// What helps.
+        advice: &'static str,
     },
     /// There is no first camera.
     #[error(transparent)]
@@ -124,6 +126,19 @@ pub enum PictureFailure {
         /// Pictures used.
         views: usize,
     },
+}
+
+impl PictureFailure {
+    /// The same where the events show a larger board than stated: then neither light nor motion is to blame.
+    pub fn with_larger_board(self) -> Self {
+        match self {
+            Self::TooFewPictures { found, read, required, refused, .. } => {
+                let advice = "--board names only a part of the board in view";
+                Self::TooFewPictures { found, read, required, refused, advice }
+            }
+            other => other,
+        }
+    }
 }
 
 /// Reasons and how often they were, most frequent first.
@@ -205,7 +220,8 @@ fn start(
     let required = settings.min_frames;
     if frames.len() < required {
         let (found, read, refused) = (frames.len(), detection.frames, detection.refused.clone());
-        return Err(PictureFailure::TooFewPictures { found, read, required, refused });
+        let advice = "more light, slower motion, the whole board in view";
+        return Err(PictureFailure::TooFewPictures { found, read, required, refused, advice });
     }
     Ok(initial_model(frames, board, sensor, kind, settings)?)
 }

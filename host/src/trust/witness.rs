@@ -143,6 +143,16 @@ impl WitnessOutcome {
         }
     }
 
+    /// The same where the events show a larger board than stated.
+    pub fn with_larger_board(self) -> Self {
+        match self {
+            Self::Failed(FailedWitness { reason: NoWitness::NoCalibration(reason), report }) => {
+                Self::Failed(FailedWitness { reason: NoWitness::NoCalibration(reason.with_larger_board()), report })
+            }
+            other => other,
+        }
+    }
+
     /// What the verdict must know: that pictures and events disagree.
     pub fn finding(&self) -> Option<Finding> {
         let Self::Witness(witness) = self else { return None };
