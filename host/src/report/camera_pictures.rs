@@ -50,7 +50,8 @@ fn counts(report: &PictureReport) -> Markup {
         detection.refused.iter().map(|(reason, number)| format!("{} {reason}", count(*number))).collect();
     html! {
         p {
-            "Of " (count(detection.frames)) " frames " (count(detection.with_board)) " show the board and " (count(report.used as u64)) " were used"
+            "Of " (count(detection.frames)) " frames " (count(detection.with_board)) " show the board and " (count(report.used as u64))
+            " were used to calibrate from frames"
             @if !refused.is_empty() { " (not: " (refused.join(", ")) ")" }
             ". The edges of their dots are blurred by " (signed(detection.blur, 2)) " px."
         }
@@ -84,7 +85,7 @@ fn witnessed(calibrated: &Calibrated, witness: &PictureWitness) -> Markup {
         div.pair {
             figure {
                 (map.render())
-                figcaption { "Difference of the projections from frames and from events, the cameras' own poses taken out." }
+                figcaption { "Difference of the projections from frames and from events, with the rotation between the two cameras removed." }
             }
             (scrolling("Parameters from events and from frames", &parameters(comparison)))
         }

@@ -104,7 +104,7 @@ fn scatter(offsets: &[Vector2<f64>], from_events: bool) -> Markup {
             (chart.render())
             figcaption {
                 "Reprojection errors of circles" @if from_events { " in the first camera, before the joint solve" }
-                ": " (signed(rms, 3)) " px (rms). " (count(shown.len() as u64)) " of " (count(offsets.len() as u64)) " circles. They should form one cloud about 0."
+                ": " (signed(rms, 3)) " px (rms). " (count(shown.len() as u64)) " of " (count(offsets.len() as u64)) " circles. The points should scatter evenly around 0."
             }
         }
     }

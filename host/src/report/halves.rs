@@ -28,7 +28,7 @@ fn compared(calibrated: &Calibrated, halves: &SplitHalf) -> Markup {
             "Every other slice of time makes one half, the rest the other; each is calibrated by itself. The two cameras differ by "
             strong { (signed(difference.rms, 3)) " px" } " over the sensor (at most " (signed(difference.max, 3)) " px). By the stated uncertainty one expects "
             (signed(halves.expected_rms, 3)) " px, and in 95 of 100 cases no more than " (signed(halves.bound, 3)) " px: "
-            @if halves.consistent() { "it can be believed." } @else { "it is too small, or the lens changed." }
+            @if halves.consistent() { "the stated uncertainty is plausible." } @else { "the stated uncertainty is too small, or the lens changed." }
         }
         p {
             "Each half's camera explains the other half, which it has not seen, to " (signed(held_out.rms, 4)) " px; that half's own camera to "
@@ -37,7 +37,7 @@ fn compared(calibrated: &Calibrated, halves: &SplitHalf) -> Markup {
         div.pair {
             figure {
                 (map(calibrated, halves).render())
-                figcaption { "Difference of the two halves' projections, the cameras' own poses taken out; arrows point from the first to the second." (format!(" They are enlarged {} times.", enlargement(calibrated, halves))) }
+                figcaption { "Difference of the two halves' projections, with the rotation between the two cameras removed; arrows point from the first to the second." (format!(" They are enlarged {} times.", enlargement(calibrated, halves))) }
             }
             div {
                 (scrolling("Parameters of the halves", &parameters(calibrated, halves)))

@@ -35,13 +35,13 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
             }
         }
         p {
-            "What is left of each reading after the motion is subtracted: its spread in each piece of the recording. It should stay the same over "
-            "time. Its spectrum should be flat up to the corner of the sensor's filter; below "
+            "The residual of each sensor (reading minus predicted motion): its root mean square over time, which should stay the same. "
+            "Its spectrum should be flat up to the corner of the sensor's filter; below "
             (format!("{:.0}", 0.5 / inertial.knot_spacing)) " Hz the trajectory follows the sensors."
         }
         @for (index, (name, (unit, factor))) in names.iter().zip(units).enumerate() {
             div.pair {
-                figure { (over_time(&inertial.residuals[index], unit, factor)) figcaption { (name) ": spread of the residuals over time." } }
+                figure { (over_time(&inertial.residuals[index], unit, factor)) figcaption { (name) ": root mean square of the residuals over time." } }
                 figure { (spectrum(inertial, index, unit, factor)) figcaption { (name) ": spectrum of the residuals." } }
             }
         }

@@ -49,7 +49,7 @@ pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
         div.pair {
             (figure(&seen, "A frame of the camera with the board's rims.", "A frame as the sensor saw it. Green is where the result puts the dots."))
             (figure(&rectified, "The same frame without the distortion of the lens.", "Without distortion."))
-            (figure(&together, "The mean of many frames carried to the board.", &format!("The mean of {} of {} frames, each carried to the board by the result: sharp if both fit.", shown.len(), count(used as u64))))
+            (figure(&together, "The mean of many frames carried to the board.", &format!("The mean of {} of the {} frames for whose time there is a pose, each carried to the board by the result: sharp if both fit.", shown.len(), count(used as u64))))
         }
     }
 }

@@ -127,8 +127,8 @@ fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
             p { "No cell of the sensor saw enough to tell noise from a pattern." }
         } @else {
             p {
-                "Mean displacements of the cells are " strong { (format!("{shift_ratio:.1} times")) } " as large as noise alone would make them (1 is noise, from "
-                "about 2 on there is a pattern); beyond noise they are " (signed(shift, 3)) " px."
+                "Mean displacements of the cells are " strong { (format!("{shift_ratio:.1} times")) } " as large as noise alone would make them (1 is noise; from "
+                "1.5 on there is a pattern); beyond noise they are " (signed(shift, 3)) " px."
                 @if outward_ratio > 0.0 {
                     " Edges are displaced into or out of the dots " (format!("{outward_ratio:.1}")) " times as far as noise alone would; beyond noise that is " (signed(outward, 3)) " px."
                 }

@@ -16,15 +16,15 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = html! {
         p {
             "How far the image of a point may be off, if the same camera were calibrated again and again: one standard deviation, σ, is " (signed(projection.rms, 3))
-            " px over the sensor (rms). The figure at the top, " (signed(projection.rms_95, 3)) " px, is what 95 of 100 calibrations stay below. Where no board was seen nothing backs the result, "
-            "however small the number: there it depends on the camera model being right."
+            " px over the sensor (rms). The figure at the top, " (signed(projection.rms_95, 3)) " px, is what 95 of 100 calibrations stay below. Where the board was never seen, no data supports the "
+            "result, however small the number: it relies on the lens model alone."
         }
         @if let Some(events) = calibrated.events() { (parts(&events.trust.projection_parts)) }
         div.pair {
             figure {
                 (uncertainty(calibrated).render())
                 figcaption {
-                    "Standard deviation of the projection, far away and with the camera's own pose taken out. Grey: not backed by observations."
+                    "Standard deviation of the projection, far away and with the camera's rotation removed. Grey: not backed by observations."
                 }
             }
             figure {
@@ -44,7 +44,7 @@ fn parts(parts: &ProjectionParts) -> Markup {
             "σ has several parts, whose squares add up: " (signed(noise, 4)) " px from the noise of single events, " (signed(between_parts, 4))
             " px from what events of one moment share and what changes during the recording, " (signed(event_model, 4))
             " px from what the model of the events does not follow, " (signed(focal_lengths, 4))
-            " px because focal lengths are never stated as surer than that, and " (signed(misfit, 4)) " px from what the lens model does not follow."
+            " px from the lower limit set for the σ of the focal lengths, and " (signed(misfit, 4)) " px from what the lens model does not follow."
         }
     }
 }
