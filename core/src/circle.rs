@@ -67,7 +67,7 @@ crate::settings! {
         pub max_center_offset: f32 = 0.5, "radii", above(0.0);
         /// Largest mean distance of the pixels from the circle, for a circle of radius 0 (hard).
         pub max_error: f32 = 1.0, "px", at_least(0.0);
-        /// What the mean distance may be beyond `max_error`: dots are ellipses in inclined views (hard).
+        /// Added to `max_error`, times the radius of the circle, because tilted dots are ellipses (hard).
         pub max_relative_error: f32 = 0.2, "radii", at_least(0.0);
         /// Largest mean distance of the pixels from the circle (soft).
         pub max_soft_error: f32 = 0.35, "radii", above(0.0);

@@ -36,7 +36,7 @@ pub use self::observer::{Memory, Seen};
 pub use self::watcher::Watcher;
 
 settings! {
-    /// When `evcal live` has seen enough of the board and stops; nothing of it changes a calibration.
+    /// When `evcal live` has seen enough of the board and stops; none of these settings changes a calibration.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct LiveSettings {
@@ -56,8 +56,9 @@ settings! {
         pub boards_per_tilt: u64 = 10, "windows", at_least(0.0);
         /// Shortest time from the first sight of the board on.
         pub shortest: f64 = 15.0, "s", at_least(0.0);
-        /// Largest error of the projection that a calibration of the recording so far may state: root mean square over
-        /// the sensor; the largest anywhere on it may be three times this. The option `--target` sets it.
+        /// Largest error of the projection that a calibration of the recording so far may state: one standard
+        /// deviation, root mean square over the sensor; the largest anywhere on it may be three times this. The option
+        /// `--target` sets it.
         pub target: f64 = 0.05, "px", above(0.0);
         /// When the first such calibration is made, after the first sight of the board.
         pub first_checkpoint: f64 = 10.0, "s", at_least(0.0);

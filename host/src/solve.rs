@@ -134,9 +134,9 @@ settings! {
         pub tolerance: f64 = 1e-5, "", from_to(0.0, 1.0);
         /// Length of a time bin whose events share their basis weights.
         pub bin: f64 = 0.5e-3, "s", at_least(1e-6);
-        /// Acceleration of the camera that is nothing unusual: what holds the trajectory where no event does.
+        /// Typical acceleration of the camera (σ of a weak prior); it matters only where there are no events.
         pub acceleration: f64 = 100.0, "m/s²", above(0.0);
-        /// Angular acceleration that is nothing unusual.
+        /// The same for the angular acceleration.
         pub angular_acceleration: f64 = 300.0, "rad/s²", above(0.0);
     }
 }

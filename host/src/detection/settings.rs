@@ -79,8 +79,8 @@ settings! {
         /// Longest time from a reference frame to a window whose circles could lie in several places on the board:
         /// the frame then tells in which. 0 leaves such windows out.
         pub longest_prediction: f64 = 0.03, "s", at_least(0.0);
-        /// Largest amplitude of four corners in the dots' rims. Where all windows together tell that it is larger, beyond 3 σ,
-        /// or one window that it is larger than twice this, these are no dots: squares have 0.11.
+        /// Largest amplitude of four corners in the dots' rims. The dots are rejected if all windows together exceed
+        /// this by more than 3 σ, or a single window exceeds twice this by more than 3 σ. Squares have 0.11.
         pub largest_corners: f64 = 0.02, "radii", at_least(0.0);
         /// Most events of the opposite polarity within and around the dots, beyond what noise has, as a share of those on their
         /// rims, in all windows together; one window may have twice this. Rings have more.

@@ -86,8 +86,8 @@ settings! {
         /// Standard errors by which a model's held-out cost may exceed the best one's for it to count as being as
         /// good.
         pub standard_errors: f64 = 1.0, "", at_least(0.0);
-        /// Where no model that is as good is held by OpenCV and ROS: share of the best cost by which that of one that
-        /// they hold may exceed it.
+        /// If none of the equally good models exists in OpenCV and ROS: by which share of the best cost an OpenCV/ROS
+        /// model may be worse and still be taken.
         pub negligible: f64 = 1e-3, "", at_least(0.0);
     }
 }

@@ -52,8 +52,8 @@ settings! {
         pub offsets: bool = true;
         /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event class.
         pub latencies: bool = true;
-        /// A radial distortion coefficient is held where it cannot be told from what is expected before anything is seen, and
-        /// its σ is more than this share of what lenses of all kinds differ by.
+        /// A radial distortion coefficient is held at its expected value if it agrees with that value and its σ is more
+        /// than this share of how much lenses of all kinds differ.
         pub undetermined: f64 = 0.25, "", above(0.0);
         /// Spread of the events while it is not known.
         pub first_sigma: f64 = 0.5, "px", above(0.0);

@@ -24,8 +24,8 @@ settings! {
         /// How much better a curve must explain the events for each number that it has more, in units of what noise
         /// alone gains. 2 is where the error of a curve too stiff is that of one too loose.
         pub gain: f64 = 2.0, "", at_least(0.0);
-        /// By how much errors that events have in common make them tell less of a trajectory than if each were a
-        /// measurement of its own.
+        /// Factor by which the information of the events about the trajectory is reduced because their errors are
+        /// correlated.
         pub noise: f64 = 5.0, "", at_least(1.0);
     }
 }

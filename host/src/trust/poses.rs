@@ -22,7 +22,8 @@ settings! {
         pub largest_position_sigma: f64 = 0.005, "m", above(0.0);
         /// The same for the rotation about any axis.
         pub largest_rotation_sigma: f64 = 0.01, "rad", above(0.0);
-        /// Poses that are so many times less sure than is usual in the recording (the median) are only in `trajectory.csv`, too.
+        /// Poses whose uncertainty is more than this many times the usual one in the recording (the median) are only in
+        /// `trajectory.csv`, too.
         pub largest_weakness: f64 = 4.0, "", above(1.0);
     }
 }

@@ -26,7 +26,7 @@ use crate::trust::uncertainty::parts::CovarianceParts;
 use crate::trust::uncertainty::projection::projection_uncertainty;
 
 settings! {
-    /// The two halves of a recording that are calibrated apart; nothing of it changes the camera.
+    /// The two halves of a recording that are calibrated apart; none of these settings changes the camera.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct SplitHalfSettings {

@@ -42,7 +42,7 @@ use parts::CovarianceParts;
 use projection::{NoView, ProjectionUncertainty, projection_uncertainty};
 
 settings! {
-    /// How the stated σ come about; nothing of it changes the camera.
+    /// How the stated σ come about; none of these settings changes the camera.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct UncertaintySettings {
@@ -51,16 +51,18 @@ settings! {
         pub block: f64 = 0.25, "s", at_least(1e-3);
         /// Shorter recordings get shorter blocks, so that there are this many.
         pub fewest_blocks: usize = 4, "blocks", from_to(2.0, 1e4);
-        /// The focal lengths are never surer than this share of them (σ), as one error common to both.
+        /// Lower limit of the σ of the focal lengths, as a share of them: one error common to both.
         pub systematic_scale: f64 = 5e-5, "", at_least(0.0);
-        /// The same where the latencies of events move them apart by half the sensor's diagonal (root mean square), less where they do by less.
+        /// The same limit if the latencies displace the events by half the sensor's diagonal (root mean square); for
+        /// smaller displacements it is smaller in proportion.
         pub latency_scale: f64 = 0.108, "", at_least(0.0);
-        /// How far what is wrong with the model of events moves the projection (σ, rms over the sensor), as a share of what the latencies
-        /// of events move them apart (root mean square), for each unit of leverage: the variance that one event alone would leave of the
-        /// projection, over the event's own. More events do not make it smaller.
+        /// Error of the projection from imperfections of the event model (σ, rms over the sensor), as a share of the
+        /// displacement of the events by their latencies (root mean square), for each unit of leverage. Leverage is the
+        /// variance of the projection from a single event, divided by the variance of that event. More events do not
+        /// make this error smaller.
         pub model_error: f64 = 1.3e-5, "", at_least(0.0);
-        /// What the model of events gets wrong of a pose, as a share of its usual σ; it grows with the square of how many times less sure
-        /// a pose is.
+        /// Error of a pose from imperfections of the event model, as a share of the usual σ of a pose. For a pose that
+        /// is w times less certain, it is w² times as large.
         pub pose_model_error: f64 = 0.2, "", at_least(0.0);
         /// The least error of the circles' radius that all events have in common, where it is estimated (σ).
         pub systematic_radius: f64 = 0.03, "px", at_least(0.0);

@@ -21,7 +21,7 @@ pub(super) const OPEN_FOCAL_LENGTH: f64 = 0.02;
 pub(super) const KNOWN_TOGETHER: f64 = 0.1;
 
 settings! {
-    /// When a calibration is called good; nothing of it changes the camera.
+    /// When a calibration is called good; none of these settings changes the camera.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct VerdictSettings {
