@@ -28,7 +28,7 @@ fn named<T: Copy>(all: &[T], name: impl Fn(T) -> &'static str, wanted: &str, wha
 /// Simulate an event camera that is moved in front of a board.
 ///
 /// camera: its lens and sensor; without it a DAVIS346 with a lens of about 60 degrees, horizontally. duration in seconds. motion:
-/// "slow", "fast", "blur", "interrupted", "paused", "far", "head-on", "corner", or one of those that leave something open, "slide",
+/// "slow", "fast", "violent", "blur", "interrupted", "paused", "far", "head-on", "corner", or one of those that leave something open, "slide",
 /// "one-axis", "even-turn", "little-turns", "to-and-fro". light: "default", "low" or "ideal". The same arguments give the same events.
 ///
 /// Returns the events, as read has them, and the camera.
