@@ -10,6 +10,7 @@ use evcal::export::content::Exported;
 use evcal::export::undistortion_table::{ExportedTable, fit_table, ideal_of, table};
 use evcal::files;
 use evcal::files::folder::OutputFolder;
+use evcal::lens::camera_file::camera_path;
 use evcal::lens::nearest::Replacement;
 use evcal::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC};
 use evcal_core::undistortion::IdealCamera;
@@ -92,7 +93,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         ros_topic: arguments.ros_topic.clone(),
         ..calibrated
     };
-    arguments.results.check(outputs(arguments).iter().map(PathBuf::as_path), &[&arguments.calibration])?;
+    let calibration = camera_path(&arguments.calibration);
+    arguments.results.check(outputs(arguments).iter().map(PathBuf::as_path), &[&calibration])?;
     let mut report = serde_json::Map::new();
     let mut written = Vec::new();
     if let Some(name) = arguments.format.as_deref() {

@@ -8,8 +8,8 @@ use evcal::recording::convert::{ConversionProgress, output_of};
 use evcal::recording::encode::OutputFormat;
 use evcal::undistort::picture::{is_picture, is_single, picture_outputs, undistort_pictures};
 use evcal::undistort::recording::{
-    FRAMES_CAMERA, Maps, UndistortionReport, camera_path_beside, holds_camera, is_frame_file, open_recording,
-    undistort_frames, undistort_recording, undistort_sub_pixel, write_camera,
+    FRAMES_CAMERA, Maps, UndistortionReport, WrittenFrames, camera_path_beside, holds_camera, is_frame_file,
+    open_recording, undistort_frames, undistort_recording, undistort_sub_pixel, write_camera,
 };
 use evcal::undistort::sub_pixel::SubPixelFormat;
 use evcal::undistort::target::{TargetProjection, target_camera};
@@ -112,7 +112,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
         print::json(&serde_json::json!({
             "camera": CameraDescription::new(new),
             "recording": report.as_ref().map(|(_, report)| report),
-            "pictures": frames.map(|(_, count)| count),
+            "pictures": frames.as_ref().map(|(_, frames)| frames.count),
         }))?;
     } else {
         print::line(describe(new))?;
@@ -121,9 +121,14 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
             print::line(format!("{events_outside} events were beyond the new image and are left out"))?;
             print::line(format!("the camera is in {}", camera_path_beside(output).display()))?;
         }
-        if let Some((folder, count)) = frames {
+        if let Some((folder, WrittenFrames { count, .. })) = &frames {
             print::line(format!("{}: {count} pictures, and the camera in camera.json", folder.display()))?;
         }
+    }
+    if let Some((folder, WrittenFrames { lost, .. })) = frames
+        && !lost.is_empty()
+    {
+        return Err(format!("{}\nwhat came before is in {}", lost.join("\n"), folder.display()).into());
     }
     match report {
         Some((output, UndistortionReport { conversion, .. })) => match conversion.error {
@@ -164,7 +169,8 @@ fn check_outputs<'a>(
     (camera, sensor): (&Camera<f64>, Sensor),
 ) -> super::Outcome {
     let other = (!holds_camera(camera_file, camera, sensor)).then_some(camera_file);
-    let inputs: Vec<&Path> = arguments.inputs.iter().chain([&arguments.calibration]).map(PathBuf::as_path).collect();
+    let calibration = camera_file::camera_path(&arguments.calibration);
+    let inputs: Vec<&Path> = arguments.inputs.iter().chain([&calibration]).map(PathBuf::as_path).collect();
     Ok(arguments.results.check(outputs.into_iter().chain(other), &inputs)?)
 }
 

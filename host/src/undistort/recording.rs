@@ -213,22 +213,31 @@ pub fn is_frame_file(file: &Path) -> bool {
     name == FRAMES_CAMERA || (name.starts_with(FRAME) && name.ends_with(".png"))
 }
 
+/// Frames that were written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WrittenFrames {
+    /// Their number.
+    pub count: u64,
+    /// What of the recording could not be read, in sentences.
+    pub lost: Vec<String>,
+}
+
 /// Writes the undistorted frames of `recording` as `frame-000000-T.png`, T the middle of the exposure in µs, into
-/// `folder`, which is created; their number.
+/// `folder`, which is created. Frames before a damaged one are written.
 ///
 /// # Errors
-/// [`UndistortError`]; frames before a damaged one are written.
-pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Result<u64, UndistortError> {
+/// [`UndistortError`].
+pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Result<WrittenFrames, UndistortError> {
     check_sensor(recording, &recording.open()?, maps)?;
     fs::create_dir_all(folder).map_err(|error| FileError::new(folder, error))?;
     let mut extras = open_extras(recording)?;
-    let (mut lost, mut written) = (Vec::new(), 0_u64);
+    let (mut lost, mut count) = (Vec::new(), 0_u64);
     while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
         let Extra::Frame(mut frame) = extra else { continue };
         undistort_frame(&mut frame, &maps.back);
-        let path = folder.join(format!("{FRAME}{written:06}-{}.png", frame.t));
+        let path = folder.join(format!("{FRAME}{count:06}-{}.png", frame.t));
         write_frame(&frame, &path)?;
-        written += 1;
+        count += 1;
     }
-    Ok(written)
+    Ok(WrittenFrames { count, lost })
 }
