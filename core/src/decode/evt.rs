@@ -112,6 +112,8 @@ pub(super) struct EvtClock<const BITS: u32, const SHIFT: u32, const LEAP: u32> {
     high: u32,
     /// Its time, extended to 64 bits, in microseconds.
     base_us: i64,
+    /// How far that is behind the latest one (µs).
+    behind_us: u32,
     pub(super) counts: EvtCounts,
 }
 
@@ -133,7 +135,7 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
             vendor: 0,
             unknown: 0,
         };
-        Self { trust: Trust::Nothing, high: 0, base_us: 0, counts }
+        Self { trust: Trust::Nothing, high: 0, base_us: 0, behind_us: 0, counts }
     }
 
     /// The time that is `low` µs after time high, if that can be trusted.
@@ -152,9 +154,10 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
         let before = (self.trust, self.high);
         let follows = |before: u32| high.wrapping_sub(before) & Self::MASK <= LEAP;
         let back = self.high.wrapping_sub(high) & Self::MASK;
+        let steps_back = back <= Self::MOST_BACK && self.behind_us + (back << SHIFT) <= MOST_BACK_US;
         match self.trust {
             Trust::Nothing => self.base_us = i64::from(high) << SHIFT,
-            _ if follows(self.high) || back <= Self::MOST_BACK => {
+            _ if follows(self.high) || steps_back => {
                 if self.trust != Trust::Steady {
                     self.counts.false_leaps = self.counts.false_leaps.saturating_add(1);
                 }
@@ -162,6 +165,7 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
                     self.advance(high);
                 } else {
                     self.base_us = self.base_us.saturating_sub(i64::from(back) << SHIFT);
+                    self.behind_us += back << SHIFT;
                 }
             }
             Trust::Leapt(leapt) if follows(leapt) => {
@@ -170,7 +174,8 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
                     &mut self.counts.leaps
                 } else {
                     // Beyond all times given out before the reset.
-                    self.base_us = self.base_us.saturating_add(1 << SHIFT);
+                    self.base_us = self.base_us.saturating_add(i64::from(self.behind_us) + (1 << SHIFT));
+                    self.behind_us = 0;
                     &mut self.counts.clock_resets
                 };
                 *count = count.saturating_add(1);
@@ -193,5 +198,6 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
     fn advance(&mut self, high: u32) {
         let elapsed = high.wrapping_sub(self.high) & Self::MASK;
         self.base_us = self.base_us.saturating_add(i64::from(elapsed) << SHIFT);
+        self.behind_us = i64::from(self.behind_us).saturating_sub(i64::from(elapsed) << SHIFT).max(0) as u32;
     }
 }

@@ -113,7 +113,8 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics,
         let (width, height) = picture?;
         let is_whole = sensor.is_some_and(|sensor| (width, height) == (sensor.width, sensor.height));
         let fits = sensor.is_none_or(|sensor| width <= sensor.width && height <= sensor.height);
-        (is_whole || fits && shared(beside, name(index)) > 0).then_some(index)
+        let is_beside = events.is_none() || shared(beside, name(index)) > 0;
+        (is_whole || fits && is_beside).then_some(index)
     };
     Ok(Topics { pictures: best(&mut pictures.iter().filter_map(fits)), samples: best(&mut samples.iter().copied()) })
 }
