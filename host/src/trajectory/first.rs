@@ -3,13 +3,15 @@
 use crate::circles::reference_frame::PointObservation;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
-use crate::numerics::statistics::median;
 use crate::trajectory::fit::{TrajectoryShape, fit, on_knots};
 use crate::trajectory::knot_grid::KnotSettings;
-use crate::trajectory::segment::{SegmentReport, SegmentSettings, segment};
+use crate::trajectory::segment::{SegmentReport, SegmentSettings, segment, typical_interval};
 use crate::trajectory::settings::SplineSettings;
 use crate::trajectory::timed_pose::TimedPose;
 use crate::trajectory::{Trajectory, TrajectoryError};
+
+/// A circle this far in time (s) from the middle of its frame is not of it.
+const LONGEST_FRAME: f64 = 0.5;
 
 /// What the joint solve starts from, beside the camera.
 pub struct FirstTrajectories {
@@ -38,6 +40,27 @@ pub enum FirstTrajectoryError {
         /// Frames needed.
         fewest: usize,
     },
+    /// The frames of circle tracks come too seldom.
+    #[error(
+        "the frames with the board are {interval:.1} s apart, and a trajectory needs one at least every {longest} s: are the times in seconds?"
+    )]
+    FarApart {
+        /// Median time between frames (s).
+        interval: f64,
+        /// Longest gap that would do (s).
+        longest: f64,
+    },
+    /// The circles of a frame were not seen together.
+    #[error(
+        "the circles or the time window of the frame at {t:.2} s reach {reach:.2} s from it, and {} s is the most: are the times in seconds?",
+        LONGEST_FRAME
+    )]
+    LongFrame {
+        /// Time of the frame (s).
+        t: f64,
+        /// How far they reach (s).
+        reach: f64,
+    },
     /// No segment has a spline.
     #[error("no trajectory could be fitted: {0}")]
     Trajectory(TrajectoryError),
@@ -50,17 +73,21 @@ pub fn first_trajectories(
     segment_settings: &SegmentSettings,
     (spline, knots): (&SplineSettings, &KnotSettings),
 ) -> Result<FirstTrajectories, FirstTrajectoryError> {
-    let times: Vec<(usize, f64)> = initial
-        .frames
-        .iter()
-        .filter_map(|posed| frames.get(posed.frame).map(|frame| (frame.recording, frame.t())))
-        .collect();
-    let segmentation = SegmentSettings {
-        longest_gap: segment_settings.longest_gap.max(segment_settings.longest_gap_ratio * typical_interval(&times)),
-        ..segment_settings.clone()
-    };
+    let posed = || initial.frames.iter().filter_map(|posed| frames.get(posed.frame));
+    let from_circles = || posed().filter(|frame| !frame.is_from_events());
+    // A segment covers all of its frames.
+    if let Some(frame) = from_circles().find(|frame| reach(frame) > LONGEST_FRAME) {
+        return Err(FirstTrajectoryError::LongFrame { t: frame.t(), reach: reach(frame) });
+    }
+    let times: Vec<(usize, f64)> = posed().map(|frame| (frame.recording, frame.t())).collect();
+    let interval = typical_interval(&times);
+    let longest_gap = segment_settings.longest_gap_at(interval);
+    let segmentation = SegmentSettings { longest_gap, ..segment_settings.clone() };
     let (ranges, segments) = segment(&times, spline.degree, &segmentation);
     if ranges.is_empty() {
+        if interval > longest_gap && from_circles().next().is_some() {
+            return Err(FirstTrajectoryError::FarApart { interval, longest: longest_gap });
+        }
         let fewest = segment_settings.fewest_frames.max(spline.degree + 1);
         let too_few = segments.too_few_frames + segments.too_short;
         return Err(FirstTrajectoryError::NoSegment { frames: segments.frames_in, too_few, fewest });
@@ -85,11 +112,10 @@ pub fn first_trajectories(
     Ok(FirstTrajectories { trajectories, points, segments, without_spline })
 }
 
-/// Median time between neighbouring frames of a recording (s), 0 without any.
-fn typical_interval(times: &[(usize, f64)]) -> f64 {
-    let pairs = times.iter().zip(times.iter().skip(1));
-    let mut intervals: Vec<f64> = pairs.filter(|(a, b)| a.0 == b.0).map(|(a, b)| b.1 - a.1).collect();
-    median(&mut intervals, f64::total_cmp).unwrap_or(0.0)
+/// How far the circles and the window of a frame reach from its middle (s).
+fn reach(frame: &ReferenceFrame) -> f64 {
+    let times = frame.circles.iter().map(|circle| circle.t).chain([frame.start, frame.end]);
+    times.fold(0.0, |reach, t| (t - frame.t()).abs().max(reach))
 }
 
 /// The spline of one segment, and its circle centres where there are no events.

@@ -7,6 +7,12 @@ use evcal_core::settings;
 use evcal_core::settings::{above, at_least};
 use serde::{Deserialize, Serialize};
 
+use crate::numerics::statistics::median;
+
+/// Longest gap (s) that `longest_gap_ratio` allows: no curve follows a board for longer without a frame, and times in
+/// another unit would make segments of years.
+const LONGEST_BRIDGED_GAP: f64 = 0.5;
+
 settings! {
     /// Trajectory segments (section 6 of method.md).
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -14,9 +20,9 @@ settings! {
     pub struct SegmentSettings {
         /// A longer gap between neighbouring reference frames starts a new segment, if it is also longer than
         /// `longest_gap_ratio` allows.
-        pub longest_gap: f64 = 0.03, "s", above(0.0);
-        /// A gap of up to this many median intervals of the frames starts no new segment: circle tracks may hold
-        /// few frames.
+        pub longest_gap: f64 = 0.03, "s", above(0.0).at_most(10.0);
+        /// A gap of up to this many median intervals of the frames, and of no more than 0.5 s, starts no new segment:
+        /// circle tracks may hold few frames.
         pub longest_gap_ratio: f64 = 2.5, "", at_least(0.0);
         /// Fewest reference frames in a segment; never less than the spline's degree + 1.
         pub fewest_frames: usize = 4, "frames", at_least(1.0);
@@ -40,6 +46,20 @@ pub struct SegmentReport {
     pub too_short: usize,
     /// Time covered by the kept segments (s).
     pub duration: f64,
+}
+
+impl SegmentSettings {
+    /// The longest gap (s) within a segment of frames that come every `interval` seconds.
+    pub fn longest_gap_at(&self, interval: f64) -> f64 {
+        self.longest_gap.max((self.longest_gap_ratio * interval).min(LONGEST_BRIDGED_GAP))
+    }
+}
+
+/// Median time between neighbouring frames of a recording (s), 0 without any.
+pub fn typical_interval(times: &[(usize, f64)]) -> f64 {
+    let pairs = times.iter().zip(times.iter().skip(1));
+    let mut intervals: Vec<f64> = pairs.filter(|(a, b)| a.0 == b.0).map(|(a, b)| b.1 - a.1).collect();
+    median(&mut intervals, f64::total_cmp).unwrap_or(0.0)
 }
 
 /// Groups frames, given by (recording, time) in order of recording and time, into segments: ranges
@@ -87,5 +107,22 @@ mod tests {
         assert_eq!(report.frames_out, 18);
         assert_eq!((report.segments, report.too_few_frames, report.too_short), (2, 1, 1));
         assert!((report.duration - 0.16).abs() < 1e-12);
+    }
+
+    /// Milliseconds or microseconds in a column of seconds.
+    #[test]
+    fn times_in_another_unit_make_no_segment() {
+        let kept = |interval: f64| {
+            let times: Vec<(usize, f64)> = (0..60).map(|frame| (0, f64::from(frame) * interval)).collect();
+            let settings = SegmentSettings::default();
+            let longest_gap = settings.longest_gap_at(typical_interval(&times));
+            segment(&times, 3, &SegmentSettings { longest_gap, ..settings }).1.frames_out
+        };
+        for interval in [0.01, 0.033, 0.1, 0.4] {
+            assert_eq!(kept(interval), 60, "{interval}");
+        }
+        for interval in [1.0, 33.0, 33_333.0, 1e5, 1e300] {
+            assert_eq!(kept(interval), 0, "{interval}");
+        }
     }
 }
