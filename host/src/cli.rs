@@ -35,6 +35,7 @@ mod undistort;
 mod value;
 
 use std::error::Error;
+use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::{FromArgMatches as _, Parser, Subcommand};
@@ -152,14 +153,14 @@ pub fn run() -> ExitCode {
     if let Some(threads) = arguments.threads
         && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()
     {
-        eprintln!("evcal: cannot use {threads} threads: {error}");
+        print::aside(format!("cannot use {threads} threads: {error}"));
         return ExitCode::FAILURE;
     }
     #[cfg(unix)]
     if !arguments.command.takes_signals()
         && let Err(error) = interrupt::leave_nothing_unfinished()
     {
-        eprintln!("evcal: cannot take signals: {error}");
+        print::aside(format!("cannot take signals: {error}"));
         return ExitCode::FAILURE;
     }
     let outcome = match arguments.command {
@@ -187,13 +188,14 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             let mut told = error.to_string();
-            eprintln!("evcal: {told}");
+            print::aside(&told);
             let mut source = error.source();
             while let Some(cause) = source {
                 // Many errors have their cause's text in their own.
                 let text = cause.to_string();
                 if !told.contains(&text) {
-                    eprintln!("  because: {text}");
+                    // The exit code holds even where nobody can read this.
+                    let _ = writeln!(std::io::stderr().lock(), "  because: {text}");
                     told = text;
                 }
                 source = cause.source();

@@ -394,6 +394,29 @@ fn a_board_that_is_too_small_leads_to_the_whole_one() {
     assert!(errors.contains("is the board right?") && errors.contains("--board acircles:9x4:55mm:r17.5mm"), "{errors}");
 }
 
+/// A name may hold what ends a text in YAML or JSON.
+#[test]
+fn any_name_of_a_camera_leaves_a_file_whole() {
+    let directory = prepare();
+    let output = run("export DIR/camera --format dv-processing --camera-name a\"b\nc", directory.path());
+    let file: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(file["cameras"]["C0"]["name"], "a_b_c");
+    let output = run("export DIR/camera --format ros --camera-name a\"b\nc", directory.path());
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("a_b_c") && !text.contains("a\"b"), "{text}");
+}
+
+/// Exit codes are for scripts, which may well have nowhere to write.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_exit_code_holds_where_errors_cannot_be_written() {
+    for (arguments, code) in [(&["info", "/missing.dvraw"][..], 1), (&["info"], 2)] {
+        let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let status = Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).stderr(full).status().unwrap();
+        assert_eq!(status.code(), Some(code), "{arguments:?}");
+    }
+}
+
 #[test]
 fn what_looks_wrong_with_events_is_named() {
     let directory = prepare();

@@ -12,7 +12,7 @@ use evcal::files;
 use evcal::files::folder::OutputFolder;
 use evcal::lens::camera_file::camera_path;
 use evcal::lens::nearest::Replacement;
-use evcal::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC};
+use evcal::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, plain};
 use evcal_core::undistortion::IdealCamera;
 
 use super::output_arguments::OutputArguments;
@@ -89,7 +89,7 @@ fn nodes(text: &str) -> Result<[u16; 2], String> {
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let calibrated = CalibratedCamera::read(&arguments.calibration)?;
     let calibrated = CalibratedCamera {
-        name: arguments.camera_name.clone().unwrap_or(calibrated.name),
+        name: plain(arguments.camera_name.as_deref()).unwrap_or(calibrated.name),
         ros_topic: arguments.ros_topic.clone(),
         ..calibrated
     };

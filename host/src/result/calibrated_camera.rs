@@ -46,8 +46,8 @@ pub struct CalibratedCamera {
     pub board: Option<Board>,
 }
 
-/// A text of a recording as every format can hold it: recordings may say anything.
-fn plain(text: Option<&str>) -> Option<String> {
+/// A text as every format can hold it, none if it is empty: recordings and users may say anything.
+pub fn plain(text: Option<&str>) -> Option<String> {
     let allowed = |character: char| character.is_ascii_alphanumeric() || " _-+.:,()/".contains(character);
     let plain: String =
         text?.trim().chars().map(|character| if allowed(character) { character } else { '_' }).collect();
