@@ -214,6 +214,9 @@ const FILES: &[Mistake] = &[
     ),
     mistake("evaluate DIR/camera --truth DIR/foreign.json", 1, "no camera file", "\"parameters\": {\"fx\""),
     mistake("evaluate DIR/camera --truth DIR/foreign.yaml", 1, "no camera file", "\"model\": \"radtan4\""),
+    mistake("export DIR/sizeless.json --format ros -o DIR/out.yaml", 1, "0 x 260 pixels", "1 to 32767 pixels a side"),
+    mistake("undistort FIXTURE -c DIR/huge.json -o DIR/x.csv", 1, "40000 x 260 pixels", "1 to 32767 pixels a side"),
+    mistake("undistort FIXTURE -c DIR/huge-flat.json -o DIR/x.csv", 1, "40000 x 260", "1 to 32767 pixels a side"),
     mistake("export DIR/camera --format ros -o DIR/words.txt", 1, "words.txt is there already", "--force"),
     mistake("export DIR/camera --c-header DIR/words.txt", 1, "words.txt is there already", "--force"),
     mistake("board --svg DIR/words.txt", 1, "words.txt is there already", "--force"),
@@ -334,6 +337,16 @@ fn prepare() -> TempDir {
     });
     fs::create_dir(directory.path().join("camera")).unwrap();
     put("camera/calibration.json", camera.to_string().as_bytes());
+    for (name, width) in [("sizeless.json", 0), ("huge.json", 40_000)] {
+        let mut camera = camera.clone();
+        camera["sensor"]["width"] = width.into();
+        put(name, camera.to_string().as_bytes());
+    }
+    let flat = serde_json::json!({ "camera": {
+        "model": "radtan4", "width": 40_000, "height": 260, "fx": 300.0, "fy": 300.0, "cx": 172.5, "cy": 129.5,
+        "dist": { "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0 },
+    } });
+    put("huge-flat.json", flat.to_string().as_bytes());
     directory
 }
 

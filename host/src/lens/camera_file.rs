@@ -12,6 +12,7 @@ use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 
 pub use self::parameters::Parameters;
+use crate::recording::MAX_SENSOR_SIZE;
 use evcal_core::sensor::Sensor;
 
 /// A camera model with its parameters by name. Pixel (0, 0) is the centre of the top-left pixel.
@@ -88,6 +89,14 @@ pub enum CameraFileError {
         /// What is wrong.
         error: DescriptionError,
     },
+    /// No sensor has this size.
+    #[error("{file}: the sensor has {sensor} pixels; state its true size, 1 to {} pixels a side", MAX_SENSOR_SIZE)]
+    SensorSize {
+        /// The file.
+        file: String,
+        /// The size in it.
+        sensor: Sensor,
+    },
     /// The file is of a later program.
     #[error("{file}: this file has layout version {version}; this evcal reads up to {known}: update evcal")]
     Version {
@@ -155,6 +164,7 @@ pub fn read(path: &Path) -> Result<(Camera<f64>, Sensor), CameraFileError> {
         Ok(parsed) => parsed,
         Err(error) => flat(&path).ok_or(error)?,
     };
+    check_size(&path, parsed.sensor)?;
     let camera = parsed.camera.camera().map_err(|error| wrong(&path, error))?;
     Ok((camera, parsed.sensor))
 }
@@ -224,7 +234,27 @@ fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
             serde_json::to_string(&camera)
         }
     };
-    json.and_then(|json| serde_json::from_str(&json)).map_err(|error| CameraFileError::Parse { file, error })
+    let json = json.map_err(|error| CameraFileError::Parse { file: file.clone(), error })?;
+    let parsed = serde_json::from_str(&json).map_err(|error| CameraFileError::Parse { file, error })?;
+    // Whatever is read of the file: no part of it holds for an impossible sensor.
+    match serde_json::from_str::<SizeOnly>(&json) {
+        Ok(SizeOnly { sensor }) => check_size(path, sensor).map(|()| parsed),
+        Err(_) => Ok(parsed),
+    }
+}
+
+/// The sensor of a camera file, and nothing else of it.
+#[derive(Deserialize)]
+struct SizeOnly {
+    sensor: Sensor,
+}
+
+fn check_size(path: &Path, sensor: Sensor) -> Result<(), CameraFileError> {
+    let sides = 1..=MAX_SENSOR_SIZE;
+    match sides.contains(&sensor.width) && sides.contains(&sensor.height) {
+        true => Ok(()),
+        false => Err(CameraFileError::SensorSize { file: path.display().to_string(), sensor }),
+    }
 }
 
 /// What tells evcal's own files from those of others.
