@@ -77,6 +77,8 @@ const USAGE: &[Mistake] = &[
     mistake("calibrate a.csv --board BOARD --time-unit h -o DIR/out", 2, "--time-unit", "ms"),
     mistake("calibrate a.csv --board BOARD --columns x,y,t -o DIR/out", 2, "x,y,t", "x,y,p,t"),
     mistake("calibrate a.csv --board BOARD --threads 0 -o DIR/out", 2, "--threads", "1 to 1024"),
+    mistake("calibrate a.csv --board BOARD --imu i.csv --gravity nan -o DIR/out", 2, "--gravity", "9.7 to 9.9 m/s²"),
+    mistake("calibrate a.csv --board BOARD --imu i.csv --gravity 0 -o DIR/out", 2, "--gravity", "9.7 to 9.9 m/s²"),
     mistake("calibrate a.csv --board BOARD --frame-only -o DIR/out", 2, "--frame-only", "--frames-only"),
     mistake("calibrat a.csv", 2, "calibrat", "calibrate"),
     mistake("evaluate DIR/camera", 2, "--truth", "--help"),

@@ -93,6 +93,12 @@ pub enum CircleLineError {
         /// What it should be.
         name: &'static str,
     },
+    /// A radius that no circle has.
+    #[error("{field:?} is not a valid radius_px: a number above 0 is needed; leave it empty if it is not known")]
+    Radius {
+        /// What stands there.
+        field: String,
+    },
     /// A field that is no whole number.
     #[error("{field:?} is not a valid {name}: a whole number from 0 is needed")]
     WholeNumber {
@@ -371,6 +377,10 @@ t_us,x_px,y_px,column,row
         ] {
             let message = failure(&format!("{head}{line}"));
             assert!(message.contains("line ") && message.contains(part), "{line:?}: {message}");
+        }
+        for radius in ["-3", "0", "-0", "nan"] {
+            let message = failure(&format!("t_s,x_px,y_px,radius_px\n0,1,1,2\n1,1,1,{radius}\n"));
+            assert!(message.contains("line 3") && message.contains("radius_px"), "{radius}: {message}");
         }
         assert!(failure("frame,t_s,x_px,column,row\n0,0,1,0,0\n").contains("y_px"));
         assert!(failure("frame,x_px,y_px\n0,1,0\n").contains("t_s"));

@@ -162,7 +162,13 @@ pub struct CalibrationArguments {
     #[arg(long, value_name = "FILE", num_args = 0..=1)]
     imu: Option<Option<PathBuf>>,
     /// Size of gravity where the recording was made, for --imu
-    #[arg(long, value_name = "M/S²", default_value_t = STANDARD_GRAVITY, requires = "imu")]
+    #[arg(
+        long,
+        value_name = "M/S²",
+        default_value_t = STANDARD_GRAVITY,
+        requires = "imu",
+        value_parser = value::number(9.7..=9.9, " m/s²")
+    )]
     gravity: f64,
     /// Keep a parameter at a value: one of the lens (k3=0, cx=173.2) or of the board (print-ratio=1.002, bend-x=1.5mm, bend-y=0mm,
     /// radius=17.4mm); can be repeated

@@ -93,7 +93,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
                 unplugged = Some(Instant::now());
             }
             (false, Some(since)) => {
-                let after = arguments.plug_in_after.map(Duration::from_secs_f64);
+                let duration = |seconds| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
+                let after = arguments.plug_in_after.map(duration);
                 if after.is_some_and(|after| since.elapsed() >= after) {
                     camera.plug_in_again()?;
                     announce(&camera, &serial)?;

@@ -251,10 +251,13 @@ fn lever_arm(
     }
     let down: Vector3<f64> = solution.fixed_rows::<3>(0).into_owned();
     let size = down.norm();
-    if size < GRAVITY_LEFT * gravity {
-        return Err(InertialError::GravityRemoved { reading: size / gravity });
+    let reading = size / gravity;
+    if reading < GRAVITY_LEFT {
+        return Err(InertialError::GravityRemoved { reading });
     }
-    if (size / gravity - 1.0).abs() > GRAVITY_ERROR {
+    // What is no number is not as stated either.
+    let is_as_stated = (reading - 1.0).abs() <= GRAVITY_ERROR;
+    if !is_as_stated {
         return Err(InertialError::GravitySize { size, stated: gravity });
     }
     let middle = 0.5 * (samples.first().map_or(0.0, |one| one.t) + samples.last().map_or(0.0, |one| one.t));

@@ -17,7 +17,7 @@ settings! {
     #[serde(deny_unknown_fields, default)]
     pub struct PoseSettings {
         /// Poses a second in `trajectory.txt` and `trajectory.csv`.
-        pub rate: f64 = 200.0, "Hz", above(0.0);
+        pub rate: f64 = 200.0, "Hz", above(0.0).at_most(10_000.0);
         /// Poses whose centre is known worse than this along any axis are only in `trajectory.csv`.
         pub largest_position_sigma: f64 = 0.005, "m", above(0.0);
         /// The same for the rotation about any axis.

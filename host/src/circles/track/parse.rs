@@ -201,6 +201,11 @@ impl Columns {
                 .and_then(|value| u32::try_from(value).ok())
                 .ok_or(CircleLineError::MissingPlace(name))
         };
+        let radius = number(Quantity::Radius, "radius_px")?;
+        if radius.is_some_and(|radius| radius <= 0.0) {
+            let field = field(Quantity::Radius).map(|(text, _)| text.to_owned()).unwrap_or_default();
+            return Err(CircleLineError::Radius { field });
+        }
         let velocity = (number(Quantity::VelocityX, "velocity")?, number(Quantity::VelocityY, "velocity")?);
         Ok(Row {
             line,
@@ -217,7 +222,7 @@ impl Columns {
                     required(number(Quantity::X, "x_px"), "x_px")?,
                     required(number(Quantity::Y, "y_px"), "y_px")?,
                 ),
-                radius: number(Quantity::Radius, "radius_px")?,
+                radius,
                 velocity: velocity.0.zip(velocity.1).map(|(x, y)| Vector2::new(x, y)),
             },
         })

@@ -142,4 +142,8 @@ fn a_wrong_size_of_gravity_is_named() {
     let samples = samples(&trajectory, &unit(UnitQuaternion::identity(), 0.003), 250.0);
     let error = start(&[&trajectory], &samples, 11.0).unwrap_err();
     assert!(matches!(error, InertialError::GravitySize { size, .. } if (size - GRAVITY).abs() < 0.1), "{error}");
+    for stated in [f64::NAN, 0.0] {
+        let error = start(&[&trajectory], &samples, stated).unwrap_err();
+        assert!(matches!(error, InertialError::GravitySize { .. }), "{stated}: {error}");
+    }
 }
