@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 
 use hyper::header::{HOST, HeaderMap, HeaderName, HeaderValue, ORIGIN};
 use hyper::{Method, StatusCode, Uri};
@@ -61,9 +61,9 @@ impl Gate {
     /// here; a server that listens to all addresses of this computer answers to each of them.
     fn is_own(&self, host: &str) -> bool {
         let (own, port) = (self.address.ip(), self.address.port());
-        match host.parse::<SocketAddr>() {
-            Ok(host) => host.port() == port && (host.ip() == own || own.is_unspecified()),
-            Err(_) => {
+        match in_numbers(host) {
+            Some(host) => host.port() == port && (host.ip() == own || own.is_unspecified()),
+            None => {
                 let (name, given) = host.rsplit_once(':').unwrap_or((host, "80"));
                 let is_here = own.is_loopback() || own.is_unspecified();
                 is_here && name.eq_ignore_ascii_case("localhost") && given == port.to_string()
@@ -110,5 +110,47 @@ impl Gate {
         let Some(given) = given.map(HeaderValue::as_bytes) else { return false };
         let differing = given.iter().zip(self.token.as_bytes()).fold(0, |bits, (a, b)| bits | (a ^ b));
         given.len() == self.token.len() && differing == 0
+    }
+}
+
+/// The address that a host states in numbers; browsers leave port 80 out.
+fn in_numbers(host: &str) -> Option<SocketAddr> {
+    let without_port = || {
+        let bracketed = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
+        match bracketed {
+            Some(host) => host.parse::<Ipv6Addr>().map(IpAddr::V6),
+            None => host.parse::<Ipv4Addr>().map(IpAddr::V4),
+        }
+    };
+    host.parse().ok().or_else(|| Some(SocketAddr::new(without_port().ok()?, 80)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn browsers_leave_port_80_out() {
+        let passes = |address: &str, host: &str, origin: &str| {
+            let gate = Gate::new(address.parse().unwrap(), Secret([7; 16]));
+            let headers = [(HOST, host), (ORIGIN, origin), (TOKEN, gate.token())];
+            let headers: HeaderMap =
+                headers.into_iter().map(|(name, value)| (name, HeaderValue::from_str(value).unwrap())).collect();
+            gate.check(&Method::POST, &Uri::from_static("/end"), &headers, Need::Token)
+        };
+        for (address, host) in [("127.0.0.1:80", "127.0.0.1"), ("[::1]:80", "[::1]"), ("127.0.0.1:80", "localhost")] {
+            let whole = format!("{host}:80");
+            for (host, origin) in [(host, host), (whole.as_str(), host), (host, whole.as_str())] {
+                assert_eq!(passes(address, host, &format!("http://{origin}")), Ok(()), "{host} {origin}");
+            }
+            let elsewhere = address.replace(":80", ":8080");
+            assert_eq!(passes(&elsewhere, host, &format!("http://{host}")), Err(StatusCode::MISDIRECTED_REQUEST));
+            let whole = format!("{host}:8080");
+            assert_eq!(passes(&elsewhere, &whole, &format!("http://{host}")), Err(StatusCode::FORBIDDEN));
+        }
+        for foreign in ["127.0.0.2", "::1", "[::1", "[127.0.0.1]", "evil.example"] {
+            let outcome = passes("127.0.0.1:80", foreign, "http://127.0.0.1");
+            assert_eq!(outcome, Err(StatusCode::MISDIRECTED_REQUEST), "{foreign}");
+        }
     }
 }
