@@ -102,13 +102,19 @@ pub enum RepeatError {
         first: Option<String>,
     },
     /// It is shorter than a part.
-    #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it; try --seconds {:.1}s", (5.0 * .duration).floor() / 10.0)]
+    #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it; {}", shorter_parts(*.duration))]
     TooShort {
         /// Its length (s).
         duration: f64,
         /// Length wanted (s).
         seconds: f64,
     },
+}
+
+/// What helps with a recording of this length (s).
+fn shorter_parts(duration: f64) -> String {
+    let seconds = (5.0 * duration).floor() / 10.0;
+    if seconds > 0.0 { format!("try --seconds {seconds:.1}s") } else { "record longer".to_owned() }
 }
 
 /// Calibrates `settings.runs` random parts of `recording`, as `task` says but for its inputs. Where the
@@ -214,5 +220,19 @@ impl Summary {
             })
             .collect();
         Self { mean: Camera::from_parameters(kind, mean.as_slice()), parameters }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_is_told_to_take_parts_of_no_length() {
+        let told = |duration| RepeatError::TooShort { duration, seconds: 6.0 }.to_string();
+        assert!(told(3.0).ends_with("try --seconds 1.5s"), "{}", told(3.0));
+        for duration in [0.0, 0.004, 0.19] {
+            assert!(told(duration).ends_with("record longer"), "{}", told(duration));
+        }
     }
 }

@@ -104,7 +104,7 @@ pub struct NoPictureCalibration {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PictureFailure {
     /// Too few of them show the board.
-    #[error("the board was found in {found} of {read} frames, {required} are needed ({}): {advice}", in_words(.refused))]
+    #[error("the board was found in {found} of {read} frames, {required} are needed{}: {advice}", in_words(.refused))]
     TooFewPictures {
         /// Pictures with the board.
         found: usize,
@@ -132,7 +132,7 @@ impl PictureFailure {
     /// The same where the events show a larger board than stated: then neither light nor motion is to blame.
     pub fn with_larger_board(self) -> Self {
         match self {
-            Self::TooFewPictures { found, read, required, refused, .. } => {
+            Self::TooFewPictures { found, read, required, refused, .. } if !refused.is_empty() => {
                 let advice = "--board names only a part of the board in view";
                 Self::TooFewPictures { found, read, required, refused, advice }
             }
@@ -141,12 +141,12 @@ impl PictureFailure {
     }
 }
 
-/// Reasons and how often they were, most frequent first.
+/// Reasons and how often they were, most frequent first, in parentheses; nothing without any.
 fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
     let mut reasons: Vec<_> = refused.iter().collect();
     reasons.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
     let reasons: Vec<String> = reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
-    reasons.join(", ")
+    if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) }
 }
 
 /// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which
@@ -220,8 +220,36 @@ fn start(
     let required = settings.min_frames;
     if frames.len() < required {
         let (found, read, refused) = (frames.len(), detection.frames, detection.refused.clone());
-        let advice = "more light, slower motion, the whole board in view";
+        let advice = match refused.is_empty() {
+            true => "record longer",
+            false => "more light, slower motion, the whole board in view",
+        };
         return Err(PictureFailure::TooFewPictures { found, read, required, refused, advice });
     }
     Ok(initial_model(frames, board, sensor, kind, settings)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::pattern::{Layout, Pattern};
+
+    use super::*;
+
+    #[test]
+    fn what_helps_depends_on_what_was_refused() {
+        let told = |refused: BTreeMap<NoBoard, u64>| {
+            let detection = PictureSearchReport { frames: 7, refused, ..PictureSearchReport::default() };
+            let board = Board {
+                pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 },
+                spacing: 0.055,
+                radius: 0.0175,
+            };
+            let settings = InitialSettings::default();
+            let failure = start(&[], &detection, &board, Sensor::new(346, 260), ModelKind::Radtan, &settings);
+            failure.err().unwrap()
+        };
+        let all_good = told(BTreeMap::new());
+        assert!(all_good.to_string().ends_with("needed: record longer"), "{all_good}");
+        assert_eq!(all_good.clone().with_larger_board(), all_good);
+    }
 }
