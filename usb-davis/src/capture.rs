@@ -7,6 +7,7 @@
 
 mod packets;
 mod repair;
+mod requests;
 mod survey;
 mod usb;
 
@@ -31,6 +32,8 @@ pub const DATA_ENDPOINT: u8 = 0x82;
 const RAW_TRANSFER: usize = 1 << 16;
 /// Bytes of a file looked at to tell whether it is bare payload.
 const SNIFF: usize = 1 << 16;
+/// Devices that a message names.
+const LISTED: usize = 16;
 
 /// What kind of file it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,8 +61,13 @@ pub enum CaptureError {
     #[error("neither .dvraw nor pcap nor pcapng, and its words do not look like a DAVIS stream")]
     Unknown,
     /// A pcap or pcapng file says what cannot be.
-    #[error("the capture is damaged: {0}")]
-    Damaged(String),
+    #[error("the capture is damaged at byte {byte}: {what}")]
+    Damaged {
+        /// Offset of the damaged packet or block.
+        byte: u64,
+        /// What is wrong with it.
+        what: String,
+    },
     /// Nothing in the capture comes from a camera.
     #[error(
         "no DAVIS in this capture: no descriptor 152a:841a, no request 0xBF, no payload from endpoint 0x82; capture on the camera's bus"
@@ -68,13 +76,19 @@ pub enum CaptureError {
     /// More than one may be the camera.
     #[error("several devices in this capture may be the camera ({}); choose one with --device BUS.DEVICE", list(.0))]
     SeveralDevices(Vec<DeviceAddress>),
+    /// There are more devices than are looked at: so many are.
+    #[error("more than {0} devices in this capture may be the camera; choose it with --device BUS.DEVICE")]
+    TooManyDevices(usize),
     /// The chosen device is not in the capture.
     #[error("no device {0} in this capture")]
     NoSuchDevice(DeviceAddress),
 }
 
 fn list(addresses: &[DeviceAddress]) -> String {
-    let numbers: Vec<String> = addresses.iter().map(DeviceAddress::to_string).collect();
+    let mut numbers: Vec<String> = addresses.iter().take(LISTED).map(DeviceAddress::to_string).collect();
+    if addresses.len() > LISTED {
+        numbers.push(format!("{} others", addresses.len() - LISTED));
+    }
     numbers.join(", ")
 }
 
@@ -179,19 +193,20 @@ impl<R: Read + Seek> Capture<R> {
         }
     }
 
-    /// What of the file could not be read so far. For pcap and pcapng only whether it ended within
-    /// a packet, as one unfinished byte.
+    /// What of the file could not be read so far. Of pcap and pcapng only the packet within which the
+    /// file ends: other damage is an error.
     pub fn damage(&self) -> Damage {
         match &self.source {
             Source::Dump(reader) => reader.damage(),
-            Source::Packets { packets, .. } => {
-                Damage { unfinished: u64::from(packets.unfinished), ..Damage::default() }
-            }
+            Source::Packets { packets, .. } => Damage { unfinished: packets.unfinished(), ..Damage::default() },
             Source::Bare { .. } => Damage::default(),
         }
     }
 
     /// The next transfer; `None` at the end.
+    ///
+    /// # Errors
+    /// [`CaptureError::Damaged`] after all transfers before the damage.
     pub fn next_transfer(&mut self) -> Result<Option<Transfer<'_>>, CaptureError> {
         match &mut self.source {
             Source::Dump(reader) => {

@@ -292,11 +292,62 @@ fn a_capture_that_ends_within_a_packet() {
     let expected = events(500);
     let payload = payload(&expected);
     let packets: Vec<Usb<'_>> = payload.chunks(512).map(|piece| bulk(5, 1, piece)).collect();
-    for mut file in [pcap(220, false, &packets), pcapng(220, &packets)] {
-        file.truncate(file.len() - 70);
-        let (events, gaps, capture) = decode(file);
-        assert!(events.len() > 300 && expected.starts_with(&events), "{}", events.len());
-        assert_eq!((gaps, capture.damage().unfinished), (0, 1));
+    let but_last = &packets[..packets.len() - 1];
+    for (file, begins) in [
+        (pcap(220, false, &packets), pcap(220, false, but_last).len()),
+        (pcapng(220, &packets), pcapng(220, but_last).len()),
+    ] {
+        for length in [begins, begins + 1, begins + 7, begins + 50, file.len() - 1] {
+            let (events, gaps, capture) = decode(file[..length].to_vec());
+            assert!(events.len() > 300 && expected.starts_with(&events), "{}", events.len());
+            assert_eq!((gaps, capture.damage().unfinished), (0, (length - begins) as u64));
+        }
+    }
+}
+
+/// What is before damage is handed out, and then the damage is named by its byte.
+#[test]
+fn a_capture_is_read_up_to_its_damage() {
+    let expected = events(500);
+    let payload = payload(&expected);
+    let mut packets = enumeration(5);
+    packets.extend(payload.chunks(512).map(|piece| bulk(5, 100, piece)));
+    let head = [1000u32, 0, 0x7FFF_FFFF, 64].map(u32::to_le_bytes).concat();
+    let mut block = [6u32, 5].map(u32::to_le_bytes).concat();
+    block.extend(b"garbage!");
+    for (whole, damage, what) in [
+        (pcap(220, false, &packets), head, "a packet of 2147483647 bytes"),
+        (pcapng(220, &packets), block, "a block of 5 bytes"),
+    ] {
+        let place = whole.len() as u64;
+        let behind = whole[whole.len() / 2..].to_vec();
+        let mut capture = Capture::new(Cursor::new([whole, damage, behind].concat()), None).expect("a capture");
+        assert_eq!(capture.header().identity.as_ref().map(|identity| &identity.serial[..]), Some("AB12"));
+        let (mut decoder, mut read) = (capture.header().decoder(), Vec::new());
+        let error = loop {
+            let more = capture.decode_next(&mut decoder, |message| {
+                if let Message::Events(new) = message {
+                    read.extend_from_slice(new);
+                }
+            });
+            match more {
+                Ok(more) => assert!(more, "the damage is passed over"),
+                Err(error) => break error,
+            }
+        };
+        assert_eq!(read, expected);
+        assert!(matches!(error, CaptureError::Damaged { byte, .. } if byte == place), "{error}");
+        assert!(error.to_string().ends_with(&format!("at byte {place}: {what}")), "{error}");
+    }
+}
+
+#[test]
+fn a_capture_whose_header_is_incomplete_is_damaged_from_its_beginning() {
+    for whole in [pcap(220, false, &[]), pcapng(220, &[])] {
+        for length in [4, 11, 15] {
+            let error = Capture::new(Cursor::new(whole[..length].to_vec()), None).err().expect("it is damaged");
+            assert!(matches!(error, CaptureError::Damaged { byte: 0, .. }), "{error}");
+        }
     }
 }
 

@@ -107,16 +107,17 @@ impl Decode for Transfers {
     }
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
-        let mut more = true;
-        while more && batch.len() < BATCH {
+        let mut more = Ok(true);
+        while matches!(more, Ok(true)) && batch.len() < BATCH {
             more = self.messages.next(|message, shift| {
                 if let Message::Events(events) = message {
                     batch.extend(events.iter().map(|wire| event(wire, shift)));
                 }
-            })?;
+            });
         }
+        // Also of what is before damage.
         self.messages.report(report);
-        Ok(more)
+        more
     }
 
     fn done(&self) -> Option<f64> {
@@ -133,7 +134,7 @@ fn summarise(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummar
     let mut more = true;
     while more {
         let mut met = [false; 4];
-        more = messages.next(|message, shift| {
+        more = messages.next_whole(|message, shift| {
             let time = |time: u64| i64::try_from(time).unwrap_or(i64::MAX).saturating_add(shift);
             let (index, count, first, last) = match message {
                 Message::Events(events) => {
@@ -299,15 +300,9 @@ mod tests {
 
     #[test]
     fn one_of_several_cameras_in_a_capture_can_be_chosen() {
-        let payload = |x| {
-            let mut bytes = Vec::new();
-            let event = PolarityEvent { time: 5, x, y: 2, polarity: WirePolarity::On };
-            Encoder::new(Layout::DAVIS346).event(&event, &mut bytes).expect("in order");
-            bytes
-        };
         let directory = tempfile::tempdir().expect("a directory can be made");
         let path = directory.path().join("two.pcap");
-        std::fs::write(&path, pcap(&[(4, &payload(44)), (5, &payload(55))])).expect("it can be written");
+        std::fs::write(&path, pcap(&[(4, &one_event(44)), (5, &one_event(55))])).expect("it can be written");
         let open = |device| {
             let options = RecordingOptions { device, ..RecordingOptions::default() };
             Recording::new(&path, options).expect("it is known")
@@ -321,6 +316,52 @@ mod tests {
             assert_eq!(batch.iter().map(|event| event.x).collect::<Vec<_>>(), [x]);
             let streams = recording.streams().expect("it can be read");
             assert_eq!(streams.iter().map(|stream| stream.elements).sum::<u64>(), 1);
+        }
+    }
+
+    fn one_event(x: u16) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let event = PolarityEvent { time: 5, x, y: 2, polarity: WirePolarity::On };
+        Encoder::new(Layout::DAVIS346).event(&event, &mut bytes).expect("in order");
+        bytes
+    }
+
+    #[test]
+    fn events_before_damage_in_a_capture_are_read_and_the_damage_is_named() {
+        let directory = tempfile::tempdir().expect("a directory can be made");
+        let path = directory.path().join("damaged.pcap");
+        let good = pcap(&[(4, &one_event(44))]);
+        // A packet whose length cannot be, and a good one behind it.
+        let damage = [1000, 0, 0x7FFF_FFFFu32, 64].map(u32::to_le_bytes).concat();
+        let behind = pcap(&[(4, &one_event(55))]).split_off(24);
+        std::fs::write(&path, [good.clone(), damage, behind].concat()).expect("it can be written");
+        let recording = Recording::new(&path, RecordingOptions::default()).expect("it is known");
+        let (mut reader, mut batch) = (recording.open().expect("it can be read"), Vec::new());
+        assert!(reader.next_batch(&mut batch).expect("the events before it"));
+        assert_eq!(batch.iter().map(|event| event.x).collect::<Vec<_>>(), [44]);
+        match reader.next_batch(&mut batch).expect_err("it is damaged").kind {
+            RecordingErrorKind::Damaged { byte, what, .. } => {
+                assert_eq!((byte, &what[..]), (good.len() as u64, "a packet of 2147483647 bytes"));
+            }
+            other => panic!("{other}"),
+        }
+        let streams = recording.streams().expect("what is before it");
+        assert_eq!(streams.iter().map(|stream| stream.elements).sum::<u64>(), 1);
+        assert!(open_extras(&path, &RecordingOptions::default()).is_ok());
+    }
+
+    #[test]
+    fn a_capture_is_cut_off_where_its_last_packet_begins() {
+        let directory = tempfile::tempdir().expect("a directory can be made");
+        let path = directory.path().join("cut.pcap");
+        let begins = pcap(&[(4, &one_event(44))]).len();
+        let whole = pcap(&[(4, &one_event(44)), (4, &one_event(55))]);
+        for length in [begins + 1, begins + 40, whole.len() - 1] {
+            std::fs::write(&path, &whole[..length]).expect("it can be written");
+            let recording = Recording::new(&path, RecordingOptions::default()).expect("it is known");
+            let (mut reader, mut batch) = (recording.open().expect("it can be read"), Vec::new());
+            while reader.next_batch(&mut batch).expect("it is not damaged") {}
+            assert_eq!(reader.report().truncated.as_ref().map(|cut| cut.byte), Some(begins as u64));
         }
     }
 }

@@ -16,6 +16,8 @@ use super::CaptureError;
 
 /// Longest packet or block: more is damage.
 const LENGTH_MOST: u32 = 1 << 26;
+/// Most interfaces of a section: more is damage, and each is kept.
+const INTERFACES_MOST: usize = 1 << 16;
 
 /// One captured packet.
 #[derive(Clone, Copy, Debug)]
@@ -48,8 +50,11 @@ pub(super) struct PacketReader<R> {
     file: PacketFile,
     big_endian: bool,
     data: Vec<u8>,
+    /// Offset of the packet or block that is read, and of what is read next.
+    begin: u64,
+    position: u64,
     /// The file ends within a packet.
-    pub(super) unfinished: bool,
+    ends_within: bool,
 }
 
 /// Numbers at offsets within bytes, in the byte order of the file; 0 beyond the end.
@@ -100,13 +105,20 @@ impl<R: Read> PacketReader<R> {
     pub(super) fn new(mut input: R) -> Result<Self, CaptureError> {
         let mut magic = [0; 4];
         input.read_exact(&mut magic)?;
-        let reader = |input, file, big_endian| Self { input, file, big_endian, data: Vec::new(), unfinished: false };
+        let mut reader = Self {
+            input,
+            file: PacketFile::PcapNg(Vec::new()),
+            big_endian: false,
+            data: Vec::new(),
+            begin: 0,
+            position: magic.len() as u64,
+            ends_within: false,
+        };
         let magic = u32::from_be_bytes(magic);
         let (big_endian, ticks_per_second) = match magic {
             SECTION => {
-                let mut reader = reader(input, PacketFile::PcapNg(Vec::new()), false);
-                reader.section()?;
-                return Ok(reader);
+                let whole = reader.section()?;
+                return if whole { Ok(reader) } else { Err(reader.damaged("the section header is incomplete")) };
             }
             0xA1B2_C3D4 => (true, 1_000_000),
             0xA1B2_3C4D => (true, 1_000_000_000),
@@ -114,10 +126,23 @@ impl<R: Read> PacketReader<R> {
             0x4D3C_B2A1 => (false, 1_000_000_000),
             _ => return Err(CaptureError::Unknown),
         };
-        let mut head = [0; 20];
-        input.read_exact(&mut head)?;
+        let Some(head) = reader.head::<20>()? else {
+            return Err(reader.damaged("the header of the file is incomplete"));
+        };
         let link_type = Fields { bytes: &head, big_endian }.u32(16) as u16;
-        Ok(reader(input, PacketFile::Pcap(Interface { link_type, ticks_per_second }), big_endian))
+        reader.big_endian = big_endian;
+        reader.file = PacketFile::Pcap(Interface { link_type, ticks_per_second });
+        Ok(reader)
+    }
+
+    /// Bytes of a packet within which the file ended.
+    pub(super) fn unfinished(&self) -> u64 {
+        if self.ends_within { self.position - self.begin } else { 0 }
+    }
+
+    /// An error about the packet or block that is read.
+    fn damaged(&self, what: impl Into<String>) -> CaptureError {
+        CaptureError::Damaged { byte: self.begin, what: what.into() }
     }
 
     /// The next packet; `None` at the end of the file or of its last whole packet.
@@ -131,26 +156,31 @@ impl<R: Read> PacketReader<R> {
     /// Reads `length` bytes into `data`; false if the file ends before.
     fn take(&mut self, length: u32) -> Result<bool, CaptureError> {
         if length > LENGTH_MOST {
-            return Err(CaptureError::Damaged(format!("a packet of {length} bytes")));
+            return Err(self.damaged(format!("a packet of {length} bytes")));
         }
         self.data.clear();
         // Grows with what is there, for the length may be a lie.
         let got = self.input.by_ref().take(length.into()).read_to_end(&mut self.data)?;
-        self.unfinished |= got < length as usize;
+        self.position += got as u64;
+        self.ends_within |= got < length as usize;
         Ok(got == length as usize)
     }
 
-    /// Reads a head of `N` bytes; `None` at the end of the file.
+    /// Reads a head of `N` bytes; `None` if the file ends before.
     fn head<const N: usize>(&mut self) -> Result<Option<[u8; N]>, CaptureError> {
         let mut head = [0; N];
         let mut got = 0;
         while let Some(rest) = head.get_mut(got..).filter(|rest| !rest.is_empty()) {
             match self.input.read(rest) {
                 Ok(0) => {
-                    self.unfinished |= got > 0;
+                    // An end between packets is none within one.
+                    self.ends_within |= self.position > self.begin;
                     return Ok(None);
                 }
-                Ok(count) => got += count,
+                Ok(count) => {
+                    got += count;
+                    self.position += count as u64;
+                }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(error.into()),
             }
@@ -159,6 +189,7 @@ impl<R: Read> PacketReader<R> {
     }
 
     fn next_pcap(&mut self, interface: Interface) -> Result<Option<Packet<'_>>, CaptureError> {
+        self.begin = self.position;
         let Some(head) = self.head::<16>()? else { return Ok(None) };
         let big_endian = self.big_endian;
         let fields = Fields { bytes: &head, big_endian };
@@ -172,29 +203,29 @@ impl<R: Read> PacketReader<R> {
         Ok(Some(Packet { link_type: interface.link_type, time_ns, big_endian, cut, data: &self.data }))
     }
 
-    /// The rest of a section block whose type was read.
-    fn section(&mut self) -> Result<(), CaptureError> {
-        let Some(head) = self.head::<8>()? else {
-            return Err(CaptureError::Damaged("the section header is incomplete".to_owned()));
-        };
+    /// The rest of a section block whose type was read; false if the file ends before.
+    fn section(&mut self) -> Result<bool, CaptureError> {
+        let Some(head) = self.head::<8>()? else { return Ok(false) };
         let [_, _, _, _, magic @ ..] = head;
         self.big_endian = match magic {
             [0x1A, 0x2B, 0x3C, 0x4D] => true,
             [0x4D, 0x3C, 0x2B, 0x1A] => false,
-            _ => return Err(CaptureError::Damaged("the section header has no byte order".to_owned())),
+            _ => return Err(self.damaged("the section header has no byte order")),
         };
         let length = Fields { bytes: &head, big_endian: self.big_endian }.u32(0);
         self.file = PacketFile::PcapNg(Vec::new());
-        self.take(length.saturating_sub(12))?;
-        Ok(())
+        self.take(length.saturating_sub(12))
     }
 
     fn next_pcapng(&mut self) -> Result<Option<Packet<'_>>, CaptureError> {
         loop {
+            self.begin = self.position;
             let Some(kind) = self.head::<4>()? else { return Ok(None) };
             let big_endian = self.big_endian;
             if u32::from_be_bytes(kind) == SECTION {
-                self.section()?;
+                if !self.section()? {
+                    return Ok(None);
+                }
                 continue;
             }
             let kind = Fields { bytes: &kind, big_endian }.u32(0);
@@ -207,7 +238,7 @@ impl<R: Read> PacketReader<R> {
                 _ => 12,
             };
             if length < least || !length.is_multiple_of(4) {
-                return Err(CaptureError::Damaged(format!("a block of {length} bytes")));
+                return Err(self.damaged(format!("a block of {length} bytes")));
             }
             if !self.take(length - 8)? {
                 return Ok(None);
@@ -218,6 +249,9 @@ impl<R: Read> PacketReader<R> {
                     let interface =
                         Interface { link_type: fields.u16(0), ticks_per_second: resolution(fields, length) };
                     if let PacketFile::PcapNg(interfaces) = &mut self.file {
+                        if interfaces.len() >= INTERFACES_MOST {
+                            return Err(self.damaged(format!("more than {INTERFACES_MOST} interfaces")));
+                        }
                         interfaces.push(interface);
                     }
                 }
@@ -231,7 +265,7 @@ impl<R: Read> PacketReader<R> {
                         PacketFile::Pcap(interface) => Some(*interface),
                     };
                     let Some(interface) = interface else {
-                        return Err(CaptureError::Damaged(format!("a packet of unknown interface {index}")));
+                        return Err(self.damaged(format!("a packet of unknown interface {index}")));
                     };
                     let ticks = match kind {
                         6 => u64::from(fields.u32(4)) << 32 | u64::from(fields.u32(8)),

@@ -4,13 +4,20 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::Read;
 
 use super::packets::PacketReader;
+use super::requests::{GET_DESCRIPTOR, Request, Requests};
 use super::usb::{BULK, CONTROL, DeviceAddress, UsbPacket};
 use super::{CaptureError, DATA_ENDPOINT};
 use crate::dump::{DumpHeader, Identity};
 use crate::registers::{REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot};
 use crate::{PRODUCT_ID, VENDOR_ID};
 
-const GET_DESCRIPTOR: u8 = 6;
+/// Most devices that are looked at: eight full buses.
+const DEVICES_MOST: usize = 1024;
+/// Most registers and texts that are kept of a device; the camera has a few hundred and three.
+const REGISTERS_MOST: usize = 1024;
+const STRINGS_MOST: usize = 16;
+/// Most UTF-16 units of a text: the length of its descriptor is one byte.
+const STRING_MOST: usize = 126;
 
 /// What was seen of one device.
 #[derive(Debug, Default)]
@@ -57,7 +64,11 @@ impl Device {
 
     /// The snapshot is that of the first payload: what is switched off at the end does not count.
     fn register(&mut self, register: Register, value: u32) {
-        if self.payload == 0 || self.registers.get(register).is_none() {
+        let counts = match self.registers.get(register) {
+            Some(_) => self.payload == 0,
+            None => self.registers.len() < REGISTERS_MOST,
+        };
+        if counts {
             self.registers.set(register, value);
         }
     }
@@ -73,9 +84,9 @@ impl Device {
                     serial: String::new(),
                 });
             }
-            (3, [_, 3, text @ ..]) => {
+            (3, [_, 3, text @ ..]) if self.strings.len() < STRINGS_MOST || self.strings.contains_key(&index) => {
                 let (units, _) = text.as_chunks::<2>();
-                let units: Vec<u16> = units.iter().map(|&unit| u16::from_le_bytes(unit)).collect();
+                let units: Vec<u16> = units.iter().take(STRING_MOST).map(|&unit| u16::from_le_bytes(unit)).collect();
                 self.strings.insert(index, String::from_utf16_lossy(&units));
             }
             _ => {}
@@ -89,38 +100,77 @@ pub(super) struct Survey {
     pub(super) header: DumpHeader,
 }
 
-/// Reads the whole capture and chooses the camera: `wanted` if given, else the one whose
-/// descriptors say so, else the only one with register requests, else the only one with payload.
-pub(super) fn survey<R: Read>(
-    mut packets: PacketReader<R>,
-    wanted: Option<DeviceAddress>,
-) -> Result<Survey, CaptureError> {
-    let mut devices: BTreeMap<DeviceAddress, Device> = BTreeMap::new();
-    // Set-up and data of control transfers under way.
-    let mut pending: HashMap<(DeviceAddress, u64), ([u8; 8], Vec<u8>)> = HashMap::new();
-    while let Some(packet) = packets.next()? {
-        let Some(usb) = UsbPacket::parse(&packet) else { continue };
-        let device = devices.entry(usb.address).or_default();
-        if usb.transfer == BULK && usb.endpoint == DATA_ENDPOINT && usb.completion && !usb.data.is_empty() {
-            if device.payload == 0 {
-                device.first_ns = packet.time_ns;
+/// The devices that were met, as many as are looked at.
+#[derive(Debug, Default)]
+struct Devices(BTreeMap<DeviceAddress, Device>);
+
+impl Devices {
+    fn at(&mut self, address: DeviceAddress) -> Result<&mut Device, CaptureError> {
+        if self.0.len() >= DEVICES_MOST && !self.0.contains_key(&address) {
+            return Err(CaptureError::TooManyDevices(DEVICES_MOST));
+        }
+        Ok(self.0.entry(address).or_default())
+    }
+
+    /// Takes note of all packets of `wanted`, or of all devices, up to the end or to damage, which is
+    /// given back.
+    fn read<R: Read>(
+        &mut self,
+        mut packets: PacketReader<R>,
+        wanted: Option<DeviceAddress>,
+    ) -> Result<Option<CaptureError>, CaptureError> {
+        let mut requests = Requests::default();
+        loop {
+            let packet = match packets.next() {
+                Ok(Some(packet)) => packet,
+                Ok(None) => return Ok(None),
+                Err(damage @ CaptureError::Damaged { .. }) => return Ok(Some(damage)),
+                Err(error) => return Err(error),
+            };
+            let Some(usb) = UsbPacket::parse(&packet) else { continue };
+            match wanted {
+                Some(wanted) if wanted != usb.address => continue,
+                // Whatever it says, it is there.
+                Some(wanted) => {
+                    self.at(wanted)?;
+                }
+                None => {}
             }
-            device.payload += usb.data.len() as u64;
-        }
-        if usb.transfer != CONTROL {
-            continue;
-        }
-        let key = (usb.address, usb.id);
-        if let Some(setup) = usb.setup {
-            pending.insert(key, (setup, usb.data.to_vec()));
-        } else if usb.completion
-            && let Some((setup, sent)) = pending.remove(&key)
-            && usb.status.is_good()
-        {
-            device.control(setup, if setup[0] & 0x80 != 0 { usb.data } else { &sent });
+            if usb.transfer == BULK && usb.endpoint == DATA_ENDPOINT && usb.completion && !usb.data.is_empty() {
+                let device = self.at(usb.address)?;
+                if device.payload == 0 {
+                    device.first_ns = packet.time_ns;
+                }
+                device.payload += usb.data.len() as u64;
+            }
+            if usb.transfer != CONTROL {
+                continue;
+            }
+            let key = (usb.address, usb.id);
+            if let Some(setup) = usb.setup {
+                requests.begin(key, setup, usb.data);
+            } else if usb.completion
+                && let Some(Request { setup, sent }) = requests.end(key)
+                && usb.status.is_good()
+            {
+                self.at(usb.address)?.control(setup, if setup[0] & 0x80 != 0 { usb.data } else { &sent });
+            }
         }
     }
-    let address = choose(&devices, wanted)?;
+}
+
+/// Reads the whole capture, or what is before damage in it, and chooses the camera: `wanted` if given,
+/// else the one whose descriptors say so, else the only one with register requests, else the only one
+/// with payload.
+pub(super) fn survey<R: Read>(packets: PacketReader<R>, wanted: Option<DeviceAddress>) -> Result<Survey, CaptureError> {
+    let mut devices = Devices::default();
+    let damage = devices.read(packets, wanted)?;
+    let Devices(mut devices) = devices;
+    let address = choose(&devices, wanted).map_err(|error| match (error, damage) {
+        // The camera may be behind the damage.
+        (CaptureError::NoCamera | CaptureError::NoSuchDevice(_), Some(damage)) => damage,
+        (error, _) => error,
+    })?;
     let Device { identity, serial_index, strings, registers, first_ns, .. } =
         devices.remove(&address).unwrap_or_default();
     let serial = strings.get(&serial_index).cloned().unwrap_or_default();
@@ -156,4 +206,98 @@ fn choose(
         }
     }
     Err(CaptureError::NoCamera)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SUBMISSION: u8 = b'S';
+    const COMPLETION: u8 = b'C';
+    const READ_REGISTER: [u8; 8] = [0xC0, REQUEST_REGISTER, 0, 0, 0, 0, 4, 0];
+
+    /// A packet of usbmon as a pcap file has it.
+    struct Sent<'a> {
+        bus: u16,
+        device: u8,
+        kind: u8,
+        transfer: u8,
+        endpoint: u8,
+        setup: Option<[u8; 8]>,
+        data: &'a [u8],
+    }
+
+    fn capture<'a>(packets: impl IntoIterator<Item = Sent<'a>>) -> Vec<u8> {
+        let mut file = [0xA1B2_C3D4u32, 0x0004_0002, 0, 0, 1 << 18, 189].map(u32::to_le_bytes).concat();
+        for sent in packets {
+            let (length, urb) = (48 + sent.data.len() as u32, sent.data.len() as u32);
+            file.extend([1000, 0, length, length].map(u32::to_le_bytes).concat());
+            file.extend(1u64.to_le_bytes());
+            file.extend([sent.kind, sent.transfer, sent.endpoint, sent.device]);
+            file.extend(sent.bus.to_le_bytes());
+            file.extend([if sent.setup.is_some() { 0 } else { b'-' }, 0]);
+            file.extend([0; 16]);
+            file.extend([urb, urb].map(u32::to_le_bytes).concat());
+            file.extend(sent.setup.unwrap_or_default());
+            file.extend(sent.data);
+        }
+        file
+    }
+
+    fn payload(bus: u16, device: u8) -> Sent<'static> {
+        let endpoint = DATA_ENDPOINT;
+        Sent { bus, device, kind: COMPLETION, transfer: BULK, endpoint, setup: None, data: &[0, 0x80] }
+    }
+
+    fn found(file: &[u8], wanted: Option<DeviceAddress>) -> Result<DeviceAddress, CaptureError> {
+        survey(PacketReader::new(file).unwrap(), wanted).map(|survey| survey.address)
+    }
+
+    #[test]
+    fn addresses_that_say_nothing_of_a_camera_are_not_kept() {
+        let others = (0..10u16).flat_map(|bus| (0..255).map(move |device| (bus, device))).flat_map(|(bus, device)| {
+            // A mouse that moves, and a request that never ends.
+            let moved = Sent { transfer: 1, endpoint: 0x81, ..payload(bus, device) };
+            let setup = Some(READ_REGISTER);
+            [moved, Sent { kind: SUBMISSION, transfer: CONTROL, endpoint: 0x80, setup, ..payload(bus, device) }]
+        });
+        let file = capture(others.chain([payload(3, 7)]));
+        let camera = DeviceAddress { bus: 3, device: 7 };
+        let mut devices = Devices::default();
+        assert!(devices.read(PacketReader::new(&file[..]).unwrap(), None).unwrap().is_none());
+        assert_eq!(devices.0.keys().collect::<Vec<_>>(), [&camera]);
+        assert_eq!(found(&file, None).unwrap(), camera);
+        // Nor is one of them unknown when it is asked for.
+        let mouse = DeviceAddress { bus: 9, device: 1 };
+        assert_eq!(found(&file, Some(mouse)).unwrap(), mouse);
+    }
+
+    #[test]
+    fn of_too_many_devices_one_has_to_be_chosen() {
+        let all = || (0..5u16).flat_map(|bus| (0..255).map(move |device| payload(bus, device)));
+        let few = found(&capture(all().take(100)), None).unwrap_err().to_string();
+        assert!(few.contains("(0.0, 0.1, ") && few.contains("0.15, 84 others)"), "{few}");
+        let file = capture(all());
+        let error = found(&file, None).unwrap_err();
+        assert!(matches!(error, CaptureError::TooManyDevices(DEVICES_MOST)));
+        assert!(error.to_string().contains("--device BUS.DEVICE"), "{error}");
+        let last = DeviceAddress { bus: 4, device: 254 };
+        assert_eq!(found(&file, Some(last)).unwrap(), last);
+    }
+
+    #[test]
+    fn what_is_kept_of_a_device_has_an_end() {
+        let mut device = Device::default();
+        for module in 0..=255 {
+            for parameter in 0..=255 {
+                device.control([0xC0, REQUEST_REGISTER, module, 0, parameter, 0, 4, 0], &[0, 0, 0, 1]);
+                device.control([0x80, GET_DESCRIPTOR, parameter, 3, 9, 4, 255, 0], &[3; 10_000]);
+            }
+        }
+        assert_eq!((device.registers.len(), device.strings.len()), (REGISTERS_MOST, STRINGS_MOST));
+        assert!(device.strings.values().all(|text| text.chars().count() == STRING_MOST));
+        // What is known may still change until payload comes.
+        device.control([0xC0, REQUEST_REGISTER, 0, 0, 5, 0, 4, 0], &[0, 0, 0, 2]);
+        assert_eq!(device.registers.get(Register::new(0, 5)), Some(2));
+    }
 }

@@ -59,7 +59,7 @@ fn held(path: &Path, options: &RecordingOptions) -> Result<OtherStreams, Recordi
     let mut messages = Messages::open(path, options.device)?;
     let mut held = OtherStreams::default();
     while !(held.frames && held.imu)
-        && messages.next(|message, _| match message {
+        && messages.next_whole(|message, _| match message {
             Message::Frame(_) => held.frames = true,
             Message::Imu(_) => held.imu = true,
             _ => {}

@@ -11,7 +11,7 @@ use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarit
 use usb_davis::registers::Dropped;
 
 use super::{FRAMES, INERTIAL, SIGNALS};
-use crate::recording::bytes::share;
+use crate::recording::bytes::{BEFORE_IT, share};
 use crate::recording::reader::PAUSE_AFTER_RESET;
 use crate::recording::{ReadReport, RecordingError, RecordingErrorKind, RepairedTimes, StreamFaults, Truncation};
 
@@ -122,6 +122,9 @@ impl Messages {
 
     /// Hands over the messages of the next transfer, each with what to add to its times in µs; false
     /// at the end.
+    ///
+    /// # Errors
+    /// [`RecordingErrorKind::Damaged`] after all messages before the damage.
     pub fn next(&mut self, mut sink: impl FnMut(Message<'_>, i64)) -> Result<bool, RecordingError> {
         // A gap comes before everything else of its transfer.
         let shift = self.clock.shift;
@@ -146,6 +149,14 @@ impl Messages {
     pub fn done(&self) -> Option<f64> {
         let position = (&self.watched).stream_position().ok()?;
         self.length.map(|length| share(position, length))
+    }
+
+    /// As [`Messages::next`], but damage is an end: the reader of the events meets it too, and reports it.
+    pub fn next_whole(&mut self, sink: impl FnMut(Message<'_>, i64)) -> Result<bool, RecordingError> {
+        match self.next(sink) {
+            Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => Ok(false),
+            more => more,
+        }
     }
 
     /// Says in `report` what was met so far.
@@ -186,6 +197,9 @@ impl Messages {
 fn error(path: &Path, error: CaptureError) -> RecordingError {
     match error {
         CaptureError::Io(error) => RecordingError::io(path, error),
+        CaptureError::Damaged { byte, what } => {
+            RecordingError::new(path, RecordingErrorKind::Damaged { byte, what, advice: BEFORE_IT })
+        }
         error => RecordingError::new(path, RecordingErrorKind::Capture(error)),
     }
 }
