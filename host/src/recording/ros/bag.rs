@@ -21,7 +21,7 @@ const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 /// ROS bag.
 pub const FORMAT: FileFormat = FileFormat {
     output: Some(&BAG_OUTPUT),
-    streams: |path, _| events::summarise(open, path),
+    streams: |path, options| events::summarise(open, path, options),
     frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
     extras: Some(|path, options| extras::open(open, path, options)),
     uses: Uses { stream: true, ..Uses::NONE },
@@ -35,8 +35,9 @@ pub const FORMAT: FileFormat = FileFormat {
 const CHUNK: u8 = 5;
 const CONNECTION: u8 = 7;
 const MESSAGE: u8 = 2;
-/// No header of a record is longer.
+/// No header of a record is longer, nor shorter: it has `op`.
 const LONGEST_RECORD_HEADER: u64 = 1 << 16;
+const SHORTEST_RECORD_HEADER: u64 = 8;
 /// No header of a file is longer, nor are the connections in an index.
 const LONGEST_HEADER: u64 = 1 << 13;
 const LONGEST_INDEX: u64 = 1 << 22;
@@ -171,14 +172,19 @@ impl Bag {
                 return Ok(false);
             }
             let Some(header_length) = self.length(start)? else { return Ok(false) };
-            if header_length > LONGEST_RECORD_HEADER {
-                self.ended = true;
+            if !(SHORTEST_RECORD_HEADER..=LONGEST_RECORD_HEADER).contains(&header_length) {
+                // Nothing else tells where the next record begins.
                 let what = format!("the header of a record is said to have {header_length} bytes");
+                let lost = format!("records cannot be found: {what}");
+                self.truncated = Some(Truncation { byte: start, lost });
+                self.ended = true;
                 return Err(self.file.damaged(start, what));
             }
             self.file.read(&mut self.header, header_length)?;
             let Some(operation) = operation(&self.header) else {
-                self.ended = true;
+                if let Some(length) = self.length(start)? {
+                    self.file.seek(self.file.position() + length)?;
+                }
                 return Err(self.file.damaged(start, "a record has no header that can be understood"));
             };
             let Some(length) = self.length(start)? else {

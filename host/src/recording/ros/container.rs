@@ -47,7 +47,8 @@ pub trait Container: Send {
     /// The next message; `None` at the end, also of a file that was cut off.
     ///
     /// # Errors
-    /// After an error about one chunk, the messages behind it can still be read.
+    /// After an error about a part of the file, the messages behind it can still be read. Where they cannot be found, no more
+    /// come, and [`Self::truncated`] tells from where on.
     fn next(&mut self) -> Result<Option<MessageHead>, RecordingError>;
 
     /// The message that was read last.
@@ -59,7 +60,7 @@ pub trait Container: Send {
     /// Which part of the file was read, 0 to 1.
     fn done(&self) -> f64;
 
-    /// Set when the file ends too early.
+    /// Set when the file ends too early, or cannot be read on.
     fn truncated(&self) -> Option<&Truncation>;
 
     /// The topics of the whole file, where a list of them stands in it, apart from its messages.

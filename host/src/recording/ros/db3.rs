@@ -12,7 +12,7 @@ use crate::recording::{FileFormat, RecordingError, RecordingErrorKind, Truncatio
 
 /// ROS 2 bag in SQLite.
 pub const FORMAT: FileFormat = FileFormat {
-    streams: |path, _| events::summarise(open, path),
+    streams: |path, options| events::summarise(open, path, options),
     frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
     extras: Some(|path, options| extras::open(open, path, options)),
     uses: Uses { stream: true, ..Uses::NONE },

@@ -133,8 +133,11 @@ impl Decode for Decoder {
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut more = true;
         while more && batch.len() < BATCH {
+            let was_whole = self.container.truncated().is_none();
             match self.next_message(batch, report) {
                 Ok(there_is) => more = there_is,
+                // It took all behind it along, which is told as the end of the file.
+                Err(error) if is_skipped(&error, self.damage) && was_whole && self.container.truncated().is_some() => {}
                 Err(error) if is_skipped(&error, self.damage) => report.damaged_packets += 1,
                 Err(error) => return Err(error),
             }
@@ -153,7 +156,11 @@ impl Decode for Decoder {
 }
 
 /// Counts what the topics of the file at `path` hold. Messages that are damaged count as messages only.
-pub fn summarise(open: OpenContainer, path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
+pub fn summarise(
+    open: OpenContainer,
+    path: &Path,
+    options: &RecordingOptions,
+) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut container = open(path)?;
     let mut summaries: Vec<StreamSummary> = Vec::new();
     let mut decoders: Vec<PacketDecoder> = Vec::new();
@@ -161,6 +168,7 @@ pub fn summarise(open: OpenContainer, path: &Path) -> Result<Vec<StreamSummary>,
     loop {
         let head = match container.next() {
             Ok(Some(head)) => head,
+            Err(error) if is_skipped(&error, options.damage) => continue,
             // Damage is for the reader of events to report.
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
             Err(error) => return Err(error),

@@ -15,7 +15,7 @@ use crate::yaml;
 
 /// Folder of a ROS 2 bag. It is told by what is in it, not by how it begins.
 pub const FORMAT: FileFormat = FileFormat {
-    streams: |path, _| events::summarise(open, path),
+    streams: |path, options| events::summarise(open, path, options),
     frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
     extras: Some(|path, options| extras::open(open, path, options)),
     uses: Uses { stream: true, ..Uses::NONE },
@@ -139,10 +139,16 @@ impl Folder {
 impl Container for Folder {
     fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
         loop {
-            if let Some(MessageHead { topic, byte }) = self.now.next()? {
-                return Ok(Some(MessageHead { topic: self.place(topic), byte }));
+            match self.now.next() {
+                Ok(Some(MessageHead { topic, byte })) => {
+                    return Ok(Some(MessageHead { topic: self.place(topic), byte }));
+                }
+                Ok(None) => self.note_end(),
+                Err(error) => {
+                    self.note_end();
+                    return Err(error);
+                }
             }
-            self.note_end();
             let Some(path) = self.files.pop_front() else { return Ok(None) };
             self.now = open_file(&path)?;
             self.path = path;

@@ -23,7 +23,7 @@ const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// MCAP.
 pub const FORMAT: FileFormat = FileFormat {
     output: Some(&MCAP_OUTPUT),
-    streams: |path, _| events::summarise(open, path),
+    streams: |path, options| events::summarise(open, path, options),
     frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
     extras: Some(|path, options| extras::open(open, path, options)),
     uses: Uses { stream: true, ..Uses::NONE },

@@ -41,6 +41,7 @@ pub struct Table {
 
 /// A page of a table.
 struct Page {
+    number: u32,
     bytes: Vec<u8>,
     /// Its offset in the file.
     byte: u64,
@@ -140,57 +141,82 @@ impl Pages {
     /// was cut off.
     ///
     /// # Errors
-    /// Where the file is damaged. Nothing of the table follows.
+    /// Where the file is damaged. The rows behind the damaged row or page follow; where they cannot be found, none does, and
+    /// [`Self::truncated`] says so.
     pub fn next(&mut self, table: &mut Table, row: &mut Vec<u8>) -> Result<Option<(i64, u64)>, RecordingError> {
         let next = self.next_row(table, row);
-        if !matches!(next, Ok(Some(_))) {
-            *table = Table { path: Vec::new(), next: None };
-            self.read = 0;
+        match &next {
+            Ok(Some(_)) => {}
+            Ok(None) => self.end(table),
+            Err(error) => {
+                // A page is read twice where the tree is none: it could go on without end.
+                if table.path.is_empty() || self.read > self.count {
+                    if let RecordingErrorKind::Damaged { byte, what, .. } = &error.kind {
+                        let lost = format!("rows of a table cannot be found: {what}");
+                        self.truncated = Some(Truncation { byte: *byte, lost });
+                    }
+                    self.end(table);
+                }
+            }
         }
         next
+    }
+
+    fn end(&mut self, table: &mut Table) {
+        *table = Table { path: Vec::new(), next: None };
+        self.read = 0;
     }
 
     fn next_row(&mut self, table: &mut Table, row: &mut Vec<u8>) -> Result<Option<(i64, u64)>, RecordingError> {
         loop {
             if let Some(number) = table.next.take() {
-                if table.path.len() == DEEPEST {
-                    return Err(self.file.damaged(0, "its pages go round in circles"));
+                let parent = table.path.last().map_or(0, |page| page.byte);
+                if table.path.len() == DEEPEST || table.path.iter().any(|page| page.number == number) {
+                    return Err(self.file.damaged(parent, "its pages go round in circles"));
                 }
-                let Some(page) = self.page(number)? else { return Ok(None) };
+                let Some(page) = self.page(number, parent)? else { return Ok(None) };
                 table.path.push(page);
             }
             let Some(page) = table.path.last_mut() else { return Ok(None) };
-            let cell = page.next_cell();
-            let wrong = |what: &str| self.file.damaged(page.byte, what);
-            let cell = cell.ok_or_else(|| wrong("a page is not as long as its list of rows"))?;
-            match (page.bytes.get(page.start), cell) {
-                (Some(&INNER), Cell::At(start)) => {
-                    table.next = Some(number(&page.bytes, start).ok_or_else(|| wrong("a page of a table is damaged"))?);
+            let byte = page.byte;
+            let begun = match page.next_cell() {
+                Ok(Cell::Child(number)) => {
+                    table.next = Some(number);
+                    continue;
                 }
-                (Some(&INNER), Cell::Last) => {
-                    table.next = Some(number(&page.bytes, page.start + 8).ok_or_else(|| wrong("a page is damaged"))?);
-                }
-                (_, Cell::At(start)) => {
-                    let head = page.bytes.get(start..).and_then(|cell| {
-                        let (length, cell) = varint(cell)?;
-                        let (id, cell) = varint(cell)?;
-                        Some((usize::try_from(length).ok()?, id, cell))
-                    });
-                    let (length, id, cell) = head.ok_or_else(|| wrong("a row is damaged"))?;
-                    let byte = page.byte;
-                    let local = self.local(length);
-                    row.clear();
-                    row.extend_from_slice(cell.get(..local).ok_or_else(|| wrong("a row is longer than its page"))?);
-                    let overflow = if local < length { number(cell, local) } else { Some(0) };
-                    let overflow = overflow.ok_or_else(|| wrong("a row is longer than its page"))?;
-                    let whole = self.overflow(overflow, length, byte, row)?;
-                    return Ok(whole.then_some((id, byte)));
-                }
-                (_, Cell::Last | Cell::End) => {
+                Ok(Cell::End) => {
                     table.path.pop();
+                    continue;
                 }
-            }
+                Ok(Cell::Row(start)) => self.begin_row(page, start, row),
+                Err(what) => Err(what),
+            };
+            let Begun { id, length, overflow } = match begun {
+                Ok(begun) => begun,
+                Err(what) => {
+                    // Its other cells are not to be trusted; its parent leads on.
+                    table.path.pop();
+                    return Err(self.file.damaged(byte, what));
+                }
+            };
+            let whole = self.overflow(overflow, length, byte, row)?;
+            return Ok(whole.then_some((id, byte)));
         }
+    }
+
+    /// Puts what the page has of the row at `start` into `row`.
+    fn begin_row(&self, page: &Page, start: usize, row: &mut Vec<u8>) -> Result<Begun, &'static str> {
+        let head = page.bytes.get(start..).and_then(|cell| {
+            let (length, cell) = varint(cell)?;
+            let (id, cell) = varint(cell)?;
+            Some((usize::try_from(length).ok()?, id, cell))
+        });
+        let (length, id, cell) = head.ok_or("a row is damaged")?;
+        let local = self.local(length);
+        row.clear();
+        row.extend_from_slice(cell.get(..local).ok_or("a row is longer than its page")?);
+        let overflow = if local < length { number(cell, local) } else { Some(0) };
+        Ok(Begun { id, length, overflow: overflow.ok_or("a row is longer than its page")? })
     }
 
     /// Bytes of a row of this length that are in its page.
@@ -208,7 +234,7 @@ impl Pages {
     fn overflow(&mut self, mut next: u32, length: usize, byte: u64, row: &mut Vec<u8>) -> Result<bool, RecordingError> {
         let mut bytes = Vec::new();
         while row.len() < length {
-            if !self.read(next, &mut bytes)? {
+            if !self.read(next, byte, &mut bytes)? {
                 return Ok(false);
             }
             next = number(&bytes, 0).unwrap_or(0);
@@ -219,10 +245,10 @@ impl Pages {
         Ok(true)
     }
 
-    /// A page of a table; `None` if the file is cut off before its end.
-    fn page(&mut self, number: u32) -> Result<Option<Page>, RecordingError> {
+    /// A page of a table, which the one at `parent` asks for; `None` if the file is cut off before its end.
+    fn page(&mut self, number: u32, parent: u64) -> Result<Option<Page>, RecordingError> {
         let mut bytes = Vec::new();
-        if !self.read(number, &mut bytes)? {
+        if !self.read(number, parent, &mut bytes)? {
             return Ok(None);
         }
         let byte = (u64::from(number) - 1) * self.size as u64;
@@ -231,16 +257,18 @@ impl Pages {
         match (bytes.get(start), count) {
             (Some(&(INNER | LEAF)), Some(count)) => {
                 let cells = u16::from_be_bytes(*count).into();
-                Ok(Some(Page { bytes, byte, start, cells, cell: 0 }))
+                Ok(Some(Page { number, bytes, byte, start, cells, cell: 0 }))
             }
             _ => Err(self.file.damaged(byte, "a page of a table is of another kind")),
         }
     }
 
-    /// Reads a page; false if the file is cut off before its end.
-    fn read(&mut self, number: u32, bytes: &mut Vec<u8>) -> Result<bool, RecordingError> {
+    /// Reads a page, which the one at `parent` asks for; false if the file is cut off before its end.
+    fn read(&mut self, number: u32, parent: u64, bytes: &mut Vec<u8>) -> Result<bool, RecordingError> {
         let Some(index) = number.checked_sub(1).map(u64::from).filter(|index| *index < self.promised) else {
-            return Err(self.file.damaged(0, format!("page {number}, which the file does not have, is asked for")));
+            return Err(self
+                .file
+                .damaged(parent, format!("page {number}, which the file does not have, is asked for")));
         };
         if index >= self.count {
             self.cut_off();
@@ -248,7 +276,7 @@ impl Pages {
         }
         self.read += 1;
         if self.read > self.count {
-            return Err(self.file.damaged(0, "its pages go round in circles"));
+            return Err(self.file.damaged(parent, "its pages go round in circles"));
         }
         self.file.seek(index * self.size as u64)?;
         self.file.read(bytes, self.size as u64)?;
@@ -285,26 +313,41 @@ impl Pages {
 
 /// What is next in a page.
 enum Cell {
-    At(usize),
-    /// The page behind all cells of an inner page.
-    Last,
+    /// Another page.
+    Child(u32),
+    /// A row, and where it begins.
+    Row(usize),
     End,
 }
 
+/// A row of which the part in its page was read.
+struct Begun {
+    id: i64,
+    length: usize,
+    /// The page in which it goes on.
+    overflow: u32,
+}
+
 impl Page {
-    fn next_cell(&mut self) -> Option<Cell> {
+    fn next_cell(&mut self) -> Result<Cell, &'static str> {
         let index = self.cell;
         self.cell += 1;
-        if index == self.cells {
-            return Some(Cell::Last);
-        }
-        if index > self.cells {
-            return Some(Cell::End);
-        }
         let inner = self.bytes.get(self.start) == Some(&INNER);
-        let pointers = self.start + if inner { 12 } else { 8 };
-        let place = self.bytes.get(pointers + 2 * index..)?.first_chunk()?;
-        Some(Cell::At(u16::from_be_bytes(*place).into()))
+        if index > self.cells || index == self.cells && !inner {
+            return Ok(Cell::End);
+        }
+        let start = if index == self.cells {
+            // The page behind all cells of an inner page.
+            self.start + 8
+        } else {
+            let pointers = self.start + if inner { 12 } else { 8 };
+            let place = self.bytes.get(pointers + 2 * index..).and_then(|rest| rest.first_chunk());
+            u16::from_be_bytes(*place.ok_or("a page is not as long as its list of rows")?).into()
+        };
+        if !inner {
+            return Ok(Cell::Row(start));
+        }
+        number(&self.bytes, start).map(Cell::Child).ok_or("a page of a table is damaged")
     }
 }
 

@@ -1,5 +1,6 @@
 //! Files of every container, from messages to events, frames and samples.
 
+mod damage;
 mod database;
 mod files;
 mod limits;

@@ -64,6 +64,11 @@ fn records_that_are_too_long_are_named_and_not_read() {
     let (_directory, path) = sparse(&[&bag[..], &(claimed as u32).to_le_bytes()].concat(), claimed);
     let error = testing::read_file(&path, RecordingOptions::default()).error.unwrap();
     assert!(error.contains(&format!("byte {}", bag.len())) && error.contains("the header of a record"), "{error}");
+    // What stands behind it cannot be found.
+    let skip = RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() };
+    let outcome = testing::read_file(&path, skip);
+    assert_eq!((outcome.events, outcome.error, outcome.report.damaged_packets), (events(0, 7), None, 0));
+    assert_eq!(outcome.report.truncated.map(|truncated| truncated.byte), Some(bag.len() as u64));
 }
 
 /// What nobody reads may be as long as it likes.

@@ -1,0 +1,116 @@
+//! What is read behind damage, and what is said of it.
+
+use std::ops::Range;
+
+use super::*;
+
+const ARRAY: &str = "dvs_msgs/msg/EventArray";
+const PAGE: usize = 512;
+
+fn skip() -> RecordingOptions {
+    RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() }
+}
+
+/// Messages of so many events each.
+fn arrays(wire: Wire, count: i64, each: i64) -> Messages {
+    (0..count).map(|index| ("/e", ARRAY, event_array(wire, &events(each * index, each)))).collect()
+}
+
+/// Of `all` events in a file that is damaged at `byte` those before the `lost` ones are read, and those behind them where damage is
+/// skipped. It is counted as so many packets; where it is none, the rest of the file is told to be missing.
+fn check(content: &[u8], byte: usize, lost: Range<i64>, all: i64, packets: u64) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("recording");
+    std::fs::write(&path, content).unwrap();
+    let elements = |options| Recording::new(&path, options).unwrap().streams().unwrap()[0].elements;
+
+    let outcome = testing::read(content);
+    assert_eq!(outcome.events, events(0, lost.start));
+    let error = outcome.error.unwrap();
+    assert!(error.contains(&format!("byte {byte}")), "{error}");
+    assert_eq!(elements(RecordingOptions::default()), lost.start as u64);
+
+    let outcome = testing::read_with(content, skip());
+    assert_eq!(outcome.error, None);
+    assert_eq!(outcome.events, [events(0, lost.start), events(lost.end, all - lost.end)].concat());
+    assert_eq!(outcome.report.damaged_packets, packets);
+    let truncated = outcome.report.truncated.map(|truncated| truncated.byte);
+    assert_eq!(truncated, (packets == 0).then_some(byte as u64));
+    assert_eq!(elements(skip()), outcome.events.len() as u64);
+}
+
+/// Where the pages of a database begin that hold its messages.
+fn leaves(database: &[u8]) -> Vec<usize> {
+    let pages = database.chunks(PAGE).enumerate().skip(3);
+    pages.filter(|(_, page)| page[0] == 13).map(|(number, _)| number * PAGE).collect()
+}
+
+/// All messages behind such a page were lost and counted as one packet.
+#[test]
+fn a_damaged_page_of_a_database_costs_its_own_messages() {
+    let content = database::bag(&arrays(Wire::Cdr, 10, 3));
+    let leaf = leaves(&content)[4];
+    let mut damaged = content.clone();
+    damaged[leaf] = 99;
+    check(&damaged, leaf, 12..15, 30, 1);
+
+    // A row that begins behind its page.
+    let mut damaged = content.clone();
+    damaged[leaf + 8..leaf + 10].fill(0xff);
+    check(&damaged, leaf, 12..15, 30, 1);
+
+    // The page that lists the others asks for itself, or for one that the file does not have.
+    let root = 2 * PAGE;
+    let pointer = root + 12 + 2 * 4;
+    let cell = root + usize::from(u16::from_be_bytes([content[pointer], content[pointer + 1]]));
+    for number in [3_u32, 0, 999] {
+        let mut damaged = content.clone();
+        damaged[cell..cell + 4].copy_from_slice(&number.to_be_bytes());
+        check(&damaged, root, 12..15, 30, 1);
+    }
+
+    // Nothing else leads to what it does not list.
+    let mut damaged = content;
+    damaged[pointer..pointer + 2].fill(0xff);
+    check(&damaged, root, 12..30, 30, 0);
+}
+
+#[test]
+fn a_message_that_goes_on_nowhere_is_lost_alone() {
+    let mut content = database::bag(&arrays(Wire::Cdr, 3, 40));
+    let leaf = leaves(&content)[1];
+    // Where the rest of its message is.
+    content[leaf + PAGE - 4..leaf + PAGE].fill(0xff);
+    check(&content, leaf, 40..80, 120, 1);
+}
+
+#[test]
+fn a_record_of_a_bag_without_an_operation_is_stepped_over() {
+    let content = bag("none", &arrays(Wire::Ros1, 20, 3));
+    let mut chunks = content.windows(4).enumerate().filter(|(_, bytes)| bytes == b"op=\x05");
+    let operation = chunks.nth(2).unwrap().0;
+    let record = operation - 8;
+    let mut damaged = content.clone();
+    damaged[operation..operation + 2].fill(b'x');
+    check(&damaged, record, 12..18, 60, 1);
+
+    // Where the next record begins is not known.
+    for length in [0_u32, 5] {
+        let mut damaged = content.clone();
+        damaged[record..record + 4].copy_from_slice(&length.to_le_bytes());
+        check(&damaged, record, 12..60, 60, 0);
+    }
+}
+
+#[test]
+fn of_a_bag_that_was_split_the_file_that_cannot_be_read_on_is_named() {
+    let (mut first, second) = (database::bag(&arrays(Wire::Cdr, 4, 3)), arrays(Wire::Cdr, 8, 3).split_off(4));
+    let pointer = 2 * PAGE + 12 + 2 * 2;
+    first[pointer..pointer + 2].fill(0xff);
+    let directory = folder(&[("a.db3", first), ("b.mcap", mcap("zstd", &second))], "");
+    let outcome = testing::read_file(directory.path(), skip());
+    assert_eq!((outcome.events, outcome.error), ([events(0, 6), events(12, 12)].concat(), None));
+    let truncated = outcome.report.truncated.unwrap();
+    assert!(truncated.byte == 2 * PAGE as u64 && truncated.lost.contains("a.db3"), "{truncated}");
+    assert_eq!(outcome.report.damaged_packets, 0);
+}
