@@ -117,6 +117,17 @@ pub trait ReadExtras {
     }
 }
 
+/// What readers of both kinds give.
+pub const BOTH: &str = "frames and inertial samples";
+
+/// What was read; why it could not be goes to `lost`, where `what` names those that are given up.
+pub fn told<T>(read: Result<Option<T>, RecordingError>, what: &str, lost: &mut Vec<String>) -> Option<T> {
+    read.unwrap_or_else(|error| {
+        lost.push(format!("{what} from here on: {error}"));
+        None
+    })
+}
+
 /// Takes `next` if it begins at `end` (µs) or before; `read` gives the one behind it. What cannot be read goes to `lost`.
 pub fn take_until(
     next: &mut Option<Extra>,
@@ -125,10 +136,7 @@ pub fn take_until(
     read: impl FnOnce() -> Result<Option<Extra>, RecordingError>,
 ) -> Option<Extra> {
     next.as_ref().filter(|extra| extra.start() <= end)?;
-    let after = read().unwrap_or_else(|error| {
-        lost.push(format!("frames and inertial samples from here on: {error}"));
-        None
-    });
+    let after = told(read(), BOTH, lost);
     std::mem::replace(next, after)
 }
 

@@ -10,7 +10,7 @@ use std::path::Path;
 use super::packets::{Header, PacketHead, header, name, next_head, sensor, time};
 use super::{chosen, other_name};
 use crate::recording::bytes::ByteReader;
-use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until};
+use crate::recording::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until, told};
 use crate::recording::pictures::TimedImage;
 use crate::recording::{Head, RecordingError, RecordingErrorKind, RecordingOptions};
 
@@ -144,6 +144,8 @@ struct PacketExtras {
     packets: Packets,
     next: Option<Extra>,
     held: OtherStreams,
+    /// Why the first could not be read.
+    lost: Vec<String>,
 }
 
 /// Opens those of the file at `path`.
@@ -163,8 +165,9 @@ pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtra
         }
     }
     let mut packets = Packets::open(path, options)?;
-    let next = packets.next().unwrap_or_default();
-    Ok(Box::new(PacketExtras { packets, next, held }))
+    let mut lost = Vec::new();
+    let next = told(packets.next(), BOTH, &mut lost);
+    Ok(Box::new(PacketExtras { packets, next, held, lost }))
 }
 
 impl ReadExtras for PacketExtras {
@@ -177,6 +180,7 @@ impl ReadExtras for PacketExtras {
     }
 
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
+        lost.append(&mut self.lost);
         take_until(&mut self.next, end, lost, || self.packets.next())
     }
 
@@ -324,6 +328,18 @@ mod tests {
         let mut packets = Packets::open(recording.path(), &RecordingOptions::default()).unwrap();
         packets.next().unwrap();
         assert_eq!(packets.bytes.len(), good.len());
+    }
+
+    /// It was taken for the end of the file, without a word.
+    #[test]
+    fn a_damaged_first_frame_is_told() {
+        let mut bad = frame_event(1, 1, &[0x0100, 0x0200, 0x0300, 0x0400, 0x0500, 0x0600]);
+        bad[20] = 4;
+        let lines = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n";
+        let (_directory, recording) = recording(&[&lines[..], &packet(2, 0, &[bad])].concat());
+        let (mut extras, mut lost) = (open_extras(&recording).unwrap(), Vec::new());
+        assert_eq!((extras.next_until(0, &mut lost), extras.next_until(i64::MAX, &mut lost)), (None, None));
+        assert!(lost.len() == 1 && lost[0].contains(&format!("byte {}", lines.len())), "{lost:?}");
     }
 
     /// As many bytes as the head of a packet told were read.

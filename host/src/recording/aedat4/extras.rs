@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::other_streams::{FrameReader, InertialReader};
-use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, frame_start};
+use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, frame_start, told};
 use crate::recording::{RecordingError, RecordingOptions};
 
 /// Those of an AEDAT4 file.
@@ -60,14 +60,6 @@ impl ReadExtras for Aedat4Extras {
     fn reads(&self, stream: &str) -> bool {
         self.streams.iter().any(|read| read == stream)
     }
-}
-
-/// What was read; what could not be goes to `lost`.
-fn told<T>(read: Result<Option<T>, RecordingError>, what: &str, lost: &mut Vec<String>) -> Option<T> {
-    read.unwrap_or_else(|error| {
-        lost.push(format!("{what} from here on: {error}"));
-        None
-    })
 }
 
 #[cfg(test)]

@@ -8,7 +8,9 @@ use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 
 use super::layout::Found;
 use super::{arrange, choose, structure, table};
-use crate::recording::extras::{Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, take_until};
+use crate::recording::extras::{
+    BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, take_until, told,
+};
 use crate::recording::numbers::{Number, written};
 use crate::recording::pictures::TimedImage;
 use crate::recording::ros::GRAVITY;
@@ -114,14 +116,17 @@ struct Hdf5Extras {
     beside: Beside,
     next: Option<Extra>,
     held: OtherStreams,
+    /// Why the first could not be read.
+    lost: Vec<String>,
 }
 
 /// Opens those of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let mut beside = Beside::open(path, options)?;
     let held = OtherStreams { frames: beside.frames.is_some(), imu: beside.samples.is_some() };
-    let next = beside.next().unwrap_or_default();
-    Ok(Box::new(Hdf5Extras { path: path.to_owned(), beside, next, held }))
+    let mut lost = Vec::new();
+    let next = told(beside.next().map_err(|error| damaged(path, &error)), BOTH, &mut lost);
+    Ok(Box::new(Hdf5Extras { path: path.to_owned(), beside, next, held, lost }))
 }
 
 /// What cannot be read beside the events.
@@ -146,6 +151,7 @@ impl ReadExtras for Hdf5Extras {
     }
 
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
+        lost.append(&mut self.lost);
         let Self { path, beside, next, .. } = self;
         take_until(next, end, lost, || beside.next().map_err(|error| damaged(path, &error)))
     }
@@ -169,4 +175,63 @@ pub fn visit_frames(
         }
     }
     Ok(Ok(()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::structure::{Integer, group, shaped, superblock};
+    use crate::recording::extras::{Extra, open_extras};
+    use crate::recording::{Damage, Recording, RecordingOptions};
+
+    /// Four events and two samples, and two pictures which stand where the file has nothing.
+    fn without_pictures() -> Vec<u8> {
+        const NUMBER: Integer = Integer { size: 8, is_signed: true };
+        let arrays: [(&str, &[u64], Vec<i64>); 7] = [
+            ("t_us", &[4], vec![100, 200, 300, 400]),
+            ("x", &[4], vec![1, 2, 3, 4]),
+            ("y", &[4], vec![1, 2, 3, 2]),
+            ("p", &[4], vec![0, 1, 0, 1]),
+            ("image_raw_ts", &[2], vec![150, 250]),
+            ("imu_ts", &[2], vec![160, 260]),
+            ("imu", &[2, 6], (0..12).collect()),
+        ];
+        let (mut bytes, mut objects) = (vec![0; 48], Vec::new());
+        for (name, sides, numbers) in arrays {
+            let address = bytes.len() as u64;
+            bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+            objects.push((name, bytes.len() as u64));
+            bytes.extend(shaped(NUMBER, sides, address));
+        }
+        objects.push(("image_raw", bytes.len() as u64));
+        bytes.extend(shaped(Integer { size: 1, is_signed: false }, &[2, 4, 5], 1 << 40));
+        let left = bytes.len() as u64;
+        bytes.extend(group(&objects, &[]));
+        let root = bytes.len() as u64;
+        bytes.extend(group(&[("left", left)], &[]));
+        let length = bytes.len() as u64;
+        bytes.splice(..48, superblock(root, length));
+        bytes
+    }
+
+    fn read(damage: Damage) -> (Vec<i64>, Vec<String>) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, without_pictures()).unwrap();
+        let recording = Recording::new(&path, RecordingOptions { damage, ..RecordingOptions::default() }).unwrap();
+        let (mut extras, mut lost) = (open_extras(&recording).unwrap(), Vec::new());
+        assert!(extras.held().frames && extras.held().imu);
+        let read: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
+        let samples = read.iter().map(|extra| match extra {
+            Extra::Inertial(sample) => sample.t,
+            Extra::Frame(_) => panic!("a picture that is not there"),
+        });
+        (samples.collect(), lost)
+    }
+
+    /// It was taken for the end of the file, without a word.
+    #[test]
+    fn a_damaged_first_frame_is_told() {
+        let (samples, lost) = read(Damage::Refuse);
+        assert!(samples.is_empty() && lost.len() == 1 && lost[0].contains("cannot be read"), "{samples:?} {lost:?}");
+    }
 }

@@ -12,7 +12,7 @@ use evcal_core::sensor::Sensor;
 use super::container::{Container, OpenContainer};
 use super::message::{self, Kind};
 use super::picture;
-use crate::recording::extras::{Extra, OtherStreams, ReadExtras, take_until};
+use crate::recording::extras::{BOTH, Extra, OtherStreams, ReadExtras, take_until, told};
 use crate::recording::pictures::TimedImage;
 use crate::recording::{RecordingError, RecordingErrorKind, RecordingOptions};
 
@@ -35,6 +35,8 @@ struct MessageExtras {
     topics: Topics,
     /// As [`super::container::Topic::description`] has them, of pictures and of samples.
     names: [Option<String>; 2],
+    /// Why the first could not be read.
+    lost: Vec<String>,
 }
 
 /// The next picture or sample of `topics`.
@@ -92,7 +94,8 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics,
             }
             Kind::Image if pictures.iter().all(|(known, _)| *known != head.topic) => {
                 let encoding = picture::encoding(topic.kind, topic.wire, message).unwrap_or_default();
-                let frame = picture::frame(topic.kind, topic.wire, message).ok().flatten();
+                // A damaged one tells nothing of its topic.
+                let Ok(frame) = picture::frame(topic.kind, topic.wire, message) else { continue };
                 let frame = frame.filter(|_| !picture::may_be_distances(&encoding));
                 pictures.push((head.topic, frame.map(|frame| frame.size)));
             }
@@ -136,8 +139,9 @@ pub fn open(
     let description = |topic: Option<usize>| Some(container.topics().get(topic?)?.description());
     let names = [topics.pictures, topics.samples].map(description);
     let mut container = open(path)?;
-    let first = next(&mut *container, topics).unwrap_or_default();
-    Ok(Box::new(MessageExtras { container, next: first, topics, names }))
+    let mut lost = Vec::new();
+    let first = told(next(&mut *container, topics), BOTH, &mut lost);
+    Ok(Box::new(MessageExtras { container, next: first, topics, names, lost }))
 }
 
 impl ReadExtras for MessageExtras {
@@ -150,6 +154,7 @@ impl ReadExtras for MessageExtras {
     }
 
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
+        lost.append(&mut self.lost);
         take_until(&mut self.next, end, lost, || next(&mut *self.container, self.topics))
     }
 

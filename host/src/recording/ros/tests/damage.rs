@@ -114,3 +114,29 @@ fn of_a_bag_that_was_split_the_file_that_cannot_be_read_on_is_named() {
     assert!(truncated.byte == 2 * PAGE as u64 && truncated.lost.contains("a.db3"), "{truncated}");
     assert_eq!(outcome.report.damaged_packets, 0);
 }
+
+/// Frames whose first is no whole picture, a sample, and events.
+fn with_bad_frame(wire: Wire) -> Messages {
+    let grey = |t, step| ("/dvs/image_raw", "sensor_msgs/msg/Image", image(wire, t, "mono8", step, &[1; 6]));
+    vec![
+        // Its rows would be shorter than three pixels.
+        grey(START, 2),
+        grey(START + 1, 3),
+        ("/dvs/imu", "sensor_msgs/msg/Imu", imu(wire, START + 2)),
+        ("/dvs/events", ARRAY, event_array(wire, &events(0, 7))),
+    ]
+}
+
+/// It was taken for the end of the file, without a word.
+#[test]
+fn a_damaged_first_frame_is_told() {
+    for content in files(with_bad_frame) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        let (mut extras, mut lost) = (open_extras(&recording).unwrap(), Vec::new());
+        assert!(std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).next().is_none());
+        assert!(lost.len() == 1 && lost[0].contains("/dvs/image_raw is damaged"), "{lost:?}");
+    }
+}
