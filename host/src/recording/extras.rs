@@ -1,6 +1,7 @@
 //! What a recording holds beside events: frames and inertial samples.
 
-use super::{ReadReport, Recording, RecordingError};
+use super::counted::counted;
+use super::{Damage, ReadReport, Recording, RecordingError, RecordingErrorKind};
 
 /// A picture of the camera's frame sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -126,6 +127,42 @@ pub fn told<T>(read: Result<Option<T>, RecordingError>, what: &str, lost: &mut V
         lost.push(format!("{what} from here on: {error}"));
         None
     })
+}
+
+/// What to do about damaged frames and inertial samples, and how many were passed over.
+#[derive(Debug)]
+pub struct Skipped {
+    damage: Damage,
+    count: u64,
+}
+
+impl Skipped {
+    /// Nothing was passed over yet.
+    pub fn new(damage: Damage) -> Self {
+        Self { damage, count: 0 }
+    }
+
+    /// Counts `error` if it is to be passed over.
+    ///
+    /// # Errors
+    /// `error`, if it is not.
+    pub fn add(&mut self, error: RecordingError) -> Result<(), RecordingError> {
+        match (&error.kind, self.damage) {
+            (RecordingErrorKind::Damaged { .. }, Damage::Skip) => {
+                self.count += 1;
+                Ok(())
+            }
+            _ => Err(error),
+        }
+    }
+
+    /// Tells `lost`, once, how many were passed over.
+    pub fn tell(&mut self, lost: &mut Vec<String>) {
+        let count = std::mem::take(&mut self.count);
+        if count > 0 {
+            lost.push(format!("{} of {BOTH}", counted(count, "damaged packet", "damaged packets")));
+        }
+    }
 }
 
 /// Takes `next` if it begins at `end` (µs) or before; `read` gives the one behind it. What cannot be read goes to `lost`.

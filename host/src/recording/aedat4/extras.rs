@@ -46,6 +46,12 @@ impl ReadExtras for Aedat4Extras {
 
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
         lost.append(&mut self.lost);
+        if self.frame.is_none() {
+            self.frames.tell_skipped(lost);
+        }
+        if self.sample.is_none() {
+            self.samples.tell_skipped(lost);
+        }
         let frame = self.frame.as_ref().map(frame_start).filter(|start| *start <= end);
         let sample = self.sample.map(|sample| sample.t).filter(|t| *t <= end);
         if sample.is_some() && frame.is_none_or(|start| sample < Some(start)) {
@@ -69,6 +75,7 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
+    use crate::recording::Damage;
     use crate::recording::aedat4::header::Compression;
     use crate::recording::aedat4::write::Encoder;
     use crate::recording::encode::Encode;
@@ -87,14 +94,15 @@ mod tests {
         encoder.imu(&samples).unwrap();
         encoder.finish().unwrap();
 
-        let read = || {
-            let (mut extras, mut lost) = (Aedat4Extras::open(&path, &RecordingOptions::default()).unwrap(), Vec::new());
+        let read = |damage| {
+            let options = RecordingOptions { damage, ..RecordingOptions::default() };
+            let (mut extras, mut lost) = (Aedat4Extras::open(&path, &options).unwrap(), Vec::new());
             assert_eq!(extras.first_time(), Some(0));
             let read: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
             (read, lost)
         };
         let all: Vec<Extra> = samples.into_iter().map(Extra::Inertial).collect();
-        assert_eq!(read(), (all.clone(), Vec::new()));
+        assert_eq!(read(Damage::Refuse), (all.clone(), Vec::new()));
 
         let mut content = std::fs::read(&path).unwrap();
         let packets: Vec<usize> =
@@ -102,8 +110,11 @@ mod tests {
         assert_eq!(packets.len(), 3);
         content[packets[1]] = b'X';
         std::fs::write(&path, content).unwrap();
-        let (read, lost) = read();
-        assert_eq!(read, all[..10]);
+        let (before, lost) = read(Damage::Refuse);
+        assert_eq!(before, all[..10]);
         assert!(lost.len() == 1 && lost[0].contains("inertial samples from here on"), "{lost:?}");
+        let (around, lost) = read(Damage::Skip);
+        assert_eq!(around, [&all[..10], &all[20..]].concat());
+        assert_eq!(lost, ["1 damaged packet of frames and inertial samples"]);
     }
 }

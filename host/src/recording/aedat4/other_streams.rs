@@ -14,7 +14,7 @@ use super::flatbuffer::{self, Malformed, Table};
 use super::header::Stream;
 use super::packets::{PacketHead, PacketReader};
 use super::{EVENTS, choose_stream, describe, event, events};
-use crate::recording::extras::{Frame, InertialSample};
+use crate::recording::extras::{Frame, InertialSample, Skipped};
 use crate::recording::pictures::TimedImage;
 use crate::recording::{RecordingError, RecordingErrorKind, RecordingOptions, StreamSummary};
 
@@ -25,6 +25,7 @@ const INERTIAL: &str = "IMUS";
 struct StreamPackets {
     packets: PacketReader,
     stream: Option<Stream>,
+    skipped: Skipped,
 }
 
 impl StreamPackets {
@@ -39,17 +40,23 @@ impl StreamPackets {
         };
         let mut streams = header.streams.iter().filter(is_beside);
         let stream = streams.find(|stream| stream.type_identifier == type_identifier).cloned();
-        Ok(Self { packets, stream })
+        Ok(Self { packets, stream, skipped: Skipped::new(options.damage) })
     }
 
-    /// What `parse` makes of the next packet that is whole; `None` at the end.
-    fn next<T>(&mut self, parse: impl FnOnce(&[u8]) -> Result<T, Malformed>) -> Result<Option<T>, RecordingError> {
+    /// What `parse` makes of the next packet that is whole; `None` at the end. Damaged ones are passed over where they are to be
+    /// skipped; where the next packet begins must be known.
+    fn next<T>(&mut self, parse: impl Fn(&[u8]) -> Result<T, Malformed>) -> Result<Option<T>, RecordingError> {
         let Some(stream) = &self.stream else { return Ok(None) };
         while let Some(head) = self.packets.next_packet()? {
-            if head.stream == stream.id && !head.cut_off {
-                let parsed = parse(self.packets.content(&head)?);
-                return parsed.map(Some).map_err(|Malformed(what)| self.packets.damaged(&head, what));
+            if head.stream != stream.id || head.cut_off {
+                continue;
             }
+            let error = match self.packets.content(&head).map(&parse) {
+                Ok(Ok(parsed)) => return Ok(Some(parsed)),
+                Ok(Err(Malformed(what))) => self.packets.damaged(&head, what),
+                Err(error) => error,
+            };
+            self.skipped.add(error)?;
         }
         Ok(None)
     }
@@ -70,6 +77,11 @@ impl FrameReader {
     /// The stream that is read, as [`describe`] names it.
     pub(super) fn stream(&self) -> Option<String> {
         self.0.stream.as_ref().map(describe)
+    }
+
+    /// Tells `lost`, once, of the damaged packets that were passed over.
+    pub(super) fn tell_skipped(&mut self, lost: &mut Vec<String>) {
+        self.0.skipped.tell(lost);
     }
 
     /// The next picture; `None` at the end, also at that of a file that was cut off.
@@ -100,6 +112,11 @@ impl InertialReader {
     /// The stream that is read, as [`describe`] names it.
     pub(super) fn stream(&self) -> Option<String> {
         self.packets.stream.as_ref().map(describe)
+    }
+
+    /// Tells `lost`, once, of the damaged packets that were passed over.
+    pub(super) fn tell_skipped(&mut self, lost: &mut Vec<String>) {
+        self.packets.skipped.tell(lost);
     }
 
     /// The next sample; `None` at the end, also at that of a file that was cut off.

@@ -1,7 +1,7 @@
 //! Frames and inertial samples beside the events, as MVSEC's files have them: pictures of 8 bits in `image_raw`, and in `imu` three
 //! accelerations in m/s² and three rates in rad/s, as ROS gives them. Their times are in `image_raw_ts` and `imu_ts`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use hdf5_reader::error::Error;
 use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
@@ -9,7 +9,7 @@ use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 use super::layout::Found;
 use super::{arrange, choose, structure, table};
 use crate::recording::extras::{
-    BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, take_until, told,
+    BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, Skipped, take_until, told,
 };
 use crate::recording::numbers::{Number, written};
 use crate::recording::pictures::TimedImage;
@@ -48,7 +48,13 @@ impl Timed {
         self.times.get(self.next).copied()
     }
 
-    fn frame(&mut self, t: i64) -> Result<Frame, Error> {
+    /// Goes on behind what cannot be read. Of a chunk nothing can be had, nor of an array in one piece that ends with the file.
+    fn pass_over(&mut self) {
+        let side = self.data.chunks().and_then(|sides| usize::try_from(*sides.first()?).ok());
+        self.next = side.map_or(self.times.len(), |side| (self.next / side.max(1) + 1).saturating_mul(side.max(1)));
+    }
+
+    fn frame(&self, t: i64) -> Result<Frame, Error> {
         let side = |axis: usize| self.data.shape().get(axis).copied().unwrap_or(0);
         let (height, width) = (side(1), side(2));
         let too_large = || Error::InvalidData("pictures larger than any sensor".to_owned());
@@ -58,15 +64,13 @@ impl Timed {
         let all = |side: u64| SliceInfoElem::Slice { start: 0, end: side, step: 1 };
         let selections = vec![SliceInfoElem::Index(self.next as u64), all(height), all(width)];
         let pixels = self.data.read_slice::<u8>(&SliceInfo { selections })?.into_iter().collect();
-        self.next += 1;
         let size = u16::try_from(width).ok().zip(u16::try_from(height).ok());
         let size = size.ok_or_else(too_large)?;
         Ok(Frame { t, exposure: None, readout: None, size, position: (0, 0), channels: 1, pixels })
     }
 
-    fn sample(&mut self, t: i64) -> Result<InertialSample, Error> {
+    fn sample(&self, t: i64) -> Result<InertialSample, Error> {
         let numbers = table::row(&self.data, self.next as u64)?;
-        self.next += 1;
         let &[ax, ay, az, gx, gy, gz] = numbers.as_slice() else {
             return Err(Error::InvalidData("inertial samples of other than six numbers".to_owned()));
         };
@@ -82,8 +86,10 @@ impl Timed {
 
 /// Those beside the events that are read.
 struct Beside {
+    path: PathBuf,
     frames: Option<Timed>,
     samples: Option<Timed>,
+    skipped: Skipped,
 }
 
 impl Beside {
@@ -92,27 +98,43 @@ impl Beside {
         let (_, unit) = arrange(path, table, options, &mut Vec::new())?;
         let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
         let open = |found: Option<(Dataset, Dataset)>| Timed::open(found?, unit, offset);
-        Ok(Self { frames: open(frames), samples: open(samples) })
+        let skipped = Skipped::new(options.damage);
+        Ok(Self { path: path.to_owned(), frames: open(frames), samples: open(samples), skipped })
     }
 
-    /// The next one that begins.
-    fn next(&mut self) -> Result<Option<Extra>, Error> {
-        let frame = self.frames.as_ref().and_then(Timed::time);
-        let sample = self.samples.as_ref().and_then(Timed::time);
-        Ok(match (frame, sample, &mut self.frames, &mut self.samples) {
-            (Some(frame), sample, Some(frames), _)
-                if sample.is_none_or(|sample| frame.saturating_sub(READOUT) <= sample) =>
-            {
-                Some(Extra::Frame(frames.frame(frame)?))
+    /// The next one that begins and can be read.
+    fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
+        loop {
+            let frame = self.frames.as_ref().and_then(Timed::time);
+            let sample = self.samples.as_ref().and_then(Timed::time);
+            let (timed, read) = match (frame, sample, &mut self.frames, &mut self.samples) {
+                (Some(frame), sample, Some(frames), _)
+                    if sample.is_none_or(|sample| frame.saturating_sub(READOUT) <= sample) =>
+                {
+                    let read = frames.frame(frame).map(Extra::Frame);
+                    (frames, read)
+                }
+                (_, Some(sample), _, Some(samples)) => {
+                    let read = samples.sample(sample).map(Extra::Inertial);
+                    (samples, read)
+                }
+                _ => return Ok(None),
+            };
+            match read {
+                Ok(extra) => {
+                    timed.next += 1;
+                    return Ok(Some(extra));
+                }
+                Err(error) => {
+                    self.skipped.add(damaged(&self.path, &error))?;
+                    timed.pass_over();
+                }
             }
-            (_, Some(sample), _, Some(samples)) => Some(Extra::Inertial(samples.sample(sample)?)),
-            _ => None,
-        })
+        }
     }
 }
 
 struct Hdf5Extras {
-    path: std::path::PathBuf,
     beside: Beside,
     next: Option<Extra>,
     held: OtherStreams,
@@ -125,8 +147,8 @@ pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtra
     let mut beside = Beside::open(path, options)?;
     let held = OtherStreams { frames: beside.frames.is_some(), imu: beside.samples.is_some() };
     let mut lost = Vec::new();
-    let next = told(beside.next().map_err(|error| damaged(path, &error)), BOTH, &mut lost);
-    Ok(Box::new(Hdf5Extras { path: path.to_owned(), beside, next, held, lost }))
+    let next = told(beside.next(), BOTH, &mut lost);
+    Ok(Box::new(Hdf5Extras { beside, next, held, lost }))
 }
 
 /// What cannot be read beside the events.
@@ -152,8 +174,10 @@ impl ReadExtras for Hdf5Extras {
 
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
         lost.append(&mut self.lost);
-        let Self { path, beside, next, .. } = self;
-        take_until(next, end, lost, || beside.next().map_err(|error| damaged(path, &error)))
+        if self.next.is_none() {
+            self.beside.skipped.tell(lost);
+        }
+        take_until(&mut self.next, end, lost, || self.beside.next())
     }
 
     fn reads(&self, stream: &str) -> bool {
@@ -167,14 +191,15 @@ pub fn visit_frames(
     options: &RecordingOptions,
     visit: &mut dyn FnMut(TimedImage),
 ) -> Result<Result<(), RecordingError>, RecordingError> {
-    let Some(mut frames) = Beside::open(path, options)?.frames else { return Ok(Ok(())) };
-    while let Some(t) = frames.time() {
-        match frames.frame(t) {
-            Ok(frame) => visit(frame.into()),
-            Err(error) => return Ok(Err(damaged(path, &error))),
+    let mut frames = Beside { samples: None, ..Beside::open(path, options)? };
+    Ok(loop {
+        match frames.next() {
+            Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
+            Ok(Some(Extra::Inertial(_))) => {}
+            Ok(None) => break Ok(()),
+            Err(error) => break Err(error),
         }
-    }
-    Ok(Ok(()))
+    })
 }
 
 #[cfg(test)]
@@ -233,5 +258,11 @@ mod tests {
     fn a_damaged_first_frame_is_told() {
         let (samples, lost) = read(Damage::Refuse);
         assert!(samples.is_empty() && lost.len() == 1 && lost[0].contains("cannot be read"), "{samples:?} {lost:?}");
+    }
+
+    #[test]
+    fn samples_are_read_where_damaged_frames_are_skipped() {
+        let told = "1 damaged packet of frames and inertial samples".to_owned();
+        assert_eq!(read(Damage::Skip), (vec![160, 260], vec![told]));
     }
 }

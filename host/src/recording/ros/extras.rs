@@ -9,12 +9,12 @@ use std::path::Path;
 
 use evcal_core::sensor::Sensor;
 
-use super::container::{Container, OpenContainer};
+use super::container::{Container, OpenContainer, is_skipped};
 use super::message::{self, Kind};
 use super::picture;
-use crate::recording::extras::{BOTH, Extra, OtherStreams, ReadExtras, take_until, told};
+use crate::recording::extras::{BOTH, Extra, OtherStreams, ReadExtras, Skipped, take_until, told};
 use crate::recording::pictures::TimedImage;
-use crate::recording::{RecordingError, RecordingErrorKind, RecordingOptions};
+use crate::recording::{Damage, RecordingError, RecordingErrorKind, RecordingOptions};
 
 /// So many messages are looked at for topics where the file does not list them, more if there is none of a kind among them.
 const LOOKED_AT: usize = 4096;
@@ -37,29 +37,48 @@ struct MessageExtras {
     names: [Option<String>; 2],
     /// Why the first could not be read.
     lost: Vec<String>,
+    damage: Damage,
+    skipped: Skipped,
 }
 
-/// The next picture or sample of `topics`.
-fn next(container: &mut dyn Container, topics: Topics) -> Result<Option<Extra>, RecordingError> {
-    while let Some(head) = container.next()? {
-        let Some(topic) = container.topics().get(head.topic) else { continue };
-        let damaged = |error: super::fields::MessageError| {
-            container.damaged(head.byte, format!("a message of {} is damaged: {error}", topic.name))
+/// The next picture or sample of `topics` that can be read. What is passed over where no message can be found in it, the reader of
+/// the events counts.
+fn next(
+    container: &mut dyn Container,
+    topics: Topics,
+    damage: Damage,
+    skipped: &mut Skipped,
+) -> Result<Option<Extra>, RecordingError> {
+    loop {
+        let head = match container.next() {
+            Ok(Some(head)) => head,
+            Ok(None) => return Ok(None),
+            Err(error) if is_skipped(&error, damage) => continue,
+            Err(error) => return Err(error),
         };
-        if topics.pictures == Some(head.topic) {
-            if let Some(frame) = picture::frame(topic.kind, topic.wire, container.message()).map_err(damaged)? {
-                return Ok(Some(Extra::Frame(frame)));
-            }
+        let Some(topic) = container.topics().get(head.topic) else { continue };
+        let read = if topics.pictures == Some(head.topic) {
+            let frame = picture::frame(topic.kind, topic.wire, container.message());
+            frame.map(|frame| frame.map(Extra::Frame))
         } else if topics.samples == Some(head.topic) {
-            let sample = message::inertial_sample(topic.wire, container.message()).map_err(damaged)?;
-            return Ok(Some(Extra::Inertial(sample)));
+            let sample = message::inertial_sample(topic.wire, container.message());
+            sample.map(|sample| Some(Extra::Inertial(sample)))
+        } else {
+            Ok(None)
+        };
+        match read {
+            Ok(Some(extra)) => return Ok(Some(extra)),
+            Ok(None) => {}
+            Err(error) => {
+                let what = format!("a message of {} is damaged: {error}", topic.name);
+                skipped.add(container.damaged(head.byte, what))?;
+            }
         }
     }
-    Ok(None)
 }
 
 /// The topics that go with the events of the topic `wanted`, or of the first one that has any.
-fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics, RecordingError> {
+fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -> Result<Topics, RecordingError> {
     let mut events: Option<(usize, Option<Sensor>)> = None;
     // Topics with the size of a picture of each, where it may be of the camera of the events.
     let mut pictures: Vec<(usize, Option<(u16, u16)>)> = Vec::new();
@@ -76,6 +95,7 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>) -> Result<Topics,
     {
         let head = match container.next() {
             Ok(Some(head)) => head,
+            Err(error) if is_skipped(&error, damage) => continue,
             // Damage is reported when its turn comes.
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
             Err(error) => return Err(error),
@@ -135,13 +155,14 @@ pub fn open(
     options: &RecordingOptions,
 ) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let mut container = open(path)?;
-    let topics = choose(&mut *container, options.stream.as_deref())?;
+    let topics = choose(&mut *container, options.stream.as_deref(), options.damage)?;
     let description = |topic: Option<usize>| Some(container.topics().get(topic?)?.description());
     let names = [topics.pictures, topics.samples].map(description);
     let mut container = open(path)?;
     let mut lost = Vec::new();
-    let first = told(next(&mut *container, topics), BOTH, &mut lost);
-    Ok(Box::new(MessageExtras { container, next: first, topics, names, lost }))
+    let (damage, mut skipped) = (options.damage, Skipped::new(options.damage));
+    let first = told(next(&mut *container, topics, damage, &mut skipped), BOTH, &mut lost);
+    Ok(Box::new(MessageExtras { container, next: first, topics, names, lost, damage, skipped }))
 }
 
 impl ReadExtras for MessageExtras {
@@ -155,7 +176,11 @@ impl ReadExtras for MessageExtras {
 
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
         lost.append(&mut self.lost);
-        take_until(&mut self.next, end, lost, || next(&mut *self.container, self.topics))
+        if self.next.is_none() {
+            self.skipped.tell(lost);
+        }
+        let Self { container, topics, damage, skipped, .. } = self;
+        take_until(&mut self.next, end, lost, || next(&mut **container, *topics, *damage, skipped))
     }
 
     fn reads(&self, stream: &str) -> bool {
@@ -175,10 +200,11 @@ pub fn visit_frames(
     options: &RecordingOptions,
     visit: &mut dyn FnMut(TimedImage),
 ) -> Result<Result<(), RecordingError>, RecordingError> {
-    let pictures = choose(&mut *open(path)?, options.stream.as_deref())?.pictures;
-    let mut container = open(path)?;
+    let pictures = choose(&mut *open(path)?, options.stream.as_deref(), options.damage)?.pictures;
+    let topics = Topics { pictures, samples: None };
+    let (mut container, mut skipped) = (open(path)?, Skipped::new(options.damage));
     Ok(loop {
-        match next(&mut *container, Topics { pictures, samples: None }) {
+        match next(&mut *container, topics, options.damage, &mut skipped) {
             Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
             Ok(Some(Extra::Inertial(_))) => {}
             Ok(None) => break Ok(()),

@@ -127,16 +127,56 @@ fn with_bad_frame(wire: Wire) -> Messages {
     ]
 }
 
+/// The times after [`START`] of frames and samples, what is told of those that are lost, and how many pictures there are.
+fn extras(content: &[u8], options: RecordingOptions) -> (Vec<i64>, Vec<String>, usize) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("recording");
+    std::fs::write(&path, content).unwrap();
+    let recording = Recording::new(&path, options).unwrap();
+    let (mut reader, mut lost) = (open_extras(&recording).unwrap(), Vec::new());
+    let time = |extra| match extra {
+        Extra::Frame(frame) => frame.t - START,
+        Extra::Inertial(sample) => sample.t - START,
+    };
+    let times = std::iter::from_fn(|| reader.next_until(i64::MAX, &mut lost).map(time)).collect();
+    let mut pictures = 0;
+    crate::recording::pictures::visit_frames(&recording, |_| pictures += 1).unwrap();
+    (times, lost, pictures)
+}
+
 /// It was taken for the end of the file, without a word.
 #[test]
-fn a_damaged_first_frame_is_told() {
+fn a_damaged_first_frame_is_told_or_passed_over() {
     for content in files(with_bad_frame) {
-        let directory = tempfile::tempdir().unwrap();
-        let path = directory.path().join("recording");
-        std::fs::write(&path, &content).unwrap();
-        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
-        let (mut extras, mut lost) = (open_extras(&recording).unwrap(), Vec::new());
-        assert!(std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).next().is_none());
+        let (times, lost, pictures) = extras(&content, RecordingOptions::default());
+        assert_eq!((times, pictures), (Vec::new(), 0));
         assert!(lost.len() == 1 && lost[0].contains("/dvs/image_raw is damaged"), "{lost:?}");
+        let told = "1 damaged packet of frames and inertial samples".to_owned();
+        assert_eq!(extras(&content, skip()), (vec![1, 2], vec![told], 1));
+    }
+}
+
+#[test]
+fn frames_behind_a_damaged_chunk_or_page_are_read() {
+    let frames = |wire: Wire| -> Messages {
+        let frame = |t| ("/dvs/image_raw", "sensor_msgs/msg/Image", image(wire, START + t, "mono8", 3, &[1; 6]));
+        let mut messages = vec![("/dvs/events", ARRAY, event_array(wire, &events(0, 7)))];
+        messages.extend((1..=5).map(frame));
+        messages
+    };
+    let mut damaged_bag = bag("none", &frames(Wire::Ros1));
+    let mut chunks = damaged_bag.windows(4).enumerate().filter(|(_, bytes)| bytes == b"op=\x05");
+    let second = chunks.nth(1).unwrap().0;
+    damaged_bag[second..second + 2].fill(b'x');
+    let mut damaged_database = database::bag(&frames(Wire::Cdr));
+    let leaf = leaves(&damaged_database)[2];
+    damaged_database[leaf] = 99;
+    for (content, before, all) in [(damaged_bag, vec![1], vec![1, 4, 5]), (damaged_database, vec![1], vec![1, 3, 4, 5])]
+    {
+        let (times, lost, pictures) = extras(&content, RecordingOptions::default());
+        assert_eq!((times, lost.len(), pictures), (before, 1, 1));
+        let pictures = all.len();
+        // The reader of the events counts the damage.
+        assert_eq!(extras(&content, skip()), (all, Vec::new(), pictures));
     }
 }
