@@ -5,6 +5,7 @@
 //! camera if it is larger than the sensor, or smaller and its name shares nothing with that of the events, or if it is one of distances.
 
 use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use evcal_core::sensor::Sensor;
@@ -20,6 +21,8 @@ use crate::recording::{Damage, RecordingError, RecordingErrorKind, RecordingOpti
 const LOOKED_AT: usize = 4096;
 /// No more bytes of messages than this are looked at: a list may name topics that have no message.
 const MOST_LOOKED_AT: u64 = 1 << 28;
+/// A message counts as so many bytes at least: there may be very many without any.
+const LEAST_OF_A_MESSAGE: u64 = 64;
 
 /// The topics that are read, by their places in [`Container::topics`].
 #[derive(Clone, Copy, Debug, Default)]
@@ -81,17 +84,21 @@ fn next(
 fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -> Result<Topics, RecordingError> {
     let mut events: Option<(usize, Option<Sensor>)> = None;
     // Topics with the size of a picture of each, where it may be of the camera of the events.
-    let mut pictures: Vec<(usize, Option<(u16, u16)>)> = Vec::new();
-    let mut samples: Vec<usize> = Vec::new();
+    let mut pictures: BTreeMap<usize, Option<(u16, u16)>> = BTreeMap::new();
+    let mut samples: BTreeSet<usize> = BTreeSet::new();
     let listed = container.listed();
+    let listed = |kind: Kind| Some(listed.as_ref()?.iter().filter(|topic| topic.kind == kind).count());
+    let (listed_pictures, listed_samples) = (listed(Kind::Image), listed(Kind::Imu));
     let (mut count, mut bytes) = (0, 0);
     // Whether topics are to come: as many as the file lists, or, where it has no list, perhaps some.
-    let awaited = |kind: Kind, found: usize, count: usize| match &listed {
-        Some(topics) => found < topics.iter().filter(|topic| topic.kind == kind).count(),
+    let awaited = |listed: Option<usize>, found: usize, count: usize| match listed {
+        Some(listed) => found < listed,
         None => found == 0 || count < LOOKED_AT,
     };
     while bytes < MOST_LOOKED_AT
-        && (events.is_none() || awaited(Kind::Image, pictures.len(), count) || awaited(Kind::Imu, samples.len(), count))
+        && (events.is_none()
+            || awaited(listed_pictures, pictures.len(), count)
+            || awaited(listed_samples, samples.len(), count))
     {
         let head = match container.next() {
             Ok(Some(head)) => head,
@@ -101,9 +108,9 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
             Err(error) => return Err(error),
         };
         count += 1;
-        let Some(topic) = container.topics().get(head.topic) else { continue };
         let message = container.message();
-        bytes += message.len() as u64;
+        bytes += (message.len() as u64).max(LEAST_OF_A_MESSAGE);
+        let Some(topic) = container.topics().get(head.topic) else { continue };
         match topic.kind {
             Kind::EventArray | Kind::EventPacket
                 if events.is_none() && wanted.is_none_or(|wanted| wanted == topic.name) =>
@@ -112,14 +119,14 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
                 let described = described.filter(|it| it.has_events && it.unread_encoding().is_none());
                 events = described.map(|described| (head.topic, described.sensor));
             }
-            Kind::Image if pictures.iter().all(|(known, _)| *known != head.topic) => {
+            Kind::Image if !pictures.contains_key(&head.topic) => {
                 let encoding = picture::encoding(topic.kind, topic.wire, message).unwrap_or_default();
                 // A damaged one tells nothing of its topic.
                 let Ok(frame) = picture::frame(topic.kind, topic.wire, message) else { continue };
                 let frame = frame.filter(|_| !picture::may_be_distances(&encoding));
-                pictures.push((head.topic, frame.map(|frame| frame.size)));
+                pictures.insert(head.topic, frame.map(|frame| frame.size));
             }
-            Kind::Imu if !samples.contains(&head.topic) => samples.push(head.topic),
+            Kind::Imu => _ = samples.insert(head.topic),
             _ => {}
         }
     }
@@ -132,14 +139,14 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
         candidates.max_by_key(|&index| (fit(index), Reverse(index)))
     };
     let sensor = events.and_then(|(_, sensor)| sensor);
-    let fits = |&(index, picture): &(usize, Option<(u16, u16)>)| {
+    let fits = |(index, picture): (usize, Option<(u16, u16)>)| {
         let (width, height) = picture?;
         let is_whole = sensor.is_some_and(|sensor| (width, height) == (sensor.width, sensor.height));
         let fits = sensor.is_none_or(|sensor| width <= sensor.width && height <= sensor.height);
         let is_beside = events.is_none() || shared(beside, name(index)) > 0;
         (is_whole || fits && is_beside).then_some(index)
     };
-    Ok(Topics { pictures: best(&mut pictures.iter().filter_map(fits)), samples: best(&mut samples.iter().copied()) })
+    Ok(Topics { pictures: best(&mut pictures.into_iter().filter_map(fits)), samples: best(&mut samples.into_iter()) })
 }
 
 /// How many parts at their beginnings two names share.

@@ -1,7 +1,7 @@
 //! Folders that `ros2 bag record` writes: `metadata.yaml`, and the messages in one file or, where it was told to split them, in several,
 //! which follow each other.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -54,8 +54,9 @@ fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     let mut files: VecDeque<PathBuf> = files(path)?.into();
     let count = files.len();
     let first = files.pop_front().unwrap_or_default();
-    let (now, topics) = (open_file(&first)?, Vec::new());
-    Ok(Box::new(Folder { files, count, path: first, now, topics, places: Vec::new(), truncated: None }))
+    let now = open_file(&first)?;
+    let (topics, known, places) = (Vec::new(), BTreeMap::new(), Vec::new());
+    Ok(Box::new(Folder { files, count, path: first, now, topics, known, places, truncated: None }))
 }
 
 /// Opens a file of the folder, which may be no folder itself: it could name itself.
@@ -107,8 +108,9 @@ struct Folder {
     /// The file that is read.
     path: PathBuf,
     now: Box<dyn Container>,
-    /// The topics of all files met so far, and where those of the present file are among them.
+    /// The topics of all files met so far, their places by name and type, and where those of the present file are among them.
     topics: Vec<Topic>,
+    known: BTreeMap<(String, String), usize>,
     places: Vec<usize>,
     /// Of the first file that ends too early.
     truncated: Option<Truncation>,
@@ -118,8 +120,8 @@ impl Folder {
     /// Where the topic of the present file is among those of all.
     fn place(&mut self, topic: usize) -> usize {
         for topic in self.now.topics().get(self.places.len()..).unwrap_or_default() {
-            let same = |other: &Topic| other.name == topic.name && other.type_name == topic.type_name;
-            let place = self.topics.iter().position(same).unwrap_or(self.topics.len());
+            let name = (topic.name.clone(), topic.type_name.clone());
+            let place = *self.known.entry(name).or_insert(self.topics.len());
             if place == self.topics.len() {
                 self.topics.push(topic.clone());
             }

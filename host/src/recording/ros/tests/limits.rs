@@ -4,7 +4,7 @@ use std::fs::{File, OpenOptions};
 use std::path::PathBuf;
 
 use super::super::container::{LONGEST_RECORD, OpenContainer};
-use super::super::{bag as bags, mcap as mcaps};
+use super::super::{bag as bags, folder as folders, mcap as mcaps};
 use super::files::{bag_record, mcap_record, mcap_text};
 use super::*;
 
@@ -133,4 +133,51 @@ fn each_of_many_connections_leads_to_its_topic() {
         assert!(container.next().unwrap().is_none());
         assert_eq!(container.topics().len() as u32, topics);
     }
+}
+
+/// The channels of an MCAP file, numbered from 0, of this type and these names, and a message without any bytes of each.
+fn channels(type_name: &str, names: impl Iterator<Item = String>) -> Vec<u8> {
+    let schema = [&[1, 0][..], &mcap_text(type_name), &[0; 8]].concat();
+    let mut bytes = mcap_record(3, &schema);
+    for (number, name) in names.enumerate() {
+        let id = (number as u16).to_le_bytes();
+        bytes.extend(mcap_record(4, &[&id[..], &[1, 0], &mcap_text(&name), &mcap_text("cdr"), &[0; 4]].concat()));
+        bytes.extend(mcap_record(5, &[&id[..], &[0; 20]].concat()));
+    }
+    bytes
+}
+
+/// For each topic of a file all topics of the folder were looked through.
+#[test]
+fn many_topics_of_a_folder_are_one_for_each_name() {
+    const COUNT: usize = 60_000;
+    let file = |step: usize| {
+        let names = (0..COUNT).map(|number| format!("/t{}", number * step % COUNT));
+        [&b"\x89MCAP0\r\n"[..], &channels("a/B", names), &mcap_record(15, &[0; 4])].concat()
+    };
+    // 7 and 60 000 share no factor: the same names in another order.
+    let directory = folder(&[("a.mcap", file(1)), ("b.mcap", file(7))], "");
+    let mut container = folders::opener(directory.path()).unwrap().unwrap()(directory.path()).unwrap();
+    for number in (0..COUNT).chain((0..COUNT).map(|number| number * 7 % COUNT)) {
+        assert_eq!(container.next().unwrap().unwrap().topic, number);
+    }
+    assert!(container.next().unwrap().is_none());
+    assert_eq!(container.topics().len(), COUNT);
+}
+
+/// For each message all topics met so far were looked through.
+#[test]
+fn of_many_units_the_one_beside_the_events_is_found() {
+    const COUNT: u16 = 60_000;
+    let units = channels("sensor_msgs/msg/Imu", (0..COUNT).map(|number| format!("/t{number}/imu")));
+    let schema = [&[2, 0][..], &mcap_text("dvs_msgs/msg/EventArray"), &[0; 8]].concat();
+    let id = COUNT.to_le_bytes();
+    let channel = [&id[..], &[2, 0], &mcap_text("/t777/events"), &mcap_text("cdr"), &[0; 4]].concat();
+    let message = [&id[..], &[0; 20], &event_array(Wire::Cdr, &events(0, 7))].concat();
+    let records = [mcap_record(3, &schema), mcap_record(4, &channel), mcap_record(5, &message)].concat();
+    let content = [&b"\x89MCAP0\r\n"[..], &units, &records, &mcap_record(15, &[0; 4])].concat();
+    let (_directory, path) = sparse(&content, 0);
+    let reader = open_extras(&Recording::new(&path, RecordingOptions::default()).unwrap()).unwrap();
+    let chosen = reader.chosen();
+    assert!(chosen.len() == 1 && chosen[0].contains("/t777/imu ("), "{chosen:?}");
 }
