@@ -18,7 +18,7 @@ pub struct Frame {
     pub size: (u16, u16),
     /// Column and row of the sensor at which the picture begins.
     pub position: (u16, u16),
-    /// Values per pixel: 1 grey, 3 blue-green-red, 4 with alpha.
+    /// Values per pixel: 1 grey, 2 grey and alpha, 3 blue-green-red, 4 with alpha.
     pub channels: usize,
     /// width · height · channels values, row by row.
     pub pixels: Vec<u8>,

@@ -564,6 +564,27 @@ fn what_was_written_is_read_again() {
     }
 }
 
+/// Two bytes a pixel were written as if they were three.
+#[test]
+fn frames_are_written_without_how_opaque_they_are() {
+    for (channels, written_channels, left_out) in [(2, 1, 1), (4, 3, 3)] {
+        let bytes: Vec<u8> = (0..6 * channels as u8).collect();
+        let kept = bytes.iter().copied().filter(|byte| usize::from(*byte) % channels != left_out).collect();
+        let (t, size, position) = (START + 7, (3, 2), (0, 0));
+        let frame = Frame { t, exposure: None, readout: None, size, position, channels, pixels: bytes };
+        let expected = Frame { channels: written_channels, pixels: kept, ..frame.clone() };
+        for output in [&BAG_OUTPUT, &MCAP_OUTPUT] {
+            let content = written(output, &events(0, 7), &[Extra::Frame(frame.clone())]).unwrap();
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording");
+            std::fs::write(&path, &content).unwrap();
+            let mut reader = open_extras(&Recording::new(&path, RecordingOptions::default()).unwrap()).unwrap();
+            let found = reader.next_until(i64::MAX, &mut Vec::new());
+            assert_eq!(found, Some(Extra::Frame(expected.clone())), "{}", output.name);
+        }
+    }
+}
+
 #[test]
 fn times_that_ros_does_not_have_are_refused() {
     let event = |t| [Event { t, x: 0, y: 0, polarity: Polarity::On }];

@@ -133,13 +133,18 @@ fn compressed(base: i64, events: &[Event]) -> Vec<u8> {
 pub fn image(wire: Wire, number: u32, frame: &Frame) -> Result<Vec<u8>, WriteError> {
     let mut message = Message::new(wire, number, frame.t)?;
     let (width, height) = frame.size;
-    let (encoding, channels) = if frame.channels == 1 { ("mono8", 1) } else { ("bgr8", 3) };
+    let (encoding, channels) = if matches!(frame.channels, 1 | 2) { ("mono8", 1) } else { ("bgr8", 3) };
     let opaque: Vec<u8>;
-    let pixels = if frame.channels == 4 {
-        opaque = frame.pixels.as_chunks::<4>().0.iter().flat_map(|[b, g, r, _]| [*b, *g, *r]).collect();
-        &opaque
-    } else {
-        &frame.pixels
+    let pixels = match frame.channels {
+        2 => {
+            opaque = frame.pixels.as_chunks::<2>().0.iter().map(|[grey, _]| *grey).collect();
+            &opaque
+        }
+        4 => {
+            opaque = frame.pixels.as_chunks::<4>().0.iter().flat_map(|[b, g, r, _]| [*b, *g, *r]).collect();
+            &opaque
+        }
+        _ => &frame.pixels,
     };
     message.size(width, height).text(encoding)?.number([0]).number((u32::from(width) * channels).to_le_bytes());
     message.bytes(pixels)?;
