@@ -3,6 +3,7 @@
 //! A [`NewFile`] is written beside its place under a name of its own and gets its name when it is whole: a full
 //! disk or a program that is ended leaves no cut file behind that looks like a result.
 
+mod exchange;
 pub mod folder;
 pub mod output;
 pub mod shell_word;
@@ -12,7 +13,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempDir};
 
 /// Bytes that are written at once.
 const BUFFER: usize = 1 << 18;
@@ -149,6 +150,11 @@ impl NewFile {
         }
         Ok(())
     }
+}
+
+/// A folder in `folder` for what is not whole yet.
+fn scratch_in(folder: &Path) -> io::Result<TempDir> {
+    tempfile::Builder::new().prefix(".evcal.").suffix(UNFINISHED).tempdir_in(folder)
 }
 
 /// Those of the file that is there, or what any new file gets.

@@ -218,6 +218,39 @@ fn a_calibration_is_not_overwritten_by_chance() {
     assert_eq!(fs::read(folder.join("calibration.json")).unwrap(), before);
 }
 
+/// What is in the way of a result is told before the work, and nothing of the old result is lost.
+#[test]
+fn a_result_that_cannot_have_its_name_is_told_before_the_work() {
+    for (wrong, is_folder, force) in [("exports", false, true), ("calibration.json", true, false)] {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = directory.path().join("out");
+        fs::create_dir(&folder).unwrap();
+        let place = folder.join(wrong);
+        match is_folder {
+            true => fs::create_dir(&place).unwrap(),
+            false => {
+                fs::write(&place, "mine").unwrap();
+                fs::write(folder.join("calibration.json"), "old").unwrap();
+                fs::write(folder.join("report.html"), "old").unwrap();
+            }
+        }
+        let before = names(&folder);
+        // The recording is not there either: it is not even opened.
+        let mut arguments = vec!["calibrate", "missing.dvraw", "--board", BOARD, "-o", text(&folder)];
+        arguments.extend(force.then_some("--force"));
+        let errors = fail(1, &arguments);
+        assert!(errors.contains(text(&place)) && errors.contains("move it away"), "{errors}");
+        assert!(!errors.contains("missing.dvraw"), "{errors}");
+        assert_eq!(names(&folder), before);
+        assert_eq!(place.is_dir(), is_folder);
+        if !is_folder {
+            assert_eq!(fs::read_to_string(&place).unwrap(), "mine");
+            assert_eq!(fs::read_to_string(folder.join("calibration.json")).unwrap(), "old");
+            assert_eq!(fs::read_to_string(folder.join("report.html")).unwrap(), "old");
+        }
+    }
+}
+
 /// The same recording in two formats has the same camera beside it; another camera is not overwritten.
 #[test]
 fn undistorted_recordings_of_one_name_share_their_camera() {

@@ -20,7 +20,7 @@ use evcal::inertial;
 use evcal::inertial::settings::InertialSettings;
 use evcal::initial::model_choice::ModelRequest;
 use evcal::numerics::gravity::STANDARD_GRAVITY;
-use evcal::output::folder::is_result;
+use evcal::output::folder::{FOLDERS, is_result};
 use evcal::recording::image_folder::Stamps;
 use evcal::recording::{Recording, RecordingKind, RecordingOptions, sniff};
 use evcal::second_camera::error::SecondCameraError;
@@ -276,7 +276,7 @@ impl CalibrationArguments {
 
     /// The folder for the results, which holds none yet unless they may be replaced.
     pub fn open_folder(&self) -> Result<OutputFolder, FolderError> {
-        self.results.open_folder(&self.output, is_result)
+        self.results.open_folder(&self.output, is_result, FOLDERS)
     }
 }
 

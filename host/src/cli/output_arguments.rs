@@ -19,11 +19,18 @@ impl OutputArguments {
         check_outputs(paths, inputs, if self.force { Existing::Replace } else { Existing::Keep })
     }
 
-    /// The folder for results, which holds none yet unless they may be replaced.
-    pub fn open_folder(&self, path: &Path, is_result: impl Fn(&Path) -> bool) -> Result<OutputFolder, FolderError> {
-        match self.force {
+    /// The folder for results, which holds none yet unless they may be replaced; `folders` are those that results have in it.
+    pub fn open_folder(
+        &self,
+        path: &Path,
+        is_result: impl Fn(&Path) -> bool,
+        folders: &[&str],
+    ) -> Result<OutputFolder, FolderError> {
+        let folder = match self.force {
             true => OutputFolder::open(path),
-            false => OutputFolder::open_new(path, is_result),
-        }
+            false => OutputFolder::open_new(path, &is_result),
+        }?;
+        folder.check_places(is_result, folders)?;
+        Ok(folder)
     }
 }

@@ -195,7 +195,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     if let Some(lens) = &frame_camera {
         simulation = simulation.with_frame_rays(Rays::new(lens, sensor));
     }
-    let folder = arguments.results.open_folder(&arguments.output, is_result)?;
+    let folder = arguments.results.open_folder(&arguments.output, is_result, &[])?;
     let second_camera = second_camera(arguments, &camera, sensor)?;
     let mut waiting = Waiting::new(arguments.json);
     let recorded = SimulatedRecording {

@@ -81,7 +81,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
         check_outputs(arguments, [output.as_path()], &camera_path_beside(output), (new, sensor))?;
     }
     let folder = arguments.frames.as_deref();
-    let folder = folder.map(|folder| arguments.results.open_folder(folder, is_frame_file)).transpose()?;
+    let folder = folder.map(|folder| arguments.results.open_folder(folder, is_frame_file, &[])).transpose()?;
     let recording = open_recording(path, arguments.source.options(), sensor)?;
     let mut waiting = Waiting::new(arguments.json);
     let stage = format!("undistorting {}", short_name(path));

@@ -4,7 +4,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::{FileError, unfinished};
+use super::exchange::exchange;
+use super::{FileError, scratch_in, unfinished};
 
 /// Why results cannot go into a folder.
 #[derive(Debug, thiserror::Error)]
@@ -16,6 +17,44 @@ pub enum FolderError {
     /// It holds results.
     #[error("{} is there already: choose another folder, or replace the results with --force", .0.display())]
     Taken(PathBuf),
+    /// A result cannot have its name.
+    #[error("{0}, or choose another folder with -o")]
+    Blocked(#[from] Blocked),
+}
+
+/// What no result can take the place of.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Blocked {
+    /// A folder where a file belongs.
+    #[error("{} is a folder, and a result needs its name: move it away", .0.display())]
+    Folder(PathBuf),
+    /// A file where a folder belongs.
+    #[error("{} is no folder, and results need a folder of this name: move it away", .0.display())]
+    NoFolder(PathBuf),
+}
+
+impl Blocked {
+    /// As an error of the file that is in the way.
+    fn into_file_error(self) -> FileError {
+        let (path, kind, what) = match self {
+            Self::Folder(path) => (path, io::ErrorKind::AlreadyExists, "is a folder, and a result needs its name"),
+            Self::NoFolder(path) => (path, io::ErrorKind::NotADirectory, "is no folder, and results need one there"),
+        };
+        FileError { path, error: io::Error::new(kind, format!("{what}: move it away")) }
+    }
+}
+
+/// An error that names a file.
+pub trait NamesFile: From<FileError> {
+    /// The file.
+    fn file_mut(&mut self) -> &mut PathBuf;
+}
+
+impl NamesFile for FileError {
+    fn file_mut(&mut self) -> &mut PathBuf {
+        &mut self.path
+    }
 }
 
 /// A folder in which files can be written. When dropped it is removed again if it is empty and was made for this.
@@ -68,34 +107,58 @@ impl OutputFolder {
         &self.path
     }
 
-    /// Replaces the files of which `is_old` says so by those that `fill` writes into the folder that it is given. The
-    /// old ones go when all of the new ones are whole.
+    /// Whether results can have their names, told before the work and not after it: no folder has the name of a file of which
+    /// `is_result` says so by its path in the folder, and what is called as one of `folders` is a folder.
     ///
     /// # Errors
-    /// [`FileError`], that of `fill` too, names the file as it would have been called; what was there stays.
-    pub fn replace<T>(
+    /// [`FolderError::Blocked`].
+    pub fn check_places(&self, is_result: impl Fn(&Path) -> bool, folders: &[&str]) -> Result<(), FolderError> {
+        folders.iter().try_for_each(|folder| check_is_folder(&self.path.join(folder)))?;
+        match entries(&self.path).folders.into_iter().find(|folder| is_result(folder)) {
+            Some(folder) => Err(Blocked::Folder(self.path.join(folder)).into()),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether these files can be put into the folder.
+    fn check_files(&self, files: &[PathBuf]) -> Result<(), Blocked> {
+        for file in files {
+            let place = self.path.join(file);
+            if place.is_dir() {
+                return Err(Blocked::Folder(place));
+            }
+            let parents = file.ancestors().skip(1).filter(|parent| !parent.as_os_str().is_empty());
+            parents.map(|parent| self.path.join(parent)).try_for_each(|parent| check_is_folder(&parent))?;
+        }
+        Ok(())
+    }
+
+    /// Replaces the files of which `is_old` says so by those that `fill` writes into the folder that it is given. The
+    /// old ones go when all of the new ones are whole and in their places.
+    ///
+    /// # Errors
+    /// That of `fill` or of a file that cannot be put in its place. It names the file as it would have been called; what
+    /// was there stays.
+    pub fn replace<T, E: NamesFile>(
         &self,
         is_old: impl Fn(&Path) -> bool,
-        fill: impl FnOnce(&Path) -> Result<T, FileError>,
-    ) -> Result<T, FileError> {
-        let failed = |error| FileError::new(&self.path, error);
+        fill: impl FnOnce(&Path) -> Result<T, E>,
+    ) -> Result<T, E> {
         let new = unfinished::begin(|| {
-            let new = tempfile::Builder::new().prefix(".evcal.").suffix(super::UNFINISHED).tempdir_in(&self.path)?;
+            let new = scratch_in(&self.path)?;
             let path = new.path().to_owned();
             Ok((new, path))
         })
-        .map_err(failed)?;
+        .map_err(|error| FileError::new(&self.path, error))?;
         let filled = fill(new.path()).map_err(|error| final_place(error, new.path(), &self.path));
-        // No signal ends the program between the first file and the last.
-        unfinished::end(new.path(), || {
+        let path = new.path().to_owned();
+        // No signal ends the program between the first file and the last, nor before what is left is removed.
+        unfinished::end(&path, move || {
             let filled = filled?;
-            self.remove_results(is_old)?;
-            for file in files(new.path()) {
-                let place = self.path.join(&file);
-                let failed = |error| FileError::new(&place, error);
-                place.parent().map_or(Ok(()), fs::create_dir_all).map_err(failed)?;
-                fs::rename(new.path().join(&file), &place).map_err(failed)?;
-            }
+            let old: Vec<PathBuf> = files(&self.path).into_iter().filter(|file| is_old(file)).collect();
+            let files = files(new.path());
+            self.check_files(&files).map_err(Blocked::into_file_error)?;
+            exchange(&self.path, &old, new.path(), &files)?;
             Ok(filled)
         })
     }
@@ -114,10 +177,19 @@ impl OutputFolder {
 }
 
 /// The path in `folder` of a file in the folder that is renamed to it.
-fn final_place(error: FileError, from: &Path, folder: &Path) -> FileError {
-    match error.path.strip_prefix(from) {
-        Ok(rest) => FileError { path: folder.join(rest), ..error },
-        Err(_) => error,
+fn final_place<E: NamesFile>(mut error: E, from: &Path, folder: &Path) -> E {
+    let file = error.file_mut();
+    if let Ok(rest) = file.strip_prefix(from) {
+        *file = folder.join(rest);
+    }
+    error
+}
+
+/// What is there must be a folder, or lead to one.
+fn check_is_folder(path: &Path) -> Result<(), Blocked> {
+    match path.symlink_metadata().is_ok() && !path.is_dir() {
+        true => Err(Blocked::NoFolder(path.to_owned())),
+        false => Ok(()),
     }
 }
 
@@ -138,23 +210,39 @@ impl Drop for OutputFolder {
 /// How many folders deep results may be.
 const DEPTH: usize = 2;
 
-/// The files in `folder` and in its folders, down to [`DEPTH`], in the order of their names.
-fn files(folder: &Path) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    add_files(folder, DEPTH, &mut found);
-    found.iter().filter_map(|path| path.strip_prefix(folder).ok()).map(Path::to_owned).collect()
+/// What is in a folder and in its folders, down to [`DEPTH`], by its path in it, in the order of the names.
+#[derive(Default)]
+struct Entries {
+    files: Vec<PathBuf>,
+    folders: Vec<PathBuf>,
 }
 
-fn add_files(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) {
+fn files(folder: &Path) -> Vec<PathBuf> {
+    entries(folder).files
+}
+
+fn entries(folder: &Path) -> Entries {
+    let mut found = Entries::default();
+    add_entries(folder, DEPTH, &mut found);
+    let inner = |paths: Vec<PathBuf>| {
+        paths.iter().filter_map(|path| path.strip_prefix(folder).ok()).map(Path::to_owned).collect()
+    };
+    Entries { files: inner(found.files), folders: inner(found.folders) }
+}
+
+fn add_entries(folder: &Path, depth: usize, found: &mut Entries) {
     let mut paths: Vec<PathBuf> =
         fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
     paths.sort();
     for path in paths {
         if !path.is_dir() {
-            found.push(path);
-        } else if depth > 0 {
-            add_files(&path, depth - 1, found);
+            found.files.push(path);
+            continue;
         }
+        if depth > 0 {
+            add_entries(&path, depth - 1, found);
+        }
+        found.folders.push(path);
     }
 }
 
@@ -213,11 +301,40 @@ mod tests {
         let whole = open.replace(is_result, |new| {
             fs::create_dir(new.join("exports")).unwrap();
             put(new.join("exports/b.yaml"), "new");
-            Ok(7)
+            Ok::<_, FileError>(7)
         });
         assert_eq!(whole.unwrap(), 7);
         assert_eq!(files(folder.path()), [PathBuf::from("exports/b.yaml"), PathBuf::from("mine.txt")]);
         assert!(fs::read_dir(folder.path()).unwrap().count() == 2);
+    }
+
+    #[test]
+    fn what_is_in_the_way_of_a_result_is_told_and_nothing_is_lost() {
+        let is_result = |path: &Path| path == Path::new("a.json") || path.parent() == Some(Path::new("exports"));
+        for (wrong, is_folder) in [("a.json", true), ("exports", false)] {
+            let folder = tempfile::tempdir().unwrap();
+            let place = folder.path().join(wrong);
+            match is_folder {
+                true => fs::create_dir(&place).unwrap(),
+                false => fs::write(&place, "mine").unwrap(),
+            }
+            let old = if is_folder { "exports/b.yaml" } else { "a.json" };
+            fs::create_dir_all(folder.path().join(old).parent().unwrap()).unwrap();
+            fs::write(folder.path().join(old), "old").unwrap();
+            let open = OutputFolder::open(folder.path()).unwrap();
+            let told = open.check_places(is_result, &["exports"]).unwrap_err().to_string();
+            assert!(told.contains(place.to_str().unwrap()) && told.contains("move it away"), "{told}");
+            let error = open.replace(is_result, |new| {
+                fs::create_dir(new.join("exports")).unwrap();
+                fs::write(new.join("exports/b.yaml"), "new").unwrap();
+                fs::write(new.join("a.json"), "new").unwrap();
+                Ok::<_, FileError>(())
+            });
+            assert_eq!(error.unwrap_err().path, place);
+            assert_eq!(fs::read_to_string(folder.path().join(old)).unwrap(), "old");
+            assert_eq!(place.is_dir(), is_folder);
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+        }
     }
 
     #[test]

@@ -30,6 +30,8 @@ use crate::trust::poses::{PoseSettings, UncertainPose, csv, determined, sampled_
 
 /// Folder of files for other programs.
 const EXPORTS: &str = "exports";
+/// The folders of a result.
+pub const FOLDERS: &[&str] = &[EXPORTS];
 
 /// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
 const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
@@ -91,6 +93,7 @@ impl Calibrated {
     /// [`WriteError`] when there is a result, or the folder or a file cannot be written.
     pub fn write(&self, folder: impl AsRef<Path>, task: &Task) -> Result<Written, WriteError> {
         let folder = OutputFolder::open_new(folder.as_ref(), is_result)?;
+        folder.check_places(is_result, FOLDERS)?;
         Ok(write_folder(&folder, self, task, &mut |_| {})?)
     }
 }
@@ -124,7 +127,7 @@ pub fn write_folder(
                 rayon::join(|| write_files(folder, calibrated, task, &texts), || sections(calibrated, task, &mut tell));
             let notes = notes?;
             files::write(&folder.join("report.html"), sections.beside(&results_in(folder)).as_bytes())?;
-            Ok(notes)
+            Ok::<_, FileError>(notes)
         },
     )?;
     summary += &notes;

@@ -1,0 +1,129 @@
+//! New files in the place of old ones: all of them, or none.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+
+use super::FileError;
+
+/// What was done to a folder, and can be undone.
+enum Step {
+    Made(PathBuf),
+    Moved { from: PathBuf, to: PathBuf },
+}
+
+/// Moves the files `old` of `folder` away and the files `new` of the folder `from` in, all named by their path in their folder.
+/// Old files that new ones replace go too.
+///
+/// # Errors
+/// [`FileError`] names the file in `folder` that could not be moved; `folder` is then as it was, or the error says where
+/// the rest of its old files is.
+pub(super) fn exchange(folder: &Path, old: &[PathBuf], from: &Path, new: &[PathBuf]) -> Result<(), FileError> {
+    // In the folder itself: nothing can be moved to another disk.
+    let aside = super::scratch_in(folder).map_err(|error| FileError::new(folder, error))?;
+    let mut steps = Vec::new();
+    match put_in(folder, old, (from, new), aside.path(), &mut steps) {
+        Ok(()) => Ok(()),
+        Err(error) => Err(match undo(steps) {
+            Ok(()) => error,
+            Err(_) => kept(error, aside),
+        }),
+    }
+}
+
+fn put_in(
+    folder: &Path,
+    old: &[PathBuf],
+    (from, new): (&Path, &[PathBuf]),
+    aside: &Path,
+    steps: &mut Vec<Step>,
+) -> Result<(), FileError> {
+    let is_replaced = |file: &&PathBuf| !old.contains(file) && folder.join(file).symlink_metadata().is_ok();
+    for file in old.iter().chain(new.iter().filter(is_replaced)) {
+        let place = folder.join(file);
+        move_file(&place, (aside, file), steps).map_err(|error| FileError::new(&place, error))?;
+    }
+    for file in new {
+        move_file(&from.join(file), (folder, file), steps)
+            .map_err(|error| FileError::new(&folder.join(file), error))?;
+    }
+    Ok(())
+}
+
+/// Moves a file to its place in `folder`.
+fn move_file(from: &Path, (folder, file): (&Path, &Path), steps: &mut Vec<Step>) -> io::Result<()> {
+    let mut outer: Vec<&Path> = file.ancestors().skip(1).filter(|path| !path.as_os_str().is_empty()).collect();
+    outer.reverse();
+    for parent in outer {
+        let parent = folder.join(parent);
+        if !parent.is_dir() {
+            fs::create_dir(&parent)?;
+            steps.push(Step::Made(parent));
+        }
+    }
+    let to = folder.join(file);
+    fs::rename(from, &to)?;
+    steps.push(Step::Moved { from: from.to_owned(), to });
+    Ok(())
+}
+
+/// Undoes all steps that can be undone, the last one first, and tells the first error.
+fn undo(steps: Vec<Step>) -> io::Result<()> {
+    let back = |step: Step| match step {
+        Step::Made(path) => fs::remove_dir(path),
+        Step::Moved { from, to } => fs::rename(to, from),
+    };
+    steps.into_iter().rev().map(back).fold(Ok(()), io::Result::and)
+}
+
+/// The error, with the place of old files that could not be put back.
+fn kept(FileError { path, error }: FileError, aside: TempDir) -> FileError {
+    let place = aside.keep();
+    let text = format!("{error}; what could not be put back is in {}: move it from there", place.display());
+    FileError { path, error: io::Error::new(error.kind(), text) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Files and folders below `folder` by their paths, with the content of files.
+    fn content(folder: &Path) -> Vec<(PathBuf, Option<String>)> {
+        let mut found = Vec::new();
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            found.push((path.clone(), fs::read_to_string(&path).ok()));
+            if path.is_dir() {
+                found.extend(content(&path));
+            }
+        }
+        found.sort();
+        found
+    }
+
+    #[test]
+    fn a_move_that_fails_leaves_all_as_it_was() {
+        let [folder, from] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        fs::create_dir(folder.path().join("exports")).unwrap();
+        for name in ["a.json", "b.txt", "exports/c.yaml", "mine.txt"] {
+            fs::write(folder.path().join(name), format!("old {name}")).unwrap();
+        }
+        fs::create_dir(from.path().join("more")).unwrap();
+        for name in ["a.json", "mine.txt", "more/d.txt"] {
+            fs::write(from.path().join(name), format!("new {name}")).unwrap();
+        }
+        let before = [content(folder.path()), content(from.path())];
+        let old: Vec<PathBuf> = ["a.json", "b.txt", "exports/c.yaml"].map(PathBuf::from).into();
+        let mut new: Vec<PathBuf> = ["a.json", "mine.txt", "more/d.txt", "not there"].map(PathBuf::from).into();
+        let error = exchange(folder.path(), &old, from.path(), &new).unwrap_err();
+        assert_eq!(error.path, folder.path().join("not there"));
+        assert_eq!([content(folder.path()), content(from.path())], before);
+
+        new.pop();
+        exchange(folder.path(), &old, from.path(), &new).unwrap();
+        let after: Vec<String> = content(folder.path()).into_iter().filter_map(|(_, text)| text).collect();
+        assert_eq!(after, ["new a.json", "new mine.txt", "new more/d.txt"]);
+    }
+}
