@@ -3,7 +3,7 @@
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
@@ -283,15 +283,71 @@ fn a_new_simulation_leaves_nothing_of_the_old_one() {
     assert_eq!(names(&folder), ["events.csv", "notes.txt", "trajectory.txt", "truth.json"]);
 }
 
+/// The old simulation is whole for as long as the new one is not.
+#[cfg(unix)]
+#[test]
+fn a_new_simulation_that_does_not_come_to_its_end_leaves_the_old_one() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path().join("simulation");
+    succeed(&["simulate", "-o", text(&folder), "--duration", "50ms", "--frames"]);
+    let content =
+        || names(&folder).into_iter().map(|name| (fs::read(folder.join(&name)).ok(), name)).collect::<Vec<_>>();
+    let old = content();
+    let longer = ["simulate", "-o", text(&folder), "--duration", "1000s", "--format", "csv", "--force"];
+    end_when(&longer, "INT", || has_unfinished_bytes(&folder));
+    assert_eq!(content(), old);
+
+    // What is in the way is told before the work.
+    fs::write(folder.join("second"), "mine").unwrap();
+    let errors = fail(1, &[&longer[..], &["--second-camera", "--second-frames"]].concat());
+    assert!(errors.contains("second is no folder") && errors.contains("move it away"), "{errors}");
+    fs::remove_file(folder.join("second")).unwrap();
+    fs::create_dir(folder.join("imu.csv")).unwrap();
+    let errors = fail(1, &longer);
+    assert!(errors.contains("imu.csv is a folder") && errors.contains("move it away"), "{errors}");
+    fs::remove_dir(folder.join("imu.csv")).unwrap();
+    assert_eq!(content(), old);
+}
+
+/// Whether something is written in the folder that is not whole yet.
+fn has_unfinished_bytes(folder: &Path) -> bool {
+    let entries = match fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == ErrorKind::NotFound => return false,
+        Err(error) => panic!("{error}"),
+    };
+    let has_bytes = |path: &Path| path.metadata().is_ok_and(|there| there.is_file() && there.len() > 0);
+    entries.map(|entry| entry.unwrap().path()).filter(|path| path.extension().is_some_and(|one| one == "part")).any(
+        |path| {
+            let inner = fs::read_dir(&path).into_iter().flatten().flatten().map(|entry| entry.path());
+            has_bytes(&path) || inner.into_iter().any(|path| has_bytes(&path))
+        },
+    )
+}
+
+/// Starts the program, and ends it by a signal as soon as `begun` says so.
+#[cfg(unix)]
+fn end_when(arguments: &[&str], signal: &str, begun: impl Fn() -> bool) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
+    let mut child = command.args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    wait_until(&mut child, begun);
+    assert!(Command::new("kill").args(["-s", signal, &child.id().to_string()]).status().unwrap().success());
+    assert!(!child.wait().unwrap().success());
+}
+
+fn wait_until(child: &mut Child, begun: impl Fn() -> bool) {
+    let end = Instant::now() + Duration::from_secs(300);
+    while !begun() {
+        assert!(child.try_wait().unwrap().is_none() && Instant::now() < end, "it ended before it could be stopped");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
 /// Starts the program and kills it as soon as `begun` says so.
 fn kill_when(arguments: &[&str], begun: impl Fn() -> bool) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
     let mut child = command.args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    let end = Instant::now() + Duration::from_secs(300);
-    while !begun() {
-        assert!(child.try_wait().unwrap().is_none() && Instant::now() < end, "it ended before it could be killed");
-        std::thread::sleep(Duration::from_millis(1));
-    }
+    wait_until(&mut child, begun);
     child.kill().unwrap();
     child.wait().unwrap();
 }
@@ -300,17 +356,8 @@ fn kill_when(arguments: &[&str], begun: impl Fn() -> bool) {
 fn a_program_that_is_killed_leaves_no_cut_file_behind() {
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path().join("simulation");
-    let unfinished = |folder: &Path| match fs::read_dir(folder) {
-        Ok(mut entries) => entries.any(|entry| {
-            let path = entry.unwrap().path();
-            path.extension().is_some_and(|extension| extension == "part")
-                && path.metadata().is_ok_and(|metadata| metadata.len() > 0)
-        }),
-        Err(error) if error.kind() == ErrorKind::NotFound => false,
-        Err(error) => panic!("{error}"),
-    };
     let arguments = ["simulate", "-o", text(&folder), "--duration", "1000s", "--format", "csv"];
-    kill_when(&arguments, || unfinished(&folder));
+    kill_when(&arguments, || has_unfinished_bytes(&folder));
     assert!(!folder.join("events.csv").exists());
 
     let recording = directory.path().join("recording.csv");
@@ -319,7 +366,7 @@ fn a_program_that_is_killed_leaves_no_cut_file_behind() {
     let other = directory.path().join("other");
     fs::create_dir(&other).unwrap();
     let converted = other.join("events.bin");
-    kill_when(&["convert", text(&recording), text(&converted), "--sensor", "346x260"], || unfinished(&other));
+    kill_when(&["convert", text(&recording), text(&converted), "--sensor", "346x260"], || has_unfinished_bytes(&other));
     assert!(!converted.exists());
     // What is left does not keep the next one from its work.
     succeed(&["convert", text(&recording), text(&converted), "--sensor", "346x260"]);
@@ -333,19 +380,7 @@ fn a_program_that_is_interrupted_leaves_nothing() {
     for signal in ["INT", "TERM"] {
         let folder = directory.path().join("simulation");
         let arguments = ["simulate", "-o", text(&folder), "--duration", "1000s", "--format", "csv"];
-        let mut child = Command::new(env!("CARGO_BIN_EXE_evcal"))
-            .args(arguments)
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let deadline = Instant::now() + Duration::from_secs(60);
-        while fs::read_dir(&folder).into_iter().flatten().count() == 0 {
-            assert!(Instant::now() < deadline, "nothing was begun");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        assert!(Command::new("kill").args(["-s", signal, &child.id().to_string()]).status().unwrap().success());
-        assert!(!child.wait().unwrap().success());
+        end_when(&arguments, signal, || fs::read_dir(&folder).into_iter().flatten().count() > 0);
         assert!(!folder.exists(), "{signal}: {:?}", names(&folder));
     }
 }

@@ -9,7 +9,7 @@ use evcal::lens::camera_file;
 use evcal::simulate::davis::DavisSettings;
 use evcal::simulate::dots::Dots;
 use evcal::simulate::effects::Effect;
-use evcal::simulate::folder::{SimulatedRecording, WrittenFolder, is_result, write_folder};
+use evcal::simulate::folder::{SimulatedRecording, WrittenFolder, folders, is_result, write_folder};
 use evcal::simulate::inertia::InertialSettings;
 use evcal::simulate::lens::{self, usual_lens};
 use evcal::simulate::motion_capture::MotionCaptureSettings;
@@ -195,8 +195,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     if let Some(lens) = &frame_camera {
         simulation = simulation.with_frame_rays(Rays::new(lens, sensor));
     }
-    let folder = arguments.results.open_folder(&arguments.output, is_result, &[])?;
     let second_camera = second_camera(arguments, &camera, sensor)?;
+    let folders = folders(second_camera.as_ref());
+    let folder = arguments.results.open_folder(&arguments.output, is_result, folders)?;
     let mut waiting = Waiting::new(arguments.json);
     let recorded = SimulatedRecording {
         simulation: &simulation,

@@ -1,6 +1,5 @@
 //! The folder that a simulation writes.
 
-use std::io;
 use std::path::{Path, PathBuf};
 
 use evcal_core::camera::Camera;
@@ -12,8 +11,8 @@ use super::recording::{self, RecordingFormat};
 use super::second_camera::{SecondCamera, SecondCameraDescription, recording_name};
 use super::truth::Truth;
 use super::{EventCounts, Simulation};
-use crate::files::folder::OutputFolder;
-use crate::files::{self, FileError, NewFile};
+use crate::files::folder::{NamesFile, OutputFolder};
+use crate::files::{self, FileError};
 use crate::lens::camera_file::CameraDescription;
 use crate::recording::encode::WriteError;
 use crate::recording::image_folder::{IMAGES, TABLE};
@@ -82,6 +81,23 @@ pub enum SimulatedFolderError {
     },
 }
 
+impl NamesFile for SimulatedFolderError {
+    fn file_mut(&mut self) -> &mut PathBuf {
+        match self {
+            Self::File(error) => &mut error.path,
+            Self::Recording { path, .. } => path,
+        }
+    }
+}
+
+/// The folders that [`write_folder`] makes in its folder.
+pub fn folders(second_camera: Option<&SecondCamera>) -> &'static [&'static str] {
+    match second_camera.and_then(SecondCamera::frames) {
+        Some(_) => &[frame_camera::FOLDER],
+        None => &[],
+    }
+}
+
 /// Whether a file of a folder is one that [`write_folder`] writes.
 pub fn is_result(file: &Path) -> bool {
     let others = [TRUTH, TRAJECTORY, FRAMES, INERTIA, MOTION_CAPTURE];
@@ -101,24 +117,35 @@ pub fn is_result(file: &Path) -> bool {
 /// poses a second), and with frames `frames.csv`, with inertial samples `imu.csv`, with motion
 /// capture `motion_capture.txt` (TUM, `T_mocap_body`), with a second camera `second.aedat4` (or `.csv`, `.bin`), or of
 /// frames the folder `second`. What was there of
-/// an earlier simulation goes. `progress` is called with the number of slices done ([`SimulatedRecording::slice_count`] in all).
+/// an earlier simulation goes when all of this one is written. `progress` is called with the number of slices done ([`SimulatedRecording::slice_count`] in all).
 ///
 /// # Errors
 /// [`SimulatedFolderError`] names the file that could not be written.
 pub fn write_folder(
     folder: &OutputFolder,
     recorded: &SimulatedRecording,
+    progress: impl FnMut(usize),
+) -> Result<WrittenFolder, SimulatedFolderError> {
+    let mut written = folder.replace(is_result, |new| write_files(new, recorded, progress))?;
+    for file in &mut written.files {
+        *file = folder.path().join(&*file);
+    }
+    Ok(written)
+}
+
+/// Writes the files into `folder`; they are told by their names in it.
+fn write_files(
+    folder: &Path,
+    recorded: &SimulatedRecording,
     mut progress: impl FnMut(usize),
 ) -> Result<WrittenFolder, SimulatedFolderError> {
     let SimulatedRecording { simulation, camera, frame_camera, davis, motion_capture, second_camera, format } =
         recorded;
-    let path = folder.path().join(format.file_name());
-    let file = NewFile::create(&path)?;
-    let (counts, davis_truth) = recording::write(simulation, davis, file.unfinished_path(), *format, &mut progress)
-        .map_err(|error| SimulatedFolderError::Recording { path: path.clone(), error })?;
-    folder.remove_results(is_result)?;
-    file.finish()?;
-    let mut written = vec![path];
+    let name = PathBuf::from(format.file_name());
+    let path = folder.join(&name);
+    let (counts, davis_truth) = recording::write(simulation, davis, &path, *format, &mut progress)
+        .map_err(|error| SimulatedFolderError::Recording { path, error })?;
+    let mut written = vec![name];
     let mut truth = Truth::new(camera, simulation, counts);
     truth.motion_capture = motion_capture.map(MotionCaptureDescription::new);
     if *davis != DavisSettings::default() {
@@ -127,27 +154,26 @@ pub fn write_folder(
     }
     if let Some(second) = second_camera {
         let done = simulation.slice_count();
-        let (path, description) = write_second(folder, simulation, second, *format, |more| progress(done + more))?;
-        written.push(path);
+        let (name, description) = write_second(folder, simulation, second, *format, |more| progress(done + more))?;
+        written.push(name);
         truth.second_camera = Some(description);
     }
     let mut put = |name: &str, content: &[u8]| {
-        let path = folder.path().join(name);
-        files::write(&path, content)?;
-        written.push(path);
+        files::write(&folder.join(name), content)?;
+        written.push(name.into());
         Ok::<(), FileError>(())
     };
-    let failed = |name: &str, error: io::Error| FileError::new(&folder.path().join(name), error);
-    let text = serde_json::to_string_pretty(&truth).map_err(|error| failed(TRUTH, error.into()))?;
+    let text =
+        serde_json::to_string_pretty(&truth).map_err(|error| FileError::new(&folder.join(TRUTH), error.into()))?;
     put(TRUTH, (text + "\n").as_bytes())?;
     let mut trajectory = Vec::new();
     tum::write(&mut trajectory, "T_world_camera", &simulation.trajectory(TRAJECTORY_RATE))
-        .map_err(|error| failed(TRAJECTORY, error))?;
+        .map_err(|error| FileError::new(&folder.join(TRAJECTORY), error))?;
     put(TRAJECTORY, &trajectory)?;
     if let Some(capture) = motion_capture {
         let mut text = Vec::new();
         tum::write(&mut text, "T_mocap_body", &capture.capture(simulation))
-            .map_err(|error| failed(MOTION_CAPTURE, error))?;
+            .map_err(|error| FileError::new(&folder.join(MOTION_CAPTURE), error))?;
         put(MOTION_CAPTURE, &text)?;
     }
     if davis.frames.is_some() {
@@ -159,26 +185,25 @@ pub fn write_folder(
     Ok(WrittenFolder { files: written, truth, counts, davis: davis_truth })
 }
 
-/// Writes the recording of a second camera: a file, or of one that takes frames a folder.
+/// Writes the recording of a second camera: a file, or of one that takes frames a folder. Its name in `folder`.
 fn write_second(
-    folder: &OutputFolder,
+    folder: &Path,
     simulation: &Simulation,
     second: &SecondCamera,
     format: RecordingFormat,
     progress: impl FnMut(usize),
 ) -> Result<(PathBuf, SecondCameraDescription), SimulatedFolderError> {
     if let Some(frames) = second.frames() {
-        let path = folder.path().join(frame_camera::FOLDER);
-        let files = second.write_frames(simulation, frames, &path, progress)?;
+        let name = PathBuf::from(frame_camera::FOLDER);
+        let files = second.write_frames(simulation, frames, &folder.join(&name), progress)?;
         // One of them is the table.
         let count = files.len().saturating_sub(1);
-        return Ok((path, SecondCameraDescription::new(second, EventCounts::default(), Some(count))));
+        return Ok((name, SecondCameraDescription::new(second, EventCounts::default(), Some(count))));
     }
-    let path = folder.path().join(recording_name(format));
-    let file = NewFile::create(&path)?;
+    let name = PathBuf::from(recording_name(format));
+    let path = folder.join(&name);
     let counts = second
-        .write(simulation, file.unfinished_path(), format, progress)
-        .map_err(|error| SimulatedFolderError::Recording { path: path.clone(), error })?;
-    file.finish()?;
-    Ok((path, SecondCameraDescription::new(second, counts, None)))
+        .write(simulation, &path, format, progress)
+        .map_err(|error| SimulatedFolderError::Recording { path, error })?;
+    Ok((name, SecondCameraDescription::new(second, counts, None)))
 }
