@@ -176,6 +176,47 @@ fn a_stream_is_calibrated_from_a_file_and_from_a_serial_port_alike() {
     assert!(notes(&from_port).contains("ended after"), "{}", notes(&from_port));
 }
 
+/// What a device sent once does not come again.
+#[test]
+fn a_stream_that_was_saved_is_never_overwritten() {
+    let directory = TempDir::new().unwrap();
+    let output = directory.path().join("serial");
+    fs::create_dir(&output).unwrap();
+    let (mut device, computer, _open) = port_pair();
+    let name = computer.file_name().unwrap().to_str().unwrap();
+    let [first, second] = ["", "-2"].map(|number| output.join(format!("{name}{number}.circles")));
+    fs::write(&first, "first").unwrap();
+    let errors = |program: Child| {
+        let ended = program.wait_with_output().unwrap();
+        assert_eq!(ended.status.code(), Some(1));
+        String::from_utf8(ended.stderr).unwrap()
+    };
+
+    let listen = |options: &str| format!("serial:{}?{options}", computer.display());
+    // Nothing comes.
+    let program = evcal(&["calibrate", &listen("baud=115200&seconds=0.2"), "--board", BOARD, "-o", text(&output)]);
+    let told = errors(program);
+    assert!(told.contains("no circle in 0 bytes"), "{told}");
+    assert!(!second.exists());
+    let told = errors(evcal(&["detect", &listen(&format!("baud=115200&seconds=0.2&save={}", text(&first)))]));
+    assert!(told.contains("is there already: choose another name"), "{told}");
+
+    let program = evcal(&["calibrate", &listen("baud=115200&seconds=600"), "--board", BOARD, "-o", text(&output)]);
+    device.write_all(b"no circle").unwrap();
+    device.flush().unwrap();
+    for _ in 0..3000 {
+        if fs::metadata(&second).is_ok_and(|there| there.len() == 9) {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    drop(device);
+    let told = errors(program);
+    assert!(told.contains("no circle in 9 bytes"), "{told}");
+    assert_eq!(fs::read(&second).unwrap(), b"no circle");
+    assert_eq!(fs::read(&first).unwrap(), b"first");
+}
+
 #[test]
 fn a_damaged_stream_is_calibrated_with_what_is_left() {
     let directory = TempDir::new().unwrap();

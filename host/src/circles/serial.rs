@@ -1,13 +1,16 @@
 //! A circle stream from a serial port: `serial:/dev/ttyACM0?baud=921600&seconds=10&save=FILE`.
 
+pub mod save;
+
 use std::fmt;
-use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
+use self::save::SaveTo;
 use crate::circles::stream::{CircleStream, Receiver};
+use crate::files::told;
 
 const PREFIX: &str = "serial:";
 const DEFAULT_BAUD: u32 = 921_600;
@@ -24,8 +27,8 @@ pub struct SerialAddress {
     pub baud: u32,
     /// How long to listen, in seconds.
     pub seconds: f64,
-    /// Where to write the bytes as they come.
-    pub save: Option<PathBuf>,
+    /// Where to write the bytes as they come, from the first one on.
+    pub save: Option<SaveTo>,
 }
 
 /// Why nothing came from a serial port.
@@ -48,13 +51,16 @@ pub enum SerialError {
         error: serialport::Error,
     },
     /// The file to save to cannot be written.
-    #[error("{}: {error}", path.display())]
+    #[error("{}: {}", path.display(), told(error))]
     Save {
         /// The file.
         path: PathBuf,
         /// What the system said.
         error: io::Error,
     },
+    /// There is a file of the name to save to.
+    #[error("{} is there already: choose another name for save=, no stream that was saved is overwritten", .0.display())]
+    Taken(PathBuf),
     /// No circle arrived.
     #[error("{port}: no circle in {bytes} bytes ({frames} messages); {advice}")]
     Nothing {
@@ -75,10 +81,10 @@ impl SerialAddress {
         path.to_str().is_some_and(|text| text.starts_with(PREFIX))
     }
 
-    /// Saves what comes to `folder`, as `PORT.circles`, unless the address says where.
+    /// Saves what comes to `folder`, as `PORT.circles` or with a number that is free, unless the address says where.
     pub fn save_into(&mut self, folder: &Path) {
         let port = self.port.rsplit(['/', '\\']).next().unwrap_or_default();
-        self.save.get_or_insert_with(|| folder.join(format!("{port}.circles")));
+        self.save.get_or_insert_with(|| SaveTo::NextIn { folder: folder.to_owned(), name: port.to_owned() });
     }
 
     /// Listens until the time is over or the device is gone; `progress` is told what came so far.
@@ -86,15 +92,15 @@ impl SerialAddress {
     /// # Errors
     /// When the port cannot be opened, what comes cannot be saved, or no circle arrives.
     pub fn receive(&self, mut progress: impl FnMut(&str)) -> Result<CircleStream, SerialError> {
-        let create =
-            |path: &Path| File::create(path).map_err(|error| SerialError::Save { path: path.to_owned(), error });
+        self.save.as_ref().map_or(Ok(()), SaveTo::check)?;
         let mut notes = Vec::new();
         let mut port = serialport::new(&self.port, self.baud)
             .timeout(POLL)
             .open()
             .map_err(|error| SerialError::Open { port: self.port.clone(), error })?;
-        // A port that cannot be opened leaves no empty file.
-        let mut file = self.save.as_deref().map(create).transpose()?;
+        // A port from which nothing comes leaves no empty file.
+        let mut unmade = self.save.as_ref();
+        let mut file = None;
         let start = Instant::now();
         let mut receiver = Receiver::new();
         let mut buffer = [0; 4096];
@@ -107,6 +113,9 @@ impl SerialAddress {
                 }
                 Ok(count) => {
                     let new = buffer.get(..count).unwrap_or_default();
+                    if let Some(save) = unmade.take() {
+                        file = Some(save.create()?);
+                    }
                     // A full disk ends the saving, not the listening.
                     if let Some(Err(error)) = file.as_mut().map(|file| file.write_all(new)) {
                         notes.push(format!("the stream could not be saved to its end: {error}"));
@@ -169,7 +178,7 @@ impl FromStr for SerialAddress {
                     let positive = |seconds: &f64| seconds.is_finite() && *seconds > 0.0;
                     parsed.seconds = value.parse().ok().filter(positive).ok_or_else(refuse)?;
                 }
-                "save" if !value.is_empty() => parsed.save = Some(PathBuf::from(value)),
+                "save" if !value.is_empty() => parsed.save = Some(SaveTo::File(value.into())),
                 "save" => return Err(refuse()),
                 _ => return Err(wrong(format!("there is no option {name:?}"))),
             }
@@ -195,7 +204,12 @@ mod tests {
         assert_eq!(parse("serial:/dev/ttyACM0").unwrap(), address("/dev/ttyACM0"));
         assert_eq!(
             parse("serial:COM3?baud=115200&seconds=2.5&save=a b.bin").unwrap(),
-            SerialAddress { baud: 115_200, seconds: 2.5, save: Some("a b.bin".into()), ..address("COM3") }
+            SerialAddress {
+                baud: 115_200,
+                seconds: 2.5,
+                save: Some(SaveTo::File("a b.bin".into())),
+                ..address("COM3")
+            }
         );
         for (text, part) in [
             ("/dev/ttyACM0", "begin"),

@@ -1,0 +1,111 @@
+//! The file that what comes from a port is saved to. Nothing that is there is overwritten: what a device sent once does not
+//! come again.
+
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::SerialError;
+use crate::files;
+
+/// Where the bytes of a port are saved.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SaveTo {
+    /// In a file of this name, which must not be there yet.
+    File(PathBuf),
+    /// In this folder, as the first of `NAME.circles`, `NAME-2.circles` and so on that is not there yet.
+    NextIn {
+        /// The folder.
+        folder: PathBuf,
+        /// The name without number.
+        name: String,
+    },
+}
+
+impl SaveTo {
+    /// Whether something can be saved, told before the work; no file is made.
+    pub(super) fn check(&self) -> Result<(), SerialError> {
+        match self {
+            Self::File(path) => match fs::metadata(path) {
+                Ok(there) if there.is_file() => Err(SerialError::Taken(path.clone())),
+                // Pipes and devices have no content to keep; one must not be opened twice.
+                Ok(there) if !there.is_dir() => Ok(()),
+                _ => files::try_out(path).map_err(|error| SerialError::Save { path: error.path, error: error.error }),
+            },
+            Self::NextIn { .. } => Ok(()),
+        }
+    }
+
+    /// Makes the file.
+    pub(super) fn create(&self) -> Result<File, SerialError> {
+        match self {
+            Self::File(path) => create_new(path),
+            Self::NextIn { folder, name } => {
+                let mut number = 1_u32;
+                loop {
+                    let path = folder.join(match number {
+                        1 => format!("{name}.circles"),
+                        _ => format!("{name}-{number}.circles"),
+                    });
+                    match File::create_new(&path) {
+                        Err(error) if error.kind() == io::ErrorKind::AlreadyExists && number < u32::MAX => number += 1,
+                        created => return created.map_err(|error| SerialError::Save { path, error }),
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Makes a new file, or opens what has no content to keep.
+fn create_new(path: &Path) -> Result<File, SerialError> {
+    let is_stream = fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir());
+    let created = match is_stream {
+        true => OpenOptions::new().write(true).open(path),
+        false => File::create_new(path),
+    };
+    created.map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => SerialError::Taken(path.to_owned()),
+        _ => SerialError::Save { path: path.to_owned(), error },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use super::*;
+
+    #[test]
+    fn a_stream_gets_the_next_name_that_is_free() {
+        let folder = tempfile::tempdir().unwrap();
+        let save = SaveTo::NextIn { folder: folder.path().to_owned(), name: "ttyACM0".to_owned() };
+        fs::write(folder.path().join("ttyACM0.circles"), "first").unwrap();
+        fs::write(folder.path().join("ttyACM0-3.circles"), "third").unwrap();
+        save.check().unwrap();
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+        for text in ["second", "fourth"] {
+            save.create().unwrap().write_all(text.as_bytes()).unwrap();
+        }
+        for (name, text) in [("", "first"), ("-2", "second"), ("-3", "third"), ("-4", "fourth")] {
+            let path = folder.path().join(format!("ttyACM0{name}.circles"));
+            assert_eq!(fs::read_to_string(path).unwrap(), text);
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_named_must_be_new() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("stream");
+        let save = SaveTo::File(path.clone());
+        save.check().unwrap();
+        assert!(!path.exists());
+        save.create().unwrap().write_all(b"first").unwrap();
+        for error in [save.check().unwrap_err(), save.create().unwrap_err()] {
+            assert!(error.to_string().contains("stream is there already: choose another name"), "{error}");
+        }
+        assert_eq!(fs::read_to_string(&path).unwrap(), "first");
+        let nowhere = SaveTo::File(folder.path().join("missing/stream")).check().unwrap_err().to_string();
+        assert!(nowhere.contains("does the folder exist?"), "{nowhere}");
+    }
+}
