@@ -15,6 +15,8 @@ use std::path::{Path, PathBuf};
 
 use tempfile::{NamedTempFile, TempDir};
 
+use self::unfinished::Begun;
+
 /// Bytes that are written at once.
 const BUFFER: usize = 1 << 18;
 /// Ends the name of a file that is not whole yet.
@@ -106,7 +108,7 @@ impl NewFile {
         builder.prefix(&prefix).suffix(UNFINISHED);
         #[cfg(unix)]
         builder.permissions(permissions(&place));
-        let begun = unfinished::begin(|| {
+        let begun = unfinished::begin(Begun::ScratchFile, || {
             let file = builder.tempfile_in(folder)?;
             let path = file.path().to_owned();
             Ok((file, path))

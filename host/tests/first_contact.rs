@@ -328,8 +328,15 @@ fn has_unfinished_bytes(folder: &Path) -> bool {
 /// Starts the program, and ends it by a signal as soon as `begun` says so.
 #[cfg(unix)]
 fn end_when(arguments: &[&str], signal: &str, begun: impl Fn() -> bool) {
+    end_in_when(Path::new("."), arguments, signal, begun);
+}
+
+/// The same with the program in this folder.
+#[cfg(unix)]
+fn end_in_when(folder: &Path, arguments: &[&str], signal: &str, begun: impl Fn() -> bool) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
-    let mut child = command.args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    command.current_dir(folder).args(arguments).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut child = command.spawn().unwrap();
     wait_until(&mut child, begun);
     assert!(Command::new("kill").args(["-s", signal, &child.id().to_string()]).status().unwrap().success());
     assert!(!child.wait().unwrap().success());
@@ -383,6 +390,28 @@ fn a_program_that_is_interrupted_leaves_nothing() {
         end_when(&arguments, signal, || fs::read_dir(&folder).into_iter().flatten().count() > 0);
         assert!(!folder.exists(), "{signal}: {:?}", names(&folder));
     }
+}
+
+/// What is removed depends on who made it, not on what it is called or how it is named.
+#[cfg(unix)]
+#[test]
+fn an_interrupt_removes_made_folders_and_nothing_of_the_user() {
+    let directory = tempfile::tempdir().unwrap();
+    let simulate = |name| ["simulate", "-o", name, "--duration", "1000s", "--format", "csv"];
+    for relative in ["lx", "./outer/inner", "lx.part"] {
+        let folder = directory.path().join(relative);
+        end_in_when(directory.path(), &simulate(relative), "INT", || has_unfinished_bytes(&folder));
+        assert_eq!(names(directory.path()), [""; 0], "{relative}");
+    }
+    let folder = directory.path().join("mine.part");
+    end_in_when(directory.path(), &simulate("mine.part"), "INT", || {
+        let begun = has_unfinished_bytes(&folder);
+        if begun {
+            fs::write(folder.join("notes.txt"), "mine").unwrap();
+        }
+        begun
+    });
+    assert_eq!(names(&folder), ["notes.txt"]);
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::exchange::exchange;
+use super::unfinished::Begun;
 use super::{FileError, scratch_in, unfinished};
 
 /// Why results cannot go into a folder.
@@ -83,7 +84,7 @@ impl OutputFolder {
         made.reverse();
         let folder = Self { path: path.to_owned(), made };
         for made in &folder.made {
-            unfinished::begin(|| Ok::<_, io::Error>(((), made.clone()))).map_err(failed)?;
+            unfinished::begin(Begun::UsersFolder, || Ok::<_, io::Error>(((), made.clone()))).map_err(failed)?;
         }
         fs::create_dir_all(path).map_err(failed)?;
         tempfile::tempfile_in(path).map_err(failed)?;
@@ -144,7 +145,7 @@ impl OutputFolder {
         is_old: impl Fn(&Path) -> bool,
         fill: impl FnOnce(&Path) -> Result<T, E>,
     ) -> Result<T, E> {
-        let new = unfinished::begin(|| {
+        let new = unfinished::begin(Begun::ScratchFolder, || {
             let new = scratch_in(&self.path)?;
             let path = new.path().to_owned();
             Ok((new, path))
@@ -153,14 +154,23 @@ impl OutputFolder {
         let filled = fill(new.path()).map_err(|error| final_place(error, new.path(), &self.path));
         let path = new.path().to_owned();
         // No signal ends the program between the first file and the last, nor before what is left is removed.
-        unfinished::end(&path, move || {
+        let replaced = unfinished::end(&path, move || {
             let filled = filled?;
             let old: Vec<PathBuf> = files(&self.path).into_iter().filter(|file| is_old(file)).collect();
             let files = files(new.path());
             self.check_files(&files).map_err(Blocked::into_file_error)?;
             exchange(&self.path, &old, new.path(), &files)?;
             Ok(filled)
-        })
+        })?;
+        self.hold();
+        Ok(replaced)
+    }
+
+    /// From now on no signal removes a folder that was made.
+    fn hold(&self) {
+        for folder in &self.made {
+            unfinished::end(folder, || ());
+        }
     }
 
     /// Removes the files of which `is_result` says that they are results, by their path in the folder.
@@ -195,9 +205,7 @@ fn check_is_folder(path: &Path) -> Result<(), Blocked> {
 
 impl Drop for OutputFolder {
     fn drop(&mut self) {
-        for folder in &self.made {
-            unfinished::end(folder, || ());
-        }
+        self.hold();
         for folder in self.made.iter().rev() {
             // One that holds something stays.
             if fs::remove_dir(folder).is_err() {
