@@ -16,7 +16,7 @@ pub struct Truncation {
 
 impl fmt::Display for Truncation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "the file is not read to its end: from byte {} on, {}", self.byte, self.lost)
+        write!(f, "the file is damaged or cut off: from byte {} on, {}", self.byte, self.lost)
     }
 }
 
