@@ -4,13 +4,12 @@ pub mod save;
 
 use std::fmt;
 use std::io::{self, Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use self::save::SaveTo;
+use self::save::{SaveError, SaveTo};
 use crate::circles::stream::{CircleStream, Receiver};
-use crate::files::told;
 
 const PREFIX: &str = "serial:";
 const DEFAULT_BAUD: u32 = 921_600;
@@ -50,17 +49,9 @@ pub enum SerialError {
         /// What the system said.
         error: serialport::Error,
     },
-    /// The file to save to cannot be written.
-    #[error("{}: {}", path.display(), told(error))]
-    Save {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        error: io::Error,
-    },
-    /// There is a file of the name to save to.
-    #[error("{} is there already: choose another name for save=, no stream that was saved is overwritten", .0.display())]
-    Taken(PathBuf),
+    /// What comes cannot be saved.
+    #[error(transparent)]
+    Save(#[from] SaveError),
     /// No circle arrived.
     #[error("{port}: no circle in {bytes} bytes ({frames} messages); {advice}")]
     Nothing {

@@ -14,8 +14,8 @@ enum Step {
     Moved { from: PathBuf, to: PathBuf },
 }
 
-/// Moves the files `old` of `folder` away and the files `new` of the folder `from` in, all named by their path in their folder.
-/// Old files that new ones replace go too.
+/// Moves the files `old` of `folder` away and the files `new` of the folder `from` in, all named by their path in
+/// their folder. Old files that new ones replace go too.
 ///
 /// # Errors
 /// [`FileError`] names the file in `folder` that could not be moved; `folder` is then as it was, or the error says where

@@ -108,8 +108,8 @@ impl OutputFolder {
         &self.path
     }
 
-    /// Whether results can have their names, told before the work and not after it: no folder has the name of a file of which
-    /// `is_result` says so by its path in the folder, and what is called as one of `folders` is a folder.
+    /// Whether results can have their names, told before the work and not after it: no folder has the name of a file
+    /// of which `is_result` says so by its path in the folder, and what is called as one of `folders` is a folder.
     ///
     /// # Errors
     /// [`FolderError::Blocked`].
@@ -154,16 +154,18 @@ impl OutputFolder {
         let filled = fill(new.path()).map_err(|error| final_place(error, new.path(), &self.path));
         let path = new.path().to_owned();
         // No signal ends the program between the first file and the last, nor before what is left is removed.
-        let replaced = unfinished::end(&path, move || {
+        let replaced: Result<T, E> = unfinished::end(&path, move || {
             let filled = filled?;
             let old: Vec<PathBuf> = files(&self.path).into_iter().filter(|file| is_old(file)).collect();
             let files = files(new.path());
             self.check_files(&files).map_err(Blocked::into_file_error)?;
             exchange(&self.path, &old, new.path(), &files)?;
             Ok(filled)
-        })?;
-        self.hold();
-        Ok(replaced)
+        });
+        if replaced.is_ok() {
+            self.hold();
+        }
+        replaced
     }
 
     /// From now on no signal removes a folder that was made.

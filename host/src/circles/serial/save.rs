@@ -1,12 +1,29 @@
-//! The file that what comes from a port is saved to. Nothing that is there is overwritten: what a device sent once does not
-//! come again.
+//! The file that what comes from a port is saved to. Nothing that is there is overwritten: what a device sent once does
+//! not come again.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, Metadata, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::SerialError;
-use crate::files;
+/// Why nothing can be saved.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SaveError {
+    /// There is something of this name.
+    #[error("{} is there already: choose another name for save=, as no saved stream is overwritten", .0.display())]
+    Taken(PathBuf),
+    /// The folder of the file is not there.
+    #[error("{} is no folder: make it, or choose another place for save=", .0.display())]
+    NoFolder(PathBuf),
+    /// The file cannot be made.
+    #[error("{}: {error}; name a place where you may write, with save=", path.display())]
+    Failed {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        error: io::Error,
+    },
+}
 
 /// Where the bytes of a port are saved.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,20 +41,19 @@ pub enum SaveTo {
 
 impl SaveTo {
     /// Whether something can be saved, told before the work; no file is made.
-    pub(super) fn check(&self) -> Result<(), SerialError> {
-        match self {
-            Self::File(path) => match fs::metadata(path) {
-                Ok(there) if there.is_file() => Err(SerialError::Taken(path.clone())),
-                // Pipes and devices have no content to keep; one must not be opened twice.
-                Ok(there) if !there.is_dir() => Ok(()),
-                _ => files::try_out(path).map_err(|error| SerialError::Save { path: error.path, error: error.error }),
-            },
-            Self::NextIn { .. } => Ok(()),
+    pub(super) fn check(&self) -> Result<(), SaveError> {
+        let Self::File(path) = self else { return Ok(()) };
+        if let Ok(there) = fs::metadata(path) {
+            return if holds_nothing(&there) { Ok(()) } else { Err(SaveError::Taken(path.clone())) };
+        }
+        match path.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+            Some(folder) => Err(SaveError::NoFolder(folder.to_owned())),
+            None => Ok(()),
         }
     }
 
     /// Makes the file.
-    pub(super) fn create(&self) -> Result<File, SerialError> {
+    pub(super) fn create(&self) -> Result<File, SaveError> {
         match self {
             Self::File(path) => create_new(path),
             Self::NextIn { folder, name } => {
@@ -49,7 +65,7 @@ impl SaveTo {
                     });
                     match File::create_new(&path) {
                         Err(error) if error.kind() == io::ErrorKind::AlreadyExists && number < u32::MAX => number += 1,
-                        created => return created.map_err(|error| SerialError::Save { path, error }),
+                        created => return created.map_err(|error| SaveError::Failed { path, error }),
                     }
                 }
             }
@@ -57,16 +73,20 @@ impl SaveTo {
     }
 }
 
+/// Pipes and devices have no content to keep.
+fn holds_nothing(there: &Metadata) -> bool {
+    !there.is_file() && !there.is_dir()
+}
+
 /// Makes a new file, or opens what has no content to keep.
-fn create_new(path: &Path) -> Result<File, SerialError> {
-    let is_stream = fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir());
-    let created = match is_stream {
+fn create_new(path: &Path) -> Result<File, SaveError> {
+    let created = match fs::metadata(path).is_ok_and(|there| holds_nothing(&there)) {
         true => OpenOptions::new().write(true).open(path),
         false => File::create_new(path),
     };
     created.map_err(|error| match error.kind() {
-        io::ErrorKind::AlreadyExists => SerialError::Taken(path.to_owned()),
-        _ => SerialError::Save { path: path.to_owned(), error },
+        io::ErrorKind::AlreadyExists => SaveError::Taken(path.to_owned()),
+        _ => SaveError::Failed { path: path.to_owned(), error },
     })
 }
 
@@ -106,6 +126,6 @@ mod tests {
         }
         assert_eq!(fs::read_to_string(&path).unwrap(), "first");
         let nowhere = SaveTo::File(folder.path().join("missing/stream")).check().unwrap_err().to_string();
-        assert!(nowhere.contains("does the folder exist?"), "{nowhere}");
+        assert!(nowhere.contains("missing is no folder: make it"), "{nowhere}");
     }
 }
