@@ -13,6 +13,9 @@ pub struct Sensor {
 }
 
 impl Sensor {
+    /// No sensor has more columns or rows.
+    pub const MOST_PIXELS_A_SIDE: u16 = 32_767;
+
     /// A sensor of `width` columns and `height` rows.
     pub const fn new(width: u16, height: u16) -> Self {
         Self { width, height }

@@ -98,7 +98,7 @@ pub const FORMATS: &[&FileFormat] = &[
 ];
 
 /// The largest sensor width or height that can be read.
-pub const MAX_SENSOR_SIZE: u16 = 32_767;
+pub const MAX_SENSOR_SIZE: u16 = Sensor::MOST_PIXELS_A_SIDE;
 
 /// What a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,7 +12,6 @@ use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 
 pub use self::parameters::Parameters;
-use crate::recording::MAX_SENSOR_SIZE;
 use evcal_core::sensor::Sensor;
 
 /// A camera model with its parameters by name. Pixel (0, 0) is the centre of the top-left pixel.
@@ -90,7 +89,10 @@ pub enum CameraFileError {
         error: DescriptionError,
     },
     /// No sensor has this size.
-    #[error("{file}: the sensor has {sensor} pixels; state its true size, 1 to {} pixels a side", MAX_SENSOR_SIZE)]
+    #[error(
+        "{file}: the sensor has {sensor} pixels; state its true size, 1 to {} pixels a side",
+        Sensor::MOST_PIXELS_A_SIDE
+    )]
     SensorSize {
         /// The file.
         file: String,
@@ -250,7 +252,7 @@ struct SizeOnly {
 }
 
 fn check_size(path: &Path, sensor: Sensor) -> Result<(), CameraFileError> {
-    let sides = 1..=MAX_SENSOR_SIZE;
+    let sides = 1..=Sensor::MOST_PIXELS_A_SIDE;
     match sides.contains(&sensor.width) && sides.contains(&sensor.height) {
         true => Ok(()),
         false => Err(CameraFileError::SensorSize { file: path.display().to_string(), sensor }),

@@ -74,7 +74,8 @@ impl Header {
             }
             let Some(end) = end else { return (length, false) };
             rest = rest.get(end + 1..).unwrap_or_default();
-            self.take(&String::from_utf8_lossy(line));
+            let of_single_bytes = || line.iter().copied().map(char::from).collect();
+            self.take(&String::from_utf8(line.to_vec()).unwrap_or_else(|_| of_single_bytes()));
             if line == END {
                 return (bytes.len() - rest.len(), true);
             }
@@ -127,7 +128,7 @@ mod tests {
         content.extend([0x23, 0x15, 0x08, 0, 0x0a, 0x0a, 0x0a, 0x0a]);
         let expected = Header {
             chip: Some("EU.SEEBETTER.INI.CHIPS.DAVIS.DAVIS240C".to_owned()),
-            created: Some("Do M\u{fffd}r 03 2016".to_owned()),
+            created: Some("Do Mär 03 2016".to_owned()),
             ranges: Ranges { acceleration: 4.0, angular_velocity: 500.0 },
         };
         assert_eq!(header(&content), Ok((expected, length)));
