@@ -122,7 +122,10 @@ fn intrinsics_can_be_held() {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
     refused("--camera works only together with --imu, --with or --with-frames", &["--camera", text(&folder)]);
-    refused("there are more --with-camera than --with", &["--with", text(&second), "--with-camera", "a", "--with-camera", "b"]);
+    refused(
+        "there are more --with-camera than --with",
+        &["--with", text(&second), "--with-camera", "a", "--with-camera", "b"],
+    );
 }
 
 #[test]

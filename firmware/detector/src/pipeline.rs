@@ -7,7 +7,7 @@ use evcal_core::circle::CircleCandidate;
 use evcal_core::cluster::SensorTooLarge;
 use evcal_core::detector::{Detection, Detector};
 use evcal_core::event::Event;
-use evcal_core::filter::{EventFilter, FilterStorage, StorageTooSmall, EventFate};
+use evcal_core::filter::{EventFate, EventFilter, FilterStorage, StorageTooSmall};
 use evcal_core::window::{EventStorage, Outcome, Progress, WindowBuffer};
 use evcal_link::{Encoder, Losses, Message, Statistics};
 

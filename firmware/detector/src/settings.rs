@@ -1,9 +1,9 @@
 //! What a device is set to.
 
 use evcal_core::budget::EventBudget;
-use evcal_core::sensor::Sensor;
 use evcal_core::detector::DetectorSettings;
 use evcal_core::filter::FilterSettings;
+use evcal_core::sensor::Sensor;
 use evcal_core::window::WindowSettings;
 
 /// Settings of a device.

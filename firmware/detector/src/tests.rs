@@ -3,10 +3,10 @@
 use std::vec::Vec;
 
 use evcal_core::budget::EventBudget;
-use evcal_core::sensor::Sensor;
 use evcal_core::decode::Evt2Encoder;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::filter::FilterSettings;
+use evcal_core::sensor::Sensor;
 use evcal_core::window::Progress;
 use evcal_link::{Decoder, Losses, Message};
 

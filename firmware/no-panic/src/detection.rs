@@ -4,12 +4,10 @@ use core::hint::black_box;
 
 use evcal_core::circle::{CircleSettings, Extraction, fit_circle};
 use evcal_core::cluster::{CentralMoments, ClusterSettings, PixelSums, row_bytes, row_count};
-use evcal_core::sensor::Sensor;
 use evcal_core::detector::{Detector, DetectorSettings};
 use evcal_core::event::{Event, Polarity};
-use evcal_core::window::{
-    EventStorage, Outcome, Progress, WindowBuffer, WindowPlanner, WindowSettings, WindowState,
-};
+use evcal_core::sensor::Sensor;
+use evcal_core::window::{EventStorage, Outcome, Progress, WindowBuffer, WindowPlanner, WindowSettings, WindowState};
 use nalgebra::RealField;
 
 use crate::any;

@@ -4,9 +4,9 @@ use core::hint::black_box;
 
 use evcal_core::budget::{EventBudget, LoadShedder};
 use evcal_core::cluster::{row_bytes, row_count};
-use evcal_core::sensor::Sensor;
 use evcal_core::decode::{Evt2Decoder, Evt2Encoder, Evt3Decoder, Evt21Decoder, PackedDecoder, PackedEncoder, Words};
 use evcal_core::filter::{EventFilter, FilterSettings, FilterStorage};
+use evcal_core::sensor::Sensor;
 use evcal_core::window::Progress;
 use evcal_detector::{Pipeline, Settings, Source, Storage};
 use evcal_link::{Circle, Decoder, Encoder, Hello, Message, Statistics, WindowEnd};

@@ -8,8 +8,8 @@ use core::ffi::CStr;
 
 use evcal_core::cluster::{row_bytes, row_count};
 
-use evcal_core::sensor::Sensor;
 use evcal_core::detector::{Detector, DetectorSettings};
+use evcal_core::sensor::Sensor;
 use evcal_core::window::{EventStorage, Progress, WindowBuffer, WindowSettings};
 use evcal_detector::Source;
 use qemu::InstructionCounter;
