@@ -80,7 +80,8 @@ rooms: setup
 check: $(CHECKS)
 
 check-format: setup
-	cargo fmt --all --check
+	@for part in . firmware fuzz python usb-davis/compatibility; do \
+	    cargo fmt --manifest-path $$part/Cargo.toml --all --check || exit 1; done
 
 check-lints: setup
 	cargo clippy --workspace --all-targets --release --locked -- -D warnings

@@ -7,7 +7,7 @@ evcal="${CARGO_TARGET_DIR:-target}/release/evcal"
 session=fixtures/board
 out=demo
 board=acircles:9x4:55mm:r17.5mm
-rm -rf "$out"
+rm -rf "$out/calibration"
 echo "== 1. what the camera sent in 3 s before a hand-moved board"
 "$evcal" info "$session/events.dvraw"
 echo

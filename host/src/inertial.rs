@@ -26,6 +26,7 @@ use nalgebra::{DMatrix, Vector3};
 
 use calibration::InertialCalibration;
 use error::InertialError;
+use finding::Finding;
 use findings::findings;
 use joint::{Estimate, Joint};
 use parameters::COUNT;
@@ -64,6 +65,8 @@ pub struct RecordedSamples {
     pub samples: Vec<Sample>,
     /// Time of the first event in the file (s).
     pub start: f64,
+    /// What of the recording could not be read, in sentences.
+    pub lost: Vec<String>,
 }
 
 /// Calibrates the inertial unit that gave `recorded` while `refined` was seen, whose camera is as sure as `camera` says. The
@@ -80,8 +83,9 @@ pub fn calibrate_unit(
 ) -> Result<InertialCalibration, InertialError> {
     let recordings = recorded.iter().map(|one| one.recording + 1).max().unwrap_or(0);
     let (mut samples, mut starts) = (vec![Vec::new(); recordings], vec![0.0; recordings]);
-    let (mut streams, mut clock_origin) = (Vec::new(), 0.0);
+    let (mut streams, mut lost, mut clock_origin) = (Vec::new(), Vec::new(), 0.0);
     for one in recorded {
+        lost.extend(one.lost);
         let (kept, report) = stream::check(one.samples)?;
         streams.push(report);
         let of_recording = refined.state.trajectories.iter().filter(|trajectory| trajectory.recording == one.recording);
@@ -143,7 +147,8 @@ pub fn calibrate_unit(
     let of_streams = (start.correlation, streams, clock_origin, delays_at);
     let calibration = finish(&joint, solved, (refined, camera, held), of_streams)?;
     findings::explained(&calibration, joint.samples)?;
-    Ok(InertialCalibration { findings: findings(&calibration), ..calibration })
+    let damaged = lost.into_iter().map(|what| Finding::Damaged { what });
+    Ok(InertialCalibration { findings: findings(&calibration).into_iter().chain(damaged).collect(), ..calibration })
 }
 
 fn finish(

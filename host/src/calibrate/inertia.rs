@@ -7,6 +7,7 @@ use super::input::Input;
 use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::error::InertialError;
 use crate::inertial::settings::InertialSettings;
+use crate::inertial::stream::ReadSamples;
 use crate::inertial::{RecordedSamples, calibrate_unit, csv, stream};
 use crate::solve::held_intrinsics::HeldIntrinsics;
 
@@ -45,17 +46,27 @@ fn recorded_samples(
         if inputs.len() > 1 {
             return Err(InertialError::SeveralRecordings);
         }
-        return Ok(vec![RecordedSamples { recording: 0, samples: csv::read(file)?, start: start(0) }]);
+        return Ok(vec![RecordedSamples {
+            recording: 0,
+            samples: csv::read(file)?,
+            start: start(0),
+            lost: Vec::new(),
+        }]);
     }
-    let mut recorded = Vec::new();
+    let (mut recorded, mut damages) = (Vec::new(), Vec::new());
     for (recording, input) in inputs.iter().enumerate() {
-        let samples = match input {
+        let ReadSamples { samples, lost } = match input {
             Input::Events(file) => stream::read(file)?,
-            Input::Images(_) | Input::Circles { .. } => Vec::new(),
+            Input::Images(_) | Input::Circles { .. } => ReadSamples::default(),
         };
-        if !samples.is_empty() {
-            recorded.push(RecordedSamples { recording, samples, start: start(recording) });
+        if samples.is_empty() {
+            damages.extend(lost);
+        } else {
+            recorded.push(RecordedSamples { recording, samples, start: start(recording), lost });
         }
+    }
+    if recorded.is_empty() && !damages.is_empty() {
+        return Err(InertialError::Lost { damages });
     }
     if recorded.is_empty() {
         let file = inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ");

@@ -148,7 +148,7 @@ pub struct CalibrationArguments {
     #[arg(short, long)]
     verbose: bool,
     /// Calibrate from the camera's own frames alone, as ordinary image calibration does
-    #[arg(long, conflicts_with = "joint_frames")]
+    #[arg(long, conflicts_with_all = ["joint_frames", "imu", "fix", "free"])]
     frames_only: bool,
     /// Solve the camera's own frames and its events together
     #[arg(long)]

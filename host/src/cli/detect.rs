@@ -33,7 +33,7 @@ pub struct Arguments {
     #[arg(long, value_parser = super::calibrate::extraction)]
     extraction: Option<Extraction>,
     /// Without a board: fewest circles that make a window worth keeping
-    #[arg(long, default_value_t = 1, value_name = "COUNT")]
+    #[arg(long, default_value_t = 1, value_name = "COUNT", conflicts_with = "board")]
     fewest: usize,
     /// Settings file (TOML)
     #[arg(long, value_name = "FILE")]

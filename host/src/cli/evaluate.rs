@@ -31,7 +31,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["truth", "true_trajectory"])]
     motion_capture: Option<PathBuf>,
     /// The body on the camera, where the capture holds several
-    #[arg(long, value_name = "NAME", requires = "motion_capture")]
+    #[arg(long, value_name = "NAME", requires = "motion_capture", conflicts_with = "truth")]
     body: Option<String>,
     /// Estimated trajectory (TUM) [default: trajectory.txt beside the calibration, if it is there]
     #[arg(long, value_name = "FILE")]

@@ -27,6 +27,7 @@ type Writer = fn(&ExportedTable) -> String;
 /// Arguments of `evcal export`.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("outputs").required(true).multiple(true))]
+#[command(group = clap::ArgGroup::new("tables").multiple(true))]
 pub struct Arguments {
     /// The calibration: its folder or calibration.json, or truth.json of a simulation
     #[arg(value_name = "FILE|DIR")]
@@ -56,20 +57,26 @@ pub struct Arguments {
 #[derive(clap::Args)]
 struct TableArguments {
     /// Write the undistortion look-up for events as a Rust module that needs nothing but `core`
-    #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
+    #[arg(long, value_name = "FILE", groups = ["outputs", "tables"], value_parser = value::output_file())]
     rust_table: Option<PathBuf>,
     /// Write the undistortion look-up for events as a C99 header
-    #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
+    #[arg(long, value_name = "FILE", groups = ["outputs", "tables"], value_parser = value::output_file())]
     c_header: Option<PathBuf>,
     /// Largest error of the look-up in pixels; of node spacings of 64, 32, … 1 px the widest that keeps it is taken
-    #[arg(long, value_name = "PIXELS", default_value = "0.05", value_parser = value::number(1e-6..=100.0, " pixels"))]
+    #[arg(
+        long,
+        value_name = "PIXELS",
+        default_value = "0.05",
+        requires = "tables",
+        value_parser = value::number(1e-6..=100.0, " pixels")
+    )]
     max_error: f64,
     /// Number of nodes of the look-up, instead of an error to keep
-    #[arg(long, value_name = "COLUMNSxROWS", value_parser = nodes, conflicts_with = "max_error")]
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = nodes, conflicts_with = "max_error", requires = "tables")]
     nodes: Option<[u16; 2]>,
     /// Camera that undistorted pixels belong to: fx,fy,cx,cy in pixels; 1,1,0,0 gives X/Z and Y/Z
     /// [default: that of the calibration]
-    #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, value_parser = ideal_camera)]
+    #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, value_parser = ideal_camera, requires = "tables")]
     ideal: Option<IdealCamera<f64>>,
 }
 

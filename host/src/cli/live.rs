@@ -104,6 +104,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     if arguments.replay.is_none() && arguments.source.options() != RecordingOptions::default() {
         return Err(UsageError("these options describe a recording: add --replay RECORDING".to_owned()).into());
     }
+    // Before the session, not after it.
+    arguments.calibration.parameters()?;
     let settings = arguments.settings()?;
     let interrupt = Interrupt::catch()?;
     let folder = arguments.calibration.open_folder()?;

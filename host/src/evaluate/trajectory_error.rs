@@ -153,7 +153,9 @@ pub fn best_time_shift(truth: &[TimedPose], estimate: &[TimedPose], range: f64) 
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
     let (mut cost_a, mut cost_b) = (cost(a), cost(b));
-    while high - low > 1e-7 {
+    // Times far from zero are coarser than that: the width then stops to shrink, so the rounds are counted.
+    let rounds = ((high - low) / 1e-7).max(1.0).log(1.0 / GOLDEN).ceil() as u32;
+    for _ in 0..rounds {
         if cost_a < cost_b {
             (high, b, cost_b) = (b, a, cost_a);
             a = high - GOLDEN * (high - low);

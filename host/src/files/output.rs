@@ -21,6 +21,9 @@ pub enum OutputError {
     /// There is one of its name.
     #[error("{} is there already: choose another name, or replace it with --force", .0.display())]
     Taken(PathBuf),
+    /// Two results would have one name, so that the second would replace the first.
+    #[error("two results would be written to {}: give each a name of its own", .0.display())]
+    Twice(PathBuf),
     /// It is read too: when reading fails half-way, or less is written than was read, the rest would be lost.
     #[error("{} is what is read: choose another name for the result", .0.display())]
     IsInput(PathBuf),
@@ -40,7 +43,14 @@ pub fn check_outputs<'a>(
     existing: Existing,
 ) -> Result<(), OutputError> {
     let inputs: Vec<PathBuf> = inputs.iter().filter_map(|input| fs::canonicalize(input).ok()).collect();
+    let mut places = Vec::new();
     for path in paths {
+        if let Some(place) = place(path) {
+            if places.contains(&place) {
+                return Err(OutputError::Twice(path.to_owned()));
+            }
+            places.push(place);
+        }
         if path.is_file() && fs::canonicalize(path).is_ok_and(|place| inputs.contains(&place)) {
             return Err(OutputError::IsInput(path.to_owned()));
         }
@@ -50,6 +60,17 @@ pub fn check_outputs<'a>(
         try_out(path)?;
     }
     Ok(())
+}
+
+/// Where a file of this name is or will be, whatever its path is written as; none for pipes and devices, which hold nothing.
+fn place(path: &Path) -> Option<PathBuf> {
+    match fs::canonicalize(path) {
+        Ok(place) => place.is_file().then_some(place),
+        Err(_) => {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            Some(fs::canonicalize(folder).ok()?.join(path.file_name()?))
+        }
+    }
 }
 
 #[cfg(test)]
@@ -72,6 +93,22 @@ mod tests {
             let folder = check_outputs([folder.path()], &[], existing).unwrap_err().to_string();
             assert!(folder.contains("name a file in it"), "{folder}");
         }
+    }
+
+    #[test]
+    fn two_results_need_two_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("table.h");
+        let otherwise = folder.path().join(".").join("table.h");
+        for existing in [Existing::Keep, Existing::Replace] {
+            let told = check_outputs([file.as_path(), &otherwise], &[], existing).unwrap_err().to_string();
+            assert!(told.contains("table.h: give each a name of its own"), "{told}");
+        }
+        fs::write(&file, "old").unwrap();
+        let told = check_outputs([otherwise.as_path(), &file], &[], Existing::Replace).unwrap_err().to_string();
+        assert!(told.starts_with("two results"), "{told}");
+        #[cfg(unix)]
+        check_outputs([Path::new("/dev/null"), Path::new("/dev/null")], &[], Existing::Keep).unwrap();
     }
 
     #[test]

@@ -82,7 +82,8 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, CsvError> {
 }
 
 fn parse(path: &Path, text: &str) -> Result<Vec<Sample>, CsvError> {
-    let mut lines = text.lines().enumerate();
+    // Spreadsheets begin a file with a byte order mark.
+    let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate();
     let header = lines.next().map_or("", |(_, line)| line);
     let columns = columns(path, header)?;
     let mut samples = Vec::new();
@@ -139,6 +140,7 @@ mod tests {
     fn columns_are_found_by_name_and_unit() {
         let text = "t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s\n1000,0,-1,0.5,90,0,-180\n";
         let samples = parse(Path::new("imu.csv"), text).unwrap();
+        assert_eq!(parse(Path::new("imu.csv"), &format!("\u{feff}{text}")).unwrap(), samples);
         assert!((samples[0].t - 1e-3).abs() < 1e-12);
         assert!((samples[0].acceleration - Vector3::new(0.0, -9.80665, 4.903325)).norm() < 1e-12);
         assert!((samples[0].angular_velocity.z + std::f64::consts::PI).abs() < 1e-12);

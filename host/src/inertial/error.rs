@@ -26,6 +26,12 @@ pub enum InertialError {
         /// The recording.
         file: String,
     },
+    /// Not one sample could be read.
+    #[error("no inertial sample could be read: {}", damages.join("; "))]
+    Lost {
+        /// What is damaged, in sentences.
+        damages: Vec<String>,
+    },
     /// There are too few samples at a time when the board was seen.
     #[error(
         "only {seconds:.1} s of inertial samples lie where the board was seen; {needed:.0} s are needed: record longer, with the board in view"

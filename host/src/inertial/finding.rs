@@ -48,6 +48,11 @@ pub enum Finding {
         /// Their share.
         share: f64,
     },
+    /// Samples could not be read.
+    Damaged {
+        /// What could not, and why.
+        what: String,
+    },
     /// Samples are at the end of their scale.
     Saturated {
         /// Their share.
@@ -116,6 +121,9 @@ impl fmt::Display for Finding {
                     "{:.1} % of the inertial samples are missing: look for a slow disk or a full buffer",
                     100.0 * share
                 )
+            }
+            Self::Damaged { what } => {
+                write!(f, "inertial samples are missing, for the recording is damaged; lost are {what}")
             }
             Self::Saturated { share } => write!(
                 f,

@@ -35,14 +35,22 @@ pub struct StreamReport {
     pub saturated: f64,
 }
 
-/// The inertial samples of a recording, on the clock of its file (s).
+/// The inertial samples of a recording.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReadSamples {
+    /// The samples, on the clock of the recording's file (s).
+    pub samples: Vec<Sample>,
+    /// What of the recording could not be read, in sentences.
+    pub lost: Vec<String>,
+}
+
+/// The inertial samples of a recording; those before a damage are kept.
 ///
 /// # Errors
-/// [`RecordingError`] when it cannot be read.
-pub fn read(recording: &Recording) -> Result<Vec<Sample>, RecordingError> {
+/// [`RecordingError`] when it cannot be opened.
+pub fn read(recording: &Recording) -> Result<ReadSamples, RecordingError> {
     let mut extras = open_extras(recording)?;
-    let mut lost = Vec::new();
-    let mut samples = Vec::new();
+    let (mut samples, mut lost) = (Vec::new(), Vec::new());
     while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
         if let Extra::Inertial(sample) = extra {
             samples.push(Sample {
@@ -52,7 +60,7 @@ pub fn read(recording: &Recording) -> Result<Vec<Sample>, RecordingError> {
             });
         }
     }
-    Ok(samples)
+    Ok(ReadSamples { samples, lost })
 }
 
 /// Leaves out what cannot be used, and looks at units, gaps and saturation.
@@ -123,6 +131,11 @@ fn at_end_of_scale(samples: &[Sample]) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::aedat4::header::Compression;
+    use crate::recording::aedat4::write::Encoder;
+    use crate::recording::encode::Encode;
+    use crate::recording::extras::{InertialSample, OtherStreams};
+    use crate::recording::{Damage, RecordingOptions};
 
     fn stream(scale: f64) -> Vec<Sample> {
         (0..2000)
@@ -135,6 +148,35 @@ mod tests {
                 }
             })
             .collect()
+    }
+
+    #[test]
+    fn what_a_damage_takes_is_told() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.aedat4");
+        let sample = |t| InertialSample { t, temperature: 1.0, acceleration: [0.0; 3], angular_velocity: [90.0; 3] };
+        // Packets of 10 ms.
+        let samples: Vec<InertialSample> = (0..30).map(|index| sample(1000 * index)).collect();
+        let others = OtherStreams { frames: false, imu: true };
+        let file = std::fs::File::create(&path).unwrap();
+        let mut encoder = Encoder::with_streams(file, Compression::None, (346, 260).into(), "", others).unwrap();
+        encoder.imu(&samples).unwrap();
+        encoder.finish().unwrap();
+        let content = std::fs::read(&path).unwrap();
+        let last = content.windows(5).rposition(|bytes| bytes == b"IMUS\x06").unwrap();
+        let read = |damage| {
+            let options = RecordingOptions { damage, ..RecordingOptions::default() };
+            read(&Recording::new(&path, options).unwrap()).unwrap()
+        };
+        let whole = read(Damage::Refuse);
+        assert_eq!((whole.samples.len(), whole.lost.len()), (30, 0));
+        assert!((whole.samples[29].angular_velocity.x - std::f64::consts::FRAC_PI_2).abs() < 1e-6);
+        std::fs::write(&path, [&content[..last], b"X", &content[last + 1..]].concat()).unwrap();
+        for damage in [Damage::Refuse, Damage::Skip] {
+            let part = read(damage);
+            assert_eq!(part.samples, whole.samples[..20]);
+            assert!(part.lost.len() == 1 && part.lost[0].contains("damaged"), "{:?}", part.lost);
+        }
     }
 
     #[test]

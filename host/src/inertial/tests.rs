@@ -13,6 +13,7 @@ use super::*;
 use crate::board::shape::{BoardShape, CircleArea};
 use crate::circles::reference_frame::PointObservation;
 use crate::numerics::random::{normal, uniform_in};
+use crate::result::inertial_result::grade;
 use crate::solve::event_bias::bias::Biases;
 use crate::solve::event_bias::{CLASS_COUNT, unknown};
 use crate::solve::observation::SegmentObservations;
@@ -21,6 +22,7 @@ use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, SolveSettings, Sta
 use crate::trajectory::RotationSpline;
 use crate::trajectory::fit::{TrajectoryShape, fit};
 use crate::trajectory::timed_pose::TimedPose;
+use crate::trust::verdict::Grade;
 
 const SECONDS: f64 = 12.0;
 /// Circles seen and samples taken a second.
@@ -188,7 +190,16 @@ impl Bench {
     }
 
     fn calibrated(&self, held: Option<&HeldIntrinsics>) -> Result<InertialCalibration, InertialError> {
-        let recorded = RecordedSamples { recording: 0, samples: self.samples.clone(), start: 0.0 };
+        self.calibrated_without(held, Vec::new())
+    }
+
+    /// The same from a recording of which parts are `lost`.
+    fn calibrated_without(
+        &self,
+        held: Option<&HeldIntrinsics>,
+        lost: Vec<String>,
+    ) -> Result<InertialCalibration, InertialError> {
+        let recorded = RecordedSamples { recording: 0, samples: self.samples.clone(), start: 0.0, lost };
         let settings = InertialSettings { gravity: STANDARD_GRAVITY, ..InertialSettings::default() };
         calibrate_unit(vec![recorded], &self.refined, &self.uncertainty, held, &settings)
     }
@@ -206,6 +217,18 @@ fn nothing_is_said_against_a_full_motion() {
         assert!(error.component_div(&sigma).amax() < 4.5 && sigma.amax() < 2e-3, "seed {seed}: {error} ± {sigma}");
         assert!(found.parameters.rotation.angle_to(&unit().rotation) < 5e-3, "seed {seed}");
     }
+}
+
+/// What a damage took of the samples was told nowhere.
+#[test]
+fn samples_that_were_lost_are_told() {
+    let bench = Bench::new(1, motion(1, turned([0.45, 0.5, 0.45])));
+    let what = "inertial samples from here on: a.aedat4, byte 12".to_owned();
+    let found = bench.calibrated_without(None, vec![what.clone()]).unwrap();
+    assert_eq!(found.findings, [Finding::Damaged { what }]);
+    assert_eq!(grade(&found), Grade::Good);
+    let told = found.findings[0].to_string();
+    assert!(told.contains("damaged") && told.contains("a.aedat4, byte 12"), "{told}");
 }
 
 #[test]

@@ -156,7 +156,9 @@ pub fn grade(calibration: &InertialCalibration) -> Grade {
         | Finding::BoardSpacing { .. }
         | Finding::CameraMoved { .. }
         | Finding::OtherCamera { .. } => Severity::Warning,
-        Finding::ClockDrift { .. } | Finding::Missing { .. } | Finding::Saturated { .. } => Severity::Note,
+        Finding::ClockDrift { .. } | Finding::Missing { .. } | Finding::Damaged { .. } | Finding::Saturated { .. } => {
+            Severity::Note
+        }
     }))
 }
 
