@@ -106,7 +106,8 @@ impl Bench<'_> {
     fn with(&self, change: impl Fn(&mut Vec<Sample>)) -> Result<InertialCalibration, InertialError> {
         let mut samples = self.samples.clone();
         change(&mut samples);
-        let recorded = vec![RecordedSamples { recording: 0, samples, start: self.calibrated.starts[0] }];
+        let recorded =
+            vec![RecordedSamples { recording: 0, samples, start: self.calibrated.starts[0], lost: Vec::new() }];
         let Evidence::Events(events) = &self.calibrated.evidence else { panic!("no trajectory") };
         calibrate_unit(
             recorded,
@@ -137,7 +138,7 @@ fn the_unit_is_found_where_it_is_and_mistakes_are_named() {
     assert_eq!(found.findings, [], "nothing speaks against it");
 
     let Input::Events(recording) = &inputs[0] else { panic!("a recording") };
-    let bench = Bench { calibrated: &calibrated, samples: read(recording).unwrap() };
+    let bench = Bench { calibrated: &calibrated, samples: read(recording).unwrap().samples };
     mistakes(&bench);
     other_clocks_and_axes(&bench, &found, &truth);
     drifting(&bench, &found);
