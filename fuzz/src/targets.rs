@@ -8,16 +8,16 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use evcal::board::{Board, BoardProblem};
-use evcal::circles::{stream, track};
-use evcal::page::Page;
-use evcal::recording::image_folder::{self, ImageFolder, ImageFolderError, Stamps};
-use evcal::recording::images::Images;
-use evcal::recording::{Damage, Recording, RecordingError, RecordingErrorKind, RecordingOptions, pictures};
-use evcal::result::calibrated_camera::CalibratedCamera;
-use evcal::settings::Settings;
+use evcal_calibrate::circles::{stream, track};
+use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
+use evcal_calibrate::settings::Settings;
 use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt21Decoder};
 use evcal_core::sensor::Sensor;
+use evcal_geometry::board::{Board, BoardProblem};
+use evcal_live::page::Page;
+use event_recordings::image_folder::{self, ImageFolder, ImageFolderError, Stamps};
+use event_recordings::images::Images;
+use event_recordings::{Damage, Recording, RecordingError, RecordingErrorKind, RecordingOptions, pictures};
 use usb_davis::protocol::{Decoder, Layout};
 
 /// Something that reads bytes.
@@ -29,7 +29,7 @@ pub struct Target {
 
 /// How bytes are read.
 enum Read {
-    /// As a file of this format ([`evcal::recording::FileFormat::name`]).
+    /// As a file of this format ([`event_recordings::FileFormat::name`]).
     Recording(&'static str),
     /// As a file of another kind.
     File(fn(&Path)),
@@ -45,7 +45,7 @@ const fn recording(name: &'static str, format: &'static str) -> Target {
 
 /// A format of which a recording is a folder.
 struct FolderOf {
-    /// [`evcal::recording::FileFormat::name`].
+    /// [`event_recordings::FileFormat::name`].
     format: &'static str,
     /// The file that has what comes before the first zero byte, if one has.
     text: Option<&'static str>,
@@ -355,7 +355,7 @@ fn read_settings(path: &Path) {
 
 fn read_calibration(path: &Path) {
     let _ = CalibratedCamera::read(path);
-    let _ = evcal::lens::camera_file::read(path);
+    let _ = evcal_geometry::lens::camera_file::read(path);
 }
 
 fn read_board(bytes: &[u8]) {

@@ -4,15 +4,15 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-use evcal::board::request::BoardRequest;
-use evcal::calibrate::PictureUse;
-use evcal::calibrate::board_choice::{BoardChoiceError, choose_board};
-use evcal::calibrate::error::CalibrateError;
-use evcal::files::folder::OutputFolder;
-use evcal::initial::model_choice::ModelRequest;
-use evcal::output::folder::{is_result, write_folder};
-use evcal::result::calibration_file::CalibrationFile;
-use evcal::settings::Settings;
+use evcal_geometry::board::request::BoardRequest;
+use evcal_calibrate::calibrate::PictureUse;
+use evcal_calibrate::calibrate::board_choice::{BoardChoiceError, choose_board};
+use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_files::folder::OutputFolder;
+use evcal_calibrate::initial::model_choice::ModelRequest;
+use evcal_report::output::folder::{is_result, write_folder};
+use evcal_calibrate::result::calibration_file::CalibrationFile;
+use evcal_calibrate::settings::Settings;
 use evcal::{Board, Calibrated, Input, Recording, Task};
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
@@ -22,7 +22,7 @@ use pyo3::types::{PyAny, PyDict, PyList, PyTuple};
 
 use crate::camera::Camera;
 use crate::interrupt::interruptible;
-use crate::recording::{Said, as_path, of_array};
+use event_recordings::{Said, as_path, of_array};
 use crate::{failed, to_python};
 
 /// What is calibrated, kept for the files that tell of it.
@@ -94,7 +94,7 @@ impl Calibration {
     /// The report as one page of HTML.
     #[getter]
     fn report(&self, py: Python<'_>) -> String {
-        py.detach(|| evcal::report::report(&self.calibrated, &self.asked.task(), &[], &mut |_| {}))
+        py.detach(|| evcal_report::report::report(&self.calibrated, &self.asked.task(), &[], &mut |_| {}))
     }
 
     /// All that calibration.json holds.
@@ -205,7 +205,7 @@ pub fn calibrate(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Calibration> {
     let request: BoardRequest =
-        board.parse().map_err(|error: evcal::board::BoardError| PyValueError::new_err(error.to_string()))?;
+        board.parse().map_err(|error: evcal_geometry::board::BoardError| PyValueError::new_err(error.to_string()))?;
     let said = Said { sensor, columns, time_unit, stream };
     let settings = settings.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default();
     let (inputs, board) = inputs_and_board(events, &said, &request, &settings)?;
@@ -220,7 +220,7 @@ pub fn calibrate(
     let mut raised = None;
     let calibrated = interruptible(py, |stop| {
         let mut last = String::new();
-        evcal::calibrate(&asked.task(), |evcal::Step { text, .. }| {
+        evcal_calibrate::calibrate(&asked.task(), |evcal::Step { text, .. }| {
             if stop.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
             }

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use evcal::lens::camera_file::CameraDescription;
-use evcal::lens::projection_difference::projection_difference;
-use evcal::result::calibrated_camera::CalibratedCamera;
-use evcal::undistort::PixelMap;
-use evcal::undistort::recording::write_camera;
-use evcal::undistort::target::{TargetProjection, target_camera};
+use evcal_geometry::lens::camera_file::CameraDescription;
+use evcal_geometry::lens::projection_difference::projection_difference;
+use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
+use evcal_calibrate::undistort::PixelMap;
+use evcal_calibrate::undistort::recording::write_camera;
+use evcal_calibrate::undistort::target::{TargetProjection, target_camera};
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 use nalgebra::{Vector2, Vector3};
@@ -258,7 +258,7 @@ fn camera_of(value: &Bound<'_, PyAny>) -> PyResult<(evcal_core::camera::Camera<f
         return Ok(calibration.get().lens());
     }
     let path: PathBuf = value.extract()?;
-    evcal::lens::camera_file::read(&path).map_err(failed)
+    evcal_geometry::lens::camera_file::read(&path).map_err(failed)
 }
 
 /// How far a calibration is from the truth or from another one: where both put the same point in the image, the

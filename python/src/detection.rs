@@ -1,7 +1,7 @@
 //! The board in windows of time.
 
-use evcal::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
-use evcal::settings::Settings;
+use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
+use evcal_calibrate::settings::Settings;
 use evcal::{Board, Recording};
 use numpy::PyArrayDescr;
 use pyo3::exceptions::PyValueError;
@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use crate::events::filled;
 use crate::failed;
 use crate::interrupt::interruptible;
-use crate::recording::{Said, as_path, of_array};
+use event_recordings::{Said, as_path, of_array};
 
 /// Bytes of a circle.
 const CIRCLE_BYTES: usize = 40;
@@ -35,7 +35,7 @@ pub fn detect<'py>(
     settings: Option<std::path::PathBuf>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let board: Board =
-        board.parse().map_err(|error: evcal::board::BoardError| PyValueError::new_err(error.to_string()))?;
+        board.parse().map_err(|error: evcal_geometry::board::BoardError| PyValueError::new_err(error.to_string()))?;
     let options = Said { sensor, columns, time_unit, stream }.options()?;
     let recording = match as_path(events) {
         Some(path) => Recording::new(path, options).map_err(failed)?,

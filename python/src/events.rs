@@ -1,6 +1,6 @@
 //! Events as structured arrays, whatever their fields are called.
 
-use evcal::undistort::PixelMap;
+use evcal_calibrate::undistort::PixelMap;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use numpy::{PyArray1, PyArrayDescr, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-use evcal::recording::information::gather;
-use evcal::recording::{OptionError, Recording, RecordingError, RecordingOptions};
+use evcal_calibrate::diagnosis::information::gather;
+use event_recordings::{OptionError, Recording, RecordingError, RecordingOptions};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

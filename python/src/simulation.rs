@@ -3,12 +3,12 @@
 use std::sync::atomic::Ordering;
 
 use evcal::Board;
-use evcal::simulate::lens::usual_lens;
-use evcal::simulate::presets::{LightPreset, MotionPreset};
-use evcal::simulate::rays::Rays;
-use evcal::simulate::recording::DAVIS346_SENSOR;
-use evcal::simulate::scene::SceneSettings;
-use evcal::simulate::{Simulation, SimulationSettings};
+use evcal_simulator::lens::usual_lens;
+use evcal_simulator::presets::{LightPreset, MotionPreset};
+use evcal_simulator::rays::Rays;
+use evcal_simulator::recording::DAVIS346_SENSOR;
+use evcal_simulator::scene::SceneSettings;
+use evcal_simulator::{Simulation, SimulationSettings};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -44,7 +44,7 @@ pub fn simulate<'py>(
     seed: u64,
 ) -> PyResult<(Bound<'py, PyAny>, Camera)> {
     let board: Board =
-        board.parse().map_err(|error: evcal::board::BoardError| PyValueError::new_err(error.to_string()))?;
+        board.parse().map_err(|error: evcal_geometry::board::BoardError| PyValueError::new_err(error.to_string()))?;
     let (lens, sensor) = match camera.map(Bound::get) {
         Some(camera) => (*camera.lens(), camera.size()),
         None => (usual_lens(DAVIS346_SENSOR).map_err(failed)?, DAVIS346_SENSOR),
@@ -68,6 +68,6 @@ pub fn simulate<'py>(
         });
         Ok(bytes)
     })?;
-    let bytes = bytes.map_err(|error: evcal::simulate::SimulationError| failed(error))?;
+    let bytes = bytes.map_err(|error: evcal_simulator::SimulationError| failed(error))?;
     Ok((to_array(py, bytes)?, Camera::of(lens, sensor, None)))
 }

@@ -9,9 +9,9 @@
 use std::io::BufReader;
 use std::path::Path;
 
-use evcal::evaluate::trajectory_error::best_time_shift;
-use evcal::trajectory::timed_pose::TimedPose;
-use evcal::trajectory::tum;
+use evcal_calibrate::evaluate::trajectory_error::best_time_shift;
+use evcal_geometry::timed_pose::TimedPose;
+use evcal_geometry::tum;
 use evcal_tests::lens::{self, Lens};
 use evcal_tests::{BOARD, json, read_json, succeed, text};
 use serde_json::Value;

@@ -8,14 +8,14 @@
 
 use std::path::Path;
 
-use evcal::board::Board;
-use evcal::detection::dot_shape::DotShape;
-use evcal::detection::focus::edge_width;
-use evcal::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
-use evcal::detection::settings::DetectionSettings;
-use evcal::recording::{Recording, RecordingOptions};
+use evcal_calibrate::detection::dot_shape::DotShape;
+use evcal_calibrate::detection::focus::edge_width;
+use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
+use evcal_calibrate::detection::settings::DetectionSettings;
+use evcal_geometry::board::Board;
 use evcal_tests::lens::{KANNALA_BRANDT, Lens, RADTAN};
 use evcal_tests::{succeed, text};
+use event_recordings::{Recording, RecordingOptions};
 
 /// Boards from large dots to small ones, dense and wide.
 const BOARDS: [&str; 5] = [

@@ -8,9 +8,9 @@ use std::sync::OnceLock;
 use std::time::SystemTime;
 use std::{fs, io};
 
-use evcal::recording::EventReader;
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::event::Event;
+use event_recordings::EventReader;
 use serde_json::Value;
 
 pub mod accuracy;

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use evcal::result::calibration_file::{CalibrationFile, FramesResult};
+use evcal_calibrate::result::calibration_file::{CalibrationFile, FramesResult};
 use evcal_tests::{BOARD, evcal, made, session_calibration, text};
 
 fn recording() -> PathBuf {

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use evcal::lens::covered_region::CoveredRegion;
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
+use evcal_geometry::lens::covered_region::CoveredRegion;
 use evcal_tests::lens::{INVERSE_RADIAL, KANNALA_BRANDT, Lens, RADTAN, RADTAN4, RADTAN8};
 use evcal_tests::{camera, read_json, text};
 use nalgebra::{Vector2, Vector3};

@@ -4,16 +4,16 @@ use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-use evcal::recording::aedat4::header::Compression;
-use evcal::recording::aedat4::write::Encoder;
-use evcal::recording::encode::Encode;
-use evcal::recording::extras::open_extras;
-use evcal::recording::extras::{Extra, Frame, InertialSample, OtherStreams};
-use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use evcal_tests::readers::{ask, python};
 use evcal_tests::{all_events, evcal, text};
+use event_recordings::aedat4::header::Compression;
+use event_recordings::aedat4::write::Encoder;
+use event_recordings::encode::Encode;
+use event_recordings::extras::open_extras;
+use event_recordings::extras::{Extra, Frame, InertialSample, OtherStreams};
+use event_recordings::{Recording, RecordingOptions};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use evcal::recording::Damage;
-use evcal::recording::image_folder::Stamps;
-use evcal::recording::images::Images;
-use evcal::recording::pictures::GreyImage;
 use evcal_tests::readers::{ask, python};
 use evcal_tests::{evcal, text};
+use event_recordings::Damage;
+use event_recordings::image_folder::Stamps;
+use event_recordings::images::Images;
+use event_recordings::pictures::GreyImage;
 use serde_json::{Value, json};
 
 /// The only image of a topic.

@@ -4,26 +4,26 @@ use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use evcal::calibrate::calibrated::{Calibrated, Evidence};
-use evcal::calibrate::inertia::{InertialRequest, calibrate_inertial};
-use evcal::calibrate::input::Input;
-use evcal::calibrate::{PictureUse, Task, calibrate};
-use evcal::inertial::calibration::InertialCalibration;
-use evcal::inertial::error::InertialError;
-use evcal::inertial::finding::Finding;
-use evcal::inertial::parameters::{
+use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
+use evcal_calibrate::calibrate::inertia::{InertialRequest, calibrate_inertial};
+use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::calibrate::{PictureUse, Task, calibrate};
+use evcal_calibrate::inertial::calibration::InertialCalibration;
+use evcal_calibrate::inertial::error::InertialError;
+use evcal_calibrate::inertial::finding::Finding;
+use evcal_calibrate::inertial::parameters::{
     ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, GYROSCOPE_BIAS, GYROSCOPE_DELAY, GYROSCOPE_MATRIX,
     POSITION, ROTATION, TRIANGLE,
 };
-use evcal::inertial::sample::Sample;
-use evcal::inertial::settings::InertialSettings;
-use evcal::inertial::stream::read;
-use evcal::inertial::{RecordedSamples, calibrate_unit};
-use evcal::numerics::gravity::STANDARD_GRAVITY;
-use evcal::recording::RecordingOptions;
+use evcal_calibrate::inertial::sample::Sample;
+use evcal_calibrate::inertial::settings::InertialSettings;
+use evcal_calibrate::inertial::stream::read;
+use evcal_calibrate::inertial::{RecordedSamples, calibrate_unit};
+use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_tests::lens::{Lens, RADTAN4};
 use evcal_tests::values::numbers;
 use evcal_tests::{BOARD, Finished, evcal, open_motion, read_json, text};
+use event_recordings::RecordingOptions;
 use nalgebra::{Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
@@ -364,7 +364,7 @@ fn without_gravity(bench: &Bench, before: &InertialCalibration) {
 
 fn files(calibrated: &Calibrated, task: &Task) {
     let folder = tempfile::tempdir().unwrap();
-    let written = calibrated.write(folder.path().join("result"), task).unwrap();
+    let written = evcal::write_new_folder(folder.path().join("result"), calibrated, task).unwrap();
     let folder = folder.path().join("result");
     assert!(written.summary.contains("stamps of the gyroscope are 2."), "{}", written.summary);
     let json = &read_json(&folder.join("calibration.json"))["inertial"];

@@ -5,9 +5,9 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::{Event, Polarity};
 use evcal_tests::{BOARD, all_events, program, session, session_calibration};
+use event_recordings::{Recording, RecordingOptions};
 use serde_json::Value;
 use tempfile::TempDir;
 

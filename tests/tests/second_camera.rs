@@ -5,14 +5,14 @@ use std::fs;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use evcal::recording::encode::Description;
-use evcal::recording::extras::{Extra, Frame, OtherStreams};
-use evcal::recording::image_folder::Stamps;
-use evcal::recording::images::Images;
-use evcal::recording::ros::BAG_FORMAT;
-use evcal::recording::{Damage, Recording, RecordingOptions};
 use evcal_tests::values::{numbers, pose};
 use evcal_tests::{BOARD, evcal, made, read_json, session, text};
+use event_recordings::encode::Description;
+use event_recordings::extras::{Extra, Frame, OtherStreams};
+use event_recordings::image_folder::Stamps;
+use event_recordings::images::Images;
+use event_recordings::ros::BAG_FORMAT;
+use event_recordings::{Damage, Recording, RecordingOptions};
 use nalgebra::Vector3;
 use serde_json::Value;
 

@@ -3,12 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use evcal::recording::image_file::{self, ImageFile, Samples};
-use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::Event;
 use evcal_tests::lens::{KANNALA_BRANDT, Lens, RADTAN};
 use evcal_tests::readers::{ask, python};
 use evcal_tests::{all_events, evcal, json, read_json, text};
+use event_recordings::image_file::{self, ImageFile, Samples};
+use event_recordings::{Recording, RecordingOptions};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 

@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use evcal::recording::{Recording, RecordingOptions};
 use evcal_core::event::Polarity;
 use evcal_tests::lens::{self, RADTAN};
 use evcal_tests::{BOARD, camera, evcal, json, made, read_json, text};
+use event_recordings::{Recording, RecordingOptions};
 use serde_json::Value;
 
 /// The verdict on a calibration from `events`.

@@ -1,0 +1,128 @@
+//! The whole calibration: sections 1 to 11 of method.md in their order.
+
+pub mod beginning;
+pub mod board_choice;
+mod board_solve;
+pub mod calibrated;
+mod detected;
+pub mod error;
+mod events;
+mod health;
+pub mod inertia;
+pub mod input;
+mod joint_solve;
+mod kept_events;
+pub mod mounted;
+mod other_camera;
+pub mod other_stretches;
+pub mod parameter_request;
+mod pictures;
+mod progress;
+pub mod repeat;
+pub mod second;
+pub mod step;
+pub mod stretch_choice;
+mod unseen_rows;
+mod unstated_rows;
+
+use std::ops::ControlFlow;
+use std::sync::LazyLock;
+
+use evcal_core::camera::ModelKind;
+use evcal_core::sensor::Sensor;
+use rayon::ThreadPool;
+
+use self::calibrated::Calibrated;
+use self::error::CalibrateError;
+use self::parameter_request::ParameterRequests;
+use self::progress::Progress;
+use self::step::Step;
+use crate::calibrate::input::Input;
+use crate::initial::model_choice::ModelRequest;
+use crate::settings::Settings;
+use crate::solve::SolveError;
+use evcal_geometry::board::Board;
+
+/// What the camera's own pictures are for, where the recordings have them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PictureUse {
+    /// They are calibrated apart, and compared with the events.
+    #[default]
+    Witness,
+    /// They are compared, then pictures and events are solved together.
+    Joint,
+    /// They are compared, then taken for those of a second camera.
+    SecondCamera,
+    /// The camera is calibrated from them alone.
+    Only,
+    /// Nothing.
+    Ignore,
+}
+
+/// What is calibrated, from what.
+#[derive(Clone, Copy)]
+pub struct Task<'a> {
+    /// Recordings of one camera.
+    pub inputs: &'a [Input],
+    /// The board in front of it.
+    pub board: &'a Board,
+    /// The camera model wanted.
+    pub model: ModelRequest,
+    /// Sensor size where the recordings do not tell it.
+    pub sensor: Option<Sensor>,
+    /// What pictures are for.
+    pub pictures: PictureUse,
+    /// Parameters of lens and board that are held, or free in any case. Those of the lens count for the joint solve from events.
+    pub parameters: ParameterRequests,
+    /// Thresholds.
+    pub settings: &'a Settings,
+    /// The command line, for the report; may be empty.
+    pub command_line: &'a str,
+    /// Who reads the recordings and looks for the board; `None`: the workers of whoever calls.
+    pub readers: Option<&'a ThreadPool>,
+}
+
+/// The settings of a [`Task`] that says nothing of them.
+static DEFAULTS: LazyLock<Settings> = LazyLock::new(Settings::default);
+
+impl<'a> Task<'a> {
+    /// A radtan camera from these inputs with the default settings; the fields are for all else:
+    /// `Task { model: ModelRequest::Auto, ..Task::new(&inputs, &board) }`.
+    pub fn new(inputs: &'a [Input], board: &'a Board) -> Self {
+        Self {
+            inputs,
+            board,
+            model: ModelRequest::Given(ModelKind::Radtan),
+            sensor: None,
+            pictures: PictureUse::default(),
+            parameters: ParameterRequests::default(),
+            settings: &DEFAULTS,
+            command_line: "",
+            readers: None,
+        }
+    }
+}
+
+/// Calibrates a camera. `progress` is told what is going on: the same words many times while events are read, with how
+/// far that is. When it breaks, the calibration ends as soon as it can, which is within the reading of a few ten thousand events or else
+/// between two iterations of a solve.
+///
+/// # Errors
+/// [`CalibrateError`] says which stage found nothing to go on with, and what to do.
+pub fn calibrate(
+    task: &Task,
+    mut progress: impl FnMut(Step) -> ControlFlow<()> + Send,
+) -> Result<Calibrated, CalibrateError> {
+    let progress = Progress::new(task.inputs, &mut progress);
+    let calibrated = match task.pictures {
+        PictureUse::Witness | PictureUse::Joint | PictureUse::SecondCamera | PictureUse::Ignore => {
+            events::calibrate(task, &progress)
+        }
+        PictureUse::Only => pictures::calibrate(task, &progress),
+    };
+    let held = task.parameters.fixed_intrinsics.iter().any(Option::is_some);
+    calibrated.map_err(|error| match error {
+        CalibrateError::Solve(SolveError::NoObservations) if held => CalibrateError::HeldFarOff,
+        error => error,
+    })
+}

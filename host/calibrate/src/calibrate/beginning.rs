@@ -1,0 +1,34 @@
+//! The calibration of a recording's beginning, while the rest is still being recorded.
+
+use std::ops::ControlFlow;
+
+use super::calibrated::Calibrated;
+use super::error::CalibrateError;
+use super::input::Input;
+use super::step::Step;
+use super::{PictureUse, Task, calibrate};
+use event_recordings::{Recording, RecordingError};
+
+/// Calibrates as `task` says, from its inputs and the events of the first `seconds` of `recording`. A file that grows meanwhile
+/// gives the same, as long as it was long enough at the start.
+///
+/// # Errors
+/// [`CalibrateError`], as [`calibrate`] has them.
+pub fn calibrate_beginning(
+    recording: &Recording,
+    seconds: f64,
+    task: &Task,
+    progress: impl FnMut(Step) -> ControlFlow<()> + Send,
+) -> Result<Calibrated, CalibrateError> {
+    let end = first_time(recording)?.saturating_add((seconds * 1e6) as i64);
+    let mut inputs = task.inputs.to_vec();
+    inputs.push(Input::from(recording.section((i64::MIN, end))));
+    calibrate(&Task { inputs: &inputs, pictures: PictureUse::Ignore, ..*task }, progress)
+}
+
+/// Time of the first event (µs, as in the file).
+fn first_time(recording: &Recording) -> Result<i64, RecordingError> {
+    let (mut reader, mut events) = (recording.open()?, Vec::new());
+    while events.is_empty() && reader.next_batch(&mut events)? {}
+    Ok(events.first().map_or(0, |event| event.t))
+}

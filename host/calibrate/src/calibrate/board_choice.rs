@@ -1,0 +1,100 @@
+//! The board of a calibration: the one that the user named, or the one that is recognised in the recordings.
+
+use super::input::Input;
+use crate::detection::layout::{RecognisedLayout, find_layout};
+use crate::detection::search::{SearchError, sensor_of};
+use crate::detection::settings::DetectionSettings;
+use evcal_geometry::board::Board;
+use evcal_geometry::board::request::{BoardRequest, CircleSize};
+use event_recordings::Recording;
+
+/// Why it is not known which board to look for.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BoardChoiceError {
+    /// A recording cannot be searched.
+    #[error(transparent)]
+    Search(#[from] SearchError),
+    /// There are no events to recognise it in.
+    #[error(
+        "`auto` needs a recording of events to look at. Name the board, for example --board acircles:9x4:55mm:r17.5mm"
+    )]
+    NoEvents,
+    /// No layout fits.
+    #[error(
+        "no circle grid recognised in {file}: is all of the board in view at times, flat, in focus and moving? If so, name it: \
+         --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS"
+    )]
+    NotRecognised {
+        /// The recording that was searched last.
+        file: String,
+    },
+    /// The layout is known, the size is not.
+    #[error("the board is {found}, but events cannot tell how large it is: {}", .found.advice())]
+    SizeUnknown {
+        /// The layout.
+        found: RecognisedLayout,
+    },
+}
+
+/// The board that is meant by `request`, recognised in the first of the recordings in which one is.
+///
+/// # Errors
+/// [`BoardChoiceError`] when none is recognised, or its size is not told.
+pub fn choose_board(
+    request: &BoardRequest,
+    recordings: &[&Recording],
+    settings: &DetectionSettings,
+) -> Result<Board, BoardChoiceError> {
+    let size = match request {
+        BoardRequest::Given(board) => return Ok(*board),
+        BoardRequest::Recognise(size) => size,
+    };
+    let found = recognise_layout(recordings, settings)?;
+    match size {
+        Some(CircleSize { spacing, radius }) => {
+            Ok(Board { pattern: found.pattern, spacing: *spacing, radius: *radius })
+        }
+        None => Err(BoardChoiceError::SizeUnknown { found }),
+    }
+}
+
+/// The layout of the board in the first of the recordings in which one is recognised.
+///
+/// # Errors
+/// [`BoardChoiceError`] when none is.
+pub fn recognise_layout(
+    recordings: &[&Recording],
+    settings: &DetectionSettings,
+) -> Result<RecognisedLayout, BoardChoiceError> {
+    let mut error = BoardChoiceError::NoEvents;
+    for recording in recordings {
+        let sensor = sensor_of(recording)?;
+        match find_layout(recording, sensor, settings).map_err(SearchError::from)? {
+            Some(found) => return Ok(found),
+            None => error = BoardChoiceError::NotRecognised { file: recording.path().display().to_string() },
+        }
+    }
+    Err(error)
+}
+
+/// The board that was printed, where `board` is only a part of it: such a part is found here and there in the whole.
+#[derive(Clone, Debug)]
+pub struct LargerBoard {
+    /// The layout.
+    pub found: RecognisedLayout,
+    /// It with the stated spacing and radius.
+    pub board: Board,
+}
+
+/// The board with more circles than `board` that is recognised in `inputs`, if there is one.
+pub fn larger_board(inputs: &[Input], board: &Board, settings: &DetectionSettings) -> Option<LargerBoard> {
+    let recordings = inputs.iter().filter_map(|input| match input {
+        Input::Events(recording) => Some(recording),
+        Input::Images(_) | Input::Circles { .. } => None,
+    });
+    // Where none is recognised there is nothing to tell.
+    let found = recognise_layout(&recordings.collect::<Vec<_>>(), settings).ok()?;
+    let fitting = Board { pattern: found.pattern, ..*board };
+    (found.pattern.circle_count() > board.circle_count()).then_some(LargerBoard { found, board: fitting })
+}

@@ -1,0 +1,261 @@
+//! Sections 1 to 4 of method.md: from recordings to reference frames.
+
+use super::Task;
+use super::error::CalibrateError;
+use super::health::Health;
+use super::progress::Progress;
+use crate::calibrate::input::Input;
+use crate::check::units::other_unit;
+use crate::circles::compact_frame::CompactFrame;
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::focus::{WINDOWS, edge_width};
+use crate::detection::other_board::{OtherBoard, OtherReading};
+use crate::detection::unplaced::UnplacedWindows;
+use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
+use crate::diagnosis::bad_pixels::PixelCounter;
+use crate::diagnosis::disorder::Disorder;
+use crate::diagnosis::fingerprint::Fingerprint;
+use crate::diagnosis::flicker::RateBins;
+use crate::diagnosis::saturation::SaturationDetector;
+use crate::solve::event_sample::{EventSample, Thinning};
+use crate::solve::left_out::{LeftOut, Reason};
+use evcal_core::sensor::Sensor;
+use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated, counted_from_one};
+use event_recordings::likely_sensor::likely_sensor_of;
+use event_recordings::pass::RecordingReport;
+use event_recordings::{Recording, RecordingError};
+
+/// Where the board was seen.
+pub(super) struct Detected {
+    pub(super) sensor: Sensor,
+    /// Windows of recordings with the board, in order of recording and time.
+    pub(super) windows: Vec<CompactFrame>,
+    /// Frames of circle inputs.
+    pub(super) frames: Vec<ReferenceFrame>,
+    pub(super) starts: Vec<f64>,
+    pub(super) recordings: Vec<RecordingReport>,
+    pub(super) detection: DetectionReport,
+    /// Windows with more circles than the board has, one entry for each recording of events.
+    pub(super) unplaced: Vec<UnplacedWindows>,
+    /// Events in each input, none in circles; `None` where the input is circles alone.
+    pub(super) events: Option<Vec<u64>>,
+    /// As many of them as fit into memory.
+    pub(super) sample: EventSample,
+    /// For each input whether it is known to hold no pictures.
+    pub(super) without_pictures: Vec<bool>,
+    /// Stretches in which the readout was saturated.
+    pub(super) saturated: Vec<LeftOut>,
+    /// How the light and the pixels were, one entry for each recording.
+    pub(super) health: Vec<Health>,
+}
+
+/// Recordings that share more than this part of their events are of the same time.
+const SAME: f64 = 0.02;
+
+/// The joint solve uses so many events at most; about half of those that are looked at are on an edge of the board. The sample has
+/// as many times more. Where the board is seldom in view it is not enough, and the recordings are read again.
+const SAMPLE_TIMES: usize = 3;
+
+/// Looks for the board in all recordings.
+///
+/// # Errors
+/// [`CalibrateError`] when it is nowhere, or a recording cannot be used.
+pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateError> {
+    let sensor = common_sensor(task)?;
+    let mut all = Detected {
+        sensor,
+        windows: Vec::new(),
+        frames: Vec::new(),
+        starts: Vec::new(),
+        recordings: Vec::new(),
+        detection: DetectionReport::default(),
+        unplaced: Vec::new(),
+        events: None,
+        sample: EventSample::new(SAMPLE_TIMES * task.settings.association.most_events),
+        without_pictures: vec![false; task.inputs.len()],
+        saturated: Vec::new(),
+        health: Vec::new(),
+    };
+    let mut fingerprints: Vec<(String, Fingerprint)> = Vec::new();
+    // What the first damaged recording broke off with.
+    let mut damage = None;
+    for (index, input) in task.inputs.iter().enumerate() {
+        progress.tell(format!("looking for the board in {}", input.short_name()))?;
+        match input {
+            Input::Events(recording) => {
+                let (fingerprint, broken) = all.look_through(task, (index, recording), progress)?;
+                if let Some((other, _)) = fingerprints.iter().find(|(_, other)| other.shared(&fingerprint) > SAME) {
+                    return Err(CalibrateError::SameEvents { file: input.name(), other: other.clone() });
+                }
+                fingerprints.push((input.name(), fingerprint));
+                damage = damage.or(broken);
+            }
+            Input::Images(_) => return Err(CalibrateError::OnlyFrames { file: input.name() }),
+            Input::Circles { frames, start, notes, detection, .. } => {
+                all.take_circles(index, frames, (*start, notes), detection);
+            }
+        }
+    }
+    match damage {
+        _ if !all.frames.is_empty() || !all.windows.is_empty() => Ok(all),
+        Some(damage) => Err(CalibrateError::Source(damage)),
+        None => {
+            check_units(task, &all.recordings)?;
+            let other = other_board(task, all.sensor, progress)?;
+            let max_interval = task.settings.detection.window.max_interval;
+            Err(CalibrateError::NoPattern(all.detection.no_pattern(max_interval, other)))
+        }
+    }
+}
+
+impl Detected {
+    /// Looks for the board in recording `index`, and takes what else must be known of its events. Returns its fingerprint, and what it broke
+    /// off with.
+    fn look_through(
+        &mut self,
+        task: &Task,
+        (index, recording): (usize, &Recording),
+        progress: &Progress,
+    ) -> Result<(Fingerprint, Option<RecordingError>), CalibrateError> {
+        let sensor = self.sensor;
+        let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
+        let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
+        let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
+        self.sample.begin(index);
+        let (mut bins, mut pixels) = (RateBins::default(), PixelCounter::new(sensor));
+        let pass = progress.read(task.inputs, index, &mut |events| {
+            fingerprint.push(events);
+            saturation.push(events);
+            events.iter().for_each(|event| bins.add(event.t, event.polarity));
+            pixels.push(events);
+            stage.push(events);
+            self.sample.push(events, &mut thinning);
+        })?;
+        self.sample.end(&mut thinning);
+        check_outside(recording, &pass.report)?;
+        if pass.count == 0 {
+            return Err(CalibrateError::Empty { file: recording.path().display().to_string() });
+        }
+        let stretches = saturation.finish().stretches.into_iter();
+        self.saturated.extend(stretches.map(|(start, end)| LeftOut {
+            recording: index,
+            start,
+            end,
+            reason: Reason::Saturated,
+        }));
+        let (windows, unplaced, report) = stage.into_compact_frames();
+        self.unplaced.push(unplaced);
+        self.health.push(Health {
+            flicker: bins.flicker(),
+            always_full: bins.is_even(),
+            pixels: pixels.finish(),
+            disorder: Disorder::met(&pass.report),
+            edges: edge_width(&looked_at(&windows)),
+        });
+        self.windows.extend(windows);
+        self.detection.add(&report);
+        self.events.get_or_insert_default().resize(index, 0);
+        self.events.get_or_insert_default().push(pass.count);
+        self.starts.push(pass.first as f64 * 1e-6);
+        self.recordings.push(pass.to_report());
+        if let Some(without) = self.without_pictures.get_mut(index) {
+            *without = pass.damage.is_none() && pass.report.frames == Some(0);
+        }
+        Ok((fingerprint, pass.damage))
+    }
+
+    /// Takes the circles of input `index`, with times from `start` (s).
+    fn take_circles(
+        &mut self,
+        index: usize,
+        frames: &[ReferenceFrame],
+        (start, notes): (f64, &[String]),
+        detection: &DetectionReport,
+    ) {
+        self.detection.add(detection);
+        let count = frames.iter().map(|frame| frame.circles.len() as u64).sum();
+        let duration = frames.last().map_or(0.0, |last| last.end) - frames.first().map_or(0.0, |f| f.start);
+        self.frames.extend(frames.iter().cloned().map(|frame| ReferenceFrame { recording: index, ..frame }));
+        self.starts.push(start);
+        self.recordings.push(RecordingReport {
+            count,
+            duration,
+            camera_name: None,
+            began: None,
+            notes: notes.to_vec(),
+        });
+    }
+}
+
+/// As many of the windows as are looked at for the width of edges.
+fn looked_at(windows: &[CompactFrame]) -> Vec<ReferenceFrame> {
+    windows.iter().step_by(windows.len().div_ceil(WINDOWS).max(1)).cloned().map(ReferenceFrame::from).collect()
+}
+
+/// The sensor of all inputs.
+pub(super) fn common_sensor(task: &Task) -> Result<Sensor, CalibrateError> {
+    let mut common = None;
+    for input in task.inputs {
+        let sensor = sensor_of(input, task.sensor)?;
+        let before = *common.get_or_insert(sensor);
+        if sensor != before {
+            return Err(CalibrateError::SensorsDiffer { file: input.name(), sensor, before });
+        }
+    }
+    common.ok_or(CalibrateError::NoInput)
+}
+
+/// The sensor of an input, or that which is `given` where it does not tell.
+fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateError> {
+    let sensor = match input {
+        // Nothing of the search in frames depends on their size.
+        Input::Images(images) => return Ok(images.sensor()),
+        Input::Events(recording) => {
+            check_stated(recording)?;
+            recording.open()?.information().sensor.or(given)
+        }
+        Input::Circles { sensor, .. } => given.or(*sensor),
+    };
+    if let (None, Input::Events(recording)) = (sensor, input)
+        && let Some(sensor) = counted_from_one(recording)
+    {
+        return Err(OtherSensor::CountedFromOne { file: input.name(), sensor }.into());
+    }
+    let sensor = sensor.ok_or_else(|| {
+        let likely = match input {
+            Input::Events(recording) => likely_sensor_of(recording),
+            Input::Images(_) | Input::Circles { .. } => None,
+        };
+        CalibrateError::SensorUnknown { file: input.name(), likely }
+    })?;
+    if sensor.width > LARGEST_SENSOR.width || sensor.height > LARGEST_SENSOR.height {
+        return Err(CalibrateError::SensorTooLarge { file: input.name(), sensor });
+    }
+    Ok(sensor)
+}
+
+/// Whether events come as often as cameras send them.
+fn check_units(task: &Task, reports: &[RecordingReport]) -> Result<(), CalibrateError> {
+    for (input, report) in task.inputs.iter().zip(reports) {
+        let Input::Events(recording) = input else { continue };
+        if let Some(unit) = other_unit(recording, report.count as f64 / report.duration) {
+            return Err(CalibrateError::TimeUnit { file: input.name(), unit });
+        }
+    }
+    Ok(())
+}
+
+/// What the board in the recordings looks like, if not like the stated one.
+fn other_board(task: &Task, sensor: Sensor, progress: &Progress) -> Result<Option<OtherReading>, CalibrateError> {
+    for (index, input) in task.inputs.iter().enumerate() {
+        if let Input::Events(_) = input {
+            progress.tell(format!("looking for another board in {}", input.short_name()))?;
+            let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);
+            progress.read(task.inputs, index, &mut |events| other.push(events))?;
+            if let Some(found) = other.finish() {
+                return Ok(Some(found));
+            }
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,162 @@
+//! Why a calibration fails.
+
+use super::board_choice::LargerBoard;
+use crate::check::units::OtherUnit;
+use crate::detection::radius::OtherRadius;
+use crate::detection::{LARGEST_SENSOR, NoPattern};
+use crate::initial::InitialError;
+use crate::picture_calibration::calibration::NoPictureCalibration;
+use crate::picture_calibration::joint::NoJointPoints;
+use crate::solve::SolveError;
+use crate::solve::refinement::RefinementError;
+use crate::trajectory::first::FirstTrajectoryError;
+use evcal_core::sensor::Sensor;
+use event_recordings::RecordingError;
+use event_recordings::given_sensor::OtherSensor;
+use event_recordings::images::ImagesError;
+use event_recordings::likely_sensor::sensor_advice;
+use serde::{Serialize, Serializer};
+
+/// Why a calibration failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrateError {
+    /// The caller wanted the end.
+    #[error("stopped before the end")]
+    Stopped,
+    /// There is nothing to calibrate from.
+    #[error("there is no recording: name at least one")]
+    NoInput,
+    /// A recording could not be read.
+    #[error(transparent)]
+    Source(#[from] RecordingError),
+    /// The sensor size is not known.
+    #[error("{file} does not say how many pixels the sensor has: {}", sensor_advice(*.likely))]
+    SensorUnknown {
+        /// The file.
+        file: String,
+        /// The smallest usual sensor that has all its pixels.
+        likely: Option<Sensor>,
+    },
+    /// The sensor that was asked for is not that of a recording.
+    #[error(transparent)]
+    OtherSensor(#[from] OtherSensor),
+    /// Events come so seldom or so often that their times are in another unit.
+    #[error("{file}: no board found, and {unit}: {}", unit.advice())]
+    TimeUnit {
+        /// The file.
+        file: String,
+        /// The unit that is more likely.
+        unit: OtherUnit,
+    },
+    /// The circles are not as large as stated.
+    #[error(transparent)]
+    OtherRadius(OtherRadius),
+    /// The lens or the board cannot be as the user says.
+    #[error("no lens or board is like that: change the values of --fix")]
+    ImpossibleValues,
+    /// Nothing fits with the values at which the lens is held.
+    #[error(
+        "with the values of --fix no event lies near the board's circles: do these values belong to this lens? Without --fix they are estimated"
+    )]
+    HeldFarOff,
+    /// The board that was looked for is a part of another one.
+    #[error("too few views fit together: is the board right? It looks like {}: use --board {}", .0.found, .0.board)]
+    LargerBoard(Box<LargerBoard>),
+    /// The sensor is too large.
+    #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.width, .sensor.height, LARGEST_SENSOR.width, LARGEST_SENSOR.height)]
+    SensorTooLarge {
+        /// The file.
+        file: String,
+        /// Its size.
+        sensor: Sensor,
+    },
+    /// The recordings are of different sensors.
+    #[error("{file} is of a sensor with {} x {} pixels, the recordings before it of one with {} x {}: calibrate one camera at a time", .sensor.width, .sensor.height, .before.width, .before.height)]
+    SensorsDiffer {
+        /// The file.
+        file: String,
+        /// Its sensor.
+        sensor: Sensor,
+        /// The sensor of the recordings before it.
+        before: Sensor,
+    },
+    /// Two recordings hold the same events.
+    #[error("{file} holds the same events as {other}: give each recording once, and none that is part of another")]
+    SameEvents {
+        /// The file.
+        file: String,
+        /// The one before it.
+        other: String,
+    },
+    /// There are no events.
+    #[error("{file} holds no events")]
+    Empty {
+        /// The file.
+        file: String,
+    },
+    /// The board was not found.
+    #[error(transparent)]
+    NoPattern(NoPattern),
+    /// No initial model.
+    #[error(transparent)]
+    Initial(#[from] InitialError),
+    /// There is no trajectory to start from.
+    #[error(transparent)]
+    FirstTrajectories(#[from] FirstTrajectoryError),
+    /// The joint solve failed.
+    #[error(transparent)]
+    Solve(SolveError),
+    /// Images could not be read.
+    #[error(transparent)]
+    Images(#[from] ImagesError),
+    /// Events are needed, and there are only frames.
+    #[error("{file} holds frames, not events: give a recording of events, and the frames with --with")]
+    OnlyFrames {
+        /// The folder.
+        file: String,
+    },
+    /// There are no pictures.
+    #[error("{file} holds no frames, and frames were asked for: record with --frames, or leave them out")]
+    NoPictures {
+        /// The files.
+        file: String,
+    },
+    /// The pictures give no calibration.
+    #[error("no calibration from the camera's frames: {0}")]
+    Pictures(NoPictureCalibration),
+    /// Pictures and events cannot be solved together.
+    #[error("frames and events cannot be solved together: {0}")]
+    JointPictures(NoJointPoints),
+}
+
+impl CalibrateError {
+    /// Whether the recordings could be read, and what was seen in them tells why it failed.
+    pub fn is_of_what_was_seen(&self) -> bool {
+        matches!(
+            self,
+            Self::NoPattern(_)
+                | Self::OtherRadius(_)
+                | Self::LargerBoard(_)
+                | Self::Initial(_)
+                | Self::FirstTrajectories(_)
+                | Self::Solve(_)
+                | Self::Pictures(_)
+                | Self::JointPictures(_)
+        )
+    }
+}
+
+impl From<RefinementError<Self>> for CalibrateError {
+    fn from(error: RefinementError<Self>) -> Self {
+        match error {
+            RefinementError::Read(error) => error,
+            RefinementError::Solve(error) => Self::Solve(error),
+        }
+    }
+}
+
+impl Serialize for CalibrateError {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}

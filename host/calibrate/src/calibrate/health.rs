@@ -1,0 +1,167 @@
+//! What the light, the lens and the pixels were like, as findings for the verdict.
+
+use crate::detection::focus::EdgeWidth;
+use crate::diagnosis::bad_pixels::{BadPixels, Repetition};
+use crate::diagnosis::disorder::Disorder;
+use crate::diagnosis::flicker::Flicker;
+use crate::trust::verdict::{Cause, Finding, Severity};
+
+/// How a recording was made.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Health {
+    pub(super) flicker: Option<Flicker>,
+    /// Whether there are as many events at any time.
+    pub(super) always_full: bool,
+    pub(super) pixels: BadPixels,
+    pub(super) disorder: Option<Disorder>,
+    /// Width of the sharpest circles' edges.
+    pub(super) edges: Option<EdgeWidth>,
+}
+
+/// Flicker by which ON and OFF take turns by more than this share of all events fills the readout with bursts of even areas.
+const STRONG_FLICKER: f64 = 0.75;
+/// Hot pixels that send a larger share of all events are told.
+const MANY_HOT: f64 = 0.02;
+/// Columns that are named.
+const NAMED: usize = 8;
+
+/// What is to be said of all recordings, each thing once: the worst case.
+pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
+    let flicker = recordings.iter().filter_map(|health| health.flicker).max_by(|a, b| a.share.total_cmp(&b.share));
+    let hottest = recordings.iter().map(|health| &health.pixels).max_by(|a, b| a.hot_share.total_cmp(&b.hot_share));
+    let deadest = recordings.iter().map(|health| &health.pixels).max_by_key(|pixels| pixels.dead_columns.len());
+    let repeated = recordings.iter().filter_map(|health| health.pixels.repeated);
+    let most_repeated = repeated.max_by(|a, b| a.share.total_cmp(&b.share));
+    let widths = recordings.iter().filter_map(|health| health.edges);
+    let widest = widths.max_by(|a, b| a.pixels.total_cmp(&b.pixels));
+    let mut findings = Vec::from_iter(flicker.map(flickering));
+    if recordings.iter().any(|health| health.always_full) {
+        findings.push(always_full());
+    }
+    findings.extend(most_repeated.map(repeating));
+    let disorders = recordings.iter().filter_map(|health| health.disorder);
+    findings.extend(disorders.max_by(|a, b| a.share.total_cmp(&b.share)).map(out_of_order));
+    findings.extend(hottest.and_then(hot));
+    findings.extend(deadest.and_then(dead));
+    findings.extend(widest.and_then(out_of_focus));
+    findings
+}
+
+fn flickering(Flicker { frequency, share, fills_readout }: Flicker) -> Finding {
+    let advice = "use daylight or a lamp on direct current".to_owned();
+    if fills_readout {
+        let reason = format!(
+            "the light flickers at {frequency} Hz or more and makes more events than the camera can send: their times are late"
+        );
+        return Finding { cause: Cause::Flicker, severity: Severity::Failure, reason, advice };
+    }
+    Finding {
+        cause: Cause::Flicker,
+        severity: if share > STRONG_FLICKER { Severity::Warning } else { Severity::Note },
+        reason: format!(
+            "the light flickers at {frequency} Hz, and the rate of events swings with it by {:.0} %",
+            100.0 * share
+        ),
+        advice,
+    }
+}
+
+fn always_full() -> Finding {
+    Finding {
+        cause: Cause::Saturated,
+        severity: Severity::Failure,
+        reason: "the camera sent as many events as it can all the time: their times are late by an unknown amount".to_owned(),
+        advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels"
+            .to_owned(),
+    }
+}
+
+fn out_of_order(disorder: Disorder) -> Finding {
+    Finding {
+        cause: Cause::OutOfOrder,
+        severity: Severity::Warning,
+        reason: disorder.to_string(),
+        advice: disorder.advice(),
+    }
+}
+
+fn repeating(repeated: Repetition) -> Finding {
+    Finding {
+        // The same evidence counted twice makes σ too small.
+        cause: Cause::RepeatedEvents,
+        severity: Severity::Warning,
+        reason: repeated.to_string(),
+        advice: repeated.advice(),
+    }
+}
+
+fn hot(pixels: &BadPixels) -> Option<Finding> {
+    (pixels.hot_share > MANY_HOT).then(|| Finding {
+        cause: Cause::HotPixels,
+        severity: Severity::Note,
+        reason: format!("{} hot pixels send {:.0} % of all events", pixels.hot, 100.0 * pixels.hot_share),
+        advice: "raise the contrast thresholds of the camera's pixels".to_owned(),
+    })
+}
+
+fn dead(pixels: &BadPixels) -> Option<Finding> {
+    let columns = &pixels.dead_columns;
+    let named: Vec<String> = columns.iter().take(NAMED).map(ToString::to_string).collect();
+    let more = if columns.len() > NAMED { " and more" } else { "" };
+    (!columns.is_empty()).then(|| Finding {
+        cause: Cause::DeadColumns,
+        severity: Severity::Note,
+        reason: format!("{} columns of the sensor send nothing ({}{more})", columns.len(), named.join(", ")),
+        advice: "is a region of interest set, or the sensor broken?".to_owned(),
+    })
+}
+
+fn out_of_focus(edges: EdgeWidth) -> Option<Finding> {
+    edges.is_blurred().then(|| Finding {
+        cause: Cause::Defocused,
+        severity: Severity::Warning,
+        reason: format!("the circles' edges are blurred over {:.1} px", edges.pixels),
+        advice: "focus the lens on the distance of the board, and clean it".to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn causes(recordings: &[Health]) -> Vec<(Cause, Severity)> {
+        findings_on(recordings).iter().map(|finding| (finding.cause, finding.severity)).collect()
+    }
+
+    #[test]
+    fn the_worst_of_all_recordings_is_told_once() {
+        let calm = Health { edges: Some(EdgeWidth { pixels: 1.0, radii: 0.3 }), ..Health::default() };
+        assert_eq!(causes(&[]), []);
+        assert_eq!(causes(&[calm.clone(), calm.clone()]), []);
+        let flickers = |share: f64| Health {
+            flicker: Some(Flicker { frequency: 100.0, share, fills_readout: share > 0.95 }),
+            ..calm.clone()
+        };
+        assert_eq!(causes(&[flickers(0.1), calm.clone()]), [(Cause::Flicker, Severity::Note)]);
+        assert_eq!(causes(&[flickers(0.1), flickers(0.9)]), [(Cause::Flicker, Severity::Warning)]);
+        assert_eq!(causes(&[flickers(1.0)]), [(Cause::Flicker, Severity::Failure)]);
+        let full = Health { always_full: true, ..calm.clone() };
+        assert_eq!(causes(&[full]), [(Cause::Saturated, Severity::Failure)]);
+        let pixels = BadPixels { hot: 5, hot_share: 0.3, dead_columns: vec![7], ..BadPixels::default() };
+        let bad = Health { pixels, edges: Some(EdgeWidth { pixels: 4.0, radii: 0.3 }), ..calm };
+        let found = causes(&[bad.clone(), bad]);
+        assert_eq!(
+            found.iter().map(|(cause, _)| *cause).collect::<Vec<_>>(),
+            [Cause::HotPixels, Cause::DeadColumns, Cause::Defocused]
+        );
+        let twice = |share: f64| Health {
+            pixels: BadPixels { repeated: Some(Repetition { share }), ..BadPixels::default() },
+            ..Health::default()
+        };
+        assert_eq!(causes(&[twice(0.1), twice(0.5), Health::default()]), [(Cause::RepeatedEvents, Severity::Warning)]);
+        let disorder = Disorder { share: 0.9, largest: 30_000 };
+        let disordered = Health { disorder: Some(disorder), ..Health::default() };
+        assert_eq!(causes(&[Health::default(), disordered]), [(Cause::OutOfOrder, Severity::Warning)]);
+        assert!(findings_on(&[twice(0.1), twice(0.5)]).iter().all(|finding| finding.reason.starts_with("50 %")));
+    }
+}

@@ -1,0 +1,228 @@
+//! What a calibration is made from: recordings of events, circles that were found before, or frames.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use evcal_core::sensor::Sensor;
+
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::circles::serial::{SerialAddress, SerialError};
+use crate::circles::stream::{self, CircleStream};
+use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
+use crate::detection::{DetectionReport, order_frames};
+use evcal_geometry::board::Board;
+use event_recordings::image_folder::Stamps;
+use event_recordings::images::{Images, ImagesError};
+use event_recordings::pass::{Batch, Pass, read_while};
+use event_recordings::{Head, ReadReport, Recording, RecordingError, RecordingOptions, options_for};
+
+/// One input: events, circles or frames.
+#[derive(Clone)]
+pub enum Input {
+    /// A recording of events.
+    Events(Recording),
+    /// Frames of a camera that sends no events.
+    Images(Images),
+    /// Reference frames from a circle track or circle stream, times from `start`.
+    Circles {
+        /// The file or port.
+        path: PathBuf,
+        /// Sensor size in pixels, if a device told it.
+        sensor: Option<Sensor>,
+        /// Its frames; their recording number is set by the calibration.
+        frames: Vec<ReferenceFrame>,
+        /// Time in the file at which the frames' times count from, in seconds.
+        start: f64,
+        /// What was taken for granted when the file was read.
+        notes: Vec<String>,
+        /// What the grid finder made of circles without a place on the board.
+        detection: DetectionReport,
+    },
+}
+
+/// What a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InputKind {
+    /// Events, or something unknown.
+    Events,
+    /// Circles that a detector found: see [`track`](mod@track).
+    CircleTrack,
+    /// Circles as a microcontroller sends them: see [`stream`](mod@stream).
+    CircleStream,
+}
+
+impl InputKind {
+    /// What the file at `path` holds, found from its content.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn of(path: &Path) -> Result<Self, RecordingError> {
+        if path.is_dir() {
+            return Ok(Self::Events);
+        }
+        let head = Head::read(path)?;
+        Ok(match head.text() {
+            Some(text) if track::is_circle_track(text) => Self::CircleTrack,
+            _ if stream::is_circle_stream(&head.bytes) => Self::CircleStream,
+            _ => Self::Events,
+        })
+    }
+}
+
+/// Why a file cannot be opened for its events.
+#[derive(Debug, thiserror::Error)]
+pub enum EventsError {
+    /// It is a circle track or stream.
+    #[error("{} holds circles, not events", .0.display())]
+    Circles(PathBuf),
+    /// It cannot be read as a recording.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+}
+
+/// Opens the events of the file or folder at `path`.
+///
+/// # Errors
+/// [`EventsError`] when it holds no events or cannot be read.
+pub fn open_events(path: &Path, options: RecordingOptions) -> Result<Recording, EventsError> {
+    match InputKind::of(path)? {
+        InputKind::Events => Ok(Recording::new(path, options)?),
+        InputKind::CircleTrack | InputKind::CircleStream => Err(EventsError::Circles(path.to_owned())),
+    }
+}
+
+impl From<Recording> for Input {
+    fn from(recording: Recording) -> Self {
+        Self::Events(recording)
+    }
+}
+
+impl Input {
+    /// The file or port.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Events(recording) => recording.path().display().to_string(),
+            Self::Images(images) => images.name(),
+            Self::Circles { path, .. } => path.display().to_string(),
+        }
+    }
+
+    /// The file or port without the folders that it is in, for who waits.
+    pub fn short_name(&self) -> String {
+        let name = self.path().file_name().unwrap_or(self.path().as_os_str());
+        name.to_string_lossy().into_owned()
+    }
+
+    fn path(&self) -> &Path {
+        match self {
+            Self::Events(recording) => recording.path(),
+            Self::Images(images) => images.path(),
+            Self::Circles { path, .. } => path,
+        }
+    }
+
+    /// Whether both are read from one file.
+    pub fn is_of_file_of(&self, other: &Self) -> bool {
+        let file = |input: &Self| input.path().canonicalize().unwrap_or_else(|_| input.path().to_owned());
+        file(self) == file(other)
+    }
+
+    /// Opens what another camera on the mount recorded: images with time stamps that are those of `stamps` (see [`Images::open`]), or
+    /// what [`Input::open`] opens. `stream` is its stream or topic; without it, that of the options counts for events.
+    ///
+    /// # Errors
+    /// [`InputError`] when it is neither, or cannot be read.
+    pub fn open_other(
+        path: &Path,
+        stream: Option<&str>,
+        stamps: Stamps,
+        options: &RecordingOptions,
+        board: &Board,
+    ) -> Result<Self, InputError> {
+        if let Some(images) = Images::open(path, stream, options.damage, stamps)? {
+            return Ok(Self::Images(images));
+        }
+        // Those that were not said of this recording may mean nothing to it.
+        let options = options_for(path, options);
+        let stream = stream.map(str::to_owned).or_else(|| options.stream.clone());
+        Self::open(path, &RecordingOptions { stream, ..options }, board)
+    }
+
+    /// Opens a recording, a circle track or a circle stream, whichever `path` is. Circles without a place on
+    /// the board are ordered by the grid finder.
+    ///
+    /// # Errors
+    /// [`InputError`] when it is neither, or cannot be read.
+    pub fn open(path: &Path, options: &RecordingOptions, board: &Board) -> Result<Self, InputError> {
+        match InputKind::of(path)? {
+            InputKind::Events => Ok(Self::Events(Recording::new(path, options.clone())?)),
+            InputKind::CircleTrack => {
+                let track = track::read(path, &board.pattern, 0)?;
+                Ok(Self::from_track(path, track, None, board))
+            }
+            InputKind::CircleStream => Ok(Self::from_stream(path, stream::read(path)?, board)),
+        }
+    }
+
+    /// Listens to a serial port; `progress` is told what came so far.
+    ///
+    /// # Errors
+    /// [`SerialError`] when no circle comes.
+    pub fn listen(address: &SerialAddress, board: &Board, progress: impl FnMut(&str)) -> Result<Self, SerialError> {
+        let stream = address.receive(progress)?;
+        Ok(Self::from_stream(Path::new(&address.to_string()), stream, board))
+    }
+
+    fn from_stream(path: &Path, stream: CircleStream, board: &Board) -> Self {
+        Self::from_track(path, stream.track, stream.sensor, board)
+    }
+
+    fn from_track(path: &Path, track: CircleTrack, sensor: Option<Sensor>, board: &Board) -> Self {
+        let (frames, detection) = match track.frames {
+            CircleFrames::Ordered(frames) => (frames, DetectionReport::default()),
+            CircleFrames::Unordered(frames) => order_frames(&frames, &board.pattern, sensor),
+        };
+        let start = track.time_origin_us as f64 * 1e-6;
+        Self::Circles { path: path.to_owned(), sensor, frames, start, notes: track.notes, detection }
+    }
+}
+
+/// Hands the events of an input to `visit`, with times from its first event, until it breaks off; nothing for
+/// circles.
+///
+/// # Errors
+/// [`RecordingError`] when the recording cannot be read.
+pub fn read_events(
+    inputs: &[Input],
+    index: usize,
+    visit: &mut dyn FnMut(Batch) -> ControlFlow<()>,
+) -> Result<Pass, RecordingError> {
+    let Some(Input::Events(recording)) = inputs.get(index) else {
+        let report = ReadReport::default();
+        return Ok(Pass {
+            count: 0,
+            first: 0,
+            last: 0,
+            camera_name: None,
+            began: None,
+            assumptions: Vec::new(),
+            report,
+            damage: None,
+        });
+    };
+    read_while(recording, visit)
+}
+
+/// Why an input could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum InputError {
+    /// It is no recording that can be read.
+    #[error(transparent)]
+    Source(#[from] RecordingError),
+    /// It is a circle track with a mistake in it, or a circle stream without circles.
+    #[error(transparent)]
+    Circles(#[from] CircleTrackError),
+    /// Its images cannot be read.
+    #[error(transparent)]
+    Images(#[from] ImagesError),
+}

@@ -1,0 +1,152 @@
+//! The trajectory along stretches that the joint solve had no room for, stretch by stretch with its camera.
+
+use std::convert::Infallible;
+use std::ops::Range;
+
+use evcal_core::camera::MAX_PARAMETERS;
+
+use super::Task;
+use super::error::CalibrateError;
+use super::joint_solve::stage_settings;
+use super::kept_events::read_share;
+use super::progress::Progress;
+use crate::circles::compact_frame::CompactFrame;
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::initial::{InitialModel, posed_frames};
+use crate::solve::event_sample::RankedEvent;
+use crate::solve::held_camera::{Followed, follow};
+use crate::solve::left_out::LeftOut;
+use crate::solve::pose_covariance::PoseCovariance;
+use crate::solve::refinement::{EventInput, Refined, RefinementInput};
+use crate::solve::{BOARD_PARAMETERS, State};
+use crate::trajectory::first::first_trajectories;
+use crate::trust::poses::{UncertainPose, sampled_poses};
+use crate::trust::uncertainty::SolveUncertainty;
+use event_recordings::pass::RecordingReport;
+
+/// Stretches are solved together in lengths of this (s).
+const LENGTH: f64 = 10.0;
+/// Events that are taken of a second, on average over a recording.
+const EVENTS_PER_SECOND: f64 = 50_000.0;
+/// Events may belong to a stretch from so long before its first window, and until so long after its last one (s).
+const MARGIN: f64 = 0.5;
+
+/// The poses along one stretch that is not in the joint solve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FollowedStretch {
+    /// Number of the recording.
+    pub recording: usize,
+    /// Its poses, in order of time; times count from the start of the recording.
+    pub poses: Vec<UncertainPose>,
+}
+
+/// Reads the recordings once more, and follows the camera of `refined` along `frames`, which are in order of recording and time.
+/// What no curve explains is added to `left_out`.
+///
+/// # Errors
+/// [`CalibrateError`] when a recording cannot be read, or the caller wants the end.
+pub(super) fn follow_others(
+    task: &Task,
+    (refined, certainty): (&Refined, &SolveUncertainty),
+    (frames, reports): (&[CompactFrame], &[RecordingReport]),
+    left_out: &mut Vec<LeftOut>,
+    progress: &Progress,
+) -> Result<Vec<FollowedStretch>, CalibrateError> {
+    if frames.is_empty() {
+        return Ok(Vec::new());
+    }
+    progress.tell("trajectory of the other stretches")?;
+    let part = |frame: &CompactFrame| (frame.t() / LENGTH).floor() as i64;
+    let mut followed = Vec::new();
+    for frames in frames.chunk_by(|a, b| a.recording == b.recording) {
+        let Some(recording) = frames.first().map(|frame| frame.recording) else { continue };
+        let share = reports.get(recording).map_or(1.0, share);
+        let mut stretches = frames.chunk_by(|a, b| part(a) == part(b)).peekable();
+        // Follows the stretches that end before `t` (µs), and drops the events that none of the later ones needs.
+        let mut follow_until = |events: &mut Vec<RankedEvent>, t: i64| {
+            while let Some(frames) = stretches.next_if(|frames| span(frames).end <= t) {
+                let frames: Vec<ReferenceFrame> = frames.iter().map(CompactFrame::without_events).collect();
+                // Where nothing can be followed no pose is written.
+                if let Some((stretch, unexplained)) = follow_stretch(task, (refined, certainty), (&frames, events)) {
+                    left_out.extend(unexplained);
+                    followed.push(stretch);
+                }
+            }
+            let next = stretches.peek().map_or(i64::MAX, |frames| span(frames).start);
+            events.drain(..events.partition_point(|event| event.t < next));
+        };
+        let mut kept: Vec<RankedEvent> = Vec::new();
+        read_share(task, (recording, share), refined.problem.sensor, progress, &mut |events| {
+            kept.extend_from_slice(events);
+            let t = kept.last().map_or(i64::MIN, |event| event.t);
+            follow_until(&mut kept, t);
+        })?;
+        follow_until(&mut kept, i64::MAX);
+    }
+    Ok(followed)
+}
+
+/// The share of its events that is taken of a recording.
+fn share(report: &RecordingReport) -> f64 {
+    (EVENTS_PER_SECOND * report.duration / report.count as f64).min(1.0)
+}
+
+/// The times (µs) of the events that tell of a stretch.
+fn span(frames: &[CompactFrame]) -> Range<i64> {
+    let start = frames.first().map_or(0.0, |first| first.start);
+    let end = frames.last().map_or(0.0, |last| last.end);
+    ((start - MARGIN) * 1e6) as i64..((end + MARGIN) * 1e6) as i64
+}
+
+fn follow_stretch(
+    task: &Task,
+    (refined, certainty): (&Refined, &SolveUncertainty),
+    (frames, events): (&[ReferenceFrame], &[RankedEvent]),
+) -> Option<(FollowedStretch, Vec<LeftOut>)> {
+    let settings = task.settings;
+    let (problem, solution) = (&refined.problem, &refined.state);
+    let recording = frames.first()?.recording;
+    let initial =
+        InitialModel::of_frames(solution.camera, posed_frames(frames, task.board, &solution.camera, &settings.initial));
+    let curves = (&settings.spline, &settings.knots);
+    let first = first_trajectories(&initial, frames, &settings.segment, curves).ok()?;
+    let start = first.trajectories.iter().map(|one| one.start()).fold(f64::INFINITY, f64::min);
+    let end = first.trajectories.iter().map(|one| one.end()).fold(f64::NEG_INFINITY, f64::max);
+    // Events come later than their edges, by the latency of their class.
+    let place = |t: f64| events.partition_point(|event| event.t < (t * 1e6) as i64);
+    let events = events.get(place(start - 0.1)..place(end + 0.1)).unwrap_or_default();
+    let counts: Vec<u64> = (0..=recording).map(|one| if one == recording { events.len() as u64 } else { 0 }).collect();
+    let read = |index: usize, _: f64, visit: &mut dyn FnMut(&[RankedEvent])| {
+        if index == recording {
+            visit(events);
+        }
+        Ok::<(), Infallible>(())
+    };
+    let input = RefinementInput {
+        board: task.board,
+        sensor: problem.sensor,
+        events: Some(EventInput { counts: &counts, read: &read }),
+        points: Vec::new(),
+        point_sigma: problem.point_sigma,
+        left_out: &refined.left_out,
+        free_board: [false; BOARD_PARAMETERS],
+        held: [true; MAX_PARAMETERS],
+    };
+    let state = State { trajectories: first.trajectories, ..solution.clone() };
+    // It fails where there are too few events, say.
+    let followed = follow(&input, state, problem, stage_settings(settings)).ok()?;
+    let Followed { state, system, left_out: unexplained, .. } = followed;
+    let reduced = system.into_reduced(0.0, &problem.free.mask()).ok()?;
+    let places: Vec<usize> = reduced.places(&problem.free.mask());
+    let controls = reduced.into_follows().control_covariances(&places, &certainty.formal)?;
+    // Fewer events than in the joint solve: its own poses tell what is usual.
+    let covariance = PoseCovariance::new(
+        controls,
+        certainty.intrinsics.inflation,
+        &state.trajectories,
+        settings.uncertainty.pose_model_error,
+    );
+    let all_left_out: Vec<LeftOut> = refined.left_out.iter().chain(&unexplained).copied().collect();
+    let poses = sampled_poses(&state, (&covariance, &all_left_out), recording, &settings.poses);
+    Some((FollowedStretch { recording, poses }, unexplained))
+}

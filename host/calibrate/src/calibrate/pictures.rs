@@ -1,0 +1,173 @@
+//! What the calibration does with the camera's own pictures.
+
+use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
+
+use super::Task;
+use super::calibrated::{Calibrated, Evidence};
+use super::detected::common_sensor;
+use super::error::CalibrateError;
+use super::progress::Progress;
+use crate::calibrate::input::Input;
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
+use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
+use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, calibrate_pictures};
+use crate::picture_calibration::joint::{JointPoints, joint_points};
+use crate::solve::refinement::Refined;
+use crate::trust::examine_pictures;
+use crate::trust::uncertainty::Uncertainty;
+use crate::trust::verdict::verdict;
+use crate::trust::witness::{FailedWitness, WitnessOutcome, picture_witness};
+use event_recordings::images::ImagesError;
+use event_recordings::pass::RecordingReport;
+use event_recordings::pictures::{TimedImage, visit_frames};
+
+/// The reference frames of all recordings' pictures.
+pub(super) struct SeenPictures {
+    frames: Vec<ReferenceFrame>,
+    report: PictureSearchReport,
+    /// For each input the time from which its frames' times count (s).
+    starts: Vec<f64>,
+}
+
+/// Looks for the board in all pictures, but for those of inputs that are known to hold none (`without`, one flag each; may be
+/// empty). Their times count from `starts` (s), or else from the first picture of each recording.
+pub(super) fn see_pictures(
+    task: &Task,
+    starts: Option<&[f64]>,
+    without: &[bool],
+    progress: &Progress,
+) -> Result<SeenPictures, CalibrateError> {
+    let fewest = task.settings.detection.fewest_circles(&task.board.pattern);
+    let mut detection = PictureSearch::new(task.board, fewest, &task.settings.frames);
+    let mut origins = Vec::new();
+    for (number, input) in task.inputs.iter().enumerate() {
+        let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
+        let origin = match input {
+            Input::Events(recording) if recording.may_hold_frames() && without.get(number) != Some(&true) => {
+                progress.tell(format!("looking for the board in the frames of {}", input.short_name()))?;
+                detection.search(number, start, |visit| visit_frames(recording, visit))?
+            }
+            Input::Images(images) => {
+                progress.tell(format!("looking for the board in the frames of {}", input.short_name()))?;
+                let images = |visit: &mut dyn FnMut(TimedImage)| images.visit(visit);
+                detection.search::<ImagesError>(number, start, images)?
+            }
+            _ => start.unwrap_or(0),
+        };
+        origins.push(origin as f64 * 1e-6);
+    }
+    let (frames, report) = detection.finish();
+    Ok(SeenPictures { frames, report, starts: origins })
+}
+
+/// The calibration from `seen` alone; `None` where the recordings hold no frames.
+pub(super) fn picture_calibration(
+    task: &Task,
+    seen: SeenPictures,
+    sensor: Sensor,
+    model: ModelKind,
+    progress: &Progress,
+) -> Option<Result<PictureCalibration, NoPictureCalibration>> {
+    if seen.report.frames == 0 {
+        return None;
+    }
+    // It cannot be ended there, and is afterwards.
+    let _ = progress.tell(format!("calibration from {} frames", seen.frames.len()));
+    let (initial, settings) = (&task.settings.initial, &task.settings.frames);
+    Some(calibrate_pictures(seen.frames, seen.report, task.board, sensor, model, initial, settings))
+}
+
+/// Compares the result from events with that from pictures.
+pub(super) fn witness(
+    task: &Task,
+    camera: &Camera<f64>,
+    uncertainty: &Uncertainty,
+    sensor: Sensor,
+    pictures: &Result<PictureCalibration, NoPictureCalibration>,
+) -> WitnessOutcome {
+    let calibration = match pictures {
+        Ok(calibration) => calibration,
+        Err(failure) => return WitnessOutcome::Failed(failure.clone().into()),
+    };
+    match picture_witness(camera, &uncertainty.covariance, calibration, sensor, &task.settings.frames) {
+        Ok(witness) => WitnessOutcome::Witness(Box::new(witness)),
+        Err(reason) => WitnessOutcome::Failed(FailedWitness { reason, report: Box::new(calibration.report.clone()) }),
+    }
+}
+
+/// The calibration from pictures, which there must be.
+pub(super) fn require<'a>(
+    task: &Task,
+    pictures: Option<&'a Result<PictureCalibration, NoPictureCalibration>>,
+) -> Result<&'a PictureCalibration, CalibrateError> {
+    match pictures {
+        Some(Ok(calibration)) => Ok(calibration),
+        Some(Err(failure)) => Err(CalibrateError::Pictures(failure.clone())),
+        None => Err(no_pictures(task)),
+    }
+}
+
+/// The centres of dots in the pictures as observations for the joint solve, tied to the trajectories of
+/// `refined`.
+pub(super) fn observations(
+    task: &Task,
+    refined: &Refined,
+    uncertainty: &Uncertainty,
+    calibration: &PictureCalibration,
+) -> Result<JointPoints, CalibrateError> {
+    joint_points(calibration, &refined.state, uncertainty.inflation, task.board, &task.settings.frames)
+        .map_err(CalibrateError::JointPictures)
+}
+
+fn no_pictures(task: &Task) -> CalibrateError {
+    let files: Vec<String> = task.inputs.iter().map(Input::name).collect();
+    CalibrateError::NoPictures { file: files.join(", ") }
+}
+
+/// Calibrates from the camera's own pictures alone, as ordinary image calibration does: each picture has
+/// its own pose.
+///
+/// # Errors
+/// [`CalibrateError`] says what is missing, and what to do.
+pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
+    let sensor = common_sensor(task)?;
+    let seen = see_pictures(task, None, &[], progress)?;
+    let starts = seen.starts.clone();
+    let (model, model_choice) = match task.model {
+        ModelRequest::Given(model) => (model, None),
+        ModelRequest::Auto => {
+            let (stage, choice) = (&task.settings.initial, &task.settings.model_choice);
+            // It cannot be ended there, and is afterwards.
+            let tell = |model| {
+                let _ = progress.tell(format!("initial model {model} from {} frames", seen.frames.len()));
+            };
+            let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, choice, tell)?;
+            progress.go_on()?;
+            (initial.camera.kind(), Some(choice))
+        }
+    };
+    let calibration = picture_calibration(task, seen, sensor, model, progress)
+        .ok_or_else(|| no_pictures(task))?
+        .map_err(CalibrateError::Pictures)?;
+    progress.go_on()?;
+    let trust = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
+    let verdict = verdict(&calibration.camera, &trust, None, task.board, sensor, Vec::new(), &task.settings.verdict);
+    let recordings = (0..task.inputs.len()).map(|number| recording_report(task, &calibration, number)).collect();
+    let evidence = Evidence::Pictures(Box::new(calibration));
+    Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
+}
+
+/// What recording `number` held: pictures with the board, up to the end of the last.
+fn recording_report(task: &Task, calibration: &PictureCalibration, number: usize) -> RecordingReport {
+    let of_recording = || calibration.frames.iter().filter(move |frame| frame.recording == number);
+    let duration = of_recording().map(|frame| frame.end).fold(0.0, f64::max);
+    let notes = if number == 0 { calibration.report.detection.notes.clone() } else { Vec::new() };
+    let information = match task.inputs.get(number) {
+        Some(Input::Events(recording)) => recording.open().ok().map(|reader| reader.information().clone()),
+        _ => None,
+    };
+    let (camera_name, began) = information.map(|known| (known.camera_name, known.began)).unwrap_or_default();
+    RecordingReport { count: of_recording().count() as u64, duration, camera_name, began, notes }
+}

@@ -1,0 +1,238 @@
+//! The caller's ear: it is told what is going on, and may end it.
+
+use std::ops::ControlFlow;
+use std::sync::{Mutex, PoisonError};
+
+use evcal_core::event::Event;
+
+use super::error::CalibrateError;
+use super::input::{Input, read_events};
+use super::step::Step;
+use event_recordings::pass::Pass;
+
+/// What a caller is told with, and what it answers.
+pub(super) type Tell<'a> = dyn FnMut(Step) -> ControlFlow<()> + Send + 'a;
+
+/// Tells the caller what is going on, and remembers that it wanted the end.
+pub(super) struct Progress<'a>(Mutex<State<'a>>);
+
+struct State<'a> {
+    tell: &'a mut Tell<'a>,
+    /// What was told last.
+    text: String,
+    /// Events of each recording that was read to its end, by its place among the inputs.
+    known: Vec<Option<u64>>,
+    /// Which part of that is done, where it has a measure of its own.
+    done: Option<f64>,
+    /// Events read since the text was told.
+    read: u64,
+    stopped: bool,
+}
+
+impl State<'_> {
+    fn ask(&mut self, done: Option<f64>) -> Result<(), CalibrateError> {
+        self.stopped = self.stopped || (self.tell)(Step { text: &self.text, done }).is_break();
+        if self.stopped { Err(CalibrateError::Stopped) } else { Ok(()) }
+    }
+
+    /// Events of all recordings, once each was read to its end.
+    fn total(&self) -> Option<u64> {
+        self.known.iter().copied().sum()
+    }
+
+    /// Which part of a pass is done after `count` more events: of all recordings once each was read, before that of the
+    /// one of which the reader knows it.
+    fn done(&mut self, count: usize, of_file: Option<f64>) -> Option<f64> {
+        self.read += count as u64;
+        if self.done.is_some() {
+            return self.done;
+        }
+        match self.total() {
+            Some(total) if total > 0 => Some((self.read as f64 / total as f64).min(1.0)),
+            _ => of_file,
+        }
+    }
+}
+
+impl<'a> Progress<'a> {
+    /// Of a calibration of so many `inputs`.
+    pub(super) fn new(inputs: &[Input], tell: &'a mut Tell<'a>) -> Self {
+        let known = inputs.iter().map(|input| matches!(input, Input::Circles { .. }).then_some(0)).collect();
+        Self(Mutex::new(State { tell, text: String::new(), done: None, known, read: 0, stopped: false }))
+    }
+
+    /// Tells what begins now.
+    ///
+    /// # Errors
+    /// [`CalibrateError::Stopped`] once the caller wants the end; it is not asked again.
+    pub(super) fn tell(&self, text: impl Into<String>) -> Result<(), CalibrateError> {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        state.text = text.into();
+        (state.done, state.read) = (None, 0);
+        state.ask(None)
+    }
+
+    /// Tells that of what `text` says this part is done, 0 to 1. It never goes back, and reading does not count.
+    ///
+    /// # Errors
+    /// As [`Progress::tell`].
+    pub(super) fn tell_part(&self, text: &str, done: f64) -> Result<(), CalibrateError> {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = state.done.filter(|_| state.text == text).unwrap_or(0.0);
+        text.clone_into(&mut state.text);
+        state.done = Some(done.max(before));
+        let done = state.done;
+        state.ask(done)
+    }
+
+    /// Tells the same again: is it still to go on?
+    ///
+    /// # Errors
+    /// As [`Progress::tell`].
+    pub(super) fn go_on(&self) -> Result<(), CalibrateError> {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let done = state.done;
+        state.ask(done)
+    }
+
+    /// Hands all events of an input to `visit`, as [`read_events`] does, as long as the caller lets it.
+    ///
+    /// # Errors
+    /// [`CalibrateError`] when the recording cannot be read, or the caller wants the end.
+    pub(super) fn read(
+        &self,
+        inputs: &[Input],
+        index: usize,
+        visit: &mut dyn FnMut(&[Event]),
+    ) -> Result<Pass, CalibrateError> {
+        let mut asked = Ok(());
+        let pass = read_events(inputs, index, &mut |batch| {
+            let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let done = state.done(batch.events.len(), batch.done);
+            asked = state.ask(done);
+            drop(state);
+            match asked {
+                Ok(()) => {
+                    visit(batch.events);
+                    ControlFlow::Continue(())
+                }
+                Err(_) => ControlFlow::Break(()),
+            }
+        })?;
+        asked?;
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = state.known.get_mut(index) {
+            *known = Some(pass.count);
+        }
+        if state.total().is_some_and(|total| state.read >= total) {
+            // What follows the reading takes its time too, nobody knows how long.
+            let done = state.done;
+            state.ask(done)?;
+        }
+        Ok(pass)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::Polarity;
+    use evcal_core::sensor::Sensor;
+
+    use super::*;
+    use crate::calibrate::{Task, calibrate};
+    use event_recordings::{Recording, RecordingOptions};
+
+    fn input() -> [Input; 1] {
+        let event = |t| Event { t, x: (t % 346) as u16, y: (t % 260) as u16, polarity: Polarity::On };
+        let options = RecordingOptions { sensor: Some(Sensor::new(346, 260)), ..RecordingOptions::default() };
+        [Recording::from_events("array", (0..1_000_000).map(event).collect(), options).into()]
+    }
+
+    #[test]
+    fn reading_ends_with_the_first_no_and_nobody_is_asked_again() {
+        let inputs = input();
+        let (mut asked, mut visited) = (0, 0);
+        let mut last = 0.0;
+        let mut tell = |step: Step| {
+            assert_eq!(step.text, "reading");
+            // Not known before the first events are there.
+            assert_eq!(step.done.is_some(), asked > 0);
+            assert!(step.done.is_none_or(|done| done > last && done < 1.0), "{step:?}");
+            last = step.done.unwrap_or(last);
+            asked += 1;
+            if asked < 4 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        };
+        let progress = Progress::new(&inputs, &mut tell);
+        progress.tell("reading").unwrap();
+        let read = progress.read(&inputs, 0, &mut |events| visited += events.len());
+        assert!(matches!(read.err(), Some(CalibrateError::Stopped)));
+        assert!(matches!(progress.go_on(), Err(CalibrateError::Stopped)));
+        drop(progress);
+        assert!(asked == 4 && visited > 0 && visited < 1_000_000, "{asked} {visited}");
+    }
+
+    #[test]
+    fn a_pass_through_recordings_that_were_read_before_counts_all_of_them() {
+        let inputs: Vec<Input> = input().into_iter().chain(input()).collect();
+        let mut told: Vec<(String, Option<f64>)> = Vec::new();
+        let mut tell = |step: Step| {
+            told.push((step.text.to_owned(), step.done));
+            ControlFlow::Continue(())
+        };
+        let progress = Progress::new(&inputs, &mut tell);
+        for text in ["first", "second"] {
+            for index in 0..2 {
+                if text == "first" || index == 0 {
+                    progress.tell(text).unwrap();
+                }
+                progress.read(&inputs, index, &mut |_| {}).unwrap();
+            }
+        }
+        drop(progress);
+        let of = |text: &str| {
+            let of_text = told.iter().filter(|(other, _)| other == text);
+            of_text.filter_map(|(_, done)| *done).collect::<Vec<f64>>()
+        };
+        // Each file on its own, then both as one.
+        assert_eq!(of("first").iter().filter(|done| **done == 1.0).count(), 2, "{:?}", of("first"));
+        let second = of("second");
+        assert!(second.is_sorted() && second.last() == Some(&1.0), "{second:?}");
+        assert!(second.iter().any(|done| (done - 0.5).abs() < 1e-9), "{second:?}");
+    }
+
+    #[test]
+    fn what_has_a_measure_of_its_own_never_goes_back_while_it_reads() {
+        let inputs = input();
+        let mut told: Vec<(String, Option<f64>)> = Vec::new();
+        let mut tell = |step: Step| {
+            told.push((step.text.to_owned(), step.done));
+            ControlFlow::Continue(())
+        };
+        let progress = Progress::new(&inputs, &mut tell);
+        progress.tell_part("round", 0.1).unwrap();
+        progress.read(&inputs, 0, &mut |_| {}).unwrap();
+        progress.tell_part("round", 0.4).unwrap();
+        progress.tell_part("round", 0.3).unwrap();
+        progress.go_on().unwrap();
+        progress.tell_part("next round", 0.2).unwrap();
+        progress.tell("end").unwrap();
+        drop(progress);
+        let of = |text: &str| told.iter().filter(|(other, _)| other == text).map(|(_, done)| *done).collect::<Vec<_>>();
+        let round = of("round");
+        assert!(round.len() > 4 && round[..round.len() - 3].iter().all(|done| *done == Some(0.1)), "{round:?}");
+        assert_eq!(round[round.len() - 3..], [Some(0.4); 3]);
+        assert_eq!((of("next round"), of("end")), (vec![Some(0.2)], vec![None]));
+    }
+
+    #[test]
+    fn a_calibration_can_be_ended() {
+        let (inputs, board) = (input(), "acircles:9x4:55mm:r17.5mm".parse().unwrap());
+        let mut told = Vec::new();
+        let ended = calibrate(&Task::new(&inputs, &board), |step| {
+            told.push(step.text.to_owned());
+            ControlFlow::Break(())
+        });
+        assert!(matches!(ended.err(), Some(CalibrateError::Stopped)));
+        assert_eq!(told, ["looking for the board in array"]);
+    }
+}

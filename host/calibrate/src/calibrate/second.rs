@@ -1,0 +1,184 @@
+//! Other cameras on the mount, after the first.
+
+use std::ops::ControlFlow;
+
+use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use super::error::CalibrateError;
+use super::input::Input;
+use super::mounted::{SecondCamera, SecondFrames};
+use super::step::Step;
+use super::{Task, calibrate};
+use crate::circles::reference_frame::{ObservedCircle, PointObservation, ReferenceFrame};
+use crate::initial::PosedFrame;
+use crate::second_camera::calibration::SecondCalibration;
+use crate::second_camera::error::SecondCameraError;
+use crate::second_camera::frames::{FrameCamera, SeenFrame, calibrate_frames};
+use crate::second_camera::joint::Lenses;
+use crate::second_camera::{Apart, Pictures, calibrate_pictures_against, calibrate_second};
+use crate::settings::Settings;
+use crate::solve::held_intrinsics::HeldIntrinsics;
+use crate::trust::uncertainty::UncertaintySettings;
+use evcal_geometry::board::Board;
+use evcal_geometry::board::symmetry::symmetries;
+use evcal_geometry::lens::camera_file::CameraDescription;
+use event_recordings::images::Images;
+
+/// Calibrates the lens of another camera on the mount from its own recording, apart from the first camera. The rows of its frames may
+/// be exposed one after the other, which only both cameras together tell; `progress` is that of [`calibrate`].
+///
+/// # Errors
+/// Those of [`calibrate`].
+pub fn calibrate_lens_apart(
+    task: &Task,
+    progress: impl FnMut(Step) -> ControlFlow<()> + Send,
+) -> Result<Calibrated, CalibrateError> {
+    if !task.inputs.iter().any(|input| matches!(input, Input::Images(_))) {
+        return calibrate(task, progress);
+    }
+    let settings = Settings { initial: task.settings.initial.of_rows_in_turn(), ..task.settings.clone() };
+    calibrate(&Task { settings: &settings, ..*task }, progress)
+}
+
+/// Calibrates the camera of `second` against that of `first`; both were calibrated apart before the same `board`, from one recording
+/// each, the second from `file`. Intrinsics are solved for too, unless they are in `lenses`.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong, and what to do; the cameras are calibrated all the same.
+pub fn calibrate_second_camera(
+    first: &Calibrated,
+    second: &Calibrated,
+    file: &str,
+    board: &Board,
+    lenses: Lenses,
+    settings: &UncertaintySettings,
+) -> Result<SecondCamera, SecondCameraError> {
+    if first.starts.len() != 1 || second.starts.len() != 1 {
+        return Err(SecondCameraError::SeveralRecordings);
+    }
+    let of_first = along_trajectories(first)?;
+    let of_second = along_trajectories(second).map_err(|_| SecondCameraError::CirclesOfSecond)?;
+    // Whatever is calibrated from the same events comes out the same to the last bit.
+    if of_first.refined.state.camera == of_second.refined.state.camera
+        && of_first.refined.problem.segments == of_second.refined.problem.segments
+    {
+        return Err(SecondCameraError::SameRecording { file: file.to_owned() });
+    }
+    let calibration = calibrate_second(
+        Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty },
+        Apart { refined: &of_second.refined, uncertainty: &second.trust.uncertainty },
+        &symmetries(board),
+        lenses,
+        settings,
+    )?;
+    Ok(mounted(first, second, file, None, calibration))
+}
+
+/// A camera that was calibrated apart, as what stands beside the first one.
+fn mounted(
+    first: &Calibrated,
+    second: &Calibrated,
+    file: &str,
+    frames: Option<SecondFrames>,
+    calibration: SecondCalibration,
+) -> SecondCamera {
+    let start = |calibrated: &Calibrated| calibrated.starts.first().copied().unwrap_or(0.0);
+    SecondCamera {
+        file: file.to_owned(),
+        sensor: second.sensor,
+        camera: CameraDescription::new(second.camera()),
+        sigma: CameraDescription::of_values(second.camera().kind(), second.sigma()),
+        covered: second.covered_region(),
+        lens_grade: (!calibration.held[1] && !calibration.rolling_shutter).then_some(second.verdict.grade),
+        lens_verdict: second.verdict.sentence.clone(),
+        starts: [start(first), start(second)],
+        frames,
+        calibration,
+    }
+}
+
+/// Calibrates a camera of frames against that of `first`; `second` was calibrated apart from `images` alone. Its rows
+/// may be exposed one after the other if `rolling_shutter` says so. Intrinsics are solved for too, unless they are in `lenses`.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong, and what to do; the cameras are calibrated all the same.
+pub fn calibrate_frame_camera(
+    first: &Calibrated,
+    second: &Calibrated,
+    (images, rolling_shutter): (&Images, bool),
+    board: &Board,
+    lenses: Lenses,
+    settings: &UncertaintySettings,
+) -> Result<SecondCamera, SecondCameraError> {
+    if first.starts.len() != 1 {
+        return Err(SecondCameraError::SeveralRecordings);
+    }
+    let of_first = along_trajectories(first)?;
+    let Evidence::Pictures(pictures) = &second.evidence else { return Err(SecondCameraError::NoTrajectory) };
+    let frames: Vec<SeenFrame> = second.posed().map(|(posed, frame)| seen_frame(posed, frame)).collect();
+    let sigma = second.sigma();
+    let camera = FrameCamera {
+        camera: pictures.camera,
+        sigma: &sigma,
+        sensor: second.sensor,
+        frames: &frames,
+        point_sigma: pictures.spread,
+        rolling_shutter,
+    };
+    let apart = Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty };
+    let calibration = calibrate_frames(apart, camera, &symmetries(board), lenses, settings)?;
+    let used = SecondFrames { used: frames.len(), stamps: images.stamps(), exposure_known: images.exposure_known() };
+    Ok(mounted(first, second, &images.name(), Some(used), calibration))
+}
+
+/// A frame with its pose and the images of its circles' centres.
+fn seen_frame(posed: &PosedFrame, frame: &ReferenceFrame) -> SeenFrame {
+    let t = frame.t();
+    let circle = |circle: &ObservedCircle| PointObservation { t, pixel: circle.center, circle: circle.index };
+    SeenFrame { t, pose: posed.pose, circles: posed.circles.iter().map(circle).collect() }
+}
+
+/// Calibrates the camera's own pictures against its events, as if they were those of a second camera: both come through the same lens, so that
+/// nothing should lie between them. `first` was calibrated with [`PictureUse::SecondCamera`](super::PictureUse).
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong, and what to do.
+pub fn calibrate_own_pictures(
+    first: &Calibrated,
+    held: Option<&HeldIntrinsics>,
+    settings: &UncertaintySettings,
+) -> Result<SecondCamera, SecondCameraError> {
+    if first.starts.len() != 1 {
+        return Err(SecondCameraError::SeveralRecordings);
+    }
+    let of_first = along_trajectories(first)?;
+    let pictures = of_first.own_pictures.as_ref().ok_or(SecondCameraError::NoTrajectory)?;
+    let refined = Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty };
+    let seen = Pictures {
+        camera: pictures.camera,
+        sigma: &pictures.sigma,
+        points: &pictures.points,
+        point_sigma: pictures.report.spread,
+    };
+    let calibration = calibrate_pictures_against(refined, seen, held, settings)?;
+    let start = first.starts.first().copied().unwrap_or(0.0);
+    Ok(SecondCamera {
+        file: "the first camera's own frames".to_owned(),
+        sensor: first.sensor,
+        camera: CameraDescription::new(&pictures.camera),
+        sigma: CameraDescription::of_values(pictures.camera.kind(), pictures.sigma.iter().copied()),
+        covered: first.covered_region(),
+        lens_grade: None,
+        lens_verdict: format!("calibrated from {} frames", pictures.report.frames),
+        // Times of the dots are those of the events of their moment: the frames' own stamps are earlier by the offset found before.
+        starts: [start, start - pictures.report.time_offset],
+        frames: None,
+        calibration,
+    })
+}
+
+fn along_trajectories(calibrated: &Calibrated) -> Result<&EventCalibration, SecondCameraError> {
+    match &calibrated.evidence {
+        Evidence::Events(events) if events.measured == Measured::EventEdges => Ok(events),
+        Evidence::Events(_) | Evidence::Pictures(_) => Err(SecondCameraError::NoTrajectory),
+    }
+}

@@ -1,0 +1,249 @@
+//! Which seconds of long recordings the joint solve takes.
+//!
+//! It has room for so many seconds with the board. A longer recording is cut into as many parts as it may take seconds; of each
+//! part the joint solve takes the second that tells most of the camera beside all others taken. So the choice is by information,
+//! and yet spread over the whole recording: what drifts slowly still shows. How much a second tells follows from the windows in
+//! it, seen by a provisional camera: where on the sensor the board is, how far away and how tilted; a board that hardly moves is
+//! found in few windows.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::ops::Range;
+
+use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::Task;
+use crate::circles::compact_frame::CompactFrame;
+use crate::circles::reference_frame::ObservedCircle;
+use crate::initial::InitialSettings;
+use crate::initial::information::{Information, ProjectionMeasure, prior, view_information};
+use crate::initial::model_choice::ModelRequest;
+use crate::initial::provisional::{provisional_camera, provisional_pose};
+use evcal_geometry::board::Board;
+
+/// Windows that the provisional camera is from, at most.
+const VIEWS: usize = 400;
+/// Windows of a second that are looked at.
+const WINDOWS_OF_SECOND: usize = 8;
+/// How often every part chooses anew beside what the others chose.
+const SWEEPS: usize = 2;
+/// Models of the provisional camera where none is asked for.
+const LIKELY: [ModelKind; 2] = [ModelKind::Radtan, ModelKind::KannalaBrandt];
+
+/// A second of a recording that the joint solve takes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChosenSecond {
+    /// Number of the recording.
+    pub recording: usize,
+    /// Its start in seconds since the start of the recording.
+    pub start: f64,
+    /// By which share the variance of the projection would grow without it, as far as windows tell; `None` where that was not known.
+    pub gain: Option<f64>,
+}
+
+/// What the joint solve takes of recordings that are longer than it has room for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StretchChoice {
+    /// Seconds with the board.
+    pub seconds: usize,
+    /// Those of them that are taken, in order of recording and time.
+    pub chosen: Vec<ChosenSecond>,
+}
+
+impl fmt::Display for StretchChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "the board was in view for {} s: the camera is from the {} s that say most about it, the trajectory from all",
+            self.seconds,
+            self.chosen.len()
+        )
+    }
+}
+
+/// The seconds that were chosen, to look up.
+pub(super) struct ChosenSeconds(BTreeSet<(usize, i64)>);
+
+impl ChosenSeconds {
+    pub(super) fn new(choice: &StretchChoice) -> Self {
+        Self(choice.chosen.iter().map(|second| (second.recording, second.start as i64)).collect())
+    }
+
+    /// Whether the second number `second` of `recording` was chosen.
+    pub(super) fn has(&self, recording: usize, second: i64) -> bool {
+        self.0.contains(&(recording, second))
+    }
+}
+
+/// The number of the second that time `t` (s) is in.
+pub(super) fn second_of(t: f64) -> i64 {
+    t.floor() as i64
+}
+
+/// A second in which the board was seen.
+struct Second {
+    recording: usize,
+    number: i64,
+    frames: Range<usize>,
+}
+
+/// Chooses from `frames`, which are in order of recording and time; `None` where there is room for all of them.
+pub(super) fn choose_stretches(frames: &[CompactFrame], task: &Task, sensor: Sensor) -> Option<StretchChoice> {
+    let seconds = seconds(frames);
+    let room = (task.settings.refinement.most_seconds as usize).max(1);
+    if seconds.len() <= room {
+        return None;
+    }
+    let parts: Vec<Range<usize>> =
+        (0..room).map(|part| part * seconds.len() / room..(part + 1) * seconds.len() / room).collect();
+    let told = Told::new(frames, &seconds, task, sensor);
+    let (chosen, gains) = match &told {
+        Some(told) => told.choose(&parts),
+        None => (parts.iter().map(|part| (part.start + part.end) / 2).collect(), vec![None; parts.len()]),
+    };
+    let second = |(index, gain): (usize, Option<f64>)| {
+        seconds.get(index).map(|second| ChosenSecond { recording: second.recording, start: second.number as f64, gain })
+    };
+    Some(StretchChoice { seconds: seconds.len(), chosen: chosen.into_iter().zip(gains).filter_map(second).collect() })
+}
+
+fn seconds(frames: &[CompactFrame]) -> Vec<Second> {
+    let key = |frame: &CompactFrame| (frame.recording, second_of(frame.t()));
+    let mut end = 0;
+    let of_group = |group: &[CompactFrame]| {
+        let start = end;
+        end += group.len();
+        let (recording, number) = group.first().map(key)?;
+        Some(Second { recording, number, frames: start..end })
+    };
+    frames.chunk_by(|a, b| key(a) == key(b)).filter_map(of_group).collect()
+}
+
+/// What every second tells of the camera.
+struct Told {
+    measure: ProjectionMeasure,
+    prior: Information,
+    seconds: Vec<Information>,
+}
+
+impl Told {
+    /// `None` where no camera can be had from the windows.
+    fn new(frames: &[CompactFrame], seconds: &[Second], task: &Task, sensor: Sensor) -> Option<Self> {
+        let settings = &task.settings.initial;
+        let views: Vec<Vec<ObservedCircle>> =
+            frames.iter().step_by(frames.len().div_ceil(VIEWS).max(1)).map(CompactFrame::observed).collect();
+        let views: Vec<&[ObservedCircle]> = views.iter().map(Vec::as_slice).collect();
+        let models = match task.model {
+            ModelRequest::Given(kind) => vec![kind],
+            ModelRequest::Auto => LIKELY.to_vec(),
+        };
+        let camera =
+            models.into_iter().find_map(|kind| provisional_camera(&views, task.board, sensor, kind, settings))?;
+        let of_second = |second: &Second| {
+            let frames = frames.get(second.frames.clone()).unwrap_or_default();
+            let step = frames.len().div_ceil(WINDOWS_OF_SECOND).max(1);
+            let looked_at = frames.iter().step_by(step);
+            let sum = looked_at.filter_map(|frame| information(&camera, frame, task.board, settings));
+            sum.fold(Information::zeros(), |sum, one| sum + one) * step as f64
+        };
+        Some(Self {
+            measure: ProjectionMeasure::new(&camera, sensor)?,
+            prior: prior(&camera),
+            seconds: seconds.par_iter().map(of_second).collect(),
+        })
+    }
+
+    fn variance(&self, information: &Information) -> f64 {
+        self.measure.sigma(information).map_or(f64::INFINITY, |sigma| sigma * sigma)
+    }
+
+    fn of(&self, second: usize) -> Information {
+        self.seconds.get(second).copied().unwrap_or_default()
+    }
+
+    /// A second of each of the `parts`, and what each adds to the others.
+    fn choose(&self, parts: &[Range<usize>]) -> (Vec<usize>, Vec<Option<f64>>) {
+        let mut chosen: Vec<usize> = parts.iter().map(|part| (part.start + part.end) / 2).collect();
+        let mut sum = chosen.iter().fold(self.prior, |sum, &second| sum + self.of(second));
+        for _ in 0..SWEEPS {
+            for (part, chosen) in parts.iter().zip(&mut chosen) {
+                let others = sum - self.of(*chosen);
+                let with = |second: usize| self.variance(&(others + self.of(second)));
+                let best = part.clone().min_by(|&a, &b| with(a).total_cmp(&with(b)));
+                *chosen = best.unwrap_or(*chosen);
+                sum = others + self.of(*chosen);
+            }
+        }
+        let all = self.variance(&sum);
+        let gain = |&second: &usize| {
+            let gain = self.variance(&(sum - self.of(second))) / all - 1.0;
+            gain.is_finite().then_some(gain.max(0.0))
+        };
+        let gains = chosen.iter().map(gain).collect();
+        (chosen, gains)
+    }
+}
+
+/// What one window tells of `camera`.
+fn information(
+    camera: &Camera<f64>,
+    frame: &CompactFrame,
+    board: &Board,
+    settings: &InitialSettings,
+) -> Option<Information> {
+    let circles = frame.observed();
+    let pose = provisional_pose(camera, &circles, board, settings)?;
+    view_information(camera, &pose, circles.iter().map(|circle| board.circle_center(circle.index)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Seconds that each tell of one of two parameters, more or less.
+    fn told(amounts: &[[f64; 2]]) -> Told {
+        let camera = Camera::from_parameters(ModelKind::Radtan4, &[330.0, 330.0, 173.0, 130.0, -0.3, 0.1, 0.0, 0.0]);
+        let camera = camera.unwrap();
+        let second = |[focal, middle]: &[f64; 2]| {
+            let mut information = Information::zeros();
+            information[(0, 0)] = *focal;
+            information[(2, 2)] = *middle;
+            information
+        };
+        Told {
+            measure: ProjectionMeasure::new(&camera, Sensor::new(346, 260)).unwrap(),
+            prior: prior(&camera),
+            seconds: amounts.iter().map(second).collect(),
+        }
+    }
+
+    #[test]
+    fn each_part_gives_the_second_that_tells_most_beside_the_others() {
+        // The last part has to choose between more of what is known well and a little of what nobody else tells.
+        let told = told(&[[100.0, 0.0], [900.0, 0.0], [10.0, 0.0], [800.0, 0.0], [500.0, 0.0], [1.0, 60.0]]);
+        let (chosen, gains) = told.choose(&[0..2, 2..4, 4..6]);
+        assert_eq!(chosen, [1, 3, 5]);
+        let gains: Vec<f64> = gains.into_iter().map(Option::unwrap).collect();
+        assert!(gains[2] > gains[0] && gains[0] > gains[1] && gains[1] > 0.0, "{gains:?}");
+    }
+
+    #[test]
+    fn seconds_are_those_in_which_the_board_was_seen() {
+        use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
+        let frame = |recording: usize, t: f64| {
+            let (start, end) = (t - 0.002, t + 0.002);
+            let frame = ReferenceFrame { recording, start, end, circles: Vec::new(), seen_in: SeenIn::PassedEvents };
+            CompactFrame::from(frame)
+        };
+        let frames = [frame(0, 0.5), frame(0, 0.999), frame(0, 1.001), frame(0, 7.5), frame(1, 7.6)];
+        let found: Vec<_> =
+            seconds(&frames).into_iter().map(|second| (second.recording, second.number, second.frames)).collect();
+        assert_eq!(found, [(0, 0, 0..2), (0, 1, 2..3), (0, 7, 3..4), (1, 7, 4..5)]);
+        let chosen = ChosenSecond { recording: 1, start: 7.0, gain: None };
+        let chosen = ChosenSeconds::new(&StretchChoice { seconds: 4, chosen: vec![chosen] });
+        assert!(chosen.has(1, second_of(7.999)) && !chosen.has(0, 7) && !chosen.has(1, 8));
+    }
+}

@@ -1,0 +1,167 @@
+//! Rows and columns of the board beside the stated ones: it has more than the user said.
+
+use std::collections::BTreeSet;
+
+use evcal_core::camera::Camera;
+use evcal_core::grid::{reorder, symmetry};
+use evcal_core::pattern::Pattern;
+use nalgebra::{Point3, Vector2};
+
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::larger_pattern::LargerPattern;
+use crate::trajectory::Trajectory;
+use crate::trust::verdict::{Cause, Finding, Severity};
+use evcal_geometry::board::Board;
+
+/// An origin is on a circle when it is nearer to it than this part of the distance to the circle's neighbour in the image.
+const ON_CIRCLE: f64 = 0.3;
+
+/// That the board in view is `larger`, of which the stated `board` is a part. Camera and trajectories are what was solved
+/// with the stated one.
+pub(super) fn finding_on(
+    larger: &LargerPattern,
+    board: &Board,
+    camera: &Camera<f64>,
+    trajectories: &[Trajectory],
+) -> Finding {
+    let (stated, seen) = (board.pattern, larger.pattern);
+    let origins = trajectories.iter().map(|trajectory| origins_of(trajectory, larger, camera));
+    let origins: Vec<BTreeSet<usize>> = origins.collect();
+    let known = !origins.is_empty() && origins.iter().all(|origins| !origins.is_empty());
+    let different: BTreeSet<usize> = origins.into_iter().flatten().collect();
+    let (severity, consequence) = match different.first() {
+        Some(_) if different.len() > 1 => {
+            (Severity::Warning, ", and the trajectory's origin jumps from one circle of it to another")
+        }
+        Some(0) if known => (Severity::Note, ""),
+        // Of a segment in which no window shows all of the board, it is not known which part of it was taken.
+        Some(0) | None => {
+            (Severity::Warning, ", and the trajectory's origin may be on another circle than its first, or jump")
+        }
+        Some(_) => (Severity::Warning, ", and the trajectory's origin is not on its first circle"),
+    };
+    Finding {
+        cause: Cause::LargerBoard,
+        severity,
+        reason: format!(
+            "--board names only {}x{} of the board's {}x{} rows and columns{consequence}",
+            stated.rows, stated.columns, seen.rows, seen.columns
+        ),
+        advice: format!(
+            "calibrate again with --board {}, which takes more of the recording; the lens is right within what is stated",
+            Board { pattern: seen, ..*board }
+        ),
+    }
+}
+
+/// The circles of the larger board in which the origin of a trajectory is, in the windows that tell.
+fn origins_of(trajectory: &Trajectory, larger: &LargerPattern, camera: &Camera<f64>) -> BTreeSet<usize> {
+    let frames = larger.frames.iter().filter(|frame| frame.recording == trajectory.recording);
+    frames
+        .filter_map(|frame| origin_in(frame, camera, trajectory))
+        .map(|circle| first_alike(circle, larger.pattern))
+        .collect()
+}
+
+/// The circle of the larger board in `frame` that is in the origin of the trajectory; `None` where that circle was not found,
+/// or the trajectory is of another time.
+fn origin_in(frame: &ReferenceFrame, camera: &Camera<f64>, trajectory: &Trajectory) -> Option<usize> {
+    let pose = trajectory.pose(frame.t())?;
+    let place = camera.project(&pose.inverse_transform_point(&Point3::origin()).coords)?;
+    let (distance, index, center) = *ranked_from(place, frame).first()?;
+    // The nearest to it is the circle itself.
+    let (to_neighbour, ..) = *ranked_from(center, frame).get(1)?;
+    (distance < ON_CIRCLE * to_neighbour).then_some(index)
+}
+
+/// Distance to `place`, index and centre of all circles, the nearest first.
+fn ranked_from(place: Vector2<f64>, frame: &ReferenceFrame) -> Vec<(f64, usize, Vector2<f64>)> {
+    let circles = frame.circles.iter();
+    let mut ranked: Vec<_> =
+        circles.map(|circle| ((circle.center - place).norm(), circle.index, circle.center)).collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ranked
+}
+
+/// The first of the circles that may be `circle`: a board that looks the same after a turn does not tell which way round it is.
+fn first_alike(circle: usize, pattern: Pattern) -> usize {
+    (0..symmetry(&pattern)).filter_map(|turn| reorder(&pattern, circle, turn)).min().unwrap_or(circle)
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::ModelKind;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    use super::*;
+    use crate::circles::reference_frame::{ObservedCircle, SeenIn};
+    use crate::trajectory::RotationControl;
+
+    /// What is said where the segments have their origins in these lattice places of the larger board.
+    fn told(stated: &str, larger: &str, origins: &[(i32, i32)]) -> Finding {
+        let [board, seen] = [stated, larger].map(|name| format!("{name}:55mm:r17.5mm").parse::<Board>().unwrap());
+        let camera = Camera::from_parameters(ModelKind::Radtan4, &[300.0, 300.0, 173.0, 130.0, 0.0, 0.0, 0.0, 0.0]);
+        let camera = camera.unwrap();
+        // The camera is one metre in front of the larger board's middle.
+        let middle = seen.middle();
+        let in_world = |place: Vector2<f64>| Vector3::new(place.x, place.y, 1.0);
+        let circles = (0..seen.circle_count()).map(|index| ObservedCircle {
+            index,
+            t: 0.5,
+            center: camera.project(&in_world(seen.circle_center(index) - middle)).unwrap(),
+            radius: None,
+            velocity: None,
+        });
+        let frame = ReferenceFrame {
+            recording: 0,
+            start: 0.4,
+            end: 0.6,
+            circles: circles.collect(),
+            seen_in: SeenIn::PassedEvents,
+        };
+        let moved = |recording: usize| ReferenceFrame { recording, ..frame.clone() };
+        let trajectory = |(recording, (x, y)): (usize, &(i32, i32))| {
+            let origin = Vector2::new(f64::from(*x), f64::from(*y)) * seen.spacing;
+            let place = middle - origin;
+            Trajectory {
+                recording,
+                knots: [[0.0; 4], [1.0; 4]].concat(),
+                degree: 3,
+                translation: vec![Vector3::new(place.x, place.y, -1.0); 4],
+                rotation: RotationControl::So3(vec![UnitQuaternion::identity(); 4]),
+            }
+        };
+        let trajectories: Vec<Trajectory> = origins.iter().enumerate().map(trajectory).collect();
+        // The last recording has no trajectory.
+        let frames = (0..=origins.len()).map(moved).collect();
+        finding_on(&LargerPattern { pattern: seen.pattern, frames }, &board, &camera, &trajectories)
+    }
+
+    #[test]
+    fn a_part_at_the_first_circle_is_noted() {
+        let told = told("acircles:8x4", "acircles:9x4", &[(0, 0), (0, 0)]);
+        assert_eq!((told.cause, told.severity), (Cause::LargerBoard, Severity::Note));
+        assert_eq!(told.reason, "--board names only 8x4 of the board's 9x4 rows and columns");
+        assert!(told.advice.contains("--board acircles:9x4:55mm:r17.5mm,"), "{}", told.advice);
+    }
+
+    #[test]
+    fn an_origin_elsewhere_or_in_several_places_is_a_warning() {
+        for (stated, larger, origins, consequence) in [
+            ("acircles:9x3", "acircles:9x4", &[(0, 0), (2, 0)][..], "origin jumps"),
+            ("acircles:7x4", "acircles:9x4", &[(0, 2), (0, 2)], "origin is not on its first"),
+            // Half a spacing off is on no circle, and outside the board neither.
+            ("acircles:9x3", "acircles:9x4", &[(1, 0), (12, 3)], "may be on another"),
+            ("acircles:9x3", "acircles:9x4", &[], "may be on another"),
+            // One segment at the first circle does not tell of the others.
+            ("acircles:9x3", "acircles:9x4", &[(0, 0), (12, 3)], "may be on another"),
+            // A symmetric board does not tell its ends apart.
+            ("circles:5x5", "circles:6x5", &[(0, 0), (4, 4)], "origin jumps"),
+        ] {
+            let told = told(stated, larger, origins);
+            assert_eq!(told.severity, Severity::Warning, "{stated} of {larger}: {told:?}");
+            assert!(told.reason.contains(consequence), "{stated} of {larger}: {told:?}");
+        }
+        assert_eq!(told("circles:5x5", "circles:6x5", &[(0, 0), (4, 5)]).severity, Severity::Note);
+    }
+}

@@ -1,0 +1,285 @@
+//! What a recording is good for, before a calibration is made of it: a look at its beginning that takes seconds.
+
+mod advice;
+pub mod units;
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::ops::ControlFlow;
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+use serde::{Serialize, Serializer};
+
+use self::advice::next_step;
+use self::units::{OtherUnit, other_unit, unusual_unit};
+use crate::detection::LARGEST_SENSOR;
+use crate::detection::focus::{EdgeWidth, edge_width};
+use crate::detection::layout::{RecognisedLayout, find_layout};
+use crate::detection::other_board::OtherBoard;
+use crate::detection::radius::other_radius;
+use crate::detection::search::{FoundContent, SearchFor, search_events};
+use crate::detection::settings::DetectionSettings;
+use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
+use crate::diagnosis::information::{Information, gather_events};
+use evcal_geometry::board::{Board, layout_name};
+use event_recordings::given_sensor::counted_from_one;
+use event_recordings::pass::{read_recording, read_while};
+use event_recordings::{Recording, RecordingError};
+
+/// As many events from the beginning are looked at, or a few more.
+const MOST_EVENTS: u64 = 4_000_000;
+/// Without a board: windows with so many circles may hold one.
+const FEWEST_CIRCLES: usize = 8;
+/// Length of the slots of time in which something was seen or not (s).
+const SLOT: f64 = 0.1;
+/// In shorter recordings flicker cannot be told (s).
+const SHORTEST_FOR_FLICKER: f64 = 0.25;
+/// Columns and rows of the cells of the sensor in which circles are looked for.
+const CELLS: [u16; 2] = [8, 6];
+
+/// What was seen at the beginning of a recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct Checked {
+    /// Rate, duration, size, hot pixels, faults.
+    #[serde(flatten)]
+    pub information: Information,
+    /// Whether that is all of it.
+    pub whole: bool,
+    /// The unit that the times are more likely in.
+    pub other_unit: Option<OtherUnit>,
+    /// The sensor whose pixels are counted from 1.
+    pub counted_from_one: Option<Sensor>,
+    /// Events that repeat others, where there are many.
+    pub repeated: Option<Repetition>,
+    /// Where the board was seen, or circles; `None` where the sensor is not known or too large, or times are in another
+    /// unit.
+    pub seen: Option<Seen>,
+    /// The one thing to do next.
+    pub next: String,
+}
+
+/// In how many windows of time the board was seen.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Seen {
+    /// The board that was looked for; without it, windows with at least 8 circles.
+    pub board: Option<String>,
+    /// The layout that was recognised where no board was looked for.
+    #[serde(serialize_with = "in_words")]
+    pub recognised: Option<RecognisedLayout>,
+    /// Windows in which it was found.
+    pub found: u64,
+    /// Windows tried, and those with too few events to be tried.
+    pub windows: u64,
+    /// Share of the tenths of a second with events in which it was found.
+    pub time_share: f64,
+    /// Share of the sensor in which there was a circle, in cells of an eighth by a sixth of it.
+    pub covered: f64,
+    /// Width of the circles' edges in the sharpest windows with the board.
+    pub edges: Option<EdgeWidth>,
+    /// Why it was nowhere, or is not as stated, with what to do.
+    pub failure: Option<String>,
+}
+
+/// Looks at the beginning of `recording`: for `board`, or for any circles.
+///
+/// # Errors
+/// [`RecordingError`] when not one event can be read.
+pub fn check(
+    recording: &Recording,
+    board: Option<&Board>,
+    settings: &DetectionSettings,
+) -> Result<Checked, RecordingError> {
+    let (mut count, mut end) = (0, 0);
+    let pass = read_while(recording, &mut |batch| {
+        count += batch.events.len() as u64;
+        end = batch.events.last().map_or(end, |event| event.t);
+        if count < MOST_EVENTS { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    })?;
+    let whole = count < MOST_EVENTS;
+    let beginning = recording.section((pass.first, pass.first.saturating_add(end).saturating_add(1)));
+    let information = gather_events(&beginning)?;
+    let mut other = unusual_unit(recording, information.mean_rate);
+    let outside = information.report.out_of_range;
+    let counted_from_one =
+        if outside > 0 || information.sensor.is_none() { counted_from_one(&beginning) } else { None };
+    let mut repeated = None;
+    let seen = match information.sensor.or(information.likely_sensor) {
+        // With times in another unit nothing can be seen.
+        _ if other.is_some() => None,
+        Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
+            let (pixels, slots) = count_events(&beginning, sensor)?;
+            repeated = pixels.repeated;
+            Some(look(&beginning, sensor, slots, board, settings)?)
+        }
+        _ => None,
+    };
+    if seen.as_ref().is_some_and(|seen| seen.found == 0) {
+        other = other_unit(&beginning, information.mean_rate);
+    }
+    let mut checked =
+        Checked { information, whole, other_unit: other, counted_from_one, repeated, seen, next: String::new() };
+    checked.next = next_step(&checked, recording);
+    Ok(checked)
+}
+
+/// What its pixels did, and the number of slots of time with events.
+fn count_events(recording: &Recording, sensor: Sensor) -> Result<(BadPixels, usize), RecordingError> {
+    let (mut pixels, mut slots) = (PixelCounter::new(sensor), BTreeSet::new());
+    read_recording(recording, &mut |events| {
+        pixels.push(events);
+        // Events are in the order of time: of those in one slot the first is enough.
+        slots.extend(events.chunk_by(|a, b| slot(a) == slot(b)).filter_map(|same| same.first().map(slot)));
+    })?;
+    Ok((pixels.finish(), slots.len()))
+}
+
+/// In which slot of time it is.
+fn slot(event: &Event) -> i64 {
+    event.t.div_euclid((SLOT * 1e6) as i64)
+}
+
+/// Looks for the board, or for circles.
+fn look(
+    recording: &Recording,
+    sensor: Sensor,
+    slots_with_events: usize,
+    board: Option<&Board>,
+    settings: &DetectionSettings,
+) -> Result<Seen, RecordingError> {
+    let wanted = board.map_or(SearchFor::Circles(FEWEST_CIRCLES), |board| SearchFor::Board(board.pattern));
+    let found = search_events(recording, sensor, wanted, settings)?;
+    let (mut centers, mut times): (Vec<[f64; 2]>, Vec<f64>) = (Vec::new(), Vec::new());
+    let mut edges = None;
+    match &found.content {
+        FoundContent::Boards(_, frames) => {
+            centers
+                .extend(frames.iter().flat_map(|frame| &frame.circles).map(|circle| <[f64; 2]>::from(circle.center)));
+            times.extend(frames.iter().map(|frame| frame.start));
+            edges = edge_width(frames);
+        }
+        FoundContent::Windows(windows) => {
+            let circles = windows.iter().flat_map(|window| &window.circles);
+            centers.extend(circles.map(|(center, _)| <[f64; 2]>::from(*center)));
+            times.extend(windows.iter().map(|window| window.start));
+        }
+        FoundContent::Frames(_) => {}
+    }
+    let slots: BTreeSet<i64> = times.iter().map(|t| (t / SLOT).floor() as i64).collect();
+    let failure = match board {
+        Some(board) if found.report.found == 0 => {
+            let mut other = OtherBoard::new(settings, board, sensor);
+            read_recording(recording, &mut |events| other.push(events))?;
+            Some(found.report.no_pattern(settings.window.max_interval, other.finish()).to_string())
+        }
+        Some(board) => match &found.content {
+            FoundContent::Boards(_, frames) => other_radius(frames, board).map(|other| other.to_string()),
+            _ => None,
+        },
+        None => None,
+    };
+    let recognised = match board {
+        None if found.report.found > 0 => find_layout(recording, sensor, settings)?,
+        _ => None,
+    };
+    Ok(Seen {
+        recognised,
+        board: board.map(ToString::to_string),
+        found: found.report.found,
+        windows: found.report.windows + found.report.too_few_events,
+        time_share: (slots.len() as f64 / slots_with_events.max(1) as f64).min(1.0),
+        covered: covered(&centers, sensor),
+        edges,
+        failure,
+    })
+}
+
+/// The name of a layout, such as `acircles:9x4`.
+fn in_words<S: Serializer>(layout: &Option<RecognisedLayout>, serializer: S) -> Result<S::Ok, S::Error> {
+    layout.map(|layout| layout_name(&layout.pattern)).serialize(serializer)
+}
+
+/// The share of cells of the sensor that hold one of these places.
+fn covered(places: &[[f64; 2]], sensor: Sensor) -> f64 {
+    let [columns, rows] = CELLS;
+    let mut cells = vec![false; usize::from(columns) * usize::from(rows)];
+    for [x, y] in places {
+        let cell = |at: f64, size: u16, count: u16| {
+            ((at + 0.5) / f64::from(size) * f64::from(count)).clamp(0.0, f64::from(count - 1)) as usize
+        };
+        let index = cell(*y, sensor.height, rows) * usize::from(columns) + cell(*x, sensor.width, columns);
+        if let Some(cell) = cells.get_mut(index) {
+            *cell = true;
+        }
+    }
+    cells.iter().filter(|cell| **cell).count() as f64 / cells.len() as f64
+}
+
+impl fmt::Display for Checked {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.information)?;
+        if !self.whole {
+            writeln!(f, "{:<12}the recording goes on; only its beginning was looked at", "part")?;
+        }
+        if let Some(other) = &self.other_unit {
+            writeln!(f, "{:<12}{other}", "time unit")?;
+        }
+        if let Some(only) = self.information.only_polarity() {
+            let only = if only == Polarity::On { "ON" } else { "OFF" };
+            writeln!(f, "{:<12}{only} events only: a board is found in ON and OFF events together", "polarity")?;
+        }
+        if let Some(sensor) = self.counted_from_one {
+            writeln!(f, "{:<12}{sensor}, counted from 1", "pixels")?;
+        }
+        if let Some(repeated) = self.repeated {
+            writeln!(f, "{:<12}{repeated}", "repeated")?;
+        }
+        if self.information.flicker.is_none() {
+            let seen =
+                if self.information.duration_s < SHORTEST_FOR_FLICKER { "too short to tell" } else { "none seen" };
+            writeln!(f, "{:<12}{seen}", "flicker")?;
+        }
+        if let Some(seen) = &self.seen {
+            let what = match &seen.board {
+                Some(board) => format!("{board} seen"),
+                None => format!("{FEWEST_CIRCLES} circles and more seen"),
+            };
+            let Seen { found, windows, time_share, covered, .. } = seen;
+            let (time, covered) = (100.0 * time_share, 100.0 * covered);
+            writeln!(
+                f,
+                "{:<12}{what} in {found} of {windows} windows, {time:.0} % of the time, over {covered:.0} % of the sensor",
+                "board"
+            )?;
+            if let Some(edges) = seen.edges {
+                writeln!(f, "{:<12}the circles' edges are {:.1} px wide", "focus", edges.pixels)?;
+            }
+        }
+        write!(f, "\nnext: {}", self.next)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use event_recordings::RecordingOptions;
+
+    /// With a pause of a minute the board was seen in 5 % of the time only.
+    #[test]
+    fn a_time_without_events_has_no_slots() {
+        let beginning = (0..10_000).map(|index| 100 * index);
+        let end = beginning.clone().map(|t| t + 61_000_000);
+        let event = |t: i64| Event { t, x: 1, y: 2, polarity: Polarity::On };
+        let events = beginning.chain(end).map(event).collect();
+        let recording = Recording::from_events("events", events, RecordingOptions::default());
+        let (pixels, slots) = count_events(&recording, Sensor::new(346, 260)).unwrap();
+        assert_eq!((pixels.repeated, slots), (None, 20));
+    }
+
+    #[test]
+    fn cells_are_counted_once() {
+        let sensor = Sensor::new(80, 60);
+        assert_eq!(covered(&[], sensor), 0.0);
+        assert_eq!(covered(&[[1.0, 1.0], [2.0, 8.0], [79.5, 59.5], [-0.5, 100.0]], sensor), 3.0 / 48.0);
+    }
+}

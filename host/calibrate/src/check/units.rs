@@ -1,0 +1,183 @@
+//! Are times in the unit that they were taken for?
+
+use std::fmt;
+use std::ops::{ControlFlow, Range};
+
+use serde::{Serialize, Serializer};
+
+use event_recordings::pass::read_while;
+use event_recordings::{Recording, RecordingOptions, TimeUnit};
+
+/// Events a second that event cameras send in front of something that moves.
+const USUAL: Range<f64> = 3e3..3e8;
+/// A camera sends fewer events a second than this only where hardly anything moves.
+const SLOW: f64 = 1e4;
+/// Nobody shows a board for longer than this (s) with as little motion.
+const LONG: f64 = 300.0;
+/// What is in the middle of that.
+const MIDDLE: f64 = 1e6;
+/// Events from which a rate is taken.
+const EVENTS: usize = 20_000;
+
+/// A unit with which the rate of events is a usual one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OtherUnit {
+    /// What `--time-unit` takes; `None` where the format leaves no choice.
+    #[serde(serialize_with = "as_words")]
+    pub unit: Option<TimeUnit>,
+    /// Events a second as the times were taken.
+    pub rate: f64,
+    /// Events a second in this unit.
+    pub other_rate: Option<f64>,
+}
+
+fn as_words<S: Serializer>(unit: &Option<TimeUnit>, serializer: S) -> Result<S::Ok, S::Error> {
+    unit.map(|unit| unit.to_string()).serialize(serializer)
+}
+
+impl OtherUnit {
+    /// What to do.
+    pub fn advice(&self) -> String {
+        let unit = match self.unit {
+            Some(TimeUnit::Seconds) => "s",
+            Some(TimeUnit::Milliseconds) => "ms",
+            Some(TimeUnit::Microseconds) => "us",
+            Some(TimeUnit::Nanoseconds) => "ns",
+            None => return "are the times in the file in the unit of its format?".to_owned(),
+        };
+        format!("add --time-unit {unit}")
+    }
+}
+
+impl fmt::Display for OtherUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} events a second are hardly what a camera sends", in_words(self.rate))?;
+        if let (Some(unit), Some(rate)) = (self.unit, self.other_rate) {
+            write!(f, "; with times in {unit} it would be {}", in_words(rate))?;
+        }
+        Ok(())
+    }
+}
+
+fn in_words(rate: f64) -> String {
+    match rate {
+        rate if rate >= 1e6 => format!("{:.1} million", rate / 1e6),
+        rate if rate >= 10.0 => format!("{rate:.0}"),
+        rate => format!("{rate:.3}"),
+    }
+}
+
+/// What the unit of the times is more likely to be; `None` if events come at a usual `rate` (events a second) over the whole
+/// recording or at its beginning, or the unit was given.
+pub fn unusual_unit(recording: &Recording, rate: f64) -> Option<OtherUnit> {
+    unit_for(USUAL, recording, rate)
+}
+
+/// As [`unusual_unit`], for a recording in which no board was found: few events for many minutes are told too.
+pub fn other_unit(recording: &Recording, rate: f64) -> Option<OtherUnit> {
+    let is_slow = USUAL.contains(&rate) && rate < SLOW && lasts_longer_than(recording, LONG);
+    unit_for(if is_slow { SLOW..USUAL.end } else { USUAL }, recording, rate)
+}
+
+/// The unit that is more likely if cameras send events at a `usual` rate.
+fn unit_for(usual: Range<f64>, recording: &Recording, rate: f64) -> Option<OtherUnit> {
+    // Of events at one time nothing can be told.
+    if rate <= 0.0 || !rate.is_finite() || recording.options().time_unit.is_some() {
+        return None;
+    }
+    if usual.contains(&rate) || first_rate(recording).is_some_and(|rate| usual.contains(&rate)) {
+        // With a long time without events the rate of all is small in any unit, and only that at the beginning tells.
+        return None;
+    }
+    let rate_in = |unit: TimeUnit| {
+        let options = RecordingOptions { time_unit: Some(unit), ..recording.options().clone() };
+        first_rate(&Recording::new(recording.path(), options).ok()?)
+    };
+    // Times with decimals were taken for seconds, and are never nanoseconds.
+    let has_decimals = first_rate(recording).is_some_and(|rate| rate_in(TimeUnit::Seconds) == Some(rate));
+    let units = [TimeUnit::Seconds, TimeUnit::Milliseconds, TimeUnit::Microseconds, TimeUnit::Nanoseconds];
+    let units = units.into_iter().filter(|unit| !(has_decimals && *unit == TimeUnit::Nanoseconds));
+    let rates = units.filter_map(|unit| Some((unit, rate_in(unit).filter(|rate| usual.contains(rate))?)));
+    let from_middle = |rate: f64| (rate / MIDDLE).ln().abs();
+    let best = rates.min_by(|a, b| from_middle(a.1).total_cmp(&from_middle(b.1)));
+    Some(OtherUnit { unit: best.map(|(unit, _)| unit), rate, other_rate: best.map(|(_, rate)| rate) })
+}
+
+/// Whether there are more than `limit` seconds between the first event and the last.
+fn lasts_longer_than(recording: &Recording, limit: f64) -> bool {
+    let mut last = 0;
+    let pass = read_while(recording, &mut |batch| {
+        last = batch.events.last().map_or(last, |event| event.t);
+        if last as f64 * 1e-6 > limit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    pass.is_ok() && last as f64 * 1e-6 > limit
+}
+
+/// Events a second at the beginning of a recording.
+fn first_rate(recording: &Recording) -> Option<f64> {
+    let mut reader = recording.open().ok()?;
+    let (mut batch, mut first, mut last, mut count) = (Vec::new(), None, 0, 0);
+    while count < EVENTS && reader.next_batch(&mut batch).ok()? {
+        first = first.or(batch.first().map(|event| event.t));
+        batch.truncate(EVENTS - count);
+        last = batch.last().map_or(last, |event| event.t);
+        count += batch.len();
+    }
+    let duration = (last - first?) as f64 * 1e-6;
+    (duration > 0.0).then(|| count as f64 / duration)
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::{Event, Polarity};
+
+    use super::*;
+
+    /// What is told of 30 000 events `step` apart, with `pause` before the last thousand, in µs as long as nobody says otherwise.
+    fn told(step: i64, pause: i64) -> Option<String> {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("events.csv");
+        let line = |index: i64| {
+            let t = index * step + if index < 29_000 { 0 } else { pause };
+            format!("{t},{},{},{}\n", index % 346, index % 260, index % 2)
+        };
+        std::fs::write(&path, format!("t,x,y,p\n{}", (0..30_000).map(line).collect::<String>())).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        let duration = (29_999 * step + pause) as f64 * 1e-6;
+        other_unit(&recording, 30_000.0 / duration).map(|other| other.advice())
+    }
+
+    #[test]
+    fn a_pause_does_not_make_the_unit_wrong() {
+        assert_eq!(told(1, 0), None);
+        // The advice was the unit in use: a year without events in a recording in µs.
+        assert_eq!(told(1, 31_557_600_000_000), None);
+        // Multiples of 1000 would be taken for nanoseconds at once.
+        assert_eq!(told(1001, 0).as_deref(), Some("add --time-unit ns"));
+    }
+
+    /// The advice was nanoseconds, of which 26 million a second come nearer to the middle.
+    #[test]
+    fn times_with_decimals_are_no_nanoseconds() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("events.csv");
+        let line = |index: i64| format!("{}.25,{},{},{}\n", 38 * index, index % 346, index % 260, index % 2);
+        std::fs::write(&path, format!("t,x,y,p\n{}", (0..30_000).map(line).collect::<String>())).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        let other = other_unit(&recording, 1.0 / 38.0).unwrap();
+        assert_eq!(other.unit, Some(TimeUnit::Microseconds));
+    }
+
+    /// Nanoseconds that were taken for microseconds, of a camera with 5 million events a second.
+    #[test]
+    fn few_events_for_many_minutes_are_suspected() {
+        let events = |count: i64| -> Vec<Event> {
+            let on = |index: i64| if index % 2 == 0 { Polarity::On } else { Polarity::Off };
+            (0..count).map(|index| Event { t: index * 200, x: 1, y: 2, polarity: on(index) }).collect()
+        };
+        let of = |count: i64| Recording::from_events("events", events(count), RecordingOptions::default());
+        // 301 s are suspected, 200 s are not; in memory there is no other unit to be tried.
+        assert_eq!(other_unit(&of(1_505_000), 5000.0).map(|other| other.unit), Some(None));
+        assert_eq!(other_unit(&of(1_000_000), 5000.0), None);
+    }
+}

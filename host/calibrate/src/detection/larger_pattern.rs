@@ -1,0 +1,159 @@
+//! Whether the board is larger than stated: larger ones are tried on the windows in which the stated one has no place.
+//!
+//! A window counts for a larger board only when at least half of each of its rows and columns is there: clutter makes no rows.
+
+use std::cmp::Reverse;
+
+use evcal_core::pattern::Pattern;
+use evcal_core::sensor::Sensor;
+
+use super::layout::most_fitting;
+use super::order_frames;
+use super::unplaced::{UnplacedWindows, is_whole};
+use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
+
+/// Windows on which all larger boards are tried.
+const FIRST_SAMPLE: usize = 6;
+/// Windows on which the best of them is tried, about.
+const SAMPLE: usize = 40;
+/// Fewer windows with a larger board tell too little.
+const FEWEST: usize = 5;
+/// Rows and columns more than stated that are tried.
+const MOST_MORE: u8 = 3;
+/// A board of more circles than this times those of the fullest windows is not tried.
+const NEARLY_WHOLE: f64 = 1.1;
+
+/// A board that goes on beside the stated one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LargerPattern {
+    /// Its layout.
+    pub pattern: Pattern,
+    /// Windows that show all of it.
+    pub frames: Vec<ReferenceFrame>,
+}
+
+/// The board of which `stated` is a part, if most chunks that show all of the stated board show all of that.
+pub fn larger_pattern(recordings: &[UnplacedWindows], stated: Pattern, sensor: Sensor) -> Option<LargerPattern> {
+    let chunks: usize = recordings.iter().map(|windows| windows.chunks).sum();
+    let all = chunks + recordings.iter().map(|windows| windows.as_stated).sum::<usize>();
+    // Nearly always it ends here: nothing is tried where the board is as stated.
+    if chunks < FEWEST || 2 * chunks <= all {
+        return None;
+    }
+    let kept: usize = recordings.iter().map(|windows| windows.kept.len()).sum();
+    let first = recordings.iter().flat_map(|windows| &windows.kept).step_by(kept.div_ceil(FIRST_SAMPLE).max(1));
+    let first: Vec<UnorderedFrame> = first.cloned().collect();
+    let most = first.iter().map(|window| window.circles.len()).max()? as f64 * NEARLY_WHOLE;
+    let tried = larger(stated).into_iter().filter(|pattern| pattern.circle_count() as f64 <= most);
+    let pattern = most_fitting(&first, tried, sensor)?;
+    let (mut examined, mut frames) = (0, Vec::new());
+    for UnplacedWindows { recording, kept: windows, .. } in recordings {
+        let sample: Vec<UnorderedFrame> = windows.iter().step_by(kept.div_ceil(SAMPLE).max(1)).cloned().collect();
+        examined += sample.len();
+        let (found, _) = order_frames(&sample, &pattern, Some(sensor));
+        let whole = found.into_iter().filter(|frame| is_whole(frame, pattern));
+        frames.extend(whole.map(|frame| ReferenceFrame { recording: *recording, ..frame }));
+    }
+    // The share among all chunks, from that of those examined.
+    let most = 2 * frames.len() * chunks > examined * all;
+    (frames.len() >= FEWEST && most).then_some(LargerPattern { pattern, frames })
+}
+
+/// Boards of which `stated` is a part, the smallest first, for of boards that fit alike the first is taken.
+fn larger(stated: Pattern) -> Vec<Pattern> {
+    let more = |count: u8| count..=count.saturating_add(MOST_MORE);
+    let boards = more(stated.rows)
+        .flat_map(|rows| more(stated.columns).map(move |columns| Pattern { rows, columns, ..stated }))
+        .filter(|pattern| *pattern != stated);
+    let mut boards: Vec<Pattern> = boards.collect();
+    // A symmetric board turned by a quarter fits as well: the one is named whose sides grow alike, or that is higher than wide.
+    boards.sort_by_key(|pattern| {
+        let sides_more = [pattern.rows - stated.rows, pattern.columns - stated.columns];
+        (pattern.circle_count(), sides_more.into_iter().max(), Reverse(pattern.rows))
+    });
+    boards
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::circles::reference_frame::UnorderedCircle;
+    use evcal_geometry::board::Board;
+
+    const SENSOR: Sensor = Sensor::new(346, 260);
+
+    fn pattern(text: &str) -> Pattern {
+        format!("{text}:55mm:r17.5mm").parse::<Board>().unwrap().pattern
+    }
+
+    /// A window in which these lattice places of a tilted board are seen, and two circles beside it.
+    fn window(view: u32, places: impl Iterator<Item = (i32, i32)>) -> UnorderedFrame {
+        let part = f64::from(view) / 40.0;
+        let (sin, cos) = (0.6 * (part - 0.5)).sin_cos();
+        let circle = |center| UnorderedCircle { t: part, center, radius: Some(5.0), velocity: None };
+        let seen = places.map(|(x, y)| {
+            let point = 18.0 * Vector2::new(f64::from(x) - 3.5, f64::from(y) - 4.0);
+            let turned = Vector2::new(cos * point.x - sin * point.y, sin * point.x + cos * point.y);
+            let nearer = 1.0 + 0.002 * (part - 0.3) * turned.x + 0.0007 * turned.y;
+            circle(turned / nearer + Vector2::new(173.0, 130.0))
+        });
+        let beside = [Vector2::new(12.0 + f64::from(view), 9.0), Vector2::new(330.0, 240.0)].map(circle);
+        UnorderedFrame { start: part, end: part + 0.01, circles: seen.chain(beside).collect() }
+    }
+
+    fn whole(view: u32, pattern: Pattern) -> UnorderedFrame {
+        window(view, (0..pattern.circle_count()).map(|index| pattern.lattice_position(index)))
+    }
+
+    /// What is told of a recording with `larger` windows of this board, and as many chunks `as_stated`.
+    fn told(stated: &str, board: &str, larger: u32, as_stated: u32) -> Option<(Pattern, usize)> {
+        let mut windows = UnplacedWindows::new(3);
+        (0..larger).for_each(|view| windows.take(Some(whole(view % 40, pattern(board))), true));
+        (0..as_stated).for_each(|_| windows.take(None, true));
+        let found = larger_pattern(&[UnplacedWindows::new(0), windows], pattern(stated), SENSOR)?;
+        assert!(found.frames.iter().all(|frame| frame.recording == 3));
+        Some((found.pattern, found.frames.len()))
+    }
+
+    #[test]
+    fn the_board_is_named_that_the_stated_one_is_a_part_of() {
+        for (stated, board) in [
+            ("acircles:8x4", "acircles:9x4"),
+            ("acircles:7x4", "acircles:9x4"),
+            ("acircles:9x3", "acircles:9x4"),
+            ("acircles:9x4", "acircles:10x4"),
+            ("circles:6x5", "circles:7x5"),
+            ("circles:5x6", "circles:5x7"),
+            ("circles:5x5", "circles:7x6"),
+        ] {
+            let (found, windows) = told(stated, board, 20, 10).unwrap();
+            assert_eq!(found, pattern(board), "{stated} of {board}");
+            assert!(windows >= 18, "{stated} of {board}: {windows} windows");
+        }
+    }
+
+    #[test]
+    fn a_larger_board_in_few_windows_is_not_told() {
+        assert_eq!(told("acircles:8x4", "acircles:9x4", 20, 20), None);
+        assert_eq!(told("acircles:8x4", "acircles:9x4", 4, 0), None);
+        assert_eq!(told("acircles:8x4", "acircles:9x4", 0, 0), None);
+    }
+
+    #[test]
+    fn clutter_beside_the_stated_board_is_no_larger_one() {
+        for (stated, beside) in [
+            // One circle or two in the places of a tenth row or a fifth column.
+            ("acircles:9x4", &[(1, 9)][..]),
+            ("acircles:9x4", &[(8, 4)]),
+            ("circles:7x6", &[(1, 7), (4, 7)]),
+        ] {
+            let stated = pattern(stated);
+            let places = || (0..stated.circle_count()).map(|index| stated.lattice_position(index));
+            let mut windows = UnplacedWindows::new(0);
+            (0..30).for_each(|view| windows.take(Some(window(view, places().chain(beside.iter().copied()))), true));
+            assert_eq!(larger_pattern(&[windows], stated, SENSOR), None, "{stated:?} {beside:?}");
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! Which circle grid is in the image? For users who did not say, or said it wrong.
+//!
+//! Every layout of a plausible number of circles is tried on the circles of a sample of windows. A window counts for a
+//! layout by the circles that it places, less those that it misses: so a layout that is too small loses because the grid
+//! finder refuses it where the lattice goes on, and one that is too large because it is never whole. Spacing and radius
+//! cannot be told this way: the same events come from a small board nearby and a large one far away.
+
+use std::fmt;
+use std::ops::ControlFlow;
+
+use evcal_core::event::Event;
+use evcal_core::pattern::{Layout, Pattern};
+use evcal_core::sensor::Sensor;
+
+use super::settings::DetectionSettings;
+use super::{CircleWindow, DetectionStage, order_frames};
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, UnorderedFrame};
+use evcal_geometry::board::{Board, layout_name};
+use evcal_geometry::numerics::statistics::median;
+use event_recordings::pass::read_while;
+use event_recordings::{Recording, RecordingError};
+
+/// So much of a recording is looked at (µs).
+pub(super) const LONGEST: i64 = 4_000_000;
+/// Windows with fewer circles show too little of any board.
+pub(super) const FEWEST_CIRCLES: usize = 8;
+/// Windows on which every layout is tried.
+const SAMPLE: usize = 40;
+/// The layout must be found in at least this share of the windows, and in so many.
+const FEWEST_FITS: f64 = 0.2;
+const FEWEST_WINDOWS: usize = 5;
+/// Circles of the layouts that are tried, in parts of those in a full window. What looks like a circle beside the board makes
+/// for more, a board that is never seen whole for fewer.
+const COUNTS: std::ops::Range<f64> = 0.4..1.3;
+/// Rows and columns of the layouts that are tried.
+const ROWS: std::ops::RangeInclusive<u8> = 3..=20;
+const COLUMNS: std::ops::RangeInclusive<u8> = 2..=14;
+
+/// The circle grid that most windows fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RecognisedLayout {
+    /// Its layout.
+    pub pattern: Pattern,
+    /// Windows that it fits.
+    pub fitting: usize,
+    /// Windows with enough circles.
+    pub windows: usize,
+    /// Radius of the circles in parts of the spacing, as it looks in the image: a little more than the printed one.
+    pub radius: Option<f64>,
+}
+
+impl RecognisedLayout {
+    /// What to measure, and where to write it.
+    pub fn advice(&self) -> String {
+        let spacing = match self.pattern.layout {
+            Layout::Asymmetric => "the spacing (half the distance of neighbours in a row)",
+            Layout::Symmetric => "the spacing of neighbours",
+        };
+        let about = self.radius.map(|radius| format!(" (about {radius:.2} of the spacing)")).unwrap_or_default();
+        let name = layout_name(&self.pattern);
+        format!(
+            "measure {spacing} and the radius of a circle{about}, and give both, for example --board {name}:55mm:r17.5mm"
+        )
+    }
+}
+
+impl fmt::Display for RecognisedLayout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { pattern, fitting, windows, .. } = self;
+        write!(f, "{}, which fits {fitting} of {windows} windows", layout_name(pattern))
+    }
+}
+
+/// Looks for the layout of the board in the first seconds of a recording; `None` where none fits.
+///
+/// # Errors
+/// [`RecordingError`] when it cannot be read.
+pub fn find_layout(
+    recording: &Recording,
+    sensor: Sensor,
+    settings: &DetectionSettings,
+) -> Result<Option<RecognisedLayout>, RecordingError> {
+    let mut stage = DetectionStage::for_circles(settings, sensor, FEWEST_CIRCLES);
+    read_while(recording, &mut |batch| {
+        stage.push(beginning(batch.events));
+        match batch.events.last() {
+            Some(last) if last.t > LONGEST => ControlFlow::Break(()),
+            _ => ControlFlow::Continue(()),
+        }
+    })?;
+    let (windows, _) = stage.into_circles();
+    let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
+    Ok(recognise(&frames, sensor))
+}
+
+/// The events of the first seconds.
+pub(super) fn beginning(events: &[Event]) -> &[Event] {
+    events.get(..events.partition_point(|event| event.t <= LONGEST)).unwrap_or_default()
+}
+
+/// The layout that most of these windows fit; `None` where none does.
+pub(super) fn recognise(frames: &[UnorderedFrame], sensor: Sensor) -> Option<RecognisedLayout> {
+    let sample = fullest(frames);
+    let mut counts: Vec<f64> = sample.iter().map(|frame| frame.circles.len() as f64).collect();
+    let full = median(&mut counts, f64::total_cmp)?;
+    let tried = layouts().filter(|pattern| COUNTS.contains(&(pattern.circle_count() as f64 / full)));
+    let pattern = most_fitting(&sample, tried, sensor)?;
+    let (found, _) = order_frames(frames, &pattern, Some(sensor));
+    if found.len() < FEWEST_WINDOWS || (found.len() as f64) < FEWEST_FITS * frames.len() as f64 {
+        return None;
+    }
+    let unit = Board { pattern, spacing: 1.0, radius: 0.0 };
+    let mut ratios: Vec<f64> = found.iter().flat_map(|frame| radius_ratios(frame, &unit)).collect();
+    let radius = median(&mut ratios, f64::total_cmp).map(|ratio| ratio * unit.neighbour_distance());
+    Some(RecognisedLayout { pattern, fitting: found.len(), windows: frames.len(), radius })
+}
+
+/// The one of these layouts that places most circles of the frames and misses fewest, the first of equals; `None` where all miss more
+/// than they place.
+pub(super) fn most_fitting(
+    frames: &[UnorderedFrame],
+    patterns: impl DoubleEndedIterator<Item = Pattern>,
+    sensor: Sensor,
+) -> Option<Pattern> {
+    let score = |pattern: &Pattern| {
+        let whole = pattern.circle_count();
+        let (found, _) = order_frames(frames, pattern, Some(sensor));
+        found.iter().map(|frame| (2 * frame.circles.len()).saturating_sub(whole)).sum::<usize>()
+    };
+    // Of equals the first.
+    let scored = patterns.map(|pattern| (score(&pattern), pattern)).rev();
+    scored.max_by_key(|(score, _)| *score).filter(|best| best.0 > 0).map(|(_, pattern)| pattern)
+}
+
+/// Radius over the distance of neighbouring centres in the image, for each circle with a neighbour. Of the board, its layout
+/// alone counts.
+pub fn radius_ratios(frame: &ReferenceFrame, board: &Board) -> Vec<f64> {
+    let nearest = board.neighbour_distance() * 1.01;
+    let circles = &frame.circles;
+    let ratio = |(index, circle): (usize, &ObservedCircle)| {
+        let place = board.circle_center(circle.index);
+        let neighbours = circles.iter().enumerate().filter(|(other, neighbour)| {
+            *other != index && (board.circle_center(neighbour.index) - place).norm() < nearest
+        });
+        let distances: Vec<f64> = neighbours.map(|(_, neighbour)| (neighbour.center - circle.center).norm()).collect();
+        let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+        (!distances.is_empty() && mean > 0.0).then(|| circle.radius.map(|radius| radius / mean)).flatten()
+    };
+    circles.iter().enumerate().filter_map(ratio).collect()
+}
+
+/// Some of the half of the windows that have most circles, spread over time.
+fn fullest(frames: &[UnorderedFrame]) -> Vec<UnorderedFrame> {
+    let mut counts: Vec<usize> = frames.iter().map(|frame| frame.circles.len()).collect();
+    counts.sort_unstable();
+    let fewest = counts.get(counts.len() / 2).copied().unwrap_or(0);
+    let full: Vec<&UnorderedFrame> = frames.iter().filter(|frame| frame.circles.len() >= fewest).collect();
+    full.iter().step_by(full.len().div_ceil(SAMPLE).max(1)).map(|frame| (*frame).clone()).collect()
+}
+
+/// All layouts that may be printed. A symmetric one looks the same with rows and columns exchanged.
+fn layouts() -> impl DoubleEndedIterator<Item = Pattern> {
+    [Layout::Asymmetric, Layout::Symmetric].into_iter().flat_map(|layout| {
+        ROWS.flat_map(move |rows| COLUMNS.map(move |columns| Pattern { layout, rows, columns }))
+            .filter(|pattern| pattern.layout == Layout::Asymmetric || pattern.rows >= pattern.columns)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::circles::reference_frame::UnorderedCircle;
+
+    const SENSOR: Sensor = Sensor::new(346, 260);
+
+    /// Views of a board that turns and tilts, with clutter.
+    fn views(board: &Board) -> Vec<UnorderedFrame> {
+        (0..60)
+            .map(|view| {
+                let part = f64::from(view) / 60.0;
+                let (sin, cos) = (0.6 * (part - 0.5)).sin_cos();
+                let scale = 200.0 / board.longer_side();
+                let place = |index: usize| {
+                    let point = (board.circle_center(index) - board.middle()) * scale;
+                    let turned = Vector2::new(cos * point.x - sin * point.y, sin * point.x + cos * point.y);
+                    let nearer = 1.0 + (0.002 * (part - 0.3)) * turned.x + 0.0007 * turned.y;
+                    (turned / nearer + Vector2::new(173.0 + 40.0 * (part - 0.5), 130.0), board.radius * scale)
+                };
+                let clutter = [(Vector2::new(12.0 + f64::from(view), 9.0), 3.0), (Vector2::new(330.0, 240.0), 6.0)];
+                let circles = (0..board.circle_count()).map(place).chain(clutter);
+                let inside =
+                    circles.filter(|(center, _)| (0.0..346.0).contains(&center.x) && (0.0..260.0).contains(&center.y));
+                let circle =
+                    |(center, radius)| UnorderedCircle { t: part, center, radius: Some(radius), velocity: None };
+                UnorderedFrame { start: part, end: part + 0.01, circles: inside.map(circle).collect() }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn layouts_are_recognised_whatever_was_printed() {
+        for text in [
+            "acircles:9x4:55mm:r17.5mm",
+            "acircles:11x4:20mm:r6mm",
+            "acircles:8x4:20mm:r6mm",
+            "acircles:4x9:30mm:r9mm",
+            "circles:6x5:20mm:r6mm",
+            "circles:7x7:20mm:r6mm",
+        ] {
+            let board: Board = text.parse().unwrap();
+            let found = recognise(&views(&board), SENSOR).unwrap();
+            assert_eq!(found.pattern, board.pattern, "{text}");
+            assert!(found.fitting > 50 && found.windows == 60, "{text}: {found:?}");
+            let ratio = board.radius / board.spacing;
+            assert!((found.radius.unwrap() / ratio - 1.0).abs() < 0.1, "{text}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn circles_in_no_order_are_no_board() {
+        let circle = |view: u32, index: u32| {
+            let at = |factor: u32, size: u32| f64::from((view * 31 + index * factor + index * index * 17) % size);
+            UnorderedCircle {
+                t: 0.0,
+                center: Vector2::new(at(113, 346), at(71, 260)),
+                radius: Some(5.0),
+                velocity: None,
+            }
+        };
+        let frames: Vec<UnorderedFrame> = (0..60)
+            .map(|view| UnorderedFrame {
+                start: 0.0,
+                end: 0.01,
+                circles: (0..30).map(|index| circle(view, index)).collect(),
+            })
+            .collect();
+        assert_eq!(recognise(&frames, SENSOR), None);
+        assert_eq!(recognise(&[], SENSOR), None);
+    }
+}

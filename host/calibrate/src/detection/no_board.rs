@@ -1,0 +1,149 @@
+//! Why a window or a picture holds no board, and what to do about it.
+
+use std::fmt;
+
+use evcal_core::event::Polarity;
+use serde::{Deserialize, Serialize};
+
+use event_recordings::pictures::NoImage;
+
+/// Why a window, a picture or a frame of circles holds no board. Declared in the order of the words, in which
+/// reports list them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum NoBoard {
+    /// OpenCV's grid finder threw an error.
+    #[serde(rename = "OpenCV failed")]
+    OpencvFailed,
+    /// OpenCV's grid finder saw none.
+    #[serde(rename = "OpenCV found no grid")]
+    OpencvFoundNone,
+    /// The edges of a picture's dots are too blurred.
+    #[serde(rename = "blurred")]
+    Blurred,
+    /// The lattice is not near the place to which the board moved.
+    #[serde(rename = "board not where it is expected")]
+    NotAsExpected,
+    /// The lattice goes on where the board ends.
+    #[serde(rename = "circles beside the board")]
+    BesideBoard,
+    /// Nowhere do the circles look like a lattice.
+    #[serde(rename = "circles form no lattice")]
+    NoLattice,
+    /// The circles are not where those of a smooth lattice are.
+    #[serde(rename = "circles scatter too much")]
+    Scattered,
+    /// The dots of the lattice have corners, or holes.
+    #[serde(rename = "dots that are not round")]
+    NotRound,
+    /// Columns of a picture were lost on the way.
+    #[serde(rename = "lost columns")]
+    LostColumns,
+    /// The grid finder refused for a reason that has no name here.
+    #[serde(rename = "no board")]
+    Unknown,
+    /// A picture has no dots.
+    #[serde(rename = "no dots")]
+    NoDots,
+    /// A picture is neither grey nor coloured.
+    #[serde(rename = "no grey or colour picture")]
+    NotGrey,
+    /// There is a lattice; which part of the board it is cannot be told.
+    #[serde(rename = "not clear which part of the board", alias = "place on the board not certain")]
+    PlaceUncertain,
+    /// The rows of a picture were exposed one after the other.
+    #[serde(rename = "rolling shutter")]
+    RollingShutter,
+    /// There are fewer circles than a board needs.
+    #[serde(rename = "too few circles")]
+    TooFewCircles,
+    /// There is a lattice of too few circles.
+    #[serde(rename = "too few circles of a board")]
+    TooFewOfBoard,
+    /// The window holds too few events to be searched.
+    #[serde(rename = "too few events")]
+    TooFewEvents,
+    /// There are more circles than the grid finder has room for.
+    #[serde(rename = "too many circles")]
+    TooManyCircles,
+}
+
+impl NoBoard {
+    /// What to do when most windows have no board for this reason; `max_interval` is that of the window policy.
+    pub fn advice(self, max_interval: u16) -> String {
+        match self {
+            Self::TooFewEvents => {
+                format!("move faster, or set a larger detection.window.max_interval (now {max_interval})")
+            }
+            Self::TooFewCircles => {
+                "is the board in view, moving and in focus? Try --extraction soft, or move faster".to_owned()
+            }
+            Self::BesideBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
+                "is --board right: rows and columns, acircles or circles?".to_owned()
+            }
+            Self::NotRound => {
+                "they have corners or holes, like tags, keys, nuts or windows: is the board with round dots in view?"
+                    .to_owned()
+            }
+            _ => "is the board in view and flat, and is --board right?".to_owned(),
+        }
+    }
+}
+
+/// Why no circle can be found in events of this polarity alone, with what to do.
+pub fn only_one_polarity(polarity: Polarity) -> String {
+    let only = match polarity {
+        Polarity::On => "ON",
+        Polarity::Off => "OFF",
+    };
+    format!(
+        "all events are {only}, and a circle is found from ON and OFF events together: export the polarity too, or say which column it is with --columns"
+    )
+}
+
+impl fmt::Display for NoBoard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // As reports have it.
+        self.serialize(f)
+    }
+}
+
+impl From<NoImage> for NoBoard {
+    fn from(reason: NoImage) -> Self {
+        match reason {
+            NoImage::RollingShutter => Self::RollingShutter,
+            NoImage::LostColumns => Self::LostColumns,
+            NoImage::NotGrey => Self::NotGrey,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reasons_are_in_the_order_of_their_words() {
+        use NoBoard::*;
+        let all = [
+            OpencvFailed,
+            OpencvFoundNone,
+            Blurred,
+            NotAsExpected,
+            BesideBoard,
+            NoLattice,
+            Scattered,
+            NotRound,
+            LostColumns,
+            Unknown,
+            NoDots,
+            NotGrey,
+            PlaceUncertain,
+            RollingShutter,
+            TooFewCircles,
+            TooFewOfBoard,
+            TooFewEvents,
+            TooManyCircles,
+        ];
+        assert!(all.is_sorted() && all.is_sorted_by_key(|reason| reason.to_string()));
+    }
+}

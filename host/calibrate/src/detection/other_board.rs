@@ -1,0 +1,92 @@
+//! When the board is not found: is it another one than stated?
+//!
+//! The circles of the first seconds are read as what users mix up: rows and columns exchanged, the other
+//! layout. A reading that fits many windows is told; else any layout that does ([`super::layout`]). (A mirrored print is no such thing: the circles of one
+//! are where those of a good one are, and give the same camera.)
+
+use std::fmt;
+
+use evcal_core::event::Event;
+use evcal_core::pattern::{Layout, Pattern};
+use evcal_core::sensor::Sensor;
+
+use super::layout::{FEWEST_CIRCLES, RecognisedLayout, beginning, recognise};
+use super::settings::DetectionSettings;
+use crate::circles::reference_frame::UnorderedFrame;
+use crate::detection::{CircleWindow, DetectionStage, order_frames};
+use evcal_geometry::board::Board;
+
+/// A reading must fit at least this share of the windows that hold as many circles as half the board.
+const FEWEST_FITS: f64 = 0.2;
+
+/// A board that fits better than the stated one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OtherReading {
+    /// Windows that it fits.
+    pub fitting: usize,
+    /// Windows with enough circles.
+    pub windows: usize,
+    /// The board.
+    pub board: Board,
+}
+
+impl fmt::Display for OtherReading {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { fitting, windows, board } = self;
+        write!(f, "{fitting} of {windows} windows fit --board {board} instead")
+    }
+}
+
+/// Collects the circles of the first seconds of a recording.
+pub struct OtherBoard<'a> {
+    stage: DetectionStage<'a>,
+    board: Board,
+    sensor: Sensor,
+}
+
+impl<'a> OtherBoard<'a> {
+    /// For a recording in which `board` was not found.
+    pub fn new(settings: &'a DetectionSettings, board: &Board, sensor: Sensor) -> Self {
+        let fewest = FEWEST_CIRCLES.min(half(board));
+        Self { stage: DetectionStage::for_circles(settings, sensor, fewest), board: *board, sensor }
+    }
+
+    /// Takes the next events; their times count from the start of the recording.
+    pub fn push(&mut self, events: &[Event]) {
+        self.stage.push(beginning(events));
+    }
+
+    /// What the circles look like instead; `None` when no reading fits.
+    pub fn finish(self) -> Option<OtherReading> {
+        let (windows, _) = self.stage.into_circles();
+        let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
+        other_reading(&frames, &self.board, self.sensor)
+    }
+}
+
+/// The board that the circles of all frames fit instead of `board`: one of those that users take for it, else any layout
+/// that is recognised; `None` when they fit none.
+pub fn other_reading(all: &[UnorderedFrame], board: &Board, sensor: Sensor) -> Option<OtherReading> {
+    let frames: Vec<UnorderedFrame> = all.iter().filter(|frame| frame.circles.len() >= half(board)).cloned().collect();
+    let pattern = board.pattern;
+    let exchanged = Pattern { rows: pattern.columns, columns: pattern.rows, ..pattern };
+    let layout = match pattern.layout {
+        Layout::Asymmetric => Layout::Symmetric,
+        Layout::Symmetric => Layout::Asymmetric,
+    };
+    let readings = [exchanged, Pattern { layout, ..pattern }, Pattern { layout, ..exchanged }].map(|pattern| {
+        let (found, _) = order_frames(&frames, &pattern, Some(sensor));
+        (found.len(), pattern)
+    });
+    let (fitting, pattern) = readings.into_iter().max_by_key(|(count, _)| *count)?;
+    if fitting > 0 && fitting as f64 >= FEWEST_FITS * frames.len() as f64 {
+        return Some(OtherReading { fitting, windows: frames.len(), board: Board { pattern, ..*board } });
+    }
+    let RecognisedLayout { pattern, fitting, windows, .. } = recognise(all, sensor)?;
+    Some(OtherReading { fitting, windows, board: Board { pattern, ..*board } })
+}
+
+/// Half of a board's circles.
+fn half(board: &Board) -> usize {
+    board.circle_count().div_ceil(2)
+}

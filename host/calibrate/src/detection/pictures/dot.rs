@@ -1,0 +1,262 @@
+//! The centre of a dark dot to a small part of a pixel.
+//!
+//! Around a spot a plane is fitted to the light of the paper; what a pixel lacks of it, as a share w,
+//! sums up to the dot's area and its centre of area. Blur by the lens moves neither, and neither does
+//! the dot's motion while the shutter is open: the centre is that of the middle of the exposure, as far
+//! as the motion is straight. An edge that is fitted where it is steepest has none of that.
+
+use std::fmt;
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::dark_spots::DarkSpot;
+use super::settings::PictureSettings;
+use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
+use event_recordings::pictures::GreyImage;
+
+/// A dot of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dot {
+    /// Centre of area in pixels.
+    pub center: Vector2<f64>,
+    /// Radius in pixels of the circle with the same area.
+    pub radius: f64,
+    /// Blur of its edge, as the standard deviation of a Gaussian in pixels.
+    pub blur: f64,
+}
+
+/// Why a spot is no dot that can be measured. Declared in the order of the words, in which reports list them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum NoDot {
+    /// The border of the image cuts the dot or its surroundings.
+    #[serde(rename = "cut by the border of the image")]
+    CutByBorder,
+    /// It is hardly darker than the paper.
+    #[serde(rename = "low contrast")]
+    LowContrast,
+    /// The paper around it is not evenly lit, or something lies beside it.
+    #[serde(rename = "surroundings not even")]
+    UnevenSurroundings,
+}
+
+impl fmt::Display for NoDot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // As reports have it.
+        self.serialize(f)
+    }
+}
+
+/// Share of the way from the rim to the outer end of the surroundings up to which the dot is summed.
+const INNER_SHARE: f64 = 0.65;
+/// Rounds of centring.
+const ROUNDS: usize = 3;
+/// Radius, as a share of the dot's, within which a dot is as dark as it gets.
+const CORE: f64 = 0.4;
+
+/// Measures the dot at `spot`. `reach` is where the surroundings end, in radii: halfway to the rim of
+/// the next dot.
+pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64, settings: &PictureSettings) -> Result<Dot, NoDot> {
+    let inverse = spot.shape.try_inverse().ok_or(NoDot::LowContrast)?;
+    let inner = 1.0 + INNER_SHARE * (reach - 1.0);
+    let mut center = spot.center;
+    let mut measured = Err(NoDot::LowContrast);
+    for _ in 0..ROUNDS {
+        let window = Window { center, inverse, shape: spot.shape, inner, outer: reach };
+        let dot = window.measure(image, settings)?;
+        center = dot.center;
+        measured = Ok(dot);
+    }
+    measured
+}
+
+/// Distance from the paper's light, in standard deviations, beyond which a pixel is not of it.
+const OUTLIER: f64 = 3.0;
+/// Largest share of the surroundings that may be something else than evenly lit paper.
+const FOREIGN_SHARE: f64 = 0.1;
+/// Grey levels are whole numbers: half of one is the least that their scatter can be told to, and this its median size.
+const SMALLEST_SCATTER: f64 = 0.3;
+
+/// Light of the paper as a plane over the image.
+struct Paper {
+    plane: Vector3<f64>,
+    /// Standard deviation of the pixels about it.
+    scatter: f64,
+}
+
+struct Window {
+    center: Vector2<f64>,
+    shape: Matrix2<f64>,
+    inverse: Matrix2<f64>,
+    inner: f64,
+    outer: f64,
+}
+
+impl Window {
+    /// The pixels within `outer`: place relative to the centre, distance in radii, value.
+    fn pixels<'a>(&self, image: &'a GreyImage) -> impl Iterator<Item = (Vector2<f64>, f64, f64)> + use<'a> {
+        let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.outer;
+        // Casts saturate: what is left of or above the image begins at 0.
+        let range = |low: f64, high: f64, size: usize| {
+            let first = low.ceil().max(0.0) as usize;
+            first..(high.floor() as usize + 1).clamp(first, size.max(first))
+        };
+        let (low, high) = (self.center - half, self.center + half);
+        let rows = if high.y < 0.0 { 0..0 } else { range(low.y, high.y, image.height()) };
+        let columns = if high.x < 0.0 { 0..0 } else { range(low.x, high.x, image.width()) };
+        let (center, inverse, outer) = (self.center, self.inverse, self.outer);
+        rows.flat_map(move |y| columns.clone().map(move |x| (x, y))).filter_map(move |(x, y)| {
+            let place = Vector2::new(x as f64, y as f64) - center;
+            let distance = place.dot(&(inverse * place)).max(0.0).sqrt();
+            let value = image.get(x, y)?;
+            (distance <= outer).then(|| (place, distance, f64::from(value)))
+        })
+    }
+
+    fn inside(&self, image: &GreyImage) -> bool {
+        let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.inner;
+        let (low, high) = (self.center - half, self.center + half);
+        let (right, bottom) = (image.width() as f64 - 1.0, image.height() as f64 - 1.0);
+        low.x >= 0.0 && low.y >= 0.0 && high.x <= right && high.y <= bottom
+    }
+
+    /// The paper's light from `ring`, the places and values of the surroundings.
+    fn paper(ring: &[(Vector2<f64>, f64)]) -> Option<Paper> {
+        let residual = |place: &Vector2<f64>, value: f64, plane: &Vector3<f64>| value - plane.dot(&place.push(1.0));
+        let scatter_about = |plane: &Vector3<f64>| {
+            let mut sizes: Vec<f64> = ring.iter().map(|(place, value)| residual(place, *value, plane).abs()).collect();
+            median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median.max(SMALLEST_SCATTER))
+        };
+        // What lies beside the paper would tilt the plane: it begins level, at the height of most pixels.
+        let mut values: Vec<f64> = ring.iter().map(|(_, value)| *value).collect();
+        let mut plane = Vector3::new(0.0, 0.0, median(&mut values, f64::total_cmp)?);
+        let mut scatter = scatter_about(&plane)?;
+        for _ in 0..2 {
+            let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+            for (place, value) in ring {
+                if residual(place, *value, &plane).abs() <= OUTLIER * scatter {
+                    let row = place.push(1.0);
+                    normal += row * row.transpose();
+                    right += row * *value;
+                }
+            }
+            plane = normal.cholesky()?.solve(&right);
+            scatter = scatter_about(&plane)?;
+        }
+        let is_foreign =
+            |(place, value): &&(Vector2<f64>, f64)| residual(place, *value, &plane).abs() > OUTLIER * scatter;
+        let foreign = ring.iter().filter(is_foreign).count();
+        // Something lies there, and perhaps nearer to the dot too.
+        (foreign as f64 <= FOREIGN_SHARE * ring.len() as f64).then_some(Paper { plane, scatter })
+    }
+
+    fn measure(&self, image: &GreyImage, settings: &PictureSettings) -> Result<Dot, NoDot> {
+        if !self.inside(image) {
+            return Err(NoDot::CutByBorder);
+        }
+        let (dot, ring): (Vec<_>, Vec<_>) = self.pixels(image).partition(|(_, distance, _)| *distance <= self.inner);
+        let ring: Vec<(Vector2<f64>, f64)> = ring.into_iter().map(|(place, _, value)| (place, value)).collect();
+        let paper = Self::paper(&ring).ok_or(NoDot::UnevenSurroundings)?;
+        let brightness = paper.plane.z;
+        let (mut core, mut core_count) = (0.0, 0.0);
+        let (mut sum, mut squares, mut noise) = (0.0, 0.0, 0.0);
+        let mut moment = Vector2::zeros();
+        for (place, distance, value) in dot {
+            let light = paper.plane.dot(&place.push(1.0));
+            if light <= 0.0 {
+                return Err(NoDot::UnevenSurroundings);
+            }
+            let missing = 1.0 - value / light;
+            sum += missing;
+            squares += missing * missing;
+            noise += (paper.scatter / light).powi(2);
+            moment += place * missing;
+            if distance <= CORE {
+                core += missing;
+                core_count += 1.0;
+            }
+        }
+        let contrast = core / core_count;
+        if contrast.is_nan() || contrast < settings.min_contrast || sum <= 0.0 {
+            return Err(NoDot::LowContrast);
+        }
+        if paper.scatter > settings.max_unevenness * contrast * brightness {
+            return Err(NoDot::UnevenSurroundings);
+        }
+        let area = sum / contrast;
+        // Where the share u of the dot goes from 0 to 1 over a Gaussian edge, ∫ u (1 − u) = σ / √π.
+        let edge = (area - (squares - noise) / (contrast * contrast)).max(0.0);
+        let scale = (area / (std::f64::consts::PI * self.shape.determinant().sqrt())).max(0.0).sqrt();
+        let perimeter = perimeter(&self.shape) * scale;
+        Ok(Dot {
+            center: self.center + moment / sum,
+            radius: (area / std::f64::consts::PI).sqrt(),
+            blur: edge / perimeter * std::f64::consts::PI.sqrt(),
+        })
+    }
+}
+
+/// Perimeter of the ellipse `dᵀ shape⁻¹ d = 1` (Ramanujan's first approximation).
+fn perimeter(shape: &Matrix2<f64>) -> f64 {
+    let values = shape.symmetric_eigenvalues();
+    let (a, b) = (values.max().max(0.0).sqrt(), values.min().max(0.0).sqrt());
+    std::f64::consts::PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::dark_spots::dark_spots;
+    use super::*;
+
+    /// An ellipse at `center` with half axes (9, 5), blurred by a Gaussian, on paper that gets lighter
+    /// to the right.
+    fn picture(center: Vector2<f64>, sigma: f64, beside: Option<u8>) -> GreyImage {
+        // The blur, sample by sample.
+        const STEPS: i32 = 15;
+        let offsets: Vec<f64> = (-STEPS..=STEPS).map(|step| 3.5 * f64::from(step) / f64::from(STEPS)).collect();
+        let weights: Vec<f64> = offsets.iter().map(|offset| libm::exp(-0.5 * offset * offset)).collect();
+        let total: f64 = weights.iter().sum();
+        let inside = |x: f64, y: f64| (x / 9.0).powi(2) + (y / 5.0).powi(2) < 1.0;
+        let value = |x: usize, y: usize| {
+            if let Some(value) = beside.filter(|_| x > 78) {
+                return value;
+            }
+            let place = Vector2::new(x as f64, y as f64) - center;
+            let mut share = 0.0;
+            for (dx, weight_x) in offsets.iter().zip(&weights) {
+                for (dy, weight_y) in offsets.iter().zip(&weights) {
+                    if inside(place.x + sigma * dx, place.y + sigma * dy) {
+                        share += weight_x * weight_y / (total * total);
+                    }
+                }
+            }
+            let paper = 150.0 + 0.5 * (x as f64 - 50.0);
+            (paper * (1.0 - 0.85 * share)).round() as u8
+        };
+        let pixels = (0..80 * 100).map(|index| value(index % 100, index / 100)).collect();
+        GreyImage::new(100, 80, pixels).unwrap()
+    }
+
+    fn dots(image: &GreyImage) -> Vec<Result<Dot, NoDot>> {
+        let settings = PictureSettings::default();
+        dark_spots(image, &settings).iter().map(|spot| measure(image, spot, 2.2, &settings)).collect()
+    }
+
+    #[test]
+    fn centre_radius_and_blur_are_those_of_the_picture() {
+        for (x, y, sigma) in [(50.0, 40.0, 0.7), (50.37, 40.81, 0.7), (49.66, 39.5, 1.5)] {
+            let [Ok(dot)] = dots(&picture(Vector2::new(x, y), sigma, None))[..] else { panic!("no dot") };
+            assert!((dot.center - Vector2::new(x, y)).norm() < 0.01, "{} for {x} {y}", dot.center);
+            assert!((dot.radius - 45f64.sqrt()).abs() < 0.1, "{}", dot.radius);
+            assert!((dot.blur - sigma).abs() < 0.2 * sigma, "{} for {sigma}", dot.blur);
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_measured_is_refused_for_its_reason() {
+        let dots_at = |x: f64, y: f64, beside| dots(&picture(Vector2::new(x, y), 0.7, beside));
+        assert_eq!(dots_at(50.0, 8.0, None), [Err(NoDot::CutByBorder)]);
+        // A grey wall a little beside the dot.
+        assert_eq!(dots_at(66.0, 40.0, Some(90)), [Err(NoDot::UnevenSurroundings)]);
+    }
+}

@@ -1,0 +1,197 @@
+//! From the pictures of a recording to reference frames.
+
+use std::collections::BTreeMap;
+
+use evcal_core::grid::{GridCandidate, GridOptions};
+use nalgebra::Vector2;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::dark_spots::dark_spots;
+use super::dot::{Dot, NoDot, measure};
+use super::settings::PictureSettings;
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
+use crate::detection::board_finder::{BoardFinder, within_capacity};
+use crate::detection::no_board::NoBoard;
+use evcal_geometry::board::Board;
+use evcal_geometry::numerics::statistics::median;
+use event_recordings::pictures::{GreyImage, TimedImage};
+
+/// Pictures that are searched in one go.
+const PICTURES_TOGETHER: usize = 64;
+/// Smallest and largest distance to which the paper around a dot is looked at, in radii of the dot.
+const REACH: [f64; 2] = [1.2, 3.0];
+
+/// What the pictures of all recordings held.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PictureSearchReport {
+    /// Pictures read.
+    pub frames: u64,
+    /// Pictures in which the board was found.
+    pub with_board: u64,
+    /// Pictures without a board or not usable, by reason.
+    pub refused: BTreeMap<NoBoard, u64>,
+    /// Dots measured in all pictures.
+    pub dots: u64,
+    /// Dark spots that could not be measured, by reason.
+    pub dots_refused: BTreeMap<NoDot, u64>,
+    /// Dots of the boards found.
+    pub board_dots: u64,
+    /// Median blur of the dots' edges in the pictures with the board, as the standard deviation of a
+    /// Gaussian (px).
+    pub blur: f64,
+    /// Pictures whose recording does not tell when they were exposed.
+    pub without_exposure: u64,
+    /// What could not be read, in sentences.
+    pub notes: Vec<String>,
+}
+
+/// What one picture gave.
+struct Searched {
+    board: Result<SeenBoard, NoBoard>,
+    dots: u64,
+    dots_refused: Vec<NoDot>,
+}
+
+/// The board in one picture.
+struct SeenBoard {
+    /// Its dots with their indices.
+    dots: Vec<(usize, Dot)>,
+    /// Median blur of the dots' edges (px).
+    blur: Option<f64>,
+}
+
+/// Looks for the board in the pictures of recordings.
+pub struct PictureSearch<'a> {
+    board: &'a Board,
+    settings: &'a PictureSettings,
+    /// Fewest circles of a board.
+    fewest: usize,
+    frames: Vec<ReferenceFrame>,
+    blurs: Vec<f64>,
+    report: PictureSearchReport,
+}
+
+impl<'a> PictureSearch<'a> {
+    /// Looks for `board`, of which at least `fewest` circles must be seen.
+    pub fn new(board: &'a Board, fewest: usize, settings: &'a PictureSettings) -> Self {
+        let report = PictureSearchReport::default();
+        Self { board, settings, fewest, frames: Vec::new(), blurs: Vec::new(), report }
+    }
+
+    /// Searches the pictures of recording number `number` of the camera, which `hand_on` hands on in order of time; their times
+    /// count from `start` (µs on the recording's clock), or else from the exposure of the first. `hand_on` returns in a sentence
+    /// what could not be read.
+    ///
+    /// Returns the time from which they count.
+    ///
+    /// # Errors
+    /// Those of `hand_on`.
+    pub fn search<E>(
+        &mut self,
+        number: usize,
+        start: Option<i64>,
+        hand_on: impl FnOnce(&mut dyn FnMut(TimedImage)) -> Result<Option<String>, E>,
+    ) -> Result<i64, E> {
+        let mut waiting: Vec<TimedImage> = Vec::new();
+        let mut origin = start;
+        let note = hand_on(&mut |image| {
+            origin = origin.or(Some(image.exposure.0));
+            waiting.push(image);
+            if waiting.len() >= PICTURES_TOGETHER {
+                self.search_pictures(std::mem::take(&mut waiting), number, origin.unwrap_or(0));
+            }
+        })?;
+        let origin = origin.unwrap_or(0);
+        self.search_pictures(waiting, number, origin);
+        self.report.notes.extend(note);
+        Ok(origin)
+    }
+
+    fn search_pictures(&mut self, pictures: Vec<TimedImage>, number: usize, start: i64) {
+        let searched: Vec<Searched> = pictures
+            .par_iter()
+            .map_init(|| BoardFinder::new(self.board.pattern), |finder, picture| self.search_picture(picture, finder))
+            .collect();
+        for (picture, searched) in pictures.iter().zip(searched) {
+            self.report.frames += 1;
+            self.report.dots += searched.dots;
+            for reason in searched.dots_refused {
+                *self.report.dots_refused.entry(reason).or_default() += 1;
+            }
+            match searched.board {
+                Ok(SeenBoard { dots, blur }) => {
+                    self.report.with_board += 1;
+                    self.report.board_dots += dots.len() as u64;
+                    self.report.without_exposure += u64::from(!picture.exposure_known);
+                    self.blurs.extend(blur);
+                    self.frames.push(reference_frame(picture, &dots, number, start));
+                }
+                Err(reason) => *self.report.refused.entry(reason).or_default() += 1,
+            }
+        }
+    }
+
+    fn search_picture(&self, picture: &TimedImage, finder: &mut BoardFinder<f32>) -> Searched {
+        let image = match &picture.image {
+            Ok(image) => image,
+            Err(reason) => return Searched { board: Err((*reason).into()), dots: 0, dots_refused: Vec::new() },
+        };
+        // Halfway to the rim of the next dot, in radii.
+        let reach = (0.5 * self.board.neighbour_distance() / self.board.radius).clamp(REACH[0], REACH[1]);
+        let mut dots: Vec<Dot> = Vec::new();
+        let mut dots_refused = Vec::new();
+        for spot in dark_spots(image, self.settings) {
+            match measure(image, &spot, reach, self.settings) {
+                Ok(dot) => dots.push(dot),
+                Err(reason) => dots_refused.push(reason),
+            }
+        }
+        Searched { board: self.find_board(image, &dots, finder), dots: dots.len() as u64, dots_refused }
+    }
+
+    fn find_board(&self, image: &GreyImage, dots: &[Dot], finder: &mut BoardFinder<f32>) -> Result<SeenBoard, NoBoard> {
+        if dots.is_empty() {
+            return Err(NoBoard::NoDots);
+        }
+        let candidates: Vec<GridCandidate<f32>> = within_capacity(dots)
+            .iter()
+            .map(|dot| GridCandidate { center: dot.center.cast(), radius: dot.radius as f32 })
+            .collect();
+        let options = GridOptions {
+            minimum_circles: self.fewest,
+            ..GridOptions::new(&self.board.pattern, (image.width() as f64, image.height() as f64))
+        };
+        let placed = finder.find(&candidates, &options)?;
+        let dots: Vec<(usize, Dot)> =
+            placed.iter().filter_map(|placed| Some((placed.index, *dots.get(placed.candidate)?))).collect();
+        let mut blurs: Vec<f64> = dots.iter().map(|(_, dot)| dot.blur).collect();
+        let blur = median(&mut blurs, f64::total_cmp);
+        if blur.is_some_and(|blur| blur > self.settings.max_blur) {
+            return Err(NoBoard::Blurred);
+        }
+        Ok(SeenBoard { dots, blur })
+    }
+
+    /// The pictures with the board in their order, and the report.
+    pub fn finish(mut self) -> (Vec<ReferenceFrame>, PictureSearchReport) {
+        self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
+        (self.frames, self.report)
+    }
+}
+
+/// The reference frame of recording `number` that shows these dots; its times count from `start` (µs).
+fn reference_frame(picture: &TimedImage, dots: &[(usize, Dot)], number: usize, start: i64) -> ReferenceFrame {
+    let seconds = |t: i64| t.saturating_sub(start) as f64 * 1e-6;
+    let (start, end) = (seconds(picture.exposure.0), seconds(picture.exposure.1));
+    let position = Vector2::new(f64::from(picture.position.0), f64::from(picture.position.1));
+    let circle = |(index, dot): &(usize, Dot)| ObservedCircle {
+        index: *index,
+        t: 0.5 * (start + end),
+        center: dot.center + position,
+        radius: Some(dot.radius),
+        velocity: None,
+    };
+    let circles = dots.iter().map(circle).collect();
+    ReferenceFrame { recording: number, start, end, circles, seen_in: SeenIn::Picture }
+}

@@ -1,0 +1,231 @@
+//! What became of events, windows and circles.
+
+use std::collections::BTreeMap;
+
+use std::fmt;
+
+use evcal_core::circle::CircleCounts;
+use evcal_core::event::{Event, Polarity};
+use serde::{Deserialize, Serialize};
+
+use super::no_board::{NoBoard, only_one_polarity};
+use super::other_board::OtherReading;
+use event_recordings::counted::counted;
+
+/// Why a pair of clusters is no circle. Declared in the order of the words, in which reports list them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum NoCircle {
+    /// Too little of the circle is seen.
+    #[serde(rename = "arc too short")]
+    ArcTooShort,
+    /// The clusters do not face each other.
+    #[serde(rename = "arcs that do not face each other", alias = "back to back")]
+    BackToBack,
+    /// The fitted centre is far from the middle between the clusters.
+    #[serde(rename = "centre not between the arcs", alias = "centre against midpoint")]
+    CenterAgainstMidpoint,
+    /// The pixels are too far from the fitted circle.
+    #[serde(rename = "fit error")]
+    FitError,
+    /// A cluster has a better partner.
+    #[serde(rename = "fits another cluster better", alias = "not mutual")]
+    NotMutual,
+    /// The fitted radius does not go with the distance of the clusters.
+    #[serde(rename = "radius does not fit the distance", alias = "radius against distance")]
+    RadiusAgainstDistance,
+    /// The radius is too small or too large.
+    #[serde(rename = "radius out of bounds")]
+    RadiusOutOfBounds,
+}
+
+impl fmt::Display for NoCircle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // As reports have it.
+        self.serialize(f)
+    }
+}
+
+/// Recordings with fewer events are too short for anything else to be said of them.
+pub const FEWEST_EVENTS: u64 = 1000;
+
+/// What the detection took in and gave out.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DetectionReport {
+    /// Events that came in.
+    pub events: u64,
+    /// Those of them that are ON; not in files, which have them only where a board was found.
+    #[serde(skip)]
+    pub on_events: u64,
+    /// Windows with too few events to be worth a try.
+    pub too_few_events: u64,
+    /// Windows tried.
+    pub windows: u64,
+    /// Windows in which the board was found.
+    pub found: u64,
+    /// Those of them in which only the frames around them told where the board lies.
+    pub found_by_neighbours: u64,
+    /// Circles found in all windows.
+    pub circles: u64,
+    /// Pairs of clusters that were refused, by reason.
+    pub pairs_refused: BTreeMap<NoCircle, u64>,
+    /// Windows without a board, by reason.
+    pub grids_refused: BTreeMap<NoBoard, u64>,
+    /// Windows in which something did not fit the detector's capacity.
+    pub overflowed: u64,
+    /// Circles of the frames found.
+    pub board_circles: u64,
+}
+
+impl DetectionReport {
+    /// Adds the counts of another part.
+    pub fn add(&mut self, other: &Self) {
+        self.events += other.events;
+        self.on_events += other.on_events;
+        self.too_few_events += other.too_few_events;
+        self.windows += other.windows;
+        self.found += other.found;
+        self.found_by_neighbours += other.found_by_neighbours;
+        self.circles += other.circles;
+        self.overflowed += other.overflowed;
+        self.board_circles += other.board_circles;
+        for (reason, count) in &other.pairs_refused {
+            *self.pairs_refused.entry(*reason).or_default() += count;
+        }
+        for (reason, count) in &other.grids_refused {
+            *self.grids_refused.entry(*reason).or_default() += count;
+        }
+    }
+
+    /// Why no window held the board: what most of them lacked. `max_interval` is that of the window policy,
+    /// `other` the board that the circles fit instead.
+    pub fn no_pattern(&self, max_interval: u16, other: Option<OtherReading>) -> NoPattern {
+        NoPattern { report: Box::new(self.clone()), max_interval, other }
+    }
+
+    /// The polarity of all events, where it is one.
+    fn only_polarity(&self) -> Option<Polarity> {
+        match self.on_events {
+            _ if self.events < FEWEST_EVENTS => None,
+            0 => Some(Polarity::Off),
+            on if on == self.events => Some(Polarity::On),
+            _ => None,
+        }
+    }
+
+    /// What most windows lacked, and how many.
+    fn main_reason(&self) -> Option<(NoBoard, u64)> {
+        let reasons = self.grids_refused.iter().map(|(reason, count)| (*reason, *count));
+        let reasons = reasons.chain([(NoBoard::TooFewEvents, self.too_few_events)]).filter(|(_, count)| *count > 0);
+        reasons.min_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)))
+    }
+
+    pub(super) fn count_events(&mut self, events: &[Event]) {
+        self.events += events.len() as u64;
+        self.on_events += events.iter().filter(|event| event.polarity == Polarity::On).count() as u64;
+    }
+
+    pub(super) fn count_pairs(&mut self, counts: &CircleCounts) {
+        self.circles += u64::from(counts.circles);
+        for (reason, count) in [
+            (NoCircle::BackToBack, counts.back_to_back),
+            (NoCircle::RadiusOutOfBounds, counts.radius_out_of_bounds),
+            (NoCircle::ArcTooShort, counts.arc_too_short),
+            (NoCircle::RadiusAgainstDistance, counts.radius_against_distance),
+            (NoCircle::CenterAgainstMidpoint, counts.center_against_midpoint),
+            (NoCircle::FitError, counts.error_too_large),
+            (NoCircle::NotMutual, counts.not_mutual),
+        ] {
+            if count > 0 {
+                *self.pairs_refused.entry(reason).or_default() += u64::from(count);
+            }
+        }
+    }
+}
+
+/// That there are so few events that no more can be said.
+pub fn too_short(events: u64) -> String {
+    format!("the recording is too short, with only {}", counted(events, "event", "events"))
+}
+
+/// Why no window held the board, and what to do about it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub struct NoPattern {
+    report: Box<DetectionReport>,
+    max_interval: u16,
+    other: Option<OtherReading>,
+}
+
+impl NoPattern {
+    /// What was found in place of the board.
+    pub fn report(&self) -> &DetectionReport {
+        &self.report
+    }
+}
+
+impl fmt::Display for NoPattern {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "no pattern found in {} windows", self.report.windows + self.report.too_few_events)?;
+        // One advice: what fits.
+        if let Some(other) = &self.other {
+            return write!(f, "; {other}");
+        }
+        let events = self.report.events;
+        if (1..FEWEST_EVENTS).contains(&events) {
+            return write!(f, ": {}: record 10 seconds", too_short(events));
+        }
+        if let Some(polarity) = self.report.only_polarity() {
+            return write!(f, ": {}", only_one_polarity(polarity));
+        }
+        if let Some((reason, count)) = self.report.main_reason() {
+            write!(f, ": {count} had {reason}: {}", reason.advice(self.max_interval))?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_most_windows_lacked_is_named_with_what_to_do() {
+        let mut report = DetectionReport { windows: 9, too_few_events: 4, ..DetectionReport::default() };
+        assert_eq!(
+            report.no_pattern(100, None).to_string(),
+            "no pattern found in 13 windows: 4 had too few events: move faster, or set a larger detection.window.max_interval (now 100)"
+        );
+        report.grids_refused = BTreeMap::from([(NoBoard::BesideBoard, 5), (NoBoard::NoLattice, 4)]);
+        let text = report.no_pattern(100, None).to_string();
+        assert!(text.contains("5 had circles beside the board: is --board right"), "{text}");
+        let board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
+        let text = report.no_pattern(100, Some(OtherReading { fitting: 7, windows: 8, board })).to_string();
+        assert_eq!(
+            text,
+            "no pattern found in 13 windows; 7 of 8 windows fit --board acircles:9x4:55mm:r17.5mm instead"
+        );
+        assert_eq!(DetectionReport::default().no_pattern(1, None).to_string(), "no pattern found in 0 windows");
+    }
+
+    /// Recordings without OFF events led to the focus, and such of ten events to a faster motion.
+    #[test]
+    fn one_polarity_or_too_few_events_come_before_what_the_windows_lacked() {
+        let event = |polarity: Polarity| Event { t: 0, x: 1, y: 1, polarity };
+        let told = |events: &[Event]| {
+            let mut report = DetectionReport { windows: 9, too_few_events: 9, ..DetectionReport::default() };
+            report.count_events(events);
+            let mut sum = DetectionReport::default();
+            sum.add(&report);
+            sum.no_pattern(100, None).to_string()
+        };
+        for (polarity, name) in [(Polarity::On, "ON"), (Polarity::Off, "OFF")] {
+            let text = told(&vec![event(polarity); 1000]);
+            assert!(text.contains(&format!("windows: all events are {name}, and")), "{text}");
+            assert!(text.contains("export the polarity too") && !text.contains("move faster"), "{text}");
+        }
+        let both = [vec![event(Polarity::On); 1000], vec![event(Polarity::Off)]].concat();
+        assert!(told(&both).contains("too few events: move faster"));
+        let few = told(&[event(Polarity::On); 10]);
+        assert!(few.ends_with("the recording is too short, with only 10 events: record 10 seconds"), "{few}");
+        assert!(told(&[event(Polarity::On)]).contains("only 1 event:"));
+    }
+}

@@ -1,0 +1,227 @@
+//! Looking for the board, or for circles of any kind, in one recording or circle stream.
+
+use std::io;
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use evcal_core::pattern::Pattern;
+use evcal_core::sensor::Sensor;
+use nalgebra::Vector2;
+
+use super::settings::DetectionSettings;
+use super::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR, order_frames};
+use crate::circles::event_pixel::EventPixel;
+use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
+use crate::circles::stream::CircleStream;
+use crate::circles::track::{self, CircleFrames};
+use evcal_files::FileError;
+use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated};
+use event_recordings::likely_sensor::{likely_sensor_of, sensor_advice};
+use event_recordings::pass::read_while;
+use event_recordings::{ReadReport, Recording, RecordingError};
+
+/// What is looked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SearchFor {
+    /// The board.
+    Board(Pattern),
+    /// Circles of any kind, in windows with at least this many.
+    Circles(usize),
+}
+
+/// What was found.
+#[derive(Clone, Debug)]
+pub struct FoundCircles {
+    /// The frames or windows.
+    pub content: FoundContent,
+    /// What the detection took in and gave out.
+    pub report: DetectionReport,
+    /// What was taken for granted when the recording was read.
+    pub notes: Vec<String>,
+    /// Time from which those of `content` count (µs).
+    pub origin_us: i64,
+}
+
+/// Where the board or circles were found.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub enum FoundContent {
+    /// The board.
+    Boards(Pattern, Vec<ReferenceFrame>),
+    /// Circles in events.
+    Windows(Vec<CircleWindow>),
+    /// Circles in a circle stream.
+    Frames(Vec<UnorderedFrame>),
+}
+
+/// The events of one window, and the circles in it.
+pub struct BestWindow<'a> {
+    /// One entry per pixel and polarity.
+    pub pixels: &'a [EventPixel],
+    /// Centre and radius in pixels.
+    pub circles: Vec<(Vector2<f64>, f64)>,
+}
+
+/// Why a recording cannot be searched.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SearchError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The sensor size is not known.
+    #[error("{file} does not say how many pixels the sensor has: {}", sensor_advice(*.likely))]
+    SensorUnknown {
+        /// The file.
+        file: String,
+        /// The smallest usual sensor that has all its pixels.
+        likely: Option<Sensor>,
+    },
+    /// The sensor that was asked for is not that of the recording.
+    #[error(transparent)]
+    OtherSensor(#[from] OtherSensor),
+    /// The sensor is too large.
+    #[error("{file} is of a sensor of {sensor} pixels; up to {} are supported", LARGEST_SENSOR)]
+    SensorTooLarge {
+        /// The file.
+        file: String,
+        /// Its sensor.
+        sensor: Sensor,
+    },
+}
+
+/// The sensor of a recording, if the detector has room for it.
+///
+/// # Errors
+/// [`SearchError`] if not, or if the recording does not tell it.
+pub fn sensor_of(recording: &Recording) -> Result<Sensor, SearchError> {
+    check_stated(recording)?;
+    let file = || recording.path().display().to_string();
+    let unknown = || SearchError::SensorUnknown { file: file(), likely: likely_sensor_of(recording) };
+    let sensor = recording.open()?.information().sensor.ok_or_else(unknown)?;
+    if sensor.width > LARGEST_SENSOR.width || sensor.height > LARGEST_SENSOR.height {
+        return Err(SearchError::SensorTooLarge { file: file(), sensor });
+    }
+    Ok(sensor)
+}
+
+/// Searches the events of `recording`, which are of this `sensor`.
+///
+/// # Errors
+/// [`RecordingError`] when it cannot be read.
+pub fn search_events(
+    recording: &Recording,
+    sensor: Sensor,
+    wanted: SearchFor,
+    settings: &DetectionSettings,
+) -> Result<FoundCircles, RecordingError> {
+    Ok(search(recording, sensor, wanted, settings, |_| {})?.0)
+}
+
+/// As [`search_events`] of a recording whose sensor may have been asked for; `progress` is told which part of the recording was searched, 0 to 1, where that is known.
+///
+/// # Errors
+/// [`SearchError`] when it cannot be read, or many events lie outside of that sensor.
+pub fn search_events_telling(
+    recording: &Recording,
+    sensor: Sensor,
+    wanted: SearchFor,
+    settings: &DetectionSettings,
+    mut progress: impl FnMut(Option<f64>),
+) -> Result<FoundCircles, SearchError> {
+    let (found, report) = search(recording, sensor, wanted, settings, &mut progress)?;
+    check_outside(recording, &report)?;
+    Ok(found)
+}
+
+/// Searches; what the reader met comes second.
+fn search(
+    recording: &Recording,
+    sensor: Sensor,
+    wanted: SearchFor,
+    settings: &DetectionSettings,
+    mut progress: impl FnMut(Option<f64>),
+) -> Result<(FoundCircles, ReadReport), RecordingError> {
+    let mut stage = match wanted {
+        SearchFor::Board(pattern) => DetectionStage::for_board(settings, sensor, pattern, 0),
+        SearchFor::Circles(fewest) => DetectionStage::for_circles(settings, sensor, fewest),
+    };
+    let pass = read_while(recording, &mut |batch| {
+        stage.push(batch.events);
+        progress(batch.done);
+        ControlFlow::Continue(())
+    })?;
+    let (content, report) = match wanted {
+        SearchFor::Board(pattern) => {
+            let (frames, report) = stage.into_frames();
+            (FoundContent::Boards(pattern, frames), report)
+        }
+        SearchFor::Circles(_) => {
+            let (windows, report) = stage.into_circles();
+            (FoundContent::Windows(windows), report)
+        }
+    };
+    Ok((FoundCircles { content, report, origin_us: pass.first, notes: pass.to_report().notes }, pass.report))
+}
+
+/// Looks through the circles that a device found. `sensor` is the size given for it, if any.
+pub fn search_stream(stream: CircleStream, sensor: Option<Sensor>, wanted: SearchFor) -> FoundCircles {
+    let CircleStream { track, sensor: told, .. } = stream;
+    let frames = match track.frames {
+        CircleFrames::Unordered(frames) => frames,
+        // A device does not know the board.
+        CircleFrames::Ordered(_) => Vec::new(),
+    };
+    let (content, report) = match wanted {
+        SearchFor::Board(pattern) => {
+            let (ordered, report) = order_frames(&frames, &pattern, sensor.or(told));
+            (FoundContent::Boards(pattern, ordered), report)
+        }
+        SearchFor::Circles(fewest) => {
+            let windows = frames.len() as u64;
+            let enough: Vec<UnorderedFrame> =
+                frames.into_iter().filter(|frame| frame.circles.len() >= fewest).collect();
+            let found = enough.len() as u64;
+            let report =
+                DetectionReport { windows, found, circles: track.circles as u64, ..DetectionReport::default() };
+            (FoundContent::Frames(enough), report)
+        }
+    };
+    FoundCircles { content, report, origin_us: track.time_origin_us, notes: track.notes }
+}
+
+impl FoundCircles {
+    /// Writes the circles as a circle track.
+    ///
+    /// # Errors
+    /// [`FileError`].
+    pub fn write_track(&self, path: &Path) -> Result<(), FileError> {
+        evcal_files::write_with(path, |file| -> io::Result<()> {
+            match &self.content {
+                FoundContent::Boards(pattern, frames) => track::write(file, frames, pattern, self.origin_us),
+                FoundContent::Windows(windows) => {
+                    let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
+                    track::write_unordered(file, &frames, self.origin_us)
+                }
+                FoundContent::Frames(frames) => track::write_unordered(file, frames, self.origin_us),
+            }
+        })
+    }
+
+    /// The window with most circles; `None` if nothing was found, or in a circle stream, which has no events.
+    pub fn best_window(&self) -> Option<BestWindow<'_>> {
+        match &self.content {
+            FoundContent::Boards(_, frames) => {
+                let frame = frames.iter().rev().max_by_key(|frame| frame.circles.len())?;
+                let circles =
+                    frame.circles.iter().map(|circle| (circle.center, circle.radius.unwrap_or(1.0))).collect();
+                Some(BestWindow { pixels: frame.events().unwrap_or_default(), circles })
+            }
+            FoundContent::Windows(windows) => {
+                let window = windows.iter().rev().max_by_key(|window| window.circles.len())?;
+                Some(BestWindow { pixels: &window.pixels, circles: window.circles.clone() })
+            }
+            FoundContent::Frames(_) => None,
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! Thresholds from events to reference frames.
+
+use std::borrow::Cow;
+use std::str::FromStr;
+
+use super::dot_shape::DotShape;
+use evcal_core::circle::{CircleSettings, Extraction};
+use evcal_core::cluster::ClusterSettings;
+use evcal_core::detector::DetectorSettings;
+use evcal_core::grid::GridCandidate;
+use evcal_core::pattern::Pattern;
+use evcal_core::sensor::Sensor;
+use evcal_core::settings;
+use evcal_core::settings::{at_least, from_to};
+use evcal_core::window::WindowSettings;
+use serde::{Deserialize, Serialize};
+
+use super::board_finder::PlacedCircle;
+use super::no_board::NoBoard;
+
+/// How circles are ordered into the board.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", try_from = "String")]
+pub enum Grid {
+    /// Lattice growth; partial boards and clutter are tolerated.
+    #[default]
+    Lattice,
+    /// OpenCV's `findCirclesGrid`, complete boards only.
+    Opencv,
+}
+
+/// A text that names no grid finder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no grid finder of this name: write lattice or opencv")]
+pub struct GridNameError;
+
+/// Finds the circles of a whole board among candidates, as OpenCV's `findCirclesGrid` does.
+#[derive(Clone, Copy, Debug)]
+pub struct WholeBoardFinder(pub fn(&[GridCandidate<f32>], &Pattern) -> Result<Vec<PlacedCircle>, NoBoard>);
+
+impl PartialEq for WholeBoardFinder {
+    fn eq(&self, other: &Self) -> bool {
+        std::ptr::fn_addr_eq(self.0, other.0)
+    }
+}
+
+impl FromStr for Grid {
+    type Err = GridNameError;
+
+    fn from_str(name: &str) -> Result<Self, GridNameError> {
+        match name {
+            "lattice" => Ok(Self::Lattice),
+            "opencv" => Ok(Self::Opencv),
+            _ => Err(GridNameError),
+        }
+    }
+}
+
+impl TryFrom<String> for Grid {
+    type Error = GridNameError;
+
+    fn try_from(name: String) -> Result<Self, GridNameError> {
+        name.parse()
+    }
+}
+
+settings! {
+    /// From events to reference frames (sections 1 to 4 of method.md). `max_radius` and `most_events` are for 346 columns and grow with the sensor.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct DetectionSettings {
+        /// How a circle follows from a pair of clusters: `"hard"` fits a circle to the pixels of both, `"soft"`
+        /// takes the line between their centres as diameter.
+        pub extraction: Extraction = Extraction::Hard;
+        /// How circles are ordered into the board: `"lattice"` grows a lattice from neighbour to neighbour and
+        /// tolerates partial boards and clutter; `"opencv"` is `findCirclesGrid`, complete boards only, in builds
+        /// with OpenCV.
+        pub grid: Grid = Grid::Lattice;
+        /// OpenCV's grid finder, where it is there. Not in settings files.
+        #[serde(skip)]
+        pub opencv: Option<WholeBoardFinder> = None;
+        /// Length of the parts of a recording that are searched independently of each other.
+        pub chunk: f64 = 0.1, "s", from_to(1e-3, 10.0);
+        /// Smallest share of the board's circles that makes a reference frame; never fewer than 6 circles.
+        pub fewest_circles: f64 = 0.4, "", from_to(0.0, 1.0);
+        /// Longest time from a reference frame to a window whose circles could lie in several places on the board:
+        /// the frame then tells in which. 0 leaves such windows out.
+        pub longest_prediction: f64 = 0.03, "s", at_least(0.0);
+        /// Largest amplitude of four corners in the dots' rims. The dots are rejected if all windows together exceed
+        /// this by more than 3 σ, or a single window exceeds twice this by more than 3 σ. Squares have 0.11.
+        pub largest_corners: f64 = 0.02, "radii", at_least(0.0);
+        /// Most events of the opposite polarity within and around the dots, beyond what noise has, as a share of those on their
+        /// rims, in all windows together; one window may have twice this. Rings have more.
+        pub most_hollow: f64 = 0.12, "", at_least(0.0);
+        /// Which stretch of time is searched.
+        pub window: WindowSettings;
+        /// DBSCAN.
+        pub cluster: ClusterSettings;
+        /// Circle extraction.
+        pub circle: CircleSettings;
+    }
+}
+
+/// No frame has fewer circles, however small the board.
+const FEWEST_CIRCLES: usize = 6;
+/// One window has to tell so many times as much.
+const OF_ONE_WINDOW: f64 = 2.0;
+/// Standard deviations beyond which corners are certain.
+const CERTAIN: f64 = 3.0;
+/// Longer side of the sensor that the defaults are for, in pixels.
+const USUAL_SIDE: f64 = 346.0;
+
+impl DetectionSettings {
+    /// The same for this sensor: on one with more pixels the same board has larger circles, and their edges more pixels.
+    pub fn for_sensor(&self, sensor: Sensor) -> Cow<'_, Self> {
+        let scale = f64::from(sensor.width.max(sensor.height)) / USUAL_SIDE;
+        if scale <= 1.0 {
+            return Cow::Borrowed(self);
+        }
+        let mut settings = self.clone();
+        settings.circle.max_radius = (f64::from(self.circle.max_radius) * scale) as f32;
+        settings.window.most_events = (f64::from(self.window.most_events) * scale) as u32;
+        Cow::Owned(settings)
+    }
+
+    /// Whether the dots of a board may be discs, as far as all its windows tell.
+    pub(super) fn may_be_discs(&self, shape: &DotShape) -> bool {
+        self.tolerates(shape, 1.0)
+    }
+
+    /// The same of one window.
+    pub(super) fn may_be_discs_in_window(&self, shape: &DotShape) -> bool {
+        self.tolerates(shape, OF_ONE_WINDOW)
+    }
+
+    fn tolerates(&self, shape: &DotShape, factor: f64) -> bool {
+        let certain = shape.corners().map_or(0.0, |(amplitude, sigma)| amplitude - CERTAIN * sigma);
+        certain <= factor * self.largest_corners && shape.hollowness() <= factor * self.most_hollow
+    }
+
+    /// The part that the core's detector takes.
+    pub fn detector(&self) -> DetectorSettings {
+        DetectorSettings { extraction: self.extraction, cluster: self.cluster, circle: self.circle }
+    }
+
+    /// Fewest circles of a board that make a reference frame.
+    pub fn fewest_circles(&self, pattern: &Pattern) -> usize {
+        ((self.fewest_circles * pattern.circle_count() as f64).ceil() as usize).max(FEWEST_CIRCLES)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn larger_sensors_have_larger_circles_and_no_other_sensor_changes_anything() {
+        let settings = DetectionSettings::default();
+        for sensor in [Sensor::new(346, 260), Sensor::new(128, 128), Sensor::new(240, 180)] {
+            assert_eq!(*settings.for_sensor(sensor), settings);
+        }
+        let large = settings.for_sensor(Sensor::new(1280, 720)).into_owned();
+        assert!((large.circle.max_radius - 32.0 * 1280.0 / 346.0).abs() < 0.01);
+        assert_eq!(large.window.most_events, 29_595);
+        let same = DetectionSettings { circle: settings.circle, window: settings.window, ..large };
+        assert_eq!(same, settings);
+    }
+}

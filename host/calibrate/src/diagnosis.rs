@@ -1,0 +1,8 @@
+//! What a recording says about its camera, its light and its readout, apart from any board.
+
+pub mod bad_pixels;
+pub mod disorder;
+pub mod fingerprint;
+pub mod flicker;
+pub mod information;
+pub mod saturation;

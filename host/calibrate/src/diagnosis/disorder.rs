@@ -1,0 +1,57 @@
+//! Events that are not in the order of their times.
+
+use std::fmt;
+
+use event_recordings::ReadReport;
+
+/// They are told from this share of all events on.
+const MANY: f64 = 0.05;
+/// Steps back by less (µs) move no edge by as much as a pixel.
+const LONG: i64 = 1000;
+
+/// Events that are earlier than one before them. A reader gives them the time of that one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Disorder {
+    /// Their share of all events.
+    pub share: f64,
+    /// The largest step back (µs).
+    pub largest: i64,
+}
+
+impl Disorder {
+    /// What a pass through a recording met, if it is much.
+    pub fn met(report: &ReadReport) -> Option<Self> {
+        let share = report.steps_back as f64 / report.events.max(1) as f64;
+        let largest = report.largest_step_back;
+        (share > MANY && largest >= LONG).then_some(Self { share, largest })
+    }
+
+    /// What to do.
+    pub fn advice(&self) -> String {
+        "sort the events by time".to_owned()
+    }
+}
+
+impl fmt::Display for Disorder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let milliseconds = self.largest as f64 * 1e-3;
+        write!(f, "{:.0} % of the events are up to {milliseconds:.0} ms earlier than one before", 100.0 * self.share)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_long_steps_back_are_told() {
+        let met = |steps_back, largest_step_back| {
+            Disorder::met(&ReadReport { events: 1000, steps_back, largest_step_back, ..ReadReport::default() })
+        };
+        let told = met(990, 29_980).unwrap();
+        assert_eq!(told.to_string(), "99 % of the events are up to 30 ms earlier than one before");
+        // A camera whose columns come a few microseconds apart, and a few events from another thread.
+        assert_eq!((met(500, 20), met(40, 50_000), met(0, 0)), (None, None, None));
+        assert_eq!(Disorder::met(&ReadReport::default()), None);
+    }
+}

@@ -1,0 +1,276 @@
+//! What a recording holds, at a glance: the content of `evcal info`.
+
+mod statistics;
+mod text;
+
+use evcal_core::event::Polarity;
+use evcal_core::sensor::Sensor;
+use serde::Serialize;
+
+use self::statistics::Statistics;
+use crate::diagnosis::flicker::Flicker;
+use event_recordings::date::date;
+use event_recordings::extras::open_extras;
+use event_recordings::likely_sensor::likely_sensor;
+use event_recordings::{ReadReport, Recording, RecordingError, StreamSummary};
+
+/// How many gaps and hot pixels are listed.
+const LISTED: usize = 10;
+/// What a recording holds.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Information {
+    /// The file.
+    pub path: String,
+    /// Name of its format.
+    pub format: &'static str,
+    /// Model and serial number of the camera.
+    pub camera_name: Option<String>,
+    /// When it was recorded, if the file tells that.
+    pub began: Option<String>,
+    /// Width and height of the sensor in pixels, if known.
+    pub sensor: Option<Sensor>,
+    /// The smallest usual sensor that all events fit in, if the recording does not say.
+    pub likely_sensor: Option<Sensor>,
+    /// Time stamps of the first and the last event in µs.
+    pub times_us: Option<(i64, i64)>,
+    /// Time from the first to the last event in seconds.
+    pub duration_s: f64,
+    /// Number of events.
+    pub events: u64,
+    /// Share of ON events, 0 to 1; `None` without events.
+    pub on_share: Option<f64>,
+    /// Events per second over the whole recording.
+    pub mean_rate: f64,
+    /// The 10 ms with the most events.
+    pub peak: Option<Peak>,
+    /// When the readout had more events than it can read; `None` where it never had.
+    pub saturation: Option<SaturatedReadout>,
+    /// Whether the light flickers.
+    pub flicker: Option<Flicker>,
+    /// Number of times without events for more than 0.1 s.
+    pub gap_count: u64,
+    /// The longest of them, in the order of time.
+    pub longest_gaps: Vec<Gap>,
+    /// Number of pixels that sent an event.
+    pub active_pixels: u64,
+    /// Number of pixels with more than ten times the events of the median active pixel, and more than 50.
+    pub hot_pixel_count: u64,
+    /// Those with the most events.
+    pub hottest_pixels: Vec<HotPixel>,
+    /// Columns without a single event among those that send many.
+    pub dead_columns: Vec<u16>,
+    /// Everything in the file, by stream; empty for formats with one stream of events.
+    pub streams: Vec<StreamSummary>,
+    /// What the reader met.
+    pub report: ReadReport,
+    /// What the reader took for granted.
+    pub notes: Vec<String>,
+    /// Why reading stopped before the end.
+    pub error: Option<String>,
+}
+
+/// The 10 ms of a recording with the most events.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Peak {
+    /// Events per second.
+    pub rate: f64,
+    /// When, in seconds after the first event.
+    pub t_s: f64,
+}
+
+/// A readout with more events than it can read: they come late.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SaturatedReadout {
+    /// Events per second that it can read.
+    pub rate: f64,
+    /// For how long in seconds.
+    pub duration_s: f64,
+    /// When for the first time, in seconds after the first event.
+    pub t_s: f64,
+}
+
+/// A time without events.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Gap {
+    /// When it begins, in seconds after the first event.
+    pub t_s: f64,
+    /// How long it is in seconds.
+    pub duration_s: f64,
+}
+
+/// A pixel that sends far more events than others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct HotPixel {
+    /// Column.
+    pub x: u16,
+    /// Row.
+    pub y: u16,
+    /// Its events.
+    pub events: u64,
+}
+
+/// Reads the whole recording once.
+///
+/// # Errors
+/// When it cannot be opened. An error further on ends up in [`Information::error`], with the figures
+/// of what was read until then.
+pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
+    let mut information = gather_events(recording)?;
+    information.streams = recording.streams()?;
+    information.notes.extend(open_extras(recording)?.chosen());
+    Ok(information)
+}
+
+/// As [`gather`], of the events alone: [`Information::streams`] stays empty.
+///
+/// # Errors
+/// As there.
+pub fn gather_events(recording: &Recording) -> Result<Information, RecordingError> {
+    let mut reader = recording.open()?;
+    let mut statistics = Statistics::default();
+    let mut events = Vec::new();
+    let error = loop {
+        match reader.next_batch(&mut events) {
+            Ok(true) => events.iter().for_each(|event| statistics.add(event)),
+            Ok(false) => break None,
+            Err(error) => break Some(error.kind.to_string()),
+        }
+    };
+    let known = reader.information();
+    let times_us = statistics.first.map(|first| (first, statistics.latest));
+    let duration_s = times_us.map_or(0.0, |(first, last)| seconds(last - first));
+    let (hot_pixel_count, hottest_pixels) = statistics.hot_pixels();
+    let likely_sensor = match known.sensor {
+        None if statistics.events > 0 => likely_sensor(statistics.largest),
+        _ => None,
+    };
+    Ok(Information {
+        path: recording.path().display().to_string(),
+        format: known.format,
+        camera_name: known.camera_name.clone(),
+        began: known.began.clone().or_else(|| date(statistics.first?)),
+        sensor: known.sensor,
+        likely_sensor,
+        times_us,
+        duration_s,
+        events: statistics.events,
+        on_share: (statistics.events > 0).then(|| statistics.on_events as f64 / statistics.events as f64),
+        mean_rate: if duration_s > 0.0 { statistics.events as f64 / duration_s } else { 0.0 },
+        peak: statistics.peak(),
+        saturation: statistics.saturation(),
+        flicker: statistics.bins.flicker(),
+        gap_count: statistics.gap_count,
+        longest_gaps: statistics.gaps(),
+        active_pixels: statistics.pixels.len() as u64,
+        hot_pixel_count,
+        hottest_pixels,
+        dead_columns: statistics.dead_columns(),
+        streams: Vec::new(),
+        report: reader.report().clone(),
+        notes: known.notes.clone(),
+        error,
+    })
+}
+
+fn seconds(microseconds: i64) -> f64 {
+    microseconds as f64 / 1e6
+}
+
+impl Information {
+    /// The polarity of all events, where it is one.
+    pub fn only_polarity(&self) -> Option<Polarity> {
+        match self.on_share? {
+            0.0 => Some(Polarity::Off),
+            1.0 => Some(Polarity::On),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use evcal_core::event::Event;
+
+    use super::*;
+    use event_recordings::RecordingOptions;
+    use event_recordings::encode::OutputFormat;
+    use event_recordings::write::EventWriter;
+
+    fn of(path: &Path) -> Information {
+        gather(&Recording::new(path, RecordingOptions::default()).unwrap()).unwrap()
+    }
+
+    /// 1000 events at 1 kev/s going round 100 pixels, 500 in 5 ms from 2 s on at (7, 7), and one at 3 s.
+    fn write(path: &Path, output: OutputFormat) {
+        let on = |index: i64| if index % 4 == 0 { Polarity::On } else { Polarity::Off };
+        let calm = (0..1000).map(|index| Event { t: index * 1000, x: index as u16 % 100, y: 9, polarity: on(index) });
+        let burst = (0..500).map(|index| Event { t: 2_000_000 + index * 10, x: 7, y: 7, polarity: on(index) });
+        let last = Event { t: 3_000_000, x: 345, y: 259, polarity: Polarity::Off };
+        let events: Vec<Event> = calm.chain(burst).chain([last]).collect();
+        let mut writer = EventWriter::create(path, output, Sensor::new(346, 260), "camera 1").unwrap();
+        writer.write(&events).unwrap();
+        writer.finish().unwrap();
+    }
+
+    #[test]
+    fn figures_are_those_of_the_events() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.aedat4");
+        write(&path, OutputFormat::from_extension(&path).unwrap());
+        let information = of(&path);
+        assert_eq!((information.events, information.times_us), (1501, Some((0, 3_000_000))));
+        assert_eq!(information.on_share, Some(375.0 / 1501.0));
+        assert_eq!(information.mean_rate, 1501.0 / 3.0);
+        assert_eq!(information.peak, Some(Peak { rate: 50_000.0, t_s: 2.0 }));
+        let gaps = [Gap { t_s: 0.999, duration_s: 1.001 }, Gap { t_s: 2.00499, duration_s: 0.99501 }];
+        assert_eq!((information.gap_count, information.longest_gaps.as_slice()), (2, gaps.as_slice()));
+        let hottest = [HotPixel { x: 7, y: 7, events: 500 }];
+        assert_eq!((information.active_pixels, information.hot_pixel_count), (102, 1));
+        assert_eq!(information.hottest_pixels, hottest);
+        assert_eq!(information.streams.len(), 1);
+        assert_eq!(information.streams[0].elements, 1501);
+        assert_eq!((information.sensor, information.likely_sensor), (Some(Sensor::new(346, 260)), None));
+        let text = information.to_string();
+        for part in ["AEDAT4", "camera 1", "346 x 260", "25.0 % ON", "(7, 7): 500"] {
+            assert!(text.contains(part), "{text}");
+        }
+        assert!(serde_json::to_string(&information).unwrap().contains("\"gap_count\":2"));
+    }
+
+    /// A pixel of a short recording was hot with eleven events, which the verdict of a calibration did not call so.
+    #[test]
+    fn few_events_make_no_pixel_hot() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.csv");
+        let lines = |count: usize| {
+            let calm = (0..100).map(|x| format!("{x},{x},9,1\n"));
+            "t_us,x,y,p\n".to_owned()
+                + &calm.chain((0..count).map(|t| format!("{},7,7,1\n", 100 + t))).collect::<String>()
+        };
+        for (count, hot) in [(50, 0), (51, 1)] {
+            std::fs::write(&path, lines(count)).unwrap();
+            assert_eq!(of(&path).hot_pixel_count, hot, "{count}");
+        }
+    }
+
+    #[test]
+    fn a_sensor_that_is_not_given_is_guessed() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.bin");
+        write(&path, OutputFormat::from_extension(&path).unwrap());
+        let information = of(&path);
+        assert_eq!((information.sensor, information.likely_sensor), (None, Some(Sensor::new(346, 260))));
+    }
+
+    #[test]
+    fn an_error_keeps_what_was_read_before() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.csv");
+        std::fs::write(&path, "t_us,x,y,p\n1,2,3,1\n2,2,3,1\n3,2,3,nan\n").unwrap();
+        let information = of(&path);
+        assert_eq!(information.events, 2);
+        assert!(information.error.unwrap().contains("line 4"));
+    }
+}

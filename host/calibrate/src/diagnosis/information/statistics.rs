@@ -1,0 +1,127 @@
+//! Counts the events of a recording.
+
+use std::cmp::Reverse;
+use std::collections::HashMap;
+
+use evcal_core::event::{Event, Polarity};
+
+use super::{Gap, HotPixel, LISTED, Peak, SaturatedReadout, seconds};
+use crate::diagnosis::bad_pixels::{dead_lines, most_of_good};
+use crate::diagnosis::flicker::RateBins;
+use crate::diagnosis::saturation::SaturationDetector;
+
+/// Length of the bins of the peak rate, in microseconds.
+const RATE_BIN: i64 = 10_000;
+/// Time without events that counts as a gap, in microseconds.
+const GAP: i64 = 100_000;
+
+/// What was counted so far.
+#[derive(Default)]
+pub(super) struct Statistics {
+    pub(super) events: u64,
+    pub(super) on_events: u64,
+    /// Time stamps of the first and the latest event (us).
+    pub(super) first: Option<i64>,
+    pub(super) latest: i64,
+    /// The largest column and row of an event.
+    pub(super) largest: (u16, u16),
+    /// Start and number of events of the present bin and of the fullest one before.
+    bin: (i64, u64),
+    fullest_bin: (i64, u64),
+    pub(super) gap_count: u64,
+    /// Duration and start of the longest gaps.
+    longest_gaps: Vec<(i64, i64)>,
+    /// Events of each pixel.
+    pub(super) pixels: HashMap<(u16, u16), u64>,
+    saturation: SaturationDetector,
+    pub(super) bins: RateBins,
+}
+
+impl Statistics {
+    pub(super) fn add(&mut self, event: &Event) {
+        match self.first {
+            None => {
+                self.first = Some(event.t);
+                self.bin.0 = event.t;
+            }
+            Some(_) if event.t - self.latest > GAP => {
+                self.gap_count += 1;
+                self.longest_gaps.push((event.t - self.latest, self.latest));
+                if self.longest_gaps.len() > 2 * LISTED {
+                    self.keep_longest_gaps();
+                }
+            }
+            Some(_) => {}
+        }
+        self.latest = event.t;
+        self.events += 1;
+        self.on_events += u64::from(event.polarity == Polarity::On);
+        self.largest = (self.largest.0.max(event.x), self.largest.1.max(event.y));
+        let after_bin = event.t - self.bin.0;
+        if after_bin >= RATE_BIN {
+            self.close_bin();
+            self.bin = (event.t - after_bin % RATE_BIN, 0);
+        }
+        self.bin.1 += 1;
+        self.saturation.add(event.t - self.first.unwrap_or(event.t));
+        self.bins.add(event.t - self.first.unwrap_or(event.t), event.polarity);
+        *self.pixels.entry((event.x, event.y)).or_default() += 1;
+    }
+
+    fn close_bin(&mut self) {
+        if self.bin.1 > self.fullest_bin.1 {
+            self.fullest_bin = self.bin;
+        }
+    }
+
+    pub(super) fn peak(&mut self) -> Option<Peak> {
+        self.close_bin();
+        let (start, events) = self.fullest_bin;
+        Some(Peak { rate: events as f64 / seconds(RATE_BIN), t_s: seconds(start - self.first?) })
+    }
+
+    pub(super) fn saturation(&self) -> Option<SaturatedReadout> {
+        let found = self.saturation.finish();
+        let (t_s, _) = *found.stretches.first()?;
+        Some(SaturatedReadout { rate: found.rate, duration_s: found.duration(), t_s })
+    }
+
+    fn keep_longest_gaps(&mut self) {
+        self.longest_gaps.sort_by_key(|&(duration, start)| (Reverse(duration), start));
+        self.longest_gaps.truncate(LISTED);
+    }
+
+    pub(super) fn gaps(&mut self) -> Vec<Gap> {
+        self.keep_longest_gaps();
+        self.longest_gaps.sort_by_key(|&(_, start)| start);
+        let first = self.first.unwrap_or_default();
+        let gap = |&(duration, start): &(i64, i64)| Gap { t_s: seconds(start - first), duration_s: seconds(duration) };
+        self.longest_gaps.iter().map(gap).collect()
+    }
+
+    /// Columns that send nothing while most send many events.
+    pub(super) fn dead_columns(&self) -> Vec<u16> {
+        let mut columns = vec![0; if self.events > 0 { usize::from(self.largest.0) + 1 } else { 0 }];
+        for ((x, _), events) in &self.pixels {
+            if let Some(column) = columns.get_mut(usize::from(*x)) {
+                *column += events;
+            }
+        }
+        dead_lines(&columns)
+    }
+
+    /// The number of hot pixels, and the hottest of them.
+    pub(super) fn hot_pixels(&self) -> (u64, Vec<HotPixel>) {
+        let limit = most_of_good(self.pixels.values().copied());
+        let mut hot: Vec<HotPixel> = self
+            .pixels
+            .iter()
+            .filter(|&(_, &events)| events > limit)
+            .map(|(&(x, y), &events)| HotPixel { x, y, events })
+            .collect();
+        hot.sort_by_key(|pixel| (Reverse(pixel.events), pixel.y, pixel.x));
+        let count = hot.len() as u64;
+        hot.truncate(LISTED);
+        (count, hot)
+    }
+}

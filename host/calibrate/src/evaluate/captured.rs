@@ -1,0 +1,90 @@
+//! A calibration's trajectory against a file of motion capture.
+
+use std::fs::File;
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
+
+use nalgebra::Isometry3;
+
+use super::comparison::TRAJECTORY_FILE;
+use super::pose_by_intrinsics::{KnownCamera, pose_by_intrinsics};
+use crate::motion_capture::error::MotionCaptureError;
+use crate::motion_capture::file::{self, CaptureFileError};
+use crate::motion_capture::intrinsics_error::IntrinsicsError;
+use crate::motion_capture::{Compared, compare};
+use evcal_geometry::lens::camera_file::camera_path;
+use evcal_geometry::tum::{self, TumError};
+
+/// What is compared with what.
+#[derive(Clone, Debug)]
+pub struct CapturedFiles {
+    /// The calibration, or its folder.
+    pub calibration: PathBuf,
+    /// Trajectory (TUM); without it, `trajectory.txt` beside the calibration.
+    pub trajectory: Option<PathBuf>,
+    /// The capture.
+    pub capture: PathBuf,
+    /// The body on the camera, where the capture holds several.
+    pub body: Option<String>,
+}
+
+/// Why files cannot be compared.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CapturedError {
+    /// The trajectory cannot be opened.
+    #[error("{}: {error}: give the trajectory of the camera with --trajectory FILE", file.display())]
+    Open {
+        /// The trajectory.
+        file: PathBuf,
+        /// What the system said.
+        error: io::Error,
+    },
+    /// The trajectory cannot be read.
+    #[error("{}: {error}", file.display())]
+    Trajectory {
+        /// The trajectory.
+        file: PathBuf,
+        /// Why.
+        error: TumError,
+    },
+    /// The capture cannot be read.
+    #[error(transparent)]
+    Capture(#[from] CaptureFileError),
+    /// They do not fit.
+    #[error("{} and {}: {error}", trajectory.display(), capture.display())]
+    Compare {
+        /// The trajectory.
+        trajectory: PathBuf,
+        /// The capture.
+        capture: PathBuf,
+        /// Why.
+        error: MotionCaptureError,
+    },
+}
+
+/// Compares the trajectory of a calibration with a capture; beside the result, the trajectory's file. With the camera, σ contain the
+/// error of its intrinsics.
+///
+/// # Errors
+/// [`CapturedError`] names the file, what is wrong with it, and what to do.
+pub fn compare_captured(
+    files: &CapturedFiles,
+    known: Option<&KnownCamera>,
+) -> Result<(PathBuf, Compared), CapturedError> {
+    let beside = || camera_path(&files.calibration).with_file_name(TRAJECTORY_FILE);
+    let trajectory = files.trajectory.clone().unwrap_or_else(beside);
+    let camera = read_trajectory(&trajectory)?;
+    let capture = file::read(&files.capture, files.body.as_deref())?;
+    let poses_by = |pose: &Isometry3<f64>| known.and_then(|known| pose_by_intrinsics(known, pose));
+    let intrinsics = known.map(|known| IntrinsicsError { covariance: known.covariance.clone(), poses_by: &poses_by });
+    match compare(&camera, &capture, intrinsics.as_ref()) {
+        Ok(compared) => Ok((trajectory, compared)),
+        Err(error) => Err(CapturedError::Compare { trajectory, capture: files.capture.clone(), error }),
+    }
+}
+
+fn read_trajectory(path: &Path) -> Result<Vec<evcal_geometry::timed_pose::TimedPose>, CapturedError> {
+    let file = File::open(path).map_err(|error| CapturedError::Open { file: path.to_owned(), error })?;
+    tum::read(BufReader::new(file)).map_err(|error| CapturedError::Trajectory { file: path.to_owned(), error })
+}

@@ -1,0 +1,123 @@
+//! Files that other programs load.
+//!
+//! A format is one file with an [`ExportFormat`] in it, the camera models that it holds among them,
+//! and one line in [`FORMATS`]. A calibration of another model is replaced by the nearest camera
+//! that the format holds ([`evcal_geometry::lens::nearest`]), with the difference stated: no coefficient is ever dropped.
+//!
+//! Everywhere pixel (0, 0) is the centre of the top-left pixel, as in OpenCV, ROS, Kalibr and mrcal.
+
+pub mod basalt;
+pub mod content;
+pub mod csv;
+pub mod dv_processing;
+pub mod dv_xml;
+pub mod file_storage;
+pub mod inertial;
+pub mod kalibr;
+pub mod mrcal;
+pub mod number;
+pub mod opencv;
+pub mod ros;
+pub mod second_camera;
+pub mod static_transform;
+pub mod undistortion_table;
+
+use self::content::ExportFormat;
+
+/// The formats.
+pub const FORMATS: &[ExportFormat] = &[
+    opencv::YAML,
+    opencv::XML,
+    opencv::JSON,
+    ros::FORMAT,
+    kalibr::FORMAT,
+    basalt::FORMAT,
+    dv_xml::FORMAT,
+    dv_processing::FORMAT,
+    mrcal::FORMAT,
+    csv::FORMAT,
+];
+
+/// The format of this name.
+pub fn from_name(name: &str) -> Option<&'static ExportFormat> {
+    FORMATS.iter().find(|format| format.name == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::{Camera, ModelKind};
+    use evcal_core::sensor::Sensor;
+
+    use super::*;
+    use crate::result::calibrated_camera::CalibratedCamera;
+
+    #[test]
+    fn names_and_files_differ_and_substitutes_can_be_written() {
+        for (index, format) in FORMATS.iter().enumerate() {
+            assert!(FORMATS[..index].iter().all(|other| other.name != format.name && other.file != format.file));
+            assert!(format.substitutes.iter().all(|model| format.models.contains(model)), "{}", format.name);
+            assert!(from_name(format.name).is_some_and(|found| found.file == format.file));
+        }
+    }
+
+    #[test]
+    fn camera_date_and_grade_are_in_the_comments() {
+        let parameters = [300.0, 301.0, 172.5, 129.5, -0.3, 0.1, 0.0, 0.0, 0.0];
+        let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
+        let calibrated = CalibratedCamera {
+            name: "DAVIS346_7".to_owned(),
+            recorded: Some("2022-01-27 00:33:48 UTC".to_owned()),
+            verdict: "Usable, but: fx 300.00 ± 0.08 px.".to_owned(),
+            ..CalibratedCamera::seen_everywhere(camera, Sensor::new(346, 260))
+        };
+        for format in [opencv::YAML, opencv::XML, opencv::JSON, ros::FORMAT] {
+            let text = format.export(&calibrated).unwrap().text;
+            let version = format!("evcal {}", crate::VERSION);
+            for part in
+                ["camera DAVIS346_7, recorded 2022-01-27 00:33:48 UTC", "Usable, but: fx 300.00 +- 0.08", &version]
+            {
+                assert!(text.contains(part), "{part}: {text}");
+            }
+        }
+    }
+
+    /// What evcal writes for others it reads again, but for the table: the camera is that in the file, to the last digit.
+    #[test]
+    fn what_is_exported_is_read_again() {
+        let sensor = Sensor::new(346, 260);
+        let parameters = [330.4, 331.1, 171.3, 129.4, -0.1, 0.01, 1e-3, -2e-4, 0.0, 0.0, 0.0, 0.0];
+        let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        for format in FORMATS.iter().filter(|format| format.name != csv::FORMAT.name) {
+            for &kind in format.models {
+                let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor).unwrap();
+                let name = "DAVIS346_7".to_owned();
+                let calibrated = CalibratedCamera { name, ..CalibratedCamera::seen_everywhere(camera, sensor) };
+                let file = folder.path().join(format.file);
+                std::fs::write(&file, format.export(&calibrated).unwrap().text).unwrap();
+                let read = CalibratedCamera::read(&file).unwrap_or_else(|error| panic!("{}: {error}", format.name));
+                assert_eq!((read.camera, read.sensor), (camera, sensor), "{} {kind}", format.name);
+            }
+        }
+    }
+
+    #[test]
+    fn every_format_holds_every_mild_lens_and_states_a_refit() {
+        // A small sensor: cameras are compared at every pixel.
+        let sensor = Sensor::new(80, 60);
+        let parameters = [80.4, 80.1, 39.3, 29.4, -0.1, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
+        for &kind in ModelKind::ALL {
+            let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor).unwrap();
+            let calibrated = CalibratedCamera::seen_everywhere(camera, sensor);
+            for format in FORMATS {
+                let exported = format.export(&calibrated).unwrap();
+                assert!(format.models.contains(&exported.camera.kind()), "{} {kind}", format.name);
+                if let Some(refit) = exported.refit {
+                    assert!(refit.covered.largest < 0.1 && refit.covered.unseen == 0.0, "{}: {refit:?}", format.name);
+                    assert!(exported.text.contains(&exported.note.unwrap()), "{}: {}", format.name, exported.text);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! What every format is made from and gives: a format, its content, the file.
+
+use evcal_core::camera::{Camera, ModelKind};
+
+use crate::result::calibrated_camera::{CalibratedCamera, UNNAMED};
+use evcal_geometry::lens::nearest::{Replacement, nearest};
+
+/// A file format for cameras.
+pub struct ExportFormat {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// Who reads it, in sentences.
+    pub program: &'static str,
+    /// Name of its file in a folder of all formats.
+    pub file: &'static str,
+    /// Models that it holds.
+    pub models: &'static [ModelKind],
+    /// Those of them that replace a model which it does not hold.
+    pub substitutes: &'static [ModelKind],
+    /// The file.
+    pub write: fn(&Content) -> String,
+}
+
+/// What goes into a file.
+pub struct Content<'a> {
+    /// What is known of the camera.
+    pub calibrated: &'a CalibratedCamera,
+    /// fx, fy, cx, cy of the camera that is written.
+    pub matrix: [f64; 4],
+    /// Its distortion coefficients.
+    pub distortion: &'a [f64],
+    /// Its model, one of [`ExportFormat::models`].
+    pub model: ModelKind,
+    /// What it cost to get it.
+    pub refit: Option<&'a Replacement>,
+    /// The same in a sentence.
+    pub note: Option<&'a str>,
+}
+
+impl Content<'_> {
+    /// Where the file comes from, where pixel (0, 0) is, which camera it is of and when that was recorded, how good the calibration is and what a refit costs, in sentences for comments.
+    pub fn remarks(&self) -> Vec<String> {
+        let from = format!("written by evcal {}; pixel (0, 0) is the centre of the top-left pixel", crate::VERSION);
+        // Some readers take ASCII only.
+        let verdict = self.calibrated.verdict.replace('±', "+-");
+        let verdict = Some(verdict).filter(|verdict| !verdict.is_empty());
+        let CalibratedCamera { name, recorded, .. } = self.calibrated;
+        let camera = (name != UNNAMED).then(|| format!("camera {name}"));
+        let recorded = recorded.as_ref().map(|date| format!("recorded {date}"));
+        let origin = Some(camera.into_iter().chain(recorded).collect::<Vec<_>>().join(", "));
+        let origin = origin.filter(|origin| !origin.is_empty());
+        [from].into_iter().chain(origin).chain(verdict).chain(self.note.map(str::to_owned)).collect()
+    }
+
+    /// The camera matrix, row by row.
+    pub fn camera_matrix(&self) -> [f64; 9] {
+        let [fx, fy, cx, cy] = self.matrix;
+        [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+    }
+}
+
+/// A file for another program.
+#[derive(Clone, Debug)]
+pub struct Exported {
+    /// Its content.
+    pub text: String,
+    /// The camera in it.
+    pub camera: Camera<f64>,
+    /// What it cost to get it, where the format does not hold the calibrated model.
+    pub refit: Option<Replacement>,
+    /// The same in a sentence.
+    pub note: Option<String>,
+}
+
+/// A format cannot hold a camera, nor one near it.
+#[derive(Debug, thiserror::Error)]
+#[error("{format} has no model that comes near this {model} camera where the board was seen")]
+pub struct ExportError {
+    format: &'static str,
+    model: ModelKind,
+}
+
+impl ExportFormat {
+    /// The file for a camera.
+    ///
+    /// # Errors
+    /// [`ExportError`] if neither the camera nor one near it can be held.
+    pub fn export(&self, calibrated: &CalibratedCamera) -> Result<Exported, ExportError> {
+        let model = calibrated.camera.kind();
+        let cannot = || ExportError { format: self.name, model };
+        let CalibratedCamera { camera, sensor, covered, .. } = calibrated;
+        let near = nearest(camera, self.models, self.substitutes, *sensor, covered).ok_or_else(cannot)?;
+        let parameters = near.camera.parameters();
+        let (matrix, distortion) = parameters.split_first_chunk::<4>().ok_or_else(cannot)?;
+        let (model, refit) = (near.camera.kind(), near.refit.as_ref());
+        let note = refit.map(|refit| refit.sentence(self.program, self.models));
+        let content = Content { calibrated, matrix: *matrix, distortion, model, refit, note: note.as_deref() };
+        Ok(Exported { text: (self.write)(&content), camera: near.camera, refit: near.refit, note })
+    }
+}

@@ -1,0 +1,166 @@
+//! Why an inertial unit cannot be calibrated.
+
+use super::csv::CsvError;
+use crate::solve::control_band::NotPositiveDefinite;
+use event_recordings::RecordingError;
+
+/// Why an inertial unit cannot be calibrated, and what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum InertialError {
+    /// A recording could not be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A file of samples could not be read.
+    #[error(transparent)]
+    Csv(#[from] CsvError),
+    /// The camera was calibrated from pictures, each with a pose of its own.
+    #[error("an inertial unit is calibrated along trajectories, and --frames-only makes none: leave it out")]
+    NoTrajectory,
+    /// One file of samples cannot belong to several recordings.
+    #[error("a file of inertial samples belongs to one recording: calibrate with one recording")]
+    SeveralRecordings,
+    /// There are no samples.
+    #[error("{file} holds no inertial samples: record with the IMU on, or give them with --imu FILE.csv")]
+    NoSamples {
+        /// The recording.
+        file: String,
+    },
+    /// Not one sample could be read.
+    #[error("no inertial sample could be read: {}", damages.join("; "))]
+    Lost {
+        /// What is damaged, in sentences.
+        damages: Vec<String>,
+    },
+    /// There are too few samples at a time when the board was seen.
+    #[error(
+        "only {seconds:.1} s of inertial samples lie where the board was seen; {needed:.0} s are needed: record longer, with the board in view"
+    )]
+    TooShort {
+        /// How much there is.
+        seconds: f64,
+        /// How much is needed.
+        needed: f64,
+    },
+    /// The samples are too far apart in time.
+    #[error(
+        "the inertial unit gives {rate:.0} samples a second, too few to follow a hand; {needed:.0} are needed, and 200 are better: set a higher rate"
+    )]
+    TooSlow {
+        /// Samples a second.
+        rate: f64,
+        /// How many are needed.
+        needed: f64,
+    },
+    /// Readings stay at the end of the scale.
+    #[error(
+        "{:.1} % of the inertial samples are at the end of their scale: set a larger range of accelerometer and gyroscope, or move more gently",
+        100.0 * share
+    )]
+    Saturated {
+        /// Share of the samples.
+        share: f64,
+    },
+    /// Accelerations are in another unit.
+    #[error(
+        "a resting accelerometer would read {reading:.3} g: the accelerations seem to be in {unit}: state their unit in the header of the file"
+    )]
+    AccelerationUnit {
+        /// Median size of the acceleration in g.
+        reading: f64,
+        /// The likely unit.
+        unit: &'static str,
+    },
+    /// Gravity was taken off.
+    #[error(
+        "accelerations show {reading:.2} g only, so that gravity seems to be removed: give the raw readings of the accelerometer"
+    )]
+    GravityRemoved {
+        /// Median size of the acceleration, or gravity where it was fitted, in g.
+        reading: f64,
+    },
+    /// Angular velocities are in another unit.
+    #[error(
+        "the gyroscope reads {factor:.3} times what the camera turns: the angular velocities seem to be in {unit}: state their unit in the header of the file"
+    )]
+    AngularUnit {
+        /// Reading over truth.
+        factor: f64,
+        /// The likely unit.
+        unit: &'static str,
+    },
+    /// The camera hardly turned.
+    #[error("the camera turned by {rate:.1} °/s only: turn it about two of its axes, back and forth, quickly")]
+    LittleRotation {
+        /// Root mean square of the angular velocity.
+        rate: f64,
+    },
+    /// The camera turned at the same rate all the time.
+    #[error(
+        "the camera turned by {rate:.1} °/s all the time: neither delays nor where the unit is can be told from that: turn it back and forth about two of its axes"
+    )]
+    EvenRotation {
+        /// Root mean square of the angular velocity.
+        rate: f64,
+    },
+    /// The camera turned about one axis.
+    #[error(
+        "the camera turned about one axis only, its {axis}: where the unit lies along that axis cannot be measured: turn it about another axis too"
+    )]
+    OneAxis {
+        /// The axis in words.
+        axis: &'static str,
+    },
+    /// Nothing in the samples looks like the motion of the camera.
+    #[error(
+        "the turns of the inertial unit are not those of the camera (best correlation {correlation:.2}, wanted 0.9): give the samples of the same unit and the same time as the events"
+    )]
+    OtherMotion {
+        /// The largest correlation.
+        correlation: f64,
+    },
+    /// The motion repeats itself.
+    #[error(
+        "the motion repeats itself, so that the delay between camera and inertial unit may be {first:.2} s or {second:.2} s: move less regularly"
+    )]
+    Ambiguous {
+        /// The better delay.
+        first: f64,
+        /// The other one.
+        second: f64,
+    },
+    /// A mirrored coordinate system.
+    #[error("the axes of the inertial unit are left-handed: change the sign of one axis of both sensors")]
+    LeftHanded,
+    /// Accelerometer and gyroscope do not belong to one right-handed frame.
+    #[error(
+        "gravity comes out as {size:.2} m/s², not {stated:.2}: check the unit of the accelerations, the signs of the accelerometer's axes and the spacing of the board, or the axes of both sensors are left-handed"
+    )]
+    GravitySize {
+        /// Found.
+        size: f64,
+        /// Stated.
+        stated: f64,
+    },
+    /// The equations have no solution.
+    #[error(
+        "the motion does not determine the inertial unit: turn the camera about two axes, and tilt it by more than 30 degrees"
+    )]
+    Singular,
+    /// The model does not fit.
+    #[error(
+        "the inertial samples do not fit the motion of the camera (residual {gyroscope:.2} °/s and {accelerometer:.2} m/s²): check that unit and camera are fixed to each other and the board is described as printed"
+    )]
+    NotExplained {
+        /// Root mean square of the gyroscope's residuals in °/s.
+        gyroscope: f64,
+        /// The same for the accelerometer in m/s².
+        accelerometer: f64,
+    },
+}
+
+impl From<NotPositiveDefinite> for InertialError {
+    fn from(_: NotPositiveDefinite) -> Self {
+        Self::Singular
+    }
+}

@@ -1,0 +1,101 @@
+//! Equations of the inertial samples, and what is left of their readings.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::joint::{Estimate, Joint, ORDER, Residual, SENSORS, Sensor};
+use super::parameters::COUNT;
+use super::prediction::Prediction;
+use super::sample::Sample;
+use crate::solve::bordered::Part;
+use crate::trajectory::{CONTROL_POINT_PARAMETERS as POINT, Trajectory};
+use evcal_core::spline::Knots;
+use evcal_geometry::numerics::huber::huber;
+
+/// Residual from which a sample counts linearly, in σ.
+const HUBER: f64 = 3.0;
+
+/// Samples of one sensor in one knot span of a segment.
+struct Task {
+    segment: usize,
+    sensor: usize,
+    samples: std::ops::Range<usize>,
+}
+
+fn tasks(joint: &Joint, estimate: &Estimate) -> Vec<Task> {
+    let mut tasks = Vec::new();
+    for (segment, (trajectory, used)) in estimate.state.trajectories.iter().zip(&joint.used).enumerate() {
+        let Some(samples) = joint.samples.get(trajectory.recording) else { continue };
+        let knots = Knots::assume_valid(&trajectory.knots, trajectory.degree);
+        for (index, sensor) in SENSORS.iter().enumerate() {
+            let mut run: Option<(usize, Task)> = None;
+            for place in used.clone() {
+                let Some(sample) = samples.get(place) else { continue };
+                let Ok(span) = knots.find_span(sensor.time(&estimate.parameters, sample.t)) else { continue };
+                match &mut run {
+                    Some((in_span, task)) if *in_span == span => task.samples.end = place + 1,
+                    _ => {
+                        let next = Task { segment, sensor: index, samples: place..place + 1 };
+                        tasks.extend(run.replace((span, next)).map(|(_, task)| task));
+                    }
+                }
+            }
+            tasks.extend(run.map(|(_, task)| task));
+        }
+    }
+    tasks
+}
+
+/// The equations of all samples.
+pub fn inertial_parts(joint: &Joint, estimate: &Estimate) -> Vec<Part> {
+    tasks(joint, estimate).par_iter().filter_map(|task| inertial_part(joint, estimate, task)).collect()
+}
+
+fn inertial_part(joint: &Joint, estimate: &Estimate, task: &Task) -> Option<Part> {
+    let trajectory = estimate.state.trajectories.get(task.segment)?;
+    let samples = joint.samples.get(trajectory.recording)?.get(task.samples.clone())?;
+    let (sensor, noise) = (SENSORS[task.sensor], &estimate.noise[task.sensor]);
+    let columns = POINT * ORDER + COUNT + 1;
+    let mut rows = DMatrix::zeros(columns, 3 * samples.len());
+    let (mut cost, mut first) = (0.0, None);
+    for (index, sample) in samples.iter().enumerate() {
+        let Some(prediction) = sensor.predict(trajectory, &estimate.parameters, sample.t) else { continue };
+        if *first.get_or_insert(prediction.first) != prediction.first {
+            continue;
+        }
+        let error = prediction.value - sensor.reading(sample);
+        for axis in 0..3 {
+            let inverse = 1.0 / (noise.density[axis] * joint.rate.sqrt());
+            let (part, root) = huber(error[axis] * inverse, HUBER);
+            cost += part;
+            fill_row(rows.column_mut(3 * index + axis).as_mut_slice(), &prediction, axis, error[axis], root * inverse);
+        }
+    }
+    let product = &rows * rows.transpose();
+    Some(Part::from_product((task.segment, samples.first()?.t), (first?, ORDER), COUNT, &product, cost))
+}
+
+fn fill_row(row: &mut [f64], prediction: &Prediction, axis: usize, error: f64, weight: f64) {
+    let mut places = row.iter_mut();
+    for (by_rotation, by_translation) in prediction.by_rotation.iter().zip(&prediction.by_translation) {
+        let values = by_rotation.row(axis).iter().chain(by_translation.row(axis).iter()).copied().collect::<Vec<f64>>();
+        places.by_ref().zip(values).for_each(|(place, value)| *place = weight * value);
+    }
+    let by_parameters = prediction.by_parameters.iter().map(|column| column[axis]);
+    places.zip(by_parameters.chain([error])).for_each(|(place, value)| *place = weight * value);
+}
+
+/// Readings less predictions.
+pub fn residuals(joint: &Joint, estimate: &Estimate, sensor: Sensor) -> Vec<Residual> {
+    let segments = estimate.state.trajectories.par_iter().zip(&joint.used);
+    let of_segment = |(trajectory, used): (&Trajectory, &std::ops::Range<usize>)| -> Vec<Residual> {
+        let samples = joint.samples.get(trajectory.recording).and_then(|samples| samples.get(used.clone()));
+        let residual = |sample: &Sample| {
+            let prediction = sensor.predict(trajectory, &estimate.parameters, sample.t)?;
+            let value = sensor.reading(sample) - prediction.value;
+            Some(Residual { t: sample.t, recording: trajectory.recording, value })
+        };
+        samples.unwrap_or_default().iter().filter_map(residual).collect()
+    };
+    segments.map(of_segment).collect::<Vec<_>>().concat()
+}

@@ -1,0 +1,149 @@
+use evcal_core::spline::rotation::exp;
+use nalgebra::Isometry3;
+
+use super::super::prediction::{accelerometer, gyroscope};
+use super::super::solve::smooth_trajectories;
+use super::*;
+use crate::trajectory::fit::{TrajectoryShape, fit};
+use crate::trajectory::{RotationSpline, Trajectory};
+use evcal_geometry::timed_pose::TimedPose;
+
+const GRAVITY: f64 = 9.81;
+
+/// A motion that does not repeat itself, with `turns` about the three axes (rad).
+fn hand(turns: [f64; 3]) -> Trajectory {
+    let wave = |t: f64, seed: f64| (2.1 * t + seed).sin() + 0.7 * (3.7 * t * (1.0 + 0.02 * t) + 2.0 * seed).sin();
+    let pose = |t: f64| {
+        let turn = Vector3::new(turns[0] * wave(t, 0.3), turns[1] * wave(t, 1.9), turns[2] * wave(t, 4.0));
+        let place = Vector3::new(0.1 * wave(t, 2.2), 0.1 * wave(t, 5.0), -0.7 + 0.1 * wave(t, 1.1));
+        Isometry3::from_parts(place.into(), exp(&turn))
+    };
+    of_motion(pose)
+}
+
+fn of_motion(pose: impl Fn(f64) -> Isometry3<f64>) -> Trajectory {
+    let poses: Vec<TimedPose> =
+        (0..=2400).map(|index| 0.005 * f64::from(index)).map(|t| TimedPose { t, pose: pose(t) }).collect();
+    let shape = TrajectoryShape { degree: 3, rotation: RotationSpline::Quaternion, knot_spacing: 0.015 };
+    let cubic = fit(0, &poses, 0.0, 12.0, &shape).unwrap();
+    smooth_trajectories(&[cubic], 0.02).unwrap().remove(0)
+}
+
+fn unit(rotation: UnitQuaternion<f64>, delay: f64) -> InertialParameters {
+    InertialParameters {
+        rotation,
+        position: Vector3::new(0.02, -0.03, 0.05),
+        gyroscope_delay: delay,
+        accelerometer_delay: delay,
+        gyroscope_bias: Vector3::new(0.05, -0.1, 0.02),
+        accelerometer_bias: Vector3::new(0.1, 0.2, -0.1),
+        ..InertialParameters::perfect(Vector3::new(0.3, 0.9, 0.1).normalize() * GRAVITY, 6.0)
+    }
+}
+
+/// Its samples along `trajectory`, `rate` a second.
+fn samples(trajectory: &Trajectory, unit: &InertialParameters, rate: f64) -> Vec<Sample> {
+    let count = (12.0 * rate) as i32;
+    let at = |index: i32| {
+        let t = f64::from(index) / rate + unit.gyroscope_delay;
+        Some(Sample {
+            t,
+            acceleration: accelerometer(trajectory, unit, t)?.value,
+            angular_velocity: gyroscope(trajectory, unit, t)?.value,
+        })
+    };
+    (0..count).filter_map(at).collect()
+}
+
+/// The 24 rotations that carry axes to axes, and the 24 mirrored ones.
+fn axis_turns() -> Vec<Matrix3<f64>> {
+    let orders = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
+    let turn = |order: [usize; 3], signs: usize| {
+        let mut matrix = Matrix3::zeros();
+        for (row, column) in order.into_iter().enumerate() {
+            matrix[(row, column)] = if signs >> row & 1 == 1 { -1.0 } else { 1.0 };
+        }
+        matrix
+    };
+    orders.into_iter().flat_map(|order| (0..8).map(move |signs| turn(order, signs))).collect()
+}
+
+fn check(found: &Start, truth: &InertialParameters) {
+    let parameters = &found.parameters;
+    let error = parameters.rotation.angle_to(&truth.rotation);
+    assert!(error < 0.02, "rotation is off by {error}");
+    assert!((parameters.gyroscope_delay - truth.gyroscope_delay).abs() < 4e-3, "{}", parameters.gyroscope_delay);
+    assert!((parameters.position - truth.position).norm() < 0.02, "{}", parameters.position);
+    assert!(parameters.gravity.angle(&truth.gravity) < 0.02);
+    assert!(found.correlation > 0.97, "{}", found.correlation);
+}
+
+#[test]
+fn any_axes_are_found_and_mirrored_ones_are_named() {
+    let trajectory = hand([0.3, 0.35, 0.25]);
+    let plain = samples(&trajectory, &unit(UnitQuaternion::identity(), 0.003), 250.0);
+    for turn in axis_turns() {
+        let turned: Vec<Sample> = plain
+            .iter()
+            .map(|sample| Sample {
+                acceleration: turn * sample.acceleration,
+                angular_velocity: turn * sample.angular_velocity,
+                ..*sample
+            })
+            .collect();
+        let found = start(&[&trajectory], &turned, GRAVITY);
+        if turn.determinant() > 0.0 {
+            check(
+                &found.unwrap(),
+                &unit(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn)), 0.003),
+            );
+        } else {
+            assert!(matches!(found, Err(InertialError::LeftHanded)), "{turn}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn any_offset_and_rate_end_at_the_same_place() {
+    let trajectory = hand([0.3, 0.35, 0.25]);
+    for (delay, rate) in [(-5.0, 1000.0), (5.0, 200.0), (0.002, 50.0), (-1.3, 20.0), (2.0, 100.0)] {
+        let truth = unit(exp(&Vector3::new(1.0, -2.0, 0.5)), delay);
+        let mut samples = samples(&trajectory, &truth, rate);
+        // A gap of half a second.
+        samples.retain(|sample| !(4.0..4.5).contains(&(sample.t - delay)));
+        check(&start(&[&trajectory], &samples, GRAVITY).unwrap(), &truth);
+    }
+}
+
+#[test]
+fn motions_that_leave_something_open_are_named() {
+    let truth = unit(exp(&Vector3::new(1.0, -2.0, 0.5)), 0.003);
+    let refusal = |trajectory: &Trajectory| {
+        let samples = samples(trajectory, &truth, 250.0);
+        start(&[trajectory], &samples, GRAVITY).map(|found| found.parameters).unwrap_err()
+    };
+    let still = refusal(&hand([0.0; 3]));
+    assert!(matches!(still, InertialError::LittleRotation { .. }), "{still}");
+    let one = refusal(&hand([0.0, 0.3, 0.0]));
+    assert!(matches!(one, InertialError::OneAxis { axis } if axis.starts_with('y')), "{one}");
+    let swing = refusal(&of_motion(|t| {
+        let turn = Vector3::new(0.3 * (4.0 * t).sin(), 0.2 * (4.0 * t + 1.0).sin(), 0.0);
+        Isometry3::new(Vector3::new(0.0, 0.0, -0.7), turn)
+    }));
+    assert!(matches!(swing, InertialError::Ambiguous { .. }), "{swing}");
+    // A turntable.
+    let table = refusal(&of_motion(|t| Isometry3::new(Vector3::new(0.0, 0.0, -0.7), Vector3::new(0.0, 0.4 * t, 0.0))));
+    assert!(!table.to_string().is_empty());
+}
+
+#[test]
+fn a_wrong_size_of_gravity_is_named() {
+    let trajectory = hand([0.3, 0.35, 0.25]);
+    let samples = samples(&trajectory, &unit(UnitQuaternion::identity(), 0.003), 250.0);
+    let error = start(&[&trajectory], &samples, 11.0).unwrap_err();
+    assert!(matches!(error, InertialError::GravitySize { size, .. } if (size - GRAVITY).abs() < 0.1), "{error}");
+    for stated in [f64::NAN, 0.0] {
+        let error = start(&[&trajectory], &samples, stated).unwrap_err();
+        assert!(matches!(error, InertialError::GravitySize { .. }), "{stated}: {error}");
+    }
+}

@@ -1,0 +1,213 @@
+//! Inertial samples, and whether they are what they should be.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::error::InertialError;
+use super::sample::Sample;
+use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
+use evcal_geometry::numerics::statistics::{median, quantile};
+use event_recordings::extras::Extra;
+use event_recordings::extras::open_extras;
+use event_recordings::{Recording, RecordingError};
+
+/// Largest share of samples at the end of their scale.
+const MOST_SATURATED: f64 = 0.1;
+/// Samples of equal extreme value in a row that tell the end of the scale.
+const RUN: usize = 5;
+/// Share of the median size of the acceleration that nearly every one keeps above, where gravity is in it.
+const STEADY: f64 = 0.6;
+
+/// What was found in the stream.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StreamReport {
+    /// Number of samples.
+    pub samples: usize,
+    /// Samples a second, from the middle one of the intervals.
+    pub rate: f64,
+    /// Share of the samples that are missing.
+    pub missing: f64,
+    /// Longest time without a sample (s).
+    pub longest_gap: f64,
+    /// Samples whose time is not after that of the one before: they are left out.
+    pub out_of_order: usize,
+    /// Share of the samples at the end of their scale: they are left out.
+    pub saturated: f64,
+}
+
+/// The inertial samples of a recording.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReadSamples {
+    /// The samples, on the clock of the recording's file (s).
+    pub samples: Vec<Sample>,
+    /// What of the recording could not be read, in sentences.
+    pub lost: Vec<String>,
+}
+
+/// The inertial samples of a recording; those before a damage are kept.
+///
+/// # Errors
+/// [`RecordingError`] when it cannot be opened.
+pub fn read(recording: &Recording) -> Result<ReadSamples, RecordingError> {
+    let mut extras = open_extras(recording)?;
+    let (mut samples, mut lost) = (Vec::new(), Vec::new());
+    while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
+        if let Extra::Inertial(sample) = extra {
+            samples.push(Sample {
+                t: sample.t as f64 * 1e-6,
+                acceleration: Vector3::from(sample.acceleration).map(|value| f64::from(value) * STANDARD_GRAVITY),
+                angular_velocity: Vector3::from(sample.angular_velocity).map(|value| f64::from(value).to_radians()),
+            });
+        }
+    }
+    Ok(ReadSamples { samples, lost })
+}
+
+/// Leaves out what cannot be used, and looks at units, gaps and saturation.
+///
+/// # Errors
+/// [`InertialError`] when the accelerations have another unit or no gravity, or too much is saturated.
+pub fn check(samples: Vec<Sample>) -> Result<(Vec<Sample>, StreamReport), InertialError> {
+    let total = samples.len();
+    let mut kept: Vec<Sample> = Vec::with_capacity(total);
+    for sample in samples {
+        if kept.last().is_none_or(|before| sample.t > before.t) {
+            kept.push(sample);
+        }
+    }
+    let mut intervals: Vec<f64> = kept.windows(2).map(|pair| pair[1].t - pair[0].t).collect();
+    let longest_gap = intervals.iter().copied().fold(0.0, f64::max);
+    let interval = median(&mut intervals, f64::total_cmp).unwrap_or(1.0);
+    let missing: f64 = intervals.iter().map(|one| (one / interval).round() - 1.0).filter(|&one| one > 0.0).sum();
+    let mut sizes: Vec<f64> = kept.iter().map(|sample| sample.acceleration.norm() / STANDARD_GRAVITY).collect();
+    let reading = median(&mut sizes, f64::total_cmp).unwrap_or(1.0);
+    sizes.sort_by(f64::total_cmp);
+    let steady = quantile(&sizes, 0.05).is_some_and(|low| low > STEADY * reading);
+    match reading {
+        0.08..0.13 if steady => {
+            return Err(InertialError::AccelerationUnit { reading, unit: "g, and were read as m/s²" });
+        }
+        7.0..14.0 => return Err(InertialError::AccelerationUnit { reading, unit: "m/s², and were read as g" }),
+        ..0.6 => return Err(InertialError::GravityRemoved { reading }),
+        1.7.. => return Err(InertialError::AccelerationUnit { reading, unit: "another unit than stated" }),
+        _ => {}
+    }
+    let at_end = at_end_of_scale(&kept);
+    let saturated = at_end.iter().filter(|end| **end).count() as f64 / kept.len().max(1) as f64;
+    if saturated > MOST_SATURATED {
+        return Err(InertialError::Saturated { share: saturated });
+    }
+    let report = StreamReport {
+        samples: kept.len(),
+        rate: 1.0 / interval,
+        missing: missing / (missing + kept.len() as f64),
+        longest_gap,
+        out_of_order: total - kept.len(),
+        saturated,
+    };
+    let usable = kept.iter().zip(at_end).filter(|(_, end)| !end).map(|(sample, _)| *sample).collect();
+    Ok((usable, report))
+}
+
+/// Which samples have an axis at its largest value, where that is repeated as only a limit is.
+fn at_end_of_scale(samples: &[Sample]) -> Vec<bool> {
+    let mut at_end = vec![false; samples.len()];
+    for axis in 0..6 {
+        let value = |sample: &Sample| {
+            if axis < 3 { sample.acceleration[axis] } else { sample.angular_velocity[axis - 3] }
+        };
+        for sign in [-1.0, 1.0] {
+            let end = samples.iter().map(|sample| sign * value(sample)).fold(f64::NEG_INFINITY, f64::max);
+            let is_end: Vec<bool> = samples.iter().map(|sample| sign * value(sample) >= end).collect();
+            if end > 0.0 && !is_end.iter().all(|end| *end) && is_end.windows(RUN).any(|run| run.iter().all(|end| *end))
+            {
+                at_end.iter_mut().zip(is_end).for_each(|(all, this)| *all |= this);
+            }
+        }
+    }
+    at_end
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use event_recordings::aedat4::header::Compression;
+    use event_recordings::aedat4::write::Encoder;
+    use event_recordings::encode::Encode;
+    use event_recordings::extras::{InertialSample, OtherStreams};
+    use event_recordings::{Damage, RecordingOptions};
+
+    fn stream(scale: f64) -> Vec<Sample> {
+        (0..2000)
+            .map(|index| {
+                let t = 0.001 * f64::from(index);
+                Sample {
+                    t,
+                    acceleration: Vector3::new((9.0 * t).sin(), -9.8 + (5.0 * t).cos(), 0.4) * scale,
+                    angular_velocity: Vector3::new((3.0 * t).sin(), (4.0 * t).cos(), t.sin()),
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn what_a_damage_takes_is_told() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.aedat4");
+        let sample = |t| InertialSample { t, temperature: 1.0, acceleration: [0.0; 3], angular_velocity: [90.0; 3] };
+        // Packets of 10 ms.
+        let samples: Vec<InertialSample> = (0..30).map(|index| sample(1000 * index)).collect();
+        let others = OtherStreams { frames: false, imu: true };
+        let file = std::fs::File::create(&path).unwrap();
+        let mut encoder = Encoder::with_streams(file, Compression::None, (346, 260).into(), "", others).unwrap();
+        encoder.imu(&samples).unwrap();
+        encoder.finish().unwrap();
+        let content = std::fs::read(&path).unwrap();
+        let last = content.windows(5).rposition(|bytes| bytes == b"IMUS\x06").unwrap();
+        let read = |damage| {
+            let options = RecordingOptions { damage, ..RecordingOptions::default() };
+            read(&Recording::new(&path, options).unwrap()).unwrap()
+        };
+        let whole = read(Damage::Refuse);
+        assert_eq!((whole.samples.len(), whole.lost.len()), (30, 0));
+        assert!((whole.samples[29].angular_velocity.x - std::f64::consts::FRAC_PI_2).abs() < 1e-6);
+        std::fs::write(&path, [&content[..last], b"X", &content[last + 1..]].concat()).unwrap();
+        for damage in [Damage::Refuse, Damage::Skip] {
+            let part = read(damage);
+            assert_eq!(part.samples, whole.samples[..20]);
+            assert!(part.lost.len() == 1 && part.lost[0].contains("damaged"), "{:?}", part.lost);
+        }
+    }
+
+    #[test]
+    fn a_good_stream_is_kept_whole() {
+        let (kept, report) = check(stream(1.0)).unwrap();
+        assert_eq!((kept.len(), report.samples, report.out_of_order), (2000, 2000, 0));
+        assert!((report.rate - 1000.0).abs() < 1e-6 && report.missing == 0.0 && report.saturated == 0.0, "{report:?}");
+    }
+
+    #[test]
+    fn units_and_missing_gravity_are_told() {
+        let text = |scale: f64| check(stream(scale)).unwrap_err().to_string();
+        assert!(text(9.8).contains("m/s², and were read as g"));
+        assert!(text(1.0 / 9.8).contains("g, and were read as m/s²"));
+        let mut samples = stream(1.0);
+        samples.iter_mut().for_each(|sample| sample.acceleration.y += 9.8);
+        assert!(check(samples).unwrap_err().to_string().contains("gravity seems to be removed"));
+    }
+
+    #[test]
+    fn lost_late_and_saturated_samples_are_counted() {
+        let mut samples = stream(1.0);
+        samples.iter_mut().for_each(|sample| sample.angular_velocity.x = sample.angular_velocity.x.min(0.99));
+        let clipped = samples.iter().filter(|sample| sample.angular_velocity.x == 0.99).count();
+        samples[500].t = 0.3;
+        let samples: Vec<Sample> =
+            samples.into_iter().enumerate().filter(|(i, _)| i % 20 != 7).map(|(_, s)| s).collect();
+        let (kept, report) = check(samples).unwrap();
+        assert_eq!(report.out_of_order, 1);
+        assert!((report.missing - 0.05).abs() < 2e-3, "{report:?}");
+        assert!(clipped > 20 && kept.len() < report.samples);
+        assert!(kept.iter().all(|sample| sample.angular_velocity.x < 0.99));
+    }
+}

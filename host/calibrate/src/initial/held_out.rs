@@ -1,0 +1,144 @@
+//! How well a camera predicts views that it was not calibrated from.
+//!
+//! The frames are cut into blocks of neighbours, and the blocks dealt out to folds. For each fold the
+//! camera is refined on the frames of the other folds; then every frame of the fold gets its pose with
+//! that camera held, and what its circles cost is counted. Neighbouring frames see the same pixels, so
+//! that it is the blocks, not the frames, that are independent.
+
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use nalgebra::Isometry3;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::InitialModel;
+use super::bundle::{BundleView, bundle};
+use super::pose::refine_pose;
+use super::settings::InitialSettings;
+use super::sighting::BoardPoint;
+use super::view_selection::select_views;
+use crate::circles::reference_frame::ReferenceFrame;
+use evcal_geometry::board::Board;
+use evcal_geometry::numerics::huber::huber_cost;
+
+/// What held-out circles cost with one camera model.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct HeldOutCost {
+    /// Circles held out.
+    pub count: usize,
+    /// Mean Huber's loss of a circle in each block (px²), in the order of the blocks.
+    pub block_costs: Vec<f64>,
+}
+
+impl HeldOutCost {
+    /// Mean of the blocks' costs (px²).
+    pub fn mean(&self) -> f64 {
+        self.block_costs.iter().sum::<f64>() / self.block_costs.len().max(1) as f64
+    }
+}
+
+/// How the frames are divided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Division {
+    /// Blocks of neighbouring frames.
+    pub blocks: usize,
+    /// Folds, to which the blocks are dealt out.
+    pub folds: usize,
+    /// Views that refine the camera of each fold.
+    pub views: usize,
+}
+
+/// Circles of one frame, all at its time.
+#[derive(Clone, Debug)]
+struct SeenFrame {
+    points: Vec<BoardPoint>,
+    /// `T_camera_world`.
+    pose: Isometry3<f64>,
+}
+
+/// Circles on which camera models are compared: the same for all.
+#[derive(Clone, Debug)]
+pub struct ComparedCircles {
+    frames: Vec<SeenFrame>,
+}
+
+impl ComparedCircles {
+    /// The circles of `model`, which came from `frames`.
+    pub fn new(model: &InitialModel, frames: &[ReferenceFrame], board: &Board) -> Self {
+        let seen = |posed: &super::PosedFrame| {
+            let t = frames.get(posed.frame)?.t();
+            let points = posed.circles.iter().map(|circle| BoardPoint {
+                object: board.circle_center(circle.index),
+                image: circle.center + circle.velocity.unwrap_or_default() * (t - circle.t),
+            });
+            Some(SeenFrame { points: points.collect(), pose: posed.pose.inverse() })
+        };
+        Self { frames: model.frames.iter().filter_map(seen).collect() }
+    }
+}
+
+/// What the circles cost when they are held out, with cameras of the model of `start`; `None` if a
+/// camera cannot be refined without one of the folds.
+///
+/// `sensor` is (width, height) in pixels. A frame that gets no pose, because the model does not reach
+/// its circles, costs as much as if each were as far from its projection as
+/// [`InitialSettings::max_circle_error`].
+pub fn held_out(
+    circles: &ComparedCircles,
+    start: &Camera<f64>,
+    board: &Board,
+    sensor: Sensor,
+    division: &Division,
+    settings: &InitialSettings,
+) -> Option<HeldOutCost> {
+    let frames = &circles.frames;
+    let blocks = division.blocks.clamp(1, frames.len().max(1));
+    let folds = division.folds.clamp(2, blocks.max(2));
+    let block_of = |position: usize| position * blocks / frames.len().max(1);
+    let lost = huber_cost(settings.max_circle_error.powi(2), settings.huber);
+    let posed =
+        |camera: &Camera<f64>, frame: &SeenFrame| refine_pose(camera, &frame.points, &frame.pose, settings.huber);
+    let mut sums = vec![(0.0, 0_usize); blocks];
+    for fold in 0..folds {
+        let in_fold = |position: usize| block_of(position) % folds == fold;
+        let others: Vec<&SeenFrame> =
+            frames.iter().enumerate().filter(|(position, _)| !in_fold(*position)).map(|(_, frame)| frame).collect();
+        let points: Vec<&[BoardPoint]> = others.iter().map(|frame| frame.points.as_slice()).collect();
+        let chosen = select_views(&points, board, sensor, division.views);
+        let views: Vec<BundleView<'_>> = chosen
+            .par_iter()
+            .map(|&position| {
+                let frame = others.get(position)?;
+                Some(BundleView { points: &frame.points, pose: posed(start, frame)?.pose })
+            })
+            .collect::<Vec<_>>()
+            .into_iter()
+            .flatten()
+            .collect();
+        if views.len() < settings.min_frames {
+            return None;
+        }
+        let free = vec![true; start.kind().parameter_names().len()];
+        let camera = bundle(start, &views, &free, sensor, settings.huber)?.camera;
+        let costs: Vec<(usize, f64, usize)> = frames
+            .par_iter()
+            .enumerate()
+            .filter(|(position, _)| in_fold(*position))
+            .map(|(position, frame)| {
+                let count = frame.points.len();
+                let cost = posed(&camera, frame).map_or(lost * count as f64, |fit| fit.cost.min(lost * count as f64));
+                (block_of(position), cost, count)
+            })
+            .collect();
+        for (block, cost, count) in costs {
+            if let Some(sum) = sums.get_mut(block) {
+                sum.0 += cost;
+                sum.1 += count;
+            }
+        }
+    }
+    Some(HeldOutCost {
+        count: sums.iter().map(|sum| sum.1).sum(),
+        block_costs: sums.iter().filter(|sum| sum.1 > 0).map(|(cost, count)| cost / *count as f64).collect(),
+    })
+}

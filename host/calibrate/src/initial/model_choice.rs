@@ -1,0 +1,493 @@
+//! Which camera model: the simplest one that predicts what it has not seen as well as any
+//! (`--model auto`).
+//!
+//! Every candidate goes through the initial stage. The candidate whose model explains the most circles
+//! provides the circles on which all are compared, frame by frame held out of the calibration
+//! ([`crate::initial::held_out`]). The best has the smallest mean cost. Of the candidates whose cost
+//! exceeds the best one's by no more than so many standard errors of the difference, the one with the
+//! fewest parameters is chosen, if possible of those that OpenCV and ROS hold: the one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and
+//! Friedman, *The Elements of Statistical Learning*, section 7.10). The standard error is that of the
+//! difference block by block, for what makes a block hard makes it hard for all models. If none of these is held by OpenCV and ROS,
+//! those count too whose excess is too small to matter. A candidate that folds over inside the image counts only where all do.
+
+use evcal_core::sensor::Sensor;
+use std::fmt;
+use std::str::FromStr;
+
+use evcal_core::camera::{ModelKind, UnknownModel};
+use evcal_core::settings;
+use evcal_core::settings::{at_least, from_to};
+use serde::{Deserialize, Serialize};
+
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::initial::held_out::{ComparedCircles, Division, HeldOutCost, held_out};
+use crate::initial::{InitialError, InitialModel, InitialSettings, initial_model};
+use evcal_geometry::board::Board;
+use evcal_geometry::lens::folds::folds;
+
+/// Models that `auto` tries: those that other programs read.
+pub const CANDIDATES: [ModelKind; 9] = [
+    ModelKind::Radtan4,
+    ModelKind::Radtan,
+    ModelKind::Radtan8,
+    ModelKind::KannalaBrandt,
+    ModelKind::Ucm,
+    ModelKind::Eucm,
+    ModelKind::DoubleSphere,
+    ModelKind::Fov,
+    ModelKind::Omni,
+];
+
+/// Models that OpenCV and ROS hold as they are: plumb bob, rational polynomial and equidistant.
+pub const WIDELY_HELD: [ModelKind; 4] =
+    [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt];
+
+/// The camera model wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModelRequest {
+    /// This one.
+    Given(ModelKind),
+    /// The one of [`CANDIDATES`] that suits the recording.
+    Auto,
+}
+
+impl ModelRequest {
+    /// What stands for [`ModelRequest::Auto`].
+    pub const AUTO: &'static str = "auto";
+
+    /// Name of the model, or `auto`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Given(kind) => kind.name(),
+            Self::Auto => Self::AUTO,
+        }
+    }
+}
+
+impl FromStr for ModelRequest {
+    type Err = UnknownModel;
+
+    fn from_str(name: &str) -> Result<Self, UnknownModel> {
+        if name == Self::AUTO { Ok(Self::Auto) } else { name.parse().map(Self::Given) }
+    }
+}
+
+settings! {
+    /// Which camera model, with `--model auto`.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct ModelChoiceSettings {
+        /// Blocks of neighbouring frames, which count as independent of each other.
+        pub blocks: usize = 20, "blocks", from_to(2.0, 1e4);
+        /// Parts to which the blocks are dealt out; each is held out once.
+        pub folds: usize = 5, "parts", from_to(2.0, 1e4);
+        /// Views from which the camera is refined without a part.
+        pub views: usize = 100, "views", at_least(3.0);
+        /// Standard errors by which a model's held-out cost may exceed the best one's for it to count as being as
+        /// good.
+        pub standard_errors: f64 = 1.0, "", at_least(0.0);
+        /// If none of the equally good models exists in OpenCV and ROS: by which share of the best cost an OpenCV/ROS
+        /// model may be worse and still be taken.
+        pub negligible: f64 = 1e-3, "", at_least(0.0);
+    }
+}
+
+/// A candidate's place among the others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing {
+    /// Mean cost less that of the best candidate.
+    pub excess: f64,
+    /// Standard error of `excess`.
+    pub standard_error: f64,
+    /// Whether the candidate is as good as the best.
+    pub as_good: bool,
+    /// Whether it counts although it is worse: by too little to matter.
+    pub nearly_as_good: bool,
+}
+
+/// A candidate as [`choose`] sees it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Candidate {
+    /// Number of the model's parameters.
+    pub parameters: usize,
+    /// Whether OpenCV and ROS hold it.
+    pub widely_held: bool,
+    /// Whether its distortion folds over inside the image.
+    pub folds: bool,
+    /// Its held-out statistics, on the same blocks for all candidates.
+    pub held_out: HeldOutCost,
+}
+
+/// Mean and standard error of the mean of `values`; the error is 0 for fewer than two.
+fn mean_and_error(values: &[f64]) -> (f64, f64) {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    let error = if values.len() < 2 { 0.0 } else { (squares / (count - 1.0) / count).sqrt() };
+    (mean, error)
+}
+
+/// Where each candidate stands, and the position of the chosen one; `None` without candidates.
+///
+/// A model that folds over inside the image counts only where all do. One that is widely held goes before one that is not. Of
+/// candidates with equally many parameters, the one with the smaller cost is simpler.
+pub fn choose(candidates: &[Candidate], settings: &ModelChoiceSettings) -> Option<(usize, Vec<Standing>)> {
+    let cost = |candidate: &Candidate| candidate.held_out.mean();
+    let best = candidates.iter().min_by(|a, b| a.folds.cmp(&b.folds).then(cost(a).total_cmp(&cost(b))))?;
+    let mut standings: Vec<Standing> = candidates
+        .iter()
+        .map(|candidate| {
+            let pairs = candidate.held_out.block_costs.iter().zip(&best.held_out.block_costs);
+            let differences: Vec<f64> = pairs.map(|(own, best)| own - best).collect();
+            let (excess, standard_error) = mean_and_error(&differences);
+            let as_good = candidate.folds == best.folds && excess <= settings.standard_errors * standard_error;
+            Standing { excess, standard_error, as_good, nearly_as_good: false }
+        })
+        .collect();
+    if !candidates.iter().zip(&standings).any(|(candidate, standing)| candidate.widely_held && standing.as_good) {
+        for (candidate, standing) in candidates.iter().zip(&mut standings) {
+            standing.nearly_as_good = candidate.widely_held
+                && candidate.folds == best.folds
+                && standing.excess <= settings.negligible * cost(best);
+        }
+    }
+    let counts = |standing: &Standing| standing.as_good || standing.nearly_as_good;
+    let good = candidates.iter().zip(&standings).enumerate().filter(|(_, (_, standing))| counts(standing));
+    let simplest = good.min_by(|(_, (a, _)), (_, (b, _))| {
+        let held = b.widely_held.cmp(&a.widely_held);
+        held.then(a.parameters.cmp(&b.parameters)).then(cost(a).total_cmp(&cost(b)))
+    })?;
+    Some((simplest.0, standings))
+}
+
+/// What became of one candidate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CandidateReport {
+    /// Name of the model.
+    pub model: String,
+    /// Number of its parameters.
+    pub parameters: usize,
+    /// Circles held out; 0 for a candidate that failed.
+    pub count: usize,
+    /// Root of the mean cost of a held-out circle (px).
+    pub root_mean_cost: Option<f64>,
+    /// Mean cost less that of the best candidate (px²).
+    pub excess: Option<f64>,
+    /// Standard error of the excess (px²).
+    pub standard_error: Option<f64>,
+    /// Whether it is as good as the best.
+    pub as_good: bool,
+    /// Whether it counts although it is worse: by too little to matter.
+    #[serde(default)]
+    pub nearly_as_good: bool,
+    /// Whether its distortion folds over inside the image.
+    #[serde(default)]
+    pub folds: bool,
+    /// Why it failed.
+    pub failure: Option<String>,
+}
+
+/// How a model was chosen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelChoice {
+    /// Name of the chosen model.
+    pub chosen: String,
+    /// Name of the model that the circles chose, where the events showed that it cannot follow the lens.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instead_of: Option<String>,
+    /// Name of the model whose circles all were compared on.
+    pub circles_of: String,
+    /// All candidates.
+    pub candidates: Vec<CandidateReport>,
+}
+
+impl fmt::Display for ModelChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} chosen; held-out circles of {} (px, px²):", self.chosen, self.circles_of)?;
+        for candidate in &self.candidates {
+            write!(f, "\n{:<14} {:>2} parameters", candidate.model, candidate.parameters)?;
+            match (candidate.root_mean_cost, candidate.excess, candidate.standard_error, &candidate.failure) {
+                (Some(root), Some(excess), Some(error), _) => {
+                    let good = match (candidate.as_good, candidate.nearly_as_good) {
+                        (true, _) => ", as good as the best",
+                        (false, true) => ", nearly as good as the best",
+                        (false, false) => "",
+                    };
+                    let folds = if candidate.folds { ", folds over inside the image" } else { "" };
+                    write!(f, ", {root:.4} px, {excess:.6} ± {error:.6} px² above the best{good}{folds}")?;
+                }
+                (_, _, _, Some(failure)) => write!(f, ": {failure}")?,
+                _ => write!(f, ": not compared")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+impl ModelChoice {
+    /// The choice after the events showed that `better` can follow the lens, and the chosen model cannot.
+    pub fn instead(self, better: ModelKind) -> Self {
+        Self { chosen: better.name().to_owned(), instead_of: Some(self.chosen), ..self }
+    }
+
+    /// Why the chosen model was, in one sentence.
+    pub fn reason(&self) -> String {
+        if let Some(first) = &self.instead_of {
+            return format!(
+                "{} chosen: the circles speak for {first}, but the events show that it cannot follow this lens",
+                self.chosen
+            );
+        }
+        let others = self.candidates.iter().filter(|candidate| candidate.as_good && candidate.model != self.chosen);
+        let others: Vec<&str> = others.map(|candidate| candidate.model.as_str()).collect();
+        let folding: Vec<&str> = self
+            .candidates
+            .iter()
+            .filter(|candidate| candidate.folds && candidate.excess.is_some_and(|excess| excess < 0.0))
+            .map(|candidate| candidate.model.as_str())
+            .collect();
+        if !folding.is_empty() {
+            return format!(
+                "{} chosen: {} may predict unseen circles better, but folds over inside the image",
+                self.chosen,
+                folding.join(", ")
+            );
+        }
+        if self.candidates.iter().any(|candidate| candidate.nearly_as_good && candidate.model == self.chosen) {
+            return format!(
+                "{} chosen: OpenCV and ROS hold it, and it predicts unseen circles nearly as well as {}",
+                self.chosen,
+                others.join(", ")
+            );
+        }
+        if others.is_empty() {
+            return format!("{} chosen: no other model predicts unseen circles as well", self.chosen);
+        }
+        let held = WIDELY_HELD.iter().any(|kind| kind.name() == self.chosen);
+        let why = if held { "OpenCV and ROS hold it, and of such models" } else { "of these" };
+        format!(
+            "{} chosen: it predicts unseen circles as well as {}; {why} it has the fewest parameters",
+            self.chosen,
+            others.join(", ")
+        )
+    }
+}
+
+/// Tries every one of `models` on `frames` and gives the initial model of the one that suits them.
+///
+/// `sensor` is (width, height) in pixels; `progress` is told which model is tried.
+///
+/// # Errors
+/// That of the first candidate, if none has an initial model.
+pub fn choose_model(
+    frames: &[ReferenceFrame],
+    board: &Board,
+    sensor: Sensor,
+    models: &[ModelKind],
+    initial: &InitialSettings,
+    settings: &ModelChoiceSettings,
+    mut progress: impl FnMut(ModelKind),
+) -> Result<(InitialModel, ModelChoice), InitialError> {
+    let mut found: Vec<(ModelKind, InitialModel)> = Vec::new();
+    let mut failures: Vec<(ModelKind, InitialError)> = Vec::new();
+    for &kind in models {
+        progress(kind);
+        match initial_model(frames, board, sensor, kind, initial) {
+            Ok(model) => found.push((kind, model)),
+            Err(error) => failures.push((kind, error)),
+        }
+    }
+    // The model that explains most circles; of several, the one that does it best.
+    let most = found.iter().max_by(|(_, a), (_, b)| {
+        a.report.circles.used.cmp(&b.report.circles.used).then(b.report.rms.total_cmp(&a.report.rms))
+    });
+    let Some((circles_of, reference)) = most else {
+        let none = InitialError::NoCamera { views: 0, reason: "there is no model to choose from".to_owned() };
+        return Err(failures.into_iter().next().map_or(none, |(_, error)| error));
+    };
+    let circles_of = *circles_of;
+    let circles = ComparedCircles::new(reference, frames, board);
+    let division = Division { blocks: settings.blocks, folds: settings.folds, views: settings.views };
+    let held: Vec<Option<HeldOutCost>> =
+        found.iter().map(|(_, model)| held_out(&circles, &model.camera, board, sensor, &division, initial)).collect();
+    let compared: Vec<usize> = (0..found.len()).filter(|&index| matches!(held.get(index), Some(Some(_)))).collect();
+    let candidates: Vec<Candidate> = found
+        .iter()
+        .zip(&held)
+        .filter_map(|((kind, model), held_out)| {
+            let parameters = kind.parameter_names().len();
+            let widely_held = WIDELY_HELD.contains(kind);
+            let folds = folds(&model.camera, sensor);
+            held_out.clone().map(|held_out| Candidate { parameters, widely_held, folds, held_out })
+        })
+        .collect();
+    let (chosen, standings) = match choose(&candidates, settings) {
+        Some((position, standings)) => (compared.get(position).copied(), standings),
+        None => (None, Vec::new()),
+    };
+    // Without a comparison, the model that explains most circles it is.
+    let chosen = chosen.or_else(|| found.iter().position(|(kind, _)| *kind == circles_of)).unwrap_or(0);
+    let report = |kind: ModelKind| {
+        let blank = CandidateReport {
+            model: kind.name().to_owned(),
+            parameters: kind.parameter_names().len(),
+            count: 0,
+            root_mean_cost: None,
+            excess: None,
+            standard_error: None,
+            as_good: false,
+            nearly_as_good: false,
+            folds: false,
+            failure: None,
+        };
+        if let Some((_, error)) = failures.iter().find(|(failed, _)| *failed == kind) {
+            return CandidateReport { failure: Some(error.to_string()), ..blank };
+        }
+        let place = compared.iter().position(|&index| found.get(index).is_some_and(|(found, _)| *found == kind));
+        match place.and_then(|place| Some((candidates.get(place)?, standings.get(place)?))) {
+            Some((candidate, standing)) => CandidateReport {
+                count: candidate.held_out.count,
+                root_mean_cost: Some(candidate.held_out.mean().sqrt()),
+                excess: Some(standing.excess),
+                standard_error: Some(standing.standard_error),
+                as_good: standing.as_good,
+                nearly_as_good: standing.nearly_as_good,
+                folds: candidate.folds,
+                ..blank
+            },
+            None => CandidateReport { failure: Some("too few views without one of the parts".to_owned()), ..blank },
+        }
+    };
+    let candidates = models.iter().map(|&kind| report(kind)).collect();
+    let (kind, model) = found.swap_remove(chosen);
+    Ok((
+        model,
+        ModelChoice {
+            chosen: kind.name().to_owned(),
+            instead_of: None,
+            circles_of: circles_of.name().to_owned(),
+            candidates,
+        },
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn candidate(parameters: usize, block_costs: &[f64]) -> Candidate {
+        Candidate {
+            parameters,
+            widely_held: true,
+            folds: false,
+            held_out: HeldOutCost { count: 100, block_costs: block_costs.to_vec() },
+        }
+    }
+
+    #[test]
+    fn the_simplest_of_those_as_good_as_the_best_is_chosen() {
+        let candidates = [
+            candidate(12, &[1.00, 2.00, 3.00, 4.00]),
+            candidate(8, &[1.01, 1.99, 3.02, 4.00]),
+            candidate(5, &[1.5, 2.4, 3.6, 4.5]),
+        ];
+        let (chosen, standings) = choose(&candidates, &ModelChoiceSettings::default()).unwrap();
+        assert_eq!(chosen, 1);
+        assert!(standings[0].as_good && standings[1].as_good && !standings[2].as_good);
+        assert_eq!((standings[0].excess, standings[0].standard_error), (0.0, 0.0));
+        // Mean 0.005; deviations 0.005, -0.015, 0.015, -0.005: s² = 5e-4 / 3.
+        assert!((standings[1].excess - 0.005).abs() < 1e-12, "{standings:?}");
+        assert!((standings[1].standard_error - (5e-4_f64 / 12.0).sqrt()).abs() < 1e-12, "{standings:?}");
+    }
+
+    /// Blocks differ much more than the models do, and still the models are told apart.
+    #[test]
+    fn what_is_hard_for_all_does_not_hide_a_difference() {
+        let hard = [0.1, 5.0, 0.3, 9.0, 1.0];
+        let worse = hard.map(|cost| cost + 0.01);
+        let (chosen, standings) =
+            choose(&[candidate(4, &worse), candidate(9, &hard)], &ModelChoiceSettings::default()).unwrap();
+        assert_eq!(chosen, 1);
+        assert!(!standings[0].as_good && standings[0].standard_error < 1e-9);
+    }
+
+    #[test]
+    fn of_equally_simple_models_the_better_one_is_chosen() {
+        let (chosen, _) =
+            choose(&[candidate(8, &[1.1, 0.9]), candidate(8, &[0.9, 1.0])], &ModelChoiceSettings::default()).unwrap();
+        assert_eq!(chosen, 1);
+        assert_eq!(choose(&[], &ModelChoiceSettings::default()), None);
+    }
+
+    #[test]
+    fn a_model_that_others_hold_goes_before_one_that_they_do_not() {
+        let rare = Candidate { widely_held: false, ..candidate(6, &[1.0, 1.2, 0.9]) };
+        let held = candidate(8, &[1.01, 1.19, 0.91]);
+        let (chosen, standings) = choose(&[rare.clone(), held], &ModelChoiceSettings::default()).unwrap();
+        assert_eq!((chosen, standings[1].as_good), (1, true), "{standings:?}");
+        let (chosen, _) = choose(&[rare, candidate(8, &[1.5, 1.7, 1.4])], &ModelChoiceSettings::default()).unwrap();
+        assert_eq!(chosen, 0);
+    }
+
+    /// A thousandth of the cost, and still many standard errors.
+    #[test]
+    fn a_difference_that_does_not_matter_keeps_nobody_from_a_model_that_others_hold() {
+        let rare = Candidate { widely_held: false, ..candidate(5, &[1.0, 1.2, 0.9]) };
+        let slightly_worse = candidate(8, &[1.0009, 1.2010, 0.9011]);
+        let simpler = candidate(4, &[1.0007, 1.2008, 0.9009]);
+        let choose = |candidates: &[Candidate], negligible| {
+            let settings = ModelChoiceSettings { negligible, ..ModelChoiceSettings::default() };
+            choose(candidates, &settings).unwrap().0
+        };
+        assert_eq!(choose(&[rare.clone(), slightly_worse.clone()], 1e-3), 1);
+        assert_eq!(choose(&[rare.clone(), slightly_worse.clone()], 5e-4), 0);
+        // One that they hold and that is as good leaves no need for it.
+        let best = candidate(12, &[1.0, 1.2, 0.9]);
+        assert_eq!(choose(&[rare, best, simpler, slightly_worse], 1e-3), 1);
+    }
+
+    #[test]
+    fn a_model_that_folds_counts_only_where_all_do() {
+        let settings = ModelChoiceSettings::default();
+        let folding = |model: &Candidate| Candidate { folds: true, ..model.clone() };
+        let (better, worse) = (candidate(12, &[1.0, 1.2, 0.9]), candidate(8, &[1.1, 1.3, 1.02]));
+        let (chosen, standings) = choose(&[folding(&better), worse.clone()], &settings).unwrap();
+        assert_eq!((chosen, standings[0].as_good, standings[1].as_good), (1, false, true));
+        assert!(standings[0].excess < 0.0 && standings[1].excess == 0.0);
+        assert_eq!(choose(&[folding(&better), folding(&worse)], &settings).unwrap().0, 0);
+        assert_eq!(choose(&[better, worse], &settings).unwrap().0, 0);
+    }
+
+    #[test]
+    fn the_reason_does_not_call_as_good_what_is_nearly_as_good() {
+        let report = |model: &str, as_good, nearly_as_good| CandidateReport {
+            model: model.to_owned(),
+            parameters: 8,
+            count: 100,
+            root_mean_cost: Some(0.2),
+            excess: Some(0.0),
+            standard_error: Some(0.0),
+            as_good,
+            nearly_as_good,
+            folds: false,
+            failure: None,
+        };
+        let chosen = |of_chosen| ModelChoice {
+            chosen: "kannala-brandt".to_owned(),
+            instead_of: None,
+            circles_of: "fov".to_owned(),
+            candidates: vec![report("fov", true, false), report("radtan", false, false), of_chosen],
+        };
+        let nearly = chosen(report("kannala-brandt", false, true)).reason();
+        assert!(nearly.ends_with("unseen circles nearly as well as fov"), "{nearly}");
+        let as_good = chosen(report("kannala-brandt", true, false)).reason();
+        assert!(as_good.contains("unseen circles as well as fov;"), "{as_good}");
+    }
+
+    #[test]
+    fn requests_are_read_by_name() {
+        assert_eq!("auto".parse(), Ok(ModelRequest::Auto));
+        assert_eq!("double-sphere".parse(), Ok(ModelRequest::Given(ModelKind::DoubleSphere)));
+        assert_eq!("Auto".parse::<ModelRequest>(), Err(UnknownModel));
+    }
+}

@@ -1,0 +1,50 @@
+//! A camera and poses while a recording still goes on: quick, good to some tenths of a pixel.
+
+use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
+use nalgebra::Isometry3;
+
+use super::InitialSettings;
+use super::first_camera::views_differ;
+use super::native_start::native_start;
+use super::pose::homography_pose;
+use super::sighting::BoardPoint;
+use super::view_selection::select_views;
+use crate::circles::reference_frame::ObservedCircle;
+use evcal_geometry::board::Board;
+
+fn points(circles: &[ObservedCircle], board: &Board) -> Vec<BoardPoint> {
+    let point =
+        |circle: &ObservedCircle| BoardPoint { object: board.circle_center(circle.index), image: circle.center };
+    circles.iter().map(point).collect()
+}
+
+/// A camera of model `kind` from the most different of `views`, each the circles of one window; `None` while they are
+/// too few or too much alike.
+pub fn provisional_camera(
+    views: &[&[ObservedCircle]],
+    board: &Board,
+    sensor: Sensor,
+    kind: ModelKind,
+    settings: &InitialSettings,
+) -> Option<Camera<f64>> {
+    let views: Vec<Vec<BoardPoint>> = views.iter().map(|circles| points(circles, board)).collect();
+    let views: Vec<&[BoardPoint]> = views.iter().map(Vec::as_slice).collect();
+    let chosen: Vec<&[BoardPoint]> = select_views(&views, board, sensor, settings.start_views)
+        .into_iter()
+        .filter_map(|position| views.get(position).copied())
+        .collect();
+    let bundle = native_start(kind, &chosen, sensor, settings)?;
+    views_differ(&bundle, settings).ok()?;
+    Some(bundle.camera)
+}
+
+/// `T_camera_world` of the board whose `circles` the camera sees; `None` when they do not tell.
+pub fn provisional_pose(
+    camera: &Camera<f64>,
+    circles: &[ObservedCircle],
+    board: &Board,
+    settings: &InitialSettings,
+) -> Option<Isometry3<f64>> {
+    homography_pose(camera, &points(circles, board), settings.huber).map(|fit| fit.pose)
+}

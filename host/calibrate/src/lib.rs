@@ -1,0 +1,30 @@
+//! From a recording of a moving circle grid to a calibrated event camera.
+//!
+//! Stages are plain functions over plain structs, and data flows one way:
+//! recording → window → circles → grid → reference frames → initial model and poses → segments →
+//! splines → associations → joint solve → result → export. `docs/architecture.md` of the repository has a table of the
+//! modules here and of what each may use.
+// No input makes it panic; the program prints.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
+pub mod calibrate;
+pub mod check;
+pub mod circles;
+pub mod detection;
+pub mod diagnosis;
+pub mod evaluate;
+pub mod export;
+pub mod inertial;
+pub mod initial;
+pub mod motion_capture;
+pub mod picture_calibration;
+pub mod result;
+pub mod second_camera;
+pub mod settings;
+pub mod solve;
+pub mod trajectory;
+pub mod trust;
+pub mod undistort;
+
+pub use evcal_geometry::VERSION;

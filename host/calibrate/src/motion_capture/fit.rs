@@ -1,0 +1,299 @@
+//! Maximum likelihood: where the body sits, where the board stands, and when.
+
+use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternion};
+
+use super::error::MotionCaptureError;
+use super::path::{Moment, Path};
+use evcal_geometry::numerics::huber::huber;
+use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
+use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
+use evcal_geometry::timed_pose::TimedPose;
+
+/// Parameters: rotation (right of the pose, rad), then translation (m).
+pub const CAMERA_BODY: usize = 0;
+/// The same.
+pub const MOCAP_WORLD: usize = 6;
+/// Offset of the clocks (s).
+pub const OFFSET: usize = 12;
+/// Drift of the capture's clock.
+pub const DRIFT: usize = 13;
+/// Lengths in the capture over those on the board.
+pub const SCALE: usize = 14;
+/// How many there are.
+pub const COUNT: usize = 15;
+
+/// Seconds of common poses above which the clocks may run at different speeds.
+pub const LONG_ENOUGH_FOR_DRIFT: f64 = 20.0;
+/// σ of what clocks differ by before any measurement.
+const DRIFT_SIGMA: f64 = 2e-4;
+/// σ of a parameter that is held.
+const HELD: f64 = 1e-9;
+/// Size of a residual from which a pose counts linearly, in σ of one axis.
+const HUBER: f64 = 4.0;
+/// Rounds of spread and solve.
+const ROUNDS: usize = 4;
+/// Rows of a pose: position, rotation.
+const ROWS: usize = 6;
+/// Smallest spread: position (m) and rotation (rad).
+const SMALLEST: Spread = Spread { position: 1e-7, rotation: 1e-7 };
+
+const SCHEDULE: Schedule = Schedule {
+    first_damping: 1e-6,
+    smallest_damping: 1e-9,
+    largest_damping: 1e6,
+    most_steps: 30,
+    smallest_gain: 1e-10,
+};
+
+pub(super) type Row = SMatrix<f64, ROWS, COUNT>;
+pub(super) type Normal = SMatrix<f64, COUNT, COUNT>;
+pub(super) type Gradient = SVector<f64, COUNT>;
+
+/// What is between camera and capture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandEye {
+    /// `T_camera_body`.
+    pub camera_body: Isometry3<f64>,
+    /// `T_mocap_world`.
+    pub mocap_world: Isometry3<f64>,
+    /// t_mocap = t_events + offset + drift (t_mocap − middle).
+    pub offset: f64,
+    /// By how much the capture's clock is faster.
+    pub drift: f64,
+    /// Lengths in the capture over those on the board.
+    pub scale: f64,
+    /// Time of the capture at which the offset holds (s).
+    pub middle: f64,
+}
+
+impl HandEye {
+    /// Time of the events at the capture's `t`.
+    pub fn event_time(&self, t: f64) -> f64 {
+        t - self.offset - self.drift * (t - self.middle)
+    }
+
+    /// Poses of the capture at whose time the camera's pose is known, with that.
+    pub fn matched<'a>(
+        &'a self,
+        path: &'a Path,
+        capture: &'a [TimedPose],
+    ) -> impl Iterator<Item = (&'a TimedPose, Moment)> + 'a {
+        capture.iter().filter_map(|body| Some((body, path.at(self.event_time(body.t))?)))
+    }
+
+    /// Position (m, frame of the capture) and rotation (rad, axes of the body) by which a captured pose is off, and the
+    /// derivatives of both.
+    pub(super) fn row(&self, body: &TimedPose, moment: &Moment) -> (SVector<f64, ROWS>, Row) {
+        let Self { camera_body, mocap_world, scale, .. } = self;
+        let Moment { pose: camera, velocity, angular_velocity } = moment;
+        let on_board = camera.translation.vector * *scale + camera.rotation * camera_body.translation.vector;
+        let position =
+            body.pose.translation.vector - mocap_world.transform_vector(&on_board) - mocap_world.translation.vector;
+        let world_body = camera.rotation * camera_body.rotation;
+        let rotation = ((mocap_world.rotation * world_body).inverse() * body.pose.rotation).scaled_axis();
+        let matrix = |rotation: UnitQuaternion<f64>| rotation.to_rotation_matrix().into_inner();
+        let room = matrix(mocap_world.rotation);
+        let mut by = Row::zeros();
+        by.fixed_view_mut::<3, 3>(0, CAMERA_BODY + 3).copy_from(&-(room * matrix(camera.rotation)));
+        by.fixed_view_mut::<3, 3>(0, MOCAP_WORLD).copy_from(&(room * on_board.cross_matrix()));
+        by.fixed_view_mut::<3, 3>(0, MOCAP_WORLD + 3).copy_from(&-Matrix3::identity());
+        let speed = velocity * *scale + camera.rotation * angular_velocity.cross(&camera_body.translation.vector);
+        let later = body.t - self.middle;
+        let turning = camera_body.rotation.inverse_transform_vector(angular_velocity);
+        for (column, factor) in [(OFFSET, 1.0), (DRIFT, later)] {
+            by.fixed_view_mut::<3, 1>(0, column).copy_from(&(room * speed * factor));
+            by.fixed_view_mut::<3, 1>(3, column).copy_from(&(turning * factor));
+        }
+        by.fixed_view_mut::<3, 1>(0, SCALE).copy_from(&-(room * camera.translation.vector));
+        by.fixed_view_mut::<3, 3>(3, CAMERA_BODY).copy_from(&-Matrix3::identity());
+        by.fixed_view_mut::<3, 3>(3, MOCAP_WORLD).copy_from(&-matrix(world_body.inverse()));
+        (SVector::from_fn(|row, _| if row < 3 { position[row] } else { rotation[row - 3] }), by)
+    }
+
+    /// Derivatives of what [`HandEye::row`] gives by the camera's pose: its translation (m, axes of the world), its rotation (rad, about the
+    /// axes of the camera).
+    pub(super) fn by_camera_pose(&self, moment: &Moment) -> SMatrix<f64, ROWS, 6> {
+        let matrix = |rotation: UnitQuaternion<f64>| rotation.to_rotation_matrix().into_inner();
+        let room = matrix(self.mocap_world.rotation);
+        let mut by = SMatrix::<f64, ROWS, 6>::zeros();
+        by.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-room * self.scale));
+        let body = self.camera_body.translation.vector.cross_matrix();
+        by.fixed_view_mut::<3, 3>(0, 3).copy_from(&(room * matrix(moment.pose.rotation) * body));
+        by.fixed_view_mut::<3, 3>(3, 3).copy_from(&-matrix(self.camera_body.rotation.inverse()));
+        by
+    }
+
+    fn moved(&self, step: &Gradient) -> Self {
+        let moved = |pose: &Isometry3<f64>, first: usize| {
+            let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(first).into_owned());
+            let shift = step.fixed_rows::<3>(first + 3).into_owned();
+            Isometry3::from_parts(Translation3::from(pose.translation.vector + shift), pose.rotation * turn)
+        };
+        Self {
+            camera_body: moved(&self.camera_body, CAMERA_BODY),
+            mocap_world: moved(&self.mocap_world, MOCAP_WORLD),
+            offset: self.offset + step[OFFSET],
+            drift: self.drift + step[DRIFT],
+            scale: self.scale + step[SCALE],
+            middle: self.middle,
+        }
+    }
+}
+
+/// Scatter of both trajectories about each other, of each axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// Position (m).
+    pub position: f64,
+    /// Rotation (rad).
+    pub rotation: f64,
+}
+
+impl Spread {
+    /// Loss and weight of an error in position and in rotation.
+    fn losses(&self, error: &SVector<f64, ROWS>) -> [(f64, f64); 2] {
+        [(0, self.position), (3, self.rotation)].map(|(first, sigma)| {
+            let (cost, root_weight) = huber(error.fixed_rows::<3>(first).norm() / sigma, HUBER);
+            (cost, (root_weight / sigma).powi(2))
+        })
+    }
+
+    /// Weight of an error in position and in rotation.
+    pub(super) fn weights(&self, error: &SVector<f64, ROWS>) -> [f64; 2] {
+        self.losses(error).map(|(_, weight)| weight)
+    }
+}
+
+/// What is expected of drift and scale: σ of each about 0 and 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Priors {
+    drift: f64,
+    scale: f64,
+}
+
+impl Priors {
+    pub(super) fn add(&self, at: &HandEye, normal: &mut Normal, gradient: &mut Gradient) -> f64 {
+        let mut cost = 0.0;
+        for (index, distance, sigma) in [(DRIFT, at.drift, self.drift), (SCALE, at.scale - 1.0, self.scale)] {
+            let weight = 1.0 / (sigma * sigma);
+            normal[(index, index)] += weight;
+            gradient[index] += weight * distance;
+            cost += 0.5 * weight * distance * distance;
+        }
+        cost
+    }
+}
+
+/// A solution.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fitted {
+    /// What was found.
+    pub hand_eye: HandEye,
+    /// Scatter about it.
+    pub spread: Spread,
+    /// Number of poses.
+    pub used: usize,
+    /// What drift and scale were expected to be.
+    pub priors: Priors,
+}
+
+/// Normal equations of poses.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Equations {
+    pub normal: Normal,
+    pub gradient: Gradient,
+    pub cost: f64,
+}
+
+impl Equations {
+    pub(super) fn none() -> Self {
+        Self { normal: Normal::zeros(), gradient: Gradient::zeros(), cost: 0.0 }
+    }
+
+    /// Adds one pose, position and rotation each with its own loss.
+    pub(super) fn add(&mut self, (error, by): &(SVector<f64, ROWS>, Row), spread: &Spread) {
+        for (first, (cost, weight)) in [0, 3].into_iter().zip(spread.losses(error)) {
+            let (error, by) = (error.fixed_rows::<3>(first), by.fixed_rows::<3>(first));
+            self.normal += by.tr_mul(&by) * weight;
+            self.gradient += by.tr_mul(&error) * weight;
+            self.cost += cost;
+        }
+    }
+}
+
+/// Fits all but the scale to the poses of the capture whose time on the clock of the events is `wanted`, from `start` on.
+///
+/// # Errors
+/// [`MotionCaptureError::Singular`] when they do not determine it.
+pub fn fit(
+    path: &Path,
+    capture: &[TimedPose],
+    start: HandEye,
+    drifts: bool,
+    wanted: impl Fn(f64) -> bool,
+) -> Result<Fitted, MotionCaptureError> {
+    let priors = Priors { drift: if drifts { DRIFT_SIGMA } else { HELD }, scale: HELD };
+    let (count, sum) =
+        start.matched(path, capture).fold((0.0, 0.0), |(count, sum), (body, _)| (count + 1.0, sum + body.t));
+    // The offset is known best, and the same with any drift, in the middle.
+    let middle = sum / f64::max(count, 1.0);
+    solve(path, capture, HandEye { middle, ..start }, priors, wanted)
+}
+
+/// Fits the scale too, from `all` on.
+///
+/// # Errors
+/// [`MotionCaptureError::Singular`].
+pub fn with_scale(
+    path: &Path,
+    capture: &[TimedPose],
+    all: &Fitted,
+    drifts: bool,
+) -> Result<Fitted, MotionCaptureError> {
+    let priors = Priors { drift: if drifts { DRIFT_SIGMA } else { HELD }, scale: 1.0 };
+    solve(path, capture, all.hand_eye, priors, |_| true)
+}
+
+fn solve(
+    path: &Path,
+    capture: &[TimedPose],
+    start: HandEye,
+    priors: Priors,
+    wanted: impl Fn(f64) -> bool,
+) -> Result<Fitted, MotionCaptureError> {
+    let rows = |at: &HandEye| -> Vec<(SVector<f64, ROWS>, Row)> {
+        let matched = at.matched(path, capture).filter(|(body, _)| wanted(at.event_time(body.t)));
+        matched.map(|(body, moment)| at.row(body, &moment)).collect()
+    };
+    let mut hand_eye = start;
+    let mut spread = spread(&rows(&hand_eye)).ok_or(MotionCaptureError::Singular)?;
+    for _ in 0..ROUNDS {
+        let linearise = |at: &HandEye| {
+            let mut equations = Equations::none();
+            rows(at).iter().for_each(|row| equations.add(row, &spread));
+            equations.cost += priors.add(at, &mut equations.normal, &mut equations.gradient);
+            equations
+        };
+        let mut best = Costed { estimate: hand_eye, cost: linearise(&hand_eye).cost };
+        minimise(&mut best, &SCHEDULE, linearise, |at, equations, damping| {
+            let mut normal = equations.normal;
+            (0..COUNT).for_each(|index| normal[(index, index)] *= 1.0 + damping);
+            let estimate = at.moved(&-normal.cholesky()?.solve(&equations.gradient));
+            Some(Costed { estimate, cost: linearise(&estimate).cost })
+        });
+        hand_eye = best.estimate;
+        spread = self::spread(&rows(&hand_eye)).ok_or(MotionCaptureError::Singular)?;
+    }
+    Ok(Fitted { hand_eye, spread, used: rows(&hand_eye).len(), priors })
+}
+
+/// From the median size of the components.
+fn spread(rows: &[(SVector<f64, ROWS>, Row)]) -> Option<Spread> {
+    let of = |first: usize| {
+        let mut sizes: Vec<f64> =
+            rows.iter().flat_map(|(error, _)| (first..first + 3).map(|row| error[row].abs())).collect();
+        median(&mut sizes, f64::total_cmp).map(|middle| SIGMA_BY_MEDIAN * middle)
+    };
+    let (position, rotation) = (of(0)?, of(3)?);
+    Some(Spread { position: position.max(SMALLEST.position), rotation: rotation.max(SMALLEST.rotation) })
+}

@@ -1,0 +1,202 @@
+//! A camera that moves as no other, and a body on it.
+
+use nalgebra::{Translation3, UnitQuaternion};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+use evcal_geometry::numerics::random::normal;
+
+const SECONDS: f64 = 24.0;
+const OFFSET_TRUE: f64 = 3.217_45;
+const DRIFT_TRUE: f64 = 40e-6;
+
+/// `T_world_camera`, never the same twice; `turn` chooses what of the rotation there is.
+fn camera(t: f64, turn: Vector3<f64>) -> Isometry3<f64> {
+    let turns = Vector3::new(
+        0.4 * (2.1 * t).sin() + 0.2 * (5.3 * t + 0.4).sin() + 0.1 * (0.23 * t * t).cos(),
+        0.3 * (1.7 * t + 1.0).cos() + 0.2 * (4.7 * t).sin() + 0.1 * (0.31 * t * t).sin(),
+        0.3 * (1.3 * t).sin() + 0.15 * (6.1 * t).cos() + 0.1 * (0.27 * t * t).sin(),
+    );
+    let position = Vector3::new(
+        0.2 * (1.1 * t).sin() + 0.03 * (7.0 * t).cos(),
+        0.15 * (1.9 * t).cos(),
+        -0.7 + 0.15 * (0.9 * t + 1.0).sin(),
+    );
+    Isometry3::new(position, turns.component_mul(&turn))
+}
+
+fn free() -> Vector3<f64> {
+    Vector3::new(1.0, 1.0, 1.0)
+}
+
+fn camera_poses(turn: Vector3<f64>) -> Vec<TimedPose> {
+    let count = (200.0 * SECONDS) as usize;
+    (0..=count).map(|index| index as f64 / 200.0).map(|t| TimedPose { t, pose: camera(t, turn) }).collect()
+}
+
+fn camera_body() -> Isometry3<f64> {
+    Isometry3::new(Vector3::new(0.03, -0.06, -0.02), Vector3::new(0.2, -1.4, 0.9))
+}
+
+fn mocap_world() -> Isometry3<f64> {
+    Isometry3::new(Vector3::new(1.2, 0.8, -2.5), Vector3::new(-0.3, 2.0, 0.5))
+}
+
+/// What a capture of `noise` (m, degrees) sees.
+fn capture(turn: Vector3<f64>, noise: (f64, f64)) -> Vec<TimedPose> {
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let mut vector = |size: f64| Vector3::from_fn(|_, _| size * normal(&mut random));
+    let count = (120.0 * (SECONDS + 4.0)) as usize;
+    (0..count)
+        .map(|index| {
+            let t = OFFSET_TRUE - 2.0 + index as f64 / 120.0;
+            let event_time = t - OFFSET_TRUE - DRIFT_TRUE * (t - OFFSET_TRUE - 0.5 * SECONDS);
+            let pose = mocap_world() * camera(event_time, turn) * camera_body();
+            let rotation = pose.rotation * UnitQuaternion::new(vector(noise.1.to_radians()));
+            let position = Translation3::from(pose.translation.vector + vector(noise.0));
+            TimedPose { t, pose: Isometry3::from_parts(position, rotation) }
+        })
+        .collect()
+}
+
+fn changed(change: impl Fn(Isometry3<f64>) -> Isometry3<f64>) -> Vec<TimedPose> {
+    capture(free(), (3e-4, 0.2)).iter().map(|pose| TimedPose { t: pose.t, pose: change(pose.pose) }).collect()
+}
+
+#[test]
+fn a_perfect_capture_gives_the_truth() {
+    let found = compare(&camera_poses(free()), &capture(free(), (0.0, 0.0)), None).unwrap();
+    let moved = found.camera_body.pose.inverse() * camera_body();
+    assert!(moved.translation.vector.norm() < 1e-6 && moved.rotation.angle() < 1e-6, "{found:?}");
+    let moved = found.mocap_world.pose.inverse() * mocap_world();
+    assert!(moved.translation.vector.norm() < 1e-6 && moved.rotation.angle() < 1e-6, "{found:?}");
+    assert!((found.offset.value - OFFSET_TRUE).abs() < 1e-6, "{:?}", found.offset);
+    assert!((found.drift.unwrap().value - DRIFT_TRUE).abs() < 1e-6, "{:?}", found.drift);
+    assert!((found.scale.value - 1.0).abs() < 1e-6 && !found.lengths_differ());
+    assert!(found.errors.held_out.position.sizes.rmse < 2e-6, "{:?}", found.errors);
+}
+
+#[test]
+fn noise_is_told_and_taken_off() {
+    let (position, rotation) = (3e-4, 0.2);
+    let found = compare(&camera_poses(free()), &capture(free(), (position, rotation)), None).unwrap();
+    let moved = found.camera_body.pose.inverse() * camera_body();
+    assert!(moved.translation.vector.norm() < 5.0 * found.camera_body.translation_sigma.norm());
+    assert!(found.camera_body.translation_sigma.norm() < 1e-4, "{found:?}");
+    assert!(moved.rotation.angle() < 5.0 * found.camera_body.rotation_sigma.norm());
+    assert!((found.offset.value - OFFSET_TRUE).abs() < 5.0 * found.offset.sigma && found.offset.sigma < 1e-4);
+    assert!((found.spread.position / position - 1.0).abs() < 0.05, "{:?}", found.spread);
+    assert!((found.spread.rotation / rotation.to_radians() - 1.0).abs() < 0.05, "{:?}", found.spread);
+    // The camera's poses are perfect: all of what is left is noise, but for what chance leaves of the difference of both.
+    let errors = &found.errors.held_out;
+    // The square of an error of nothing is within 3 σ of nothing, and its σ is twice the error times that of the error.
+    for errors in [&errors.position, &errors.rotation] {
+        assert!(errors.error.value < 6.0 * errors.error.sigma && errors.error.sigma < 0.3 * errors.noise, "{errors:?}");
+    }
+    assert!(errors.position.sizes.rmse > 5e-4, "{errors:?}");
+    assert!((found.rate - 120.0).abs() < 1e-6 && found.missing < 1e-9);
+}
+
+/// The error of a trajectory that moves smoothly is what is found, whatever the noise of the capture.
+#[test]
+fn the_error_of_a_trajectory_is_found_under_the_noise() {
+    let wrong =
+        |t: f64| Vector3::new((19.0 * t + 0.1 * t * t).sin(), (23.0 * t).cos(), (29.0 * t + 0.2 * t * t).sin()) * 4e-4;
+    let poses: Vec<TimedPose> = camera_poses(free())
+        .iter()
+        .map(|pose| TimedPose { t: pose.t, pose: Translation3::from(wrong(pose.t)) * pose.pose })
+        .collect();
+    let found = compare(&poses, &capture(free(), (3e-4, 0.2)), None).unwrap();
+    let truth = (1.5f64).sqrt() * 4e-4;
+    let errors = &found.errors.held_out.position;
+    assert!((errors.error.value / truth - 1.0).abs() < 0.05 && errors.error.sigma < 0.05 * truth, "{errors:?} {truth}");
+    assert!(errors.sizes.rmse > 1.3 * truth, "{errors:?}");
+}
+
+#[test]
+fn missing_and_wild_poses_do_no_harm() {
+    let mut capture = capture(free(), (3e-4, 0.2));
+    capture.retain(|pose| (pose.t * 1.7).fract() > 0.1);
+    for pose in capture.iter_mut().step_by(97) {
+        pose.pose.translation.vector.x += 0.05;
+    }
+    let found = compare(&camera_poses(free()), &capture, None).unwrap();
+    let moved = found.camera_body.pose.inverse() * camera_body();
+    assert!(moved.translation.vector.norm() < 2e-4 && moved.rotation.angle() < 2e-4, "{found:?}");
+    assert!((0.07..0.13).contains(&found.missing), "{}", found.missing);
+}
+
+#[test]
+fn motion_that_tells_too_little_is_refused() {
+    let refused = |turn: Vector3<f64>| compare(&camera_poses(turn), &capture(turn, (3e-4, 0.2)), None).unwrap_err();
+    assert!(matches!(refused(Vector3::zeros()), MotionCaptureError::LittleRotation { .. }));
+    for (axis, name) in ["x axis", "y axis", "z axis"].into_iter().enumerate() {
+        let error = refused(Vector3::from_fn(|row, _| if row == axis { 1.0 } else { 0.0 }));
+        assert!(error.to_string().contains(name), "{error}");
+    }
+    let short = &capture(free(), (3e-4, 0.2))[..600];
+    let error = compare(&camera_poses(free()), short, None).unwrap_err();
+    assert!(matches!(error, MotionCaptureError::TooShort { .. }), "{error}");
+    let sparse: Vec<TimedPose> = camera_poses(free()).into_iter().step_by(8).collect();
+    let error = compare(&sparse, &capture(free(), (0.0, 0.0)), None).unwrap_err();
+    assert!(error.to_string().contains("every 40 ms"), "{error}");
+}
+
+#[test]
+fn mistakes_in_a_capture_are_named() {
+    let camera = camera_poses(free());
+    let refused = |words: &str, capture: &[TimedPose]| {
+        let error = compare(&camera, capture, None).unwrap_err().to_string();
+        assert!(error.contains(words), "wanted {words:?}: {error}");
+    };
+    let longer = |factor: f64| {
+        changed(|pose| Isometry3::from_parts(Translation3::from(pose.translation.vector * factor), pose.rotation))
+    };
+    refused("in millimetres", &longer(1000.0));
+    refused("in centimetres", &longer(100.0));
+    refused("measure the spacing", &longer(1.05));
+    refused("inverted", &changed(|pose| pose.inverse()));
+    refused(
+        "w first",
+        &changed(|pose| {
+            let [x, y, z, w]: [f64; 4] = pose.rotation.coords.into();
+            let rotation = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(z, w, x, y));
+            Isometry3::from_parts(pose.translation, rotation)
+        }),
+    );
+    let quaternion = |w, x, y, z| UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
+    refused("conjugate", &changed(|pose| Isometry3::from_parts(pose.translation, pose.rotation.inverse())));
+    // y and z change places: a mirror.
+    refused(
+        "left-handed",
+        &changed(|pose| {
+            let (p, q) = (pose.translation, pose.rotation.coords);
+            Isometry3::from_parts(Translation3::new(p.x, p.z, p.y), quaternion(q.w, -q.x, -q.z, -q.y))
+        }),
+    );
+    // The columns of y and z of the quaternion only.
+    refused(
+        "no fixed mount",
+        &changed(|pose| {
+            let q = pose.rotation.coords;
+            Isometry3::from_parts(pose.translation, quaternion(q.w, q.x, q.z, q.y))
+        }),
+    );
+    let mut other = capture(free(), (3e-4, 0.2));
+    other.iter_mut().for_each(|pose| pose.pose = self::camera(0.77 * pose.t + 100.0, free()));
+    refused("this recording", &other);
+    let mut late = capture(free(), (3e-4, 0.2));
+    late.iter_mut().for_each(|pose| pose.t *= 1e9);
+    refused("times in seconds", &late);
+}
+
+#[test]
+fn a_slightly_wrong_board_is_told() {
+    let capture =
+        changed(|pose| Isometry3::from_parts(Translation3::from(pose.translation.vector * 1.01), pose.rotation));
+    let found = compare(&camera_poses(free()), &capture, None).unwrap();
+    // The body's distance from the camera grows with the rest.
+    assert!((found.scale.value - 1.01).abs() < 3e-4, "{:?}", found.scale);
+    assert!(found.lengths_differ());
+}

@@ -1,0 +1,336 @@
+//! Camera and the pose of every picture together, by least squares on the centres of dots, and how sure
+//! the camera is.
+//!
+//! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) less the measured one.
+//! The normal equations have a block for each picture's pose and a border of camera parameters; poses are
+//! eliminated picture by picture.
+//!
+//! The errors within a picture are not independent: blur, the shutter and the paper move all its dots
+//! together. Pictures are. So the covariance is the jackknife's over pictures (Efron 1982): with the border
+//! S = Σ S_f after elimination and the picture's gradient g_f, leaving out picture f moves the parameters by
+//! δ_f = (S − S_f)⁻¹ g_f, and the covariance is (n − 1) / n Σ δ_f δ_fᵀ.
+
+use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use evcal_core::sensor::Sensor;
+use nalgebra::{DMatrix, DVector, Isometry3, SMatrix, SVector, Vector2};
+use rayon::prelude::*;
+
+use super::circle_image::{CircleImage, circle_image_center};
+use evcal_geometry::lens::distortion_prior::{DistortionPrior, distortion_prior};
+use evcal_geometry::numerics::arrow::{PoseEquations, unit_diagonal};
+use evcal_geometry::numerics::huber::{huber_cost, huber_weight};
+use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
+use evcal_geometry::numerics::rigid::step_pose;
+use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
+
+type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
+type BorderVector = SVector<f64, MAX_PARAMETERS>;
+/// Normal equations of one view.
+type Equations = PoseEquations<MAX_PARAMETERS>;
+
+/// A dot: its circle's centre on the board (m) and its centre of area in the picture (px).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenDot {
+    /// Centre of the circle on the board in metres.
+    pub object: Vector2<f64>,
+    /// Centre of area in pixels.
+    pub image: Vector2<f64>,
+}
+
+/// The dots of one picture and its pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureView {
+    /// The dots.
+    pub dots: Vec<SeenDot>,
+    /// `T_camera_world`.
+    pub pose: Isometry3<f64>,
+}
+
+/// A camera from pictures.
+#[derive(Clone, Debug)]
+pub struct PictureBundle {
+    /// The camera.
+    pub camera: Camera<f64>,
+    /// `T_camera_world` of each view.
+    pub poses: Vec<Isometry3<f64>>,
+    /// Covariance of the camera's parameters, in the order of the model.
+    pub covariance: DMatrix<f64>,
+    /// Variance of the parameters over that of independent residuals, on average.
+    pub inflation: f64,
+    /// Standard deviation of a centre along one axis (px), of most centres.
+    pub spread: f64,
+    /// Root mean square distance of the centres from where the result puts them (px).
+    pub rms: f64,
+    /// Median of that distance.
+    pub median: f64,
+    /// Steps taken.
+    pub steps: usize,
+}
+
+/// How one pass goes.
+const SCHEDULE: Schedule = Schedule {
+    first_damping: 1e-4,
+    smallest_damping: 1e-10,
+    largest_damping: 1e8,
+    most_steps: 50,
+    smallest_gain: 1e-10,
+};
+/// Passes, each with the spread that the one before has left.
+const PASSES: usize = 3;
+/// Smallest spread that is believed (px).
+const SMALLEST_SPREAD: f64 = 0.002;
+
+/// What stays the same during a solve.
+struct Target<'a> {
+    radius: f64,
+    views: &'a [PictureView],
+    prior: DistortionPrior,
+    /// Huber's bound in pixels.
+    bound: f64,
+}
+
+/// What is refined: camera and `T_camera_world` of each view.
+#[derive(Clone)]
+struct Estimate {
+    camera: Camera<f64>,
+    poses: Vec<Isometry3<f64>>,
+}
+
+impl Target<'_> {
+    fn cost(&self, estimate: &Estimate) -> f64 {
+        let of_view = |(view, pose): (&PictureView, &Isometry3<f64>)| -> f64 {
+            let distance = |dot: &SeenDot| {
+                circle_image_center(&estimate.camera, pose, dot.object, self.radius)
+                    .map_or(f64::INFINITY, |center| (center - dot.image).norm_squared())
+            };
+            view.dots.iter().map(|dot| huber_cost(distance(dot), self.bound)).sum()
+        };
+        let costs: Vec<f64> = self.views.par_iter().zip(&estimate.poses).map(of_view).collect();
+        costs.iter().sum::<f64>() + self.prior.cost(&estimate.camera)
+    }
+
+    fn equations(&self, camera: &Camera<f64>, pose: &Isometry3<f64>, view: &PictureView) -> Equations {
+        let mut sum = Equations::new();
+        for dot in &view.dots {
+            let Some(image) = CircleImage::new(camera, pose, dot.object, self.radius) else { continue };
+            let error = image.center - dot.image;
+            let weight = huber_weight(error.norm_squared(), self.bound);
+            sum.add(error, &image.by_parameters, &image.by_pose, weight);
+        }
+        sum
+    }
+
+    fn linearise(&self, estimate: &Estimate) -> Vec<Equations> {
+        let views = self.views.par_iter().zip(&estimate.poses);
+        views.map(|(view, pose)| self.equations(&estimate.camera, pose, view)).collect()
+    }
+
+    /// `estimate` after one damped step; `None` where the equations have no solution.
+    fn step(&self, estimate: &Estimate, linear: &[Equations], damping: f64) -> Option<Costed<Estimate>> {
+        let eliminated: Vec<_> = linear.iter().map(|view| view.eliminate(damping)).collect::<Option<_>>()?;
+        let parameters = estimate.camera.parameters();
+        let count = parameters.len();
+        let mut border = Border::zeros();
+        let mut gradient = BorderVector::zeros();
+        for (view, eliminated) in linear.iter().zip(&eliminated) {
+            border += view.border - eliminated.border;
+            gradient += view.border_gradient - eliminated.gradient;
+        }
+        let prior = self.prior.equations(&estimate.camera, &[true; MAX_PARAMETERS]);
+        border.set_diagonal(&((border.diagonal() + prior.weights) * (1.0 + damping)));
+        gradient += prior.gradient;
+        let (border, scale) = unit_diagonal(&border.view((0, 0), (count, count)).into_owned());
+        let right = gradient.rows(0, count).component_mul(&scale);
+        let step = -border.cholesky()?.solve(&right).component_mul(&scale);
+        let moved: Vec<f64> = parameters.iter().zip(step.iter()).map(|(value, step)| value + step).collect();
+        let camera = Camera::from_parameters(estimate.camera.kind(), &moved)?;
+        let mut of_border = BorderVector::zeros();
+        of_border.rows_mut(0, count).copy_from(&step);
+        let poses = estimate.poses.iter().zip(linear.iter().zip(&eliminated));
+        let poses = poses
+            .map(|(pose, (equations, eliminated))| step_pose(pose, &equations.pose_step(eliminated, &of_border)))
+            .collect();
+        let estimate = Estimate { camera, poses };
+        let cost = self.cost(&estimate);
+        Some(Costed { estimate, cost })
+    }
+
+    /// The residuals of all dots in pixels.
+    fn residuals(&self, estimate: &Estimate) -> Vec<Vector2<f64>> {
+        let of_view = |(view, pose): (&PictureView, &Isometry3<f64>)| -> Vec<Vector2<f64>> {
+            let residual =
+                |dot: &SeenDot| Some(circle_image_center(&estimate.camera, pose, dot.object, self.radius)? - dot.image);
+            view.dots.iter().filter_map(residual).collect()
+        };
+        self.views.iter().zip(&estimate.poses).flat_map(of_view).collect()
+    }
+}
+
+/// The inverse of a symmetric positive definite matrix; `None` if it is none.
+fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let (matrix, scale) = unit_diagonal(matrix);
+    let inverse = matrix.cholesky()?.inverse();
+    let entry = |row: usize, column: usize| inverse[(row, column)] * scale[row] * scale[column];
+    Some(DMatrix::from_fn(inverse.nrows(), inverse.ncols(), entry))
+}
+
+/// Standard deviation along one axis of residuals of which most are good.
+fn robust_spread(residuals: &[Vector2<f64>]) -> f64 {
+    let mut sizes: Vec<f64> = residuals.iter().flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
+    median(&mut sizes, f64::total_cmp).map_or(SMALLEST_SPREAD, |median| (SIGMA_BY_MEDIAN * median).max(SMALLEST_SPREAD))
+}
+
+/// Refines `camera` and the poses of `views` on circles of `radius` (m). `sensor` is (width, height) in
+/// pixels, `huber` the distance in spreads from which a centre counts linearly.
+///
+/// `None` if a dot starts outside the camera's domain or the views do not determine the camera.
+pub fn picture_bundle(
+    camera: &Camera<f64>,
+    views: &[PictureView],
+    radius: f64,
+    sensor: Sensor,
+    huber: f64,
+) -> Option<PictureBundle> {
+    let count = camera.parameters().len();
+    let dots: usize = views.iter().map(|view| view.dots.len()).sum();
+    let freedom = (2 * dots).checked_sub(6 * views.len() + count).filter(|freedom| *freedom > 0)?;
+    let prior = distortion_prior(camera, sensor);
+    let mut target = Target { radius, views, prior, bound: f64::INFINITY };
+    let start = Estimate { camera: *camera, poses: views.iter().map(|view| view.pose).collect() };
+    let mut best = Costed { estimate: start, cost: f64::INFINITY };
+    let mut steps = 0;
+    for _ in 0..PASSES {
+        target.bound = huber * robust_spread(&target.residuals(&best.estimate));
+        best.cost = target.cost(&best.estimate);
+        steps += minimise(
+            &mut best,
+            &SCHEDULE,
+            |estimate| target.linearise(estimate),
+            |estimate, linear, damping| target.step(estimate, linear, damping),
+        );
+        if !best.cost.is_finite() {
+            return None;
+        }
+    }
+    let estimate = best.estimate;
+    let residuals = target.residuals(&estimate);
+    let linear = target.linearise(&estimate);
+    let squares: f64 = linear.iter().map(|view| view.squares).sum();
+    // Border and gradient of each view, its pose eliminated.
+    let of_view = |view: &Equations| {
+        let eliminated = view.eliminate(0.0)?;
+        let border = (view.border - eliminated.border).view((0, 0), (count, count)).into_owned();
+        Some((border, (view.border_gradient - eliminated.gradient).rows(0, count).into_owned()))
+    };
+    let eliminated: Vec<(DMatrix<f64>, DVector<f64>)> = linear.iter().map(of_view).collect::<Option<_>>()?;
+    let mut border = DMatrix::zeros(count, count);
+    for (of_view, _) in &eliminated {
+        border += of_view;
+    }
+    for (index, weight) in prior.weights.iter().enumerate().take(count) {
+        border[(index, index)] += weight;
+    }
+    let mut covariance = DMatrix::zeros(count, count);
+    for (of_view, gradient) in &eliminated {
+        let moved = inverse(&(&border - of_view))? * gradient;
+        covariance += &moved * moved.transpose();
+    }
+    let frames = views.len() as f64;
+    covariance *= (frames - 1.0) / frames;
+    let variance = squares / freedom as f64;
+    let inflation = (&border * &covariance).trace() / (count as f64 * variance);
+    let mut distances: Vec<f64> = residuals.iter().map(|residual| residual.norm()).collect();
+    let square: f64 = residuals.iter().map(|residual| residual.norm_squared()).sum();
+    Some(PictureBundle {
+        camera: estimate.camera,
+        poses: estimate.poses,
+        covariance,
+        inflation,
+        spread: robust_spread(&residuals),
+        rms: (square / residuals.len().max(1) as f64).sqrt(),
+        median: median(&mut distances, f64::total_cmp).unwrap_or(0.0),
+        steps,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::ModelKind;
+    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use evcal_geometry::board::Board;
+    use evcal_geometry::numerics::random::normal;
+
+    const SENSOR: Sensor = Sensor::new(346, 260);
+    const VIEWS: usize = 30;
+
+    fn camera() -> Camera<f64> {
+        let parameters = [331.2, 330.7, 174.1, 127.3, -0.33, 0.12, 0.0006, -0.0004];
+        Camera::from_parameters(ModelKind::Radtan4, &parameters).unwrap()
+    }
+
+    /// Dots with noise that is the same within no two pictures: a fifth of the pictures is four times as noisy,
+    /// and each picture is a little larger or smaller than it should be, as by blur.
+    fn views(camera: &Camera<f64>, seed: u64) -> Vec<PictureView> {
+        let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let middle = Vector2::new(173.0, 130.0);
+        (0..VIEWS)
+            .map(|view| {
+                let wave = |rate: f64| libm::sin(rate * (view as f64 + 1.0));
+                let rotation = UnitQuaternion::from_euler_angles(0.5 * wave(1.1), 0.5 * wave(2.3), 0.6 * wave(0.7));
+                let center = board.middle();
+                let position = Vector3::new(0.06 * wave(1.7), 0.05 * wave(0.4), 0.62 + 0.1 * wave(3.1));
+                let turned = rotation * Vector3::new(center.x, center.y, 0.0);
+                let pose = Isometry3::from_parts(Translation3::from(position - turned), rotation);
+                let noise = if view % 5 == 0 { 0.08 } else { 0.02 };
+                let scale = 1.0 + 2e-4 * normal(&mut rng);
+                let dots = (0..board.circle_count()).filter_map(|index| {
+                    let object = board.circle_center(index);
+                    let image = circle_image_center(camera, &pose, object, board.radius)?;
+                    let noise = Vector2::new(normal(&mut rng), normal(&mut rng)) * noise;
+                    Some(SeenDot { object, image: middle + (image - middle) * scale + noise })
+                });
+                PictureView { dots: dots.collect(), pose }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_stated_uncertainty_is_the_scatter_over_repetitions() {
+        const REPETITIONS: u64 = 60;
+        let truth = camera();
+        let (mut squares, mut stated) = ([0.0; 8], [0.0; 8]);
+        for seed in 0..REPETITIONS {
+            let bundle = picture_bundle(&truth, &views(&truth, seed), 0.0175, SENSOR, 2.5).unwrap();
+            let found = bundle.camera.parameters();
+            for index in 0..8 {
+                squares[index] += (found[index] - truth.parameters()[index]).powi(2) / REPETITIONS as f64;
+                stated[index] += bundle.covariance[(index, index)] / REPETITIONS as f64;
+            }
+        }
+        for (index, (square, stated)) in squares.iter().zip(stated).enumerate() {
+            let ratio: f64 = (stated / square).sqrt();
+            assert!((0.75..1.45).contains(&ratio), "parameter {index}: stated {ratio} times the scatter");
+        }
+    }
+
+    #[test]
+    fn the_camera_is_found_from_a_distance() {
+        let truth = camera();
+        let mut views = views(&truth, 1);
+        let start = Camera::from_parameters(ModelKind::Radtan4, &[345.0, 345.0, 170.0, 131.0, -0.3, 0.08, 0.0, 0.0]);
+        for view in &mut views {
+            view.pose.translation.vector.z *= 1.04;
+        }
+        let bundle = picture_bundle(&start.unwrap(), &views, 0.0175, SENSOR, 2.5).unwrap();
+        let sigma = bundle.covariance.diagonal().map(f64::sqrt);
+        for (index, (found, truth)) in bundle.camera.parameters().iter().zip(truth.parameters()).enumerate() {
+            assert!((found - truth).abs() < 4.0 * sigma[index], "parameter {index}: {found} {truth}");
+        }
+        assert!(bundle.rms < 0.08 && bundle.spread < 0.04, "{} {}", bundle.rms, bundle.spread);
+    }
+}

@@ -1,0 +1,255 @@
+//! The ordinary calibration from pictures: every picture has a pose of its own.
+
+use std::collections::BTreeMap;
+
+use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+use super::bundle::{PictureBundle, PictureView, SeenDot, picture_bundle};
+use super::circle_image::center_bias;
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::detection::no_board::NoBoard;
+use crate::detection::pictures::search::PictureSearchReport;
+use crate::detection::pictures::settings::PictureSettings;
+use crate::initial::{InitialError, InitialModel, InitialSettings, PosedFrame, initial_model};
+use crate::solve::residual_statistics::ResidualStatistics;
+use evcal_geometry::board::Board;
+
+/// What became of the pictures of all recordings.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PictureReport {
+    /// From pictures to boards.
+    pub detection: PictureSearchReport,
+    /// Pictures that the calibration used.
+    pub used: usize,
+    /// Why the others with a board fell away, in words.
+    pub dropped: String,
+    /// Centres of dots that the calibration used.
+    pub dots_used: usize,
+}
+
+/// A camera calibrated from pictures.
+#[derive(Clone, Debug)]
+pub struct PictureCalibration {
+    /// The camera.
+    pub camera: Camera<f64>,
+    /// Covariance of its parameters, in the order of the model, from the scatter between pictures.
+    pub covariance: DMatrix<f64>,
+    /// Variance of the parameters over that of independent residuals, on average.
+    pub inflation: f64,
+    /// Standard deviation of a centre along one axis (px).
+    pub spread: f64,
+    /// Root mean square distance of the centres from where the result puts them (px).
+    pub rms: f64,
+    /// Median of that distance (px).
+    pub median: f64,
+    /// Reference frames of the pictures with the board; centres are centres of area.
+    pub frames: Vec<ReferenceFrame>,
+    /// The pictures used with their poses; `center` of a circle is the image of its centre.
+    pub posed: Vec<PosedFrame>,
+    /// How it started.
+    pub initial: InitialModel,
+    /// What became of the pictures.
+    pub report: PictureReport,
+}
+
+impl PictureCalibration {
+    /// Standard deviation of each of the camera's parameters.
+    pub fn sigma(&self) -> Vec<f64> {
+        self.covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect()
+    }
+
+    /// How far the centres are from where the result puts them.
+    pub fn residuals(&self) -> ResidualStatistics {
+        ResidualStatistics { count: self.report.dots_used, rms: self.rms, median: self.median }
+    }
+
+    /// What a result from pictures alone says of itself.
+    pub fn summary(&self) -> PictureSummary {
+        PictureSummary {
+            sigma: self.sigma(),
+            spread: self.spread,
+            inflation: self.inflation,
+            report: self.report.clone(),
+        }
+    }
+}
+
+/// What a result from pictures alone says of itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PictureSummary {
+    /// Standard deviation of each of the camera's parameters, in the order of the model.
+    pub sigma: Vec<f64>,
+    /// Standard deviation of a centre along one axis (px).
+    pub spread: f64,
+    /// Variance of the parameters over that of independent residuals, on average.
+    pub inflation: f64,
+    /// What became of the pictures.
+    pub report: PictureReport,
+}
+
+/// Why the pictures gave no camera, and what became of them.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{reason}")]
+pub struct NoPictureCalibration {
+    /// Why, and what to do.
+    pub reason: PictureFailure,
+    /// What became of the pictures.
+    pub report: Box<PictureReport>,
+}
+
+/// Why the pictures gave no camera.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PictureFailure {
+    /// Too few of them show the board.
+    #[error("the board was found in {found} of {read} frames, {required} are needed{}: {advice}", in_words(.refused))]
+    TooFewPictures {
+        /// Pictures with the board.
+        found: usize,
+        /// Pictures read.
+        read: u64,
+        /// Pictures that are needed.
+        required: usize,
+        /// Pictures without a board, by reason.
+        refused: BTreeMap<NoBoard, u64>,
+        /// What helps.
+        advice: &'static str,
+    },
+    /// There is no first camera.
+    #[error(transparent)]
+    Initial(#[from] InitialError),
+    /// The views are too much alike.
+    #[error("the {views} frames with the board do not determine the camera: tilt it more")]
+    Undetermined {
+        /// Pictures used.
+        views: usize,
+    },
+}
+
+impl PictureFailure {
+    /// The same where the events show a larger board than stated: then neither light nor motion is to blame.
+    pub fn with_larger_board(self) -> Self {
+        match self {
+            Self::TooFewPictures { found, read, required, refused, .. } if !refused.is_empty() => {
+                let advice = "--board names only a part of the board in view";
+                Self::TooFewPictures { found, read, required, refused, advice }
+            }
+            other => other,
+        }
+    }
+}
+
+/// Reasons and how often they were, most frequent first, in parentheses; nothing without any.
+fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
+    let mut reasons: Vec<_> = refused.iter().collect();
+    reasons.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
+    let reasons: Vec<String> = reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+    if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) }
+}
+
+/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which
+/// `board` was found.
+///
+/// # Errors
+/// When too few pictures are left, or they do not determine the camera.
+pub fn calibrate_pictures(
+    frames: Vec<ReferenceFrame>,
+    detection: PictureSearchReport,
+    board: &Board,
+    sensor: Sensor,
+    kind: ModelKind,
+    initial_settings: &InitialSettings,
+    settings: &PictureSettings,
+) -> Result<PictureCalibration, NoPictureCalibration> {
+    let mut report = PictureReport { detection, ..PictureReport::default() };
+    let initial = match start(&frames, &report.detection, board, sensor, kind, initial_settings) {
+        Ok(initial) => initial,
+        Err(reason) => return Err(NoPictureCalibration { reason, report: Box::new(report) }),
+    };
+    report.dropped = initial.report.reasons();
+    let views: Vec<PictureView> = initial
+        .frames
+        .iter()
+        .map(|posed| {
+            let measured = frames.get(posed.frame).map_or(&[][..], |frame| &frame.circles);
+            let dots = posed.circles.iter().filter_map(|circle| {
+                Some(SeenDot { object: board.circle_center(circle.index), image: nearest(measured, circle)? })
+            });
+            PictureView { dots: dots.collect(), pose: posed.pose.inverse() }
+        })
+        .collect();
+    let bundle = picture_bundle(&initial.camera, &views, board.radius, sensor, settings.huber);
+    let Some(PictureBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
+        let reason = PictureFailure::Undetermined { views: views.len() };
+        return Err(NoPictureCalibration { reason, report: Box::new(report) });
+    };
+    let mut posed = initial.frames.clone();
+    for ((posed, view), pose) in posed.iter_mut().zip(&views).zip(&poses) {
+        posed.pose = pose.inverse();
+        let mut squares = 0.0;
+        for (circle, dot) in posed.circles.iter_mut().zip(&view.dots) {
+            let Some(bias) = center_bias(&camera, pose, dot.object, board.radius) else { continue };
+            circle.center = dot.image - bias;
+            let projected = camera.project(&(pose * nalgebra::Point3::new(dot.object.x, dot.object.y, 0.0)).coords);
+            squares += projected.map_or(0.0, |projected| (projected - circle.center).norm_squared());
+        }
+        posed.rms = (squares / posed.circles.len().max(1) as f64).sqrt();
+    }
+    report.used = views.len();
+    report.dots_used = views.iter().map(|view| view.dots.len()).sum();
+    Ok(PictureCalibration { camera, covariance, inflation, spread, rms, median, frames, posed, initial, report })
+}
+
+/// The measured centre that became `circle`, whose centre was put right by less than its radius.
+fn nearest(measured: &[ObservedCircle], circle: &ObservedCircle) -> Option<nalgebra::Vector2<f64>> {
+    let distance = |other: &&ObservedCircle| (other.center - circle.center).norm_squared();
+    measured.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|nearest| nearest.center)
+}
+
+/// The first camera and poses, or why there is none.
+fn start(
+    frames: &[ReferenceFrame],
+    detection: &PictureSearchReport,
+    board: &Board,
+    sensor: Sensor,
+    kind: ModelKind,
+    settings: &InitialSettings,
+) -> Result<InitialModel, PictureFailure> {
+    let required = settings.min_frames;
+    if frames.len() < required {
+        let (found, read, refused) = (frames.len(), detection.frames, detection.refused.clone());
+        let advice = match refused.is_empty() {
+            true => "record longer",
+            false => "more light, slower motion, the whole board in view",
+        };
+        return Err(PictureFailure::TooFewPictures { found, read, required, refused, advice });
+    }
+    Ok(initial_model(frames, board, sensor, kind, settings)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::pattern::{Layout, Pattern};
+
+    use super::*;
+
+    #[test]
+    fn what_helps_depends_on_what_was_refused() {
+        let told = |refused: BTreeMap<NoBoard, u64>| {
+            let detection = PictureSearchReport { frames: 7, refused, ..PictureSearchReport::default() };
+            let board = Board {
+                pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 },
+                spacing: 0.055,
+                radius: 0.0175,
+            };
+            let settings = InitialSettings::default();
+            let failure = start(&[], &detection, &board, Sensor::new(346, 260), ModelKind::Radtan, &settings);
+            failure.err().unwrap()
+        };
+        let all_good = told(BTreeMap::new());
+        assert!(all_good.to_string().ends_with("needed: record longer"), "{all_good}");
+        assert_eq!(all_good.clone().with_larger_board(), all_good);
+    }
+}

@@ -1,0 +1,232 @@
+//! Pictures and events in one solve: the centres of dots tied to the trajectories of the events.
+//!
+//! A centre belongs to the middle of its exposure. The trajectory runs on the clock of the events, which
+//! is late by what pixels take to answer, so that a constant offset between both is estimated first, along
+//! with its standard deviation: e = π(T(t + τ)) − m, ∂e/∂τ = the dot's velocity.
+
+use nalgebra::{Isometry3, Translation3, Vector2};
+use serde::{Deserialize, Serialize};
+
+use super::calibration::PictureCalibration;
+use super::circle_image::{center_bias, circle_image_center};
+use crate::circles::reference_frame::PointObservation;
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use crate::detection::pictures::settings::PictureSettings;
+use crate::solve::State;
+use crate::trajectory::Trajectory;
+use evcal_geometry::board::Board;
+use evcal_geometry::board::shape::{CircleArea, Surface};
+use evcal_geometry::numerics::huber::huber_weight;
+use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
+
+/// Pictures in a joint solve.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JointReport {
+    /// Pictures with the board while there was a trajectory.
+    pub frames: usize,
+    /// Centres of dots that became observations.
+    pub dots: usize,
+    /// Dots that lay elsewhere than the trajectory puts them.
+    pub dots_elsewhere: usize,
+    /// What is added to a picture's time to get that of the events of the same moment (s).
+    pub time_offset: f64,
+    /// Its standard deviation (s).
+    pub time_offset_sigma: f64,
+    /// Spread of a centre about the events' trajectory along one axis (px).
+    pub spread: f64,
+    /// The spread that gives a centre its weight in the solve (px).
+    pub sigma: f64,
+}
+
+/// Observations for the joint solve.
+pub struct JointPoints {
+    /// Centres for each trajectory, in order of time.
+    pub points: Vec<Vec<PointObservation>>,
+    /// How they came about.
+    pub report: JointReport,
+}
+
+/// Why pictures and events cannot be solved together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoJointPoints {
+    /// No picture lies on a trajectory.
+    #[error("no frame with the board was taken while the events show how the camera moved")]
+    NoCommonTime,
+    /// The clocks are too far apart.
+    #[error(
+        "the clocks of frames and events are too far apart, or their offset cannot be told: the board hardly moved in the frames"
+    )]
+    OffsetUnknown,
+}
+
+/// Step in seconds over which a dot's velocity is taken.
+const VELOCITY_STEP: f64 = 1e-4;
+/// Rounds of the time offset.
+const ROUNDS: usize = 8;
+/// The offset is found when a step is below this share of its standard deviation.
+const CONVERGED: f64 = 0.01;
+/// Largest standard deviation of the offset, as a share of the largest offset.
+const OFFSET_KNOWN: f64 = 0.1;
+/// Part of the distance of neighbouring dots within which a dot is that of the trajectory.
+const NEAR: f64 = 0.25;
+
+/// Smallest share of its spread that a centre's weight is from.
+const SMALLEST_SHARE: f64 = 0.2;
+
+/// One dot on a trajectory.
+struct Tied<'a> {
+    trajectory: usize,
+    frame: usize,
+    t: f64,
+    circle: usize,
+    measured: &'a ObservedCircle,
+    residual: Vector2<f64>,
+    velocity: Vector2<f64>,
+}
+
+/// Ties the dots of `calibration`'s pictures to the trajectories of `state`.
+///
+/// The solve takes events as independent, which they are not: they tell `event_inflation` times less of the
+/// camera than it believes. So that events do not outvote pictures, a centre's weight is raised by the same
+/// factor, less by what the pictures' own information is overstated by.
+///
+/// # Errors
+/// [`NoJointPoints`].
+pub fn joint_points(
+    calibration: &PictureCalibration,
+    state: &State,
+    event_inflation: f64,
+    board: &Board,
+    settings: &PictureSettings,
+) -> Result<JointPoints, NoJointPoints> {
+    let used: Vec<&ReferenceFrame> =
+        calibration.posed.iter().filter_map(|posed| calibration.frames.get(posed.frame)).collect();
+    let mut offset = 0.0;
+    let mut sigma = f64::INFINITY;
+    for _ in 0..ROUNDS {
+        let (tied, _) = tie(&used, state, board, offset);
+        let bound = settings.huber * spread(&tied).ok_or(NoJointPoints::NoCommonTime)?;
+        let (mut information, mut gradients) = (0.0, vec![0.0; used.len()]);
+        for dot in &tied {
+            let weight = huber_weight(dot.residual.norm_squared(), bound);
+            information += weight * dot.velocity.norm_squared();
+            if let Some(gradient) = gradients.get_mut(dot.frame) {
+                *gradient += weight * dot.velocity.dot(&dot.residual);
+            }
+        }
+        let step = -gradients.iter().sum::<f64>() / information;
+        // The dots of a picture err together, pictures do not.
+        sigma = gradients.iter().map(|gradient| gradient * gradient).sum::<f64>().sqrt() / information;
+        if !step.is_finite() {
+            return Err(NoJointPoints::OffsetUnknown);
+        }
+        offset += step;
+        if step.abs() < CONVERGED * sigma {
+            break;
+        }
+    }
+    if offset.abs() > settings.max_time_offset || sigma > OFFSET_KNOWN * settings.max_time_offset {
+        return Err(NoJointPoints::OffsetUnknown);
+    }
+    let (tied, elsewhere) = tie(&used, state, board, offset);
+    let spread = spread(&tied).ok_or(NoJointPoints::NoCommonTime)?.max(calibration.spread);
+    let mut points: Vec<Vec<PointObservation>> = vec![Vec::new(); state.trajectories.len()];
+    let mut frames: Vec<usize> = Vec::new();
+    let mut dots = 0;
+    for dot in &tied {
+        let (Some(trajectory), Some(points)) = (state.trajectories.get(dot.trajectory), points.get_mut(dot.trajectory))
+        else {
+            continue;
+        };
+        let bias = pose_at(trajectory, dot.t).and_then(|pose| {
+            let pose = onto_board(&pose, state, board, dot.circle);
+            center_bias(&state.camera, &pose, board.circle_center(dot.circle), state.board.radius)
+        });
+        let Some(bias) = bias else { continue };
+        points.push(PointObservation { t: dot.t, pixel: dot.measured.center - bias, circle: dot.circle });
+        dots += 1;
+        frames.push(dot.frame);
+    }
+    for points in &mut points {
+        points.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.circle.cmp(&b.circle)));
+    }
+    frames.dedup();
+    let report = JointReport {
+        frames: frames.len(),
+        dots,
+        dots_elsewhere: elsewhere,
+        time_offset: offset,
+        time_offset_sigma: sigma,
+        spread,
+        sigma: spread * (calibration.inflation.max(1.0) / event_inflation.max(1.0)).sqrt().clamp(SMALLEST_SHARE, 1.0),
+    };
+    Ok(JointPoints { points, report })
+}
+
+/// `T_camera_world` at time `t`.
+fn pose_at(trajectory: &Trajectory, t: f64) -> Option<Isometry3<f64>> {
+    trajectory.pose(t).map(|pose| pose.inverse())
+}
+
+/// `pose` (`T_camera_world`) moved such that a circle where the flat board has it is seen where the board of `state` has it.
+fn onto_board(pose: &Isometry3<f64>, state: &State, board: &Board, circle: usize) -> Isometry3<f64> {
+    if state.board.is_flat() {
+        return *pose;
+    }
+    let center = board.circle_center(circle);
+    let [x, y, z] = Surface::new(&CircleArea::new(board), &state.board).place(center.into());
+    pose * Translation3::new(x - center.x, y - center.y, z)
+}
+
+/// The dots that lie where a trajectory puts them, and how many lie elsewhere.
+fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: f64) -> (Vec<Tied<'a>>, usize) {
+    let mut tied = Vec::new();
+    let mut elsewhere = 0;
+    for (number, frame) in frames.iter().enumerate() {
+        let t = frame.t() + offset;
+        let on_trajectory = |trajectory: &Trajectory| {
+            trajectory.recording == frame.recording
+                && t - VELOCITY_STEP >= trajectory.start()
+                && t + VELOCITY_STEP <= trajectory.end()
+        };
+        let Some(index) = state.trajectories.iter().position(on_trajectory) else { continue };
+        let Some(trajectory) = state.trajectories.get(index) else { continue };
+        let poses = [t, t - VELOCITY_STEP, t + VELOCITY_STEP].map(|t| pose_at(trajectory, t));
+        let [Some(now), Some(before), Some(after)] = poses else { continue };
+        let image = |pose: &Isometry3<f64>, circle: usize| {
+            let pose = onto_board(pose, state, board, circle);
+            circle_image_center(&state.camera, &pose, board.circle_center(circle), state.board.radius)
+        };
+        let expected: Vec<Option<Vector2<f64>>> = (0..board.circle_count()).map(|circle| image(&now, circle)).collect();
+        for measured in &frame.circles {
+            let distance = |place: &Vector2<f64>| (place - measured.center).norm();
+            let nearest = expected
+                .iter()
+                .enumerate()
+                .filter_map(|(circle, place)| Some((circle, place.as_ref()?)))
+                .min_by(|a, b| distance(a.1).total_cmp(&distance(b.1)));
+            let near = NEAR * measured.radius.unwrap_or(0.0) * board.neighbour_distance() / board.radius;
+            let Some((circle, place)) = nearest.filter(|(_, place)| distance(place) <= near) else {
+                elsewhere += 1;
+                continue;
+            };
+            let (Some(before), Some(after)) = (image(&before, circle), image(&after, circle)) else { continue };
+            tied.push(Tied {
+                trajectory: index,
+                frame: number,
+                t,
+                circle,
+                measured,
+                residual: place - measured.center,
+                velocity: (after - before) / (2.0 * VELOCITY_STEP),
+            });
+        }
+    }
+    (tied, elsewhere)
+}
+
+/// Standard deviation along one axis of the residuals, of which most are good; `None` without any.
+fn spread(tied: &[Tied<'_>]) -> Option<f64> {
+    let mut sizes: Vec<f64> = tied.iter().flat_map(|dot| [dot.residual.x.abs(), dot.residual.y.abs()]).collect();
+    median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median)
+}

@@ -1,0 +1,388 @@
+//! A calibrated inertial unit as `calibration.json` has it, and in words.
+
+use std::fmt::Write as _;
+
+use nalgebra::{Matrix3, Matrix4, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::inertial::calibration::InertialCalibration;
+use crate::inertial::finding::Finding;
+use crate::inertial::findings::{DELAY_LIMIT, LINEARITY};
+use crate::inertial::joint::Noise;
+use crate::inertial::parameters::{
+    ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, BOARD_SCALE, CLOCK_DRIFT, GRAVITY, GYROSCOPE_BIAS,
+    GYROSCOPE_DELAY, GYROSCOPE_MATRIX, GYROSCOPE_TURN, POSITION, ROTATION, TRIANGLE,
+};
+use crate::inertial::stream::StreamReport;
+use crate::result::correlated::{POSE_NAMES, correlated};
+use crate::trust::verdict::{Grade, Severity};
+use evcal_geometry::lens::camera_file::CameraDescription;
+use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
+use evcal_geometry::numerics::rigid::pose_of_rows;
+
+/// Names of the parameters whose correlations are stated, in their order, after [`POSE_NAMES`].
+const NAMES: [&str; GYROSCOPE_TURN - POSE_NAMES.len()] = [
+    "delay of the gyroscope",
+    "delay of the accelerometer",
+    "bias of the gyroscope along x",
+    "bias of the gyroscope along y",
+    "bias of the gyroscope along z",
+    "bias of the accelerometer along x",
+    "bias of the accelerometer along y",
+    "bias of the accelerometer along z",
+    "first angle of gravity",
+    "second angle of gravity",
+    "scale of the accelerometer along x",
+    "misalignment of the accelerometer (y by x)",
+    "scale of the accelerometer along y",
+    "misalignment of the accelerometer (z by x)",
+    "misalignment of the accelerometer (z by y)",
+    "scale of the accelerometer along z",
+    "scale of the gyroscope along x",
+    "misalignment of the gyroscope (y by x)",
+    "scale of the gyroscope along y",
+    "misalignment of the gyroscope (z by x)",
+    "misalignment of the gyroscope (z by y)",
+    "scale of the gyroscope along z",
+];
+
+/// A number with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Uncertain<T> {
+    /// The number; none where it was not measured.
+    pub value: T,
+    /// Its standard deviation.
+    pub sigma: T,
+}
+
+/// One of the two sensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SensorResult {
+    /// Seconds by which its stamps are later than events of the same moment.
+    pub delay: Uncertain<f64>,
+    /// Reading less truth: m/s² or rad/s.
+    pub bias: Uncertain<[f64; 3]>,
+    /// M, row by row: it reads M times the truth, plus the bias.
+    pub matrix: [[f64; 3]; 3],
+    /// σ of the lower triangle of M, row by row: three rows of three with zeros above the diagonal.
+    pub matrix_sigma: [[f64; 3]; 3],
+    /// Whether the motion told the delay.
+    #[serde(default = "measured")]
+    pub delay_measured: bool,
+    /// Whether the motion told the matrix; else it is what is expected of such chips, and mixed with bias and gravity.
+    #[serde(default = "measured")]
+    pub matrix_measured: bool,
+    /// White noise of each axis: m/s²/√Hz or rad/s/√Hz. A sample's standard deviation is this times the root of the rate.
+    pub noise_density: [f64; 3],
+    /// Whether the noise was measured; else it is twice that of a usual data sheet.
+    pub noise_measured: bool,
+    /// Root mean square of the residuals, m/s² or rad/s.
+    pub residual_rms: f64,
+}
+
+/// What files without a word about it mean.
+fn measured() -> bool {
+    true
+}
+
+/// A calibrated inertial unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct InertialResult {
+    /// Whether the result is good.
+    pub grade: Grade,
+    /// The same in words, and how well it is known.
+    pub verdict: String,
+    /// From coordinates of the camera to those of the unit, row by row; none where rotation or place was not measured.
+    #[serde(rename = "T_imu_camera")]
+    pub imu_from_camera: Option<[[f64; 4]; 4]>,
+    /// σ of the rotation about the axes of the camera (rad).
+    pub rotation_sigma: [f64; 3],
+    /// Where the unit is in the camera frame (m); none along axes where that was not measured.
+    pub position_in_camera: Uncertain<[Option<f64>; 3]>,
+    /// The gyroscope.
+    pub gyroscope: SensorResult,
+    /// The rotation C from the unit's axes, which are the accelerometer's, to the gyroscope's, row by row.
+    #[serde(rename = "C_gyroscope_imu")]
+    pub gyroscope_from_imu: [[f64; 3]; 3],
+    /// The accelerometer.
+    pub accelerometer: SensorResult,
+    /// Gravity in the frame of the board (m/s²), downwards.
+    pub gravity: [f64; 3],
+    /// σ of its direction (rad).
+    pub gravity_sigma: f64,
+    /// True over stated size of the board; σ with 0.3 % for what accelerometers are not linear by.
+    pub board_scale: Uncertain<f64>,
+    /// Seconds that the unit's clock gains in a second.
+    pub clock_drift: Uncertain<f64>,
+    /// Seconds taken off the unit's stamps before all else, for a clock with another origin.
+    pub clock_origin: f64,
+    /// Stamp of the unit at which the delays hold, if its clock drifts (s).
+    #[serde(default)]
+    pub delays_at: f64,
+    /// Correlation of the turns of camera and unit at the start.
+    pub correlation: f64,
+    /// Samples used.
+    pub used: usize,
+    /// One a recording.
+    pub streams: Vec<StreamReport>,
+    /// Largest distance of an intrinsic parameter from that of the camera calibrated alone, in σ of the difference; none
+    /// where intrinsics of another model were held.
+    pub camera_moved: Option<f64>,
+    /// The camera at which intrinsics were held; absent where they were solved for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub held_camera: Option<CameraDescription>,
+    /// The camera as the solve has it, or as it was held: what belongs to the unit most exactly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub solved_together: Option<CameraDescription>,
+    /// Scatter of blocks of time over the formal variance.
+    pub block_scatter: f64,
+    /// Correlation of rotation, place, delays, biases (gyroscope, accelerometer), the two angles of gravity, and the lower triangles of the
+    /// matrices (accelerometer, gyroscope), in this order.
+    pub correlations: Vec<Vec<f64>>,
+    /// What speaks against it.
+    pub findings: Vec<String>,
+}
+
+/// Whether a calibrated inertial unit is good.
+pub fn grade(calibration: &InertialCalibration) -> Grade {
+    Grade::of(calibration.findings.iter().map(|finding| match finding {
+        Finding::PositionNotMeasured { .. }
+        | Finding::RotationNotMeasured { .. }
+        | Finding::DelayNotMeasured { .. }
+        | Finding::Loose { .. } => Severity::Failure,
+        Finding::AccelerometerNotMeasured
+        | Finding::HardlyTilted { .. }
+        | Finding::GyroscopeNotMeasured
+        | Finding::BoardSpacing { .. }
+        | Finding::CameraMoved { .. }
+        | Finding::OtherCamera { .. } => Severity::Warning,
+        Finding::ClockDrift { .. } | Finding::Missing { .. } | Finding::Damaged { .. } | Finding::Saturated { .. } => {
+            Severity::Note
+        }
+    }))
+}
+
+impl InertialResult {
+    /// The result of `calibration`.
+    pub fn new(calibration: &InertialCalibration) -> Self {
+        let parameters = &calibration.parameters;
+        let sigma = |index: usize| calibration.sigma(index);
+        let three = |first: usize| std::array::from_fn(|axis| sigma(first + axis));
+        let unmeasured = crate::inertial::findings::unmeasured_axes(calibration);
+        let aligned = |axis: usize| sigma(POSITION + axis) <= 0.01 && unmeasured.iter().all(|(one, _)| *one != axis);
+        let rotation_lost =
+            calibration.findings.iter().any(|finding| matches!(finding, Finding::RotationNotMeasured { .. }));
+        let rms = calibration.residual_rms();
+        let sensor =
+            |index: usize, delay: (f64, usize), bias: (&Vector3<f64>, usize), matrix: (&Matrix3<f64>, usize)| {
+                let Noise { density, measured } = calibration.noise[index];
+                let mut matrix_sigma = [[0.0; 3]; 3];
+                for (place, (row, column)) in TRIANGLE.into_iter().enumerate() {
+                    matrix_sigma[row][column] = sigma(matrix.1 + place);
+                }
+                SensorResult {
+                    delay: Uncertain { value: delay.0, sigma: sigma(delay.1) },
+                    bias: Uncertain { value: (*bias.0).into(), sigma: three(bias.1) },
+                    matrix: rows(matrix.0),
+                    delay_measured: sigma(delay.1) <= DELAY_LIMIT,
+                    matrix_measured: calibration.is_measured(matrix.1..matrix.1 + TRIANGLE.len()),
+                    matrix_sigma,
+                    noise_density: density,
+                    noise_measured: measured,
+                    residual_rms: rms[index],
+                }
+            };
+        let whole: Matrix4<f64> = parameters.imu_from_camera().to_homogeneous();
+        let mut result = Self {
+            grade: grade(calibration),
+            verdict: String::new(),
+            imu_from_camera: (unmeasured.is_empty() && !rotation_lost).then(|| whole.transpose().into()),
+            rotation_sigma: three(ROTATION),
+            position_in_camera: Uncertain {
+                value: std::array::from_fn(|axis| aligned(axis).then(|| parameters.position[axis])),
+                sigma: std::array::from_fn(|axis| aligned(axis).then(|| sigma(POSITION + axis))),
+            },
+            gyroscope: sensor(
+                0,
+                (parameters.gyroscope_delay, GYROSCOPE_DELAY),
+                (&parameters.gyroscope_bias, GYROSCOPE_BIAS),
+                (&parameters.gyroscope_matrix, GYROSCOPE_MATRIX),
+            ),
+            gyroscope_from_imu: rows(&parameters.gyroscope_from_imu.to_rotation_matrix().into_inner()),
+            accelerometer: sensor(
+                1,
+                (parameters.accelerometer_delay, ACCELEROMETER_DELAY),
+                (&parameters.accelerometer_bias, ACCELEROMETER_BIAS),
+                (&parameters.accelerometer_matrix, ACCELEROMETER_MATRIX),
+            ),
+            gravity: parameters.gravity.into(),
+            gravity_sigma: sigma(GRAVITY).max(sigma(GRAVITY + 1)),
+            board_scale: Uncertain { value: parameters.board_scale, sigma: sigma(BOARD_SCALE).hypot(LINEARITY) },
+            clock_drift: Uncertain { value: parameters.clock_drift, sigma: sigma(CLOCK_DRIFT) },
+            clock_origin: calibration.clock_origin,
+            delays_at: calibration.delays_at,
+            correlation: calibration.correlation,
+            used: calibration.used,
+            streams: calibration.streams.clone(),
+            camera_moved: calibration.camera_moved,
+            held_camera: calibration.held.as_ref().map(CameraDescription::new),
+            solved_together: Some(CameraDescription::new(&calibration.camera)),
+            block_scatter: calibration.block_scatter,
+            correlations: correlations(calibration),
+            findings: calibration.findings.iter().map(ToString::to_string).collect(),
+        };
+        result.verdict = result.sentence(calibration);
+        result
+    }
+
+    fn sentence(&self, calibration: &InertialCalibration) -> String {
+        let largest = |first: usize| (0..3).map(|axis| calibration.sigma(first + axis)).fold(0.0, f64::max);
+        let delays = self.gyroscope.delay.sigma.max(self.accelerometer.delay.sigma);
+        format!(
+            "{}: the rotation is known to {:.3}°, the place to {:.2} mm (σ of the worst axis), the delays to {:.3} ms.",
+            self.grade.opening(),
+            largest(ROTATION).to_degrees(),
+            1e3 * largest(POSITION),
+            1e3 * delays
+        )
+    }
+
+    /// Pairs of parameters that are strongly correlated.
+    fn correlated(&self) -> Vec<(&'static str, &'static str, f64)> {
+        correlated(self.correlations.iter().map(Vec::as_slice), POSE_NAMES.into_iter().chain(NAMES))
+    }
+
+    /// The result in words: each number with its σ, each transform and delay with its direction.
+    pub fn sentences(&self) -> String {
+        let held = if self.held_camera.is_some() { ", the camera's intrinsics held" } else { "" };
+        let mut text = format!("inertial unit, from {} samples{held}:\n", self.used);
+        let _ = writeln!(text, "  {}", self.verdict);
+        self.place(&mut text);
+        for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {
+            let Uncertain { value, sigma } = sensor.delay;
+            if !sensor.delay_measured {
+                let _ = writeln!(text, "  delay of the {name}: not measured");
+                continue;
+            }
+            let way = if value >= 0.0 { "later" } else { "earlier" };
+            let _ = writeln!(
+                text,
+                "  stamps of the {name} are {:.3} ± {:.3} ms {way} than those of events of the same moment: t_{name} = t_events {} {:.3} ms",
+                1e3 * value.abs(),
+                1e3 * sigma,
+                if value >= 0.0 { '+' } else { '-' },
+                1e3 * value.abs(),
+            );
+        }
+        if self.gyroscope.delay_measured || self.accelerometer.delay_measured {
+            text.push_str(
+                "  these delays include the latency of the pixels (some 0.1 ms in good light, more in dim light); their σ does not\n",
+            );
+        }
+        let list = |value: [f64; 3], factor: f64, digits: usize| {
+            value.map(|value| format!("{:.digits$}", factor * value)).join(", ")
+        };
+        let degrees = 180.0 / std::f64::consts::PI;
+        let Uncertain { value, sigma } = self.gyroscope.bias;
+        let _ = writeln!(
+            text,
+            "  bias of the gyroscope (reading less truth): {} ± {} °/s (its axes)",
+            list(value, degrees, 3),
+            list(sigma, degrees, 3)
+        );
+        let Uncertain { value, sigma } = self.accelerometer.bias;
+        let milli = 1e3 / STANDARD_GRAVITY;
+        let _ = writeln!(
+            text,
+            "  bias of the accelerometer (reading less truth): {} ± {} mg (its axes)",
+            list(value, milli, 2),
+            list(sigma, milli, 2)
+        );
+        for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {
+            if !sensor.matrix_measured {
+                let _ = writeln!(text, "  scale of the {name}: not measured");
+                continue;
+            }
+            let diagonal = |matrix: &[[f64; 3]; 3]| std::array::from_fn(|axis| matrix[axis][axis]);
+            let scale: [f64; 3] = diagonal(&sensor.matrix);
+            let _ = writeln!(
+                text,
+                "  scale of the {name}: {} ± {}",
+                list(scale, 1.0, 5),
+                list(diagonal(&sensor.matrix_sigma), 1.0, 5)
+            );
+        }
+        let _ = writeln!(
+            text,
+            "  gravity points along ({}) of the board's axes, ± {:.3}°",
+            list(Vector3::from(self.gravity).normalize().into(), 1.0, 5),
+            self.gravity_sigma.to_degrees()
+        );
+        self.noises(&mut text);
+        let Uncertain { value, sigma } = self.board_scale;
+        let _ = write!(
+            text,
+            "  according to the accelerometer, the board is {value:.4} ± {sigma:.4} times its stated size"
+        );
+        for (one, other, value) in self.correlated() {
+            let _ = write!(text, "\n  {one} and {other} are correlated by {value:.2}");
+        }
+        for finding in &self.findings {
+            let _ = write!(text, "\n  note: {finding}");
+        }
+        text
+    }
+
+    fn place(&self, text: &mut String) {
+        if let Some(rows) = &self.imu_from_camera {
+            let vector = pose_of_rows(rows).rotation.scaled_axis().map(f64::to_degrees);
+            let sigma = self.rotation_sigma.map(f64::to_degrees);
+            let _ = writeln!(
+                text,
+                "  R_imu_camera, from the camera's axes to the unit's, is a turn of {:.3}°: rotation vector ({:.3} ± {:.3}, {:.3} ± {:.3}, {:.3} ± {:.3})°",
+                vector.norm(),
+                vector.x,
+                sigma[0],
+                vector.y,
+                sigma[1],
+                vector.z,
+                sigma[2]
+            );
+        }
+        let axes = ["x (right)", "y (down)", "z (forward)"];
+        let values = self.position_in_camera.value.iter().zip(&self.position_in_camera.sigma).zip(axes);
+        let places: Vec<String> = values
+            .map(|((value, sigma), axis)| match (value, sigma) {
+                (Some(value), Some(sigma)) => format!("{axis} {:.2} ± {:.2} mm", 1e3 * value, 1e3 * sigma),
+                _ => format!("{axis} not measured"),
+            })
+            .collect();
+        let _ = writeln!(text, "  the unit is, seen from the camera, at {}", places.join(", "));
+    }
+
+    fn noises(&self, text: &mut String) {
+        let mean = |density: [f64; 3]| density.iter().sum::<f64>() / 3.0;
+        let told = |measured: bool| if measured { "" } else { " (not measured: twice a usual data sheet's)" };
+        let _ = writeln!(
+            text,
+            "  noise: gyroscope {:.4} °/s/√Hz{}, accelerometer {:.0} µg/√Hz{}; random walks are not measured",
+            mean(self.gyroscope.noise_density).to_degrees(),
+            told(self.gyroscope.noise_measured),
+            1e6 * mean(self.accelerometer.noise_density) / STANDARD_GRAVITY,
+            told(self.accelerometer.noise_measured),
+        );
+    }
+}
+
+/// Correlations of the parameters that have names.
+fn correlations(calibration: &InertialCalibration) -> Vec<Vec<f64>> {
+    let of = |row: usize, column: usize| {
+        let size = calibration.sigma(row) * calibration.sigma(column);
+        if size > 0.0 { calibration.covariance[(row, column)] / size } else { 0.0 }
+    };
+    (0..GYROSCOPE_TURN).map(|row| (0..GYROSCOPE_TURN).map(|column| of(row, column)).collect()).collect()
+}
+
+fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    matrix.transpose().into()
+}

@@ -1,0 +1,393 @@
+//! A second camera as `calibration.json` has it, and in words.
+
+use std::fmt::Write as _;
+
+use evcal_core::sensor::Sensor;
+use nalgebra::{Isometry3, RowDVector, SVector, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::calibrate::mounted::{SecondCamera, SecondFrames};
+use crate::result::correlated::{POSE_NAMES, correlated};
+use crate::result::inertial_result::Uncertain;
+use crate::second_camera::calibration::SecondCalibration;
+use crate::second_camera::finding::Finding;
+use crate::second_camera::mount::{COUNT, LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
+use crate::trust::verdict::{Grade, Severity};
+use evcal_geometry::lens::camera_file::CameraDescription;
+use evcal_geometry::numerics::rigid::pose_of_rows;
+use event_recordings::image_folder::Stamps;
+
+/// Seconds with the board before both cameras from which the rates of the clocks are stated.
+const LONG_ENOUGH_FOR_RATE: f64 = 20.0;
+/// Names of the parameters of the mount, in their order, after [`POSE_NAMES`].
+const NAMES: [&str; COUNT - POSE_NAMES.len()] = ["offset", "rate"];
+
+/// A camera with its sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SolvedCamera {
+    /// Size of the sensor.
+    pub sensor: Sensor,
+    /// The lens.
+    pub camera: CameraDescription,
+}
+
+/// Square of the distance from the identity, in its covariance, that chance exceeds in 1 of 100 cases: χ² of 6 numbers.
+const RARELY: f64 = 16.81;
+
+/// How far a transform that should be none is from it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FromIdentity {
+    /// Square of the distance in its covariance: 6 is to be expected.
+    pub chi_squared: f64,
+    /// Whether it is the identity within its uncertainty: chance alone exceeds the limit in 1 of 100 cases.
+    pub agrees: bool,
+}
+
+impl FromIdentity {
+    fn new(calibration: &SecondCalibration) -> Self {
+        let Isometry3 { rotation, translation } = calibration.mount.second_first;
+        let turn = rotation.scaled_axis();
+        let off = SVector::<f64, 6>::from_fn(|row, _| if row < 3 { turn[row] } else { translation.vector[row - 3] });
+        let covariance = calibration.covariance.fixed_view::<6, 6>(ROTATION, ROTATION).into_owned();
+        let chi_squared = covariance.cholesky().map_or(f64::INFINITY, |factor| off.dot(&factor.solve(&off)));
+        Self { chi_squared, agrees: chi_squared < RARELY }
+    }
+}
+
+/// The frames of a second camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FramesOfSecond {
+    /// How many show the board and were used.
+    pub used: usize,
+    /// What their time stamps stand for, as it was said.
+    pub stamps: Stamps,
+    /// Whether they came with exposure times: if not, the offset of the clocks is that of the moment at which a frame was stamped.
+    pub exposure_known: bool,
+    /// By how much each row is exposed later than the one above it (s). Offset and transform are those of the middle row.
+    pub line_delay: Uncertain<f64>,
+    /// Whether the rows were said to be exposed one after the other.
+    pub rolling_shutter: bool,
+}
+
+impl FramesOfSecond {
+    fn new(frames: &SecondFrames, calibration: &SecondCalibration) -> Option<Self> {
+        Some(Self {
+            used: frames.used,
+            stamps: frames.stamps,
+            exposure_known: frames.exposure_known,
+            line_delay: Uncertain { value: calibration.mount.line_delay?, sigma: calibration.sigma(LINE_DELAY) },
+            rolling_shutter: calibration.rolling_shutter,
+        })
+    }
+}
+
+/// A second camera on the mount of the first.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SecondCameraResult {
+    /// Its recording.
+    pub recording: String,
+    /// Size of its sensor.
+    pub sensor: Sensor,
+    /// Its lens, calibrated apart.
+    pub camera: CameraDescription,
+    /// Standard deviation of each lens parameter.
+    pub sigma: CameraDescription,
+    /// Corners (px) of the convex region of its sensor in which the board was seen.
+    pub covered_region: Vec<[f64; 2]>,
+    /// Whether its lens, calibrated apart, is good; none where that does not matter: for the first camera's own frames, with held
+    /// intrinsics, and with a rolling shutter, whose frames no lens explains before it is known.
+    #[serde(default)]
+    pub lens_grade: Option<Grade>,
+    /// The same in words.
+    pub lens_verdict: String,
+    /// Whether what lies between the cameras is good.
+    pub grade: Grade,
+    /// The same in words, and how well it is known.
+    pub verdict: String,
+    /// From coordinates of the first camera to those of the second, row by row.
+    #[serde(rename = "T_second_first")]
+    pub second_from_first: [[f64; 4]; 4],
+    /// σ of its rotation about the axes of the first camera (rad).
+    pub rotation_sigma: [f64; 3],
+    /// σ of its translation along the axes of the second camera (m).
+    pub translation_sigma: [f64; 3],
+    /// Distance of the cameras (m).
+    pub baseline: Uncertain<f64>,
+    /// t_second = t_first + offset, on the clocks of the recordings (s).
+    pub time_offset: Uncertain<f64>,
+    /// Where on the clock of the second recording that holds, if the clocks run at different rates (s).
+    pub time_offset_at: f64,
+    /// By how much the second clock is faster; none where both saw the board for 20 s or less.
+    pub clock_rate: Option<Uncertain<f64>>,
+    /// Correlation of rotation, translation, offset and rate, in this order.
+    pub correlations: [[f64; COUNT]; COUNT],
+    /// Both cameras as the solve of all events has them: what belongs to the transform most exactly.
+    pub solved_together: [SolvedCamera; 2],
+    /// Largest distance of an intrinsic parameter of each camera from that of the camera calibrated apart, in its σ; none where
+    /// intrinsics of another model were held.
+    pub cameras_moved: [Option<f64>; 2],
+    /// Whether the intrinsics of each camera were held; else they were solved for.
+    #[serde(default)]
+    pub held: [bool; 2],
+    /// Seconds with the board before both cameras.
+    pub seconds: f64,
+    /// Events, or centres of dots, of the second camera that were used.
+    pub used: usize,
+    /// Share of its events that were left out, for the first camera has no trajectory then.
+    pub left_out: f64,
+    /// Correlation of the turns of both cameras at the start; none for the first camera's own frames.
+    pub correlation: Option<f64>,
+    /// How much larger the covariance is than if events were independent.
+    pub inflation: f64,
+    /// Residuals of the second camera's events on the trajectory of the first over those on its own.
+    pub looseness: Option<f64>,
+    /// For the first camera's own frames, which see through the same eye: how far the transform is from none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from_identity: Option<FromIdentity>,
+    /// Its frames and their shutter, where it takes frames.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frames: Option<FramesOfSecond>,
+    /// What speaks against it.
+    pub findings: Vec<String>,
+}
+
+/// Whether what lies between two cameras is good.
+pub fn grade(calibration: &SecondCalibration) -> Grade {
+    Grade::of(calibration.findings.iter().map(|finding| match finding {
+        Finding::PlaceNotMeasured { .. }
+        | Finding::RotationNotMeasured { .. }
+        | Finding::OffsetNotMeasured { .. }
+        | Finding::Loose { .. } => Severity::Failure,
+        Finding::CameraMoved { .. } | Finding::OtherCamera { .. } => Severity::Warning,
+        Finding::ClockRate { .. } | Finding::LeftOut { .. } | Finding::NoLineDelay { .. } => Severity::Note,
+    }))
+}
+
+impl SecondCameraResult {
+    /// The result of `second`.
+    pub fn new(second: &SecondCamera) -> Self {
+        let SecondCamera { calibration, starts, .. } = second;
+        let mount = &calibration.mount;
+        let sigma = |index: usize| calibration.sigma(index);
+        let three = |first: usize| std::array::from_fn(|axis| sigma(first + axis));
+        let between = starts[1] - starts[0];
+        let solved = |index: usize| SolvedCamera {
+            sensor: calibration.sensors[index],
+            camera: CameraDescription::new(&calibration.cameras[index]),
+        };
+        let mut result = Self {
+            recording: second.file.clone(),
+            sensor: second.sensor,
+            camera: second.camera.clone(),
+            sigma: second.sigma.clone(),
+            covered_region: second.covered.corners().iter().map(|&corner| corner.into()).collect(),
+            lens_grade: second.lens_grade,
+            lens_verdict: second.lens_verdict.clone(),
+            grade: grade(calibration),
+            verdict: String::new(),
+            second_from_first: mount.second_first.to_homogeneous().transpose().into(),
+            rotation_sigma: three(ROTATION),
+            translation_sigma: three(TRANSLATION),
+            baseline: baseline(calibration),
+            time_offset: Uncertain { value: mount.offset + between, sigma: sigma(OFFSET) },
+            time_offset_at: mount.middle + starts[1],
+            clock_rate: (calibration.seconds > LONG_ENOUGH_FOR_RATE)
+                .then(|| Uncertain { value: mount.rate, sigma: sigma(RATE) }),
+            correlations: std::array::from_fn(|row| {
+                std::array::from_fn(|column| calibration.covariance[(row, column)] / (sigma(row) * sigma(column)))
+            }),
+            solved_together: [0, 1].map(solved),
+            cameras_moved: calibration.cameras_moved,
+            held: calibration.held,
+            seconds: calibration.seconds,
+            used: calibration.used,
+            left_out: calibration.left_out,
+            correlation: calibration.correlation,
+            inflation: calibration.inflation,
+            looseness: calibration.looseness,
+            from_identity: calibration.correlation.is_none().then(|| FromIdentity::new(calibration)),
+            frames: second.frames.as_ref().and_then(|frames| FramesOfSecond::new(frames, calibration)),
+            findings: calibration.findings.iter().map(ToString::to_string).collect(),
+        };
+        result.verdict = result.sentence();
+        result
+    }
+
+    /// `T_second_first`.
+    pub fn pose(&self) -> Isometry3<f64> {
+        pose_of_rows(&self.second_from_first)
+    }
+
+    fn sentence(&self) -> String {
+        let largest = |sigma: [f64; 3]| sigma.into_iter().fold(0.0, f64::max);
+        format!(
+            "{}: the transform is known to {:.4}° and {:.3} mm (σ of the worst axis), the offset of the clocks to {:.1} µs.",
+            self.grade.opening(),
+            largest(self.rotation_sigma).to_degrees(),
+            1e3 * largest(self.translation_sigma),
+            1e6 * self.time_offset.sigma
+        )
+    }
+
+    /// The result in words: each number with its σ, each transform and offset with its direction.
+    pub fn sentences(&self) -> String {
+        let what = match self.frames {
+            Some(frames) => format!("{} circles in {} frames", self.used, frames.used),
+            None => format!("{} events", self.used),
+        };
+        let mut text = format!(
+            "second camera ({}), from {what} in {:.1} s with the board before both:\n",
+            self.recording, self.seconds
+        );
+        let _ = writeln!(text, "  {}", self.verdict);
+        if self.lens_grade.is_some() {
+            let _ = writeln!(text, "  its lens: {}", self.lens_verdict);
+        }
+        if let Some(whose) = match self.held {
+            [true, true] => Some("both cameras were"),
+            [true, false] => Some("the first camera were"),
+            [false, true] => Some("the second camera were"),
+            [false, false] => None,
+        } {
+            let _ = writeln!(
+                text,
+                "  the intrinsics of {whose} held; their σ, where they are known, are part of those below"
+            );
+        }
+        let pose = self.pose();
+        let vector = pose.rotation.scaled_axis().map(f64::to_degrees);
+        let sigma = self.rotation_sigma.map(f64::to_degrees);
+        let _ = writeln!(
+            text,
+            "  R_second_first, from the first camera's axes to the second's, is a turn of {:.4}°: rotation vector ({:.4} ± {:.4}, {:.4} ± \
+             {:.4}, {:.4} ± {:.4})°",
+            vector.norm(),
+            vector.x,
+            sigma[0],
+            vector.y,
+            sigma[1],
+            vector.z,
+            sigma[2]
+        );
+        let place = 1e3 * pose.translation.vector;
+        let sigma = self.translation_sigma.map(|sigma| 1e3 * sigma);
+        let _ = writeln!(
+            text,
+            "  the first camera is, seen from the second, at x (right) {:.3} ± {:.3} mm, y (down) {:.3} ± {:.3} mm, z (forward) {:.3} ± {:.3} \
+             mm: the translation of T_second_first",
+            place.x, sigma[0], place.y, sigma[1], place.z, sigma[2]
+        );
+        let _ = writeln!(
+            text,
+            "  the cameras are {:.3} ± {:.3} mm apart",
+            1e3 * self.baseline.value,
+            1e3 * self.baseline.sigma
+        );
+        self.clocks(&mut text);
+        if let Some(frames) = &self.frames {
+            self.shutter(frames, &mut text);
+        }
+        if let Some(FromIdentity { chi_squared, agrees }) = self.from_identity {
+            let verdict = if agrees {
+                "it is the identity within its σ"
+            } else {
+                "it is not: distrust the σ, or one of the lenses"
+            };
+            let _ = writeln!(
+                text,
+                "  frames and events come through the same lens, so the transform should be the identity: {verdict} (χ² {chi_squared:.1}, 6 expected, \
+                 above {RARELY:.1} in 1 of 100 cases)"
+            );
+        }
+        for (one, other, value) in self.correlated() {
+            let _ = writeln!(text, "  {one} and {other} are correlated by {value:.2}");
+        }
+        for finding in &self.findings {
+            let _ = writeln!(text, "  note: {finding}");
+        }
+        text.truncate(text.trim_end().len());
+        text
+    }
+
+    fn clocks(&self, text: &mut String) {
+        let Uncertain { value, sigma } = self.time_offset;
+        let (way, sign) = if value >= 0.0 { ("later", '+') } else { ("earlier", '-') };
+        let _ = writeln!(
+            text,
+            "  stamps of the second camera are {:.6} s ± {:.1} µs {way} than those of the first for the same moment: t_second = t_first {sign} \
+             {:.6} s",
+            value.abs(),
+            1e6 * sigma,
+            value.abs()
+        );
+        match self.clock_rate {
+            Some(Uncertain { value, sigma }) => {
+                let way = if value >= 0.0 { "faster" } else { "slower" };
+                let _ = writeln!(
+                    text,
+                    "  its clock is {:.2} ± {:.2} ppm {way}; the offset is that at {:.3} s of it",
+                    1e6 * value.abs(),
+                    1e6 * sigma,
+                    self.time_offset_at
+                );
+            }
+            None => {
+                let _ = writeln!(text, "  the rates of the clocks are not compared: that takes more than 20 s");
+            }
+        }
+    }
+
+    /// What is known of exposure and shutter of the frames of the second camera.
+    fn shutter(&self, frames: &FramesOfSecond, text: &mut String) {
+        let stamps = frames.stamps.name();
+        let _ = if frames.exposure_known {
+            writeln!(
+                text,
+                "  its time stamps are taken for the {stamps} of the exposures; the offset is that of their middle"
+            )
+        } else {
+            let half = match frames.stamps {
+                Stamps::Middle => String::new(),
+                Stamps::Start | Stamps::End => {
+                    format!(
+                        ", and differs by half an exposure from that of the clocks, as stamps are the {stamps} of an exposure"
+                    )
+                }
+            };
+            writeln!(
+                text,
+                "  the exposure times are not known: the offset is that between a stamp and the middle of its exposure{half}"
+            )
+        };
+        let Uncertain { value, sigma } = frames.line_delay;
+        let shutter = if frames.rolling_shutter {
+            format!(
+                "rolling shutter: {:.2} ms from the first row to the last; the offset is that of the middle row",
+                1e3 * value * f64::from(self.sensor.height)
+            )
+        } else {
+            "within 3 σ of none: a global shutter".to_owned()
+        };
+        let _ = writeln!(
+            text,
+            "  each row of its frames is exposed {:.3} ± {:.3} µs after the one above it, {shutter}",
+            1e6 * value,
+            1e6 * sigma
+        );
+    }
+
+    /// Pairs of parameters that are strongly correlated.
+    fn correlated(&self) -> Vec<(&'static str, &'static str, f64)> {
+        correlated(self.correlations.iter().map(<[f64; COUNT]>::as_slice), POSE_NAMES.into_iter().chain(NAMES))
+    }
+}
+
+/// Distance of the cameras.
+fn baseline(calibration: &SecondCalibration) -> Uncertain<f64> {
+    let place: Vector3<f64> = calibration.mount.second_first.translation.vector;
+    let value = place.norm();
+    let along = RowDVector::from_fn(3, |_, axis| if value > 0.0 { place[axis] / value } else { 0.0 });
+    let covariance = calibration.covariance.view((TRANSLATION, TRANSLATION), (3, 3));
+    let variance = (&along * covariance * along.transpose())[(0, 0)];
+    Uncertain { value, sigma: variance.max(0.0).sqrt() }
+}

@@ -1,0 +1,246 @@
+//! What every stage took in and gave out, and why the rest fell away: told once, for `stages.txt` and the report.
+
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use crate::calibrate::stretch_choice::StretchChoice;
+use crate::detection::DetectionReport;
+use crate::initial::InitialReport;
+use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
+use crate::picture_calibration::joint::JointReport;
+use crate::solve::refinement::RoundReport;
+use crate::trust::witness::{Comparison, WitnessOutcome};
+use event_recordings::counted::counted;
+
+/// One stage.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StageLine {
+    /// Its name.
+    pub stage: String,
+    /// What came in.
+    pub taken: Amount,
+    /// What it gave.
+    pub given: Amount,
+    /// Why the rest fell away.
+    pub dropped: Vec<Amount>,
+    /// What else there is to say.
+    pub notes: Vec<String>,
+}
+
+/// So many of something.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Amount {
+    /// How many.
+    pub count: u64,
+    /// Of what, or why.
+    pub what: String,
+}
+
+impl Amount {
+    fn new(count: u64, what: impl Into<String>) -> Self {
+        Self { count, what: what.into() }
+    }
+}
+
+impl StageLine {
+    fn new(stage: impl Into<String>, taken: Amount, given: Amount) -> Self {
+        Self { stage: stage.into(), taken, given, dropped: Vec::new(), notes: Vec::new() }
+    }
+
+    /// With what fell away, as far as anything did.
+    fn dropping(mut self, dropped: impl IntoIterator<Item = (u64, String)>) -> Self {
+        let some = dropped.into_iter().filter(|(count, _)| *count > 0);
+        self.dropped.extend(some.map(|(count, what)| Amount { count, what }));
+        self
+    }
+
+    fn noting(mut self, notes: impl IntoIterator<Item = String>) -> Self {
+        self.notes.extend(notes);
+        self
+    }
+}
+
+/// The stages of a calibration, in their order.
+pub fn stage_lines(calibrated: &Calibrated) -> Vec<StageLine> {
+    match &calibrated.evidence {
+        Evidence::Events(events) => event_lines(events),
+        Evidence::Pictures(pictures) => picture_lines(pictures),
+    }
+}
+
+fn event_lines(events: &EventCalibration) -> Vec<StageLine> {
+    let mut lines = Vec::new();
+    let detection = &events.detection;
+    if detection.windows + detection.too_few_events > 0 {
+        lines.extend(detection_lines(detection));
+    }
+    lines.extend(events.choice.as_ref().map(|choice| choice_line(events, choice)));
+    lines.push(initial_line(&events.initial.report));
+    let segments = &events.segments;
+    let parts = counted(segments.segments as u64, "segment", "segments");
+    let kept = format!("frames in {parts} of {:.3} s", segments.duration);
+    let taken = Amount::new(segments.frames_in as u64, "frames");
+    lines.push(StageLine::new("Trajectory segments", taken, Amount::new(segments.frames_out as u64, kept)).dropping([
+        (segments.too_few_frames as u64, "groups of too few frames".to_owned()),
+        (segments.too_short as u64, "groups too short".to_owned()),
+        (events.segments_without_spline as u64, "segments without spline".to_owned()),
+    ]));
+    let observed = events.measured == Measured::EventEdges;
+    for (index, round) in events.refined.rounds.iter().enumerate() {
+        lines.extend(observed.then(|| association_line(index + 1, round)));
+        lines.push(solve_line(index + 1, round));
+    }
+    if let Some(outcome) = &events.witness {
+        lines.extend(search_lines(outcome.report()));
+        lines.push(witness_line(outcome));
+    }
+    lines.extend(events.joint.as_ref().map(joint_line));
+    lines
+}
+
+fn choice_line(events: &EventCalibration, choice: &StretchChoice) -> StageLine {
+    let taken = Amount::new(choice.seconds as u64, "seconds with the board");
+    let poses = events.followed.iter().map(|stretch| stretch.poses.len()).sum::<usize>();
+    StageLine::new("Room in the joint solve", taken, Amount::new(choice.chosen.len() as u64, "seconds")).noting([
+        format!("{} frames of the others; {poses} poses along them with the camera held", events.other_windows.len()),
+    ])
+}
+
+fn picture_lines(pictures: &PictureCalibration) -> Vec<StageLine> {
+    let mut lines = Vec::from(search_lines(&pictures.report));
+    lines.push(initial_line(&pictures.initial.report));
+    lines.push(used_line(&pictures.report, pictures.spread, pictures.inflation));
+    lines
+}
+
+fn detection_lines(detection: &DetectionReport) -> [StageLine; 2] {
+    let windows = detection.windows + detection.too_few_events;
+    let refused = detection.grids_refused.iter().map(|(reason, count)| (*count, reason.to_string()));
+    let too_few = (detection.too_few_events, "too few events".to_owned());
+    let by_neighbours = detection.found_by_neighbours;
+    let note = (by_neighbours > 0)
+        .then(|| format!("{by_neighbours} of those with the board were placed by the frames around them"));
+    let pairs = detection.pairs_refused.iter().map(|(reason, count)| (*count, format!("{reason} (pairs of clusters)")));
+    [
+        StageLine::new(
+            "Board in time windows",
+            Amount::new(windows, "windows"),
+            Amount::new(detection.found, "with the board"),
+        )
+        .dropping(refused.chain([too_few]))
+        .noting(note),
+        StageLine::new(
+            "Circles",
+            Amount::new(detection.circles, "circles"),
+            Amount::new(detection.board_circles, "on boards"),
+        )
+        .dropping(pairs),
+    ]
+}
+
+fn initial_line(initial: &InitialReport) -> StageLine {
+    let dropped = initial.dropped_by_reason().into_iter();
+    StageLine::new(
+        "First lens and poses",
+        Amount::new(initial.frames_in as u64, "frames"),
+        Amount::new(initial.frames_out as u64, "frames"),
+    )
+    .dropping(dropped.map(|(reason, count)| (count as u64, reason.to_string())))
+}
+
+fn association_line(round: usize, report: &RoundReport) -> StageLine {
+    let association = &report.association;
+    let dropped = [
+        (association.thinned, "left out by thinning"),
+        (association.outside_segments, "outside segments"),
+        (association.off_board, "not on the board"),
+        (association.far_from_edge, "far from an edge"),
+        (association.edge_slides, "on a slow or sliding edge"),
+        (association.wrong_polarity, "of the wrong polarity"),
+    ];
+    StageLine::new(
+        format!("Events to edges, round {round}"),
+        Amount::new(association.events, "events"),
+        Amount::new(association.kept, "events"),
+    )
+    .dropping(dropped.map(|(count, what)| (count, what.to_owned())))
+}
+
+fn solve_line(round: usize, report: &RoundReport) -> StageLine {
+    let solve = &report.solve;
+    StageLine::new(
+        format!("Joint solve, round {round}"),
+        Amount::new(solve.observations as u64, "observations"),
+        Amount::new(solve.iterations as u64, "iterations"),
+    )
+    .noting([format!("cost {:.1} to {:.1}", solve.initial_cost, solve.final_cost)])
+    .noting(report.change.map(|change| format!("projection moved {change:.4} px")))
+    .noting(report.knots.as_ref().map(|knots| {
+        let times = |(level, seconds): (usize, &f64)| {
+            format!("{seconds:.2} s at {:.1} ms", 1e3 * knots.finest * (1 << level) as f64)
+        };
+        let spans: Vec<String> =
+            knots.seconds.iter().enumerate().filter(|(_, seconds)| **seconds > 0.0).map(times).collect();
+        format!("{} control points; distances of knots: {}", knots.control_points, spans.join(", "))
+    }))
+}
+
+/// From the camera's own pictures to boards.
+fn search_lines(report: &PictureReport) -> [StageLine; 2] {
+    let search = &report.detection;
+    let refused = search.refused.iter().map(|(reason, count)| (*count, reason.to_string()));
+    let without =
+        (search.without_exposure > 0).then(|| format!("{} frames without times of exposure", search.without_exposure));
+    let spots = search.dots_refused.iter().map(|(reason, count)| (*count, format!("{reason} (dark spots)")));
+    [
+        StageLine::new(
+            "Board in the camera's frames",
+            Amount::new(search.frames, "frames"),
+            Amount::new(search.with_board, "with the board"),
+        )
+        .dropping(refused)
+        .noting(without.into_iter().chain(search.notes.iter().cloned())),
+        StageLine::new("Dots", Amount::new(search.dots, "dots"), Amount::new(search.board_dots, "on boards"))
+            .dropping(spots)
+            .noting([format!("their edges are blurred by {:.2} px", search.blur)]),
+    ]
+}
+
+fn used_line(report: &PictureReport, spread: f64, inflation: f64) -> StageLine {
+    let with_board = report.detection.with_board;
+    let reasons = (with_board > report.used as u64).then(|| format!("the others: {}", report.dropped));
+    StageLine::new(
+        "Calibration from frames",
+        Amount::new(with_board, "frames with the board"),
+        Amount::new(report.used as u64, format!("frames with {} dots", report.dots_used)),
+    )
+    .noting(reasons)
+    .noting([
+        format!("a centre scatters by {spread:.3} px"),
+        format!("variance {inflation:.1} times that of independent centres"),
+    ])
+}
+
+fn witness_line(outcome: &WitnessOutcome) -> StageLine {
+    match outcome {
+        WitnessOutcome::Witness(witness) => {
+            let Comparison { report, spread, inflation, .. } = &witness.comparison;
+            used_line(report, *spread, *inflation)
+        }
+        WitnessOutcome::Failed(failure) => StageLine::new(
+            "Calibration from frames",
+            Amount::new(failure.report.detection.with_board, "frames with the board"),
+            Amount::new(0, "frames"),
+        )
+        .noting([format!("no calibration: {failure}")]),
+    }
+}
+
+fn joint_line(joint: &JointReport) -> StageLine {
+    let offset = format!("{:.3} ± {:.3} ms", 1e3 * joint.time_offset, 1e3 * joint.time_offset_sigma);
+    StageLine::new(
+        "Frames solved with the events",
+        Amount::new((joint.dots + joint.dots_elsewhere) as u64, "dots"),
+        Amount::new(joint.dots as u64, format!("dots of {} frames", joint.frames)),
+    )
+    .dropping([(joint.dots_elsewhere as u64, "elsewhere than the trajectory puts them".to_owned())])
+    .noting([format!("events come {offset} later"), format!("spread {:.3} px", joint.spread)])
+}

@@ -1,0 +1,270 @@
+//! A second camera on the mount of the first, before the same board at the same time: where it is, and how its clock goes.
+//!
+//! Both cameras are calibrated apart first, each with a trajectory of its own. Their trajectories tell the offset of the clocks, which
+//! way round each camera sees the board, and a first transform ([`start`]). Then the events of the second camera become rows on the
+//! trajectories of the first, and both cameras, their event biases and what lies between them ([`mount`]) are solved from all events
+//! at once ([`joint`]). [`findings()`] are what speaks against the result.
+
+pub mod calibration;
+mod carried;
+pub mod error;
+pub mod estimate;
+pub mod finding;
+pub mod findings;
+pub mod frames;
+pub mod joint;
+pub mod mount;
+mod rows;
+pub mod seen;
+pub mod start;
+
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use nalgebra::Isometry3;
+
+use self::calibration::SecondCalibration;
+use self::error::SecondCameraError;
+use self::estimate::Estimate;
+use self::findings::findings;
+use self::joint::{Joint, Lenses, Solved, own_rms, share_of_lenses, solve};
+use self::mount::{Mount, TRANSLATION};
+use self::seen::{Seen, sample_at};
+use self::start::{FEWEST_SECONDS, Start};
+use crate::circles::reference_frame::PointObservation;
+use crate::solve::held_intrinsics::{self, HeldIntrinsics};
+use crate::solve::left_out::covers;
+use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
+use crate::solve::refinement::Refined;
+use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
+use crate::trajectory::mean_distance;
+use crate::trust::uncertainty::{Uncertainty, UncertaintySettings};
+use evcal_geometry::board::symmetry::Symmetry;
+
+/// A camera as it was calibrated apart, from one recording.
+#[derive(Clone, Copy)]
+pub struct Apart<'a> {
+    /// Camera, trajectories and events.
+    pub refined: &'a Refined,
+    /// How sure its intrinsics are.
+    pub uncertainty: &'a Uncertainty,
+}
+
+/// Calibrates the `second` camera against the `first`, before a board that looks the same after the turns `symmetries`. Intrinsics are
+/// solved for too, unless they are in `lenses`.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong with the recordings or the motion, and what to do.
+pub fn calibrate_second(
+    first: Apart,
+    second: Apart,
+    symmetries: &[Symmetry],
+    lenses: Lenses,
+    settings: &UncertaintySettings,
+) -> Result<SecondCalibration, SecondCameraError> {
+    let trajectories = &first.refined.state.trajectories;
+    let start = start::start(trajectories, &Seen::along(&second.refined.state.trajectories), symmetries, start::LOOSE)?;
+    let segments = seen_by_both(first.refined, &second.refined.problem.segments, &start, symmetries);
+    let count = |segments: &[SegmentObservations]| segments.iter().map(|one| one.events.len()).sum::<usize>();
+    let left_out = 1.0 - count(&segments) as f64 / count(&second.refined.problem.segments).max(1) as f64;
+    let joint = Joint {
+        first: with_board_held(&first.refined.problem, first.refined.problem.segments.clone()),
+        second: with_board_held(&second.refined.problem, segments),
+    };
+    let estimate = Estimate {
+        first: first.refined.state.clone(),
+        second: State { board: first.refined.state.board, trajectories: Vec::new(), ..second.refined.state.clone() },
+        mount: start.mount,
+    };
+    let solved = solve_holding(joint, estimate, lenses, settings)?;
+    let known = Known {
+        correlation: Some(start.correlation),
+        seconds: start.seconds,
+        left_out,
+        own_rms: Some(own_rms(&second.refined.problem, &second.refined.state)),
+        sensors: [first, second].map(|apart| apart.refined.problem.sensor),
+        lenses,
+    };
+    let sigma = [first, second].map(|apart| apart.uncertainty.sigma());
+    let before = [(&first.refined.state.camera, sigma[0].as_slice()), (&second.refined.state.camera, &sigma[1])];
+    Ok(finish(solved, &known, before))
+}
+
+/// Pictures that the first camera itself took, by a lens that was calibrated apart.
+#[derive(Clone, Copy)]
+pub struct Pictures<'a> {
+    /// The lens.
+    pub camera: Camera<f64>,
+    /// Standard deviation of each of its parameters.
+    pub sigma: &'a [f64],
+    /// Centres of dots for each trajectory of the first camera, on its clock.
+    pub points: &'a [Vec<PointObservation>],
+    /// Spread of a centre along one axis (px).
+    pub point_sigma: f64,
+}
+
+/// Calibrates `pictures` against the events of the same sensor, as if they were those of a second camera: nothing should lie between
+/// them. The intrinsics of the events are solved for too, unless they are `held`.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong with the recording or the motion, and what to do.
+pub fn calibrate_pictures_against(
+    first: Apart,
+    pictures: Pictures,
+    held: Option<&HeldIntrinsics>,
+    settings: &UncertaintySettings,
+) -> Result<SecondCalibration, SecondCameraError> {
+    let of = |points: &Vec<PointObservation>| SegmentObservations { points: points.clone(), ..Default::default() };
+    let seen: Vec<f64> = pictures.points.iter().flatten().map(|point| point.t).collect();
+    let (Some(begin), Some(end)) = (seen.first(), seen.last()) else {
+        return Err(SecondCameraError::TooShort { seconds: 0.0, needed: FEWEST_SECONDS });
+    };
+    let (middle, seconds) = (0.5 * (begin + end), end - begin);
+    if seconds < FEWEST_SECONDS {
+        return Err(SecondCameraError::TooShort { seconds, needed: FEWEST_SECONDS });
+    }
+    let points = pictures.points.iter().map(of).collect();
+    let second = problem_of_points(&first.refined.problem, points, pictures.sigma, pictures.point_sigma);
+    let joint =
+        Joint { first: with_board_held(&first.refined.problem, first.refined.problem.segments.clone()), second };
+    let state = &first.refined.state;
+    let estimate = Estimate {
+        first: state.clone(),
+        second: State { camera: pictures.camera, trajectories: Vec::new(), ..state.clone() },
+        mount: Mount { second_first: Isometry3::identity(), offset: 0.0, rate: 0.0, middle, line_delay: None },
+    };
+    let lenses = [held, None];
+    let mut solved = solve_holding(joint, estimate, lenses, settings)?;
+    add_scale_error(&mut solved, &first);
+    let sensor = first.refined.problem.sensor;
+    let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2], lenses };
+    let before = (state.camera, pictures.camera);
+    let sigma = first.uncertainty.sigma();
+    Ok(finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]))
+}
+
+/// Adds to `solved` what no block of time shows: the focal length of the `first` camera's events is off, and that of pictures is not.
+fn add_scale_error(solved: &mut Solved, first: &Apart) {
+    let place = TRANSLATION + 2;
+    let distance = mean_distance(&first.refined.state.trajectories);
+    solved.covariance[(place, place)] += (first.uncertainty.systematic_scale * distance).powi(2);
+}
+
+/// The problem of centres of dots with this spread (px), through a lens whose parameters have these `sigma`; those without any are
+/// held. Board and thresholds are those of `first`.
+fn problem_of_points(first: &Problem, points: Vec<SegmentObservations>, sigma: &[f64], point_sigma: f64) -> Problem {
+    let mut problem = with_board_held(first, points);
+    problem.point_sigma = point_sigma;
+    problem.free.biases = Default::default();
+    problem.free.intrinsics = std::array::from_fn(|index| sigma.get(index) > Some(&0.0));
+    problem
+}
+
+/// What is known of two cameras beside their solve.
+struct Known<'a> {
+    correlation: Option<f64>,
+    seconds: f64,
+    left_out: f64,
+    own_rms: Option<f64>,
+    sensors: [Sensor; 2],
+    lenses: Lenses<'a>,
+}
+
+/// Solves with `lenses` held; what their uncertainty does is in the covariance.
+fn solve_holding(
+    joint: Joint,
+    estimate: Estimate,
+    lenses: Lenses,
+    settings: &UncertaintySettings,
+) -> Result<Solved, SecondCameraError> {
+    let (joint, estimate) = holding(joint, estimate, lenses);
+    let mut solved = solve(&joint, estimate, settings)?;
+    if let Some(share) = share_of_lenses(&joint, &solved.estimate, lenses)? {
+        solved.covariance += share;
+    }
+    Ok(solved)
+}
+
+/// The same with `lenses` held.
+fn holding(mut joint: Joint, mut estimate: Estimate, lenses: Lenses) -> (Joint, Estimate) {
+    let [first, second] = lenses;
+    if let Some(lens) = first {
+        joint.first = held_intrinsics::held(&joint.first);
+        estimate.first.camera = lens.camera;
+    }
+    if let Some(lens) = second {
+        joint.second = held_intrinsics::held(&joint.second);
+        estimate.second.camera = lens.camera;
+    }
+    (joint, estimate)
+}
+
+/// `before` are both cameras as they were calibrated apart, each with the σ of its parameters.
+fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) -> SecondCalibration {
+    let Solved { estimate, covariance, inflation, used, misfit, rms, .. } = solved;
+    let cameras = [estimate.first.camera, estimate.second.camera];
+    let moved = [0, 1].map(|index| {
+        let (before, sigma) = before[index];
+        let solved = || HeldIntrinsics { camera: cameras[index], covariance: None }.distance(before, sigma);
+        known.lenses[index].map_or_else(solved, |lens| lens.distance(before, sigma))
+    });
+    let mut calibration = SecondCalibration {
+        mount: estimate.mount,
+        covariance,
+        inflation,
+        correlation: known.correlation,
+        seconds: known.seconds,
+        used,
+        left_out: known.left_out,
+        looseness: known.own_rms.map(|own| rms / own),
+        misfit,
+        sensors: known.sensors,
+        cameras,
+        cameras_moved: moved,
+        held: known.lenses.map(|lens| lens.is_some()),
+        rolling_shutter: false,
+        findings: Vec::new(),
+    };
+    calibration.findings = findings(&calibration);
+    calibration
+}
+
+/// The problem with these observations, and the board held.
+fn with_board_held(problem: &Problem, segments: Vec<SegmentObservations>) -> Problem {
+    let free = FreeParameters { board: [false; BOARD_PARAMETERS], ..problem.free };
+    Problem { free, ..problem.with_segments(segments) }
+}
+
+/// The second camera's observations at a time when the first has a trajectory, its circles counted as the first camera does.
+fn seen_by_both(
+    first: &Refined,
+    second: &[SegmentObservations],
+    start: &Start,
+    symmetries: &[Symmetry],
+) -> Vec<SegmentObservations> {
+    let turn = |t: f64, segment: usize| {
+        let time = start.mount.first_time(t);
+        let (of_first, _) = sample_at(&first.state.trajectories, time)?;
+        if covers(&first.left_out, 0, time) {
+            return None;
+        }
+        symmetries.get(*start.turns.get(&(of_first, segment))?)
+    };
+    let of_segment = |(segment, observations): (usize, &SegmentObservations)| {
+        let mut seen = SegmentObservations::default();
+        for bin in &observations.bins {
+            let Some(turn) = turn(bin.t, segment) else { continue };
+            let begin = seen.events.len();
+            for event in observations.events.get(bin.first..bin.end).unwrap_or_default() {
+                let Some(&circle) = turn.circles.get(usize::from(event.circle)) else { continue };
+                seen.events.push(EventObservation { circle, ..*event });
+            }
+            seen.bins.push(EventBin { t: bin.t, first: begin, end: seen.events.len() });
+        }
+        for point in &observations.points {
+            let circle = turn(point.t, segment).and_then(|turn| turn.circles.get(point.circle));
+            seen.points.extend(circle.map(|&circle| PointObservation { circle: circle.into(), ..*point }));
+        }
+        seen
+    };
+    second.iter().enumerate().map(of_segment).collect()
+}

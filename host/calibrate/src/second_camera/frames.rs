@@ -1,0 +1,155 @@
+//! A second camera that takes ordinary frames: circles in its frames on the trajectories of the first camera.
+//!
+//! Each frame has a pose of its own at first, from the calibration of its lens apart. In the solve of both cameras a circle belongs
+//! to the time of its row: the frame's time and the line delay for each row below the middle. The line delay is always solved for.
+
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use nalgebra::Isometry3;
+
+use super::calibration::SecondCalibration;
+use super::error::SecondCameraError;
+use super::estimate::Estimate;
+use super::findings::findings;
+use super::joint::{Joint, Lenses, Solved, share_of_lenses, solve};
+use super::mount::{LINE_DELAY, Mount};
+use super::seen::Seen;
+use super::{Apart, Known, add_scale_error, finish, holding, problem_of_points, seen_by_both, start, with_board_held};
+use crate::circles::reference_frame::PointObservation;
+use crate::solve::State;
+use crate::solve::observation::SegmentObservations;
+use crate::trajectory::mean_distance;
+use crate::trust::uncertainty::UncertaintySettings;
+use evcal_geometry::board::symmetry::Symmetry;
+
+/// σ from which a line delay is none of chance.
+const CERTAIN: f64 = 3.0;
+
+/// Root mean square of the distances of centres, in their spread along one axis, with Huber's loss from 1.5 of it on: that of normal
+/// errors along both axes.
+const USUAL_RMS: f64 = 1.36;
+/// Spreads that are the same differ by less than this factor.
+const SAME_SPREAD: f64 = 1.2;
+/// Change of place (m) and rotation (rad) between the cameras, by the poses of frames, that is too much: rows that are exposed one after
+/// the other move a pose by a part of what the camera moves meanwhile.
+const LOOSE: [f64; 2] = [3.0 * start::LOOSE[0], 3.0 * start::LOOSE[1]];
+/// Spread of centres about the first camera's trajectory, once rows have times of their own, that is too much (rad).
+const LOOSE_CENTRES: f64 = 4e-3;
+/// Most solves until the spread of centres is known.
+const MOST_SOLVES: usize = 4;
+
+/// A frame with the board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SeenFrame {
+    /// The middle of its exposure, or what its time stamp says, from the first frame of the recording on (s).
+    pub t: f64,
+    /// `T_world_camera`.
+    pub pose: Isometry3<f64>,
+    /// Images of the centres of circles, at this time.
+    pub circles: Vec<PointObservation>,
+}
+
+/// A camera that takes frames, as it was calibrated apart.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameCamera<'a> {
+    /// The lens.
+    pub camera: Camera<f64>,
+    /// Standard deviation of each of its parameters.
+    pub sigma: &'a [f64],
+    /// Size of its sensor.
+    pub sensor: Sensor,
+    /// Its frames, in order of time.
+    pub frames: &'a [SeenFrame],
+    /// Spread of a centre along one axis (px).
+    pub point_sigma: f64,
+    /// Whether its rows are said to be exposed one after the other.
+    pub rolling_shutter: bool,
+}
+
+/// Calibrates a camera of frames, the `second`, against the `first`, before a board that looks the same after the turns
+/// `symmetries`. Intrinsics are solved for too, unless they are in `lenses`.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong with the recordings or the motion, and what to do.
+pub fn calibrate_frames(
+    first: Apart,
+    second: FrameCamera,
+    symmetries: &[Symmetry],
+    lenses: Lenses,
+    settings: &UncertaintySettings,
+) -> Result<SecondCalibration, SecondCameraError> {
+    let state = &first.refined.state;
+    let seen = Seen::in_frames(second.frames.iter().map(|frame| (frame.t, frame.pose)));
+    let start = start::start(&state.trajectories, &seen, symmetries, LOOSE)?;
+    let mut of_segments: Vec<SegmentObservations> = Vec::new();
+    for (frame, seen) in second.frames.iter().zip(&seen.poses) {
+        of_segments.resize_with(of_segments.len().max(seen.segment + 1), SegmentObservations::default);
+        if let Some(segment) = of_segments.last_mut() {
+            segment.points.extend(&frame.circles);
+        }
+    }
+    let segments = seen_by_both(first.refined, &of_segments, &start, symmetries);
+    let count = |segments: &[SegmentObservations]| segments.iter().map(|one| one.points.len()).sum::<usize>();
+    let left_out = 1.0 - count(&segments) as f64 / count(&of_segments).max(1) as f64;
+    let mut of_frames = problem_of_points(&first.refined.problem, segments, second.sigma, second.point_sigma);
+    of_frames.sensor = second.sensor;
+    let of_first = with_board_held(&first.refined.problem, first.refined.problem.segments.clone());
+    let joint = Joint { first: of_first, second: of_frames };
+    let estimate = Estimate {
+        first: state.clone(),
+        second: State { camera: second.camera, trajectories: Vec::new(), ..state.clone() },
+        mount: Mount { line_delay: Some(0.0), ..start.mount },
+    };
+    let (mut solved, spread) = weighed(joint, estimate, lenses, settings)?;
+    let [focal_length, _] = second.camera.axial_focal_lengths().unwrap_or([f64::INFINITY; 2]);
+    let angle = spread / focal_length;
+    if angle > LOOSE_CENTRES {
+        let distance = angle * mean_distance(&state.trajectories);
+        return Err(SecondCameraError::NotFixed { distance, degrees: angle.to_degrees() });
+    }
+    add_scale_error(&mut solved, &first);
+    let known = Known {
+        correlation: Some(start.correlation),
+        seconds: start.seconds,
+        left_out,
+        own_rms: None,
+        sensors: [first.refined.problem.sensor, second.sensor],
+        lenses,
+    };
+    let sigma = first.uncertainty.sigma();
+    let mut calibration = finish(solved, &known, [(&state.camera, &sigma), (&second.camera, second.sigma)]);
+    let line_delay = calibration.mount.line_delay.unwrap_or(0.0);
+    let sigma = calibration.sigma(LINE_DELAY);
+    if !second.rolling_shutter && line_delay.abs() > CERTAIN * sigma {
+        let rows = second.sensor.height;
+        return Err(SecondCameraError::RollingShutter { line_delay, sigma, rows });
+    }
+    calibration.rolling_shutter = second.rolling_shutter;
+    calibration.findings = findings(&calibration);
+    Ok(calibration)
+}
+
+/// Solves, and again with the spread of centres that was left as long as that is not the one that was taken for granted: alone, the
+/// frames of a rolling shutter fit no lens well. The solution, and that spread (px).
+fn weighed(
+    joint: Joint,
+    estimate: Estimate,
+    lenses: Lenses,
+    settings: &UncertaintySettings,
+) -> Result<(Solved, f64), SecondCameraError> {
+    let (mut joint, estimate) = holding(joint, estimate, lenses);
+    let mut solved = solve(&joint, estimate, settings)?;
+    for _ in 1..MOST_SOLVES {
+        let ratio = solved.rms / USUAL_RMS;
+        if (1.0 / SAME_SPREAD..SAME_SPREAD).contains(&ratio) {
+            break;
+        }
+        joint.second.point_sigma *= ratio;
+        solved = solve(&joint, solved.estimate, settings)?;
+    }
+    if let Some(share) = share_of_lenses(&joint, &solved.estimate, lenses)? {
+        solved.covariance += share;
+    }
+    let spread = joint.second.point_sigma * solved.rms / USUAL_RMS;
+    Ok((solved, spread))
+}

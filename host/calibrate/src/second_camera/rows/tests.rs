@@ -1,0 +1,201 @@
+//! The gradient is the slope of the cost, by the mount, by the lens of the second camera and by the first camera's trajectory.
+
+use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+use evcal_core::sensor::Sensor;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::*;
+use crate::circles::reference_frame::PointObservation;
+use crate::second_camera::mount::{COUNT, LINE_DELAY, MOST, Mount, OFFSET, RATE, ROTATION, TRANSLATION};
+use crate::solve::event_bias::bias::{Bias, Biases};
+use crate::solve::event_bias::{CLASS_COUNT, unknown};
+use crate::solve::levenberg::moved;
+use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
+use crate::solve::stretch::stretches;
+use crate::solve::stretch::tests::{AREA, BINS, CENTERS, RADIUS, trajectory};
+use crate::solve::{BOARD_PARAMETERS, FreeParameters, SolveSettings, State, bias_index};
+use crate::trajectory::Trajectory;
+use evcal_geometry::board::shape::BoardShape;
+
+const FLAT: BoardShape = BoardShape { print_ratio: 1.0, bend: [0.0; 2], radius: RADIUS };
+
+fn camera() -> Camera<f64> {
+    let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
+    Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap()
+}
+
+fn mount() -> Mount {
+    let second_first = Isometry3::new(Vector3::new(-0.05, 0.004, 0.007), Vector3::new(0.03, 0.05, -0.04));
+    Mount { second_first, offset: 3.25, rate: 1e-3, middle: 3.2, line_delay: None }
+}
+
+/// Events of the second camera beside the rims of two dots.
+fn observations(trajectory: &Trajectory) -> SegmentObservations {
+    let mut observations = SegmentObservations::default();
+    for bin in 0..BINS {
+        let time = 0.01 * (bin as f64 + 1.0);
+        let Mount { second_first, offset, rate, middle, .. } = mount();
+        let t = (time + offset - rate * middle) / (1.0 - rate);
+        let pose = trajectory.pose(time).unwrap() * second_first.inverse();
+        let first = observations.events.len();
+        for event in 0..50 {
+            let (circle, angle) = (event % 2, 0.35 * event as f64 + bin as f64);
+            let [x, y] = CENTERS[circle];
+            let rim = Point3::new(x + RADIUS * angle.cos(), y + RADIUS * angle.sin(), 0.0);
+            let pixel = camera().project(&pose.inverse_transform_point(&rim).coords).unwrap();
+            observations.events.push(EventObservation {
+                dt: 0.0,
+                x: pixel.x.round() as u16,
+                y: pixel.y.round() as u16,
+                circle: circle as u16,
+                class: [0, 2][event / 25],
+                speed_range: 1,
+            });
+        }
+        observations.bins.push(EventBin { t, first, end: observations.events.len() });
+    }
+    observations
+}
+
+fn parts(problem: &Problem, estimate: &Estimate, free: &[usize]) -> Vec<SecondPart> {
+    let bearings = BearingTable::new(&estimate.second.camera, problem.sensor);
+    let of_stretch = |stretch: &Stretch| second_parts(problem, estimate, &bearings, free, stretch);
+    stretches(&problem.segments).iter().flat_map(of_stretch).collect()
+}
+
+fn problem(segment: SegmentObservations) -> Problem {
+    Problem {
+        sensor: Sensor::new(346, 260),
+        circle_centers: CENTERS.to_vec(),
+        area: AREA,
+        mean_scale: 1.0,
+        point_sigma: 1.0,
+        associated_latencies: [0.0; CLASS_COUNT],
+        segments: vec![segment],
+        stiffness: Vec::new(),
+        free: FreeParameters {
+            intrinsics: [true; MAX_PARAMETERS],
+            board: [false; BOARD_PARAMETERS],
+            biases: [Biases::default(); CLASS_COUNT],
+        },
+        settings: SolveSettings { huber: 1e6, ..SolveSettings::default() },
+    }
+}
+
+#[test]
+fn the_gradient_is_the_slope_of_the_cost() {
+    let trajectory = trajectory();
+    let points = trajectory.control_point_count();
+    let problem = problem(observations(&trajectory));
+    let free = [0, 2, 3, 4, bias_index(0, Bias::Offset), bias_index(2, Bias::Latency)];
+    let mut bias = unknown(0.3);
+    bias.iter_mut().for_each(|class| class.biases[Bias::Offset] = -0.3);
+    let first = State { camera: camera(), board: FLAT, bias, trajectories: vec![trajectory] };
+    let second = State { trajectories: Vec::new(), ..first.clone() };
+    let estimate = Estimate { first, second, mount: mount() };
+    let found = parts(&problem, &estimate, &free);
+    let [SecondPart { part, count }] = found.as_slice() else { panic!("one part") };
+    assert_eq!((*count, part.segment, part.globals.clone()), (50 * BINS, 0, 0..COUNT + free.len()));
+
+    let cost = |globals: &[f64], step: &[f64]| {
+        let mut of_lens = [0.0; crate::solve::GLOBAL_COUNT];
+        free.iter().zip(&globals[COUNT..]).for_each(|(&global, value)| of_lens[global] = *value);
+        let none = [0.0; crate::solve::GLOBAL_COUNT];
+        let moved_estimate = Estimate {
+            first: moved(&estimate.first, &[step.to_vec()], &none).unwrap(),
+            second: moved(&estimate.second, &[], &of_lens).unwrap(),
+            mount: estimate.mount.moved(globals),
+        };
+        parts(&problem, &moved_estimate, &free).iter().map(|one| one.part.cost).sum::<f64>()
+    };
+    let slope = |index: usize, size: f64, of_points: bool| {
+        let at = |sign: f64| {
+            let (mut globals, mut step) = (vec![0.0; COUNT + free.len()], vec![0.0; POSE * points]);
+            let place = if of_points { &mut step } else { &mut globals };
+            place[index] = sign * size;
+            cost(&globals, &step)
+        };
+        (at(1.0) - at(-1.0)) / (2.0 * size)
+    };
+    // How far the cost is from a parabola: second order in the distance from the edge.
+    let assert_close = |found: f64, wanted: f64, scale: f64, what: &str| {
+        assert!((found - wanted).abs() < 0.02 * (wanted.abs() + scale), "{what}: {found} against {wanted}");
+    };
+    let of_mount = [(ROTATION, 1e-5), (TRANSLATION, 1e-5)].into_iter();
+    let of_mount = of_mount.flat_map(|(first, size)| (first..first + 3).map(move |index| (index, size)));
+    let of_clock = [(OFFSET, 1e-5), (RATE, 1e-4)];
+    let of_lens =
+        [0.01, 0.01, 0.01, 1e-4, 1e-3, 1e-6].into_iter().enumerate().map(|(index, size)| (COUNT + index, size));
+    for (index, size) in of_mount.chain(of_clock).chain(of_lens) {
+        assert_close(part.corner_gradient[index], slope(index, size, false), 0.05 / size, &format!("global {index}"));
+    }
+    for row in 0..part.gradient.len() {
+        let index = POSE * part.first + row;
+        assert_close(part.gradient[row], slope(index, 1e-5, true), 5e3, &format!("control point {index}"));
+    }
+
+    // The border, from the gradients of a moved mount: all of it is one quadratic function.
+    let step = 1e-6;
+    for column in ROTATION..COUNT {
+        let mut globals = [0.0; COUNT];
+        globals[column] = step;
+        let moved = Estimate { mount: estimate.mount.moved(&globals), ..estimate.clone() };
+        let after = &parts(&problem, &moved, &free)[0].part;
+        let change = (&after.gradient - &part.gradient) / step;
+        let expected = part.border.column(column);
+        assert!((&change - expected).norm() < 0.05 * expected.norm(), "column {column}: {change} {expected}");
+        let change = (&after.corner_gradient - &part.corner_gradient) / step;
+        let expected = part.corner.column(column);
+        assert!((&change - expected).norm() < 0.05 * expected.norm(), "column {column}: {change} {expected}");
+    }
+}
+
+/// Circles of frames, at places that the start does not quite explain, at the times of their rows.
+#[test]
+fn the_gradient_is_the_slope_of_the_cost_of_circles_in_frames_too() {
+    let trajectory = trajectory();
+    let mount = Mount { line_delay: Some(2e-5), ..mount() };
+    let mut observations = SegmentObservations::default();
+    for frame in 0..BINS {
+        let time = 0.01 * (frame as f64 + 1.0);
+        let t = (time + mount.offset - mount.rate * mount.middle) / (1.0 - mount.rate);
+        let pose = trajectory.pose(time).unwrap() * mount.second_first.inverse();
+        for (circle, [x, y]) in CENTERS.into_iter().enumerate() {
+            let pixel = camera().project(&pose.inverse_transform_point(&Point3::new(x, y, 0.0)).coords).unwrap();
+            let off = nalgebra::Vector2::new(0.7 * (frame as f64).sin(), 0.5 * (1.3 * frame as f64).cos());
+            observations.points.push(PointObservation { t, pixel: pixel + off, circle });
+        }
+    }
+    let problem = problem(observations);
+    let free = [0, 2, 4];
+    let first = State { camera: camera(), board: FLAT, bias: unknown(0.3), trajectories: vec![trajectory] };
+    let second = State { trajectories: Vec::new(), ..first.clone() };
+    let estimate = Estimate { first, second, mount };
+    let found = parts(&problem, &estimate, &free);
+    let [SecondPart { part, count }] = found.as_slice() else { panic!("one part") };
+    assert_eq!((*count, part.globals.clone()), (CENTERS.len() * BINS, 0..MOST + free.len()));
+    let cost = |index: usize, size: f64| {
+        let mut globals = vec![0.0; MOST + free.len()];
+        globals[index] = size;
+        let mut of_lens = [0.0; crate::solve::GLOBAL_COUNT];
+        free.iter().zip(&globals[MOST..]).for_each(|(&global, value)| of_lens[global] = *value);
+        let moved_estimate = Estimate {
+            second: moved(&estimate.second, &[], &of_lens).unwrap(),
+            mount: estimate.mount.moved(&globals),
+            ..estimate.clone()
+        };
+        parts(&problem, &moved_estimate, &free).iter().map(|one| one.part.cost).sum::<f64>()
+    };
+    let sizes = [1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-4, 1e-7, 0.01, 0.01, 1e-4];
+    for (index, size) in sizes.into_iter().enumerate() {
+        let wanted = (cost(index, size) - cost(index, -size)) / (2.0 * size);
+        // The information of a parameter is what its slope changes by; products are summed in single precision.
+        let scale = 1e-4 * part.corner[(index, index)] * size;
+        let found = part.corner_gradient[index];
+        assert!((found - wanted).abs() < 1e-3 * wanted.abs() + scale, "global {index}: {found} against {wanted}");
+        let bend = (cost(index, size) + cost(index, -size) - 2.0 * cost(index, 0.0)) / (size * size);
+        let found = part.corner[(index, index)];
+        assert!((found - bend).abs() < 0.1 * bend.abs(), "global {index}: {found} against {bend}");
+    }
+    assert!(part.corner[(LINE_DELAY, LINE_DELAY)] > 0.0);
+}

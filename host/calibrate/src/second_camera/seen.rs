@@ -1,0 +1,108 @@
+//! What is known of the motion of a second camera before it is calibrated against the first: its poses, and how fast it turns.
+
+use nalgebra::{Isometry3, Translation3};
+
+use crate::trajectory::{PoseSample, Trajectory};
+use evcal_geometry::numerics::statistics::median;
+
+/// Step of the grid on which turns are compared (s), and steps from one pose of a trajectory to the next.
+pub const STEP: f64 = 0.005;
+const POSE_STEPS: usize = 4;
+/// Time at the ends of a trajectory that is left out (s).
+const MARGIN: f64 = 0.03;
+/// Longest time between two frames over which a camera is taken to turn evenly (s).
+const EVENLY: f64 = 0.12;
+/// Longest time between two frames of one segment, between which the board cannot be taken for turned (s).
+const LONGEST_GAP: f64 = 0.3;
+
+/// A pose of the second camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenPose {
+    /// Time of the second clock (s).
+    pub t: f64,
+    /// Poses of one segment take the board for turned in the same way.
+    pub segment: usize,
+    /// `T_world_camera`.
+    pub pose: Isometry3<f64>,
+}
+
+/// The motion of the second camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Seen {
+    /// The first of even times, a [`STEP`] apart, and how fast the camera turns at each of them, where that is known (rad/s).
+    pub rates: (f64, Vec<Option<f64>>),
+    /// Its poses in order of time.
+    pub poses: Vec<SeenPose>,
+    /// Seconds from one pose to the next.
+    pub every: f64,
+}
+
+impl Seen {
+    /// Along trajectories.
+    pub fn along(trajectories: &[Trajectory]) -> Self {
+        let (start, end) = span(trajectories);
+        let every = STEP * POSE_STEPS as f64;
+        let count = if end > start { ((end - start) / every) as usize + 1 } else { 0 };
+        let pose = |index: usize| {
+            let t = start + every * index as f64;
+            let (segment, sample) = inner_sample(trajectories, t)?;
+            Some(SeenPose { t, segment, pose: pose_of(&sample) })
+        };
+        Self { rates: rates(trajectories), poses: (0..count).filter_map(pose).collect(), every }
+    }
+
+    /// In frames: times (s) and poses (`T_world_camera`), in order of time. It turns evenly from one frame to the next.
+    pub fn in_frames(frames: impl Iterator<Item = (f64, Isometry3<f64>)>) -> Self {
+        let mut poses: Vec<SeenPose> = Vec::new();
+        for (t, pose) in frames {
+            let segment = poses.last().map_or(0, |last| last.segment + usize::from(t - last.t > LONGEST_GAP));
+            poses.push(SeenPose { t, segment, pose });
+        }
+        let pairs = || poses.windows(2).filter_map(|pair| <&[SeenPose; 2]>::try_from(pair).ok());
+        let mut gaps: Vec<f64> = pairs().map(|[before, after]| after.t - before.t).collect();
+        let every = median(&mut gaps, f64::total_cmp).unwrap_or(0.0);
+        let start = poses.first().map_or(0.0, |first| first.t);
+        let mut rates = Vec::new();
+        for [before, after] in pairs() {
+            let gap = after.t - before.t;
+            let rate = before.pose.rotation.angle_to(&after.pose.rotation) / gap;
+            let until = ((after.t - start) / STEP).ceil() as usize;
+            rates.resize(until.max(rates.len()), (gap < EVENLY).then_some(rate));
+        }
+        Self { rates: (start, rates), poses, every }
+    }
+}
+
+/// The first of the trajectories that knows `t`, and what is known there.
+pub fn sample_at(trajectories: &[Trajectory], t: f64) -> Option<(usize, PoseSample)> {
+    trajectories.iter().enumerate().find_map(|(index, one)| Some((index, one.sample(t)?)))
+}
+
+/// The same but for the ends of trajectories.
+pub fn inner_sample(trajectories: &[Trajectory], t: f64) -> Option<(usize, PoseSample)> {
+    sample_at(trajectories, t).filter(|(index, _)| {
+        trajectories.get(*index).is_some_and(|one| t > one.start() + MARGIN && t < one.end() - MARGIN)
+    })
+}
+
+/// `T_world_camera`.
+pub fn pose_of(sample: &PoseSample) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::from(sample.translation), sample.rotation.rotation)
+}
+
+/// First and last time of trajectories (s).
+fn span(trajectories: &[Trajectory]) -> (f64, f64) {
+    let ends = trajectories.iter().map(|one| (one.start(), one.end()));
+    ends.fold((f64::INFINITY, f64::NEG_INFINITY), |span, one| (span.0.min(one.0), span.1.max(one.1)))
+}
+
+/// How fast a camera turns, at even times from the first one on, where that is known.
+pub fn rates(trajectories: &[Trajectory]) -> (f64, Vec<Option<f64>>) {
+    let (start, end) = span(trajectories);
+    let count = if end > start { ((end - start) / STEP) as usize + 1 } else { 0 };
+    let rate = |index: usize| {
+        let (_, sample) = inner_sample(trajectories, start + STEP * index as f64)?;
+        Some(sample.rotation.angular_velocity.norm())
+    };
+    (start, (0..count).map(rate).collect())
+}

@@ -1,0 +1,261 @@
+//! A start that cannot fail silently: offset of the clocks, which way round each camera sees the board, the transform.
+//!
+//! 1. **Offset**: how fast both cameras turn is the same whatever their axes. Its correlation over all shifts must have one clear
+//!    peak.
+//! 2. **Which way round**: a board that looks the same after a turn may have been taken for turned by one camera. With the right
+//!    turn, the transform between the cameras is the same all the time; with another it is not.
+//! 3. **Transform, offset and rate of the clocks** by least squares over pairs of poses, with Huber's loss.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternion};
+
+use super::error::SecondCameraError;
+use super::mount::{COUNT, Mount, OFFSET, RATE, RATE_SIGMA, ROTATION, TRANSLATION};
+use super::seen::{STEP, Seen, SeenPose, inner_sample, pose_of, rates};
+use crate::trajectory::Trajectory;
+use evcal_geometry::board::symmetry::Symmetry;
+use evcal_geometry::numerics::lag::{NoLag, Rules, lag};
+use evcal_geometry::numerics::rigid::best_rotation;
+use evcal_geometry::numerics::statistics::median;
+
+/// Smallest correlation that is believed.
+const CORRELATION: f64 = 0.9;
+/// Share of the best peak that another one must stay below.
+const SECOND_PEAK: f64 = 0.9;
+/// Nearest another peak may be (s).
+const PEAK_DISTANCE: f64 = 0.4;
+/// Smallest overlap, as a share of the shorter recording.
+const OVERLAP: f64 = 0.25;
+/// Fewest seconds with the board before both cameras.
+pub const FEWEST_SECONDS: f64 = 2.0;
+/// Root mean square of the angular velocity below which the cameras hardly turned (rad/s).
+const LEAST_RATE: f64 = 0.08;
+/// How many times more another way round must scatter.
+const CLEARLY: f64 = 3.0;
+/// How many metres count as much as a radian.
+const LENGTH: f64 = 0.7;
+/// Usual errors of poses that count alike: rotation (rad) and place (m).
+const SPREAD: [f64; 2] = [2e-3, 1e-3];
+/// In units of these, from where a pair counts linearly.
+const HUBER: f64 = 3.0;
+/// Rounds of least squares.
+const ROUNDS: usize = 12;
+/// Change of place (m) and rotation (rad) between the cameras that is too much where each pose is a good one.
+pub const LOOSE: [f64; 2] = [0.015, 0.015];
+
+/// For a segment of the first and one of the second recording, the number of a turn of the board.
+pub type Turns = BTreeMap<(usize, usize), usize>;
+
+/// What the start found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// Transform, offset, rate.
+    pub mount: Mount,
+    /// Largest correlation of the turns.
+    pub correlation: f64,
+    /// For a segment of the first and one of the second recording that meet, which turn of the board is between them.
+    pub turns: Turns,
+    /// Seconds with the board before both cameras.
+    pub seconds: f64,
+}
+
+/// Poses of both cameras at one time.
+struct Pair {
+    /// Time of the second clock (s).
+    t: f64,
+    /// Segments of the first and the second recording.
+    segments: (usize, usize),
+    /// `T_world_camera`.
+    poses: (Isometry3<f64>, Isometry3<f64>),
+}
+
+/// Finds a start from the trajectories of the first camera and what is known of the motion of the second, each from the beginning of
+/// its recording on, before a board that looks the same after the turns `symmetries`. Place (m) and rotation (rad) between the cameras
+/// may usually change by as much as `loose`.
+///
+/// # Errors
+/// [`SecondCameraError`] says what was not found, and why.
+pub fn start(
+    first: &[Trajectory],
+    second: &Seen,
+    symmetries: &[Symmetry],
+    loose: [f64; 2],
+) -> Result<Start, SecondCameraError> {
+    let of_first = rates(first);
+    let known: Vec<f64> = of_first.1.iter().flatten().copied().collect();
+    let rate = (known.iter().map(|rate| rate * rate).sum::<f64>() / known.len().max(1) as f64).sqrt();
+    if rate < LEAST_RATE {
+        return Err(SecondCameraError::LittleRotation { rate: rate.to_degrees() });
+    }
+    let (offset, correlation) = offset(&of_first, &second.rates)?;
+    let pairs = pairs(first, &second.poses, offset);
+    let seconds = pairs.len() as f64 * second.every;
+    let (Some(begin), Some(end)) = (pairs.first(), pairs.last()) else {
+        return Err(SecondCameraError::TooShort { seconds, needed: FEWEST_SECONDS });
+    };
+    if seconds < FEWEST_SECONDS {
+        return Err(SecondCameraError::TooShort { seconds, needed: FEWEST_SECONDS });
+    }
+    let middle = 0.5 * (begin.t + end.t);
+    let (first_second, turns) = ways_round(&pairs, symmetries)?;
+    let mount = Mount { second_first: first_second.inverse(), offset, rate: 0.0, middle, line_delay: None };
+    let seen = pairs.iter().filter_map(|pair| {
+        let turn = symmetries.get(*turns.get(&pair.segments)?)?;
+        Some((pair.t, turn.pose * pair.poses.1))
+    });
+    let seen: Vec<(f64, Isometry3<f64>)> = seen.collect();
+    let mount = fitted(first, &seen, mount)?;
+    fixed(first, &seen, &mount, loose)?;
+    Ok(Start { mount, correlation, turns, seconds })
+}
+
+/// t_second − t_first, and the correlation there.
+fn offset(first: &(f64, Vec<Option<f64>>), second: &(f64, Vec<Option<f64>>)) -> Result<(f64, f64), SecondCameraError> {
+    let known = |rates: &[Option<f64>]| rates.iter().flatten().count() as f64;
+    let rules = Rules {
+        fewest_pairs: (OVERLAP * known(&first.1).min(known(&second.1))).max(FEWEST_SECONDS / STEP),
+        correlation: CORRELATION,
+        second_peak: SECOND_PEAK,
+        peak_distance: (PEAK_DISTANCE / STEP) as usize,
+    };
+    let offset_of = |steps: f64| second.0 - first.0 + steps * STEP;
+    match lag(&first.1, &second.1, &rules) {
+        Ok(found) => Ok((offset_of(found.steps), found.correlation)),
+        Err(NoLag::Steady { mean }) => Err(SecondCameraError::EvenRotation { rate: mean.to_degrees() }),
+        Err(NoLag::Unlike { correlation }) => Err(SecondCameraError::OtherMotion { correlation, wanted: CORRELATION }),
+        Err(NoLag::Ambiguous { first, second }) => {
+            Err(SecondCameraError::Ambiguous { first: offset_of(first), second: offset_of(second) })
+        }
+    }
+}
+
+fn pairs(first: &[Trajectory], second: &[SeenPose], offset: f64) -> Vec<Pair> {
+    let pair = |seen: &SeenPose| {
+        let (of_first, first) = inner_sample(first, seen.t - offset)?;
+        Some(Pair { t: seen.t, segments: (of_first, seen.segment), poses: (pose_of(&first), seen.pose) })
+    };
+    second.iter().filter_map(pair).collect()
+}
+
+/// `T_first_second` of the pairs, with a turn of the board between them.
+fn transforms<'a>(pairs: &'a [&Pair], turn: &'a Symmetry) -> impl Iterator<Item = Isometry3<f64>> + 'a {
+    pairs.iter().map(|pair| pair.poses.0.inverse() * turn.pose * pair.poses.1)
+}
+
+/// A middle of transforms, and how far they usually are from it (m, and radians times [`LENGTH`]).
+fn middle_of(transforms: &[Isometry3<f64>]) -> (Isometry3<f64>, f64) {
+    let along = |axis: usize| {
+        let mut values: Vec<f64> = transforms.iter().map(|one| one.translation.vector[axis]).collect();
+        median(&mut values, f64::total_cmp).unwrap_or(0.0)
+    };
+    let translation = Translation3::new(along(0), along(1), along(2));
+    let columns = transforms.iter().flat_map(|one| {
+        let matrix = one.rotation.to_rotation_matrix().into_inner();
+        (0..3).map(move |axis| (matrix.column(axis).into_owned(), Matrix3::identity().column(axis).into_owned()))
+    });
+    let middle = Isometry3::from_parts(translation, UnitQuaternion::from_rotation_matrix(&best_rotation(columns)));
+    let mut distances: Vec<f64> = transforms.iter().map(|one| distance(&middle, one)).collect();
+    (middle, median(&mut distances, f64::total_cmp).unwrap_or(f64::INFINITY))
+}
+
+fn distance(one: &Isometry3<f64>, other: &Isometry3<f64>) -> f64 {
+    let moved = one.inverse() * other;
+    moved.translation.vector.norm() + LENGTH * moved.rotation.angle()
+}
+
+/// `T_first_second`, and for each two segments that meet the turn of the board between them.
+fn ways_round(pairs: &[Pair], symmetries: &[Symmetry]) -> Result<(Isometry3<f64>, Turns), SecondCameraError> {
+    let mut groups: BTreeMap<(usize, usize), Vec<&Pair>> = BTreeMap::new();
+    pairs.iter().for_each(|pair| groups.entry(pair.segments).or_default().push(pair));
+    let longest = groups.values().max_by_key(|group| group.len()).ok_or(SecondCameraError::Singular)?;
+    let mut ways: Vec<(Isometry3<f64>, f64)> =
+        symmetries.iter().map(|turn| middle_of(&transforms(longest, turn).collect::<Vec<_>>())).collect();
+    ways.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let (first_second, scatter) = *ways.first().ok_or(SecondCameraError::Singular)?;
+    if ways.get(1).is_some_and(|other| other.1 < CLEARLY * scatter) {
+        return Err(SecondCameraError::SymmetricBoard);
+    }
+    let nearest = |group: &Vec<&Pair>| {
+        let off = |turn: &Symmetry| {
+            let mut off: Vec<f64> = transforms(group, turn).map(|one| distance(&first_second, &one)).collect();
+            median(&mut off, f64::total_cmp).unwrap_or(f64::INFINITY)
+        };
+        let ways = symmetries.iter().map(off).enumerate();
+        ways.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
+    };
+    Ok((first_second, groups.iter().map(|(segments, group)| (*segments, nearest(group))).collect()))
+}
+
+/// How far a pose of the second camera is from where the mount puts it: rotation (rad, axes of the second camera) and place (m,
+/// axes of the first), with the derivatives by the parameters.
+fn residual(
+    first: &[Trajectory],
+    (t, second): &(f64, Isometry3<f64>),
+    mount: &Mount,
+) -> Option<(SVector<f64, 6>, SMatrix<f64, 6, COUNT>)> {
+    let (_, sample) = inner_sample(first, mount.first_time(*t))?;
+    let first_second = mount.second_first.inverse();
+    let to_first = sample.rotation.rotation.inverse();
+    let place = to_first * (second.translation.vector - sample.translation);
+    let rotation = (mount.second_first.rotation * (to_first * second.rotation)).scaled_axis();
+    let off = place - first_second.translation.vector;
+    let mut by = SMatrix::<f64, 6, COUNT>::zeros();
+    // T_first_second answers to the rotation as the first camera would, turned the other way.
+    let second_first = mount.second_first.rotation.to_rotation_matrix().into_inner();
+    by.fixed_view_mut::<3, 3>(0, ROTATION).copy_from(&second_first);
+    by.fixed_view_mut::<3, 3>(3, ROTATION).copy_from(&-first_second.translation.vector.cross_matrix());
+    by.fixed_view_mut::<3, 3>(3, TRANSLATION).copy_from(&second_first.transpose());
+    let turning = sample.rotation.angular_velocity;
+    let later_rotation = -(second_first * turning);
+    let later_place = -(turning.cross(&place) + to_first * sample.linear_velocity);
+    for (column, factor) in [(OFFSET, -1.0), (RATE, mount.middle - t)] {
+        by.fixed_view_mut::<3, 1>(0, column).copy_from(&(later_rotation * factor));
+        by.fixed_view_mut::<3, 1>(3, column).copy_from(&(later_place * factor));
+    }
+    Some((SVector::from_fn(|row, _| if row < 3 { rotation[row] } else { off[row - 3] }), by))
+}
+
+fn fitted(first: &[Trajectory], seen: &[(f64, Isometry3<f64>)], mut mount: Mount) -> Result<Mount, SecondCameraError> {
+    for _ in 0..ROUNDS {
+        let mut normal = SMatrix::<f64, COUNT, COUNT>::zeros();
+        let mut gradient = SVector::<f64, COUNT>::zeros();
+        normal[(RATE, RATE)] = RATE_SIGMA.powi(-2);
+        gradient[RATE] = mount.rate * normal[(RATE, RATE)];
+        for pose in seen {
+            let Some((residual, by)) = residual(first, pose, &mount) else { continue };
+            for (part, spread) in SPREAD.into_iter().enumerate() {
+                let (rows, by) = (residual.fixed_rows::<3>(3 * part), by.fixed_rows::<3>(3 * part));
+                let size = rows.norm() / spread;
+                let weight = if size > HUBER { HUBER / size } else { 1.0 } / (spread * spread);
+                normal += by.tr_mul(&by) * weight;
+                gradient += by.tr_mul(&rows) * weight;
+            }
+        }
+        let step = -normal.cholesky().ok_or(SecondCameraError::Singular)?.solve(&gradient);
+        mount = mount.moved(step.as_slice());
+    }
+    Ok(mount)
+}
+
+/// Whether the transform is the same all the time, but for changes as large as `loose`.
+fn fixed(
+    first: &[Trajectory],
+    seen: &[(f64, Isometry3<f64>)],
+    mount: &Mount,
+    loose: [f64; 2],
+) -> Result<(), SecondCameraError> {
+    let residuals: Vec<_> = seen.iter().filter_map(|pose| residual(first, pose, mount)).collect();
+    let usual = |part: usize| {
+        let mut sizes: Vec<f64> = residuals.iter().map(|(row, _)| row.fixed_rows::<3>(3 * part).norm()).collect();
+        median(&mut sizes, f64::total_cmp).unwrap_or(f64::INFINITY)
+    };
+    let (rotation, distance) = (usual(0), usual(1));
+    if distance > loose[0] || rotation > loose[1] {
+        return Err(SecondCameraError::NotFixed { distance, degrees: rotation.to_degrees() });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,157 @@
+//! Two cameras on a mount that move as no others.
+
+use nalgebra::Vector3;
+
+use super::*;
+use crate::trajectory::RotationSpline;
+use crate::trajectory::fit::{TrajectoryShape, fit};
+use evcal_geometry::board::Board;
+use evcal_geometry::board::symmetry::symmetries;
+use evcal_geometry::timed_pose::TimedPose;
+
+const SECONDS: f64 = 24.0;
+const OFFSET_TRUE: f64 = -1.237_45;
+const RATE_TRUE: f64 = 60e-6;
+
+/// `T_world_camera`, never the same twice; `turn` chooses what of the rotation there is.
+fn first_pose(t: f64, turn: f64) -> Isometry3<f64> {
+    let turns = Vector3::new(
+        0.4 * (2.1 * t).sin() + 0.2 * (5.3 * t + 0.4).sin() + 0.1 * (0.23 * t * t).cos(),
+        0.3 * (1.7 * t + 1.0).cos() + 0.2 * (4.7 * t).sin() + 0.1 * (0.31 * t * t).sin(),
+        0.3 * (1.3 * t).sin() + 0.15 * (6.1 * t).cos() + 0.1 * (0.27 * t * t).sin(),
+    );
+    let position = Vector3::new(
+        0.2 + 0.2 * (1.1 * t).sin() + 0.03 * (7.0 * t).cos(),
+        0.2 + 0.15 * (1.9 * t).cos(),
+        -0.7 + 0.15 * (0.9 * t + 1.0).sin(),
+    );
+    Isometry3::new(position, turns * turn)
+}
+
+fn second_first() -> Isometry3<f64> {
+    Isometry3::new(Vector3::new(-0.1, 0.01, 0.02), Vector3::new(0.02, 0.15, -0.3))
+}
+
+fn fitted_to(pose: impl Fn(f64) -> Isometry3<f64>, span: (f64, f64)) -> Trajectory {
+    let count = (200.0 * (span.1 - span.0)) as usize;
+    let times = (0..=count).map(|index| (span.0 + (span.1 - span.0) * index as f64 / count as f64).min(span.1));
+    let poses: Vec<TimedPose> = times.map(|t| TimedPose { t, pose: pose(t) }).collect();
+    let shape = TrajectoryShape { degree: 3, rotation: RotationSpline::Quaternion, knot_spacing: 0.0175 };
+    fit(0, &poses, span.0, span.1, &shape).unwrap()
+}
+
+fn first(turn: f64) -> Vec<Trajectory> {
+    vec![
+        fitted_to(|t| first_pose(t, turn), (0.0, 0.6 * SECONDS)),
+        fitted_to(|t| first_pose(t, turn), (0.65 * SECONDS, SECONDS)),
+    ]
+}
+
+/// The second camera, which takes the board for turned as `world` says.
+fn second(turn: f64, world: Isometry3<f64>) -> Vec<Trajectory> {
+    let middle = 0.5 * SECONDS + OFFSET_TRUE;
+    let pose = move |t: f64| {
+        let time = t - OFFSET_TRUE - RATE_TRUE * (t - middle);
+        world.inverse() * first_pose(time, turn) * second_first().inverse()
+    };
+    vec![fitted_to(pose, (1.0, 0.5 * SECONDS)), fitted_to(pose, (0.55 * SECONDS, SECONDS + 2.0))]
+}
+
+fn board(name: &str) -> Vec<Symmetry> {
+    symmetries(&name.parse::<Board>().unwrap())
+}
+
+fn check(found: &Start) {
+    let moved = found.mount.second_first.inverse() * second_first();
+    assert!(moved.translation.vector.norm() < 1e-5 && moved.rotation.angle() < 1e-5, "{found:?}");
+    let truth = |t: f64| t - OFFSET_TRUE - RATE_TRUE * (t - 0.5 * SECONDS - OFFSET_TRUE);
+    for t in [2.0, 10.0, 20.0] {
+        // The weak prior pulls the rate by 0.3 %, which is 2 µs at the ends.
+        assert!((found.mount.first_time(t) - truth(t)).abs() < 4e-6, "{found:?}");
+    }
+}
+
+#[test]
+fn transform_offset_and_rate_are_found() {
+    let found = start(
+        &first(1.0),
+        &Seen::along(&second(1.0, Isometry3::identity())),
+        &board("acircles:9x4:55mm:r17.5mm"),
+        LOOSE,
+    )
+    .unwrap();
+    check(&found);
+    assert!(found.turns.values().all(|turn| *turn == 0) && found.correlation > 0.99);
+    // Both saw the board but for their gaps and ends.
+    assert!((18.0..22.5).contains(&found.seconds), "{}", found.seconds);
+}
+
+/// From poses of single frames, which do not lie on each other's times, with a pause.
+#[test]
+fn transform_offset_and_rate_are_found_from_frames() {
+    let symmetries = board("acircles:10x4:55mm:r17.5mm");
+    let along = second(1.0, symmetries[1].pose);
+    let times = (0..600).map(|frame| 1.0 + f64::from(frame) / 30.0);
+    let frames = times.filter_map(|t| Some((t, pose_of(&inner_sample(&along, t)?.1))));
+    let seen = Seen::in_frames(frames);
+    assert_eq!(seen.poses.last().map(|last| last.segment), Some(1));
+    let found = start(&first(1.0), &seen, &symmetries, LOOSE).unwrap();
+    check(&found);
+    assert!(found.turns.values().all(|turn| *turn == 1) && found.correlation > 0.95, "{found:?}");
+}
+
+#[test]
+fn a_board_taken_for_turned_is_turned_back() {
+    for name in ["acircles:10x4:55mm:r17.5mm", "circles:5x5:50mm:r15mm"] {
+        let symmetries = board(name);
+        for (index, turn) in symmetries.iter().enumerate() {
+            let found = start(&first(1.0), &Seen::along(&second(1.0, turn.pose)), &symmetries, LOOSE).unwrap();
+            check(&found);
+            assert!(found.turns.values().all(|found| *found == index), "{name} {index}: {:?}", found.turns);
+        }
+    }
+}
+
+/// Along the line of sight at the middle of the board, turning about it: nothing tells which way round it is.
+#[test]
+fn where_nothing_tells_the_way_round_the_board_is_refused() {
+    let symmetries = board("circles:5x4:50mm:r15mm");
+    let middle = Vector3::new(0.075, 0.1, 0.0);
+    let along = |t: f64| {
+        let turn = 0.4 * (2.1 * t).sin()
+            + 0.3 * (0.9 * t * t).sin()
+            + 0.2 * (5.3 * t + 0.4).sin()
+            + 0.3 * (0.31 * t * t).cos();
+        Isometry3::new(middle - Vector3::z() * (0.7 + 0.1 * (1.3 * t).sin()), Vector3::z() * turn)
+    };
+    let aside = Isometry3::new(Vector3::new(0.0, 0.0, 0.05), Vector3::zeros());
+    let one = vec![fitted_to(along, (0.0, 10.0))];
+    let other = vec![fitted_to(|t| along(t) * aside, (0.0, 10.0))];
+    assert_eq!(start(&one, &Seen::along(&other), &symmetries, LOOSE), Err(SecondCameraError::SymmetricBoard));
+}
+
+#[test]
+fn mistakes_are_named() {
+    let symmetries = board("acircles:9x4:55mm:r17.5mm");
+    let refused = |first: &[Trajectory], second: &[Trajectory]| {
+        start(first, &Seen::along(second), &symmetries, LOOSE).unwrap_err()
+    };
+    let still = |t: f64| first_pose(t, 0.0);
+    let error = refused(&[fitted_to(still, (0.0, 8.0))], &[fitted_to(still, (0.0, 8.0))]);
+    assert!(matches!(error, SecondCameraError::LittleRotation { .. }), "{error}");
+    let other = |t: f64| first_pose(0.77 * t + 100.0, 1.0);
+    let error = refused(&first(1.0), &[fitted_to(other, (0.0, 20.0))]);
+    assert!(matches!(error, SecondCameraError::OtherMotion { .. }), "{error}");
+    let periodic = |t: f64| {
+        Isometry3::new(Vector3::new(0.2, 0.2, -0.7), Vector3::new(0.4 * (4.0 * t).sin(), 0.3 * (8.0 * t).cos(), 0.0))
+    };
+    let error = refused(&[fitted_to(periodic, (0.0, 12.0))], &[fitted_to(periodic, (0.0, 12.0))]);
+    assert!(matches!(error, SecondCameraError::Ambiguous { .. }), "{error}");
+    // A mount that bends by 10 cm, back and forth.
+    let loose =
+        |t: f64| first_pose(t, 1.0) * Isometry3::new(Vector3::new(0.1 * (0.7 * t).sin(), 0.0, 0.0), Vector3::zeros());
+    let error = refused(&first(1.0), &[fitted_to(loose, (0.0, SECONDS))]);
+    assert!(matches!(error, SecondCameraError::NotFixed { distance, .. } if distance > 0.02), "{error}");
+    let error = refused(&first(1.0), &[]);
+    assert!(matches!(error, SecondCameraError::OtherMotion { .. }), "{error}");
+}

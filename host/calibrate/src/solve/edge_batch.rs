@@ -1,0 +1,315 @@
+//! The edges of many events of one time bin at once.
+//!
+//! The same formulas as for one event ([`EventEdge`](super::event_row::EventEdge)), in steps over all events of the batch, which
+//! the compiler vectorises. What a table says of each event's place is fetched once: the edge is so near that
+//! the same slopes tell the bearing there.
+
+use multiversion::multiversion;
+
+use super::bearing_table::{BearingSlopes, BearingTable, Cell, ImagePlane, Spot};
+use super::board_ray::{BoardRay, is_in_front};
+use super::board_surface::{BoardGround, BoardSurface};
+use super::event_row::step_to_edge;
+use super::pose_bin::PoseBin;
+use super::{BOARD_PARAMETERS, Problem, ResidualMeasure};
+use crate::solve::event_bias::EdgePassage;
+use evcal_geometry::board::shape::BoardShape;
+
+/// Most events in a batch: with all that is computed of them they fit into the nearest cache.
+pub const LANES: usize = 32;
+/// Lanes are worked on in groups of this many, so that vectors are full.
+pub const GROUP: usize = 8;
+
+/// A number for each event.
+pub type Lane = [f64; LANES];
+/// The same in single precision.
+pub type SingleLane = [f32; LANES];
+
+/// An event as the batch takes it.
+#[derive(Clone, Copy, Debug)]
+pub struct BatchEvent {
+    /// Column and row in pixels.
+    pub pixel: [f64; 2],
+    /// Seconds after the centre of the bin.
+    pub dt: f64,
+    /// Index of the circle on the board.
+    pub circle: u16,
+}
+
+/// Room for a batch.
+pub struct EdgeBatch<'a> {
+    events: [BatchEvent; LANES],
+    spots: [Option<Spot>; LANES],
+    rays: Rays,
+    to_edge: StepsToEdge,
+    edges: Edges,
+    cells: [Option<&'a Cell>; LANES],
+    count: usize,
+}
+
+/// What is fetched of each event.
+struct Rays {
+    dt: Lane,
+    pixel: [Lane; 2],
+    center: [Lane; 2],
+    bearing: [Lane; 3],
+    beside_pixel: [Lane; 2],
+    beside_cell: [Lane; 2],
+    by_pixel: [[SingleLane; 3]; 2],
+    by_pixel_twice: [[SingleLane; 3]; 3],
+}
+
+/// The way from the events to their edges.
+struct StepsToEdge {
+    depth: Lane,
+    pixels: [Lane; 2],
+}
+
+/// The edges of the events of a batch; see [`EventEdge`](super::event_row::EventEdge).
+pub struct Edges {
+    depth: Lane,
+    /// Signed distance in pixels, positive outside the circle.
+    pub pixels: Lane,
+    /// Metres on the board for each pixel across the edge.
+    pub scale: Lane,
+    /// Derivative of the distance on the board by pixel x and y (metres per pixel).
+    pub by_pixel: [Lane; 2],
+    /// Derivative of it by the camera centre in the world frame.
+    pub by_translation: [Lane; 3],
+    /// Derivative of it by a rotation perturbation in the camera frame (metres per radian).
+    pub by_rotation: [Lane; 3],
+    /// Derivative of it by print ratio and bends of the board.
+    pub by_shape: [Lane; BOARD_PARAMETERS - 1],
+    /// Where the edge is from the centre of the cell, in pixels.
+    pub beside_cell: [Lane; 2],
+    /// Derivative of the pixel by fx and fy.
+    pub by_focal_length: [Lane; 2],
+    normal_speed: Lane,
+    inverse_radius: Lane,
+    corner_share: Lane,
+    acceleration: Lane,
+}
+
+const NOTHING: Lane = [0.0; LANES];
+const NOTHING_SINGLE: SingleLane = [0.0; LANES];
+
+impl Edges {
+    const EMPTY: Self = Self {
+        depth: NOTHING,
+        pixels: NOTHING,
+        scale: NOTHING,
+        by_pixel: [NOTHING; 2],
+        by_translation: [NOTHING; 3],
+        by_rotation: [NOTHING; 3],
+        by_shape: [NOTHING; BOARD_PARAMETERS - 1],
+        beside_cell: [NOTHING; 2],
+        by_focal_length: [NOTHING; 2],
+        normal_speed: NOTHING,
+        inverse_radius: NOTHING,
+        corner_share: NOTHING,
+        acceleration: NOTHING,
+    };
+
+    /// How the edge of an event passes its pixel.
+    #[inline(always)]
+    pub fn passage(&self, lane: usize) -> EdgePassage {
+        EdgePassage {
+            normal_speed: self.normal_speed[lane],
+            inverse_radius: self.inverse_radius[lane],
+            corner_share: self.corner_share[lane],
+            acceleration: self.acceleration[lane],
+        }
+    }
+}
+
+impl Rays {
+    const EMPTY: Self = Self {
+        dt: NOTHING,
+        pixel: [NOTHING; 2],
+        center: [NOTHING; 2],
+        bearing: [NOTHING; 3],
+        beside_pixel: [NOTHING; 2],
+        beside_cell: [NOTHING; 2],
+        by_pixel: [[NOTHING_SINGLE; 3]; 2],
+        by_pixel_twice: [[NOTHING_SINGLE; 3]; 3],
+    };
+
+    /// The ray of an event's pixel moved by `offset` pixels, and the derivative of its bearing by pixel x and y.
+    #[inline(always)]
+    fn ray<S: BoardSurface>(
+        &self,
+        surface: &S,
+        pose: &PoseBin,
+        lane: usize,
+        offset: [f64; 2],
+    ) -> (BoardRay<S>, [[f64; 3]; 2]) {
+        let vector = |lanes: &[SingleLane; 3]| [lanes[0][lane], lanes[1][lane], lanes[2][lane]];
+        let [x, y] = &self.by_pixel;
+        let [xx, xy, yy] = &self.by_pixel_twice;
+        let slopes =
+            BearingSlopes { by_pixel: [vector(x), vector(y)], by_pixel_twice: [vector(xx), vector(xy), vector(yy)] };
+        let moved = |beside: &[Lane; 2]| [beside[0][lane] + offset[0], beside[1][lane] + offset[1]];
+        let bearing = [self.bearing[0][lane], self.bearing[1][lane], self.bearing[2][lane]];
+        let (bearing, by_pixel) = slopes.bearing(bearing, moved(&self.beside_pixel), moved(&self.beside_cell));
+        (BoardRay::new(surface, pose, self.dt[lane], &bearing), by_pixel)
+    }
+}
+
+impl Default for EdgeBatch<'_> {
+    fn default() -> Self {
+        Self {
+            events: [BatchEvent { pixel: [0.0; 2], dt: 0.0, circle: 0 }; LANES],
+            spots: [None; LANES],
+            rays: Rays::EMPTY,
+            to_edge: StepsToEdge { depth: NOTHING, pixels: [NOTHING; 2] },
+            edges: Edges::EMPTY,
+            cells: [None; LANES],
+            count: 0,
+        }
+    }
+}
+
+impl<'a> EdgeBatch<'a> {
+    /// Finds the edges of the first [`LANES`] of `events` on a board of this `shape`.
+    #[inline(always)]
+    pub fn find(
+        &mut self,
+        (problem, shape): (&Problem, &BoardShape),
+        bearings: &'a BearingTable,
+        pose: &PoseBin,
+        events: impl Iterator<Item = BatchEvent>,
+    ) {
+        self.count = 0;
+        let mut touched = 0.0;
+        for (lane, event) in events.take(LANES).enumerate() {
+            self.events[lane] = event;
+            self.spots[lane] = bearings.spot(event.pixel[0], event.pixel[1]);
+            // The table is read at random. So short a loop has many reads under way at once; the next one would wait for each.
+            touched += self.spots[lane].map_or(0.0, |spot| bearings.touch(spot));
+            self.count = lane + 1;
+        }
+        std::hint::black_box(touched);
+        for lane in 0..self.count {
+            self.take(lane, problem, bearings);
+        }
+        match &BoardGround::of_problem(problem, shape) {
+            BoardGround::Flat(surface) => self.find_on(surface, (problem, shape.radius), bearings.plane(), pose),
+            BoardGround::Shaped(surface) => self.find_on(surface, (problem, shape.radius), bearings.plane(), pose),
+        }
+        for (lane, cell) in self.cells.iter_mut().take(self.count).enumerate() {
+            let is_in_view = is_in_front(self.to_edge.depth[lane])
+                && is_in_front(self.edges.depth[lane])
+                && self.edges.pixels[lane].is_finite();
+            *cell = cell.filter(|_| is_in_view);
+        }
+    }
+
+    #[inline(always)]
+    fn find_on<S: BoardSurface>(
+        &mut self,
+        surface: &S,
+        (problem, radius): (&Problem, f64),
+        plane: &ImagePlane,
+        pose: &PoseBin,
+    ) {
+        let lanes = self.count.next_multiple_of(GROUP);
+        match problem.settings.residual {
+            ResidualMeasure::Pixel => steps_to_edge(&self.rays, surface, (pose, radius), lanes, &mut self.to_edge),
+            ResidualMeasure::Plane => self.to_edge = StepsToEdge { depth: [1.0; LANES], pixels: [NOTHING; 2] },
+        }
+        let mean_scale = problem.residual_scale();
+        edges(&self.rays, surface, (pose, radius, plane, mean_scale), &self.to_edge, lanes, &mut self.edges);
+    }
+
+    /// The edges that were found last.
+    pub fn edges(&self) -> &Edges {
+        &self.edges
+    }
+
+    /// For each event the cell of the bearing table where it is; `None` when its edge is not in view.
+    pub fn cells(&self) -> &[Option<&'a Cell>] {
+        self.cells.get(..self.count).unwrap_or_default()
+    }
+
+    #[inline(always)]
+    fn take(&mut self, lane: usize, problem: &Problem, bearings: &'a BearingTable) {
+        let rays = &mut self.rays;
+        let event = &self.events[lane];
+        let place = self.spots[lane].and_then(|spot| bearings.place_at(spot, event.pixel[0], event.pixel[1]));
+        let center = problem.circle_centers.get(usize::from(event.circle));
+        self.cells[lane] = None;
+        let (Some(place), Some(center)) = (place, center) else { return };
+        self.cells[lane] = Some(place.cell);
+        rays.dt[lane] = event.dt;
+        let put = |lanes: &mut [Lane; 2], values: &[f64; 2]| {
+            lanes.iter_mut().zip(values).for_each(|(lanes, value)| lanes[lane] = *value);
+        };
+        put(&mut rays.pixel, &event.pixel);
+        put(&mut rays.center, center);
+        put(&mut rays.beside_pixel, &place.beside_pixel);
+        put(&mut rays.beside_cell, &place.beside_cell);
+        for (lanes, value) in rays.bearing.iter_mut().zip(place.pixel_bearing) {
+            lanes[lane] = *value;
+        }
+        let BearingSlopes { by_pixel, by_pixel_twice } = &place.cell.slopes;
+        let slopes = by_pixel.as_flattened().iter().chain(by_pixel_twice.as_flattened());
+        let lanes = rays.by_pixel.as_flattened_mut().iter_mut().chain(rays.by_pixel_twice.as_flattened_mut());
+        lanes.zip(slopes).for_each(|(lanes, slope)| lanes[lane] = *slope);
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
+fn steps_to_edge<S: BoardSurface>(
+    rays: &Rays,
+    surface: &S,
+    (pose, radius): (&PoseBin, f64),
+    lanes: usize,
+    found: &mut StepsToEdge,
+) {
+    for lane in 0..lanes.min(LANES) {
+        let (ray, by_pixel) = rays.ray(surface, pose, lane, [0.0; 2]);
+        let center = [rays.center[0][lane], rays.center[1][lane]];
+        let [x, y] = step_to_edge(&ray.edge_distance(pose, &by_pixel, center, radius));
+        found.depth[lane] = ray.depth();
+        found.pixels[0][lane] = x;
+        found.pixels[1][lane] = y;
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
+fn edges<S: BoardSurface>(
+    rays: &Rays,
+    surface: &S,
+    (pose, radius, plane, mean_scale): (&PoseBin, f64, &ImagePlane, Option<f64>),
+    to_edge: &StepsToEdge,
+    lanes: usize,
+    found: &mut Edges,
+) {
+    for lane in 0..lanes.min(LANES) {
+        let step = [to_edge.pixels[0][lane], to_edge.pixels[1][lane]];
+        let (ray, by_pixel) = rays.ray(surface, pose, lane, [-step[0], -step[1]]);
+        let center = [rays.center[0][lane], rays.center[1][lane]];
+        let distance = ray.edge_distance(pose, &by_pixel, center, radius);
+        let at = [rays.pixel[0][lane] - step[0], rays.pixel[1][lane] - step[1]];
+        let passage = EdgePassage::new(pose, &distance, plane.corner_share(at), radius);
+        let by_focal_length = plane.by_focal_length(at);
+        let by_shape = ray.by_shape(&distance);
+        found.depth[lane] = ray.depth();
+        found.pixels[lane] = distance.beyond(step) / mean_scale.unwrap_or(distance.scale);
+        found.scale[lane] = distance.scale;
+        for axis in 0..2 {
+            found.by_pixel[axis][lane] = distance.by_pixel[axis];
+            found.beside_cell[axis][lane] = rays.beside_cell[axis][lane] - step[axis];
+            found.by_focal_length[axis][lane] = by_focal_length[axis];
+        }
+        for (axis, by_shape) in by_shape.into_iter().enumerate() {
+            found.by_translation[axis][lane] = distance.by_translation[axis];
+            found.by_rotation[axis][lane] = distance.by_rotation[axis];
+            found.by_shape[axis][lane] = by_shape;
+        }
+        found.normal_speed[lane] = passage.normal_speed;
+        found.inverse_radius[lane] = passage.inverse_radius;
+        found.corner_share[lane] = passage.corner_share;
+        found.acceleration[lane] = passage.acceleration;
+    }
+}

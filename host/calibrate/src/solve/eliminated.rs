@@ -1,0 +1,147 @@
+//! A segment whose control points are eliminated from the normal equations.
+//!
+//! With the matrix A = LLᵀ of the control points, the border B and the gradient g, all that is asked of them follows from
+//! F = L⁻¹B and f = L⁻¹g: BᵀA⁻¹B = FᵀF, BᵀA⁻¹g = Fᵀf, and the step of the control points is −L⁻ᵀ(f + Fδ) for a step δ of the
+//! global parameters. The vectors of F and f stand side by side in panels.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::control_band::Block;
+use super::normal::BorderBlock;
+use evcal_geometry::numerics::banded::BandedCholesky;
+use evcal_geometry::numerics::panel::{PANEL, Panel, panel_product};
+
+/// Parameters of a control point.
+const POINT: usize = 6;
+
+/// See the [module](self).
+pub struct Eliminated {
+    factor: BandedCholesky,
+    /// F, then f, then zeros.
+    panels: Vec<Panel>,
+    /// Vectors of F.
+    free: usize,
+    order: usize,
+}
+
+impl Eliminated {
+    /// Of control points, `order` of which act together, with this `factor` of their matrix, this `border` and `gradient`; the
+    /// parameters that are `free` of the global ones.
+    pub fn new(
+        (factor, order): (BandedCholesky, usize),
+        border: &[BorderBlock],
+        gradient: &[[f64; POINT]],
+        free: &[usize],
+    ) -> Self {
+        let entry = |point: usize, axis: usize, vector: usize| match free.get(vector) {
+            Some(&global) => border[point][axis][global],
+            None if vector == free.len() => gradient[point][axis],
+            None => 0.0,
+        };
+        let panels = (0..(free.len() + 1).div_ceil(PANEL)).into_par_iter().map(|number| {
+            let row = |row: usize| std::array::from_fn(|lane| entry(row / POINT, row % POINT, number * PANEL + lane));
+            let mut panel: Panel = (0..POINT * border.len()).map(row).collect();
+            factor.forward(&mut panel);
+            panel
+        });
+        let panels = panels.collect();
+        Self { factor, panels, free: free.len(), order }
+    }
+
+    /// BᵀA⁻¹B and −BᵀA⁻¹g.
+    pub fn schur(&self) -> (DMatrix<f64>, DVector<f64>) {
+        let pairs: Vec<(usize, usize)> =
+            (0..self.panels.len()).flat_map(|row| (0..=row).map(move |column| (row, column))).collect();
+        let products: Vec<_> =
+            pairs.par_iter().map(|&(row, column)| panel_product(&self.panels[row], &self.panels[column])).collect();
+        let mut schur = DMatrix::zeros(self.free, self.free);
+        let mut right = DVector::zeros(self.free);
+        for ((row_panel, column_panel), product) in pairs.into_iter().zip(products) {
+            for (row, line) in (row_panel * PANEL..).zip(product) {
+                for (column, value) in (column_panel * PANEL..).zip(line) {
+                    if row < self.free && column <= row {
+                        schur[(row, column)] = value;
+                        schur[(column, row)] = value;
+                    } else if row == self.free && column < self.free {
+                        right[column] = -value;
+                    }
+                }
+            }
+        }
+        (schur, right)
+    }
+
+    /// The step of the control points when the free global parameters move by `globals`.
+    pub fn back_substitute(&self, globals: &DVector<f64>) -> Vec<f64> {
+        let mut step = vec![0.0; self.factor.dimension()];
+        let weights = globals.iter().copied().chain([1.0]).collect::<Vec<_>>();
+        for (panel, weights) in self.panels.iter().zip(weights.chunks(PANEL)) {
+            for (step, line) in step.iter_mut().zip(panel) {
+                *step -= line.iter().zip(weights).map(|(value, weight)| value * weight).sum::<f64>();
+            }
+        }
+        self.factor.solve_transposed_in_place(&mut step);
+        step
+    }
+
+    /// How the control points follow the free global parameters.
+    pub fn into_following(mut self) -> Following {
+        let factor = &self.factor;
+        self.panels.par_iter_mut().for_each(|panel| factor.backward(panel));
+        Following { factor: self.factor, panels: self.panels, free: self.free, order: self.order }
+    }
+}
+
+/// How the control points of a segment follow the free global parameters: A⁻¹B, in panels.
+pub struct Following {
+    factor: BandedCholesky,
+    panels: Vec<Panel>,
+    free: usize,
+    order: usize,
+}
+
+impl Following {
+    /// Those of `count` control points from `first` on, six rows each, a column for each free global parameter.
+    pub fn of_points(&self, first: usize, count: usize) -> DMatrix<f64> {
+        let entry = |row: usize, column: usize| {
+            let panel = self.panels.get(column / PANEL).and_then(|panel| panel.get(POINT * first + row));
+            panel.map_or(0.0, |line| line[column % PANEL])
+        };
+        DMatrix::from_fn(POINT * count, self.free, entry)
+    }
+
+    /// Covariance of the control points, when the global parameters have the covariance `globals`: that near the diagonal of
+    /// A⁻¹ + A⁻¹B · globals · (A⁻¹B)ᵀ. `columns` says which of the free global parameters these are.
+    pub fn control_covariance(&self, columns: &[usize], globals: &DMatrix<f64>) -> Option<ControlCovariance> {
+        let (own, order) = (self.factor.inverse_band(), self.order);
+        let root = globals.clone().cholesky()?.unpack();
+        let count = self.factor.dimension() / POINT;
+        let moved = |point: usize| self.of_points(point, 1).select_columns(columns) * &root;
+        let moved: Vec<DMatrix<f64>> = (0..count).into_par_iter().with_min_len(64).map(moved).collect();
+        let block = |index: usize| {
+            let (point, back) = (index / order, index % order);
+            let Some(other) = point.checked_sub(back) else { return Block::zeros() };
+            let from_globals = &moved[point] * moved[other].transpose();
+            let (row, column) = (POINT * point, POINT * other);
+            Block::from_fn(|a, b| own.at(row + a, column + b) + from_globals[(a, b)])
+        };
+        let blocks = (0..count * order).into_par_iter().with_min_len(64).map(block).collect();
+        Some(ControlCovariance { order, blocks })
+    }
+}
+
+/// Covariance of the control points of one segment, near its diagonal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ControlCovariance {
+    order: usize,
+    blocks: Vec<Block>,
+}
+
+impl ControlCovariance {
+    /// Covariance of control point `point` with the one `back` before it; `None` beyond those that act together.
+    pub fn block(&self, point: usize, back: usize) -> Option<&Block> {
+        (back < self.order).then_some(())?;
+        self.blocks.get(point * self.order + back)
+    }
+}

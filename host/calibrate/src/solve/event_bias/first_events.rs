@@ -1,0 +1,114 @@
+//! The delay of the first OFF events of all bursts together, which is the zero of all latencies.
+//!
+//! A delay of all events looks like a shift of the clock, so one latency has to be held. That of one class alone would not do as zero: which
+//! bursts are long changes with the speed of the edge, and so does the place on the edge where those of one length begin, as if they came
+//! early or late. Neither would what is left of a delay in the middle of the sensor, for dots without end: no event is there. So the zero is what all
+//! first OFF events have on average.
+
+use evcal_core::event::Polarity;
+
+use super::bias::Bias;
+use super::{EventBias, EventKind};
+use crate::solve::stretch::EventResidual;
+use crate::trajectory::Trajectory;
+use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
+
+/// Events farther from the line than this many times their spread do not count.
+const OUTLIER: f64 = 3.0;
+/// How often outliers are looked for.
+const PASSES: usize = 3;
+
+/// By how much (s) the first OFF events of all bursts come late on average, as `residuals` at `bias` tell it.
+pub fn common_delay(bias: &EventBias, residuals: &[EventResidual]) -> f64 {
+    let place = |event: &EventResidual| {
+        let class = usize::from(event.class);
+        let known = bias.get(class).filter(|_| is_first_off(class))?;
+        let speed = f64::from(event.normal_speed);
+        // The latency that is known is in the time already.
+        Some((speed, f64::from(event.distance) + known.biases[Bias::Latency] * speed))
+    };
+    delay(residuals.iter().filter_map(place).collect())
+}
+
+fn is_first_off(class: usize) -> bool {
+    let EventKind { polarity, place } = EventKind::of_class(class);
+    polarity == Polarity::Off && place.rank == 0
+}
+
+/// Makes all events of all classes come earlier by `delay` (s), and the trajectories later: no event tells the one from the other.
+pub fn shift_clock(bias: &mut EventBias, trajectories: &mut [Trajectory], delay: f64) {
+    bias.iter_mut().for_each(|class| class.biases[Bias::Latency] -= delay);
+    trajectories.iter_mut().flat_map(|trajectory| &mut trajectory.knots).for_each(|knot| *knot += delay);
+}
+
+/// Slope of a line through places (speed in px/s, distance in px), which is a delay (s), without outliers; 0 where all speeds are the same.
+fn delay(mut places: Vec<(f64, f64)>) -> f64 {
+    let mut slope = 0.0;
+    for _ in 0..PASSES {
+        let line = line(&places);
+        slope = line.1;
+        let off = |&(speed, distance): &(f64, f64)| (distance - line.0 - line.1 * speed).abs();
+        let mut sizes: Vec<f64> = places.iter().map(off).collect();
+        let Some(middle) = median(&mut sizes, f64::total_cmp) else { break };
+        places.retain(|place| off(place) <= OUTLIER * SIGMA_BY_MEDIAN * middle);
+    }
+    slope
+}
+
+/// Offset and slope of the line with the least squared distances.
+fn line(places: &[(f64, f64)]) -> (f64, f64) {
+    let count = places.len().max(1) as f64;
+    let sum = |of: &dyn Fn(f64, f64) -> f64| places.iter().map(|&(speed, distance)| of(speed, distance)).sum::<f64>();
+    let [speed, distance] = [sum(&|speed, _| speed) / count, sum(&|_, distance| distance) / count];
+    let spread = sum(&|one, _| (one - speed) * (one - speed));
+    let product = sum(&|one, other| (one - speed) * (other - distance));
+    let slope = if spread > 0.0 { product / spread } else { 0.0 };
+    (distance - slope * speed, slope)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::event_bias::{CLASSES_OF_LENGTH, unknown};
+
+    /// All first events come 0.3 ms late, at places on the edge that do not depend on the speed; those that begin farther out have long
+    /// bursts, the more of them the slower the edge is. Some events are noise.
+    #[test]
+    fn the_choice_of_the_lengths_is_no_latency() {
+        let late = 3e-4;
+        let mut bias = unknown(1.0);
+        bias[0].biases[Bias::Offset] = 0.2;
+        bias[0].biases[Bias::Latency] = 1e-4;
+        let mut residuals = Vec::new();
+        for step in 0..100_u16 {
+            let speed = -100.0 - 5.0 * f64::from(step);
+            for place in 0..100_u16 {
+                let class = if place > 20 + step / 2 { 0 } else { CLASSES_OF_LENGTH };
+                let known = bias[class].biases;
+                // The latency that is known is in the time already.
+                let distance = f64::from(place) / 100.0 - 0.5 + (late - known[Bias::Latency]) * speed;
+                let noise = if place == 50 { 4.0 + 0.01 * speed } else { 0.0 };
+                residuals.push(EventResidual {
+                    class: class as u8,
+                    normal_speed: speed as f32,
+                    distance: (distance + noise) as f32,
+                    residual: (distance + noise - known[Bias::Offset]) as f32,
+                    ..EventResidual::default()
+                });
+            }
+        }
+        assert!((common_delay(&bias, &residuals) - late).abs() < 1e-5);
+        // An event of another kind is none of them.
+        let other = EventResidual { class: 1, normal_speed: 1e6, distance: 50.0, ..EventResidual::default() };
+        residuals.push(other);
+        assert!((common_delay(&bias, &residuals) - late).abs() < 1e-5);
+    }
+
+    #[test]
+    fn without_events_or_differences_of_speed_nothing_is_late() {
+        let bias = unknown(1.0);
+        assert_eq!(common_delay(&bias, &[]), 0.0);
+        let event = EventResidual { normal_speed: -50.0, distance: 0.3, ..EventResidual::default() };
+        assert_eq!(common_delay(&bias, &[event; 9]), 0.0);
+    }
+}

@@ -1,0 +1,90 @@
+//! Offsets and spreads of the event classes straight from residuals, for the solve to start from and to
+//! weigh with.
+
+use rayon::prelude::*;
+
+use super::bias::Bias;
+use super::{CLASS_COUNT, EventBias, SPEED_RANGE_COUNT};
+use crate::solve::stretch::EventResidual;
+use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
+
+/// Fewer events than this leave a class as it was.
+const FEWEST: usize = 100;
+
+/// Residuals that a thread takes in a go, at least.
+const MIN_LENGTH: usize = 65_536;
+
+/// No class is better than this: pixels are whole (px).
+const SMALLEST_SIGMA: f64 = 0.05;
+
+/// Adds the median residual of each class to its offset, and takes it off the residuals.
+pub fn shift_offsets(bias: &mut EventBias, residuals: &mut [EventResidual]) {
+    let mut medians = [0.0_f32; CLASS_COUNT];
+    medians.par_iter_mut().enumerate().for_each(|(class, shift)| {
+        let of_class = residuals.iter().filter(|event| usize::from(event.class) == class);
+        let mut values: Vec<f32> = of_class.map(|event| event.residual).collect();
+        if values.len() >= FEWEST {
+            *shift = median(&mut values, f32::total_cmp).unwrap_or(0.0);
+        }
+    });
+    for (bias, shift) in bias.iter_mut().zip(medians) {
+        bias.biases[Bias::Offset] += f64::from(shift);
+    }
+    residuals.par_iter_mut().with_min_len(MIN_LENGTH).for_each(|event| {
+        event.residual -= medians.get(usize::from(event.class)).copied().unwrap_or(0.0);
+    });
+}
+
+/// Spread of each class in each range of speed: the scaled median of the residuals' sizes. Ranges with
+/// too few events take that of their class.
+pub fn class_spreads(bias: &mut EventBias, residuals: &[EventResidual]) {
+    let mut sizes: Vec<[Vec<f32>; SPEED_RANGE_COUNT]> = vec![Default::default(); CLASS_COUNT];
+    for event in residuals {
+        let class = sizes.get_mut(usize::from(event.class));
+        if let Some(values) = class.and_then(|class| class.get_mut(usize::from(event.speed_range))) {
+            values.push(event.residual.abs());
+        }
+    }
+    bias.par_iter_mut().zip(&mut sizes).for_each(|(bias, ranges)| {
+        let Some(of_class) = spread(&mut ranges.concat()) else { return };
+        bias.sigma = std::array::from_fn(|range| spread(&mut ranges[range]).unwrap_or(of_class));
+    });
+}
+
+/// One spread for all classes: without offsets they are not told apart.
+pub fn common_spread(bias: &mut EventBias, residuals: &[EventResidual]) {
+    let mut sizes: Vec<f32> = residuals.iter().map(|event| event.residual.abs()).collect();
+    if let Some(sigma) = spread(&mut sizes) {
+        bias.iter_mut().for_each(|bias| bias.sigma = [sigma; SPEED_RANGE_COUNT]);
+    }
+}
+
+/// Standard deviation of a normal distribution whose residuals have these sizes; `None` for too few.
+fn spread(sizes: &mut [f32]) -> Option<f64> {
+    (sizes.len() >= FEWEST)
+        .then(|| (SIGMA_BY_MEDIAN * f64::from(median(sizes, f32::total_cmp).unwrap_or(0.0))).max(SMALLEST_SIGMA))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::event_bias::unknown;
+
+    #[test]
+    fn offsets_are_medians_and_spreads_their_deviations() {
+        let event =
+            |class, speed_range, residual| EventResidual { class, speed_range, residual, ..EventResidual::default() };
+        let mut residuals: Vec<EventResidual> =
+            (-500..=500).map(|i| event(2, u8::from(i % 2 == 0), 0.25 + i as f32 / 1000.0)).collect();
+        let mut bias = unknown(1.0);
+        shift_offsets(&mut bias, &mut residuals);
+        class_spreads(&mut bias, &residuals);
+        assert!((bias[2].biases[Bias::Offset] - 0.25).abs() < 1e-6);
+        for range in 0..SPEED_RANGE_COUNT {
+            assert!((bias[2].sigma[range] - SIGMA_BY_MEDIAN * 0.25).abs() < 2e-3);
+        }
+        assert_eq!(bias[0], unknown(1.0)[0]);
+        common_spread(&mut bias, &residuals);
+        assert!((bias[7].sigma[4] - SIGMA_BY_MEDIAN * 0.25).abs() < 2e-3);
+    }
+}

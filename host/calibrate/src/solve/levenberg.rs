@@ -1,0 +1,278 @@
+//! Levenberg-Marquardt over all parameters.
+
+use std::ops::ControlFlow;
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::bearing_table::BearingTable;
+use super::normal::StretchEquations;
+use super::smoothness::{Acceleration, accelerations};
+use super::stretch::{STRETCHES_TOGETHER, Stretch, linearise, stretches};
+use super::system::{Follows, PackedContribution, System};
+use super::{BOARD_INDEX, GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
+use crate::solve::event_bias::CLASS_COUNT;
+use crate::solve::event_bias::bias::Bias;
+use crate::trajectory::jerk::jerks;
+use evcal_geometry::board::shape::BoardShape;
+
+const FIRST_DAMPING: f64 = 1e-6;
+const SMALLEST_DAMPING: f64 = 1e-10;
+const LARGEST_DAMPING: f64 = 1e8;
+
+/// A solved problem.
+pub struct Solved {
+    /// The solution.
+    pub state: State,
+    /// The system there.
+    pub system: System,
+    /// How it went.
+    pub report: SolveReport,
+}
+
+/// Minimises the cost of `problem` from `state` on.
+///
+/// # Errors
+/// [`SolveError`] when there is nothing to solve from, or it does not determine the parameters.
+pub fn solve(problem: &Problem, state: State) -> Result<Solved, SolveError> {
+    solve_telling(problem, state, &mut |_| ControlFlow::Continue(()))
+}
+
+/// As [`solve`]; after each iteration but the last `tell` hears which part is done, 0 to 1, and may end it: the result is then
+/// that of the iterations so far.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_telling(
+    problem: &Problem,
+    mut state: State,
+    tell: &mut dyn FnMut(f64) -> ControlFlow<()>,
+) -> Result<Solved, SolveError> {
+    let stretches = stretches(&problem.segments);
+    let free = problem.free.mask();
+    let mut system = assemble(problem, &state, &stretches);
+    if system.count == 0 {
+        return Err(SolveError::NoObservations);
+    }
+    let mut report = SolveReport {
+        observations: system.count,
+        initial_cost: system.cost,
+        final_cost: system.cost,
+        ..SolveReport::default()
+    };
+    let mut damping = FIRST_DAMPING;
+    let mut done = 0.0_f64;
+    for _ in 0..problem.settings.iterations {
+        if report.iterations > 0 {
+            done = done.max(report.iterations as f64 / problem.settings.iterations as f64);
+            if tell(done).is_break() {
+                break;
+            }
+        }
+        report.iterations += 1;
+        // Systems are large: there is one at a time, and that of a state is made again where a step from there was none.
+        let (cost, count) = (system.cost, system.count);
+        let step = match system.into_step(damping, &free) {
+            Ok(step) => step,
+            Err(_) if damping < LARGEST_DAMPING => {
+                system = assemble(problem, &state, &stretches);
+                damping *= 100.0;
+                continue;
+            }
+            Err(_) => return Err(SolveError::Singular),
+        };
+        let Some(trial) = moved(&state, &step.segments, &step.globals) else {
+            system = assemble(problem, &state, &stretches);
+            damping *= 10.0;
+            continue;
+        };
+        system = assemble(problem, &trial, &stretches);
+        // Observations that fall out of the model's domain must not make a step look good.
+        let better = system.count >= count && system.cost < cost;
+        if !better {
+            drop(system);
+            system = assemble(problem, &state, &stretches);
+            report.rejected += 1;
+            if damping > LARGEST_DAMPING || step.predicted < problem.settings.tolerance * cost {
+                break;
+            }
+            damping = (damping * 30.0).max(1e-4);
+            continue;
+        }
+        let decrease = (cost - system.cost) / cost;
+        state = trial;
+        damping = (damping * 0.1).max(SMALLEST_DAMPING);
+        if decrease < problem.settings.tolerance {
+            break;
+        }
+        done = done.max(settled(decrease, problem.settings.tolerance));
+    }
+    report.final_cost = system.cost;
+    Ok(Solved { state, system, report })
+}
+
+/// How near a solve is to its end, 0 to 1, when an iteration made its cost smaller by the share `decrease`: each iteration does so
+/// by a smaller share, and those below `tolerance` are the last.
+fn settled(decrease: f64, tolerance: f64) -> f64 {
+    let share = decrease.ln() / tolerance.ln();
+    if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// One Gauss-Newton step from `state`, which solves a problem that is nearly `problem`, towards the solution of this one.
+///
+/// # Errors
+/// [`SolveError::Singular`] when the observations do not determine the free parameters, or the camera model refuses the step.
+pub fn one_step(problem: &Problem, state: &State) -> Result<State, SolveError> {
+    step_in(assemble(problem, state, &stretches(&problem.segments)), problem, state)
+}
+
+/// As [`one_step`], with the covariance of the intrinsics before it, as [`intrinsics_covariance`] states it.
+///
+/// # Errors
+/// As [`one_step`].
+pub fn one_step_with_covariance(problem: &Problem, state: &State) -> Result<(State, DMatrix<f64>), SolveError> {
+    let system = assemble(problem, state, &stretches(&problem.segments));
+    let covariance = intrinsics_covariance(&system, &problem.free.mask(), state.camera.parameters().len())?;
+    Ok((step_in(system, problem, state)?, covariance))
+}
+
+fn step_in(system: System, problem: &Problem, state: &State) -> Result<State, SolveError> {
+    let step = system.into_step(FIRST_DAMPING, &problem.free.mask()).map_err(|_| SolveError::Singular)?;
+    moved(state, &step.segments, &step.globals).ok_or(SolveError::Singular)
+}
+
+/// Covariance of the first `count` parameters, the intrinsics, if observations were independent, from the `system` at a solution;
+/// rows and columns of parameters that are held are zero.
+///
+/// # Errors
+/// [`SolveError::Singular`] when the observations do not determine the free parameters.
+pub fn intrinsics_covariance(
+    system: &System,
+    free: &[bool; GLOBAL_COUNT],
+    count: usize,
+) -> Result<DMatrix<f64>, SolveError> {
+    let reduced = system.reduced(0.0, free).map_err(|_| SolveError::Singular)?;
+    let covariance = reduced.covariance(&reduced.places(free)).map_err(|_| SolveError::Singular)?;
+    Ok(intrinsics_of(&covariance, free, count))
+}
+
+/// A matrix over the free global parameters, or over the first of them, as one over the first `count`
+/// parameters; rows and columns of those that are held are zero.
+pub fn intrinsics_of(matrix: &DMatrix<f64>, free: &[bool; GLOBAL_COUNT], count: usize) -> DMatrix<f64> {
+    let mut part = DMatrix::zeros(count, count);
+    let places = || (0..GLOBAL_COUNT).filter(|&global| free[global]).enumerate().filter(|(_, global)| *global < count);
+    for (row, to_row) in places() {
+        for (column, to_column) in places() {
+            part[(to_row, to_column)] = matrix[(row, column)];
+        }
+    }
+    part
+}
+
+/// The system of all observations of `problem` at `state`, with what holds the trajectories; `stretches` are all of them.
+pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> System {
+    let control_points: Vec<usize> = state.trajectories.iter().map(|t| t.control_point_count()).collect();
+    let bearings = BearingTable::new(&state.camera, problem.sensor);
+    let mut system = System::new(&control_points);
+    for group in stretches.chunks(STRETCHES_TOGETHER) {
+        system.add(&linearised(problem, state, &bearings, group));
+    }
+    system.close();
+    let smoothness: Vec<Vec<Acceleration>> =
+        state.trajectories.iter().map(|trajectory| accelerations(trajectory, &problem.settings)).collect();
+    system.add_smoothness(&smoothness);
+    for (segment, (trajectory, weights)) in state.trajectories.iter().zip(&problem.stiffness).enumerate() {
+        system.add_jerks(segment, &jerks(trajectory), weights);
+    }
+    system
+}
+
+/// What each of `stretches` says of the global parameters that the control points are known to `follows`, in `problem` at `state`.
+pub fn contributions(
+    problem: &Problem,
+    state: &State,
+    follows: &Follows,
+    stretches: &[Stretch],
+) -> Vec<PackedContribution> {
+    let bearings = BearingTable::new(&state.camera, problem.sensor);
+    let groups = stretches.chunks(STRETCHES_TOGETHER);
+    groups.flat_map(|group| follows.contributions(&linearised(problem, state, &bearings, group))).collect()
+}
+
+/// The normal equations of each of `stretches` at `state`, whose camera's bearings are given.
+pub fn linearised(
+    problem: &Problem,
+    state: &State,
+    bearings: &BearingTable,
+    stretches: &[Stretch],
+) -> Vec<(Stretch, StretchEquations)> {
+    stretches.par_iter().map(|stretch| (stretch.clone(), linearise(problem, state, bearings, stretch))).collect()
+}
+
+/// `state` moved by a step; `None` when the camera model refuses the parameters.
+pub fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<State> {
+    let mut parameters = state.camera.parameters();
+    parameters.iter_mut().zip(globals).for_each(|(parameter, step)| *parameter += step);
+    let camera = evcal_core::camera::Camera::from_parameters(state.camera.kind(), &parameters)?;
+    let mut board = state.board.parameters();
+    board.iter_mut().zip(globals.get(BOARD_INDEX..)?).for_each(|(parameter, step)| *parameter += step);
+    let board = BoardShape::from_parameters(board);
+    (board.print_ratio > 0.0 && board.radius > 0.0).then_some(())?;
+    let mut bias = state.bias;
+    for (class, bias) in bias.iter_mut().enumerate().take(CLASS_COUNT) {
+        for which in Bias::ALL {
+            bias.biases[which] += globals.get(bias_index(class, which))?;
+        }
+    }
+    let mut trajectories = state.trajectories.clone();
+    for (trajectory, step) in trajectories.iter_mut().zip(segments) {
+        trajectory.update(step);
+    }
+    Some(State { camera, board, bias, trajectories })
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::{Camera, MAX_PARAMETERS};
+
+    use super::*;
+    use crate::solve::BOARD_PARAMETERS;
+    use crate::solve::stretch::tests::example;
+
+    /// A problem whose focal lengths are free, and a state that has them wrong.
+    fn displaced() -> (Problem, State) {
+        let (mut problem, state) = example();
+        problem.free.intrinsics = std::array::from_fn::<_, MAX_PARAMETERS, _>(|index| index < 2);
+        problem.free.board = [false; BOARD_PARAMETERS];
+        let mut parameters = state.camera.parameters().to_vec();
+        (parameters[0], parameters[1]) = (parameters[0] + 6.0, parameters[1] - 4.0);
+        let camera = Camera::from_parameters(state.camera.kind(), &parameters).unwrap();
+        (problem, State { camera, ..state })
+    }
+
+    #[test]
+    fn a_solve_tells_how_far_it_is_and_can_be_ended() {
+        let (problem, state) = displaced();
+        let mut told = Vec::new();
+        let whole = solve_telling(&problem, state.clone(), &mut |done| {
+            told.push(done);
+            ControlFlow::Continue(())
+        });
+        let whole = whole.unwrap().report;
+        assert!(whole.final_cost < 0.9 * whole.initial_cost, "{whole:?}");
+        assert_eq!(told.len() + 1, whole.iterations);
+        assert!(told.len() > 1 && told.is_sorted() && told[0] > 0.0 && told[told.len() - 1] <= 1.0, "{told:?}");
+        let ended = solve_telling(&problem, state, &mut |_| ControlFlow::Break(())).unwrap().report;
+        assert!(ended.iterations == 1 && ended.final_cost > whole.final_cost, "{ended:?}");
+    }
+
+    #[test]
+    fn a_share_as_small_as_the_tolerance_is_the_end() {
+        assert_eq!(settled(1e-5, 1e-5), 1.0);
+        assert!((settled(1e-2, 1e-4) - 0.5).abs() < 1e-12);
+        assert!(settled(0.5, 1e-5) < 0.1);
+        for tolerance in [0.0, 1.0] {
+            assert_eq!(settled(0.5, tolerance), 0.0);
+        }
+    }
+}

@@ -1,0 +1,417 @@
+//! Section 11 of method.md: associate, solve, associate anew with the better model, until it stops
+//! paying.
+
+use std::ops::ControlFlow;
+
+use evcal_core::camera::refit::difference;
+use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use evcal_core::sensor::Sensor;
+use evcal_core::settings;
+use evcal_core::settings::{above, at_least};
+use serde::{Deserialize, Serialize};
+
+use crate::circles::reference_frame::PointObservation;
+use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
+use crate::solve::bearing_table::BearingTable;
+use crate::solve::event_bias::bias::{Bias, Biases};
+use crate::solve::event_bias::first_events::{common_delay, shift_clock};
+use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
+use crate::solve::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own_bias, is_shared_bias, unknown};
+use crate::solve::event_sample::RankedEvent;
+use crate::solve::knot_choice::{KnotReport, choose_knots};
+use crate::solve::left_out::{LeftOut, leave_out};
+use crate::solve::levenberg::{Solved, solve_telling};
+use crate::solve::observation::SegmentObservations;
+use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
+use crate::solve::stretch::{EventResidual, residuals_and_scale, residuals_at};
+use crate::solve::system::System;
+use crate::solve::unexplained::{UnexplainedSettings, unexplained};
+use crate::solve::{
+    BOARD_PARAMETERS, FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State,
+};
+use crate::trajectory::knot_grid::KnotSettings;
+use evcal_geometry::board::Board;
+use evcal_geometry::board::shape::CircleArea;
+
+settings! {
+    /// Rounds of association and solve, and which biases of events are fitted.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct RefinementSettings {
+        /// Most rounds; at least one is made.
+        pub rounds: usize = 6, "", at_least(1.0);
+        /// When a round changes the projection by less than twenty times this (rms over the sensor), the next round
+        /// is the last.
+        pub settled: f64 = 0.01, "px", at_least(0.0);
+        /// Most events in the rounds before the last.
+        pub early_events: usize = 250_000, "events", at_least(1.0);
+        /// Most seconds with the board in the joint solve. Of longer recordings those are taken that say most about the camera, spread
+        /// over all of it; along the others the trajectory is solved afterwards, with the camera as it came out.
+        pub most_seconds: f64 = 45.0, "s", at_least(1.0);
+        /// Fit an offset from the geometric edge, and what the edge's curvature adds to it, for each event class.
+        pub offsets: bool = true;
+        /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event class.
+        pub latencies: bool = true;
+        /// A radial distortion coefficient is held at its expected value if it agrees with that value and its σ is more
+        /// than this share of how much lenses of all kinds differ.
+        pub undetermined: f64 = 0.25, "", above(0.0);
+        /// Spread of the events while it is not known.
+        pub first_sigma: f64 = 0.5, "px", above(0.0);
+    }
+}
+
+/// A round before the last moves the camera by its own noise too, for it has few events. When it changes the projection by
+/// less than this many times [`RefinementSettings::settled`], the next round is the last.
+const SETTLED_TIMES: f64 = 20.0;
+
+/// Fewest events for a class to have biases of its own.
+const FEWEST_OF_CLASS: usize = 500;
+
+/// Smallest spread of circle centres (px) that the joint solve believes: circles without noise would otherwise have an
+/// infinite weight.
+pub const SMALLEST_POINT_SIGMA: f64 = 0.02;
+
+/// How one round went.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RoundReport {
+    /// Association of this round.
+    pub association: AssociationReport,
+    /// Knots of this round; `None` in the first one, whose knots are even.
+    pub knots: Option<KnotReport>,
+    /// Solve of this round.
+    pub solve: SolveReport,
+    /// Root mean square change of the projection over the sensor (px); `None` where the two lenses share no pixel.
+    pub change: Option<f64>,
+}
+
+/// Hands the events of a share of 0 to 1 of one recording, in batches in time order and with times from its start, to a visitor.
+pub type ReadRecording<'a, E> = dyn Fn(usize, f64, &mut dyn FnMut(&[RankedEvent])) -> Result<(), E> + Sync + 'a;
+
+/// The events of all recordings.
+pub struct EventInput<'a, E> {
+    /// Number of events in each recording.
+    pub counts: &'a [u64],
+    /// Reads a recording.
+    pub read: &'a ReadRecording<'a, E>,
+}
+
+/// What the refinement starts from.
+pub struct RefinementInput<'a, E> {
+    /// The board.
+    pub board: &'a Board,
+    /// Sensor size (width, height) in pixels.
+    pub sensor: Sensor,
+    /// The events; `None` where the input is circle centres alone.
+    pub events: Option<EventInput<'a, E>>,
+    /// Circle centres of each trajectory, where the input is circle tracks.
+    pub points: Vec<Vec<PointObservation>>,
+    /// Spread of a circle centre (px).
+    pub point_sigma: f64,
+    /// Stretches that are left out from the beginning.
+    pub left_out: &'a [LeftOut],
+    /// Which parameters of the board are estimated; the others stay as they are at the start.
+    pub free_board: [bool; BOARD_PARAMETERS],
+    /// Which intrinsics stay as they are at the start.
+    pub held: [bool; MAX_PARAMETERS],
+}
+
+/// All thresholds of association and joint solve (sections 8 to 11 of method.md).
+#[derive(Clone, Copy)]
+pub struct StageSettings<'a> {
+    /// Rounds.
+    pub refinement: &'a RefinementSettings,
+    /// Knots.
+    pub knots: &'a KnotSettings,
+    /// What no curve explains.
+    pub unexplained: &'a UnexplainedSettings,
+    /// Association.
+    pub association: &'a AssociationSettings,
+    /// Solve.
+    pub solve: &'a SolveSettings,
+}
+
+/// What the refinement gives back.
+pub struct Refined {
+    /// The final estimate.
+    pub state: State,
+    /// The problem of the last round with its observations.
+    pub problem: Problem,
+    /// Robust residual statistics of the last round.
+    pub residuals: ResidualStatistics,
+    /// Stretches that are not in the solve: those of the input, and those that no curve explains.
+    pub left_out: Vec<LeftOut>,
+    /// One report a round.
+    pub rounds: Vec<RoundReport>,
+}
+
+/// Why the refinement failed.
+#[derive(Debug, thiserror::Error)]
+pub enum RefinementError<E> {
+    /// A recording could not be read again.
+    #[error(transparent)]
+    Read(E),
+    /// The joint solve failed.
+    #[error(transparent)]
+    Solve(#[from] SolveError),
+}
+
+/// Which part of a round is done when its events are associated, when its solve begins and when that ends, 0 to 1.
+const ASSOCIATED: f64 = 0.3;
+const READY: f64 = 0.35;
+const SOLVED: f64 = 0.95;
+
+/// Associates and solves in turn from `state` on. Beside the result the system at it. `progress` is told the round, from 0 on, and
+/// which part of it is done, 0 to 1; once it fails the refinement ends as soon as it can.
+///
+/// # Errors
+/// [`RefinementError::Read`] when a recording cannot be read, or with what `progress` says; [`RefinementError::Solve`] when the
+/// observations do not determine the camera.
+pub fn refine<E: Send>(
+    input: &RefinementInput<E>,
+    mut state: State,
+    settings: StageSettings,
+    mut progress: impl FnMut(usize, f64) -> Result<(), E>,
+) -> Result<(Refined, System), RefinementError<E>> {
+    let mut rounds: Vec<RoundReport> = Vec::new();
+    let mut kept_share = 1.0;
+    state.bias = unknown(settings.refinement.first_sigma);
+    // Circle centres stay as they are: without events to associate anew, one round is all.
+    let total = if input.events.is_some() { settings.refinement.rounds.max(1) } else { 1 };
+    let count = input.events.as_ref().map_or(1, |events| events.counts.iter().sum::<u64>().max(1)) as f64;
+    // They know the time, which events alone do not.
+    let has_points = input.points.iter().any(|points| !points.is_empty());
+    let mut last_early = false;
+    loop {
+        let round = rounds.len();
+        let mut tell = |done| progress(round, done);
+        tell(0.0).map_err(RefinementError::Read)?;
+        let first = rounds.is_empty();
+        // The last round uses all events that the settings allow; the ones before only as many as
+        // it takes to get near.
+        let final_round = last_early || rounds.len() + 1 == total;
+        let wanted = if final_round { settings.association.most_events } else { settings.refinement.early_events };
+        let share = (wanted as f64 / (count * kept_share)).min(1.0);
+        let bearings = BearingTable::new(&state.camera, input.sensor);
+        // An answer that it should end is heard at once after it.
+        let mut associating = |done| _ = tell(ASSOCIATED * done);
+        let (segments, association) =
+            associate_all(input, &state, &bearings, settings, (!first, share), &mut associating)?;
+        tell(ASSOCIATED).map_err(RefinementError::Read)?;
+        kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
+        let mut problem = problem(input, settings, segments, &state);
+        leave_out(&mut problem, &state, input.left_out);
+        let (residuals, mean_scale) = residuals_and_scale(&problem, &state, &bearings);
+        problem.mean_scale = mean_scale.unwrap_or(problem.mean_scale);
+        let counts = class_counts(&problem);
+        state.bias = updated_bias(&state, residuals, settings);
+        problem.free = free_parameters(&state.camera, &counts, settings);
+        if !has_points {
+            problem.free.biases[latency_reference(&counts)][Bias::Latency] = false;
+        }
+        problem.free.board = input.free_board;
+        let intrinsics = problem.free.intrinsics.iter_mut().zip(input.held);
+        intrinsics.for_each(|(free, held)| *free &= !held);
+        let knots = (!first).then(|| {
+            let choice = choose_knots(&problem, &state, settings.knots);
+            state.trajectories = choice.trajectories;
+            problem.stiffness = choice.stiffness;
+            choice.report
+        });
+        let before = state.camera;
+        tell(READY).map_err(RefinementError::Read)?;
+        let solving = &mut |done| flow(tell(READY + (SOLVED - READY) * done));
+        let Solved { state: solved, mut system, report: solve_report } = solve_telling(&problem, state, solving)?;
+        tell(SOLVED).map_err(RefinementError::Read)?;
+        state = solved;
+        let moved = difference(&before, &state.camera, input.sensor);
+        let change = (moved.compared > 0).then_some(moved.root_mean_square);
+        rounds.push(RoundReport { association, knots, solve: solve_report, change });
+        if final_round {
+            let last = residuals_at(&problem, &state);
+            let (unexplained, mut residuals) = rayon::join(
+                || unexplained(&problem, &state, &last, settings.unexplained),
+                || residual_statistics(&problem, &state, &last),
+            );
+            let delay = (!has_points && knows_latencies(settings)).then(|| common_delay(&state.bias, &last));
+            drop(last);
+            if !unexplained.is_empty() {
+                leave_out(&mut problem, &state, &unexplained);
+                let solving = &mut |done| flow(tell(SOLVED + (1.0 - SOLVED) * done));
+                Solved { state, system, .. } = solve_telling(&problem, state, solving)?;
+                tell(1.0).map_err(RefinementError::Read)?;
+                residuals = residual_statistics(&problem, &state, &residuals_at(&problem, &state));
+            }
+            if let Some(delay) = delay {
+                shift_clock(&mut state.bias, &mut state.trajectories, delay);
+            }
+            let left_out = input.left_out.iter().chain(&unexplained).copied().collect();
+            return Ok((Refined { state, problem, residuals, left_out, rounds }, system));
+        }
+        last_early = change.is_some_and(|change| change < SETTLED_TIMES * settings.refinement.settled);
+    }
+}
+
+/// Whether to go on after this answer.
+fn flow<E>(answer: Result<(), E>) -> ControlFlow<()> {
+    if answer.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+}
+
+/// The events of all recordings, a `share` of 0 to 1 of each, as observations. `tell` hears which part was seen, 0 to 1.
+pub(super) fn associate_all<E: Send>(
+    input: &RefinementInput<E>,
+    state: &State,
+    bearings: &BearingTable,
+    settings: StageSettings,
+    (sigma_known, share): (bool, f64),
+    tell: &mut dyn FnMut(f64),
+) -> Result<(Vec<SegmentObservations>, AssociationReport), RefinementError<E>> {
+    let mut segments = vec![SegmentObservations::default(); state.trajectories.len()];
+    let mut report = AssociationReport::default();
+    let (mut seen, total) = (0, input.events.as_ref().map_or(0, |events| events.counts.iter().sum::<u64>()));
+    for (recording, &count, events) in input
+        .events
+        .iter()
+        .flat_map(|events| events.counts.iter().enumerate().map(move |(one, count)| (one, count, events)))
+    {
+        let context = AssociationContext {
+            state,
+            bearings,
+            board: input.board,
+            bin: settings.solve.bin,
+            sigma_known,
+            settings: settings.association,
+        };
+        let mut associator = Associator::new(context, recording);
+        let take = &mut |batch: &[RankedEvent]| {
+            associator.push(batch);
+            seen += batch.len();
+            tell((seen as f64 / (total as f64 * share)).min(1.0));
+        };
+        (events.read)(recording, share, take).map_err(RefinementError::Read)?;
+        let (found, part) = associator.finish();
+        report.add(&AssociationReport { events: count, thinned: count.saturating_sub(part.events), ..part });
+        for (index, observations) in found {
+            if let Some(segment) = segments.get_mut(index) {
+                *segment = observations;
+            }
+        }
+    }
+    for (segment, points) in segments.iter_mut().zip(&input.points) {
+        segment.points.clone_from(points);
+    }
+    Ok((segments, report))
+}
+
+pub(super) fn problem<E>(
+    input: &RefinementInput<E>,
+    settings: StageSettings,
+    segments: Vec<SegmentObservations>,
+    state: &State,
+) -> Problem {
+    let circle_centers = (0..input.board.circle_count()).map(|index| input.board.circle_center(index).into()).collect();
+    Problem {
+        sensor: input.sensor,
+        circle_centers,
+        area: CircleArea::new(input.board),
+        mean_scale: 1.0,
+        point_sigma: input.point_sigma,
+        associated_latencies: state.bias.map(|bias| bias.biases[Bias::Latency]),
+        segments,
+        stiffness: Vec::new(),
+        free: FreeParameters {
+            intrinsics: [false; MAX_PARAMETERS],
+            board: [false; BOARD_PARAMETERS],
+            biases: [Biases::default(); CLASS_COUNT],
+        },
+        settings: settings.solve.clone(),
+    }
+}
+
+/// Spread, and as a start the offset, of each class from the residuals at `state`.
+fn updated_bias(state: &State, mut residuals: Vec<EventResidual>, settings: StageSettings) -> EventBias {
+    let mut bias = state.bias;
+    // The paper's residual knows no offsets.
+    if settings.refinement.offsets && settings.solve.residual == ResidualMeasure::Pixel {
+        shift_offsets(&mut bias, &mut residuals);
+        class_spreads(&mut bias, &residuals);
+    } else {
+        common_spread(&mut bias, &residuals);
+    }
+    bias
+}
+
+/// Events of each class.
+fn class_counts(problem: &Problem) -> [usize; CLASS_COUNT] {
+    let mut counts = [0; CLASS_COUNT];
+    for event in problem.segments.iter().flat_map(|segment| &segment.events) {
+        if let Some(count) = counts.get_mut(usize::from(event.class)) {
+            *count += 1;
+        }
+    }
+    counts
+}
+
+/// Whether classes have latencies: the paper's residual knows no biases.
+fn knows_latencies(settings: StageSettings) -> bool {
+    settings.refinement.latencies && settings.solve.residual == ResidualMeasure::Pixel
+}
+
+/// The class whose latency is held where nothing but events tells the time, for a delay of all events cannot be told from a shift of the
+/// clock: the largest of first OFF events, as it knows the time best.
+fn latency_reference(counts: &[usize; CLASS_COUNT]) -> usize {
+    let first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
+    first_off.rev().max_by_key(|&class| counts[class]).unwrap_or(0)
+}
+
+/// The parameters that may change, with so many events of each class.
+fn free_parameters(camera: &Camera<f64>, counts: &[usize; CLASS_COUNT], settings: StageSettings) -> FreeParameters {
+    let biases = match settings.solve.residual {
+        ResidualMeasure::Pixel => free_biases(counts, settings.refinement),
+        ResidualMeasure::Plane => Default::default(),
+    };
+    let intrinsics = std::array::from_fn(|index| index < camera.parameters().len());
+    FreeParameters { intrinsics, board: [false; BOARD_PARAMETERS], biases }
+}
+
+/// The biases that may change, with so many events of each class: classes with hardly any keep theirs.
+fn free_biases(counts: &[usize; CLASS_COUNT], settings: &RefinementSettings) -> [Biases<bool>; CLASS_COUNT] {
+    // Of the classes that share biases.
+    let mut together = [0; CLASSES_OF_LENGTH];
+    for (class, count) in counts.iter().enumerate() {
+        together[class % CLASSES_OF_LENGTH] += count;
+    }
+    let mut free = std::array::from_fn(|class| {
+        let wanted = |bias: Bias| if bias.needs_motion() { settings.latencies } else { settings.offsets };
+        Biases::from_fn(|bias| {
+            let count = if is_shared_bias(bias) { together[class % CLASSES_OF_LENGTH] } else { counts[class] };
+            count >= FEWEST_OF_CLASS && wanted(bias) && is_own_bias(class, bias)
+        })
+    });
+    // A bend of all events cannot be told from a motion.
+    free[0][Bias::Bend] = false;
+    free
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_all_lengths_share_stands_with_long_bursts() {
+        let settings = RefinementSettings::default();
+        let [long, three] = [0, 2 * CLASSES_OF_LENGTH];
+        let mut counts = [FEWEST_OF_CLASS; CLASS_COUNT];
+        counts[three] += 1;
+        assert_eq!(latency_reference(&counts), three);
+        counts[three + 1] += 2;
+        assert_eq!(latency_reference(&counts), three, "the second OFF event is no first one");
+        counts[..three].fill(0);
+        let free = free_biases(&counts, &settings);
+        assert!(free[three][Bias::Latency] && free[three][Bias::Offset]);
+        assert!(free[long][Bias::Curvature] && !free[long][Bias::Offset] && !free[long][Bias::Latency]);
+        assert!(free[long + 1][Bias::Bend] && !free[long][Bias::Bend]);
+
+        let none = free_biases(&[0; CLASS_COUNT], &settings);
+        assert_eq!(none, [Biases::default(); CLASS_COUNT]);
+    }
+}

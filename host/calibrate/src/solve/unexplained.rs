@@ -1,0 +1,201 @@
+//! Stretches of a trajectory that the events contradict.
+//!
+//! Where no curve follows the motion, the events spread wider about it than elsewhere, or most of those near the board
+//! are too far from any edge to be taken. Both are looked at in short cells of time.
+
+use evcal_core::settings;
+use evcal_core::settings::{above, at_least};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::left_out::{LeftOut, Reason};
+use super::observation::SegmentObservations;
+use super::stretch::EventResidual;
+use super::{Problem, State};
+use crate::trajectory::Trajectory;
+use evcal_geometry::numerics::statistics::median;
+
+settings! {
+    /// Which stretches of time no curve explains: they leave the solve and the written trajectory, and the verdict names
+    /// them.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct UnexplainedSettings {
+        /// Length of the cells of time that are judged.
+        pub cell: f64 = 0.01, "s", at_least(1e-4);
+        /// Largest median size of the residuals in a cell, in units of what their class's spread makes it.
+        pub spread: f64 = 1.7, "", at_least(1.0);
+        /// Events too far from every edge for each one near an edge: more in a cell are too many, if they are also four
+        /// times as many as usual.
+        pub far_ratio: f64 = 1.0, "", above(0.0);
+    }
+}
+
+/// Cells with fewer events are not judged by their spread.
+const FEWEST: usize = 30;
+/// One cell alone may be chance, or the first moment of a recording.
+const FEWEST_CELLS: usize = 2;
+/// Median size of a standard normal deviate.
+const NORMAL_MEDIAN: f64 = 0.6745;
+/// Events far from every edge must be so many times as many as usual.
+const UNUSUAL: f64 = 4.0;
+
+/// The unexplained stretches of the trajectories of `state`, whose `residuals` these are, in order of segment and time.
+pub fn unexplained(
+    problem: &Problem,
+    state: &State,
+    residuals: &[EventResidual],
+    settings: &UnexplainedSettings,
+) -> Vec<LeftOut> {
+    let segments = problem.segments.par_iter().zip(&state.trajectories).enumerate();
+    let of_segments: Vec<Vec<LeftOut>> = segments
+        .map(|(segment, (observations, trajectory))| {
+            let place = |segment: usize| residuals.partition_point(|event| (event.segment as usize) < segment);
+            let residuals = residuals.get(place(segment)..place(segment + 1)).unwrap_or_default();
+            unexplained_cells(state, trajectory, (observations, residuals), settings)
+        })
+        .collect();
+    let mut found: Vec<(LeftOut, usize)> = Vec::new();
+    for stretch in of_segments.into_iter().flatten() {
+        let adjoins = |last: &LeftOut| last.recording == stretch.recording && last.end >= stretch.start;
+        match found.last_mut().filter(|(last, _)| adjoins(last)) {
+            Some((last, cells)) => {
+                last.end = stretch.end;
+                *cells += 1;
+            }
+            None => found.push((stretch, 1)),
+        }
+    }
+    found.into_iter().filter(|(_, cells)| *cells >= FEWEST_CELLS).map(|(stretch, _)| stretch).collect()
+}
+
+/// The unexplained cells of one segment, each with its neighbours.
+fn unexplained_cells(
+    state: &State,
+    trajectory: &Trajectory,
+    (observations, residuals): (&SegmentObservations, &[EventResidual]),
+    settings: &UnexplainedSettings,
+) -> Vec<LeftOut> {
+    let cells = ((trajectory.end() - trajectory.start()) / settings.cell).ceil().max(0.0) as usize;
+    let cell_of = |t: f64| ((t - trajectory.start()) / settings.cell).max(0.0) as usize;
+    let mut sizes: Vec<Vec<f32>> = vec![Vec::new(); cells];
+    for event in residuals {
+        let sigma =
+            state.bias.get(usize::from(event.class)).and_then(|bias| bias.sigma.get(usize::from(event.speed_range)));
+        if let (Some(cell), Some(sigma)) = (sizes.get_mut(cell_of(event.t)), sigma) {
+            cell.push(event.residual.abs() / *sigma as f32);
+        }
+    }
+    let far = far_counts(observations, cells, cell_of);
+    let mut counts: Vec<f64> = far.iter().map(|&count| f64::from(count)).collect();
+    let usual = median(&mut counts, f64::total_cmp).unwrap_or(0.0);
+    let mut found = Vec::new();
+    for (cell, (sizes, far)) in sizes.iter_mut().zip(&far).enumerate() {
+        let (near, far) = (sizes.len(), f64::from(*far));
+        let wide = near >= FEWEST
+            && median(sizes, f32::total_cmp).is_some_and(|middle| f64::from(middle) > settings.spread * NORMAL_MEDIAN);
+        let lost = far >= FEWEST as f64 && far > settings.far_ratio * near as f64 && far > UNUSUAL * usual;
+        if !wide && !lost {
+            continue;
+        }
+        // A cell on both sides, for a curve that misses in one pulls at the next.
+        let start = trajectory.start() + settings.cell * (cell as f64 - 1.0);
+        found.push(LeftOut {
+            recording: trajectory.recording,
+            start: start.max(trajectory.start()),
+            end: (start + 3.0 * settings.cell).min(trajectory.end()),
+            reason: Reason::Unexplained,
+        });
+    }
+    found
+}
+
+fn far_counts(observations: &SegmentObservations, cells: usize, cell_of: impl Fn(f64) -> usize) -> Vec<u32> {
+    let mut counts = vec![0; cells];
+    for &t in &observations.far {
+        if let Some(count) = counts.get_mut(cell_of(f64::from(t))) {
+            *count += 1;
+        }
+    }
+    counts
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+    use evcal_core::sensor::Sensor;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    use super::*;
+    use crate::solve::event_bias::bias::Biases;
+    use crate::solve::event_bias::{CLASS_COUNT, unknown};
+    use crate::solve::left_out::{covers, leave_out};
+    use crate::solve::observation::EventBin;
+    use crate::solve::{BOARD_PARAMETERS, FreeParameters, SolveSettings};
+    use crate::trajectory::{RotationControl, Trajectory};
+    use evcal_geometry::board::shape::{BoardShape, CircleArea};
+
+    fn problem(bins: usize) -> (Problem, State) {
+        let trajectory = Trajectory {
+            recording: 0,
+            knots: vec![0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0],
+            degree: 3,
+            translation: vec![Vector3::zeros(); 4],
+            rotation: RotationControl::So3(vec![UnitQuaternion::identity(); 4]),
+        };
+        let camera =
+            Camera::from_parameters(ModelKind::Radtan4, &[330.0, 330.0, 173.0, 130.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
+        let of_bins = (0..bins).map(|bin| EventBin { t: (bin as f64 + 0.5) / bins as f64, first: 0, end: 0 });
+        let problem = Problem {
+            sensor: Sensor::new(346, 260),
+            circle_centers: Vec::new(),
+            area: CircleArea { middle: [0.1; 2], half: [0.1; 2] },
+            mean_scale: 1.0,
+            point_sigma: 1.0,
+            associated_latencies: [0.0; CLASS_COUNT],
+            segments: vec![SegmentObservations { bins: of_bins.collect(), ..SegmentObservations::default() }],
+            stiffness: Vec::new(),
+            free: FreeParameters {
+                intrinsics: [false; MAX_PARAMETERS],
+                board: [false; BOARD_PARAMETERS],
+                biases: [Biases::default(); CLASS_COUNT],
+            },
+            settings: SolveSettings::default(),
+        };
+        let board = BoardShape { print_ratio: 1.0, bend: [0.0; 2], radius: 0.01 };
+        (problem, State { camera, board, bias: unknown(0.2), trajectories: vec![trajectory] })
+    }
+
+    /// A hundred residuals in each cell of 10 ms, evenly between 0 and a size that depends on the time.
+    fn spread(largest: impl Fn(f64) -> f32) -> Vec<EventResidual> {
+        (0..10_000)
+            .map(|index| {
+                let t = (f64::from(index) + 0.5) / 10_000.0;
+                let residual = largest(t) * (index % 100) as f32 / 100.0;
+                EventResidual { t, residual, ..EventResidual::default() }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_stretch_of_wide_residuals_is_found_and_left_out() {
+        let (mut problem, state) = problem(100);
+        let wide = |t: f64| (0.4..0.5).contains(&t);
+        let settings = UnexplainedSettings::default();
+        let found = unexplained(&problem, &state, &spread(|t| if wide(t) { 0.6 } else { 0.3 }), &settings);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!((found[0].start - 0.39).abs() < 1e-9 && (found[0].end - 0.51).abs() < 1e-9, "{found:?}");
+        leave_out(&mut problem, &state, &found);
+        assert_eq!(problem.segments[0].bins.len(), 88);
+        assert!(unexplained(&problem, &state, &spread(|_| 0.3), &settings).is_empty());
+    }
+
+    #[test]
+    fn a_stretch_whose_events_are_far_from_every_edge_is_found() {
+        let (mut problem, state) = problem(100);
+        problem.segments[0].far = (0..2000).map(|index| 0.7 + 0.05 * index as f32 / 2000.0).collect();
+        let found = unexplained(&problem, &state, &spread(|_| 0.3), &UnexplainedSettings::default());
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(covers(&found, 0, 0.72) && !covers(&found, 0, 0.6) && !covers(&found, 1, 0.72));
+    }
+}

@@ -1,0 +1,160 @@
+//! Sections 6 and 7 of method.md: segments, and the spline of each through the initial poses.
+
+use crate::circles::reference_frame::PointObservation;
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::initial::InitialModel;
+use crate::trajectory::fit::{TrajectoryShape, fit, on_knots};
+use crate::trajectory::knot_grid::KnotSettings;
+use crate::trajectory::segment::{SegmentReport, SegmentSettings, segment, typical_interval};
+use crate::trajectory::settings::SplineSettings;
+use crate::trajectory::{Trajectory, TrajectoryError};
+use evcal_geometry::timed_pose::TimedPose;
+
+/// A circle this far in time (s) from the middle of its frame is not of it.
+const LONGEST_FRAME: f64 = 0.5;
+
+/// What the joint solve starts from, beside the camera.
+pub struct FirstTrajectories {
+    /// One for each segment that has one.
+    pub trajectories: Vec<Trajectory>,
+    /// Circle centres of each trajectory, where there are no events.
+    pub points: Vec<Vec<PointObservation>>,
+    /// What became of the reference frames.
+    pub segments: SegmentReport,
+    /// Segments whose spline could not be fitted.
+    pub without_spline: usize,
+}
+
+/// Why there is no trajectory to start from.
+#[derive(Debug, thiserror::Error)]
+pub enum FirstTrajectoryError {
+    /// No segment is long enough.
+    #[error(
+        "the board was found in {frames} windows, but never often enough in a row for a trajectory ({too_few} groups of fewer than {fewest}): keep the whole board in view and moving"
+    )]
+    NoSegment {
+        /// Reference frames.
+        frames: usize,
+        /// Groups that were too short.
+        too_few: usize,
+        /// Frames needed.
+        fewest: usize,
+    },
+    /// The frames of circle tracks come too seldom.
+    #[error(
+        "the frames with the board are {interval:.1} s apart, and a trajectory needs one at least every {longest} s: are the times in seconds?"
+    )]
+    FarApart {
+        /// Median time between frames (s).
+        interval: f64,
+        /// Longest gap that would do (s).
+        longest: f64,
+    },
+    /// The circles of a frame were not seen together.
+    #[error(
+        "the circles or the time window of the frame at {t:.2} s reach {reach:.2} s from it, and {} s is the most: are the times in seconds?",
+        LONGEST_FRAME
+    )]
+    LongFrame {
+        /// Time of the frame (s).
+        t: f64,
+        /// How far they reach (s).
+        reach: f64,
+    },
+    /// No segment has a spline.
+    #[error("no trajectory could be fitted: {0}")]
+    Trajectory(TrajectoryError),
+}
+
+/// Cuts `frames`, those with a pose in `initial`, into segments and fits a spline to each.
+pub fn first_trajectories(
+    initial: &InitialModel,
+    frames: &[ReferenceFrame],
+    segment_settings: &SegmentSettings,
+    (spline, knots): (&SplineSettings, &KnotSettings),
+) -> Result<FirstTrajectories, FirstTrajectoryError> {
+    let posed = || initial.frames.iter().filter_map(|posed| frames.get(posed.frame));
+    let from_circles = || posed().filter(|frame| !frame.is_from_events());
+    // A segment covers all of its frames.
+    if let Some(frame) = from_circles().find(|frame| reach(frame) > LONGEST_FRAME) {
+        return Err(FirstTrajectoryError::LongFrame { t: frame.t(), reach: reach(frame) });
+    }
+    let times: Vec<(usize, f64)> = posed().map(|frame| (frame.recording, frame.t())).collect();
+    let interval = typical_interval(&times);
+    let longest_gap = segment_settings.longest_gap_at(interval);
+    let segmentation = SegmentSettings { longest_gap, ..segment_settings.clone() };
+    let (ranges, segments) = segment(&times, spline.degree, &segmentation);
+    if ranges.is_empty() {
+        if interval > longest_gap && from_circles().next().is_some() {
+            return Err(FirstTrajectoryError::FarApart { interval, longest: longest_gap });
+        }
+        let fewest = segment_settings.fewest_frames.max(spline.degree + 1);
+        let too_few = segments.too_few_frames + segments.too_short;
+        return Err(FirstTrajectoryError::NoSegment { frames: segments.frames_in, too_few, fewest });
+    }
+    let shape = TrajectoryShape { degree: spline.degree, rotation: spline.rotation, knot_spacing: spline.knot_spacing };
+    let mut trajectories: Vec<Trajectory> = Vec::new();
+    let mut points: Vec<Vec<PointObservation>> = Vec::new();
+    let mut failure = None;
+    for range in &ranges {
+        match fit_segment(initial, frames, range.clone(), &shape, knots) {
+            Ok((trajectory, observations)) => {
+                trajectories.push(trajectory);
+                points.push(observations);
+            }
+            Err(error) => failure = Some(error),
+        }
+    }
+    let without_spline = ranges.len() - trajectories.len();
+    if let (true, Some(error)) = (trajectories.is_empty(), failure) {
+        return Err(FirstTrajectoryError::Trajectory(error));
+    }
+    Ok(FirstTrajectories { trajectories, points, segments, without_spline })
+}
+
+/// How far the circles and the window of a frame reach from its middle (s).
+fn reach(frame: &ReferenceFrame) -> f64 {
+    let times = frame.circles.iter().map(|circle| circle.t).chain([frame.start, frame.end]);
+    times.fold(0.0, |reach, t| (t - frame.t()).abs().max(reach))
+}
+
+/// The spline of one segment, and its circle centres where there are no events.
+fn fit_segment(
+    initial: &InitialModel,
+    frames: &[ReferenceFrame],
+    range: std::ops::Range<usize>,
+    shape: &TrajectoryShape,
+    spacings: &KnotSettings,
+) -> Result<(Trajectory, Vec<PointObservation>), TrajectoryError> {
+    let posed = initial.frames.get(range).unwrap_or_default();
+    let in_frames = |index: usize| frames.get(index);
+    let poses: Vec<TimedPose> = posed
+        .iter()
+        .filter_map(|posed| in_frames(posed.frame).map(|frame| TimedPose { t: frame.t(), pose: posed.pose }))
+        .collect();
+    let spans: Vec<(f64, f64)> =
+        posed.iter().filter_map(|posed| in_frames(posed.frame)).map(|frame| (frame.start, frame.end)).collect();
+    let from_circles = posed.iter().filter_map(|posed| in_frames(posed.frame)).all(|frame| !frame.is_from_events());
+    let mut points: Vec<PointObservation> = Vec::new();
+    if from_circles {
+        points.extend(posed.iter().flat_map(|posed| &posed.circles).map(|circle| PointObservation {
+            t: circle.t,
+            pixel: circle.center,
+            circle: circle.index,
+        }));
+        points.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.circle.cmp(&b.circle)));
+    }
+    let first = points.first().map_or(f64::INFINITY, |point| point.t);
+    let last = points.last().map_or(f64::NEG_INFINITY, |point| point.t);
+    let start = spans.iter().fold(first, |start, span| start.min(span.0));
+    let end = spans.iter().fold(last, |end, span| end.max(span.1));
+    let recording = posed.first().and_then(|posed| in_frames(posed.frame)).map_or(0, |frame| frame.recording);
+    let trajectory = fit(recording, &poses, start, end, shape)?;
+    if from_circles {
+        return Ok((trajectory, points));
+    }
+    // Where events follow, the curve may move freely also between sparse frames.
+    let grid = spacings.grid(&trajectory);
+    let knots = grid.even(grid.level_of(spacings.first), shape.degree);
+    Ok((on_knots(&trajectory, knots, shape.rotation)?, points))
+}

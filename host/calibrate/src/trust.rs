@@ -1,0 +1,237 @@
+//! How far a calibration can be trusted: uncertainty, coverage, comparison of halves, verdict.
+
+pub mod board_evidence;
+pub mod coverage;
+pub mod misfit;
+pub mod poses;
+pub mod residual_map;
+pub mod split_half;
+pub mod uncertainty;
+pub mod verdict;
+pub mod witness;
+
+use evcal_core::camera::ModelKind;
+use evcal_core::sensor::Sensor;
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::picture_calibration::calibration::PictureCalibration;
+use crate::solve::burst::RANK_COUNT;
+use crate::solve::event_bias::bias::Bias;
+use crate::solve::event_bias::{CLASS_COUNT, EventKind};
+use crate::solve::left_out::LeftOut;
+use crate::solve::pose_covariance::PoseCovariance;
+use crate::solve::refinement::Refined;
+use crate::solve::stretch::residuals_at;
+use crate::solve::{Problem, SolveError, State};
+use crate::trust::board_evidence::BoardEstimate;
+use crate::trust::coverage::{Coverage, coverage, coverage_of};
+use crate::trust::misfit::{Misfit, misfit, with_misfit};
+use crate::trust::residual_map::histogram::{ClassResiduals, class_residuals};
+use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
+use crate::trust::split_half::{SplitHalf, SplitHalfSettings, split_half};
+use crate::trust::uncertainty::parts::ProjectionParts;
+use crate::trust::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
+use crate::trust::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
+use crate::trust::verdict::VerdictSettings;
+use evcal_geometry::board::Board;
+
+/// What speaks for and against a calibration, whatever it was made from.
+#[derive(Clone, Debug)]
+pub struct Trust {
+    /// Covariance of the intrinsics.
+    pub uncertainty: Uncertainty,
+    /// What it means in the image.
+    pub projection: ProjectionUncertainty,
+    /// What was seen.
+    pub coverage: Coverage,
+}
+
+/// What speaks for and against a calibration along trajectories, beside [`Trust`].
+#[derive(Clone, Debug)]
+pub struct EventTrust {
+    /// What each cause adds to the uncertainty of the projection.
+    pub projection_parts: ProjectionParts,
+    /// Standard deviations of the event biases.
+    pub bias_sigma: BiasSigma,
+    /// Two halves calibrated apart; `None` when the recordings are too short for that.
+    pub split_half: Option<SplitHalf>,
+    /// The residuals over the sensor.
+    pub residuals: ResidualMap,
+    /// The residuals of each event class.
+    pub classes: [ClassResiduals; CLASS_COUNT],
+    /// The residuals of each polarity, OFF first, and rank in the burst.
+    pub ranks: [ClassResiduals; 2 * RANK_COUNT],
+    /// How far the lens model is from the lens; `None` when the residuals say nothing against it.
+    pub misfit: Option<Misfit>,
+    /// The board as it was estimated.
+    pub board: BoardEstimate,
+    /// Coefficients of the lens, by their index, that were held because the observations do not determine them.
+    pub undetermined: Vec<usize>,
+    /// What the events say of the circles' radius; `None` where the input is circle centres.
+    pub radius: Option<ObservedRadius>,
+    /// How sure each pose is.
+    pub poses: PoseCovariance,
+    /// Stretches that are left out.
+    pub left_out: Vec<LeftOut>,
+    /// Stretches in which the readout was saturated, where they are too long to be left out.
+    pub saturated: Vec<LeftOut>,
+}
+
+/// The circles' radius as the events see it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObservedRadius {
+    /// Mean distance of the events from the edge in pixels, positive outside the dot.
+    pub mean_offset: f64,
+    /// Metres on the board for each pixel, on average.
+    pub scale: f64,
+    /// Radius in metres at which that mean would be the usual one.
+    pub radius: f64,
+}
+
+/// Events lie inside of the edge by this much on average (px): they happen where the logarithm of the
+/// blurred edge changes, which is on its dark side.
+const USUAL_OFFSET: f64 = -0.41;
+
+/// How [`examine`] looks at a calibration.
+#[derive(Clone, Copy)]
+pub struct ExamineSettings<'a> {
+    /// The two halves.
+    pub halves: &'a SplitHalfSettings,
+    /// The residuals over the sensor.
+    pub map: &'a ResidualMapSettings,
+    /// When residuals speak against the lens model.
+    pub verdict: &'a VerdictSettings,
+}
+
+/// A lens model that follows the lens of `refined` where its own cannot.
+pub fn better_model(refined: &Refined, inflation: f64, settings: ExamineSettings) -> Option<ModelKind> {
+    let (problem, state) = (&refined.problem, &refined.state);
+    let residuals = residual_map(problem, state, &residuals_at(problem, state), settings.map);
+    misfit_of(problem, state, &residuals, inflation, settings)?.better.map(|better| better.kind)
+}
+
+fn misfit_of(
+    problem: &Problem,
+    state: &State,
+    residuals: &ResidualMap,
+    inflation: f64,
+    settings: ExamineSettings,
+) -> Option<Misfit> {
+    let suspicious = settings.verdict.suspects(&residuals.pattern);
+    suspicious.then(|| misfit(problem, state, &residuals.pattern, inflation))
+}
+
+/// Examines `refined`, whose uncertainty, board and held coefficients are known. `saturated` are stretches with a saturated readout that are in the solve.
+///
+/// # Errors
+/// [`SolveError::Singular`] when the observations do not determine the camera.
+pub fn examine(
+    refined: &Refined,
+    (uncertainty, shape, undetermined): (SolveUncertainty, BoardEstimate, Vec<usize>),
+    board: &Board,
+    saturated: &[LeftOut],
+    settings: ExamineSettings,
+) -> Result<(Trust, EventTrust), SolveError> {
+    let (problem, state) = (&refined.problem, &refined.state);
+    let SolveUncertainty { intrinsics: uncertainty, parts, board_sigma: _, board: _, bias_sigma, poses, formal: _ } =
+        uncertainty;
+    let in_the_image = |uncertainty: &Uncertainty| {
+        projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
+    };
+    // The halves have the same misfit: they cannot tell it.
+    let split_half = split_half(problem, state, &parts, settings.halves);
+    let of_events = residuals_at(problem, state);
+    let ((classes, ranks), residuals) = rayon::join(
+        || {
+            let rank = |kind: EventKind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank);
+            (class_residuals(&of_events, |kind| kind.class()), class_residuals(&of_events, rank))
+        },
+        || residual_map(problem, state, &of_events, settings.map),
+    );
+    drop(of_events);
+    let misfit = misfit_of(problem, state, &residuals, uncertainty.inflation, settings);
+    let before = uncertainty.covariance.clone();
+    let uncertainty = match &misfit {
+        Some(misfit) => with_misfit(uncertainty.clone(), &in_the_image(&uncertainty)?, misfit),
+        None => uncertainty,
+    };
+    let projection = in_the_image(&uncertainty)?;
+    let projection_parts = parts
+        .projection(&state.camera, &(&uncertainty.covariance - before), problem.sensor)
+        .map_err(|_| SolveError::Singular)?;
+    let events = EventTrust {
+        projection_parts,
+        bias_sigma,
+        split_half,
+        residuals,
+        classes,
+        ranks,
+        misfit,
+        radius: observed_radius(refined),
+        board: shape,
+        undetermined,
+        left_out: refined.left_out.clone(),
+        saturated: saturated.to_vec(),
+        poses,
+    };
+    Ok((Trust { uncertainty, projection, coverage: coverage(problem, state, board) }, events))
+}
+
+/// Examines a calibration from pictures alone.
+///
+/// # Errors
+/// [`SolveError::Singular`] when the lens sees next to nothing of the sensor.
+pub fn examine_pictures(calibration: &PictureCalibration, board: &Board, sensor: Sensor) -> Result<Trust, SolveError> {
+    let projection = projection_uncertainty(&calibration.camera, &calibration.covariance, sensor)
+        .map_err(|_| SolveError::Singular)?;
+    let used: Vec<&ReferenceFrame> =
+        calibration.posed.iter().filter_map(|posed| calibration.frames.get(posed.frame)).collect();
+    let duration = used
+        .chunk_by(|a, b| a.recording == b.recording)
+        .filter_map(|recording| Some(recording.last()?.t() - recording.first()?.t()))
+        .sum();
+    let pixels = calibration.posed.iter().flat_map(|posed| posed.circles.iter().map(|circle| circle.center.into()));
+    let poses = calibration.posed.iter().map(|posed| posed.pose);
+    Ok(Trust {
+        uncertainty: Uncertainty {
+            covariance: calibration.covariance.clone(),
+            systematic: DMatrix::zeros(calibration.covariance.nrows(), calibration.covariance.ncols()),
+            systematic_scale: 0.0,
+            inflation: calibration.inflation,
+            observations: calibration.report.dots_used,
+            blocks: calibration.report.used,
+        },
+        projection,
+        coverage: coverage_of(&calibration.camera, sensor, board, pixels, poses, duration),
+    })
+}
+
+fn observed_radius(refined: &Refined) -> Option<ObservedRadius> {
+    let bias = &refined.state.bias;
+    let radius = refined.state.board.radius;
+    let scale = refined.problem.mean_scale;
+    let inverse_radius = scale / radius;
+    let (mut sum, mut count) = (0.0, 0_usize);
+    // The mean over both polarities: what delays events moves them to opposite sides.
+    let mut of_polarity = [(0.0, 0_usize); 2];
+    for event in refined.problem.segments.iter().flat_map(|segment| &segment.events) {
+        let class = usize::from(event.class);
+        let polarity = EventKind::of_class(class).polarity.index();
+        if let (Some(bias), Some(part)) = (bias.get(class), of_polarity.get_mut(polarity)) {
+            part.0 += bias.biases[Bias::Offset] + bias.biases[Bias::Curvature] * inverse_radius;
+            part.1 += 1;
+        }
+    }
+    for (part, events) in of_polarity {
+        if events > 0 {
+            sum += part / events as f64;
+            count += 1;
+        }
+    }
+    (count > 0).then(|| {
+        let mean_offset = sum / count as f64;
+        ObservedRadius { mean_offset, scale, radius: radius + (mean_offset - USUAL_OFFSET) * scale }
+    })
+}

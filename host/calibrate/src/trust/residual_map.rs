@@ -1,0 +1,306 @@
+//! Where on the sensor the final residuals are not noise.
+//!
+//! The sensor is cut into cells. An event tells how far it lies from where it is expected, across its edge
+//! only: r = n · d + m, with the edge's unit normal n, the displacement d of what is seen in the cell, and
+//! what m lies further out all around the dots. Both are estimated in each cell by weighted least squares. d is what a
+//! lens model that cannot bend enough leaves; edges of all directions average it away in the mean of r. m is what
+//! the event biases leave.
+//!
+//! Events of one crossing of an edge err together. The standard errors are therefore those of sums over
+//! blocks of time (the sandwich estimator with clusters; Liang and Zeger, Biometrika 1986).
+
+pub mod histogram;
+
+use evcal_core::sensor::Sensor;
+use evcal_core::settings;
+use evcal_core::settings::{at_least, from_to};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
+use crate::solve::stretch::{EventResidual, PointResidual, point_residuals};
+use crate::solve::{Problem, State};
+use evcal_geometry::numerics::huber::huber;
+
+settings! {
+    /// Where on the sensor the final residuals are more than noise.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct ResidualMapSettings {
+        /// Columns of square cells into which the sensor is cut; the rows follow.
+        pub columns: u16 = 16, "cells", from_to(1.0, 256.0);
+        /// Events within this time may err together: standard errors are those of sums over such blocks.
+        pub block: f64 = 0.05, "s", at_least(1e-3);
+        /// Fewest blocks that saw something in a cell, to estimate a displacement there.
+        pub fewest_blocks: usize = 12, "blocks", at_least(6.0);
+    }
+}
+
+/// One scalar residual: r = row · (d, m).
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Observation {
+    t: f64,
+    pixel: [f64; 2],
+    /// Normal of the edge, and 1 where m is estimated.
+    row: Vector3<f64>,
+    residual: f64,
+    /// Inverse variance, less for outliers.
+    weight: f64,
+}
+
+/// The residuals over the sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResidualMap {
+    /// Columns of cells.
+    pub columns: usize,
+    /// Rows of cells.
+    pub rows: usize,
+    /// Side of a cell (px). The outermost ones may reach beyond the sensor.
+    pub cell: f64,
+    /// The cells, row by row.
+    pub cells: Vec<CellResiduals>,
+    /// What they say together.
+    pub pattern: ResidualPattern,
+}
+
+impl ResidualMap {
+    /// Left, top, right and bottom of each cell in pixels.
+    pub fn places(&self) -> impl Iterator<Item = [f64; 4]> {
+        (0..self.rows * self.columns).map(|index| {
+            let left = (index % self.columns) as f64 * self.cell - 0.5;
+            let top = (index / self.columns) as f64 * self.cell - 0.5;
+            [left, top, left + self.cell, top + self.cell]
+        })
+    }
+}
+
+/// The residuals in one cell of the sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CellResiduals {
+    /// Number of residuals.
+    pub count: usize,
+    /// Number of blocks of time with residuals.
+    pub blocks: usize,
+    /// Root mean square of the residuals (px).
+    pub rms: f64,
+    /// What is displaced, where enough was seen.
+    pub displacement: Option<Displacement>,
+}
+
+/// What the residuals of a cell have in common.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Displacement {
+    /// How far what is seen in the cell lies from where the model puts it (px).
+    pub shift: Vector2<f64>,
+    /// Covariance of `shift` (px²).
+    pub covariance: Matrix2<f64>,
+    /// How much further out of the dots events lie than their classes expect (px), with its standard error;
+    /// `None` for circle centres.
+    pub outward: Option<(f64, f64)>,
+}
+
+/// The figures of a residual map that stand for all of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ResidualPattern {
+    /// Cells with a displacement.
+    pub cells: usize,
+    /// Root mean square displacement over the cells, less what noise explains (px).
+    pub shift: f64,
+    /// Root mean square displacement in units of its standard error: 1 when it is noise alone.
+    pub shift_ratio: f64,
+    /// Root mean square of what events lie further out, less what noise explains (px).
+    pub outward: f64,
+    /// The same in units of its standard error.
+    pub outward_ratio: f64,
+}
+
+/// The residuals of `problem` at `state` over the sensor; `events` are those of all its events.
+pub fn residual_map(
+    problem: &Problem,
+    state: &State,
+    events: &[EventResidual],
+    settings: &ResidualMapSettings,
+) -> ResidualMap {
+    if events.is_empty() {
+        let points = point_residuals(problem, state);
+        let observations = || points.iter().flat_map(|point| of_point(problem, point));
+        return map_of(problem.sensor, observations, settings);
+    }
+    let observations = || events.iter().filter_map(|event| of_event(problem, state, event));
+    map_of(problem.sensor, observations, settings)
+}
+
+fn of_event(problem: &Problem, state: &State, event: &EventResidual) -> Option<Observation> {
+    let class = usize::from(event.class).min(CLASS_COUNT - 1);
+    let sigma = state.bias.get(class)?.sigma[usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1)];
+    let residual = f64::from(event.residual);
+    let (_, root_weight) = huber(residual / sigma, problem.settings.huber);
+    let [x, y] = event.normal.map(f64::from);
+    Some(Observation {
+        t: event.t,
+        pixel: event.pixel.map(f64::from),
+        row: Vector3::new(x, y, 1.0),
+        residual,
+        weight: (root_weight / sigma).powi(2),
+    })
+}
+
+fn of_point(problem: &Problem, point: &PointResidual) -> [Observation; 2] {
+    let (_, root_weight) = huber(point.residual.norm() / problem.point_sigma, problem.settings.huber);
+    let weight = (root_weight / problem.point_sigma).powi(2);
+    let (t, pixel) = (point.t, point.pixel.into());
+    [(Vector3::x(), point.residual.x), (Vector3::y(), point.residual.y)].map(|(row, residual)| Observation {
+        t,
+        pixel,
+        row,
+        residual,
+        weight,
+    })
+}
+
+/// Sums of one cell.
+#[derive(Clone, Copy, Debug, Default)]
+struct CellSums {
+    count: usize,
+    square: f64,
+    normal: Matrix3<f64>,
+    right: Vector3<f64>,
+    estimate: Option<(Matrix3<f64>, Vector3<f64>)>,
+    block: Option<i64>,
+    blocks: usize,
+    /// Score of the current block, and the sum of the outer products of those before.
+    score: Vector3<f64>,
+    scatter: Matrix3<f64>,
+}
+
+impl CellSums {
+    fn end_block(&mut self) {
+        if self.block.take().is_some() {
+            self.blocks += 1;
+            self.scatter += self.score * self.score.transpose();
+            self.score = Vector3::zeros();
+        }
+    }
+
+    fn residuals(&self, settings: &ResidualMapSettings) -> CellResiduals {
+        let rms = if self.count > 0 { (self.square / self.count as f64).sqrt() } else { 0.0 };
+        CellResiduals { count: self.count, blocks: self.blocks, rms, displacement: self.displacement(settings) }
+    }
+
+    fn displacement(&self, settings: &ResidualMapSettings) -> Option<Displacement> {
+        // Fewer blocks leave their covariance singular, whatever the settings.
+        const FEWEST: usize = 6;
+        let (inverse, estimate) = self.estimate?;
+        if self.blocks < settings.fewest_blocks.max(FEWEST) {
+            return None;
+        }
+        let blocks = self.blocks as f64;
+        let covariance = inverse * self.scatter * inverse * (blocks / (blocks - 1.0));
+        let outward = (self.normal[(2, 2)] > 0.0).then(|| (estimate.z, covariance[(2, 2)].sqrt()));
+        let covariance = covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        Some(Displacement { shift: estimate.xy(), covariance, outward })
+    }
+}
+
+/// The inverse of the normal matrix of a cell; `None` where edges of too few directions leave a displacement
+/// along them undetermined.
+fn inverse(normal: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    /// Smallest share of the information that the weakest direction may have.
+    const WEAKEST: f64 = 0.02;
+    let mut normal = *normal;
+    if normal[(2, 2)] <= 0.0 {
+        // Circle centres say nothing of m.
+        normal[(2, 2)] = 0.5 * normal.trace();
+    }
+    let inverse = normal.try_inverse()?;
+    let shift = inverse.fixed_view::<2, 2>(0, 0).into_owned();
+    let information = shift.try_inverse()?.symmetric_eigenvalues();
+    (information.min() >= WEAKEST * information.max()).then_some(inverse)
+}
+
+/// The map of the observations that every call of `observations` gives in order of time.
+fn map_of<O: Iterator<Item = Observation>>(
+    sensor: Sensor,
+    observations: impl Fn() -> O,
+    settings: &ResidualMapSettings,
+) -> ResidualMap {
+    let columns = usize::from(settings.columns.max(1));
+    let cell = f64::from(sensor.width.max(1)) / columns as f64;
+    let rows = (f64::from(sensor.height.max(1)) / cell).ceil().max(1.0) as usize;
+    let index_of = |pixel: [f64; 2]| {
+        let [column, row] = pixel.map(|coordinate| ((coordinate + 0.5) / cell).max(0.0) as usize);
+        row.min(rows - 1) * columns + column.min(columns - 1)
+    };
+    let mut sums = vec![CellSums::default(); columns * rows];
+    for observation in observations() {
+        let Some(sums) = sums.get_mut(index_of(observation.pixel)) else { continue };
+        let weighted = observation.row * observation.weight;
+        sums.count += 1;
+        sums.square += observation.residual * observation.residual;
+        sums.normal += weighted * observation.row.transpose();
+        sums.right += weighted * observation.residual;
+    }
+    for sums in &mut sums {
+        sums.estimate = inverse(&sums.normal).map(|inverse| (inverse, inverse * sums.right));
+    }
+    for observation in observations() {
+        let Some(sums) = sums.get_mut(index_of(observation.pixel)) else { continue };
+        let Some((_, estimate)) = sums.estimate else { continue };
+        let block = (observation.t / settings.block).floor() as i64;
+        if sums.block != Some(block) {
+            sums.end_block();
+            sums.block = Some(block);
+        }
+        let left = observation.residual - observation.row.dot(&estimate);
+        sums.score += observation.row * (observation.weight * left);
+    }
+    sums.iter_mut().for_each(CellSums::end_block);
+    let cells: Vec<CellResiduals> = sums.iter().map(|sums| sums.residuals(settings)).collect();
+    let pattern = pattern(&cells);
+    ResidualMap { columns, rows, cell, cells, pattern }
+}
+
+fn pattern(cells: &[CellResiduals]) -> ResidualPattern {
+    let mut shift = MeanSquare::default();
+    let mut outward = MeanSquare::default();
+    for cell in cells {
+        let Some(displacement) = cell.displacement else { continue };
+        let Some(information) = displacement.covariance.try_inverse() else { continue };
+        let Displacement { shift: d, covariance, .. } = displacement;
+        // Hotelling's T² of n blocks in p dimensions has the mean p (n − 1) / (n − p − 2).
+        let blocks = cell.blocks as f64;
+        let share = |dimensions: f64| (blocks - dimensions - 2.0) / (dimensions * (blocks - 1.0));
+        shift.add(d.norm_squared() - covariance.trace(), d.dot(&(information * d)) * share(2.0));
+        if let Some((mean, sigma)) = displacement.outward
+            && sigma > 0.0
+        {
+            outward.add(mean * mean - sigma * sigma, (mean / sigma).powi(2) * share(1.0));
+        }
+    }
+    let ((shift_pixels, shift_ratio), (outward_pixels, outward_ratio)) = (shift.roots(), outward.roots());
+    ResidualPattern { cells: shift.count, shift: shift_pixels, shift_ratio, outward: outward_pixels, outward_ratio }
+}
+
+/// Mean squares of a figure over the cells: beyond noise, and in units of its standard error.
+#[derive(Default)]
+struct MeanSquare {
+    count: usize,
+    beyond_noise: f64,
+    ratio: f64,
+}
+
+impl MeanSquare {
+    fn add(&mut self, beyond_noise: f64, ratio: f64) {
+        self.count += 1;
+        self.beyond_noise += beyond_noise;
+        self.ratio += ratio;
+    }
+
+    fn roots(&self) -> (f64, f64) {
+        let count = self.count.max(1) as f64;
+        ((self.beyond_noise.max(0.0) / count).sqrt(), (self.ratio / count).sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests;

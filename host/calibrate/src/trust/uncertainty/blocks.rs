@@ -1,0 +1,184 @@
+//! Scatter of the estimate when blocks of time are left out.
+
+use std::collections::BTreeMap;
+
+use nalgebra::DMatrix;
+
+use crate::solve::system::{Contribution, PackedContribution};
+
+/// Sums what the stretches of observations that begin at `starts` (segment, seconds) say, for even blocks of about `length` seconds.
+///
+/// Time between segments does not count: what drifts over a recording that was seen in pieces shows between its parts all the same.
+pub fn sum_by_block(
+    starts: &[(usize, f64)],
+    contributions: &[PackedContribution],
+    length: f64,
+) -> impl Iterator<Item = Contribution> {
+    let (times, total) = observed_times(starts);
+    let count = (total / length).round().max(1.0);
+    let block = |t: &f64| (t / total * count).floor().min(count - 1.0) as usize;
+    let mut keyed: BTreeMap<usize, Vec<&PackedContribution>> = BTreeMap::new();
+    for (t, part) in times.iter().zip(contributions) {
+        keyed.entry(block(t)).or_default().push(part);
+    }
+    keyed.into_values().filter_map(PackedContribution::sum)
+}
+
+/// The middles of the stretches that begin at `starts`, in order, when the segments follow each other without pause, from 0 on; and how long
+/// all of it is. All stretches are as long as they are on average.
+fn observed_times(starts: &[(usize, f64)]) -> (Vec<f64>, f64) {
+    let mut spans: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
+    let mut steps = 0;
+    for &(segment, t) in starts {
+        let (_, last) = spans.entry(segment).or_insert((t, t));
+        if t > *last {
+            (*last, steps) = (t, steps + 1);
+        }
+    }
+    let spanned: f64 = spans.values().map(|(first, last)| last - first).sum();
+    // Where each is alone in its segment, they count alike.
+    let length = if steps > 0 { spanned / f64::from(steps) } else { 1.0 };
+    let mut shifts = BTreeMap::new();
+    let mut total = 0.0;
+    for (segment, (first, last)) in spans {
+        shifts.insert(segment, total - first + 0.5 * length);
+        total += last - first + length;
+    }
+    (starts.iter().map(|(segment, t)| t + shifts.get(segment).copied().unwrap_or(0.0)).collect(), total)
+}
+
+/// How the estimate scatters from block to block.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scatter {
+    /// Covariance of the intrinsics.
+    pub covariance: DMatrix<f64>,
+    /// How much larger it is than the formal one.
+    pub inflation: f64,
+    /// Number of blocks.
+    pub blocks: usize,
+}
+
+/// The scatter of the first `intrinsics` parameters over `blocks`; `formal` is the inverse of the whole information.
+/// `None` when it cannot be told.
+pub fn scatter(
+    formal: &DMatrix<f64>,
+    blocks: impl IntoIterator<Item = Contribution>,
+    intrinsics: usize,
+) -> Option<Scatter> {
+    let (covariance, blocks) = jackknife(formal, blocks, intrinsics)?;
+    let inflation = inflation(&formal.view((0, 0), (intrinsics, intrinsics)).into_owned(), &covariance)?;
+    (inflation > 0.0).then_some(Scatter { covariance, inflation, blocks })
+}
+
+/// Covariance of the first `intrinsics` parameters by the jackknife over `blocks`; `formal` is the inverse
+/// of the whole information; and how many blocks there are. `None` with fewer than two.
+///
+/// Leaving out block k moves the estimate by (S − Sₖ)⁻¹ gₖ to first order.
+fn jackknife(
+    formal: &DMatrix<f64>,
+    blocks: impl IntoIterator<Item = Contribution>,
+    intrinsics: usize,
+) -> Option<(DMatrix<f64>, usize)> {
+    let mut count = 0;
+    let information = formal.clone().cholesky()?.inverse();
+    let mut sum = DMatrix::zeros(intrinsics, intrinsics);
+    for block in blocks {
+        count += 1;
+        // Where a block alone determines a parameter, the estimate without it does not exist; the block's
+        // own pull is then the most that can be said.
+        let step = match (&information - &block.information).cholesky() {
+            Some(rest) => rest.solve(&block.gradient),
+            None => formal * &block.gradient,
+        };
+        let step = step.rows(0, intrinsics).into_owned();
+        sum += &step * step.transpose();
+    }
+    (count > 1).then(|| (sum * ((count - 1) as f64 / count as f64), count))
+}
+
+/// How much larger `covariance` is than `formal`: the mean over all directions in which the parameters can
+/// change, each counted in units of its own formal σ.
+fn inflation(formal: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Option<f64> {
+    let count = formal.nrows();
+    (count > 0).then_some(())?;
+    Some(formal.clone().cholesky()?.solve(covariance).trace() / count as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DVector;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use evcal_geometry::numerics::random::uniform_in;
+
+    /// Measurements of two numbers, x and x + y, at 60 times, each repeated `copies` times.
+    fn contributions(copies: usize) -> (Vec<(usize, f64)>, Vec<PackedContribution>) {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let variance = 1.0 / 3.0;
+        let mut noise: Vec<[f64; 2]> =
+            (0..60).map(|_| [uniform_in(&mut rng, -1.0, 1.0), uniform_in(&mut rng, -1.0, 1.0)]).collect();
+        // The estimate is where the sum of the gradients is zero.
+        let mean = [0, 1].map(|axis| noise.iter().map(|pair| pair[axis]).sum::<f64>() / 60.0);
+        noise.iter_mut().for_each(|pair| *pair = [pair[0] - mean[0], pair[1] - mean[1]]);
+        let jacobian = DMatrix::from_row_slice(2, 2, &[1.0, 0.0, 1.0, 1.0]);
+        let all = noise.iter().enumerate().flat_map(|(index, pair)| {
+            let one = Contribution {
+                gradient: jacobian.transpose() * DVector::from_column_slice(pair) / variance,
+                information: jacobian.transpose() * &jacobian / variance,
+            };
+            vec![((0, index as f64 * 0.1 + 0.01), one.into()); copies]
+        });
+        all.unzip()
+    }
+
+    fn ratio(copies: usize, length: f64) -> f64 {
+        let (times, contributions) = contributions(copies);
+        let information = PackedContribution::sum(&contributions).unwrap().information;
+        let formal = information.try_inverse().unwrap();
+        scatter(&formal, sum_by_block(&times, &contributions, length), 2).unwrap().inflation
+    }
+
+    #[test]
+    fn independent_observations_are_not_inflated() {
+        assert!((ratio(1, 0.1) - 1.0).abs() < 0.2, "{}", ratio(1, 0.1));
+    }
+
+    /// The same measurement written down ten times is still one.
+    #[test]
+    fn copies_count_once() {
+        assert!((ratio(10, 0.1) / ratio(1, 0.1) - 10.0).abs() < 1e-9);
+    }
+
+    /// What drifts from one end of a recording to the other shows in its halves, also where it was seen in pieces with pauses between.
+    #[test]
+    fn a_recording_in_pieces_has_halves_too() {
+        let one = |value: f64| {
+            let gradient = DVector::from_element(1, value);
+            PackedContribution::from(Contribution { gradient, information: DMatrix::from_element(1, 1, 1.0) })
+        };
+        let pieces: Vec<(usize, f64)> =
+            (0..40).map(|index| (index / 4, (index / 4) as f64 * 7.0 + (index % 4) as f64 * 0.25)).collect();
+        let drift: Vec<PackedContribution> = (0..40).map(|index| one(if index < 20 { -1.0 } else { 1.0 })).collect();
+        let halves = sum_by_block(&pieces, &drift, 5.0);
+        let gradients: Vec<f64> = halves.map(|half| half.gradient[0]).collect();
+        assert_eq!(gradients, [-20.0, 20.0]);
+        assert_eq!(sum_by_block(&pieces, &drift, 1.0).count(), 10);
+    }
+
+    #[test]
+    fn a_block_that_alone_determines_a_parameter_is_no_catastrophe() {
+        let contribution = |value: f64, index: usize| {
+            let mut information = DMatrix::zeros(2, 2);
+            information[(index, index)] = 4.0;
+            let mut gradient = DVector::zeros(2);
+            gradient[index] = value;
+            Contribution { gradient, information }
+        };
+        let blocks = [contribution(1.0, 0), contribution(-1.0, 0), contribution(0.0, 1)];
+        let formal = DMatrix::from_diagonal(&DVector::from_column_slice(&[1.0 / 8.0, 1.0 / 4.0]));
+        let covariance = jackknife(&formal, blocks, 2).unwrap().0;
+        assert!(covariance.iter().all(|value| value.is_finite()));
+    }
+}

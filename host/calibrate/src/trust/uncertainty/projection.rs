@@ -1,0 +1,184 @@
+//! What the covariance of the intrinsics means in the image.
+//!
+//! How far would a bearing land elsewhere, had the intrinsics come out otherwise? The rotation that fits best
+//! over the sensor is taken out ([`projection_sensitivity`](mod@evcal_geometry::lens::projection_sensitivity)), so that the
+//! answer can be compared with a [`projection_difference`](mod@evcal_geometry::lens::projection_difference).
+
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use nalgebra::{DMatrix, Matrix2, Vector2};
+use serde::Serialize;
+
+use evcal_geometry::lens::projection_difference::{grid, grid_size};
+use evcal_geometry::lens::projection_sensitivity::projection_sensitivity;
+
+/// How sure the projection is at one pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct GridUncertainty {
+    /// The pixel.
+    pub pixel: [f64; 2],
+    /// Standard deviation of the projection in the direction in which it is largest, in pixels; `None`
+    /// where the lens model ends.
+    pub sigma: Option<f64>,
+}
+
+/// How sure the projection is over the sensor.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ProjectionUncertainty {
+    /// Columns of the grid, from the first to the last pixel of a row.
+    pub columns: u16,
+    /// Rows of the grid, from the first to the last pixel of a column.
+    pub rows: u16,
+    /// The uncertainty, row by row.
+    pub grid: Vec<GridUncertainty>,
+    /// Root mean square over the sensor of the distance from the true projection that is to be
+    /// expected (px).
+    pub rms: f64,
+    /// What that root mean square stays below with a probability of 95 % (px).
+    pub rms_95: f64,
+    /// Greatest standard deviation (px).
+    pub max: f64,
+    /// The pixel where it is greatest.
+    pub max_at: [f64; 2],
+}
+
+/// The lens model sees too little of the sensor, or the covariance is not of its parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the lens model sees fewer than 3 points of the sensor")]
+pub struct NoView;
+
+/// The projection uncertainty of `camera` on `sensor` from the covariance of its
+/// parameters, in their order.
+///
+/// # Errors
+/// [`NoView`] when the lens sees next to nothing of the sensor.
+pub fn projection_uncertainty(
+    camera: &Camera<f64>,
+    covariance: &DMatrix<f64>,
+    sensor: Sensor,
+) -> Result<ProjectionUncertainty, NoView> {
+    let pixels = grid(sensor);
+    let count = camera.parameters().len();
+    if covariance.shape() != (count, count) {
+        return Err(NoView);
+    }
+    let sensitivity = projection_sensitivity(camera, &pixels).ok_or(NoView)?;
+    let mut worst = (0.0, Vector2::zeros());
+    let uncertain = sensitivity.changes.iter().zip(&pixels).map(|(change, pixel)| {
+        let sigma = change.as_ref().map(|change| {
+            let spread = change * covariance * change.transpose();
+            let spread = Matrix2::new(spread[(0, 0)], spread[(0, 1)], spread[(1, 0)], spread[(1, 1)]);
+            let sigma = spread.symmetric_eigenvalues().max().max(0.0).sqrt();
+            if sigma > worst.0 {
+                worst = (sigma, *pixel);
+            }
+            sigma
+        });
+        GridUncertainty { pixel: (*pixel).into(), sigma }
+    });
+    let grid: Vec<GridUncertainty> = uncertain.collect();
+    let spread = covariance * &sensitivity.squares / sensitivity.seen as f64;
+    let mean = spread.trace().max(0.0);
+    let variance = 2.0 * (&spread * &spread).trace().max(0.0);
+    let (columns, rows) = grid_size(sensor);
+    Ok(ProjectionUncertainty {
+        columns,
+        rows,
+        grid,
+        rms: mean.sqrt(),
+        rms_95: quantile_95(mean, variance).sqrt(),
+        max: worst.0,
+        max_at: worst.1.into(),
+    })
+}
+
+/// What a sum of squares of normal variables with this mean and variance stays below in 95 of 100 cases: a
+/// scaled χ² of the same two (Satterthwaite 1946), its quantile by Wilson and Hilferty (1931).
+fn quantile_95(mean: f64, variance: f64) -> f64 {
+    const NORMAL_95: f64 = 1.644_853_626_951_472_2;
+    if variance <= 0.0 {
+        return mean;
+    }
+    let scale = variance / (2.0 * mean);
+    let freedom = mean / scale;
+    let share = 2.0 / (9.0 * freedom);
+    scale * freedom * libm::pow((1.0 - share + NORMAL_95 * share.sqrt()).max(0.0), 3.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::camera::ModelKind;
+    use nalgebra::DVector;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use evcal_core::sensor::Sensor;
+
+    use super::*;
+    use evcal_geometry::lens::projection_difference::projection_difference;
+    use evcal_geometry::numerics::random::uniform_in;
+
+    const SIZE: Sensor = Sensor::new(346, 260);
+    const PARAMETERS: [f64; 9] = [331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -0.0004, 0.0005, -0.03];
+
+    fn camera(parameters: &[f64]) -> Camera<f64> {
+        Camera::from_parameters(ModelKind::Radtan, parameters).unwrap()
+    }
+
+    /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables; Wilson's and Hilferty's are within 3 %.
+    #[test]
+    fn quantiles_are_those_of_chi_square() {
+        for (freedom, quantile) in [(1.0, 3.841), (2.0, 5.991), (10.0, 18.307)] {
+            let found = quantile_95(freedom, 2.0 * freedom);
+            assert!((found / quantile - 1.0).abs() < 0.03, "{freedom}: {found}");
+        }
+    }
+
+    /// Cameras drawn from the covariance differ from the middle one as the uncertainty says.
+    #[test]
+    fn drawn_cameras_scatter_as_stated() {
+        const DRAWS: usize = 300;
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let sigma = [0.1, 0.12, 0.2, 0.15, 1e-3, 2e-3, 1e-4, 1e-4, 1e-3];
+        // Correlated: fx and fy move together.
+        let mut root = DMatrix::from_diagonal(&DVector::from_column_slice(&sigma));
+        root[(1, 0)] = 0.1;
+        let covariance = &root * root.transpose();
+        let middle = camera(&PARAMETERS);
+        let stated = projection_uncertainty(&middle, &covariance, SIZE).unwrap();
+        let mut squares = Vec::new();
+        let mut corner = [[0.0; 2]; 2];
+        for _ in 0..DRAWS {
+            // A sum of twelve uniform numbers is as good as normal.
+            let normal = DVector::from_fn(9, |_, _| (0..12).map(|_| uniform_in(&mut rng, -0.5, 0.5)).sum::<f64>());
+            let step = &root * normal;
+            let drawn: Vec<f64> = PARAMETERS.iter().zip(step.iter()).map(|(value, step)| value + step).collect();
+            let difference = projection_difference(&middle, &camera(&drawn), SIZE).unwrap();
+            squares.push(difference.rms * difference.rms);
+            let [x, y] = difference.grid[0].difference.unwrap();
+            corner[0][0] += x * x / DRAWS as f64;
+            corner[0][1] += x * y / DRAWS as f64;
+            corner[1][1] += y * y / DRAWS as f64;
+        }
+        let rms = (squares.iter().sum::<f64>() / DRAWS as f64).sqrt();
+        assert!((rms / stated.rms - 1.0).abs() < 0.1, "{rms} {}", stated.rms);
+        let inside = squares.iter().filter(|square| square.sqrt() < stated.rms_95).count();
+        assert!((270..=297).contains(&inside), "{inside} of {DRAWS}");
+        let spread = Matrix2::new(corner[0][0], corner[0][1], corner[0][1], corner[1][1]);
+        let sigma = spread.symmetric_eigenvalues().max().sqrt();
+        assert!((sigma / stated.grid[0].sigma.unwrap() - 1.0).abs() < 0.15, "{sigma} {:?}", stated.grid[0]);
+    }
+
+    #[test]
+    fn a_principal_point_alone_is_nearly_a_rotation() {
+        let mut covariance = DMatrix::zeros(9, 9);
+        covariance[(2, 2)] = 1.0;
+        let stated = projection_uncertainty(&camera(&PARAMETERS), &covariance, SIZE).unwrap();
+        assert!(stated.rms < 0.3 && stated.rms > 0.0, "{}", stated.rms);
+    }
+
+    #[test]
+    fn a_covariance_of_another_model_is_refused() {
+        assert_eq!(projection_uncertainty(&camera(&PARAMETERS), &DMatrix::zeros(8, 8), SIZE), Err(NoView));
+    }
+}

@@ -1,0 +1,247 @@
+//! Whether a calibration is good, in words, and if not, why and what to do.
+
+mod board_statement;
+mod findings;
+mod settings;
+
+use evcal_core::sensor::Sensor;
+use std::fmt;
+
+use evcal_core::camera::Camera;
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+use self::findings::findings_on;
+pub use self::settings::VerdictSettings;
+use crate::trust::{EventTrust, Trust};
+use evcal_geometry::board::Board;
+use evcal_geometry::lens::axial_focal::axial_focal_gradients;
+
+/// How good a calibration is; what is worse comes later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Grade {
+    /// Nothing speaks against it.
+    Good,
+    /// It can be used, with what the findings say in mind.
+    Usable,
+    /// It should be done again.
+    NotGood,
+}
+
+impl Grade {
+    /// The grade where findings matter as much as these.
+    pub fn of(severities: impl IntoIterator<Item = Severity>) -> Self {
+        match severities.into_iter().max() {
+            Some(Severity::Failure) => Self::NotGood,
+            Some(Severity::Warning) => Self::Usable,
+            Some(Severity::Note) | None => Self::Good,
+        }
+    }
+
+    /// How the verdict on a sensor beside the camera begins, whose findings are notes below it.
+    pub fn opening(self) -> &'static str {
+        match self {
+            Self::Good => "Good",
+            Self::Usable => "Usable, with what the notes say",
+            Self::NotGood => "Not good enough",
+        }
+    }
+}
+
+/// How much a finding matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Severity {
+    /// Worth knowing.
+    Note,
+    /// Lowers trust.
+    Warning,
+    /// Makes the calibration not good enough.
+    Failure,
+}
+
+/// What a finding is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Cause {
+    /// The projection is not known well enough.
+    Uncertain,
+    /// The recording is short.
+    Short,
+    /// The board was far away.
+    FarAway,
+    /// The board was hardly tilted.
+    HeadOn,
+    /// Parts of the sensor never saw the board.
+    Uncovered,
+    /// The circles are larger or smaller than stated, for the stated spacing.
+    RadiusDisagrees,
+    /// The board is bent, or printed other than stated, which was estimated.
+    BoardNotAsStated,
+    /// fx and fy differ.
+    PixelsNotSquare,
+    /// The lens model folds over inside the sensor.
+    NotOneToOne,
+    /// Zero is within the uncertainty of a distortion coefficient.
+    ParameterUndetermined,
+    /// The lens model leaves a pattern of residuals.
+    ModelTooPoor,
+    /// Two halves of the recording differ by more than they should.
+    HalvesDisagree,
+    /// Parts of the motion could not be followed.
+    Unexplained,
+    /// The camera had more events than it could read.
+    Saturated,
+    /// The light flickers.
+    Flicker,
+    /// Hot pixels send much of what there is.
+    HotPixels,
+    /// Columns of the sensor send nothing.
+    DeadColumns,
+    /// Events repeat others.
+    RepeatedEvents,
+    /// The lens is out of focus, or dirty.
+    Defocused,
+    /// The camera's own frames give another camera.
+    FramesDisagree,
+    /// Events are not in the order of their times.
+    OutOfOrder,
+    /// Rows or columns of the board were never found.
+    PartOfBoard,
+    /// The board has more rows or columns than stated.
+    LargerBoard,
+    /// A recording is of another camera than the rest.
+    OtherCamera,
+}
+
+/// Something that speaks for caution.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Finding {
+    /// What it is about.
+    pub cause: Cause,
+    /// How much it matters.
+    pub severity: Severity,
+    /// What is the case, as the end of a sentence.
+    pub reason: String,
+    /// What to do.
+    pub advice: String,
+}
+
+/// The verdict.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Verdict {
+    /// How good.
+    pub grade: Grade,
+    /// In one sentence.
+    pub sentence: String,
+    /// The reasons, gravest first; among those that weigh the same, causes before what follows from them.
+    pub findings: Vec<Finding>,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.sentence)?;
+        for finding in &self.findings {
+            let mark = match finding.severity {
+                Severity::Note => "note",
+                Severity::Warning => "warning",
+                Severity::Failure => "failure",
+            };
+            write!(f, "\n  {mark}: {}; {}", finding.reason, finding.advice)?;
+        }
+        Ok(())
+    }
+}
+
+/// The verdict on `camera`, with findings of other origin in `more`; `events` are there for a calibration
+/// along trajectories.
+pub fn verdict(
+    camera: &Camera<f64>,
+    trust: &Trust,
+    events: Option<&EventTrust>,
+    board: &Board,
+    sensor: Sensor,
+    more: Vec<Finding>,
+    settings: &VerdictSettings,
+) -> Verdict {
+    let mut findings = more;
+    findings.extend(findings_on(camera, trust, events, board, sensor, settings));
+    sort(&mut findings);
+    let grade = Grade::of(findings.iter().map(|finding| finding.severity));
+    Verdict { grade, sentence: sentence(grade, camera, trust, &findings), findings }
+}
+
+/// The gravest first. What makes the projection uncertain comes before that it is: to mend the one mends the other.
+fn sort(findings: &mut [Finding]) {
+    findings.sort_by_key(|finding| (std::cmp::Reverse(finding.severity), finding.cause == Cause::Uncertain));
+}
+
+fn sentence(grade: Grade, camera: &Camera<f64>, trust: &Trust, findings: &[Finding]) -> String {
+    let focal = focal_length(camera, trust)
+        .map_or_else(String::new, |(what, value, sigma)| format!(", {what} {value:.2} ± {sigma:.2} px"));
+    let known = format!(
+        "expected projection error below {:.3} px over the sensor (95 % confidence){focal}",
+        trust.projection.rms_95
+    );
+    let reasons = reasons(findings);
+    match grade {
+        Grade::Good => format!("Good: {known}."),
+        Grade::Usable => format!("Usable, but {}: {known}.", reasons.join("; ")),
+        Grade::NotGood => format!("Not good enough, because {}: {known}.", reasons.join("; ")),
+    }
+}
+
+/// What the sentence names of `findings`, gravest first.
+fn reasons(findings: &[Finding]) -> Vec<&str> {
+    // A sentence about a failure names no warning, which would not make the calibration fail.
+    let worst = findings.first().map(|finding| finding.severity).filter(|severity| *severity > Severity::Note);
+    let grave = || findings.iter().filter(|finding| Some(finding.severity) == worst);
+    // How well the projection is known is told anyway: here the causes count, if there are any.
+    let causes: Vec<&str> =
+        grave().filter(|finding| finding.cause != Cause::Uncertain).map(|finding| finding.reason.as_str()).collect();
+    if causes.is_empty() { grave().map(|finding| finding.reason.as_str()).collect() } else { causes }
+}
+
+/// Name, value and σ of the focal length along x. In models whose fx can only be told together with a shape
+/// parameter it is that of the image's middle.
+fn focal_length(camera: &Camera<f64>, trust: &Trust) -> Option<(&'static str, f64, f64)> {
+    let covariance = &trust.uncertainty.covariance;
+    let [value, _] = camera.axial_focal_lengths()?;
+    let [gradient, _] = axial_focal_gradients(camera)?;
+    let count = covariance.nrows();
+    let gradient = DVector::from_fn(count, |index, _| gradient.get(index).copied().unwrap_or(0.0));
+    let sigma = gradient.dot(&(covariance * &gradient)).max(0.0).sqrt();
+    let plain = camera.parameters().first().is_some_and(|fx| (fx - value).abs() <= 1e-9 * value);
+    Some((if plain { "fx" } else { "focal length on the axis" }, value, sigma))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn finding(cause: Cause, severity: Severity, reason: &str) -> Finding {
+        Finding { cause, severity, reason: reason.to_owned(), advice: String::new() }
+    }
+
+    #[test]
+    fn causes_come_before_what_follows_from_them() {
+        let uncertain = finding(Cause::Uncertain, Severity::Failure, "known to 1.59 px");
+        let poor = finding(Cause::ModelTooPoor, Severity::Failure, "radtan8 cannot follow this lens");
+        let far = finding(Cause::FarAway, Severity::Warning, "far away");
+        let mut findings = [far, uncertain, poor];
+        sort(&mut findings);
+        assert_eq!(findings.map(|finding| finding.cause), [Cause::ModelTooPoor, Cause::Uncertain, Cause::FarAway]);
+    }
+
+    #[test]
+    fn the_sentence_names_only_the_gravest_reasons() {
+        let uncertain = finding(Cause::Uncertain, Severity::Failure, "known to 0.43 px");
+        let poor = finding(Cause::ModelTooPoor, Severity::Warning, "residuals of 0.012 px");
+        let bent = finding(Cause::HalvesDisagree, Severity::Failure, "halves differ");
+        assert_eq!(reasons(&[uncertain.clone(), poor.clone()]), ["known to 0.43 px"]);
+        assert_eq!(reasons(&[uncertain, bent, poor.clone()]), ["halves differ"]);
+        assert_eq!(reasons(std::slice::from_ref(&poor)), ["residuals of 0.012 px"]);
+        assert!(reasons(&[finding(Cause::Short, Severity::Note, "short")]).is_empty());
+    }
+}

@@ -1,0 +1,354 @@
+//! What speaks for caution: one function a question.
+
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+
+use super::board_statement::board_finding;
+use super::settings::{CERTAIN_DIFFERENCE, KNOWN_TOGETHER, OPEN_FOCAL_LENGTH, TOLD_FROM_ZERO};
+use super::{Cause, Finding, Severity, VerdictSettings};
+use crate::solve::left_out::{LeftOut, Reason};
+use crate::trust::board_evidence::{BoardEvidence, RADIUS};
+use crate::trust::coverage::Coverage;
+use crate::trust::misfit::BetterModel;
+use crate::trust::split_half::SplitHalf;
+use crate::trust::{EventTrust, ObservedRadius, Trust};
+use evcal_geometry::board::Board;
+use evcal_geometry::lens::folds::folded_share;
+
+/// All that is found.
+pub(super) fn findings_on(
+    camera: &Camera<f64>,
+    trust: &Trust,
+    events: Option<&EventTrust>,
+    board: &Board,
+    sensor: Sensor,
+    settings: &VerdictSettings,
+) -> Vec<Finding> {
+    let mut findings = Vec::from_iter(uncertain(trust, settings));
+    findings.extend(views(&trust.coverage, settings));
+    findings.extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board, settings)));
+    findings.extend(events.and_then(|events| board_finding(&events.board, board, camera)));
+    findings.extend(pixels_not_square(camera, trust, settings));
+    findings.extend(not_one_to_one(camera, sensor));
+    findings.extend(events.and_then(|events| held(camera, &events.undetermined)));
+    findings.extend(undetermined(camera, trust, events.map_or(&[], |events| &events.undetermined)));
+    findings.extend(events.and_then(|events| too_poor(camera, events, settings)));
+    findings.extend(events.and_then(|events| halves(events.split_half.as_ref()?)));
+    findings.extend(events.and_then(|events| unexplained(&events.left_out)));
+    findings.extend(events.and_then(saturated));
+    findings
+}
+
+/// Their whole length (s), and where the first of them are, in words.
+fn places<'a>(stretches: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, String)> {
+    /// Stretches that are told one by one.
+    const TOLD: usize = 4;
+    let stretches: Vec<&LeftOut> = stretches.collect();
+    if stretches.is_empty() {
+        return None;
+    }
+    let seconds = stretches.iter().map(|stretch| stretch.end - stretch.start).sum();
+    let mut places: Vec<String> = stretches.iter().take(TOLD).map(ToString::to_string).collect();
+    if stretches.len() > TOLD {
+        places.push(format!("{} more", stretches.len() - TOLD));
+    }
+    Some((seconds, places.join(", ")))
+}
+
+/// Less than this (s) that is left out is worth a note only: the first moment of a recording, or one jerk.
+const SHORT: f64 = 0.1;
+
+fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
+    let (seconds, places) = places(left_out.iter().filter(|stretch| stretch.reason == Reason::Unexplained))?;
+    Some(Finding {
+        cause: Cause::Unexplained,
+        severity: if seconds < SHORT { Severity::Note } else { Severity::Warning },
+        reason: format!("the motion could not be followed for {seconds:.2} s ({places}): these times were not used"),
+        advice: "did something else move, or was the board hidden? If not, move the camera more smoothly".to_owned(),
+    })
+}
+
+fn saturated(events: &EventTrust) -> Option<Finding> {
+    let advice =
+        "move the camera more slowly, from further away, or raise the contrast thresholds of its pixels".to_owned();
+    let what = "there were more events than the camera can send";
+    if let Some((seconds, _)) = places(events.saturated.iter()) {
+        let reason =
+            format!("{what} for {seconds:.2} s, most of the recording: their times are late by an unknown amount");
+        return Some(Finding { cause: Cause::Saturated, severity: Severity::Failure, reason, advice });
+    }
+    let (seconds, places) = places(events.left_out.iter().filter(|stretch| stretch.reason == Reason::Saturated))?;
+    let reason = format!("{what} for {seconds:.2} s ({places}): their times are late there, and they were not used");
+    let severity = if seconds < SHORT { Severity::Note } else { Severity::Warning };
+    Some(Finding { cause: Cause::Saturated, severity, reason, advice })
+}
+
+fn uncertain(trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
+    let bound = trust.projection.rms_95;
+    let severity = if bound > settings.poor {
+        Severity::Failure
+    } else if bound > settings.good {
+        Severity::Warning
+    } else {
+        return None;
+    };
+    Some(Finding {
+        cause: Cause::Uncertain,
+        severity,
+        reason: format!("the projection is only known to {bound:.2} px"),
+        advice: "record longer, with the board near, tilted to all sides and in every corner of the image".to_owned(),
+    })
+}
+
+fn views(coverage: &Coverage, settings: &VerdictSettings) -> Vec<Finding> {
+    let warning =
+        |cause, reason, advice: &str| Finding { cause, severity: Severity::Warning, reason, advice: advice.to_owned() };
+    let mut findings = Vec::new();
+    if coverage.duration < settings.shortest {
+        findings.push(warning(
+            Cause::Short,
+            format!("the board was followed for {:.1} s only", coverage.duration),
+            "record five to ten seconds in which the whole board moves",
+        ));
+    }
+    if coverage.fill.high < settings.smallest_fill {
+        findings.push(warning(
+            Cause::FarAway,
+            format!(
+                "the board was never closer than {:.2} m and filled at most {:.0} % of the image's shorter side",
+                coverage.distance.low,
+                100.0 * coverage.fill.high
+            ),
+            "bring the board so near that it fills the image",
+        ));
+    }
+    if coverage.tilt.high < settings.smallest_tilt {
+        findings.push(warning(
+            Cause::HeadOn,
+            format!("the board was seen head-on, tilted by {:.0}° at most", coverage.tilt.high),
+            "tilt the board by 30° to 45° to all sides: head-on, focal length and distance cannot be told apart",
+        ));
+    }
+    if coverage.covered < settings.coverage {
+        findings.push(warning(
+            Cause::Uncovered,
+            format!(
+                "only {:.0} % of the sensor saw the board, nothing {}",
+                100.0 * coverage.covered,
+                empty_places(coverage)
+            ),
+            "move the board through the whole image, its corners too: elsewhere the distortion is a guess",
+        ));
+    }
+    findings
+}
+
+/// Which corners and sides of the sensor saw nothing.
+fn empty_places(coverage: &Coverage) -> String {
+    let names = [
+        ["at the upper left", "at the top", "at the upper right"],
+        ["at the left", "in the middle", "at the right"],
+        ["at the lower left", "at the bottom", "at the lower right"],
+    ];
+    let (width, height) = (coverage.columns.div_ceil(3), coverage.rows.div_ceil(3));
+    let mut empty = Vec::new();
+    for (row, names) in names.iter().enumerate() {
+        for (column, name) in names.iter().enumerate() {
+            let inside =
+                |index: &usize| index % coverage.columns / width == column && index / coverage.columns / height == row;
+            let cells: Vec<usize> = (0..coverage.counts.len()).filter(inside).collect();
+            let covered = cells.iter().filter(|&&index| coverage.is_covered(index)).count();
+            if covered * 2 < cells.len() {
+                empty.push(*name);
+            }
+        }
+    }
+    match empty.as_slice() {
+        [] => "in many small places".to_owned(),
+        [one] => (*one).to_owned(),
+        [first @ .., last] => format!("{} or {last}", first.join(", ")),
+    }
+}
+
+/// By how much the mean offset of events differs between kinds of light and of motion (px).
+const DIFFERENT_OFFSETS: f64 = 0.25;
+/// Standard deviations beyond which the evidence tells a radius from its own.
+const TOLD_APART: f64 = 2.0;
+/// By how much it may differ where dots are small and pixels are slow (px): less than exchanged polarities or light dots do.
+const MOST_DIFFERENT_OFFSETS: f64 = 0.5;
+
+/// The stated radius disagrees with the mean offset of the events, and with the `evidence`, if that tells the one from the other: a small
+/// dot in little light moves the offset too.
+fn radius(
+    observed: &ObservedRadius,
+    evidence: Option<&BoardEvidence>,
+    board: &Board,
+    settings: &VerdictSettings,
+) -> Option<Finding> {
+    let ratio = observed.radius / board.radius;
+    let pixels = (observed.radius - board.radius) / observed.scale;
+    let speaks_against = |evidence: &&BoardEvidence| {
+        let apart = |radius: f64| (evidence.values[RADIUS] - radius).abs() / evidence.sigma[RADIUS];
+        apart(board.radius) < TOLD_APART && apart(observed.radius) > TOLD_APART
+    };
+    let most = evidence.filter(speaks_against).map_or(DIFFERENT_OFFSETS, |_| MOST_DIFFERENT_OFFSETS);
+    ((ratio - 1.0).abs() > settings.radius && pixels.abs() > most).then(|| Finding {
+        cause: Cause::RadiusDisagrees,
+        severity: Severity::Failure,
+        reason: format!(
+            "the circles look like {:.1} mm in radius, not {:.1} mm, if their spacing is {:.1} mm",
+            1e3 * observed.radius,
+            1e3 * board.radius,
+            1e3 * board.spacing
+        ),
+        advice: format!(
+            "measure radius and spacing on the print: one of them is wrong (with the stated radius the spacing would be {:.1} mm); if both are right, ON and OFF are exchanged, or the dots are lighter than the paper",
+            1e3 * board.spacing / ratio
+        ),
+    })
+}
+
+fn pixels_not_square(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
+    let parameters = camera.parameters();
+    let (&[fx, fy], _) = parameters.split_first_chunk::<2>()?;
+    let covariance = &trust.uncertainty.covariance;
+    let variance = covariance[(0, 0)] + covariance[(1, 1)] - 2.0 * covariance[(0, 1)];
+    let difference = (fx - fy).abs();
+    let sigma = variance.max(0.0).sqrt();
+    (difference > CERTAIN_DIFFERENCE * sigma && difference > settings.square_pixels * fx).then(|| Finding {
+        cause: Cause::PixelsNotSquare,
+        severity: Severity::Warning,
+        reason: format!("fx and fy differ by {difference:.2} ± {sigma:.2} px, but pixels are square"),
+        advice: "tilt and turn the board more: its print and bend are estimated, but must be seen from all sides"
+            .to_owned(),
+    })
+}
+
+fn not_one_to_one(camera: &Camera<f64>, sensor: Sensor) -> Option<Finding> {
+    let share = folded_share(camera, sensor);
+    (share > 0.0).then(|| Finding {
+        cause: Cause::NotOneToOne,
+        severity: Severity::Warning,
+        reason: format!("the distortion folds over inside the image, at {:.1} % of the pixels", 100.0 * share),
+        advice: "cover the corners of the image, or take a model with fewer coefficients or one for wide lenses"
+            .to_owned(),
+    })
+}
+
+fn held(camera: &Camera<f64>, held: &[usize]) -> Option<Finding> {
+    let (names, values) = (camera.kind().parameter_names(), camera.parameters());
+    let told: Vec<String> = held
+        .iter()
+        .filter_map(|&index| Some(format!("{} was kept at {}", names.get(index)?, values.get(index)?)))
+        .collect();
+    let free: Vec<String> = held.iter().filter_map(|&index| Some(format!("--free {}", names.get(index)?))).collect();
+    (!told.is_empty()).then(|| Finding {
+        cause: Cause::ParameterUndetermined,
+        severity: Severity::Note,
+        reason: format!("this recording does not determine all of the lens: {}", told.join(", ")),
+        advice: format!(
+            "bring the board into the corners of the image, or estimate it all the same with {}",
+            free.join(" ")
+        ),
+    })
+}
+
+fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<Finding> {
+    let sigma = trust.uncertainty.sigma();
+    let parameters = camera.parameters();
+    let names = camera.kind().parameter_names();
+    let lost: Vec<&str> = names
+        .iter()
+        .zip(parameters.iter().zip(&sigma))
+        .enumerate()
+        .skip(4)
+        .filter(|(index, _)| !held.contains(index))
+        .filter(|(_, (_, (value, sigma)))| value.abs() < TOLD_FROM_ZERO * **sigma)
+        .map(|(_, (name, _))| *name)
+        .collect();
+    // Each parameter may be open although the projection is known: then several only count together.
+    if let (Some(fx), Some(sigma)) = (parameters.first(), sigma.first())
+        && *sigma > OPEN_FOCAL_LENGTH * fx
+        && trust.projection.rms_95 < sigma * KNOWN_TOGETHER
+    {
+        return Some(Finding {
+            cause: Cause::ParameterUndetermined,
+            severity: Severity::Note,
+            reason: "focal length and shape parameters of this model are known together only, not each of them alone"
+                .to_owned(),
+            advice: "use them together, or take a model with fewer coefficients".to_owned(),
+        });
+    }
+    (!lost.is_empty()).then(|| Finding {
+        cause: Cause::ParameterUndetermined,
+        severity: Severity::Note,
+        reason: format!("zero is within the uncertainty of {}", lost.join(", ")),
+        advice: "a model with fewer coefficients is probably enough".to_owned(),
+    })
+}
+
+fn too_poor(camera: &Camera<f64>, events: &EventTrust, settings: &VerdictSettings) -> Option<Finding> {
+    let misfit = events.misfit.as_ref()?;
+    let own = camera.kind();
+    let Some(BetterModel { kind, difference }) = &misfit.better else {
+        let pattern = &events.residuals.pattern;
+        return settings.condemns(pattern).then(|| Finding {
+            cause: Cause::ModelTooPoor,
+            severity: Severity::Warning,
+            reason: format!(
+                "residuals of {:.3} px stay in the same places of the image, and no other model explains them better",
+                pattern.shift
+            ),
+            advice: "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless --fix keeps them"
+                .to_owned(),
+        });
+    };
+    Some(Finding {
+        cause: Cause::ModelTooPoor,
+        severity: if misfit.rms > settings.misfit { Severity::Failure } else { Severity::Warning },
+        reason: format!(
+            "{own} cannot follow this lens: take --model {kind}, which differs by {:.2} px over the sensor ({:.1} px at most)",
+            difference.rms, difference.max
+        ),
+        advice: format!("calibrate again with --model {kind}"),
+    })
+}
+
+fn halves(halves: &SplitHalf) -> Option<Finding> {
+    (!halves.consistent()).then(|| Finding {
+        cause: Cause::HalvesDisagree,
+        severity: Severity::Warning,
+        reason: format!(
+            "two halves of the recording differ by {:.3} px, more than the {:.3} px that their uncertainty allows",
+            halves.difference.rms, halves.bound
+        ),
+        advice: "did anything change in between: focus, board, temperature? The stated ± is too small".to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// In little light, dots of 3 px had an offset of their own (11 circles of 8 mm, 2.7 mm/px), and the radius was called wrong.
+    #[test]
+    fn a_radius_that_the_events_themselves_confirm_is_not_wrong() {
+        let board: Board = "acircles:11x5:30mm:r8mm".parse().unwrap();
+        let settings = VerdictSettings::default();
+        let scale = 2.7e-3;
+        let told = |pixels: f64, evidence: Option<(f64, f64)>| {
+            let observed = ObservedRadius { mean_offset: pixels - 0.41, scale, radius: board.radius + pixels * scale };
+            let evidence = evidence.map(|(radius, sigma)| BoardEvidence {
+                values: [1.0, 0.0, 0.0, radius],
+                sigma: [1e-4, 1e-4, 1e-4, sigma],
+            });
+            radius(&observed, evidence.as_ref(), &board, &settings).is_some()
+        };
+        let stated = Some((8.1e-3, 0.23e-3));
+        assert!(told(0.3, None) && !told(0.3, stated) && !told(-0.3, stated));
+        // Evidence that tells neither, or that the radius is another one, is none for the stated one.
+        assert!(told(0.3, Some((8.1e-3, 1e-3))) && told(0.3, Some((8.9e-3, 0.23e-3))));
+        // Light dots, or polarities exchanged.
+        assert!(told(0.8, stated) && told(-0.8, stated));
+    }
+}

@@ -1,0 +1,262 @@
+//! Do the camera's pictures agree with its events?
+//!
+//! Both calibrations see through the same lens, so that the difference of their projections over the
+//! sensor, with the implied rotation removed, must be what the uncertainty of both makes likely.
+
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+use crate::detection::pictures::settings::PictureSettings;
+use crate::picture_calibration::calibration::{
+    NoPictureCalibration, PictureCalibration, PictureFailure, PictureReport,
+};
+use crate::trust::uncertainty::projection::{NoView, projection_uncertainty};
+use crate::trust::verdict::{Cause, Finding, Severity};
+use evcal_geometry::lens::camera_file::{CameraDescription, Parameters};
+use evcal_geometry::lens::projection_difference::{NoCommonView, ProjectionDifference, projection_difference};
+
+/// What the pictures say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Agreement {
+    /// They differ by no more than both uncertainties explain.
+    Agrees,
+    /// They differ by more.
+    Disagrees,
+    /// The pictures' own uncertainty is too large to tell.
+    TooUncertain,
+}
+
+/// One parameter as events and pictures have it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ComparedParameter {
+    /// Its name.
+    pub name: String,
+    /// From events.
+    pub events: f64,
+    /// From pictures.
+    pub frames: f64,
+    /// Standard deviation of the one from pictures.
+    pub frames_sigma: f64,
+    /// Standard deviation of the difference.
+    pub difference_sigma: f64,
+}
+
+/// How far the projections of two uncertain calibrations are expected to be apart (px, rms over the
+/// sensor).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ExpectedDifference {
+    /// From the uncertainty of both.
+    pub rms: f64,
+    /// The events' part.
+    pub events: f64,
+    /// The pictures' part.
+    pub frames: f64,
+}
+
+/// The calibration from pictures as a witness of that from events.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureWitness {
+    /// What it says.
+    pub comparison: Comparison,
+    /// The difference at every point of the sensor.
+    pub difference: ProjectionDifference,
+}
+
+/// What the comparison of two calibrations says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// What follows, in words.
+    pub sentence: String,
+    /// Whether both agree.
+    pub agreement: Agreement,
+    /// Root mean square of the projection difference over the sensor (px), pictures less events, the
+    /// implied rotation removed.
+    pub difference_rms: f64,
+    /// Its greatest value (px).
+    pub difference_max: f64,
+    /// The pixel where it is greatest.
+    pub difference_max_at: [f64; 2],
+    /// What was to be expected.
+    pub expected: ExpectedDifference,
+    /// Difference over expected difference.
+    pub ratio: f64,
+    /// The camera from pictures.
+    pub camera: CameraDescription,
+    /// Parameter by parameter.
+    pub parameters: Vec<ComparedParameter>,
+    /// Standard deviation of a dot's centre along one axis (px).
+    pub spread: f64,
+    /// Variance of the camera's parameters over that of independent residuals.
+    pub inflation: f64,
+    /// What became of the pictures.
+    pub report: PictureReport,
+}
+
+/// What the pictures said of a calibration from events.
+#[derive(Clone, Debug)]
+pub enum WitnessOutcome {
+    /// They were calibrated and compared.
+    Witness(Box<PictureWitness>),
+    /// They gave no camera, or none that can be compared.
+    Failed(FailedWitness),
+}
+
+/// Why the pictures say nothing of a calibration from events, and what became of them.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{reason}")]
+pub struct FailedWitness {
+    /// Why.
+    pub reason: NoWitness,
+    /// What became of the pictures.
+    pub report: Box<PictureReport>,
+}
+
+/// Why the pictures say nothing of a calibration from events.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NoWitness {
+    /// They give no camera.
+    #[error(transparent)]
+    NoCalibration(PictureFailure),
+    /// Their camera sees another part of the sensor than that of the events.
+    #[error(transparent)]
+    NoCommonView(#[from] NoCommonView),
+    /// A camera sees next to nothing of the sensor.
+    #[error(transparent)]
+    NoView(#[from] NoView),
+}
+
+impl From<NoPictureCalibration> for FailedWitness {
+    fn from(failure: NoPictureCalibration) -> Self {
+        Self { reason: NoWitness::NoCalibration(failure.reason), report: failure.report }
+    }
+}
+
+impl WitnessOutcome {
+    /// What became of the pictures.
+    pub fn report(&self) -> &PictureReport {
+        match self {
+            Self::Witness(witness) => &witness.comparison.report,
+            Self::Failed(failure) => &failure.report,
+        }
+    }
+
+    /// The same where the events show a larger board than stated.
+    pub fn with_larger_board(self) -> Self {
+        match self {
+            Self::Failed(FailedWitness { reason: NoWitness::NoCalibration(reason), report }) => {
+                Self::Failed(FailedWitness { reason: NoWitness::NoCalibration(reason.with_larger_board()), report })
+            }
+            other => other,
+        }
+    }
+
+    /// What the verdict must know: that pictures and events disagree.
+    pub fn finding(&self) -> Option<Finding> {
+        let Self::Witness(witness) = self else { return None };
+        let witness = &witness.comparison;
+        (witness.agreement == Agreement::Disagrees).then(|| Finding {
+            cause: Cause::FramesDisagree,
+            severity: Severity::Warning,
+            reason: format!(
+                "the camera's own frames differ from its events by {:.3} px, {:.1} times what the uncertainty of both \
+                 makes likely",
+                witness.difference_rms, witness.ratio
+            ),
+            advice:
+                "both look through the same lens: is it in focus, is the board flat, was it seen all over the image, \
+                     did lens or board change while recording?"
+                    .to_owned(),
+        })
+    }
+}
+
+/// Compares the calibration from pictures with the `camera` from events, whose parameters have
+/// `covariance`.
+///
+/// # Errors
+/// When both have no part of the sensor in common.
+pub fn picture_witness(
+    camera: &Camera<f64>,
+    covariance: &DMatrix<f64>,
+    pictures: &PictureCalibration,
+    sensor: Sensor,
+    settings: &PictureSettings,
+) -> Result<PictureWitness, NoWitness> {
+    let difference = projection_difference(camera, &pictures.camera, sensor)?;
+    let expected =
+        |camera, covariance| projection_uncertainty(camera, covariance, sensor).map(|uncertainty| uncertainty.rms);
+    let from_events = expected(camera, covariance)?;
+    let from_frames = expected(&pictures.camera, &pictures.covariance)?;
+    let expected = ExpectedDifference { rms: from_events.hypot(from_frames), events: from_events, frames: from_frames };
+    let ratio = difference.rms / expected.rms.max(f64::MIN_POSITIVE);
+    let agreement = if from_frames > settings.too_uncertain {
+        Agreement::TooUncertain
+    } else if ratio <= settings.agreement {
+        Agreement::Agrees
+    } else {
+        Agreement::Disagrees
+    };
+    let names = camera.kind().parameter_names();
+    let sigma = pictures.sigma();
+    let event_parameters = camera.parameters();
+    let frame_parameters = pictures.camera.parameters();
+    let parameters = names
+        .iter()
+        .zip(event_parameters.iter().zip(frame_parameters.iter()).zip(&sigma))
+        .enumerate()
+        .map(|(index, (name, ((events, frames), sigma)))| ComparedParameter {
+            name: (*name).to_owned(),
+            events: *events,
+            frames: *frames,
+            frames_sigma: *sigma,
+            difference_sigma: covariance.get((index, index)).map_or(0.0, |value| value.max(0.0).sqrt()).hypot(*sigma),
+        })
+        .collect();
+    let comparison = Comparison {
+        sentence: sentence(agreement, &difference, &expected, ratio, pictures.report.used),
+        agreement,
+        difference_rms: difference.rms,
+        difference_max: difference.max,
+        difference_max_at: difference.max_at,
+        expected,
+        ratio,
+        camera: CameraDescription {
+            model: camera.kind().name().to_owned(),
+            parameters: Parameters::new(names.iter().copied().zip(frame_parameters.iter().copied())),
+        },
+        parameters,
+        spread: pictures.spread,
+        inflation: pictures.inflation,
+        report: pictures.report.clone(),
+    };
+    Ok(PictureWitness { comparison, difference })
+}
+
+fn sentence(
+    agreement: Agreement,
+    difference: &ProjectionDifference,
+    expected: &ExpectedDifference,
+    ratio: f64,
+    frames: usize,
+) -> String {
+    let (rms, max, [x, y]) = (difference.rms, difference.max, difference.max_at);
+    let apart = format!("their projections differ by {rms:.3} px (rms; at most {max:.3} px, at ({x:.0}, {y:.0}))");
+    let expected = format!("{:.3} px are expected from the uncertainty of both", expected.rms);
+    match agreement {
+        Agreement::Agrees => {
+            format!("the camera's {frames} frames agree with its events: {apart}, {expected} ({ratio:.1} times)")
+        }
+        Agreement::Disagrees => format!(
+            "the camera's {frames} frames DISAGREE with its events: {apart}, {expected} ({ratio:.1} times). Both look \
+             through the same lens, so one of the two is wrong or less certain than it says: is the lens in focus, is \
+             the board flat, was it seen all over the image by both, did the lens or the board change while recording?"
+        ),
+        Agreement::TooUncertain => format!(
+            "the camera's {frames} frames cannot tell whether the events are right: {expected}. More light, slower motion \
+             and a longer recording make better frames"
+        ),
+    }
+}

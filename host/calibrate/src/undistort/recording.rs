@@ -1,0 +1,243 @@
+//! Recordings without distortion.
+
+use evcal_core::sensor::Sensor;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use evcal_core::camera::Camera;
+use evcal_core::event::Event;
+use serde::Serialize;
+
+use super::PixelMap;
+use super::picture::{PictureError, undistort_frame, write_frame};
+use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
+use evcal_files::FileError;
+use evcal_geometry::lens::camera_file::{CameraDescription, CameraFile};
+use event_recordings::convert::{
+    Change, ConversionProgress, ConversionReport, ConvertError, TimeOrigin, convert_changed,
+};
+use event_recordings::encode::OutputFormat;
+use event_recordings::extras::{Extra, NoExtras, left_out, open_extras};
+use event_recordings::{EventReader, Recording, RecordingError, RecordingOptions};
+
+/// The camera of undistorted frames or pictures, in their folder.
+pub const FRAMES_CAMERA: &str = "camera.json";
+/// What the names of undistorted frames begin with.
+const FRAME: &str = "frame-";
+
+/// The maps between a camera and the one without distortion.
+#[derive(Clone, Debug)]
+pub struct Maps {
+    /// From old to new pixels.
+    pub forth: PixelMap,
+    /// From new to old pixels.
+    pub back: PixelMap,
+}
+
+impl Maps {
+    /// Between the pixels of `camera` on a `sensor` and those of `new` on one of the same size.
+    pub fn new(camera: &Camera<f64>, new: &Camera<f64>, sensor: Sensor) -> Self {
+        Self { forth: PixelMap::new(camera, new, sensor), back: PixelMap::new(new, camera, sensor) }
+    }
+}
+
+/// Opens the recording at `path` of a camera with this `sensor`, which holds where the recording does not tell its own.
+///
+/// # Errors
+/// [`RecordingError`].
+pub fn open_recording(path: &Path, options: RecordingOptions, sensor: Sensor) -> Result<Recording, RecordingError> {
+    let told = match options.sensor {
+        Some(sensor) => Some(sensor),
+        None => Recording::new(path, options.clone())?.open()?.information().sensor,
+    };
+    Recording::new(path, RecordingOptions { sensor: told.or(Some(sensor)), ..options })
+}
+
+/// Where the camera of an output is written: `events.csv` has `events.camera.json`.
+pub fn camera_path_beside(output: &Path) -> PathBuf {
+    output.with_extension("camera.json")
+}
+
+/// Writes a camera as a file that evcal reads as a calibration.
+///
+/// # Errors
+/// [`FileError`].
+pub fn write_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> Result<(), FileError> {
+    let text = camera_text(camera, sensor).map_err(|error| FileError::new(path, error.into()))?;
+    evcal_files::write(path, text.as_bytes())
+}
+
+/// Whether the file at `path` is what [`write_camera`] would write: the same recording in another format has the same camera.
+pub fn holds_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> bool {
+    match (fs::read(path), camera_text(camera, sensor)) {
+        (Ok(there), Ok(text)) => there == text.as_bytes(),
+        _ => false,
+    }
+}
+
+fn camera_text(camera: &Camera<f64>, sensor: Sensor) -> serde_json::Result<String> {
+    serde_json::to_string_pretty(&CameraFile { sensor, camera: CameraDescription::new(camera) })
+}
+
+/// What became of a recording.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct UndistortionReport {
+    /// Events that were beyond the new image and are left out.
+    pub events_outside: u64,
+    /// What was written, and what was met on the way.
+    #[serde(flatten)]
+    pub conversion: ConversionReport,
+}
+
+/// Nothing, or not all, was undistorted.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum UndistortError {
+    /// The recording cannot be read, or the output not be written.
+    #[error(transparent)]
+    Convert(#[from] ConvertError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A frame cannot be written.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// It is of another sensor.
+    #[error("{file} is of a sensor with {found} pixels, the calibration of one with {calibrated}")]
+    Sensor {
+        /// The recording.
+        file: String,
+        /// Its sensor.
+        found: Sensor,
+        /// That of the calibration.
+        calibrated: Sensor,
+    },
+    /// A file or the folder of the frames cannot be written.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+fn check_sensor(recording: &Recording, reader: &EventReader, maps: &Maps) -> Result<(), UndistortError> {
+    let calibrated = maps.forth.sensor();
+    match reader.information().sensor {
+        Some(found) if found != calibrated => {
+            Err(UndistortError::Sensor { file: recording.path().display().to_string(), found, calibrated })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Writes the undistorted `recording` to a file at `path`, in place of one that was there: events at their nearest pixels, frames interpolated.
+/// `progress` is told how far it is.
+///
+/// # Errors
+/// [`UndistortError`] if it cannot begin or the output cannot be written. Should the recording break off, what came
+/// before is written, and the report says so.
+pub fn undistort_recording(
+    recording: &Recording,
+    path: &Path,
+    target: OutputFormat,
+    maps: &Maps,
+    progress: impl FnMut(ConversionProgress),
+) -> Result<UndistortionReport, UndistortError> {
+    check_sensor(recording, &recording.open()?, maps)?;
+    let mut events_outside = 0;
+    let mut move_events = |events: &mut Vec<Event>| {
+        let before = events.len();
+        events.retain_mut(|event| {
+            let pixel = maps.forth.nearest_pixel(event.x, event.y);
+            if let Some([x, y]) = pixel {
+                (event.x, event.y) = (x, y);
+            }
+            pixel.is_some()
+        });
+        events_outside += (before - events.len()) as u64;
+    };
+    let mut move_frame = |extra: &mut Extra| {
+        if let Extra::Frame(frame) = extra {
+            undistort_frame(frame, &maps.back);
+        }
+    };
+    let change = Change { events: &mut move_events, extra: &mut move_frame };
+    let conversion = convert_changed(recording, path, target, TimeOrigin::Kept, change, progress)?;
+    Ok(UndistortionReport { events_outside, conversion })
+}
+
+/// As [`undistort_recording`], with the fractions of pixels kept. Frames are left out.
+///
+/// # Errors
+/// As there.
+pub fn undistort_sub_pixel(
+    recording: &Recording,
+    path: &Path,
+    format: SubPixelFormat,
+    maps: &Maps,
+    mut progress: impl FnMut(ConversionProgress),
+) -> Result<UndistortionReport, UndistortError> {
+    let mut reader = recording.open()?;
+    check_sensor(recording, &reader, maps)?;
+    let failed = |error| FileError::new(path, error);
+    let mut writer = SubPixelWriter::create(path, format, maps.forth.sensor())?;
+    let mut report = UndistortionReport::default();
+    let mut events = Vec::new();
+    loop {
+        match reader.next_batch(&mut events) {
+            Ok(true) => {}
+            Ok(false) => break,
+            Err(error) => {
+                report.conversion.error = Some(error.to_string());
+                break;
+            }
+        }
+        for event in &events {
+            match maps.forth.get_on_sensor(event.x, event.y) {
+                Some(place) => {
+                    writer.write(event, place).map_err(failed)?;
+                    report.conversion.events += 1;
+                }
+                None => report.events_outside += 1,
+            }
+        }
+        progress(ConversionProgress { events: reader.report().events, done: reader.done() });
+    }
+    writer.finish()?;
+    report.conversion.report = reader.report().clone();
+    report.conversion.notes = reader.information().notes.clone();
+    report.conversion.lost = left_out(&NoExtras, reader.report());
+    Ok(report)
+}
+
+/// Whether a file of a folder, by its path in it, is one that [`undistort_frames`] or the camera beside its frames may be.
+pub fn is_frame_file(file: &Path) -> bool {
+    let name = file.to_str().unwrap_or_default();
+    name == FRAMES_CAMERA || (name.starts_with(FRAME) && name.ends_with(".png"))
+}
+
+/// Frames that were written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WrittenFrames {
+    /// Their number.
+    pub count: u64,
+    /// What of the recording could not be read, in sentences.
+    pub lost: Vec<String>,
+}
+
+/// Writes the undistorted frames of `recording` as `frame-000000-T.png`, T the middle of the exposure in µs, into
+/// `folder`, which is created. Frames before a damaged one are written.
+///
+/// # Errors
+/// [`UndistortError`].
+pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Result<WrittenFrames, UndistortError> {
+    check_sensor(recording, &recording.open()?, maps)?;
+    fs::create_dir_all(folder).map_err(|error| FileError::new(folder, error))?;
+    let mut extras = open_extras(recording)?;
+    let (mut lost, mut count) = (Vec::new(), 0_u64);
+    while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
+        let Extra::Frame(mut frame) = extra else { continue };
+        undistort_frame(&mut frame, &maps.back);
+        let path = folder.join(format!("{FRAME}{count:06}-{}.png", frame.t));
+        write_frame(&frame, &path)?;
+        count += 1;
+    }
+    Ok(WrittenFrames { count, lost })
+}

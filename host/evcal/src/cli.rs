@@ -1,0 +1,211 @@
+//! The command line: parsing, exit codes, and one module a subcommand. No algorithm is here.
+//!
+//! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage, 3 calibrated, but not well enough.
+
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+mod allocator;
+mod board;
+mod calibrate;
+mod camera_arguments;
+mod check;
+mod compare;
+mod completions;
+mod convert;
+mod detect;
+mod devices;
+#[cfg(target_os = "linux")]
+mod emulate;
+mod evaluate;
+mod examples;
+mod export;
+mod help;
+mod info;
+mod interrupt;
+mod live;
+mod man;
+mod mistaken;
+mod output_arguments;
+mod print;
+mod progress;
+mod record;
+mod repeat;
+mod settings;
+mod simulate;
+mod source_arguments;
+mod undistort;
+mod value;
+
+use std::error::Error;
+use std::io::Write as _;
+use std::process::ExitCode;
+
+use clap::{FromArgMatches as _, Parser, Subcommand};
+use evcal_files::shell_word::shell_word;
+
+/// Calibrates an event camera from the events of a moving circle grid.
+#[derive(Parser)]
+#[command(name = "evcal", version, propagate_version = true, after_help = examples::EVCAL)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    /// Threads to use, 1 to 1024; the result does not depend on it [default: one a core]
+    #[arg(long, global = true, value_name = "COUNT", value_parser = value::count(1..=1024))]
+    threads: Option<u16>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Calibrate a camera from one or more recordings of a moving board
+    #[command(after_help = examples::CALIBRATE)]
+    Calibrate(calibrate::Arguments),
+    /// Find the board's circles in a recording and write them to a file
+    #[command(after_help = examples::DETECT)]
+    Detect(detect::Arguments),
+    /// List the cameras that are plugged in
+    #[command(after_help = examples::DEVICES)]
+    Devices(devices::Arguments),
+    /// Record a camera
+    #[command(after_help = examples::RECORD)]
+    Record(record::Arguments),
+    /// Record a camera until it has seen enough of the board, then calibrate it
+    #[command(after_help = examples::LIVE)]
+    Live(live::Arguments),
+    /// Tell what is in a recording
+    #[command(after_help = examples::INFO)]
+    Info(info::Arguments),
+    /// Look at the beginning of a recording: is it good for a calibration, and what to do next?
+    #[command(after_help = examples::CHECK)]
+    Check(check::Arguments),
+    /// Turn a recording into another format
+    #[command(after_help = examples::CONVERT)]
+    Convert(convert::Arguments),
+    /// Compare a calibration with the truth, another calibration or a trajectory
+    #[command(after_help = examples::EVALUATE)]
+    Evaluate(evaluate::Arguments),
+    /// Tell whether two calibrations are of the same camera
+    #[command(after_help = examples::COMPARE)]
+    Compare(compare::Arguments),
+    /// Calibrate random parts of a recording, to see how repeatable the result is
+    #[command(after_help = examples::REPEAT)]
+    Repeat(repeat::Arguments),
+    /// Write a calibration in a form that other programs and devices read
+    #[command(after_help = examples::EXPORT)]
+    Export(export::Arguments),
+    /// Take the distortion of the lens out of recordings and pictures
+    #[command(after_help = examples::UNDISTORT)]
+    Undistort(undistort::Arguments),
+    /// Print a board at exact scale
+    #[command(after_help = examples::BOARD)]
+    Board(board::Arguments),
+    /// Simulate an event camera in front of a board
+    #[command(after_help = examples::SIMULATE)]
+    Simulate(simulate::Arguments),
+    /// Plug in a DAVIS346 in software that sends a recording (Linux, root, module vhci-hcd)
+    #[cfg(target_os = "linux")]
+    #[command(after_help = examples::EMULATE)]
+    Emulate(emulate::Arguments),
+    /// Print what a shell needs to complete commands and options
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(completions::Arguments),
+    /// Write the manual pages
+    #[command(after_help = examples::MAN)]
+    Man(man::Arguments),
+}
+
+#[cfg(unix)]
+impl Command {
+    /// Whether it comes to a good end of its own when it is interrupted.
+    fn takes_signals(&self) -> bool {
+        #[cfg(target_os = "linux")]
+        if matches!(self, Self::Emulate(_)) {
+            return true;
+        }
+        matches!(self, Self::Record(_) | Self::Live(_))
+    }
+}
+
+/// The command line as a shell would take it.
+fn command_line() -> String {
+    let words: Vec<String> = std::env::args_os().skip(1).map(|word| shell_word(&word.to_string_lossy())).collect();
+    format!("evcal {}", words.join(" "))
+}
+
+/// What a subcommand returns; an error goes to standard error with exit code 1.
+type Outcome = Result<(), Box<dyn Error>>;
+
+/// Arguments that clap alone cannot tell to be wrong; the exit code is 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}; see --help")]
+struct UsageError(String);
+
+/// Everything went well, but the camera, or what was calibrated beside it, is not good enough; the exit code is 3.
+#[derive(Debug, thiserror::Error)]
+#[error("the calibration is not good enough to be used: the verdict says why; --accept-any makes the exit code 0")]
+struct NotGoodEnough;
+
+/// Runs the program.
+pub fn run() -> ExitCode {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    allocator::keep_little_memory();
+    // clap exits with 2 on wrong usage.
+    let words = || std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+    let matches = help::command().try_get_matches().unwrap_or_else(|error| mistaken::explained(error, words()).exit());
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    if let Some(threads) = arguments.threads
+        && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()
+    {
+        print::aside(format!("cannot use {threads} threads: {error}"));
+        return ExitCode::FAILURE;
+    }
+    #[cfg(unix)]
+    if !arguments.command.takes_signals()
+        && let Err(error) = interrupt::leave_nothing_unfinished()
+    {
+        print::aside(format!("cannot take signals: {error}"));
+        return ExitCode::FAILURE;
+    }
+    let outcome = match arguments.command {
+        Command::Calibrate(arguments) => calibrate::run(&arguments),
+        Command::Detect(arguments) => detect::run(&arguments),
+        Command::Devices(arguments) => devices::run(&arguments),
+        Command::Record(arguments) => record::run(&arguments),
+        Command::Live(arguments) => live::run(&arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+        Command::Convert(arguments) => convert::run(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(arguments),
+        Command::Repeat(arguments) => repeat::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
+        Command::Undistort(arguments) => undistort::run(&arguments),
+        Command::Board(arguments) => board::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
+        #[cfg(target_os = "linux")]
+        Command::Emulate(arguments) => emulate::run(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments),
+        Command::Man(arguments) => man::run(&arguments),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            let mut told = error.to_string();
+            print::aside(&told);
+            let mut source = error.source();
+            while let Some(cause) = source {
+                // Many errors have their cause's text in their own.
+                let text = cause.to_string();
+                if !told.contains(&text) {
+                    // The exit code holds even where nobody can read this.
+                    let _ = writeln!(std::io::stderr().lock(), "  because: {text}");
+                    told = text;
+                }
+                source = cause.source();
+            }
+            match error {
+                error if error.is::<UsageError>() => ExitCode::from(2),
+                error if error.is::<NotGoodEnough>() => ExitCode::from(3),
+                _ => ExitCode::FAILURE,
+            }
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! `evcal board`.
+
+use std::path::{Path, PathBuf};
+
+use evcal_core::pattern::{Layout, Pattern};
+use evcal_files;
+use evcal_geometry::board::Board;
+use evcal_geometry::board::sheet::paper::Paper;
+use evcal_geometry::board::sheet::pdf::pdf;
+use evcal_geometry::board::sheet::svg::svg;
+use evcal_geometry::board::sheet::{board_sheet, board_that_fits};
+
+use super::output_arguments::OutputArguments;
+use super::{print, value};
+
+/// The pattern of a board of which nothing is said.
+const PATTERN: Pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
+
+/// Arguments of `evcal board`.
+#[derive(clap::Args)]
+#[command(group = clap::ArgGroup::new("outputs").required(true).multiple(true))]
+pub struct Arguments {
+    /// Board to print, for example acircles:9x4:23mm:r7.3mm [default: the largest acircles:9x4 that fits]
+    #[arg(long)]
+    board: Option<Board>,
+    /// PDF to write
+    #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
+    pdf: Option<PathBuf>,
+    /// SVG to write
+    #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
+    svg: Option<PathBuf>,
+    #[command(flatten)]
+    results: OutputArguments,
+    /// Paper: a4, a3, a2, a1, a0, letter, tabloid, or a size such as 600x400mm; upright or lying as it fits
+    #[arg(long, default_value = "a4")]
+    paper: Paper,
+    /// White along the edges that a printer may cut (mm)
+    #[arg(long, value_name = "MM", default_value = "10", value_parser = value::number(0.0..=100.0, " mm"))]
+    margin: f64,
+    /// Print what was written as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `evcal board`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let Arguments { paper, margin, .. } = arguments;
+    let board = match arguments.board {
+        Some(board) => board,
+        None => board_that_fits(PATTERN, paper, *margin)
+            .ok_or_else(|| format!("{paper} is too small for a board of 9x4 dots: choose a larger --paper"))?,
+    };
+    let sheet = board_sheet(&board, paper, *margin)?;
+    let written: Vec<&Path> = arguments.pdf.iter().chain(&arguments.svg).map(PathBuf::as_path).collect();
+    arguments.results.check(written.iter().copied(), &[])?;
+    if let Some(path) = &arguments.pdf {
+        evcal_files::write(path, &pdf(&sheet))?;
+    }
+    if let Some(path) = &arguments.svg {
+        evcal_files::write(path, svg(&sheet).as_bytes())?;
+    }
+    let [width, height] = sheet.size;
+    if arguments.json {
+        return print::json(&serde_json::json!({
+            "written": written,
+            "board": board.to_string(),
+            "width_mm": width,
+            "height_mm": height,
+            "ruler_mm": sheet.ruler,
+            "first_dot_mm": sheet.dots.first().map(|dot| dot.center),
+        }));
+    }
+    for path in written {
+        print::line(format!("written to {}", path.display()))?;
+    }
+    print::line(format!("{width} x {height} mm: print at 100 %, check that both rulers measure {} mm", sheet.ruler))?;
+    print::line(format!("calibrate with --board {board}"))
+}

@@ -1,0 +1,448 @@
+//! `evcal calibrate`.
+
+pub mod held;
+pub mod work;
+
+use std::error::Error;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use super::settings::read_settings;
+use evcal_calibrate::calibrate::board_choice::choose_board;
+use evcal_calibrate::calibrate::inertia::InertialRequest;
+use evcal_calibrate::calibrate::input::{Input, InputError, InputKind};
+use evcal_calibrate::calibrate::parameter_request::ParameterRequests;
+use evcal_calibrate::circles::serial::{SerialAddress, SerialError};
+use evcal_calibrate::detection::settings::{DetectionSettings, Grid};
+use evcal_calibrate::inertial;
+use evcal_calibrate::inertial::settings::InertialSettings;
+use evcal_calibrate::initial::model_choice::ModelRequest;
+use evcal_calibrate::second_camera::error::SecondCameraError;
+use evcal_calibrate::settings::Settings;
+use evcal_calibrate::trajectory::RotationSpline;
+use evcal_core::circle::Extraction;
+use evcal_core::sensor::Sensor;
+use evcal_files::folder::{FolderError, OutputFolder};
+use evcal_geometry::board::Board;
+use evcal_geometry::board::request::BoardRequest;
+use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
+use evcal_report::output::folder::{FOLDERS, is_result};
+use event_recordings::image_folder::Stamps;
+use event_recordings::{Recording, RecordingOptions};
+
+use self::held::{HeldCamera, HeldCameras};
+use self::work::{Failed, Other, Work};
+use super::output_arguments::OutputArguments;
+use super::progress::Waiting;
+use super::source_arguments::SourceArguments;
+use super::{NotGoodEnough, UsageError, print, value};
+
+/// Above the options that few need.
+const METHOD: &str = "How it is calibrated";
+
+/// What is told while circles come through a serial port.
+pub(super) const LISTENING: &str = "listening to the serial port";
+
+/// Arguments of `evcal calibrate`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Recordings of one camera: AEDAT 2, 3 or 4, Prophesee RAW or DAT, ROS bags (ROS 1, MCAP, SQLite), npy or npz, HDF5, CSV or text,
+    /// Event Stream, EventCalib binary, .dvraw, pcap (docs/formats.md); or circles: a circle track, a circle stream, or the serial port
+    /// of a detector, serial:PORT?baud=921600&seconds=10
+    #[arg(required = true)]
+    recordings: Vec<PathBuf>,
+    #[command(flatten)]
+    calibration: CalibrationArguments,
+    #[command(flatten, next_help_heading = "What the recording does not say")]
+    source: SourceArguments,
+    #[command(flatten, next_help_heading = "A second camera on the same mount")]
+    second: SecondCameraArguments,
+}
+
+/// Options of `evcal calibrate` for cameras that are fixed to the first one.
+#[derive(clap::Args)]
+struct SecondCameraArguments {
+    /// The recording of another camera that is fixed to this one, of the same board at the same time: where it is, and how its
+    /// clock goes, from one recording of each (docs/second-camera.md). Events, a folder of images with data.csv (EuRoC form), or a bag
+    /// with images and no events; can be repeated
+    #[arg(long, value_name = "RECORDING", conflicts_with = "frames_only")]
+    with: Vec<PathBuf>,
+    /// Name of the stream or topic to read in the file of --with, of events or of images [default: as --stream, or the only
+    /// topic of images]; can be repeated, in the order of --with
+    #[arg(long, value_name = "STREAM", requires = "with")]
+    with_stream: Vec<String>,
+    /// Size of the sensor of the camera of --with in pixels, where its file does not tell it [default: as --sensor]; can be
+    /// repeated, in the order of --with
+    #[arg(long, value_name = "WxH", value_parser = value::sensor, requires = "with")]
+    with_sensor: Vec<Sensor>,
+    /// Camera model of the camera of --with [default: as --model]; can be repeated, in the order of --with
+    #[arg(long, value_name = "MODEL", value_parser = value::model_request(), requires = "with")]
+    with_model: Vec<ModelRequest>,
+    /// What the time stamps of the images of --with stand for
+    #[arg(
+        long,
+        requires = "with",
+        default_value = Stamps::default().name(),
+        value_parser = value::named(Stamps::ALL, Stamps::name, Stamps::description)
+    )]
+    with_stamps: Stamps,
+    /// The images of --with are of a rolling shutter: their rows are exposed one after the other
+    #[arg(long, requires = "with")]
+    rolling_shutter: bool,
+    /// With --imu or --with, keep the first camera's intrinsics as they are in this calibration or camera file [default: they are
+    /// estimated together with the rest]
+    #[arg(long, value_name = "FILE|DIR")]
+    camera: Option<PathBuf>,
+    /// The same for the camera of --with; can be repeated, in the order of --with
+    #[arg(long, value_name = "FILE|DIR", requires = "with")]
+    with_camera: Vec<PathBuf>,
+}
+
+impl SecondCameraArguments {
+    /// What is given in the order of `--with` is given for these at most.
+    fn one_for_each_other(&self) -> Result<(), UsageError> {
+        let counts = [
+            ("--with-stream", self.with_stream.len()),
+            ("--with-sensor", self.with_sensor.len()),
+            ("--with-model", self.with_model.len()),
+            ("--with-camera", self.with_camera.len()),
+        ];
+        match counts.into_iter().find(|(_, count)| *count > self.with.len()) {
+            Some((name, _)) => Err(UsageError(format!(
+                "there are more {name} than --with; give at most one for each, in the same order"
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// The cameras whose intrinsics are held.
+    fn held_cameras(&self, calibration: &CalibrationArguments) -> Result<HeldCameras, Box<dyn Error>> {
+        let together = calibration.imu.is_some() || calibration.with_frames || !self.with.is_empty();
+        if self.camera.is_some() && !together {
+            let advice =
+                "--camera works only together with --imu, --with or --with-frames: add one of them, or leave it out";
+            return Err(UsageError(advice.to_owned()).into());
+        }
+        let first = self.camera.as_deref().map(HeldCamera::read).transpose()?;
+        let others = self.with_camera.iter().map(|path| HeldCamera::read(path)).collect::<Result<_, _>>()?;
+        Ok(HeldCameras { first, others })
+    }
+}
+
+/// Where results go, and what is printed.
+#[derive(clap::Args)]
+pub struct CalibrationArguments {
+    #[command(flatten)]
+    pub method: MethodArguments,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    results: OutputArguments,
+    /// End with exit code 0 even if the calibration is not good enough
+    #[arg(long)]
+    accept_any: bool,
+    /// Print the calibration as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Print the stage report
+    #[arg(short, long)]
+    verbose: bool,
+    /// Calibrate from the camera's own frames alone, as ordinary image calibration does
+    #[arg(long, conflicts_with_all = ["joint_frames", "imu", "fix", "free"])]
+    frames_only: bool,
+    /// Solve the camera's own frames and its events together
+    #[arg(long)]
+    joint_frames: bool,
+    /// Check frames and events against each other: the camera's own frames are treated as a second camera, which has to come out at
+    /// the place of the first
+    #[arg(long, conflicts_with_all = ["frames_only", "joint_frames"])]
+    with_frames: bool,
+    /// Calibrate the inertial unit too, from the samples in the recording, or from a CSV file whose first line names
+    /// columns with their units: t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s (docs/imu.md)
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    imu: Option<Option<PathBuf>>,
+    /// Size of gravity where the recording was made, for --imu
+    #[arg(
+        long,
+        value_name = "M/S²",
+        default_value_t = STANDARD_GRAVITY,
+        requires = "imu",
+        value_parser = value::number(9.7..=9.9, " m/s²")
+    )]
+    gravity: f64,
+    /// Keep a parameter at a value: one of the lens (k3=0, cx=173.2) or of the board (print-ratio=1.002, bend-x=1.5mm, bend-y=0mm,
+    /// radius=17.4mm); can be repeated
+    #[arg(long, value_name = "NAME=VALUE", help_heading = METHOD)]
+    fix: Vec<String>,
+    /// Estimate a parameter even where the recording says little of it: one of the lens, or print-ratio, bend-x, bend-y, radius of
+    /// the board; can be repeated
+    #[arg(long, value_name = "NAME", help_heading = METHOD)]
+    free: Vec<String>,
+}
+
+/// What is calibrated, and how; whatever the events come from.
+#[derive(clap::Args)]
+pub struct MethodArguments {
+    /// Board, for example acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius); auto:55mm:r17.5mm
+    /// recognises layout, rows and columns in a recording
+    #[arg(long)]
+    pub board: BoardRequest,
+    /// Camera model. auto takes the simplest model that fits held-out circles as well as the best one
+    #[arg(long, default_value = "radtan", value_parser = super::value::model_request())]
+    pub model: ModelRequest,
+    /// Circle extraction: hard or soft [default: hard]
+    #[arg(long, value_parser = extraction, help_heading = METHOD)]
+    extraction: Option<Extraction>,
+    /// Spline of the rotation: quaternion or so3 [default: quaternion]
+    #[arg(long, help_heading = METHOD)]
+    rotation: Option<RotationSpline>,
+    /// Grid finder: lattice or opencv [default: lattice]
+    #[arg(long, help_heading = METHOD)]
+    grid: Option<Grid>,
+    /// Settings file (TOML); names and defaults are in docs/settings.md
+    #[arg(long, value_name = "FILE", help_heading = METHOD)]
+    settings: Option<PathBuf>,
+}
+
+impl MethodArguments {
+    /// All thresholds.
+    pub fn settings(&self) -> Result<Settings, Box<dyn Error>> {
+        let mut settings = read_settings(self.settings.as_deref(), self.grid)?;
+        settings.detection.extraction = self.extraction.unwrap_or(settings.detection.extraction);
+        settings.spline.rotation = self.rotation.unwrap_or(settings.spline.rotation);
+        Ok(settings)
+    }
+
+    /// The board that was named, or the one that is recognised in those of the files that hold events.
+    pub fn choose_board(
+        &self,
+        files: &[PathBuf],
+        options: &RecordingOptions,
+        settings: &DetectionSettings,
+    ) -> Result<Board, Box<dyn Error>> {
+        board_in(&self.board, files, options, settings)
+    }
+}
+
+/// The board that is asked for, or the one that is recognised in those of the files that hold events, which is told.
+pub(super) fn board_in(
+    request: &BoardRequest,
+    files: &[PathBuf],
+    options: &RecordingOptions,
+    settings: &DetectionSettings,
+) -> Result<Board, Box<dyn Error>> {
+    if let BoardRequest::Given(board) = request {
+        return Ok(*board);
+    }
+    let mut recordings = Vec::new();
+    for file in files.iter().filter(|file| !SerialAddress::is_address(file)) {
+        if InputKind::of(file)? == InputKind::Events {
+            recordings.push(Recording::new(file, options.clone())?);
+        }
+    }
+    let recordings: Vec<&Recording> = recordings.iter().collect();
+    let board = choose_board(request, &recordings, settings)?;
+    print::aside(format!("the board is {board}, as far as it was recognised"));
+    Ok(board)
+}
+
+pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
+    match text {
+        "hard" => Ok(Extraction::Hard),
+        "soft" => Ok(Extraction::Soft),
+        _ => Err("write hard or soft"),
+    }
+}
+
+impl CalibrationArguments {
+    /// What is held, and what is free.
+    pub fn parameters(&self) -> Result<ParameterRequests, UsageError> {
+        let model = match self.method.model {
+            ModelRequest::Given(model) => Some(model),
+            ModelRequest::Auto => None,
+        };
+        ParameterRequests::new(model, &self.fix, &self.free).map_err(|error| UsageError(error.to_string()))
+    }
+
+    /// The inertial unit that is asked for.
+    fn inertial_request(&self) -> Option<InertialRequest> {
+        let file = self.imu.clone()?;
+        Some(InertialRequest {
+            file,
+            settings: InertialSettings { gravity: self.gravity, ..InertialSettings::default() },
+        })
+    }
+
+    /// The folder for the results, which holds none yet unless they may be replaced.
+    pub fn open_folder(&self) -> Result<OutputFolder, FolderError> {
+        self.results.open_folder(&self.output, is_result, FOLDERS)
+    }
+}
+
+/// Runs `evcal calibrate`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let outcome = open_and_calibrate(arguments);
+    match &outcome {
+        // Its calibration was printed.
+        Err(error) if arguments.calibration.json && !error.is::<NotGoodEnough>() => match error.downcast_ref() {
+            Some(Failed { failure, .. }) => print::json(failure)?,
+            None => print::json(&serde_json::json!({ "error": error.to_string() }))?,
+        },
+        _ => {}
+    }
+    outcome
+}
+
+fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
+    // Before the work, not after it.
+    arguments.second.one_for_each_other()?;
+    arguments.calibration.parameters()?;
+    let settings = arguments.calibration.method.settings()?;
+    // Read again after the camera: in a live session the file may still grow meanwhile.
+    if let Some(Some(samples)) = &arguments.calibration.imu {
+        inertial::csv::read(samples)?;
+    }
+    let folder = arguments.calibration.open_folder()?;
+    let others = OtherCameras {
+        recordings: &arguments.second.with,
+        streams: &arguments.second.with_stream,
+        sensors: &arguments.second.with_sensor,
+        models: &arguments.second.with_model,
+        stamps: arguments.second.with_stamps,
+        rolling_shutter: arguments.second.rolling_shutter,
+    };
+    let held = arguments.second.held_cameras(&arguments.calibration)?;
+    let recordings = CameraRecordings { first: &arguments.recordings, others, held };
+    calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
+}
+
+/// Recordings of one camera, and one of each other camera on its mount.
+pub struct CameraRecordings<'a> {
+    pub first: &'a [PathBuf],
+    pub others: OtherCameras<'a>,
+    pub held: HeldCameras,
+}
+
+/// A recording of each other camera.
+#[derive(Clone, Copy, Default)]
+pub struct OtherCameras<'a> {
+    pub recordings: &'a [PathBuf],
+    /// Which of their streams to read, for the first of them.
+    pub streams: &'a [String],
+    /// Sizes of their sensors, for the first of them.
+    pub sensors: &'a [Sensor],
+    /// Their camera models, for the first of them.
+    pub models: &'a [ModelRequest],
+    /// What the time stamps of images stand for.
+    pub stamps: Stamps,
+    /// Whether the rows of images are exposed one after the other.
+    pub rolling_shutter: bool,
+}
+
+impl<'a> OtherCameras<'a> {
+    /// The recordings, each with the stream that is named for it.
+    fn with_streams(self) -> impl Iterator<Item = (&'a PathBuf, Option<&'a str>)> {
+        let streams = self.streams.iter().map(|stream| Some(stream.as_str())).chain(std::iter::repeat(None));
+        self.recordings.iter().zip(streams)
+    }
+}
+
+impl<'a> CameraRecordings<'a> {
+    /// Of one camera alone.
+    pub fn alone(first: &'a [PathBuf]) -> Self {
+        Self { first, others: OtherCameras::default(), held: HeldCameras::default() }
+    }
+}
+
+/// Calibrates from `recordings` and writes the results.
+pub fn calibrate_recordings(
+    CameraRecordings { first: recordings, others, held }: CameraRecordings,
+    options: &RecordingOptions,
+    arguments: &CalibrationArguments,
+    settings: &Settings,
+    folder: &OutputFolder,
+) -> super::Outcome {
+    check_others(recordings, others, options)?;
+    let mut waiting = Waiting::new(arguments.json);
+    let board = arguments.method.choose_board(recordings, options, &settings.detection)?;
+    let inputs = recordings
+        .iter()
+        .map(|path| open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)))
+        .collect::<Result<Vec<Input>, _>>()?;
+    let parameters = arguments.parameters()?;
+    let rolling_shutter = others.rolling_shutter;
+    let open = |(index, (path, stream)): (usize, (&PathBuf, _))| {
+        let sensor = others.sensors.get(index).copied().or(options.sensor);
+        let model = others.models.get(index).copied().unwrap_or(arguments.method.model);
+        let options = RecordingOptions { sensor, ..options.clone() };
+        let input = Input::open_other(path, stream, others.stamps, &options, &board)?;
+        Ok(Other { input, sensor, model })
+    };
+    let others = others.with_streams().enumerate().map(open).collect::<Result<_, InputError>>()?;
+    let work = Work {
+        inputs,
+        others,
+        rolling_shutter,
+        held,
+        board,
+        sensor: options.sensor,
+        parameters,
+        arguments,
+        settings,
+        readers: None,
+    };
+    let attempt = work.calibrate(|step| {
+        waiting.stage(step.text, step.done);
+        ControlFlow::Continue(())
+    });
+    work.finish(attempt, waiting, folder)
+}
+
+/// What is wrong with the recordings of other cameras before they are opened.
+fn check_others(
+    recordings: &[PathBuf],
+    others: OtherCameras,
+    options: &RecordingOptions,
+) -> Result<(), Box<dyn Error>> {
+    if !others.recordings.is_empty() && recordings.len() > 1 {
+        return Err(SecondCameraError::SeveralRecordings.into());
+    }
+    let own = options.stream.as_deref();
+    let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let mut known: Vec<(PathBuf, Option<&str>)> = recordings.iter().map(|path| (place(path), own)).collect();
+    for (other, stream) in others.with_streams() {
+        if stream.is_some() && other.is_dir() {
+            let folder = other.display();
+            return Err(UsageError(format!("{folder} is a folder of images, without streams: leave out --with-stream, or name other files of --with first")).into());
+        }
+        let this = (place(other), stream.or(own));
+        if known.contains(&this) {
+            return Err(SecondCameraError::SameRecording { file: other.display().to_string() }.into());
+        }
+        known.push(this);
+    }
+    Ok(())
+}
+
+/// Opens a recording, or listens to a serial port. What comes from a port is saved to `folder` unless its
+/// address says where, so that a calibration that fails can be tried again.
+fn open_input(
+    path: &Path,
+    options: &RecordingOptions,
+    board: &Board,
+    folder: &Path,
+    progress: impl FnMut(&str),
+) -> Result<Input, Box<dyn Error>> {
+    if !SerialAddress::is_address(path) {
+        return Ok(Input::open(path, options, board)?);
+    }
+    let mut address = serial_address(path)?;
+    address.save_into(folder);
+    Ok(Input::listen(&address, board, progress)?)
+}
+
+/// The port that `path` is the address of.
+pub(super) fn serial_address(path: &Path) -> Result<SerialAddress, UsageError> {
+    path.to_string_lossy().parse().map_err(|error: SerialError| UsageError(error.to_string()))
+}

@@ -1,0 +1,335 @@
+//! One calibration: what it is made from, the calibration itself, what is written and printed of it.
+
+use std::fmt;
+use std::io::IsTerminal as _;
+use std::ops::ControlFlow;
+
+use evcal_calibrate::calibrate::board_choice::{LargerBoard, larger_board};
+use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
+use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::calibrate::inertia::calibrate_inertial;
+use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::calibrate::mounted::SecondCamera;
+use evcal_calibrate::calibrate::parameter_request::ParameterRequests;
+use evcal_calibrate::calibrate::second::{
+    calibrate_frame_camera, calibrate_lens_apart, calibrate_own_pictures, calibrate_second_camera,
+};
+use evcal_calibrate::calibrate::step::Step;
+use evcal_calibrate::calibrate::{PictureUse, Task, calibrate};
+use evcal_calibrate::inertial::error::InertialError;
+use evcal_calibrate::initial::model_choice::ModelRequest;
+use evcal_calibrate::result::beside::{verdicts_beside, worst_grade};
+use evcal_calibrate::second_camera::error::SecondCameraError;
+use evcal_calibrate::settings::Settings;
+use evcal_calibrate::solve::held_intrinsics::HeldIntrinsics;
+use evcal_calibrate::trust::verdict::{Cause, Grade};
+use evcal_core::sensor::Sensor;
+use evcal_files::folder::OutputFolder;
+use evcal_geometry::board::Board;
+use evcal_report::output::failure::{Failure, write_failure};
+use evcal_report::output::folder::write_folder;
+use rayon::ThreadPool;
+
+use super::super::progress::Waiting;
+use super::super::{NotGoodEnough, Outcome, command_line, print};
+use super::CalibrationArguments;
+use super::held::{HeldCameras, OtherSensor};
+
+/// A calibration that failed, and what it left.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}{}", files_of(.failure))]
+pub(super) struct Failed {
+    #[source]
+    error: CalibrateError,
+    pub(super) failure: Failure,
+}
+
+fn files_of(failure: &Failure) -> String {
+    let files: Vec<String> = failure.files.iter().map(|file| file.display().to_string()).collect();
+    if files.is_empty() { String::new() } else { format!("\n  what was seen: {}", files.join(", ")) }
+}
+
+/// Another camera on the mount.
+pub struct Other {
+    /// Its recording.
+    pub input: Input,
+    /// Size of its sensor, where the recording does not tell it.
+    pub sensor: Option<Sensor>,
+    /// Its camera model.
+    pub model: ModelRequest,
+}
+
+/// What is calibrated, and how.
+pub struct Work<'a> {
+    /// Recordings, or circles found before.
+    pub inputs: Vec<Input>,
+    /// The recording of each other camera on the mount.
+    pub others: Vec<Other>,
+    /// Whether the rows of their frames are exposed one after the other.
+    pub rolling_shutter: bool,
+    /// Cameras whose intrinsics are held where they are solved with something else.
+    pub held: HeldCameras,
+    /// The board in them.
+    pub board: Board,
+    /// Size of the sensor, where they do not tell it.
+    pub sensor: Option<Sensor>,
+    /// Parameters that are held, or free in any case.
+    pub parameters: ParameterRequests,
+    /// What the command line says.
+    pub arguments: &'a CalibrationArguments,
+    /// All thresholds.
+    pub settings: &'a Settings,
+    /// Who reads the recordings, where it is not whoever calibrates.
+    pub readers: Option<ThreadPool>,
+}
+
+/// What came of a calibration.
+pub struct Attempt {
+    calibrated: Result<Calibrated, CalibrateError>,
+    /// The stages that it reached.
+    stages: Vec<String>,
+}
+
+impl Work<'_> {
+    fn task<'a>(&'a self, command_line: &'a str) -> Task<'a> {
+        let CalibrationArguments { frames_only, joint_frames, with_frames, .. } = self.arguments;
+        let pictures = match (frames_only, joint_frames, with_frames) {
+            (true, ..) => PictureUse::Only,
+            (_, true, _) => PictureUse::Joint,
+            (.., true) => PictureUse::SecondCamera,
+            // Those in the bag are another camera's.
+            _ if self
+                .others
+                .iter()
+                .any(|Other { input, .. }| matches!(input, Input::Images(_)) && self.is_of_first(input)) =>
+            {
+                PictureUse::Ignore
+            }
+            (false, false, false) => PictureUse::Witness,
+        };
+        Task {
+            inputs: &self.inputs,
+            board: &self.board,
+            model: self.arguments.method.model,
+            sensor: self.sensor,
+            pictures,
+            parameters: self.parameters,
+            settings: self.settings,
+            command_line,
+            readers: self.readers.as_ref(),
+        }
+    }
+
+    /// Whether the recording of another camera is in a file of the first one's.
+    fn is_of_first(&self, other: &Input) -> bool {
+        self.inputs.iter().any(|input| input.is_of_file_of(other))
+    }
+
+    /// Calibrates. `tell` hears what is going on, and may end it.
+    pub fn calibrate(&self, mut tell: impl FnMut(Step) -> ControlFlow<()> + Send) -> Attempt {
+        let mut stages: Vec<String> = Vec::new();
+        let calibrated = calibrate(&self.task(&command_line()), |step| {
+            if stages.last().is_none_or(|last| last != step.text) {
+                stages.push(step.text.to_owned());
+            }
+            tell(step)
+        });
+        Attempt { calibrated, stages }
+    }
+
+    /// Writes what came of it into `folder`, and prints it.
+    pub fn finish(&self, attempt: Attempt, mut waiting: Waiting, folder: &OutputFolder) -> Outcome {
+        let command_line = command_line();
+        let task = self.task(&command_line);
+        let mut calibrated = match attempt.calibrated {
+            Ok(calibrated) => calibrated,
+            Err(error) => {
+                waiting.finish();
+                let failure = write_failure(folder.path(), &task, &error, attempt.stages)?;
+                return Err(Failed { error, failure }.into());
+            }
+        };
+        let inertial = self.add_inertial(&mut calibrated, &mut waiting);
+        let others = self.add_others(&mut calibrated, &task, &mut waiting);
+        waiting.stage("results", None);
+        let written = write_folder(folder, &calibrated, &task, &mut |step| waiting.stage(step.text, step.done))?;
+        waiting.finish();
+        if self.arguments.json {
+            print::line(written.json)?;
+        } else {
+            print::line(coloured(&written.summary, &calibrated))?;
+            if self.arguments.verbose {
+                print::line(format!("\n{}", written.stage_report))?;
+            }
+            let folder = folder.path();
+            print::line(format!(
+                "\nopen {} first; all results are in {}",
+                folder.join("report.html").display(),
+                folder.display()
+            ))?;
+        }
+        let told = calibrated.verdict.findings.iter().any(|finding| finding.cause == Cause::LargerBoard);
+        if calibrated.verdict.grade == Grade::NotGood
+            && !told
+            && let Some(LargerBoard { found, board }) =
+                larger_board(&self.inputs, &self.board, &self.settings.detection)
+        {
+            print::aside(format!("is the board right? It looks like {found}: --board {board}"));
+        }
+        // The camera is written all the same.
+        let failed: Vec<Beside> = inertial.err().into_iter().chain(others).collect();
+        if !failed.is_empty() {
+            return Err(AllBeside(failed).into());
+        }
+        match worst_grade(&calibrated) {
+            Grade::NotGood if !self.arguments.accept_any => Err(NotGoodEnough.into()),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Why the inertial unit or one of the other cameras was not calibrated.
+#[derive(Debug, thiserror::Error)]
+enum BesideError {
+    #[error(transparent)]
+    Inertial(#[from] InertialError),
+    #[error(transparent)]
+    Held(#[from] OtherSensor),
+    #[error(transparent)]
+    Apart(CalibrateError),
+    #[error(transparent)]
+    Together(#[from] SecondCameraError),
+}
+
+/// What was not calibrated beside the first camera, by its option or file, and why.
+#[derive(Debug)]
+struct Beside {
+    what: String,
+    error: BesideError,
+}
+
+/// All that was not calibrated beside the first camera: one does not keep the others from being calibrated.
+#[derive(Debug)]
+struct AllBeside(Vec<Beside>);
+
+impl std::error::Error for AllBeside {}
+
+impl fmt::Display for AllBeside {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.as_slice() {
+            // What it is about goes without saying, but for the calibration of another camera apart.
+            [Beside { what, error: error @ BesideError::Apart(_) }] => write!(f, "{what}: {error}"),
+            [Beside { error, .. }] => write!(f, "{error}"),
+            several => {
+                write!(f, "{} were not calibrated:", several.len())?;
+                several.iter().try_for_each(|Beside { what, error }| write!(f, "\n  {what}: {error}"))
+            }
+        }
+    }
+}
+
+impl Work<'_> {
+    /// Calibrates the inertial unit, where it is asked for, and keeps it with the camera.
+    fn add_inertial(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), Beside> {
+        let added = self.add_unit(calibrated, waiting);
+        added.map_err(|error| Beside { what: "the inertial unit".to_owned(), error })
+    }
+
+    fn add_unit(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), BesideError> {
+        let Some(request) = self.arguments.inertial_request() else { return Ok(()) };
+        waiting.stage("inertial unit", None);
+        let inertial = calibrate_inertial(calibrated, &self.inputs, &request, self.held_of_first(calibrated)?)?;
+        if let Evidence::Events(events) = &mut calibrated.evidence {
+            events.inertial = Some(inertial);
+        }
+        Ok(())
+    }
+
+    fn held_of_first(&self, first: &Calibrated) -> Result<Option<&HeldIntrinsics>, OtherSensor> {
+        self.held.first.as_ref().map(|held| held.of(first.sensor)).transpose()
+    }
+
+    /// Calibrates the other cameras, and keeps them with the first; beside it, what failed.
+    fn add_others(&self, first: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Vec<Beside> {
+        let mut failed = Vec::new();
+        if task.pictures == PictureUse::SecondCamera
+            && let Err(error) = self.add_own_frames(first, waiting)
+        {
+            failed.push(Beside { what: "the camera's own frames".to_owned(), error });
+        }
+        for (number, other) in self.others.iter().enumerate() {
+            if let Err(error) = self.add_other(first, (number, other), task, waiting) {
+                failed.push(Beside { what: other.input.name(), error });
+            }
+        }
+        failed
+    }
+
+    fn add_own_frames(&self, first: &mut Calibrated, waiting: &mut Waiting) -> Result<(), BesideError> {
+        waiting.stage("frames as a second camera", None);
+        let frames = calibrate_own_pictures(first, self.held_of_first(first)?, &self.settings.uncertainty)?;
+        keep(first, frames);
+        Ok(())
+    }
+
+    fn add_other(
+        &self,
+        first: &mut Calibrated,
+        (number, Other { input, sensor, model }): (usize, &Other),
+        task: &Task,
+        waiting: &mut Waiting,
+    ) -> Result<(), BesideError> {
+        let uncertainty = &self.settings.uncertainty;
+        let inputs = std::slice::from_ref(input);
+        let pictures = match input {
+            Input::Images(_) => PictureUse::Only,
+            // Frames in it are the first camera's.
+            _ if self.is_of_first(input) => PictureUse::Ignore,
+            _ => PictureUse::Witness,
+        };
+        let parameters = ParameterRequests::default();
+        let task = Task { inputs, pictures, parameters, sensor: *sensor, model: *model, ..*task };
+        let second = calibrate_lens_apart(&task, |step| {
+            waiting.stage(step.text, step.done);
+            ControlFlow::Continue(())
+        });
+        let second = second.map_err(BesideError::Apart)?;
+        waiting.stage("both cameras", None);
+        let held = self.held.others.get(number).map(|held| held.of(second.sensor)).transpose()?;
+        let lenses = [self.held_of_first(first)?, held];
+        let second = match input {
+            Input::Images(images) => {
+                let frames = (images, self.rolling_shutter);
+                calibrate_frame_camera(first, &second, frames, &self.board, lenses, uncertainty)?
+            }
+            Input::Events(_) | Input::Circles { .. } => {
+                calibrate_second_camera(first, &second, &input.name(), &self.board, lenses, uncertainty)?
+            }
+        };
+        keep(first, second);
+        Ok(())
+    }
+}
+
+fn keep(first: &mut Calibrated, second: SecondCamera) {
+    if let Evidence::Events(events) = &mut first.evidence {
+        events.second_cameras.push(second);
+    }
+}
+
+/// The summary with its verdicts in green, yellow or red, where someone looks at it.
+fn coloured(summary: &str, calibrated: &Calibrated) -> String {
+    if !std::io::stdout().is_terminal() || std::env::var_os("NO_COLOR").is_some() {
+        return summary.to_owned();
+    }
+    let of_camera = (calibrated.verdict.grade, calibrated.verdict.sentence.clone());
+    let beside = verdicts_beside(calibrated).into_iter().map(|beside| (beside.grade, beside.sentence));
+    std::iter::once(of_camera).chain(beside).fold(summary.to_owned(), |summary, (grade, sentence)| {
+        let colour = match grade {
+            Grade::Good => 32,
+            Grade::Usable => 33,
+            Grade::NotGood => 31,
+        };
+        summary.replacen(&sentence, &format!("\x1b[{colour}m{sentence}\x1b[0m"), 1)
+    })
+}

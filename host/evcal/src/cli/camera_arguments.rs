@@ -1,0 +1,69 @@
+//! Which camera, and how it is set up.
+
+use std::error::Error;
+use std::time::Duration;
+
+use clap::ValueEnum;
+use evcal_live::recorder::RecordingPlan;
+use usb_davis::configuration::{Configuration, Streams};
+use usb_davis::device::{Camera, DeviceError, Queue, Selector};
+use usb_davis::dump::Growth;
+
+use super::value;
+
+/// Options of every subcommand that runs a camera.
+#[derive(clap::Args)]
+pub struct CameraArguments {
+    /// Stop after this time at the latest, for example 10s; Ctrl-C stops earlier
+    #[arg(long, value_name = "TIME", value_parser = value::seconds)]
+    duration: Option<f64>,
+    /// Record frames, too: 9 MB/s more
+    #[arg(long)]
+    frames: bool,
+    /// Settings of the camera
+    #[arg(long, value_enum, default_value_t = Preset::Calibration)]
+    preset: Preset,
+    /// Serial number of the camera [default: the first that can be used]
+    #[arg(long, value_name = "NUMBER")]
+    serial: Option<String>,
+}
+
+/// Settings of the camera.
+#[derive(Clone, Copy, ValueEnum)]
+enum Preset {
+    /// Without the background-activity filter, which would take the first event of each edge
+    Calibration,
+    /// As iniVation's software sets it up
+    Default,
+}
+
+impl CameraArguments {
+    /// Opens the camera and sets it up.
+    pub fn open(&self) -> Result<Camera, Box<dyn Error>> {
+        let selector = Selector { serial: self.serial.clone(), ..Selector::default() };
+        let mut camera = Camera::open(&selector).map_err(|error| match error {
+            DeviceError::NotFound { .. } => format!("{error}; evcal devices says what to look at").into(),
+            error => Box::<dyn Error>::from(error),
+        })?;
+        camera.configure(&match self.preset {
+            Preset::Calibration => Configuration::calibration(),
+            Preset::Default => Configuration::default(),
+        })?;
+        Ok(camera)
+    }
+
+    /// Whether frames are recorded, too.
+    pub fn has_frames(&self) -> bool {
+        self.frames
+    }
+
+    /// What to record, and for how long.
+    pub fn plan(&self) -> RecordingPlan {
+        RecordingPlan {
+            streams: if self.frames { Streams::ALL } else { Streams::EVENTS },
+            queue: Queue::default(),
+            duration: self.duration.map(|seconds| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)),
+            growth: Growth::default(),
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! `evcal check`.
+
+use std::path::PathBuf;
+
+use evcal_calibrate::calibrate::input::open_events;
+use evcal_calibrate::check::check;
+use evcal_calibrate::settings::Settings;
+use evcal_geometry::board::request::BoardRequest;
+
+use super::calibrate::board_in;
+use super::print;
+use super::progress::{Waiting, short_name};
+use super::source_arguments::SourceArguments;
+
+/// Arguments of `evcal check`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A recording of events
+    recording: PathBuf,
+    /// Board to look for, for example acircles:9x4:55mm:r17.5mm; without it, or with auto, rows and columns are recognised
+    #[arg(long)]
+    board: Option<BoardRequest>,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Print what was seen as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `evcal check`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let recording = open_events(&arguments.recording, arguments.source.options())?;
+    let mut waiting = Waiting::new(arguments.json);
+    waiting.stage(&format!("looking at {}", short_name(&arguments.recording)), None);
+    let settings = Settings::default().detection;
+    let board = match &arguments.board {
+        // What is to be measured is said with everything else.
+        None | Some(BoardRequest::Recognise(None)) => None,
+        Some(request) => {
+            let files = std::slice::from_ref(&arguments.recording);
+            Some(board_in(request, files, recording.options(), &settings)?)
+        }
+    };
+    let checked = check(&recording, board.as_ref(), &settings)?;
+    waiting.finish();
+    if arguments.json { print::json(&checked) } else { print::line(checked) }
+}

@@ -1,0 +1,27 @@
+//! `evcal compare`.
+
+use std::path::PathBuf;
+
+use evcal_calibrate::result::same_camera::compare_calibrations;
+
+use super::print;
+
+/// Arguments of `evcal compare`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A calibration: its folder or calibration.json
+    #[arg(value_name = "FILE|DIR")]
+    first: PathBuf,
+    /// Another one
+    #[arg(value_name = "FILE|DIR")]
+    second: PathBuf,
+    /// Print the figures as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `evcal compare`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let compared = compare_calibrations(&arguments.first, &arguments.second)?;
+    if arguments.json { print::json(&compared) } else { print::line(compared) }
+}

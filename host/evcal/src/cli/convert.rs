@@ -1,0 +1,63 @@
+//! `evcal convert`.
+
+use std::path::PathBuf;
+
+use evcal_calibrate::calibrate::input::open_events;
+use event_recordings::convert::{TimeOrigin, convert, output_of};
+use event_recordings::encode::OutputFormat;
+
+use super::output_arguments::OutputArguments;
+use super::progress::{Waiting, short_name};
+use super::source_arguments::SourceArguments;
+use super::{print, value};
+
+/// Arguments of `evcal convert`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Recording of any format, told apart by its content
+    #[arg(value_name = "IN")]
+    input: PathBuf,
+    /// File to write
+    #[arg(value_name = "OUT", value_parser = value::output_file())]
+    output: PathBuf,
+    #[command(flatten)]
+    results: OutputArguments,
+    /// Format to write, such as aedat4, npz, hdf5 or csv; any unknown name prints the list [default: by the extension of OUT]
+    #[arg(long, value_name = "FORMAT")]
+    to: Option<OutputFormat>,
+    /// Write Unix times (since 1970), where the recording says when it began
+    #[arg(long)]
+    unix_time: bool,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Print what was converted as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `evcal convert`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let (input, output) = (&arguments.input, &arguments.output);
+    let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
+    let origin = if arguments.unix_time { TimeOrigin::Unix } else { TimeOrigin::Kept };
+    arguments.results.check([output.as_path()], &[input])?;
+    let recording = open_events(input, arguments.source.options())?;
+    let mut waiting = Waiting::new(arguments.json);
+    let stage = format!("converting {}", short_name(input));
+    waiting.stage(&stage, None);
+    let report = convert(&recording, output, target, origin, |at| {
+        waiting.part(&stage, &format!("{stage}: {} events", at.events), at.done);
+    });
+    waiting.finish();
+    let report = report?;
+    match (arguments.json, output.is_file()) {
+        (true, _) => print::json(&report)?,
+        (false, true) => print::line(format!("{}: {report}", output.display()))?,
+        // The recording may have gone to standard output.
+        (false, false) => print::aside(format!("{}: {report}", output.display())),
+    }
+    match report.error {
+        Some(error) => Err(format!("{error}\nwhat came before is in {}", output.display()).into()),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,148 @@
+//! `evcal detect`.
+
+use std::path::PathBuf;
+
+use super::settings::read_settings;
+use evcal_calibrate::calibrate::board_choice::{BoardChoiceError, recognise_layout};
+use evcal_calibrate::calibrate::input::{InputKind, open_events};
+use evcal_calibrate::circles::serial::SerialAddress;
+use evcal_calibrate::circles::stream::{self, CircleStream};
+use evcal_calibrate::detection::search::{FoundCircles, SearchFor, search_events_telling, search_stream, sensor_of};
+use evcal_calibrate::detection::settings::DetectionSettings;
+use evcal_core::circle::Extraction;
+use evcal_files::shell_word::shell_word;
+use evcal_geometry::board::request::BoardRequest;
+use evcal_report::report::drawing::circle_picture;
+use event_recordings::Recording;
+
+use super::calibrate::LISTENING;
+use super::output_arguments::OutputArguments;
+use super::progress::{Waiting, short_name};
+use super::source_arguments::SourceArguments;
+use super::{UsageError, print, value};
+
+/// Arguments of `evcal detect`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Recording of events, circle stream of a detector, or its serial port,
+    /// serial:PORT?baud=921600&seconds=10&save=FILE
+    recording: PathBuf,
+    /// Board to look for, for example acircles:9x4:55mm:r17.5mm, or auto; without it, circles of any kind
+    #[arg(long)]
+    board: Option<BoardRequest>,
+    /// Circle extraction: hard or soft [default: hard]
+    #[arg(long, value_parser = super::calibrate::extraction)]
+    extraction: Option<Extraction>,
+    /// Without a board: fewest circles that make a window worth keeping
+    #[arg(long, default_value_t = 1, value_name = "COUNT", conflicts_with = "board")]
+    fewest: usize,
+    /// Settings file (TOML)
+    #[arg(long, value_name = "FILE")]
+    settings: Option<PathBuf>,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Circle-track file to write (CSV)
+    #[arg(short, long, value_name = "FILE", value_parser = value::output_file())]
+    output: Option<PathBuf>,
+    /// Picture of the window with most circles (PNG)
+    #[arg(long, value_name = "FILE", value_parser = value::output_file())]
+    picture: Option<PathBuf>,
+    #[command(flatten)]
+    results: OutputArguments,
+    /// Print the report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `evcal detect`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let outputs = arguments.output.iter().chain(&arguments.picture).map(PathBuf::as_path);
+    arguments.results.check(outputs, &[&arguments.recording])?;
+    if let Some(stream) = open_stream(arguments)? {
+        let wanted = wanted(arguments, &[], &DetectionSettings::default())?;
+        if arguments.picture.is_some() {
+            return Err(UsageError("a circle stream holds no events to paint: leave out --picture".to_owned()).into());
+        }
+        let found = search_stream(stream, arguments.source.sensor, wanted);
+        write(arguments, &found)?;
+        return tell(arguments, &found, format!("{} windows with circles came", found.report.windows), None);
+    }
+    let mut settings = read_settings(arguments.settings.as_deref(), None)?;
+    settings.detection.extraction = arguments.extraction.unwrap_or(settings.detection.extraction);
+    let recording = open_events(&arguments.recording, arguments.source.options())?;
+    let sensor = sensor_of(&recording)?;
+    let mut waiting = Waiting::new(arguments.json);
+    let stage = format!("searching {}", short_name(&arguments.recording));
+    waiting.stage(&stage, None);
+    let wanted = wanted(arguments, &[&recording], &settings.detection)?;
+    let found = search_events_telling(&recording, sensor, wanted, &settings.detection, |done| {
+        waiting.stage(&stage, done);
+    })?;
+    waiting.finish();
+    write(arguments, &found)?;
+    if let (Some(path), Some(best)) = (&arguments.picture, found.best_window()) {
+        circle_picture(best.pixels, &best.circles, sensor).write_png(path)?;
+    }
+    let report = &found.report;
+    let tried = format!("{} events, {} windows tried", report.events, report.windows);
+    let idle = format!("{} windows had too few events to be tried", report.too_few_events);
+    tell(arguments, &found, tried, Some(idle))
+}
+
+/// What to look for, of which the layout of the board alone counts.
+fn wanted(
+    arguments: &Arguments,
+    recordings: &[&Recording],
+    settings: &DetectionSettings,
+) -> Result<SearchFor, BoardChoiceError> {
+    Ok(match &arguments.board {
+        Some(BoardRequest::Given(board)) => SearchFor::Board(board.pattern),
+        Some(BoardRequest::Recognise(_)) => {
+            let found = recognise_layout(recordings, settings)?;
+            print::aside(format!("the board is {found}"));
+            SearchFor::Board(found.pattern)
+        }
+        None => SearchFor::Circles(arguments.fewest),
+    })
+}
+
+/// The circle stream that the recording is, or that comes from its serial port.
+fn open_stream(arguments: &Arguments) -> Result<Option<CircleStream>, Box<dyn std::error::Error>> {
+    let path = &arguments.recording;
+    if SerialAddress::is_address(path) {
+        let address = super::calibrate::serial_address(path)?;
+        let mut waiting = Waiting::new(arguments.json);
+        let stream = address.receive(|message| waiting.part(LISTENING, message, None));
+        waiting.finish();
+        return Ok(Some(stream?));
+    }
+    match InputKind::of(path)? {
+        InputKind::CircleStream => Ok(Some(stream::read(path)?)),
+        _ => Ok(None),
+    }
+}
+
+fn write(arguments: &Arguments, found: &FoundCircles) -> super::Outcome {
+    Ok(arguments.output.as_deref().map_or(Ok(()), |path| found.write_track(path))?)
+}
+
+fn tell(arguments: &Arguments, found: &FoundCircles, tried: String, idle: Option<String>) -> super::Outcome {
+    let report = &found.report;
+    if arguments.json {
+        return print::line(serde_json::to_string_pretty(report)?);
+    }
+    let kind = if arguments.board.is_some() { "held the board" } else { "held enough circles" };
+    let mut text: String = found.notes.iter().map(|note| format!("note: {note}\n")).collect();
+    text += &format!("{tried}, {} {kind}\n", report.found);
+    text.extend(idle.map(|idle| idle + "\n"));
+    for (reason, count) in &report.grids_refused {
+        text += &format!("{count} windows refused: {reason}\n");
+    }
+    text += &format!("{} circles, {} of them on boards", report.circles, report.board_circles);
+    if report.found == 0 {
+        let board = arguments.board.as_ref().map_or(String::new(), |_| " with the same --board".to_owned());
+        let file = shell_word(&arguments.recording.to_string_lossy());
+        text += &format!("\nnext: evcal check {file}{board}, which says why nothing was found");
+    }
+    print::line(text)
+}

@@ -1,0 +1,263 @@
+//! `evcal export`.
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+use clap::builder::PossibleValuesParser;
+use evcal_calibrate::export;
+use evcal_calibrate::export::FORMATS;
+use evcal_calibrate::export::content::Exported;
+use evcal_calibrate::export::undistortion_table::{ExportedTable, fit_table, ideal_of, table};
+use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, plain};
+use evcal_core::undistortion::IdealCamera;
+use evcal_files;
+use evcal_files::folder::OutputFolder;
+use evcal_geometry::lens::camera_file::camera_path;
+use evcal_geometry::lens::nearest::Replacement;
+
+use super::output_arguments::OutputArguments;
+use super::{UsageError, print, value};
+
+/// Name that stands for every format.
+const ALL: &str = "all";
+
+/// Turns a table into source code.
+type Writer = fn(&ExportedTable) -> String;
+
+/// Arguments of `evcal export`.
+#[derive(clap::Args)]
+#[command(group = clap::ArgGroup::new("outputs").required(true).multiple(true))]
+#[command(group = clap::ArgGroup::new("tables").multiple(true))]
+pub struct Arguments {
+    /// The calibration: its folder or calibration.json, or truth.json of a simulation
+    #[arg(value_name = "FILE|DIR")]
+    calibration: PathBuf,
+    /// Write the camera as another program reads it
+    #[arg(long, value_name = "NAME", group = "outputs", value_parser = format_names())]
+    format: Option<String>,
+    /// File for --format, or the folder for --format all [default: standard output]
+    #[arg(short, long, value_name = "FILE", requires = "format", value_parser = value::output_file())]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    results: OutputArguments,
+    /// Name of the camera in the file, such as DAVIS346_00000001 [default: that of the calibration]
+    #[arg(long, value_name = "NAME", requires = "format")]
+    camera_name: Option<String>,
+    /// Topic of the camera's images, for Kalibr
+    #[arg(long, value_name = "TOPIC", requires = "format", default_value = ROS_TOPIC)]
+    ros_topic: String,
+    #[command(flatten)]
+    table: TableArguments,
+    /// Print what was written as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Which look-up for a device, and how good.
+#[derive(clap::Args)]
+struct TableArguments {
+    /// Write the undistortion look-up for events as a Rust module that needs nothing but `core`
+    #[arg(long, value_name = "FILE", groups = ["outputs", "tables"], value_parser = value::output_file())]
+    rust_table: Option<PathBuf>,
+    /// Write the undistortion look-up for events as a C99 header
+    #[arg(long, value_name = "FILE", groups = ["outputs", "tables"], value_parser = value::output_file())]
+    c_header: Option<PathBuf>,
+    /// Largest error of the look-up in pixels; of node spacings of 64, 32, … 1 px the widest that keeps it is taken
+    #[arg(
+        long,
+        value_name = "PIXELS",
+        default_value = "0.05",
+        requires = "tables",
+        value_parser = value::number(1e-6..=100.0, " pixels")
+    )]
+    max_error: f64,
+    /// Number of nodes of the look-up, instead of an error to keep
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = nodes, conflicts_with = "max_error", requires = "tables")]
+    nodes: Option<[u16; 2]>,
+    /// Camera that undistorted pixels belong to: fx,fy,cx,cy in pixels; 1,1,0,0 gives X/Z and Y/Z
+    /// [default: that of the calibration]
+    #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, value_parser = ideal_camera, requires = "tables")]
+    ideal: Option<IdealCamera<f64>>,
+}
+
+/// The formats, and `all` of them.
+fn format_names() -> PossibleValuesParser {
+    PossibleValuesParser::new(FORMATS.iter().map(|format| format.name).chain([ALL]))
+}
+
+fn nodes(text: &str) -> Result<[u16; 2], String> {
+    let number = |part: &str| part.parse().ok().filter(|count| (2..=4096).contains(count));
+    text.split_once('x')
+        .and_then(|(columns, rows)| Some([number(columns)?, number(rows)?]))
+        .ok_or_else(|| "write COLUMNSxROWS, 2 to 4096 each, for example 44x33".to_owned())
+}
+
+/// Runs `evcal export`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let calibrated = CalibratedCamera::read(&arguments.calibration)?;
+    let calibrated = CalibratedCamera {
+        name: plain(arguments.camera_name.as_deref()).unwrap_or(calibrated.name),
+        ros_topic: arguments.ros_topic.clone(),
+        ..calibrated
+    };
+    let calibration = camera_path(&arguments.calibration);
+    arguments.results.check(outputs(arguments).iter().map(PathBuf::as_path), &[&calibration])?;
+    let mut report = serde_json::Map::new();
+    let mut written = Vec::new();
+    if let Some(name) = arguments.format.as_deref() {
+        let refits = write_formats(arguments, name, &calibrated, &mut written)?;
+        report.insert("refits".to_owned(), serde_json::to_value(refits)?);
+    }
+    if arguments.table.rust_table.is_some() || arguments.table.c_header.is_some() {
+        write_tables(arguments, &calibrated, &mut report, &mut written)?;
+    }
+    if arguments.json {
+        report.insert("written".to_owned(), serde_json::to_value(written)?);
+        return print::json(&report);
+    }
+    Ok(())
+}
+
+/// The files that are to be written. Of a folder that is not there yet, none can be in the way.
+fn outputs(arguments: &Arguments) -> Vec<PathBuf> {
+    let tables = arguments.table.rust_table.iter().chain(&arguments.table.c_header).cloned();
+    let formats = match (&arguments.output, arguments.format.as_deref().and_then(export::from_name)) {
+        (Some(file), Some(_)) => vec![file.clone()],
+        (Some(folder), None) if folder.is_dir() => FORMATS.iter().map(|format| folder.join(format.file)).collect(),
+        _ => Vec::new(),
+    };
+    formats.into_iter().chain(tables).collect()
+}
+
+/// What a refit cost, for the JSON report.
+#[derive(serde::Serialize)]
+struct RefitReport {
+    format: &'static str,
+    model: &'static str,
+    rms_px: f64,
+    max_px: f64,
+    sensor_max_px: f64,
+}
+
+/// Writes the format of this name or all of them.
+fn write_formats(
+    arguments: &Arguments,
+    name: &str,
+    calibrated: &CalibratedCamera,
+    written: &mut Vec<PathBuf>,
+) -> Result<Vec<RefitReport>, Box<dyn Error>> {
+    let mut refits = Vec::new();
+    let mut refit_report = |format: &'static str, refit: Option<Replacement>| {
+        refits.extend(refit.map(|refit| RefitReport {
+            format,
+            model: refit.to.name(),
+            rms_px: refit.covered.rms,
+            max_px: refit.covered.largest,
+            sensor_max_px: refit.sensor.largest,
+        }));
+    };
+    let Some(format) = export::from_name(name) else {
+        let folder = arguments.output.as_deref();
+        let folder = folder.ok_or_else(|| UsageError("--format all takes a folder: add -o DIR".to_owned()))?;
+        let folder = OutputFolder::open(folder)?;
+        for format in FORMATS {
+            match format.export(calibrated) {
+                Ok(exported) => {
+                    let path = folder.path().join(format.file);
+                    write_file(arguments, &path, &exported, written)?;
+                    refit_report(format.name, exported.refit);
+                }
+                // The others are worth having all the same.
+                Err(error) => print::aside(format!("not written: {error}")),
+            }
+        }
+        return Ok(refits);
+    };
+    let exported = format.export(calibrated)?;
+    match arguments.output.as_deref() {
+        Some(path) => write_file(arguments, path, &exported, written)?,
+        None if arguments.json => {
+            return Err(UsageError("--json needs a file for the format: add -o FILE".to_owned()).into());
+        }
+        None => {
+            print::text(&exported.text)?;
+            if let Some(note) = exported.note {
+                print::aside(format!("note: {note}"));
+            }
+        }
+    }
+    refit_report(format.name, exported.refit);
+    Ok(refits)
+}
+
+fn write_file(arguments: &Arguments, path: &Path, exported: &Exported, written: &mut Vec<PathBuf>) -> super::Outcome {
+    evcal_files::write(path, exported.text.as_bytes())?;
+    written.push(path.to_owned());
+    if arguments.json {
+        return Ok(());
+    }
+    let note = exported.note.as_ref().map(|note| format!(": {note}")).unwrap_or_default();
+    print::line(format!("written to {}{note}", path.display()))
+}
+
+/// Writes the look-ups that were asked for.
+fn write_tables(
+    arguments: &Arguments,
+    calibrated: &CalibratedCamera,
+    report: &mut serde_json::Map<String, serde_json::Value>,
+    written: &mut Vec<PathBuf>,
+) -> super::Outcome {
+    let options = &arguments.table;
+    let CalibratedCamera { camera, sensor, .. } = calibrated;
+    let ideal = options.ideal.unwrap_or_else(|| ideal_of(camera));
+    let exported = match options.nodes {
+        Some(size) => table(camera, &ideal, *sensor, size)?,
+        None => fit_table(camera, &ideal, *sensor, options.max_error)?,
+    };
+    let outputs = [
+        (&options.rust_table, ExportedTable::rust_module as Writer),
+        (&options.c_header, ExportedTable::c_header as Writer),
+    ];
+    for (path, text) in outputs {
+        if let Some(path) = path {
+            evcal_files::write(path, text(&exported).as_bytes())?;
+            written.push(path.clone());
+            if !arguments.json {
+                print::line(format!("written to {}", path.display()))?;
+            }
+        }
+    }
+    let ([columns, rows], [x, y]) = (exported.table.size(), exported.at);
+    for (name, value) in [
+        ("columns", columns.into()),
+        ("rows", rows.into()),
+        ("bytes", exported.bytes().into()),
+        ("largest_error_px", exported.largest_error.into()),
+        ("at", serde_json::to_value(exported.at)?),
+        ("pixels_without_value", exported.without_value.into()),
+    ] {
+        report.insert(name.to_owned(), value);
+    }
+    if arguments.json {
+        return Ok(());
+    }
+    print::line(format!(
+        "undistortion look-up of {columns} x {rows} nodes, {} bytes; largest error {:.4} px, at pixel ({x}, {y})",
+        exported.bytes(),
+        exported.largest_error
+    ))?;
+    if exported.without_value > 0 {
+        print::line(format!("{} pixels at the edge of the lens model have no value", exported.without_value))?;
+    }
+    Ok(())
+}
+
+/// Reads fx,fy,cx,cy.
+fn ideal_camera(text: &str) -> Result<IdealCamera<f64>, &'static str> {
+    let wrong = "write fx,fy,cx,cy, finite, with positive focal lengths";
+    let numbers: Vec<f64> =
+        text.split(',').map(|number| number.trim().parse().map_err(|_| wrong)).collect::<Result<_, _>>()?;
+    let &[fx, fy, cx, cy] = numbers.as_slice() else { return Err(wrong) };
+    let good = numbers.iter().all(|value| value.is_finite()) && fx > 0.0 && fy > 0.0;
+    good.then_some(IdealCamera { fx, fy, cx, cy }).ok_or(wrong)
+}

@@ -1,0 +1,52 @@
+//! `evcal info`.
+
+use std::path::PathBuf;
+
+use evcal_calibrate::calibrate::input::open_events;
+use evcal_calibrate::check::units::unusual_unit;
+use evcal_calibrate::diagnosis::information;
+
+use super::print;
+use super::source_arguments::SourceArguments;
+
+/// Arguments of `evcal info`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Recordings of any format, told apart by their content
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Print one JSON object per file, each on its line
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `evcal info`. A file that cannot be read does not keep the others from being told of.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let mut failures = Vec::new();
+    for (index, path) in arguments.files.iter().enumerate() {
+        let gathered = open_events(path, arguments.source.options())
+            .and_then(|recording| Ok((information::gather(&recording)?, recording)));
+        let (information, recording) = match gathered {
+            Ok(gathered) => gathered,
+            Err(error) => {
+                failures.push(error.to_string());
+                continue;
+            }
+        };
+        if arguments.json {
+            print::json(&information)?;
+        } else {
+            let separator = if index == 0 { "" } else { "\n" };
+            print::line(format!("{separator}{}", information.to_string().trim_end()))?;
+            if let Some(other) = unusual_unit(&recording, information.mean_rate) {
+                print::line(format!("{:<12}{other}: {}", "time unit", other.advice()))?;
+            }
+        }
+        if let Some(error) = &information.error {
+            failures.push(format!("{}: {error}", path.display()));
+        }
+    }
+    if failures.is_empty() { Ok(()) } else { Err(failures.join("\nevcal: ").into()) }
+}

@@ -1,0 +1,127 @@
+//! The calibration that follows a recording, begun while the recording goes on: the file is read as it grows, so that at its end
+//! only the solve is left. What comes out is what `evcal calibrate` makes of the file.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread::{Scope, ScopedJoinHandle};
+
+use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::settings::Settings;
+use evcal_geometry::board::Board;
+use evcal_live::background::workers;
+use event_recordings::{Recording, RecordingOptions};
+use usb_davis::dump::Growth;
+
+use super::super::calibrate::held::HeldCameras;
+use super::super::calibrate::work::{Attempt, Work};
+use super::super::calibrate::{CalibrationArguments, CameraRecordings, calibrate_recordings};
+use super::super::progress::Waiting;
+use evcal_files::folder::OutputFolder;
+
+/// What the thread and those who wait for it share.
+#[derive(Default)]
+pub struct Shared {
+    /// How far the recording is written.
+    pub growth: Growth,
+    stop: AtomicBool,
+    /// For those who wait at the end.
+    waiting: Mutex<Option<Waiting>>,
+}
+
+/// A calibration under way.
+pub struct Ahead<'scope, 'env> {
+    shared: &'env Shared,
+    thread: Option<ScopedJoinHandle<'scope, Option<(Work<'env>, Attempt)>>>,
+}
+
+impl<'scope, 'env> Ahead<'scope, 'env> {
+    /// Begins with the recordings `before`, which are whole, and that at `path`, of which `shared` tells how far it is written.
+    pub fn start(
+        scope: &'scope Scope<'scope, 'env>,
+        (before, path): (&'env [PathBuf], &'env Path),
+        board: Board,
+        arguments: &'env CalibrationArguments,
+        settings: &'env Settings,
+        shared: &'env Shared,
+    ) -> Self {
+        let work = move || {
+            let options = RecordingOptions::default();
+            let growing = Recording::growing(path, options.clone(), shared.growth.clone())?;
+            let mut inputs = Vec::new();
+            for path in before {
+                inputs.push(Input::open(path, &options, &board).ok()?);
+            }
+            inputs.push(growing.into());
+            let parameters = arguments.parameters().ok()?;
+            let work = Work {
+                inputs,
+                others: Vec::new(),
+                rolling_shutter: false,
+                held: HeldCameras::default(),
+                board,
+                sensor: None,
+                parameters,
+                arguments,
+                settings,
+                // Until the recording ends, reading and looking for the board is all that it does.
+                readers: Some(workers("reading ahead").ok()?),
+            };
+            // Workers of its own: those of the display must not wait for it.
+            let pool = rayon::ThreadPoolBuilder::new().build().ok()?;
+            let attempt = pool.install(|| {
+                work.calibrate(|step| {
+                    if shared.stop.load(Ordering::Relaxed) {
+                        return ControlFlow::Break(());
+                    }
+                    if let Some(waiting) = shared.waiting.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
+                        waiting.stage(step.text, step.done);
+                    }
+                    ControlFlow::Continue(())
+                })
+            });
+            Some((work, attempt))
+        };
+        Self { shared, thread: Some(scope.spawn(work)) }
+    }
+
+    /// The recording is over: waits for the calibration, writes and prints it. Where it could not be begun, it is made now.
+    pub fn finish(
+        mut self,
+        recordings: &[PathBuf],
+        arguments: &CalibrationArguments,
+        settings: &Settings,
+        folder: &OutputFolder,
+    ) -> super::super::Outcome {
+        self.shared.growth.end();
+        let lock = || self.shared.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        *lock() = Some(Waiting::new(arguments.json));
+        let made = self.thread.take().and_then(|thread| match thread.join() {
+            Ok(made) => made,
+            Err(panic) => std::panic::resume_unwind(panic),
+        });
+        let waiting = lock().take();
+        match (made, waiting) {
+            (Some((work, attempt)), Some(waiting)) => work.finish(attempt, waiting, folder),
+            (_, waiting) => {
+                waiting.into_iter().for_each(Waiting::finish);
+                calibrate_recordings(
+                    CameraRecordings::alone(recordings),
+                    &RecordingOptions::default(),
+                    arguments,
+                    settings,
+                    folder,
+                )
+            }
+        }
+    }
+}
+
+impl Drop for Ahead<'_, '_> {
+    fn drop(&mut self) {
+        // Whoever gives up waits for nothing.
+        self.shared.stop.store(true, Ordering::Relaxed);
+        self.shared.growth.end();
+    }
+}

@@ -1,0 +1,77 @@
+//! Checkpoints with the calibration that the command line asks for.
+
+use std::io;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use evcal_calibrate::calibrate::Task;
+use evcal_calibrate::calibrate::beginning::calibrate_beginning;
+use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::calibrate::step::Step;
+use evcal_calibrate::initial::model_choice::ModelRequest;
+use evcal_calibrate::settings::Settings;
+use evcal_geometry::board::Board;
+use evcal_live::checkpoint::{Checkpoints, Stated, Telling};
+use event_recordings::{Recording, RecordingOptions};
+
+use super::Arguments;
+
+/// What is calibrated at a checkpoint, and how.
+struct Work {
+    /// Recordings before, which are whole and calibrated together with it.
+    before: Vec<PathBuf>,
+    recording: PathBuf,
+    options: RecordingOptions,
+    board: Board,
+    model: ModelRequest,
+    settings: Settings,
+}
+
+/// Starts checkpoints of the file `recording`, which need not be there yet, together with those `before`.
+pub fn start(
+    arguments: &Arguments,
+    settings: &Settings,
+    board: &Board,
+    (before, recording): (&[PathBuf], &Path),
+    options: &RecordingOptions,
+    telling: Telling,
+) -> io::Result<Checkpoints> {
+    let work = Work {
+        before: before.to_vec(),
+        recording: recording.to_owned(),
+        options: options.clone(),
+        board: *board,
+        model: arguments.calibration.method.model,
+        settings: settings.clone(),
+    };
+    let (target, first) = (settings.live.target, settings.live.first_checkpoint);
+    Checkpoints::start(telling, target, first, move |seconds, stop| work.state(seconds, stop))
+}
+
+impl Work {
+    /// What a calibration of the first `seconds` states, or why there is none.
+    fn state(&self, seconds: f64, stop: &AtomicBool) -> Result<Stated, String> {
+        let recording = Recording::new(&self.recording, self.options.clone()).map_err(|error| error.to_string())?;
+        let before = self.before.iter().map(|path| Input::open(path, &self.options, &self.board));
+        let before: Vec<Input> = before.collect::<Result<_, _>>().map_err(|error| error.to_string())?;
+        let task = Task {
+            model: self.model,
+            sensor: self.options.sensor,
+            settings: &self.settings,
+            ..Task::new(&before, &self.board)
+        };
+        let go_on = |_: Step| match stop.load(Ordering::Relaxed) {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        };
+        let calibrated = calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| error.to_string())?;
+        let split_half = calibrated.events().and_then(|events| events.trust.split_half.as_ref());
+        let projection = &calibrated.trust.projection;
+        Ok(Stated {
+            rms: projection.rms,
+            max: projection.max,
+            halves_agree: split_half.is_some_and(|halves| halves.consistent()),
+        })
+    }
+}

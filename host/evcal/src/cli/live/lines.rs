@@ -1,0 +1,191 @@
+//! What is printed once a second.
+
+use std::io::IsTerminal;
+
+use evcal_live::checkpoint::Checkpoint;
+use evcal_live::health::Health;
+use evcal_live::recorder::RecordingStatus;
+use evcal_live::wanted::words;
+use evcal_live::{DISTANCES, Seen, Tilt};
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use super::super::{Outcome, print, progress, record};
+
+/// Prints hints: as JSON, on a line that changes, or line by line where that is no terminal.
+pub struct Lines {
+    json: bool,
+    /// Whether hints are as one sees the board in a mirror.
+    mirrored: bool,
+    is_terminal: bool,
+    bar: ProgressBar,
+    /// The first failure to print: plain text, for hints come from other threads.
+    printed: Result<(), String>,
+}
+
+impl Lines {
+    /// For a program that prints JSON or not, and hints `mirrored` or not.
+    pub fn new(json: bool, mirrored: bool) -> Self {
+        Self {
+            json,
+            mirrored,
+            is_terminal: std::io::stderr().is_terminal(),
+            bar: progress::spinner(json),
+            printed: Ok(()),
+        }
+    }
+
+    /// Tells what was seen, and how the recording goes if there is one.
+    pub fn tell(&mut self, seen: &Seen, status: Option<&RecordingStatus>) {
+        if self.json {
+            let object = as_json(seen, status, self.mirrored);
+            self.print(|| print::json(&object));
+            return;
+        }
+        let text = as_text(seen, status, self.mirrored);
+        if !self.is_terminal {
+            self.print(|| print::line(&text));
+        }
+        self.bar.set_message(text);
+    }
+
+    fn print(&mut self, print: impl FnOnce() -> Outcome) {
+        if self.printed.is_ok() {
+            self.printed = print().map_err(|error| error.to_string());
+        }
+    }
+
+    /// The last line is over; fails if one could not be printed.
+    pub fn finish(self) -> Outcome {
+        self.bar.finish_and_clear();
+        Ok(self.printed?)
+    }
+}
+
+/// One line: the hint, what was seen of the board, and how the recording goes.
+fn as_text(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> String {
+    let coverage = &seen.coverage;
+    let tilts: Vec<String> = Tilt::ALL
+        .iter()
+        .zip(coverage.tilts)
+        .map(|(tilt, count)| format!("{} {count}", tilt.seen(mirrored).name()))
+        .collect();
+    let nothing = seen.explanation.as_ref().map_or_else(String::new, |found| format!(" ({})", found.obstacle));
+    let health = health_as_text(&seen.health);
+    let seconds = status.map_or(seen.t, |status| status.seconds);
+    let error = error_as_text(seen);
+    let missing = words(&seen.missing(), mirrored);
+    let wanted = if missing.is_empty() { String::new() } else { format!("; still wanted: {}", missing.join(", ")) };
+    let recording = status.map_or_else(String::new, |status| {
+        format!("; {}; {} transfers not displayed", record::as_text(status), seen.left_out)
+    });
+    format!(
+        "{seconds:.0} s: {}{nothing}; {:.0} % done; {} boards, {:.0} % of the sensor, tilts {}{error}{wanted}{health}{recording}",
+        seen.hint.words(mirrored),
+        100.0 * seen.progress(),
+        coverage.boards,
+        100.0 * coverage.covered,
+        tilts.join(" "),
+    )
+}
+
+/// How the camera does, as far as it is known.
+fn health_as_text(health: &Health) -> String {
+    let mut parts = Vec::new();
+    if let Some(rates) = health.rates {
+        let load = rates.load.map_or_else(String::new, |load| format!(" (busiest {:.0} % of the limit)", 100.0 * load));
+        parts.push(format!("{:.2} Mev/s{load}, {:.0} % ON", 1e-6 * rates.mean, 100.0 * rates.on_share));
+    }
+    if let Some(noise) = health.noise {
+        parts.push(format!("noise {noise:.1} Hz a pixel"));
+    }
+    if let Some(count) = health.hot_pixels {
+        parts.push(format!("{count} hot pixels"));
+    }
+    if let Some(Some(flicker)) = health.flicker {
+        parts.push(format!("light flickers at {} Hz", flicker.frequency));
+    }
+    if let Some(focus) = health.focus {
+        parts.push(format!("edges {:.1} px wide (sharpest {:.1})", focus.width, focus.sharpest));
+    }
+    if parts.is_empty() { String::new() } else { format!("; {}", parts.join(", ")) }
+}
+
+fn health_as_json(health: &Health) -> Value {
+    json!({
+        "rate": health.rates.map(|rates| rates.mean),
+        "peak_rate": health.rates.map(|rates| rates.peak),
+        "load": health.rates.and_then(|rates| rates.load),
+        "on_share": health.rates.map(|rates| rates.on_share),
+        "noise": health.noise,
+        "hot_pixels": health.hot_pixels,
+        "flicker": health.flicker.flatten(),
+        "edge_width": health.focus.map(|focus| focus.width),
+        "sharpest_edge_width": health.focus.map(|focus| focus.sharpest),
+    })
+}
+
+/// What is known of the camera's error: stated by a calibration, estimated since, or by the quick estimate.
+fn error_as_text(seen: &Seen) -> String {
+    let mut text = match (&seen.checkpoint, seen.about, seen.sigma) {
+        (Some(Checkpoint { t, stated: Ok(stated) }), about, _) => {
+            let about = about.map_or_else(String::new, |about| format!(", now about ±{about:.3}"));
+            format!(", stated after {t:.0} s ±{:.3} px{about}", stated.rms)
+        }
+        (_, _, Some(sigma)) => format!(", ±{sigma:.3} px by the quick estimate"),
+        _ => String::new(),
+    };
+    if let Some(t) = seen.checkpoint_under_way {
+        text += &format!(", calibrating the first {t:.0} s");
+    }
+    text
+}
+
+/// One object with the same.
+fn as_json(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> Value {
+    let coverage = &seen.coverage;
+    let named = |names: &[&str], counts: &[u64]| {
+        Value::Object(names.iter().zip(counts).map(|(name, count)| ((*name).to_owned(), (*count).into())).collect())
+    };
+    let corners = |points: &[nalgebra::Vector2<f64>]| points.iter().map(|point| [point.x, point.y]).collect::<Vec<_>>();
+    let mut object = Map::new();
+    let mut put = |name: &str, value: Value| {
+        object.insert(name.to_owned(), value);
+    };
+    put("t", json!(seen.t));
+    put("hint", json!(seen.hint.words(mirrored)));
+    put("progress", json!(seen.progress()));
+    put("missing", json!(words(&seen.missing(), mirrored)));
+    put("boards", json!(coverage.boards));
+    put("covered", json!(coverage.covered));
+    put("tilts", named(&Tilt::ALL.map(Tilt::name), &coverage.tilts));
+    put("distances", named(&DISTANCES, &coverage.distances));
+    put("sigma", json!(seen.sigma));
+    put("about", json!(seen.about));
+    put("sigma_in_cells", json!(seen.sigma_in_cells));
+    put("checkpoint", json!(seen.checkpoint.as_ref().map(checkpoint_as_json)));
+    put("checkpoint_under_way", json!(seen.checkpoint_under_way));
+    put("target", json!(seen.target));
+    put("nothing_found", json!(seen.explanation.as_ref().map(|found| found.obstacle.to_string())));
+    put("health", health_as_json(&seen.health));
+    put("camera", json!(seen.camera));
+    put("board", json!(seen.board.as_ref().map(|board| corners(&board.corners))));
+    put("ghost", json!(seen.ghost.as_ref().map(|ghost| corners(&ghost.corners))));
+    if let Some(status) = status {
+        put("recording", json!(status));
+        put("transfers_not_displayed", json!(seen.left_out));
+    }
+    Value::Object(object)
+}
+
+fn checkpoint_as_json(checkpoint: &Checkpoint) -> Value {
+    match &checkpoint.stated {
+        Ok(stated) => json!({
+            "t": checkpoint.t,
+            "stated": stated.rms,
+            "largest": stated.max,
+            "halves_agree": stated.halves_agree,
+        }),
+        Err(reason) => json!({ "t": checkpoint.t, "failed": reason }),
+    }
+}

@@ -1,0 +1,92 @@
+//! `evcal live --replay`.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use evcal_calibrate::calibrate::input::open_events;
+use evcal_calibrate::detection::search::sensor_of;
+use evcal_calibrate::settings::Settings;
+use evcal_files::folder::OutputFolder;
+use evcal_live::checkpoint::Telling;
+use evcal_live::latest::Latest;
+use evcal_live::observer::Observer;
+use evcal_live::replay::replay;
+use evcal_live::wanted::words;
+
+use super::super::calibrate::{CameraRecordings, calibrate_recordings};
+use super::super::interrupt::Interrupt;
+use super::super::print;
+use super::lines::Lines;
+use super::{Arguments, checkpoint, open_window};
+
+/// The result of a checkpoint is told when the recording is so many times as long: about the time that it takes.
+const TOLD_AT_LENGTH: f64 = 1.5;
+
+/// Plays a recording until enough was seen, then calibrates from all of it.
+pub fn run(
+    arguments: &Arguments,
+    path: &Path,
+    settings: &Settings,
+    folder: &OutputFolder,
+    interrupt: &Interrupt,
+) -> super::super::Outcome {
+    let json = arguments.calibration.json;
+    let options = arguments.source.options();
+    let recording = open_events(path, options.clone())?;
+    let sensor = sensor_of(&recording)?;
+    let method = &arguments.calibration.method;
+    let board = &method.choose_board(&[path.to_owned()], &options, &settings.detection)?;
+    let checkpoints =
+        checkpoint::start(arguments, settings, board, (&[], path), &options, Telling::AtLength(TOLD_AT_LENGTH))?;
+    let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor)
+        .with_checkpoints(checkpoints);
+    let latest = Latest::new(observer.seen());
+    let window = open_window(arguments, folder, recording.may_hold_frames())?;
+    let mut screen = window.as_ref().map(|window| window.screen(Some(recording.clone())));
+    let mut lines = Lines::new(json, arguments.mirror);
+    let report = replay(
+        &recording,
+        sensor,
+        arguments.speed.times(),
+        observer,
+        &latest,
+        |seen| lines.tell(seen, None),
+        |picture| {
+            if let Some(screen) = &mut screen {
+                screen.show(picture, &latest);
+            }
+            let is_over = interrupt.is_asked() || window.as_ref().is_some_and(super::Window::is_finish_asked);
+            if is_over { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        },
+    )?;
+    interrupt.release();
+    lines.finish()?;
+    let seen = &report.seen;
+    if let Some(window) = &window {
+        window.calibrating(sensor, seen);
+    }
+    if !json {
+        print::line(match seen.is_enough() {
+            true => format!("enough was seen after {:.1} s of the recording", seen.t),
+            false => format!(
+                "{:.1} s; still wanted: {}",
+                report.seconds,
+                words(&seen.missing(), arguments.mirror).join(", ")
+            ),
+        })?;
+    }
+    if let Some(damage) = &report.damage {
+        print::aside(damage);
+    }
+    let calibrated = calibrate_recordings(
+        CameraRecordings::alone(&[path.to_owned()]),
+        &options,
+        &arguments.calibration,
+        settings,
+        folder,
+    );
+    if let Some(window) = window {
+        window.finish(sensor, seen, folder, &calibrated, false);
+    }
+    calibrated
+}

@@ -1,0 +1,204 @@
+//! The page, from the program's side.
+
+use std::env;
+use std::error::Error;
+use std::fs;
+use std::net::{IpAddr, Ipv4Addr};
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use evcal_calibrate::result::calibration_file::CalibrationFile;
+use evcal_core::sensor::Sensor;
+use evcal_files::folder::OutputFolder;
+use evcal_live::Seen;
+use evcal_live::frames::FrameFeed;
+use evcal_live::latest::Latest;
+use evcal_live::page::view::{Context, FileLink, Losses, Outcome, Phase, ended, looking};
+use evcal_live::page::{Next, Page, PageError, Publisher};
+use evcal_live::picture::EventPicture;
+use evcal_report::output::folder::results_in;
+use event_recordings::Recording;
+use event_recordings::pictures::GreyImage;
+
+use super::super::NotGoodEnough;
+use super::super::print;
+use super::browser::{self, Redirect, is_desktop};
+
+/// A page that has not asked for so long is closed.
+const GONE: Duration = Duration::from_secs(10);
+/// Time between two looks at whether the program should end.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// The page, and what it says beside what was seen.
+pub struct Window {
+    page: Page,
+    context: Arc<Mutex<Context>>,
+    /// Leads a browser to it.
+    redirect: Option<Redirect>,
+    is_local: bool,
+}
+
+impl Window {
+    /// Serves the page, to this computer alone unless it is to `listen` elsewhere.
+    pub fn open(listen: Option<IpAddr>, port: Option<u16>, context: Context) -> Result<Self, PageError> {
+        let address = listen.unwrap_or(Ipv4Addr::LOCALHOST.into());
+        let page = Page::start(address, port)?;
+        Ok(Self { page, context: Arc::new(Mutex::new(context)), redirect: None, is_local: address.is_loopback() })
+    }
+
+    /// Says where it is, and opens it where there is a desktop and a browser `is_wanted`, by way of a file in `folder`.
+    pub fn announce(&mut self, is_wanted: bool, folder: &Path) {
+        let url = self.page.url();
+        if is_wanted && is_desktop(|name| env::var_os(name)) {
+            self.redirect = browser::open(&url, folder).ok();
+        }
+        print::aside(match (&self.redirect, self.is_local) {
+            (Some(_), _) => format!("the page opens in a browser: {url}"),
+            (None, true) => format!("open {url} in a browser on this computer"),
+            (None, false) => format!("open {url} in a browser"),
+        });
+        if !self.is_local {
+            print::aside(
+                "other computers reach this page: whoever has that address sees the camera and can end the recording, and \
+                 what is sent is not encrypted",
+            );
+        }
+    }
+
+    /// Something that shows pictures, for the thread that has them; with the frames of `recording`, if it is one.
+    pub fn screen(&self, recording: Option<Recording>) -> Screen {
+        Screen { publisher: self.page.publisher(), context: Arc::clone(&self.context), recording, frames: None }
+    }
+
+    /// Whether the page shows frames, for another thread.
+    pub fn frames_wanted(&self) -> impl Fn() -> bool + Send + 'static {
+        let publisher = self.page.publisher();
+        move || publisher.are_frames_wanted()
+    }
+
+    /// Whether the person asked to end the recording.
+    pub fn is_finish_asked(&self) -> bool {
+        self.page.is_finish_asked()
+    }
+
+    fn context(&self) -> MutexGuard<'_, Context> {
+        self.context.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells what was lost so far.
+    pub fn set_losses(&self, losses: Losses) {
+        self.context().losses = losses;
+    }
+
+    fn publish(&self, phase: Phase, sensor: Sensor, seen: &Seen, outcome: Option<&Outcome>) {
+        let context = *self.context();
+        let state = ended(phase, [sensor.width, sensor.height], seen, context, outcome);
+        self.page.publisher().publish(&state, &[], &[]);
+    }
+
+    /// Says that the recording is over and the camera is being calibrated.
+    pub fn calibrating(&self, sensor: Sensor, seen: &Seen) {
+        self.publish(Phase::Calibrating, sensor, seen, None);
+    }
+
+    /// A recording begins, which is calibrated together with so many `before`.
+    pub fn begin(&self, before: usize) {
+        let mut context = self.context();
+        (context.losses, context.before) = (Losses::default(), before);
+        drop(context);
+        self.page.begin();
+    }
+
+    /// Shows how the calibration ended, until the person closes the page or the program, or wants another recording where
+    /// that `is_possible`.
+    pub fn finish(
+        &self,
+        sensor: Sensor,
+        seen: &Seen,
+        folder: &OutputFolder,
+        calibrated: &super::super::Outcome,
+        is_possible: bool,
+    ) -> Next {
+        let failure = calibrated.as_ref().err().filter(|error| !error.is::<NotGoodEnough>());
+        let outcome = match failure {
+            Some(error) => Err(error.to_string()),
+            None => self.outcome(folder.path()).map_err(|error| error.to_string()),
+        };
+        let (phase, outcome) = match outcome {
+            Ok(outcome) => (Phase::Done, outcome),
+            Err(verdict) => (Phase::Failed, Outcome { verdict, ..Outcome::default() }),
+        };
+        self.publish(phase, sensor, seen, Some(&Outcome { can_record: is_possible, ..outcome }));
+        if self.page.is_watched(GONE) {
+            print::aside(
+                "the page shows the result; evcal ends 10 s after the tab is closed, with \"Close evcal\", or with Ctrl-C",
+            );
+        }
+        while self.page.is_watched(GONE) {
+            match self.page.take_next() {
+                Some(Next::Again | Next::Add) if !is_possible => {}
+                Some(next) => return next,
+                None => thread::sleep(PATIENCE),
+            }
+        }
+        Next::Close
+    }
+
+    /// What is in the folder of the results.
+    fn outcome(&self, folder: &Path) -> Result<Outcome, Box<dyn Error>> {
+        let calibration: CalibrationFile = serde_json::from_str(&fs::read_to_string(folder.join("calibration.json"))?)?;
+        let report = fs::read_to_string(folder.join("report.html"))?;
+        let names: Vec<String> = results_in(folder).into_iter().map(|file| file.name).collect();
+        let paths = self.page.set_files(folder, &names);
+        let camera = calibration.camera.camera()?;
+        let parameters = camera.parameters();
+        let parameter = |index: usize| parameters.get(index).copied().unwrap_or(f64::NAN);
+        Ok(Outcome {
+            verdict: calibration.verdict.sentence,
+            model: calibration.camera.model,
+            matrix: [[parameter(0), 0.0, parameter(2)], [0.0, parameter(1), parameter(3)], [0.0, 0.0, 1.0]],
+            distortion: parameters.get(4..).unwrap_or_default().to_vec(),
+            sigma: Some(calibration.uncertainty.projection_rms),
+            folder: folder.display().to_string(),
+            report: Some(self.page.set_report(report)),
+            files: names.into_iter().zip(paths).map(|(name, path)| FileLink { name, path }).collect(),
+            can_record: false,
+        })
+    }
+}
+
+/// Shows pictures.
+pub struct Screen {
+    publisher: Publisher,
+    context: Arc<Mutex<Context>>,
+    /// A recording whose frames are read once they are wanted.
+    recording: Option<Recording>,
+    frames: Option<FrameFeed>,
+}
+
+impl Screen {
+    /// Shows a picture of a recording with what was seen last, and the frame beside it where frames are wanted.
+    pub fn show(&mut self, picture: &EventPicture, latest: &Latest) {
+        let frame = match self.publisher.are_frames_wanted() {
+            true => {
+                if let Some(recording) = self.recording.take() {
+                    self.frames = Some(FrameFeed::start(recording));
+                }
+                self.frames.as_ref().and_then(|frames| frames.at(picture.seconds()))
+            }
+            false => None,
+        };
+        self.show_with(picture, frame.as_deref(), latest);
+    }
+
+    /// Shows a picture and a frame with what was seen last.
+    pub fn show_with(&self, picture: &EventPicture, frame: Option<&GreyImage>, latest: &Latest) {
+        let shows_frames = self.publisher.are_frames_wanted();
+        let context = Context { shows_frames, ..*self.context.lock().unwrap_or_else(PoisonError::into_inner) };
+        let seen = latest.get();
+        let pixels = frame.map_or(&[][..], |frame| &frame.pixels);
+        self.publisher.publish(&looking(picture, frame, &seen, context), picture.pixels(), pixels);
+    }
+}

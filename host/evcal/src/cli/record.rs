@@ -1,0 +1,117 @@
+//! `evcal record`.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+
+use evcal_live::recorder::{Ending, Moment, RecorderReport, RecordingStatus, record};
+use serde_json::json;
+
+use super::camera_arguments::CameraArguments;
+use super::interrupt::Interrupt;
+use super::{print, progress};
+
+/// Arguments of `evcal record`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// File to write, .dvraw; one that is there already is never replaced
+    #[arg(value_name = "OUT.dvraw", value_parser = dvraw)]
+    output: PathBuf,
+    #[command(flatten)]
+    camera: CameraArguments,
+    /// Print the statistics as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Only what the ending promises is written.
+fn dvraw(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("dvraw")) {
+        true => Ok(path),
+        false => Err(format!(
+            "a camera is recorded as .dvraw: write {}, then make other formats of it with evcal convert",
+            path.with_extension("dvraw").display()
+        )),
+    }
+}
+
+/// Runs `evcal record`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let interrupt = Interrupt::catch()?;
+    let mut camera = arguments.camera.open()?;
+    let bar = progress::spinner(arguments.json);
+    let report = record(&mut camera, &arguments.output, &arguments.camera.plan(), |moment| {
+        if let Moment::Status(status) = moment {
+            bar.set_message(as_text(status));
+        }
+        if interrupt.is_asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    bar.finish_and_clear();
+    if arguments.json {
+        print::json(&as_json(&report))?;
+    } else {
+        print::line(summary(&report))?;
+    }
+    good_end(&report)
+}
+
+/// An error if the recording ended otherwise than planned.
+pub(super) fn good_end(report: &RecorderReport) -> super::Outcome {
+    if report.ending.is_good() {
+        return Ok(());
+    }
+    let (file, status) = (report.path.display(), &report.status);
+    let advice = match report.ending {
+        Ending::File(_) => "; make room on the disk, or record to another one",
+        _ => "",
+    };
+    Err(format!(
+        "{}; what came before is in {file}: {} events in {:.1} s, {} bytes{advice}",
+        report.ending, status.events, status.seconds, report.file_bytes
+    )
+    .into())
+}
+
+/// One line.
+pub(super) fn as_text(status: &RecordingStatus) -> String {
+    let (rate, megabytes) = (status.event_rate / 1e6, status.bytes as f64 / 1e6);
+    let silent = if status.events == 0 { "; no event yet: is the lens cap off, does anything move?" } else { "" };
+    format!("{rate:.3} Mev/s, {megabytes:.1} MB, {} events dropped by the camera{silent}", status.dropped)
+}
+
+/// What was recorded, in a few lines.
+pub(super) fn summary(report: &RecorderReport) -> String {
+    let status = &report.status;
+    let mut text = format!(
+        "{}: {} events in {:.1} s, {:.1} MB in {} transfers ({})",
+        report.path.display(),
+        status.events,
+        status.seconds,
+        status.bytes as f64 / 1e6,
+        report.transfers,
+        report.ending
+    );
+    if status.dropped > 0 || report.starved > 0 {
+        text += &format!(
+            "\nthe camera dropped {} events; {} transfers had to wait for this computer: end other programs, record to a faster disk",
+            status.dropped, report.starved
+        );
+    }
+    if report.failed > 0 {
+        text +=
+            &format!("\n{} transfers failed: what they would have brought is lost; check cable and hub", report.failed);
+    }
+    if report.faults > 0 {
+        text += &format!("\n{} faults in the stream: see evcal info; check cable and hub", report.faults);
+    }
+    text
+}
+
+fn as_json(report: &RecorderReport) -> serde_json::Value {
+    let status = &report.status;
+    json!({
+        "file": report.path, "seconds": status.seconds, "events": status.events, "bytes": status.bytes,
+        "transfers": report.transfers, "file_bytes": report.file_bytes, "dropped": status.dropped,
+        "starved": report.starved, "failed": report.failed, "faults": report.faults, "ending": report.ending.to_string(),
+    })
+}

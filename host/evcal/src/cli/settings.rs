@@ -1,0 +1,28 @@
+//! The settings of a run: those of a file, with OpenCV as the start where this program has it.
+
+use std::error::Error;
+use std::path::Path;
+
+use evcal_calibrate::detection::settings::Grid;
+use evcal_calibrate::settings::Settings;
+
+use super::UsageError;
+
+/// The settings in `file`, or the defaults; `grid` counts before them.
+///
+/// # Errors
+/// When the file cannot be read, or OpenCV's grid finder is asked for and not there.
+pub fn read_settings(file: Option<&Path>, grid: Option<Grid>) -> Result<Settings, Box<dyn Error>> {
+    let mut settings = file.map(Settings::read).transpose()?.unwrap_or_default();
+    settings.detection.grid = grid.unwrap_or(settings.detection.grid);
+    #[cfg(feature = "opencv")]
+    {
+        settings.initial.start = &evcal_opencv::Opencv;
+        settings.detection.opencv = Some(evcal_opencv::WHOLE_BOARD);
+    }
+    if settings.detection.grid == Grid::Opencv && settings.detection.opencv.is_none() {
+        let message = "this evcal was built without OpenCV: write lattice, or build it with the cargo feature `opencv`";
+        return Err(UsageError(message.to_owned()).into());
+    }
+    Ok(settings)
+}

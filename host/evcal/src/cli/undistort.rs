@@ -1,0 +1,183 @@
+//! `evcal undistort`.
+
+use std::path::{Path, PathBuf};
+
+use evcal_calibrate::undistort::picture::{is_picture, is_single, picture_outputs, undistort_pictures};
+use evcal_calibrate::undistort::recording::{
+    FRAMES_CAMERA, Maps, UndistortionReport, WrittenFrames, camera_path_beside, holds_camera, is_frame_file,
+    open_recording, undistort_frames, undistort_recording, undistort_sub_pixel, write_camera,
+};
+use evcal_calibrate::undistort::sub_pixel::SubPixelFormat;
+use evcal_calibrate::undistort::target::{TargetProjection, target_camera};
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use evcal_files::folder::OutputFolder;
+use evcal_geometry::lens::camera_file::{self, CameraDescription};
+use event_recordings::convert::{ConversionProgress, output_of};
+use event_recordings::encode::OutputFormat;
+
+use super::output_arguments::OutputArguments;
+use super::progress::{Waiting, short_name};
+use super::source_arguments::SourceArguments;
+use super::{UsageError, print, value};
+
+/// Arguments of `evcal undistort`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A recording, or pictures of the calibrated sensor (PNG or JPEG)
+    #[arg(required = true, value_name = "IN")]
+    inputs: Vec<PathBuf>,
+    /// The calibration: its folder or calibration.json, or truth.json of a simulation
+    #[arg(short, long, value_name = "FILE|DIR")]
+    calibration: PathBuf,
+    /// Recording or PNG to write; for several pictures, a folder
+    #[arg(short, long, value_name = "OUT", required_unless_present = "frames", value_parser = value::output_file())]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    results: OutputArguments,
+    /// How the camera without distortion projects: pinhole, or equidistant for lenses that see too much for that
+    #[arg(
+        long,
+        default_value = TargetProjection::Pinhole.name(),
+        value_parser = value::named(TargetProjection::ALL, TargetProjection::name, TargetProjection::description)
+    )]
+    model: TargetProjection,
+    /// Part of the image kept, from 0 (no black corners) to 1 (all of it), as in OpenCV's
+    /// getOptimalNewCameraMatrix [default: the camera matrix stays]
+    #[arg(long, value_name = "0..1", value_parser = value::number(0.0..=1.0, ""))]
+    alpha: Option<f64>,
+    /// Keep the fractions of pixels: OUT is .csv, .txt or .bin (EventCalib)
+    #[arg(long)]
+    subpixel: bool,
+    /// Format of the recording to write, such as aedat4, npz, hdf5 or csv; any unknown name prints the list
+    /// [default: by the extension of OUT]
+    #[arg(long, value_name = "FORMAT", conflicts_with = "subpixel")]
+    to: Option<OutputFormat>,
+    /// Write the frames of the recording as PNG into this folder
+    #[arg(long, value_name = "DIR")]
+    frames: Option<PathBuf>,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Print what was written as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `evcal undistort`.
+pub fn run(arguments: &Arguments) -> super::Outcome {
+    let (camera, sensor) = camera_file::read(&arguments.calibration)?;
+    let new = target_camera(&camera, arguments.model, sensor, arguments.alpha)?;
+    let maps = Maps::new(&camera, &new, sensor);
+    let pictures = arguments.inputs.iter().filter(|path| is_picture(path)).count();
+    match (arguments.inputs.as_slice(), pictures) {
+        ([recording], 0) => undistort_one(arguments, recording, &maps, &new, sensor),
+        (inputs, count) if inputs.len() == count => undistort_several(arguments, &maps, &new, sensor),
+        _ => Err(UsageError("give one recording, or pictures only".to_owned()).into()),
+    }
+}
+
+fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
+    if let Some(output) = &arguments.output {
+        check_outputs(arguments, [output.as_path()], &camera_path_beside(output), (new, sensor))?;
+    }
+    let folder = arguments.frames.as_deref();
+    let folder = folder.map(|folder| arguments.results.open_folder(folder, is_frame_file, &[])).transpose()?;
+    let recording = open_recording(path, arguments.source.options(), sensor)?;
+    let mut waiting = Waiting::new(arguments.json);
+    let stage = format!("undistorting {}", short_name(path));
+    waiting.stage(&stage, None);
+    let mut tell = |at: ConversionProgress| {
+        waiting.part(&stage, &format!("{stage}: {} events", at.events), at.done);
+    };
+    let mut report = None;
+    if let Some(output) = &arguments.output {
+        let done = if arguments.subpixel {
+            undistort_sub_pixel(&recording, output, SubPixelFormat::from_extension(output)?, maps, &mut tell)?
+        } else {
+            let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
+            undistort_recording(&recording, output, target, maps, &mut tell)?
+        };
+        write_camera(&camera_path_beside(output), new, sensor)?;
+        report = Some((output, done));
+    }
+    let mut frames = None;
+    if let Some(folder) = &folder {
+        folder.remove_results(is_frame_file)?;
+        let folder = folder.path();
+        frames = Some((folder, undistort_frames(&recording, folder, maps)?));
+        write_camera(&folder.join(FRAMES_CAMERA), new, sensor)?;
+    }
+    waiting.finish();
+    if arguments.json {
+        print::json(&serde_json::json!({
+            "camera": CameraDescription::new(new),
+            "recording": report.as_ref().map(|(_, report)| report),
+            "pictures": frames.as_ref().map(|(_, frames)| frames.count),
+        }))?;
+    } else {
+        print::line(describe(new))?;
+        if let Some((output, UndistortionReport { events_outside, conversion })) = &report {
+            print::line(format!("{}: {conversion}", output.display()))?;
+            print::line(format!("{events_outside} events were beyond the new image and are left out"))?;
+            print::line(format!("the camera is in {}", camera_path_beside(output).display()))?;
+        }
+        if let Some((folder, WrittenFrames { count, .. })) = &frames {
+            print::line(format!("{}: {count} pictures, and the camera in camera.json", folder.display()))?;
+        }
+    }
+    if let Some((folder, WrittenFrames { lost, .. })) = frames
+        && !lost.is_empty()
+    {
+        return Err(format!("{}\nwhat came before is in {}", lost.join("\n"), folder.display()).into());
+    }
+    match report {
+        Some((output, UndistortionReport { conversion, .. })) => match conversion.error {
+            Some(error) => Err(format!("{error}\nwhat came before is in {}", output.display()).into()),
+            None => Ok(()),
+        },
+        None => Ok(()),
+    }
+}
+
+fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
+    let for_recordings = arguments.subpixel || arguments.to.is_some() || arguments.frames.is_some();
+    let Some(output) = arguments.output.as_ref().filter(|_| !for_recordings) else {
+        return Err(UsageError("--subpixel, --to and --frames are for recordings; pictures take -o".to_owned()).into());
+    };
+    let written = picture_outputs(&arguments.inputs, output)?;
+    let single = is_single(&arguments.inputs, output);
+    let camera = if single { camera_path_beside(output) } else { output.join(FRAMES_CAMERA) };
+    let _folder = if single { None } else { Some(OutputFolder::open(output)?) };
+    check_outputs(arguments, written.iter().map(PathBuf::as_path), &camera, (new, sensor))?;
+    undistort_pictures(&arguments.inputs, &written, &maps.back)?;
+    write_camera(&camera, new, sensor)?;
+    if arguments.json {
+        return print::json(&serde_json::json!({ "camera": CameraDescription::new(new), "written": written }));
+    }
+    print::line(describe(new))?;
+    for path in written {
+        print::line(format!("written to {}", path.display()))?;
+    }
+    print::line(format!("the camera is in {}", camera.display()))
+}
+
+/// What is to be written must not be there yet, but for the file of the same camera.
+fn check_outputs<'a>(
+    arguments: &Arguments,
+    outputs: impl IntoIterator<Item = &'a Path>,
+    camera_file: &'a Path,
+    (camera, sensor): (&Camera<f64>, Sensor),
+) -> super::Outcome {
+    let other = (!holds_camera(camera_file, camera, sensor)).then_some(camera_file);
+    let calibration = camera_file::camera_path(&arguments.calibration);
+    let inputs: Vec<&Path> = arguments.inputs.iter().chain([&calibration]).map(PathBuf::as_path).collect();
+    Ok(arguments.results.check(outputs.into_iter().chain(other), &inputs)?)
+}
+
+fn describe(camera: &Camera<f64>) -> String {
+    let parameters = camera.parameters();
+    match parameters.first_chunk::<4>() {
+        Some([fx, fy, cx, cy]) => format!("without distortion: fx {fx:.3}, fy {fy:.3}, cx {cx:.3}, cy {cy:.3}"),
+        None => String::new(),
+    }
+}

@@ -1,0 +1,292 @@
+//! Files that appear whole or not at all.
+//!
+//! A [`NewFile`] is written beside its place under a name of its own and gets its name when it is whole: a full
+//! disk or a program that is ended leaves no cut file behind that looks like a result.
+
+mod exchange;
+pub mod folder;
+pub mod output;
+pub mod shell_word;
+pub mod unfinished;
+pub mod yaml;
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::{NamedTempFile, TempDir};
+
+use self::unfinished::Begun;
+
+/// Bytes that are written at once.
+const BUFFER: usize = 1 << 18;
+/// Ends the name of a file that is not whole yet.
+const UNFINISHED: &str = ".part";
+
+/// A file or folder that cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {}", path.display(), message(error))]
+pub struct FileError {
+    /// The file or folder.
+    pub path: PathBuf,
+    /// What the system said.
+    pub error: io::Error,
+}
+
+impl FileError {
+    /// An error of this file.
+    pub fn new(path: &Path, error: io::Error) -> Self {
+        Self { path: path.to_owned(), error }
+    }
+}
+
+/// What the system said, and what to do about it.
+pub fn message(error: &io::Error) -> String {
+    plain(error) + advice(error.kind())
+}
+
+/// What the system said, without the name of a temporary file that nobody knows.
+fn plain(error: &io::Error) -> String {
+    let text = error.to_string();
+    match (text.split_once(" at path \""), error.get_ref()) {
+        (Some((cause, path)), Some(_)) if path.contains(UNFINISHED) || path.contains(".tmp") => cause.to_owned(),
+        _ => text,
+    }
+}
+
+/// What to do about an error of this kind, as words to append.
+fn advice(kind: io::ErrorKind) -> &'static str {
+    match kind {
+        io::ErrorKind::NotFound => "; does the folder exist?",
+        io::ErrorKind::IsADirectory => "; name a file in it",
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => "; name a place where you may write",
+        io::ErrorKind::NotSeekable => "; this format cannot go into a pipe: name a file",
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "; make room there, or name another disk",
+        _ => "",
+    }
+}
+
+/// A file that is being written. Dropped before [`NewFile::finish`], it leaves nothing.
+#[derive(Debug)]
+pub struct NewFile {
+    /// Where it belongs.
+    path: PathBuf,
+    content: Content,
+}
+
+#[derive(Debug)]
+enum Content {
+    /// Under a name of its own in the folder of the file.
+    Beside(BufWriter<NamedTempFile>),
+    /// What is there is no ordinary file, such as a pipe or `/dev/stdout`: nothing can take its place.
+    InPlace(BufWriter<File>),
+}
+
+impl NewFile {
+    /// Begins the file at `path`.
+    ///
+    /// # Errors
+    /// [`FileError`] when nothing can be written there.
+    pub fn create(path: &Path) -> Result<Self, FileError> {
+        let failed = |error| FileError::new(path, error);
+        let there = fs::metadata(path);
+        if there.as_ref().is_ok_and(fs::Metadata::is_dir) {
+            return Err(failed(io::Error::from(io::ErrorKind::IsADirectory)));
+        }
+        if there.is_ok_and(|there| !there.is_file()) {
+            let content = Content::InPlace(BufWriter::with_capacity(BUFFER, File::create(path).map_err(failed)?));
+            return Ok(Self { path: path.to_owned(), content });
+        }
+        // The target of a link is replaced, not the link.
+        let place = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        let folder = place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        // Said without the name of a temporary file.
+        fs::metadata(folder).map_err(failed)?;
+        let mut prefix = std::ffi::OsString::from(".");
+        prefix.push(place.file_name().unwrap_or_default());
+        prefix.push(".");
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(&prefix).suffix(UNFINISHED);
+        #[cfg(unix)]
+        builder.permissions(permissions(&place));
+        let begun = unfinished::begin(Begun::ScratchFile, || {
+            let file = builder.tempfile_in(folder)?;
+            let path = file.path().to_owned();
+            Ok((file, path))
+        });
+        let content = Content::Beside(BufWriter::with_capacity(BUFFER, begun.map_err(failed)?));
+        Ok(Self { path: place, content })
+    }
+
+    /// Where the bytes are until the file is finished, for writers that open a file themselves.
+    pub fn unfinished_path(&self) -> &Path {
+        match &self.content {
+            Content::Beside(file) => file.get_ref().path(),
+            Content::InPlace(_) => &self.path,
+        }
+    }
+
+    /// The file as writers take it that want one of their own.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn handle(&self) -> io::Result<File> {
+        match &self.content {
+            Content::Beside(file) => file.get_ref().as_file().try_clone(),
+            Content::InPlace(file) => file.get_ref().try_clone(),
+        }
+    }
+
+    /// Gives the file its name; one that was there is replaced.
+    ///
+    /// # Errors
+    /// [`FileError`] when not all of it could be written.
+    pub fn finish(self) -> Result<(), FileError> {
+        let failed = |error| FileError::new(&self.path, error);
+        match self.content {
+            Content::Beside(file) => {
+                let file = file.into_inner().map_err(|error| failed(error.into_error()))?;
+                let path = file.path().to_owned();
+                unfinished::end(&path, || file.persist(&self.path)).map_err(|error| failed(error.error))?;
+            }
+            Content::InPlace(mut file) => file.flush().map_err(failed)?,
+        }
+        Ok(())
+    }
+}
+
+/// A folder in `folder` for what is not whole yet.
+fn scratch_in(folder: &Path) -> io::Result<TempDir> {
+    tempfile::Builder::new().prefix(".evcal.").suffix(UNFINISHED).tempdir_in(folder)
+}
+
+/// Those of the file that is there, or what any new file gets.
+#[cfg(unix)]
+fn permissions(place: &Path) -> fs::Permissions {
+    use std::os::unix::fs::PermissionsExt as _;
+    fs::metadata(place).map_or_else(|_| fs::Permissions::from_mode(0o666), |there| there.permissions())
+}
+
+impl Write for NewFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match &mut self.content {
+            Content::Beside(file) => file.write(bytes),
+            Content::InPlace(file) => file.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match &mut self.content {
+            Content::Beside(file) => file.flush(),
+            Content::InPlace(file) => file.flush(),
+        }
+    }
+}
+
+impl Seek for NewFile {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        match &mut self.content {
+            Content::Beside(file) => file.seek(to),
+            Content::InPlace(file) => file.seek(to),
+        }
+    }
+}
+
+/// Whether a file can be written at `path`, for who has to work long before there is something to write.
+///
+/// # Errors
+/// [`FileError`] when nothing can be written there.
+pub fn try_out(path: &Path) -> Result<(), FileError> {
+    NewFile::create(path).map(drop)
+}
+
+/// Writes a file of this content.
+///
+/// # Errors
+/// [`FileError`] when it cannot be written; what was there stays.
+pub fn write(path: &Path, content: &[u8]) -> Result<(), FileError> {
+    write_with(path, |file| file.write_all(content))
+}
+
+/// Writes a file with `fill`.
+///
+/// # Errors
+/// [`FileError`] when it cannot be written or `fill` fails; what was there stays.
+pub fn write_with(path: &Path, fill: impl FnOnce(&mut NewFile) -> io::Result<()>) -> Result<(), FileError> {
+    let mut file = NewFile::create(path)?;
+    fill(&mut file).map_err(|error| FileError::new(path, error))?;
+    file.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> =
+            fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_has_its_name_when_it_is_whole_and_not_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("result.csv");
+        let mut file = NewFile::create(&path).unwrap();
+        file.write_all(b"whole").unwrap();
+        assert!(!path.exists());
+        assert!(file.unfinished_path().exists());
+        file.finish().unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"whole");
+        assert_eq!(names(folder.path()), ["result.csv"]);
+    }
+
+    #[test]
+    fn what_cannot_be_a_file_is_refused_before_anything_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let refused = |path: &Path| NewFile::create(path).unwrap_err().to_string();
+        assert!(refused(folder.path()).contains("name a file in it"), "{}", refused(folder.path()));
+        let nowhere = refused(&folder.path().join("missing/result.csv"));
+        assert!(nowhere.ends_with("(os error 2); does the folder exist?"), "{nowhere}");
+        assert_eq!(names(folder.path()), [""; 0]);
+    }
+
+    #[test]
+    fn what_fails_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("result.csv");
+        write(&path, b"old").unwrap();
+        let error = write_with(&path, |file| {
+            file.write_all(b"half of the new")?;
+            Err(io::Error::other("disk full"))
+        });
+        assert!(error.unwrap_err().to_string().contains("result.csv: disk full"));
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(folder.path()), ["result.csv"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn devices_links_and_permissions_stay() {
+        use std::os::unix::fs::{PermissionsExt as _, symlink};
+        write(Path::new("/dev/null"), b"gone").unwrap();
+        assert!(!fs::metadata("/dev/null").unwrap().is_file());
+        let folder = tempfile::tempdir().unwrap();
+        let (real, link, plain) = ("real.csv", "link.csv", "plain.csv");
+        let [real, link, plain] = [real, link, plain].map(|name| folder.path().join(name));
+        fs::write(&real, b"old").unwrap();
+        fs::set_permissions(&real, fs::Permissions::from_mode(0o640)).unwrap();
+        symlink(&real, &link).unwrap();
+        write(&link, b"new").unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(fs::read(&real).unwrap(), b"new");
+        assert_eq!(fs::metadata(&real).unwrap().permissions().mode() & 0o777, 0o640);
+        // A new file can be read by whom the user lets read new files.
+        write(&plain, b"new").unwrap();
+        let other = folder.path().join("other.csv");
+        fs::write(&other, b"new").unwrap();
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&plain), mode(&other));
+    }
+}

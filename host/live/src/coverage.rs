@@ -1,0 +1,411 @@
+//! Where on the sensor the board was seen, and how it was tilted.
+
+use evcal_core::sensor::Sensor;
+use nalgebra::{Matrix3, Vector2};
+
+use super::wanted::Wanted;
+use evcal_calibrate::circles::reference_frame::ReferenceFrame;
+use evcal_calibrate::settings::LiveSettings;
+use evcal_geometry::board::Board;
+use evcal_geometry::board::homography::{homography, pose_from_homography};
+
+/// Most columns and most rows of cells.
+const MOST_CELLS: u16 = 64;
+
+/// Views whose tilts are looked at again, at most: the focal length is known better and better, but hardly changes after so many.
+const MOST_VIEWS: usize = 2048;
+
+/// The side of the board that is nearest to the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Tilt {
+    /// The left side, as the camera sees it.
+    Left,
+    /// The right side.
+    Right,
+    /// The upper side.
+    Top,
+    /// The lower side.
+    Bottom,
+}
+
+impl Tilt {
+    /// All of them, in the order in which they are counted.
+    pub const ALL: [Self; 4] = [Self::Left, Self::Right, Self::Top, Self::Bottom];
+
+    /// The side as the camera sees it, or as one sees it in a mirror.
+    pub const fn seen(self, mirrored: bool) -> Self {
+        match (self, mirrored) {
+            (Self::Left, true) => Self::Right,
+            (Self::Right, true) => Self::Left,
+            (side, _) => side,
+        }
+    }
+
+    /// Name for the user.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+            Self::Top => "top",
+            Self::Bottom => "bottom",
+        }
+    }
+}
+
+/// How far the board was: names for the user, nearest first.
+pub const DISTANCES: [&str; 3] = ["near", "middle", "far"];
+/// The board's longer side as a share of the sensor's shorter one, from which it counts as near, and as in the middle.
+const NEAR: [f64; 2] = [0.75, 0.5];
+
+/// What was seen of the board so far, in numbers.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CoverageSummary {
+    /// Windows with the board.
+    pub boards: u64,
+    /// Share of the sensor's cells in which circles were seen, 0 to 1.
+    pub covered: f64,
+    /// Columns and rows of cells.
+    pub size: (u16, u16),
+    /// How full each cell is, 0 to 1, row by row.
+    pub cells: Vec<f64>,
+    /// Windows with the board tilted to each side, in the order of [`Tilt::ALL`].
+    pub tilts: [u64; 4],
+    /// Windows with the board at each of [`DISTANCES`].
+    pub distances: [u64; 3],
+    /// What is still to be done; nothing when enough was seen.
+    pub missing: Vec<Wanted>,
+    /// How much of each criterion is fulfilled, 0 to 1: windows with the board, the share of the sensor, tilts.
+    pub fulfilled: [f64; 3],
+}
+
+/// What was seen of the board so far.
+///
+/// Tilts need the focal length. Until it is known it follows from all views so far, as Zhang's method gives it for
+/// square pixels without distortion whose principal point is the middle of the sensor; good to some
+/// per cent, enough to tell 15° from 0°.
+#[derive(Clone, Debug)]
+pub struct LiveCoverage {
+    settings: LiveSettings,
+    board: Board,
+    sensor: Sensor,
+    cells: Vec<u64>,
+    /// Homographies from the board (in spacings) to pixels from the middle of the sensor, divided by
+    /// its width; the latest ones.
+    views: Vec<Matrix3<f64>>,
+    /// Tilts of those before.
+    settled: [u64; 4],
+    boards: u64,
+    distances: [u64; 3],
+    /// Focal length in widths of the sensor, where a camera is known.
+    focal_length: Option<f64>,
+}
+
+impl LiveCoverage {
+    /// Nothing seen yet, of a sensor of this width and height.
+    pub fn new(settings: &LiveSettings, board: &Board, sensor: Sensor) -> Self {
+        let (columns, rows) = (settings.columns.clamp(1, MOST_CELLS), settings.rows.clamp(1, MOST_CELLS));
+        let cells = vec![0; usize::from(columns) * usize::from(rows)];
+        let settings = LiveSettings { columns, rows, ..settings.clone() };
+        Self {
+            settings,
+            board: *board,
+            sensor,
+            cells,
+            views: Vec::new(),
+            settled: [0; 4],
+            boards: 0,
+            distances: [0; 3],
+            focal_length: None,
+        }
+    }
+
+    /// Takes a window with the board.
+    pub fn add(&mut self, frame: &ReferenceFrame) {
+        let (width, height) = (f64::from(self.sensor.width), f64::from(self.sensor.height));
+        let (columns, rows) = (self.settings.columns, self.settings.rows);
+        let cell = |position: f64, size: f64, count: u16| {
+            let cell = (position + 0.5) / size * f64::from(count);
+            (cell.max(0.0) as usize).min(usize::from(count) - 1)
+        };
+        for circle in &frame.circles {
+            let index =
+                cell(circle.center.y, height, rows) * usize::from(columns) + cell(circle.center.x, width, columns);
+            if let Some(cell) = self.cells.get_mut(index) {
+                *cell += 1;
+            }
+        }
+        let plane: Vec<Vector2<f64>> =
+            frame.circles.iter().map(|circle| self.board.circle_center(circle.index) / self.board.spacing).collect();
+        let middle = Vector2::new(0.5 * (width - 1.0), 0.5 * (height - 1.0));
+        let image: Vec<Vector2<f64>> = frame.circles.iter().map(|circle| (circle.center - middle) / width).collect();
+        let Some(view) = homography(&plane, &image) else { return };
+        let size = self.apparent_size(&view);
+        let distance = NEAR.iter().position(|least| size >= *least).unwrap_or(NEAR.len());
+        if let Some(count) = self.distances.get_mut(distance) {
+            *count += 1;
+        }
+        self.boards += 1;
+        self.views.push(view);
+        if self.views.len() > MOST_VIEWS {
+            let recent = self.views.split_off(MOST_VIEWS / 2);
+            self.settled = self.tilts();
+            self.views = recent;
+        }
+    }
+
+    /// The board's longer side in the image as a share of the sensor's shorter side, were it not tilted.
+    fn apparent_size(&self, view: &Matrix3<f64>) -> f64 {
+        let middle = self.board.middle() / self.board.spacing;
+        let point = view * middle.push(1.0);
+        // |∂(u, v)/∂(x, y)| = |H| / z³ for a homography H.
+        let scale = (view.determinant() / (point.z * point.z * point.z)).abs().sqrt();
+        let (width, height) = (f64::from(self.sensor.width), f64::from(self.sensor.height));
+        scale * self.board.longer_side() / self.board.spacing * width / width.min(height)
+    }
+
+    /// What was seen so far, in numbers.
+    pub fn summary(&self) -> CoverageSummary {
+        let (covered, tilts) = (self.covered(), self.tilts());
+        let wanted = self.settings.circles_per_cell.max(1);
+        let share = |count: u64, wanted: u64| if wanted == 0 { 1.0 } else { count as f64 / wanted as f64 };
+        let share_of_tilts = tilts.map(|count| share(count, self.settings.boards_per_tilt).min(1.0));
+        let fulfilled = [
+            share(self.boards(), self.settings.boards),
+            if self.settings.coverage > 0.0 { covered / self.settings.coverage } else { 1.0 },
+            share_of_tilts.iter().sum::<f64>() / share_of_tilts.len() as f64,
+        ];
+        CoverageSummary {
+            boards: self.boards(),
+            covered,
+            size: (self.settings.columns, self.settings.rows),
+            cells: self.cells.iter().map(|circles| share(*circles, wanted).min(1.0)).collect(),
+            tilts,
+            distances: self.distances,
+            missing: self.missing_beside(covered, tilts),
+            fulfilled: fulfilled.map(|share| share.clamp(0.0, 1.0)),
+        }
+    }
+
+    /// From now on the focal length (px) is known.
+    pub fn set_focal_length(&mut self, focal_length: f64) {
+        self.focal_length = Some(focal_length / f64::from(self.sensor.width));
+    }
+
+    /// Windows with the board.
+    pub fn boards(&self) -> u64 {
+        self.boards
+    }
+
+    /// Share of the sensor's cells in which circles were seen, 0 to 1.
+    pub fn covered(&self) -> f64 {
+        let covered = self.cells.iter().filter(|&&circles| circles >= self.settings.circles_per_cell.max(1)).count();
+        covered as f64 / self.cells.len() as f64
+    }
+
+    /// How often the board was tilted to each side, in the order of [`Tilt::ALL`].
+    pub fn tilts(&self) -> [u64; 4] {
+        let focal_length = self.focal_length.unwrap_or_else(|| focal_length(&self.views));
+        let mut counts = self.settled;
+        for view in &self.views {
+            let Some(tilt) = tilt(view, focal_length, self.settings.tilt.to_radians()) else { continue };
+            if let Some(count) = counts.get_mut(tilt as usize) {
+                *count += 1;
+            }
+        }
+        counts
+    }
+
+    /// What is still to be done; nothing when enough was seen.
+    pub fn missing(&self) -> Vec<Wanted> {
+        self.missing_beside(self.covered(), self.tilts())
+    }
+
+    fn missing_beside(&self, covered: f64, tilts: [u64; 4]) -> Vec<Wanted> {
+        let mut missing = Vec::new();
+        if self.boards() < self.settings.boards {
+            missing.push(Wanted::Views(self.settings.boards - self.boards()));
+        }
+        if covered < self.settings.coverage {
+            let (x, y) = self.emptiest();
+            missing.push(Wanted::Part(x, y));
+        }
+        for (tilt, count) in Tilt::ALL.into_iter().zip(tilts) {
+            if count < self.settings.boards_per_tilt {
+                missing.push(Wanted::Nearer(tilt, self.settings.tilt));
+            }
+        }
+        missing
+    }
+
+    /// The part of the image in which least was seen: to the right and downwards from the middle (each −1, 0 or 1).
+    fn emptiest(&self) -> (i8, i8) {
+        const PARTS: [(i8, i8); 9] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
+        let (columns, rows) = (usize::from(self.settings.columns), usize::from(self.settings.rows));
+        let mut cells = [(0, 0); 9];
+        for (index, &circles) in self.cells.iter().enumerate() {
+            let part = (index / columns) * 3 / rows * 3 + (index % columns) * 3 / columns;
+            if let Some((covered, all)) = cells.get_mut(part) {
+                *covered += usize::from(circles >= self.settings.circles_per_cell.max(1));
+                *all += 1;
+            }
+        }
+        // Share against share without division; parts without cells are full.
+        let least = PARTS.iter().zip(cells).min_by(|(_, a), (_, b)| {
+            let (a, b) = if a.1 == 0 || b.1 == 0 { (b.1, a.1) } else { (a.0 * b.1, b.0 * a.1) };
+            a.cmp(&b)
+        });
+        least.map_or((0, 0), |(part, _)| *part)
+    }
+}
+
+/// The focal length in widths of the sensor: least squares over what each view says of 1/f² (two
+/// equations a view: the images of the board's axes are perpendicular and equally long in space).
+/// One width, 53° across, where the views do not tell.
+fn focal_length(views: &[Matrix3<f64>]) -> f64 {
+    let (mut square, mut product) = (0.0, 0.0);
+    for view in views {
+        let (first, second) = (view.column(0), view.column(1));
+        let scale = 0.5 * (first.xy().norm_squared() + second.xy().norm_squared());
+        for (a, b) in [
+            (first.xy().dot(&second.xy()), first.z * second.z),
+            (first.xy().norm_squared() - second.xy().norm_squared(), first.z * first.z - second.z * second.z),
+        ] {
+            square += (a / scale) * (a / scale);
+            product -= (a / scale) * (b / scale);
+        }
+    }
+    let inverse_square = product / square;
+    let focal_length = 1.0 / inverse_square.sqrt();
+    // From 7° to 150° across.
+    if (0.13..8.0).contains(&focal_length) { focal_length } else { 1.0 }
+}
+
+/// The nearest side, if the board is tilted by at least `least` (radians).
+fn tilt(view: &Matrix3<f64>, focal_length: f64, least: f64) -> Option<Tilt> {
+    let normalised =
+        Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0 / focal_length, 1.0 / focal_length, 1.0)) * view;
+    let normal = pose_from_homography(&normalised)?.rotation * nalgebra::Vector3::z();
+    let angle = normal.xy().norm().atan2(normal.z.abs());
+    // Depth on the board falls along the normal's direction in the image.
+    let side = match (normal.x.abs() > normal.y.abs(), normal.x * normal.z > 0.0, normal.y * normal.z > 0.0) {
+        (true, true, _) => Tilt::Right,
+        (true, false, _) => Tilt::Left,
+        (false, _, true) => Tilt::Bottom,
+        (false, _, false) => Tilt::Top,
+    };
+    (angle >= least).then_some(side)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Point3, Vector3};
+
+    use super::*;
+    use evcal_calibrate::circles::reference_frame::{ObservedCircle, SeenIn};
+
+    const SENSOR: Sensor = Sensor::new(346, 260);
+
+    fn board() -> Board {
+        "acircles:9x4:55mm:r17.5mm".parse().unwrap()
+    }
+
+    /// The board turned about its middle by `turn`, at `position`, through a pinhole of focal length
+    /// `focal` px.
+    fn view(turn: Vector3<f64>, position: Vector3<f64>, focal: f64) -> ReferenceFrame {
+        let board = board();
+        let pose = Isometry3::new(position, turn);
+        let circles = (0..board.circle_count()).map(|index| {
+            let point = board.circle_center(index) - board.middle();
+            let point = pose * Point3::new(point.x, point.y, 0.0);
+            let center = Vector2::new(focal * point.x / point.z + 172.5, focal * point.y / point.z + 129.5);
+            ObservedCircle { index, t: 0.0, center, radius: None, velocity: None }
+        });
+        ReferenceFrame { recording: 0, start: 0.0, end: 0.0, circles: circles.collect(), seen_in: SeenIn::Circles }
+    }
+
+    fn ahead() -> Vector3<f64> {
+        Vector3::new(0.0, 0.0, 1.0)
+    }
+
+    /// However long it goes on, no more is kept and looked at again.
+    #[test]
+    fn of_many_views_the_older_ones_are_only_counted() {
+        let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
+        let tilted = [Vector3::new(0.0, 0.5, 0.0), Vector3::new(0.5, 0.0, 0.0)].map(|turn| view(turn, ahead(), 330.0));
+        for frame in tilted.iter().cycle().take(5 * MOST_VIEWS) {
+            coverage.add(frame);
+        }
+        assert_eq!(coverage.boards(), 5 * MOST_VIEWS as u64);
+        assert!(coverage.views.len() <= MOST_VIEWS, "{}", coverage.views.len());
+        let mut counts = coverage.tilts();
+        counts.sort_unstable();
+        let half = 5 * MOST_VIEWS as u64 / 2;
+        assert_eq!(counts, [0, 0, half, half]);
+    }
+
+    #[test]
+    fn tilts_have_the_side_that_is_nearer() {
+        for focal in [150.0, 330.0, 700.0] {
+            for turn in [[0.0, 0.4], [0.0, -0.4], [0.4, 0.0], [-0.4, 0.0]] {
+                let turn = Vector3::new(turn[0], turn[1], 0.0);
+                let frame = view(turn, ahead(), focal);
+                // Where in the image the circles are nearer than the board's middle, 1 m away.
+                let pose = Isometry3::new(ahead(), turn);
+                let mut nearer = Vector2::zeros();
+                for circle in &frame.circles {
+                    let point = board().circle_center(circle.index) - board().middle();
+                    let depth = (pose * Point3::new(point.x, point.y, 0.0)).z;
+                    nearer += (circle.center - Vector2::new(172.5, 129.5)) * (1.0 - depth);
+                }
+                let expected = match (nearer.x.abs() > nearer.y.abs(), nearer.x > 0.0, nearer.y > 0.0) {
+                    (true, true, _) => Tilt::Right,
+                    (true, false, _) => Tilt::Left,
+                    (false, _, true) => Tilt::Bottom,
+                    (false, _, false) => Tilt::Top,
+                };
+                let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
+                coverage.add(&frame);
+                let found = Tilt::ALL.into_iter().zip(coverage.tilts()).find(|(_, count)| *count == 1);
+                assert_eq!(found.map(|(tilt, _)| tilt), Some(expected), "{focal} {turn:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_focal_length_follows_from_tilted_views() {
+        for focal in [150.0, 330.0, 700.0] {
+            let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
+            for index in 0..12 {
+                let angle = f64::from(index) * 0.5;
+                coverage.add(&view(Vector3::new(0.3 * angle.sin(), 0.4 * angle.cos(), 0.2), ahead(), focal));
+            }
+            let found = focal_length(&coverage.views) * f64::from(SENSOR.width);
+            assert!((found - focal).abs() < 1e-6 * focal, "{found} {focal}");
+        }
+        let mut frontal = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
+        frontal.add(&view(Vector3::zeros(), ahead(), 330.0));
+        assert_eq!(frontal.tilts(), [0; 4]);
+    }
+
+    #[test]
+    fn enough_is_enough_and_what_is_missing_is_named() {
+        let settings = LiveSettings { boards: 8, boards_per_tilt: 1, circles_per_cell: 1, ..LiveSettings::default() };
+        let mut coverage = LiveCoverage::new(&settings, &board(), SENSOR);
+        assert_eq!(coverage.missing().len(), 6);
+        for side in [-1.0, 1.0] {
+            coverage.add(&view(Vector3::new(0.4 * side, 0.0, 0.0), Vector3::new(-0.2, 0.0, 0.9), 330.0));
+            coverage.add(&view(Vector3::new(0.0, 0.4 * side, 0.0), Vector3::new(-0.2, 0.0, 0.9), 330.0));
+        }
+        assert_eq!(coverage.tilts(), [1; 4]);
+        let missing = coverage.missing();
+        assert!(matches!(missing[..], [Wanted::Views(4), Wanted::Part(1, _)]), "{missing:?}");
+        for x in [-0.4, -0.2, 0.0, 0.2, 0.4] {
+            for y in [-0.3, -0.1, 0.1, 0.3] {
+                coverage.add(&view(Vector3::zeros(), Vector3::new(x, y, 0.9), 330.0));
+            }
+        }
+        assert_eq!(coverage.missing(), []);
+        assert!(coverage.covered() >= 0.8 && coverage.boards() == 24);
+    }
+}

@@ -1,0 +1,64 @@
+//! A recording's frames beside its events, for the eye.
+
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use event_recordings::pictures::{GreyImage, visit_frames};
+use event_recordings::{Recording, RecordingError};
+
+/// How often a frame that is not due looks whether it is.
+const PATIENCE: Duration = Duration::from_millis(10);
+
+/// What the reader and whoever shows share.
+#[derive(Default)]
+struct Shared {
+    /// Time of the events that are shown (µs since the first).
+    now: AtomicI64,
+    newest: Mutex<Option<Arc<GreyImage>>>,
+    ended: AtomicBool,
+}
+
+/// Reads frames of a recording on a thread of its own, each when the events beside it are shown.
+pub struct FrameFeed(Arc<Shared>);
+
+impl FrameFeed {
+    /// Begins to read `recording`. A recording that cannot be read has no frames here: whoever reads its events says why.
+    pub fn start(recording: Recording) -> Self {
+        let shared = Arc::new(Shared::default());
+        let of_thread = Arc::clone(&shared);
+        thread::spawn(move || {
+            let Ok(first) = first_time(&recording) else { return };
+            let _ = visit_frames(&recording, |frame| {
+                let due = frame.exposure.0.saturating_sub(first);
+                while of_thread.now.load(Ordering::Relaxed) < due && !of_thread.ended.load(Ordering::Relaxed) {
+                    thread::sleep(PATIENCE);
+                }
+                if let Ok(image) = frame.image {
+                    *of_thread.newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(image));
+                }
+            });
+        });
+        Self(shared)
+    }
+
+    /// The latest frame at `t` (s since the first event), as far as it was read.
+    pub fn at(&self, t: f64) -> Option<Arc<GreyImage>> {
+        self.0.now.store((t * 1e6) as i64, Ordering::Relaxed);
+        self.0.newest.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl Drop for FrameFeed {
+    fn drop(&mut self) {
+        self.0.ended.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Time of the first event (µs, as in the file).
+fn first_time(recording: &Recording) -> Result<i64, RecordingError> {
+    let (mut reader, mut events) = (recording.open()?, Vec::new());
+    while events.is_empty() && reader.next_batch(&mut events)? {}
+    Ok(events.first().map_or(0, |event| event.t))
+}

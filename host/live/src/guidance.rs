@@ -1,0 +1,400 @@
+//! Where the board should go next: the place from which most would be learnt about the camera.
+//!
+//! Every window with the board adds its information of the intrinsics ([`evcal_calibrate::initial::information`]). A place is worth what it would
+//! take off the projection's mean variance over the sensor in a second there, averaged over where a person's hands
+//! really are (`place`); the best one becomes the *ghost*, which stays until most of its worth came in. Time is the
+//! sensor's, so the same recording gives the same hints.
+//!
+//! The camera behind this is provisional: an ordinary lens (`radtan`) from the windows so far, made anew whenever there
+//! are twice as many. What it states of itself ([`Guidance::sigma`]) is from windows alone and therefore larger than
+//! what a calibration of the same recording states.
+
+mod hint;
+mod place;
+#[cfg(test)]
+mod tests;
+
+use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
+use nalgebra::{Isometry3, Point3, Vector2};
+
+use self::hint::{choose, errors};
+use self::place::{Candidate, candidates, expected_information};
+use evcal_calibrate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use evcal_calibrate::initial::InitialSettings;
+use evcal_calibrate::initial::information::{Information, ProjectionMeasure, prior, sigma_in_cells, view_information};
+use evcal_calibrate::initial::provisional::{provisional_camera, provisional_pose};
+use evcal_geometry::board::Board;
+
+pub use self::hint::{Hint, Swing};
+pub use self::place::Place;
+
+/// Windows of so many seconds count once, however many there are in them.
+const WINDOW: f64 = 0.1;
+/// Windows that a second of a place is worth.
+const WINDOWS_OF_A_STAY: f64 = 10.0;
+/// Views that are kept; when there are more, every other one is left out.
+const MOST_VIEWS: usize = 1024;
+/// Views from which the first camera is made.
+const FIRST_VIEWS: u64 = 24;
+/// Views among which those for a camera are chosen.
+const CAMERA_VIEWS: usize = 128;
+/// How often the ghost is thought over (s).
+const THINK: f64 = 0.5;
+/// The ghost moves on when this share of its worth has come in.
+const ENOUGH_OF_A_PLACE: f64 = 0.8;
+/// The ghost moves on when the board was near it for so long (s).
+const LONGEST_VISIT: f64 = 2.0;
+/// The ghost moves on when the board has not come nearer for so long (s).
+const PATIENCE: f64 = 4.0;
+/// The ghost moves to another place that is worth so many times as much.
+const WORTH_CHANGE: f64 = 1.5;
+/// The ghost does not move before it has stayed for so long (s).
+const SHORTEST_STAY: f64 = 2.0;
+/// A board that was not seen for so long is lost (s).
+const LOST: f64 = 1.0;
+/// Largest error of a board that is near the ghost, in units of what a hint leaves alone.
+const NEAR: f64 = 1.5;
+/// Points of the outline on each side of the board.
+const POINTS_A_SIDE: usize = 6;
+
+/// One window with the board.
+struct View {
+    t: f64,
+    circles: Vec<ObservedCircle>,
+    weight: f64,
+}
+
+/// Where the board should go.
+#[derive(Clone, Copy, Debug)]
+struct Ghost {
+    place: Place,
+    /// What a window there tells.
+    information: Information,
+    /// Since when.
+    since: f64,
+    /// Variance of the projection when it was chosen, and what a stay would make of it (px²).
+    variance: (f64, f64),
+    /// The least error so far, and when it was reached.
+    nearest: (f64, f64),
+    /// When the board first was near it.
+    reached: Option<f64>,
+}
+
+/// The ghost in the image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GhostOutline {
+    /// Outline of the board (px), clockwise from the corner beside the first circle as the board is printed.
+    pub outline: Vec<Vector2<f64>>,
+    /// The four corners, where the lens sees them, in the same order.
+    pub corners: Vec<Vector2<f64>>,
+    /// Share of its worth that came in, 0 to 1.
+    pub gained: f64,
+    /// How far the board is from it, in units of what is near enough; `None` while it is not seen.
+    pub distance: Option<f64>,
+    /// How to move the board when it is there.
+    pub swing: Swing,
+}
+
+/// What is known of the camera, where the board should go, and how to say so.
+pub struct Guidance {
+    board: Board,
+    sensor: Sensor,
+    settings: InitialSettings,
+    views: Vec<View>,
+    seen: u64,
+    next_camera: u64,
+    camera: Camera<f64>,
+    is_estimated: bool,
+    measure: Option<ProjectionMeasure>,
+    information: Information,
+    /// A time that was marked, and the information up to it.
+    mark: Option<(f64, Information)>,
+    candidates: Vec<Candidate>,
+    latest: Option<(f64, Isometry3<f64>)>,
+    thought: Option<f64>,
+    ghost: Option<Ghost>,
+    /// Ghosts of which enough came in.
+    used_up: u64,
+    hint: Hint,
+}
+
+impl Guidance {
+    /// Nothing seen yet of `board` by a camera with this sensor.
+    pub fn new(board: &Board, sensor: Sensor, settings: &InitialSettings) -> Option<Self> {
+        // 53° across until the views tell.
+        let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
+        let start = [width, width, 0.5 * (width - 1.0), 0.5 * (height - 1.0), 0.0, 0.0, 0.0, 0.0, 0.0];
+        let camera = Camera::from_parameters(ModelKind::Radtan, &start)?;
+        let mut guidance = Self {
+            board: *board,
+            sensor,
+            settings: settings.clone(),
+            views: Vec::new(),
+            seen: 0,
+            next_camera: FIRST_VIEWS,
+            camera,
+            is_estimated: false,
+            measure: None,
+            information: Information::zeros(),
+            mark: None,
+            candidates: Vec::new(),
+            latest: None,
+            thought: None,
+            ghost: None,
+            used_up: 0,
+            hint: Hint::Show,
+        };
+        guidance.rebuild();
+        Some(guidance)
+    }
+
+    /// The provisional camera; `None` until the views tell it.
+    pub fn camera(&self) -> Option<&Camera<f64>> {
+        self.is_estimated.then_some(&self.camera)
+    }
+
+    /// Root mean square over the sensor of the projection's standard deviation (px), from windows alone (the
+    /// quick estimate); `None` before the first camera.
+    pub fn sigma(&self) -> Option<f64> {
+        self.camera()?;
+        self.measure.as_ref()?.sigma(&self.information)
+    }
+
+    /// The same for each cell of the sensor cut into so many columns and rows, row by row; `None` where the lens sees nothing.
+    pub fn sigma_in_cells(&self, size: (u16, u16)) -> Option<Vec<Option<f64>>> {
+        sigma_in_cells(self.camera()?, self.sensor, size, &self.information)
+    }
+
+    /// Another recording of the same camera begins, with a clock of its own: what is known of the camera stays.
+    pub fn begin_again(&mut self) {
+        self.views.iter_mut().for_each(|view| view.t = f64::NEG_INFINITY);
+        (self.mark, self.latest, self.thought, self.ghost) = (None, None, None, None);
+        self.hint = Hint::Show;
+    }
+
+    /// Marks a time: [`Guidance::ratio_since_mark`] counts from it.
+    pub fn mark(&mut self, t: f64) {
+        self.mark = Some((t, self.information_until(t)));
+    }
+
+    /// [`Guidance::sigma`] now over what it was at the marked time, by the camera of now: at most 1.
+    pub fn ratio_since_mark(&self) -> Option<f64> {
+        let (_, before) = self.mark.as_ref()?;
+        Some((self.sigma()? / self.measure.as_ref()?.sigma(before)?).min(1.0))
+    }
+
+    /// What to do with the board.
+    pub fn hint(&self) -> Hint {
+        self.hint
+    }
+
+    /// Where the ghost is.
+    pub fn place(&self) -> Option<Place> {
+        self.ghost.map(|ghost| ghost.place)
+    }
+
+    /// How many ghosts there were of which enough came in.
+    pub fn used_up(&self) -> u64 {
+        self.used_up
+    }
+
+    /// The ghost in the image.
+    pub fn ghost(&self) -> Option<GhostOutline> {
+        let ghost = self.ghost.as_ref()?;
+        let pose = ghost.place.pose(&self.board);
+        let project = |point: &Vector2<f64>| self.camera.project(&(pose * Point3::new(point.x, point.y, 0.0)).coords);
+        let corners = corners(&self.board);
+        let ends = corners.iter().zip(corners.iter().cycle().skip(1));
+        let outline = ends.flat_map(|(from, to)| {
+            (0..POINTS_A_SIDE).map(move |step| from.lerp(to, step as f64 / POINTS_A_SIDE as f64))
+        });
+        Some(GhostOutline {
+            outline: outline.filter_map(|point| project(&point)).collect(),
+            corners: corners.iter().filter_map(project).collect(),
+            gained: self.gained(ghost).unwrap_or(0.0).clamp(0.0, 1.0),
+            distance: self.latest.filter(|_| self.hint != Hint::Lost).and_then(|(_, pose)| self.error_of_ghost(&pose)),
+            swing: Swing::of(&ghost.place),
+        })
+    }
+
+    /// Takes a window with the board.
+    pub fn add(&mut self, frame: &ReferenceFrame) {
+        let since = self.latest.map_or(WINDOW, |(t, _)| frame.t() - t);
+        let weight = (since / WINDOW).clamp(0.0, 1.0);
+        let view = View { t: frame.t(), circles: frame.circles.clone(), weight };
+        let Some(pose) = provisional_pose(&self.camera, &view.circles, &self.board, &self.settings) else { return };
+        self.latest = Some((frame.t(), pose));
+        self.seen += 1;
+        if let Some(information) = self.information_of(&view, &pose) {
+            self.information += information;
+        }
+        self.views.push(view);
+        if self.views.len() > MOST_VIEWS {
+            let mut index = 0;
+            self.views.retain_mut(|view| {
+                index += 1;
+                view.weight *= 2.0;
+                index % 2 == 0
+            });
+        }
+        if self.seen >= self.next_camera {
+            self.next_camera *= 2;
+            self.estimate();
+        }
+    }
+
+    /// Thinks about the ghost and the hint at time `now` (s of the sensor).
+    pub fn advise(&mut self, now: f64) {
+        if self.seen > 0 && self.thought.is_none_or(|thought| now - thought >= THINK) {
+            self.thought = Some(now);
+            self.think(now);
+        }
+        self.hint = match (self.latest, self.seen) {
+            (_, 0) | (None, _) => Hint::Show,
+            (Some((t, _)), _) if now - t > LOST => Hint::Lost,
+            (Some((_, pose)), _) => {
+                let width = f64::from(self.sensor.width);
+                let errors = self.ghost.as_ref().and_then(|ghost| {
+                    Some(errors(&self.where_is(&pose)?, &self.where_is(&ghost.place.pose(&self.board))?, width))
+                });
+                match (errors.map_or(Hint::Stay, |errors| choose(&errors, self.hint)), &self.ghost) {
+                    (Hint::Stay, Some(ghost)) => Hint::Swing(Swing::of(&ghost.place)),
+                    (hint, _) => hint,
+                }
+            }
+        };
+    }
+
+    fn where_is(&self, pose: &Isometry3<f64>) -> Option<hint::Seen> {
+        let middle = self.board.middle();
+        let middle = (pose * Point3::new(middle.x, middle.y, 0.0)).coords;
+        Some(hint::Seen { pose: *pose, middle, pixel: self.camera.project(&middle)? })
+    }
+
+    fn information_of(&self, view: &View, pose: &Isometry3<f64>) -> Option<Information> {
+        let points = view.circles.iter().map(|circle| self.board.circle_center(circle.index));
+        Some(view_information(&self.camera, pose, points)? * view.weight)
+    }
+
+    /// A new camera from the views.
+    fn estimate(&mut self) {
+        let step = self.views.len().div_ceil(CAMERA_VIEWS).max(1);
+        let views: Vec<&[ObservedCircle]> =
+            self.views.iter().step_by(step).map(|view| view.circles.as_slice()).collect();
+        let camera = provisional_camera(&views, &self.board, self.sensor, ModelKind::Radtan, &self.settings);
+        if let Some(camera) = camera {
+            self.camera = camera;
+            self.is_estimated = true;
+            self.rebuild();
+        }
+    }
+
+    /// What depends on the camera.
+    fn rebuild(&mut self) {
+        self.measure = ProjectionMeasure::new(&self.camera, self.sensor);
+        self.candidates = candidates(&self.camera, &self.board, self.sensor);
+        self.information = self.information_until(f64::INFINITY);
+        if let Some((t, _)) = self.mark {
+            self.mark(t);
+        }
+        if let Some(place) = self.place() {
+            let information = expected_information(&self.camera, &self.board, self.sensor, &place);
+            let variance = (self.variance(None), self.variance(Some(&information)));
+            if let (Some(ghost), (Some(before), Some(after))) = (&mut self.ghost, variance) {
+                (ghost.information, ghost.variance) = (information, (before, after));
+            }
+        }
+    }
+
+    /// The information of the windows up to `t`.
+    fn information_until(&self, t: f64) -> Information {
+        let mut sum = prior(&self.camera);
+        for view in self.views.iter().filter(|view| view.t <= t) {
+            let pose = provisional_pose(&self.camera, &view.circles, &self.board, &self.settings);
+            if let Some(information) = pose.and_then(|pose| self.information_of(view, &pose)) {
+                sum += information;
+            }
+        }
+        sum
+    }
+
+    /// Mean variance of the projection (px²), now or after a stay at a place that tells this.
+    fn variance(&self, stay: Option<&Information>) -> Option<f64> {
+        let information = stay.map_or(self.information, |stay| self.information + stay * WINDOWS_OF_A_STAY);
+        Some(self.measure.as_ref()?.sigma(&information)?.powi(2))
+    }
+
+    /// Share of the ghost's worth that came in.
+    fn gained(&self, ghost: &Ghost) -> Option<f64> {
+        let (before, after) = ghost.variance;
+        Some((before - self.variance(None)?) / (before - after))
+    }
+
+    /// Keeps the ghost or chooses another.
+    fn think(&mut self, now: f64) {
+        if let Some((_, pose)) = self.latest.filter(|(t, _)| now - t <= LOST)
+            && let Some(error) = self.error_of_ghost(&pose)
+            && let Some(ghost) = &mut self.ghost
+        {
+            if error < ghost.nearest.0 {
+                ghost.nearest = (error, now);
+            }
+            if error < NEAR {
+                ghost.reached.get_or_insert(now);
+            }
+        }
+        let Some(variance) = self.variance(None) else { return };
+        let worth = |information: &Information| self.variance(Some(information)).map(|after| variance - after);
+        // A place that was left is not the next one: whoever could not follow it cannot follow it now.
+        let before = self.place();
+        let others = self.candidates.iter().filter(|candidate| Some(candidate.place) != before);
+        let mut best: Option<(f64, Candidate)> = None;
+        for candidate in others {
+            if let Some(worth) = worth(&candidate.information)
+                && best.is_none_or(|(most, _)| worth > most)
+            {
+                best = Some((worth, *candidate));
+            }
+        }
+        let Some((most, candidate)) = best else { return };
+        let stays = self.ghost.as_ref().is_some_and(|ghost| {
+            let is_young = now - ghost.since < SHORTEST_STAY;
+            let is_used = self.gained(ghost).is_none_or(|gained| gained >= ENOUGH_OF_A_PLACE);
+            let is_visited = ghost.reached.is_some_and(|reached| now - reached >= LONGEST_VISIT);
+            let is_stuck = now - ghost.nearest.1 > PATIENCE || is_visited;
+            let is_poor = worth(&ghost.information).is_none_or(|worth| most > WORTH_CHANGE * worth);
+            !is_used && (is_young || !(is_stuck || is_poor))
+        });
+        if !stays {
+            let is_used = self
+                .ghost
+                .as_ref()
+                .and_then(|ghost| self.gained(ghost))
+                .is_some_and(|gained| gained >= ENOUGH_OF_A_PLACE);
+            self.used_up += u64::from(is_used);
+            self.ghost = Some(Ghost {
+                place: candidate.place,
+                information: candidate.information,
+                since: now,
+                variance: (variance, variance - most),
+                nearest: (f64::INFINITY, now),
+                reached: None,
+            });
+        }
+    }
+
+    /// How far a board is from the ghost, in units of what is near enough.
+    fn error_of_ghost(&self, pose: &Isometry3<f64>) -> Option<f64> {
+        let goal = self.ghost.as_ref()?.place.pose(&self.board);
+        let errors = errors(&self.where_is(pose)?, &self.where_is(&goal)?, f64::from(self.sensor.width));
+        Some(errors.iter().map(|(_, error)| *error).fold(0.0, f64::max))
+    }
+}
+
+/// Corners of the printed board (m): a spacing beyond its outermost circles, clockwise as it is printed.
+pub fn corners(board: &Board) -> [Vector2<f64>; 4] {
+    let (low, high) = board.extent();
+    let (low, high) = (low.add_scalar(-board.spacing), high.add_scalar(board.spacing));
+    [low, Vector2::new(high.x, low.y), high, Vector2::new(low.x, high.y)]
+}

@@ -1,0 +1,68 @@
+//! Watching a camera while it is recorded: has enough of the board been seen for a calibration?
+//!
+//! The detection stages of a calibration (windows, circles, grid) run on a thread of their own on
+//! what the camera sends, and [`guidance`] says where the board should go next. The recording never waits for them:
+//! transfers that they have no time for are left out of the display, and counted. [`replay`](mod@replay) does the same
+//! with a recording.
+
+pub mod background;
+pub mod checkpoint;
+mod coverage;
+pub mod frames;
+pub mod guidance;
+pub mod health;
+pub mod latest;
+pub mod observer;
+pub mod obstacle;
+#[cfg(feature = "page")]
+pub mod page;
+pub mod picture;
+pub mod playback;
+pub mod recorder;
+pub mod replay;
+pub mod wanted;
+mod watcher;
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use usb_davis::device::Camera;
+use usb_davis::dump::Transfer;
+
+use self::recorder::{Moment, RecorderReport, RecordingError, RecordingPlan, RecordingStatus, record};
+
+pub use self::coverage::{CoverageSummary, DISTANCES, LiveCoverage, Tilt};
+pub use self::observer::{Memory, Seen};
+pub use self::watcher::Watcher;
+
+/// Records `camera` to `path` until `watcher` has seen enough, the plan ends it or `stop` says so. `status` is told once
+/// a second how it goes and what was seen so far; `pass_on` gets every transfer once it is on the disk, and must not wait.
+///
+/// # Errors
+/// [`RecordingError`] when nothing can be recorded.
+pub fn record_board(
+    camera: &mut Camera,
+    path: &Path,
+    plan: &RecordingPlan,
+    watcher: &mut Watcher,
+    stop: impl Fn() -> bool,
+    pass_on: impl Fn(&Transfer<'_>),
+    mut status: impl FnMut(&RecordingStatus, &Seen),
+) -> Result<RecorderReport, RecordingError> {
+    let mut enough = false;
+    record(camera, path, plan, |moment| {
+        match moment {
+            Moment::Transfer(transfer) => {
+                watcher.take(transfer);
+                pass_on(transfer);
+            }
+            Moment::Status(now) => {
+                let seen = watcher.seen();
+                enough = seen.is_enough();
+                status(now, &seen);
+            }
+            Moment::Silence => {}
+        }
+        if enough || stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })
+}

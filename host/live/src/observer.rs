@@ -1,0 +1,344 @@
+//! From events to what is known of the board right now.
+
+use std::collections::VecDeque;
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+use nalgebra::Vector2;
+
+use super::checkpoint::{Checkpoint, Checkpoints};
+use super::guidance::{GhostOutline, Guidance, Hint, Place, corners};
+use super::health::{Health, HealthMonitor};
+use super::obstacle::{Explainer, Explanation};
+use super::wanted::Wanted;
+use super::{CoverageSummary, LiveCoverage};
+use evcal_calibrate::circles::reference_frame::ReferenceFrame;
+use evcal_calibrate::detection::DetectionStage;
+use evcal_calibrate::detection::settings::DetectionSettings;
+use evcal_calibrate::initial::InitialSettings;
+use evcal_calibrate::settings::LiveSettings;
+use evcal_geometry::board::Board;
+use evcal_geometry::board::homography::homography;
+
+/// Chunks that are searched in one go: a fifth of a second, unless the settings say otherwise.
+const CHUNKS_TOGETHER: usize = 2;
+/// How often coverage is told anew, which looks at every view (s of the sensor).
+const SUMMARY: f64 = 0.5;
+/// Time over which the board's motion is taken as straight (s): long enough that the noise of its outline does not count.
+const STRAIGHT: f64 = 0.1;
+
+/// Progress that is told at most before enough was seen.
+const ALMOST: f64 = 0.99;
+
+/// The board in the image, and how it moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardOutline {
+    /// Sensor time (s since the first event).
+    pub t: f64,
+    /// Corners (px), clockwise as the board is printed, from the one beside the first circle.
+    pub corners: [Vector2<f64>; 4],
+    /// Velocity of each corner (px/s).
+    pub velocity: [Vector2<f64>; 4],
+    /// The circles found: centre and, where known, radius (px).
+    pub circles: Vec<(Vector2<f64>, Option<f64>)>,
+}
+
+/// What was seen so far.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// Sensor time of the latest event (s since the first).
+    pub t: f64,
+    /// Boards, coverage and tilts.
+    pub coverage: CoverageSummary,
+    /// Where the board was last.
+    pub board: Option<BoardOutline>,
+    /// Where it should go.
+    pub ghost: Option<GhostOutline>,
+    /// How many places it was brought to for long enough.
+    pub used_up: u64,
+    /// What to do with it.
+    pub hint: Hint,
+    /// Expected error of the camera by the quick estimate from windows alone (px, root mean square over the sensor);
+    /// `None` before there is a camera. The calibration's own error is several times smaller.
+    pub sigma: Option<f64>,
+    /// The latest calibration of the recording so far.
+    pub checkpoint: Option<Checkpoint>,
+    /// End of the beginning that is being calibrated right now (s since the first event).
+    pub checkpoint_under_way: Option<f64>,
+    /// What a calibration would state now (px, root mean square over the sensor), estimated from the latest checkpoint
+    /// and the windows since.
+    pub about: Option<f64>,
+    /// Largest stated error that is good enough (px).
+    pub target: f64,
+    /// Time from the first sight of the board on (s).
+    pub watched: f64,
+    /// Shortest time that it must be watched (s).
+    pub shortest: f64,
+    /// The error in each cell of the coverage (px, root mean square), row by row: what a calibration would state now, or by
+    /// the quick estimate before the first one. Nothing before there is a camera; `None` where its lens does not see.
+    pub sigma_in_cells: Vec<Option<f64>>,
+    /// The provisional camera's focal lengths and principal point (px).
+    pub camera: Option<[f64; 4]>,
+    /// How the camera does.
+    pub health: Health,
+    /// Why the board is not found, while it is not.
+    pub explanation: Option<Explanation>,
+    /// Transfers that were left out because the detector was busy.
+    pub left_out: u64,
+}
+
+impl Seen {
+    /// Whether enough was seen for a calibration: a checkpoint states it, and the board was everywhere.
+    pub fn is_enough(&self) -> bool {
+        self.missing().is_empty()
+    }
+
+    /// What is still to be done; nothing when enough was seen.
+    pub fn missing(&self) -> Vec<Wanted> {
+        let mut missing = self.coverage.missing.clone();
+        if self.watched < self.shortest {
+            missing.push(Wanted::Time(self.shortest - self.watched));
+        }
+        match &self.checkpoint {
+            Some(checkpoint) => missing.extend(checkpoint.missing(self.target).map(Wanted::Checkpoint)),
+            None if self.sigma.is_none() => missing.push(Wanted::OtherTilts),
+            None => missing.push(Wanted::FirstCheckpoint),
+        }
+        missing
+    }
+
+    /// How far the recording is on its way to enough, 0 to 1: the mean over all criteria, so that whatever helps shows. All of it only
+    /// with [`Seen::is_enough`].
+    pub fn progress(&self) -> f64 {
+        if self.is_enough() {
+            return 1.0;
+        }
+        let of_time = if self.shortest > 0.0 { (self.watched / self.shortest).min(1.0) } else { 1.0 };
+        // The error falls with the square root of time.
+        let of_error = self.about.map_or(0.0, |about| (self.target / about).powi(2).min(1.0));
+        let [of_boards, of_sensor, of_tilts] = self.coverage.fulfilled;
+        let shares = [of_boards, of_sensor, of_tilts, of_time, of_error];
+        (shares.iter().sum::<f64>() / shares.len() as f64).min(ALMOST)
+    }
+}
+
+/// What earlier recordings showed.
+pub struct Memory {
+    coverage: LiveCoverage,
+    guidance: Option<Guidance>,
+}
+
+/// Looks for the board in events as they come.
+pub struct Observer<'a> {
+    detection: &'a DetectionSettings,
+    sensor: Sensor,
+    stage: DetectionStage<'a>,
+    health: HealthMonitor,
+    explainer: Explainer,
+    coverage: LiveCoverage,
+    /// What was last said of it, and when.
+    summary: (CoverageSummary, f64),
+    /// The error in each cell of it, by the quick estimate.
+    sigma_in_cells: Vec<Option<f64>>,
+    guidance: Option<Guidance>,
+    checkpoints: Option<Checkpoints>,
+    board: Board,
+    target: f64,
+    shortest: f64,
+    /// When the board was seen first (s).
+    first_seen: Option<f64>,
+    latest: f64,
+    outline: Option<BoardOutline>,
+    /// Where its corners were in the last [`STRAIGHT`] seconds.
+    path: VecDeque<(f64, [Vector2<f64>; 4])>,
+}
+
+impl<'a> Observer<'a> {
+    /// Nothing seen yet by this sensor. Without [`Observer::with_checkpoints`] it never sees enough.
+    pub fn new(
+        detection: &'a DetectionSettings,
+        initial: &InitialSettings,
+        live: &LiveSettings,
+        board: &Board,
+        sensor: Sensor,
+    ) -> Self {
+        let coverage = LiveCoverage::new(live, board, sensor);
+        Self {
+            detection,
+            sensor,
+            health: HealthMonitor::new(sensor),
+            explainer: Explainer::default(),
+            summary: (coverage.summary(), 0.0),
+            sigma_in_cells: Vec::new(),
+            stage: DetectionStage::for_board(detection, sensor, board.pattern, 0),
+            coverage,
+            guidance: Guidance::new(board, sensor, initial),
+            checkpoints: None,
+            board: *board,
+            target: live.target,
+            shortest: live.shortest,
+            first_seen: None,
+            latest: 0.0,
+            outline: None,
+            path: VecDeque::new(),
+        }
+    }
+
+    /// Calibrations of what was recorded so far say when it is enough.
+    pub fn with_checkpoints(self, checkpoints: Checkpoints) -> Self {
+        Self { checkpoints: Some(checkpoints), ..self }
+    }
+
+    /// Takes the next events, with times from the first (µs) that never go back. Whether something new is known.
+    pub fn push(&mut self, events: &[Event]) -> bool {
+        if let Some(event) = events.last() {
+            self.latest = event.t as f64 * 1e-6;
+        }
+        self.health.push(events);
+        self.explainer.push(events, &self.board, self.sensor, self.detection);
+        self.stage.push(events);
+        let is_due = self.stage.waiting_chunks() >= CHUNKS_TOGETHER;
+        if is_due {
+            self.search();
+        }
+        is_due
+    }
+
+    fn search(&mut self) {
+        for frame in self.stage.take_frames() {
+            self.first_seen.get_or_insert(frame.start);
+            self.health.see(&frame);
+            self.explainer.found(frame.t());
+            self.coverage.add(&frame);
+            self.outline = self.outline_of(&frame);
+            if let Some(guidance) = &mut self.guidance {
+                guidance.add(&frame);
+                guidance.advise(frame.t());
+                if let Some(focal_length) = guidance.camera().and_then(|camera| camera.parameters().first().copied()) {
+                    self.coverage.set_focal_length(focal_length);
+                }
+            }
+        }
+        if let Some(guidance) = &mut self.guidance {
+            guidance.advise(self.latest);
+        }
+        if self.latest - self.summary.1 >= SUMMARY {
+            self.summarise();
+        }
+        self.check();
+    }
+
+    /// Looks after checkpoints, also while no events come. Whether one was told.
+    pub fn check(&mut self) -> bool {
+        let told = self.checkpoints.as_mut().and_then(|checkpoints| checkpoints.advance(self.latest, self.first_seen));
+        let told = told.map(|checkpoint| checkpoint.t);
+        if let (Some(t), Some(guidance)) = (told, &mut self.guidance) {
+            guidance.mark(t);
+        }
+        told.is_some()
+    }
+
+    /// Not one event came for so long (s), which the sensor's clock does not tell.
+    pub fn silence(&mut self, seconds: f64) {
+        self.explainer.silence();
+        if let Some(guidance) = &mut self.guidance {
+            guidance.advise(self.latest + seconds);
+        }
+    }
+
+    /// Looks at all events that wait, and tells coverage as of now.
+    pub fn finish(&mut self) {
+        self.search();
+        self.summarise();
+    }
+
+    fn summarise(&mut self) {
+        self.summary = (self.coverage.summary(), self.latest);
+        let size = self.summary.0.size;
+        self.sigma_in_cells =
+            self.guidance.as_ref().and_then(|guidance| guidance.sigma_in_cells(size)).unwrap_or_default();
+    }
+
+    /// What is to be remembered for another recording of the same camera, with which this one is calibrated.
+    pub fn into_memory(self) -> Memory {
+        Memory { coverage: self.coverage, guidance: self.guidance }
+    }
+
+    /// The recording goes on from others: what was seen in them counts.
+    pub fn with_memory(mut self, memory: Memory) -> Self {
+        self.coverage = memory.coverage;
+        self.guidance = memory.guidance;
+        if let Some(guidance) = &mut self.guidance {
+            guidance.begin_again();
+        }
+        self.summarise();
+        self
+    }
+
+    /// What was seen so far.
+    pub fn seen(&self) -> Seen {
+        let guidance = self.guidance.as_ref();
+        let (sigma, about) = (guidance.and_then(Guidance::sigma), self.about());
+        let scale = about.zip(sigma).map_or(1.0, |(about, sigma)| about / sigma);
+        let mut seen = Seen {
+            t: self.latest,
+            coverage: self.summary.0.clone(),
+            board: self.outline.clone(),
+            ghost: guidance.and_then(Guidance::ghost),
+            used_up: guidance.map_or(0, Guidance::used_up),
+            hint: guidance.map_or(Hint::Show, Guidance::hint),
+            sigma,
+            about,
+            sigma_in_cells: self.sigma_in_cells.iter().map(|sigma| Some(scale * (*sigma)?)).collect(),
+            checkpoint: self.checkpoints.as_ref().and_then(Checkpoints::latest).cloned(),
+            checkpoint_under_way: self.checkpoints.as_ref().and_then(Checkpoints::under_way),
+            target: self.target,
+            watched: self.first_seen.map_or(0.0, |first| self.latest - first),
+            shortest: self.shortest,
+            camera: guidance.and_then(Guidance::camera).and_then(|camera| {
+                let parameters = camera.parameters();
+                parameters.get(..4).and_then(|first| first.try_into().ok())
+            }),
+            health: self.health.health(),
+            explanation: self.explainer.explanation().cloned(),
+            left_out: 0,
+        };
+        if seen.is_enough() {
+            (seen.hint, seen.ghost) = (Hint::Done, None);
+        }
+        seen
+    }
+
+    /// Where the board should go, for whoever moves it by numbers.
+    pub fn wanted_place(&self) -> Option<Place> {
+        self.guidance.as_ref().and_then(Guidance::place)
+    }
+
+    /// What a calibration would state now.
+    fn about(&self) -> Option<f64> {
+        let stated = self.checkpoints.as_ref()?.latest()?.stated.as_ref().ok()?;
+        Some(stated.rms * self.guidance.as_ref()?.ratio_since_mark()?)
+    }
+
+    fn outline_of(&mut self, frame: &ReferenceFrame) -> Option<BoardOutline> {
+        let plane: Vec<Vector2<f64>> =
+            frame.circles.iter().map(|circle| self.board.circle_center(circle.index)).collect();
+        let image: Vec<Vector2<f64>> = frame.circles.iter().map(|circle| circle.center).collect();
+        let homography = homography(&plane, &image)?;
+        let corners = corners(&self.board).map(|corner| {
+            let image = homography * corner.push(1.0);
+            image.xy() / image.z
+        });
+        let now = frame.t();
+        self.path.retain(|(t, _)| (0.0..=STRAIGHT).contains(&(now - t)));
+        let mut velocity = [Vector2::zeros(); 4];
+        if let Some((t, before)) = self.path.front().filter(|(t, _)| *t < now) {
+            for (velocity, (now_at, before)) in velocity.iter_mut().zip(corners.iter().zip(before)) {
+                *velocity = (now_at - before) / (now - t);
+            }
+        }
+        self.path.push_back((now, corners));
+        let circles = frame.circles.iter().map(|circle| (circle.center, circle.radius)).collect();
+        Some(BoardOutline { t: frame.t(), corners, velocity, circles })
+    }
+}

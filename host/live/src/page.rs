@@ -1,0 +1,259 @@
+//! The page of `evcal live`: what the camera sees, where the board should go, and the result, in a browser.
+//!
+//! It is served on this computer alone (127.0.0.1) unless another address is given. A request must name this server as its host, so that no foreign
+//! name that leads here is answered, and data and commands need a token that is new with every run and stands behind
+//! the `#` of the address, which browsers send to no one ([`gate`]).
+//!
+//! Whoever publishes a state replaces the one before and never waits; a page asks for the newest one when it has drawn
+//! the last. A slow or frozen page therefore gets fewer states, and nothing piles up.
+
+mod assets;
+pub mod gate;
+mod server;
+#[cfg(test)]
+mod tests;
+pub mod view;
+
+use std::io;
+use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use hyper::body::Bytes;
+use serde::Serialize;
+use tokio::sync::{oneshot, watch};
+
+use self::gate::{Gate, Secret};
+
+/// Port that is tried first, and how many after it.
+const PORT: u16 = 8346;
+const MORE_PORTS: u16 = 10;
+
+/// A state as the page gets it: length of the JSON and number of the state (each 4 bytes, little-endian), the JSON, and
+/// one byte for each pixel of the sensor and of the frame beside it.
+#[derive(Clone, Debug, Default)]
+struct State {
+    number: u32,
+    body: Bytes,
+}
+
+/// What server and publishers share.
+struct Shared {
+    gate: Gate,
+    newest: watch::Sender<State>,
+    /// Path of the report, which nobody can guess, and the report.
+    report: Mutex<Option<Bytes>>,
+    report_path: String,
+    /// Where files of the results are, behind a part of the path that nobody can guess, and which there are.
+    files_path: String,
+    files: Mutex<Vec<ServedFile>>,
+    /// Whether the page shows frames.
+    frames: AtomicBool,
+    finish: AtomicBool,
+    next: Mutex<Option<Next>>,
+    /// When a page last asked.
+    asked: Mutex<Option<Instant>>,
+}
+
+/// A file of the results.
+#[derive(Clone, Debug)]
+struct ServedFile {
+    /// Its path on the server.
+    path: String,
+    /// Where it is.
+    file: PathBuf,
+}
+
+/// What comes after a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Next {
+    /// The end of the program.
+    Close,
+    /// Another recording in place of those so far.
+    Again,
+    /// Another recording beside those so far.
+    Add,
+}
+
+/// Why the page cannot be served.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// No port is free.
+    #[error(
+        "no page: ports {first} to {last} of {address} cannot be used: {error}; choose one with --port, or --no-page"
+    )]
+    Port {
+        /// Of this address.
+        address: IpAddr,
+        /// The first that was tried.
+        first: u16,
+        /// The last.
+        last: u16,
+        /// What the system said.
+        error: io::Error,
+    },
+    /// The system gave no thread or no random numbers.
+    #[error("the page cannot be served: {0}; add --no-page to run without it")]
+    System(io::Error),
+}
+
+/// A page that is being served. It ends when this is dropped.
+pub struct Page {
+    shared: Arc<Shared>,
+    address: SocketAddr,
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Page {
+    /// Serves a page at `address` of this computer, on `port` (0: any free one) or on the first free one from 8346 on.
+    ///
+    /// # Errors
+    /// [`PageError`].
+    pub fn start(address: IpAddr, port: Option<u16>) -> Result<Self, PageError> {
+        let listener = listen(address, port)?;
+        let address = listener.local_addr().map_err(PageError::System)?;
+        let (token, report, files) = (Secret::new()?, Secret::new()?, Secret::new()?);
+        let shared = Arc::new(Shared {
+            gate: Gate::new(address, token),
+            newest: watch::Sender::new(State::default()),
+            report: Mutex::default(),
+            report_path: format!("/report/{report}"),
+            files_path: format!("/files/{files}"),
+            files: Mutex::default(),
+            frames: AtomicBool::new(false),
+            finish: AtomicBool::new(false),
+            next: Mutex::default(),
+            asked: Mutex::default(),
+        });
+        let (end, ended) = oneshot::channel();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(PageError::System)?;
+        listener.set_nonblocking(true).map_err(PageError::System)?;
+        let of_thread = Arc::clone(&shared);
+        let thread = thread::Builder::new()
+            .name("page".to_owned())
+            .spawn(move || runtime.block_on(server::serve(listener, of_thread, ended)))
+            .map_err(PageError::System)?;
+        Ok(Self { shared, address, end: Some(end), thread: Some(thread) })
+    }
+
+    /// Where it is, with the token.
+    pub fn url(&self) -> String {
+        let address = match self.address.ip().is_unspecified() {
+            true => SocketAddr::new(outward(self.address.ip()).unwrap_or(self.address.ip()), self.address.port()),
+            false => self.address,
+        };
+        format!("http://{address}/#{}", self.shared.gate.token())
+    }
+
+    /// Something that publishes states, for another thread.
+    pub fn publisher(&self) -> Publisher {
+        Publisher(Arc::clone(&self.shared))
+    }
+
+    /// Makes a finished report available, and gives its path on this server.
+    pub fn set_report(&self, html: String) -> String {
+        *self.shared.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(html.into());
+        self.shared.report_path.clone()
+    }
+
+    /// Makes files of the folder of the results available: of those `names`, no others. Their paths on this server, in the same order.
+    pub fn set_files(&self, folder: &Path, names: &[String]) -> Vec<String> {
+        let served: Vec<ServedFile> = names
+            .iter()
+            .map(|name| ServedFile { path: format!("{}/{name}", self.shared.files_path), file: folder.join(name) })
+            .collect();
+        let paths = served.iter().map(|served| served.path.clone()).collect();
+        *self.shared.files.lock().unwrap_or_else(PoisonError::into_inner) = served;
+        paths
+    }
+
+    /// Whether the person asked to end the recording.
+    pub fn is_finish_asked(&self) -> bool {
+        self.shared.finish.load(Ordering::Relaxed)
+    }
+
+    /// What the person asked for after the recording; told once.
+    pub fn take_next(&self) -> Option<Next> {
+        self.shared.next.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// A recording begins: what was asked before does not count for it.
+    pub fn begin(&self) {
+        self.shared.finish.store(false, Ordering::Relaxed);
+        self.take_next();
+    }
+
+    /// Whether a page asked for something in the last `time`.
+    pub fn is_watched(&self, time: Duration) -> bool {
+        let asked = *self.shared.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        asked.is_some_and(|asked| asked.elapsed() < time)
+    }
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        if let Some(end) = self.end.take() {
+            // A server that has ended listens no more.
+            let _ = end.send(());
+        }
+        if let Some(thread) = self.thread.take() {
+            // It serves nobody any more, whatever became of it.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Replaces the state that pages see.
+#[derive(Clone)]
+pub struct Publisher(Arc<Shared>);
+
+impl Publisher {
+    /// Whether the page shows frames.
+    pub fn are_frames_wanted(&self) -> bool {
+        self.0.frames.load(Ordering::Relaxed)
+    }
+
+    /// Publishes a state; `pixels` are those of [`EventPicture`](crate::picture::EventPicture), `frame` those of a
+    /// frame. Never waits for a page.
+    pub fn publish(&self, head: &impl Serialize, pixels: &[u8], frame: &[u8]) {
+        // What the view holds can always be written as JSON.
+        let Ok(head) = serde_json::to_vec(head) else { return };
+        self.0.newest.send_modify(|state| {
+            let number = state.number.wrapping_add(1).max(1);
+            let mut body = Vec::with_capacity(8 + head.len() + pixels.len() + frame.len());
+            body.extend_from_slice(&(head.len() as u32).to_le_bytes());
+            body.extend_from_slice(&number.to_le_bytes());
+            body.extend_from_slice(&head);
+            body.extend_from_slice(pixels);
+            body.extend_from_slice(frame);
+            *state = State { number, body: body.into() };
+        });
+    }
+}
+
+/// The address of this computer that others see: that from which it would send elsewhere. Nothing is sent.
+fn outward(unspecified: IpAddr) -> Option<IpAddr> {
+    let socket = UdpSocket::bind((unspecified, 0)).ok()?;
+    // Addresses for documentation (RFC 5737, RFC 3849): they lead nowhere.
+    let elsewhere = if unspecified.is_ipv4() { "192.0.2.1:9" } else { "[2001:db8::1]:9" };
+    socket.connect(elsewhere).ok()?;
+    Some(socket.local_addr().ok()?.ip())
+}
+
+/// The first port that is free.
+fn listen(address: IpAddr, port: Option<u16>) -> Result<TcpListener, PageError> {
+    let (first, last) = port.map_or((PORT, PORT + MORE_PORTS), |port| (port, port));
+    let mut failure = None;
+    for port in first..=last {
+        match TcpListener::bind((address, port)) {
+            Ok(listener) => return Ok(listener),
+            Err(error) => failure = Some(error),
+        }
+    }
+    let error = failure.unwrap_or_else(|| io::ErrorKind::AddrInUse.into());
+    Err(PageError::Port { address, first, last, error })
+}

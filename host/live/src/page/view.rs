@@ -1,0 +1,349 @@
+//! What the page is told.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use nalgebra::Vector2;
+use serde::Serialize;
+
+use crate::checkpoint::Checkpoint;
+use crate::guidance::{Hint, Swing};
+use crate::health;
+use crate::picture::EventPicture;
+use crate::wanted::words;
+use crate::{DISTANCES, Seen, Tilt};
+use event_recordings::pictures::GreyImage;
+
+/// How far things are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Phase {
+    /// The board was not seen yet.
+    Waiting,
+    /// It is looked at.
+    Recording,
+    /// The recording is over, the camera is being calibrated.
+    Calibrating,
+    /// There is a result.
+    Done,
+    /// There is none.
+    Failed,
+}
+
+/// The result of a calibration.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Outcome {
+    /// Whether it is good, in words; what went wrong where there is none.
+    pub verdict: String,
+    /// Camera model.
+    pub model: String,
+    /// Camera matrix, row by row.
+    pub matrix: [[f64; 3]; 3],
+    /// Distortion coefficients.
+    pub distortion: Vec<f64>,
+    /// Stated error of the projection, root mean square over the sensor (px).
+    pub sigma: Option<f64>,
+    /// Folder of the results.
+    pub folder: String,
+    /// Path of the report on this server.
+    pub report: Option<String>,
+    /// The files of the results.
+    pub files: Vec<FileLink>,
+    /// Whether another recording can be made.
+    pub can_record: bool,
+}
+
+/// A file of the results.
+#[derive(Clone, Debug, Serialize)]
+pub struct FileLink {
+    /// Its name in the folder of the results.
+    pub name: String,
+    /// Its path on this server.
+    pub path: String,
+}
+
+/// What was not looked at.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Losses {
+    /// Events that the camera dropped; `None` for a recording.
+    pub dropped: Option<u64>,
+    /// Transfers that the detector had no time for.
+    pub not_searched: u64,
+    /// Transfers that the picture had no time for.
+    pub not_drawn: u64,
+}
+
+/// What a state says beside what was seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Context {
+    /// What was not looked at.
+    pub losses: Losses,
+    /// Whether the page begins mirrored.
+    pub mirrored: bool,
+    /// Whether there may be frames beside the events.
+    pub has_frames: bool,
+    /// Whether they are shown.
+    pub shows_frames: bool,
+    /// Recordings before this one that are calibrated together with it.
+    pub before: usize,
+}
+
+/// Words for whoever sees the board as the camera does, and for whoever sees it in a mirror.
+#[derive(Serialize)]
+struct Words<T> {
+    plain: T,
+    mirrored: T,
+}
+
+#[derive(Serialize)]
+struct Outline {
+    t: f64,
+    corners: Vec<[f64; 2]>,
+    velocity: Vec<[f64; 2]>,
+    circles: Vec<[f64; 3]>,
+}
+
+#[derive(Serialize)]
+struct Ghost {
+    outline: Vec<[f64; 2]>,
+    corners: Vec<[f64; 2]>,
+    gained: f64,
+    /// How far the board is from it, 1 being near enough.
+    distance: Option<f64>,
+    /// Whether it turns about a vertical axis.
+    sideways: bool,
+}
+
+#[derive(Serialize)]
+struct Named {
+    name: &'static str,
+    /// The name in a mirror.
+    mirrored: &'static str,
+    count: u64,
+}
+
+#[derive(Serialize)]
+struct Coverage<'a> {
+    columns: u16,
+    rows: u16,
+    cells: &'a [f64],
+    /// Error of the projection in each cell (px); may be empty.
+    sigma: Vec<Option<f64>>,
+    covered: f64,
+    boards: u64,
+    tilts: Vec<Named>,
+    distances: Vec<Named>,
+}
+
+#[derive(Serialize)]
+struct Health {
+    /// Events a second.
+    rate: f64,
+    /// The busiest hundredth of a second as a share of what the camera reads at most.
+    load: Option<f64>,
+    /// Share of ON events; `None` without events.
+    on_share: Option<f64>,
+    /// Events a second of a pixel at rest.
+    noise: Option<f64>,
+    hot_pixels: Option<u32>,
+    /// Frequency (Hz), 0 for none; `None` until it is known.
+    flicker: Option<f64>,
+    /// Width of the circles' edges, and the smallest of the last seconds (px).
+    focus: Option<[f64; 2]>,
+    dropped: Option<u64>,
+    not_searched: u64,
+    not_drawn: u64,
+}
+
+impl Health {
+    fn new(health: &health::Health, losses: Losses) -> Self {
+        Self {
+            rate: health.rates.map_or(0.0, |rates| rates.mean),
+            load: health.rates.and_then(|rates| rates.load),
+            on_share: health.rates.map(|rates| rates.on_share),
+            noise: health.noise,
+            hot_pixels: health.hot_pixels,
+            flicker: health.flicker.map(|flicker| flicker.map_or(0.0, |flicker| flicker.frequency)),
+            focus: health.focus.map(|focus| [focus.width, focus.sharpest]),
+            dropped: losses.dropped,
+            not_searched: losses.not_searched,
+            not_drawn: losses.not_drawn,
+        }
+    }
+}
+
+/// Why nothing is found.
+#[derive(Serialize)]
+struct Nothing {
+    reason: String,
+    /// Circles without a place on the board: centre and radius (px).
+    circles: Vec<[f64; 3]>,
+}
+
+#[derive(Serialize)]
+struct CheckpointView<'a> {
+    t: f64,
+    stated: Option<f64>,
+    largest: Option<f64>,
+    halves_agree: Option<bool>,
+    failed: Option<&'a str>,
+}
+
+impl<'a> CheckpointView<'a> {
+    fn new(checkpoint: &'a Checkpoint) -> Self {
+        let stated = checkpoint.stated.as_ref().ok();
+        Self {
+            t: checkpoint.t,
+            stated: stated.map(|stated| stated.rms),
+            largest: stated.map(|stated| stated.max),
+            halves_agree: stated.map(|stated| stated.halves_agree),
+            failed: checkpoint.stated.as_ref().err().map(String::as_str),
+        }
+    }
+}
+
+/// A whole state.
+#[derive(Serialize)]
+pub struct View<'a> {
+    phase: Phase,
+    /// When the state was made (ms since 1970 by the computer's clock).
+    made: u64,
+    /// Sensor time of the picture (s since the first event).
+    t: f64,
+    sensor: [u16; 2],
+    hint: Words<&'static str>,
+    /// Whether it is to move the board about where it is.
+    is_there: bool,
+    /// On the way to enough, 0 to 1.
+    progress: f64,
+    missing: Words<Vec<String>>,
+    /// Whether the page begins mirrored.
+    mirrored: bool,
+    /// Whether there may be frames, whether they are shown, and the size of the one that follows the events' picture.
+    has_frames: bool,
+    shows_frames: bool,
+    frame: Option<[usize; 2]>,
+    /// Recordings before this one that are calibrated together with it.
+    before: usize,
+    /// Places that the board was brought to for long enough.
+    used_up: u64,
+    board: Option<Outline>,
+    ghost: Option<Ghost>,
+    coverage: Coverage<'a>,
+    health: Health,
+    nothing: Option<Nothing>,
+    /// Expected error by the quick estimate (px).
+    sigma: Option<f64>,
+    /// What a calibration would state now, about (px).
+    about: Option<f64>,
+    /// What the latest checkpoint stated.
+    checkpoint: Option<CheckpointView<'a>>,
+    /// End of the beginning that is being calibrated now (s).
+    checkpoint_under_way: Option<f64>,
+    /// What is wanted (px).
+    target: f64,
+    /// Focal lengths and principal point of the first estimate (px).
+    camera: Option<[f64; 4]>,
+    outcome: Option<&'a Outcome>,
+}
+
+fn pairs(points: &[Vector2<f64>]) -> Vec<[f64; 2]> {
+    // A tenth of a pixel is enough for the eye.
+    points.iter().map(|point| [rounded(point.x), rounded(point.y)]).collect()
+}
+
+fn circles(found: impl Iterator<Item = (Vector2<f64>, Option<f64>)>) -> Vec<[f64; 3]> {
+    found.map(|(center, radius)| [rounded(center.x), rounded(center.y), rounded(radius.unwrap_or(3.0))]).collect()
+}
+
+fn rounded(value: f64) -> f64 {
+    (value * 10.0).round() / 10.0
+}
+
+/// The state while the board is looked at, with a frame where there is one.
+pub fn looking<'a>(picture: &EventPicture, frame: Option<&GreyImage>, seen: &'a Seen, context: Context) -> View<'a> {
+    let phase = if seen.board.is_none() { Phase::Waiting } else { Phase::Recording };
+    let sensor = picture.sensor();
+    let frame = frame.map(|frame| [frame.width(), frame.height()]);
+    View { frame, ..state(phase, picture.seconds(), [sensor.width, sensor.height], seen, context, None) }
+}
+
+/// The state after the recording.
+pub fn ended<'a>(
+    phase: Phase,
+    sensor: [u16; 2],
+    seen: &'a Seen,
+    context: Context,
+    outcome: Option<&'a Outcome>,
+) -> View<'a> {
+    state(phase, seen.t, sensor, seen, context, outcome)
+}
+
+fn state<'a>(
+    phase: Phase,
+    t: f64,
+    sensor: [u16; 2],
+    seen: &'a Seen,
+    context: Context,
+    outcome: Option<&'a Outcome>,
+) -> View<'a> {
+    let coverage = &seen.coverage;
+    let tilts = Tilt::ALL.iter().zip(coverage.tilts).map(|(tilt, count)| Named {
+        name: tilt.name(),
+        mirrored: tilt.seen(true).name(),
+        count,
+    });
+    let distances = DISTANCES.iter().zip(coverage.distances).map(|(name, count)| Named { name, mirrored: name, count });
+    let missing = seen.missing();
+    let made = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64);
+    View {
+        phase,
+        made,
+        t,
+        sensor,
+        hint: Words { plain: seen.hint.words(false), mirrored: seen.hint.words(true) },
+        is_there: matches!(seen.hint, Hint::Stay | Hint::Swing(_)),
+        progress: seen.progress(),
+        missing: Words { plain: words(&missing, false), mirrored: words(&missing, true) },
+        mirrored: context.mirrored,
+        has_frames: context.has_frames,
+        shows_frames: context.shows_frames,
+        frame: None,
+        before: context.before,
+        used_up: seen.used_up,
+        board: seen.board.as_ref().map(|board| Outline {
+            t: board.t,
+            corners: pairs(&board.corners),
+            velocity: pairs(&board.velocity),
+            circles: circles(board.circles.iter().copied()),
+        }),
+        ghost: seen.ghost.as_ref().map(|ghost| Ghost {
+            outline: pairs(&ghost.outline),
+            corners: pairs(&ghost.corners),
+            gained: ghost.gained,
+            distance: ghost.distance.map(|distance| (distance * 100.0).round() / 100.0),
+            sideways: ghost.swing == Swing::Sideways,
+        }),
+        coverage: Coverage {
+            columns: coverage.size.0,
+            rows: coverage.size.1,
+            cells: &coverage.cells,
+            sigma: seen.sigma_in_cells.iter().map(|sigma| sigma.map(|sigma| (sigma * 1e4).round() / 1e4)).collect(),
+            covered: coverage.covered,
+            boards: coverage.boards,
+            tilts: tilts.collect(),
+            distances: distances.collect(),
+        },
+        health: Health::new(&seen.health, context.losses),
+        nothing: seen.explanation.as_ref().map(|explanation| Nothing {
+            reason: explanation.obstacle.to_string(),
+            circles: circles(explanation.circles.iter().map(|(center, radius)| (*center, Some(*radius)))),
+        }),
+        sigma: seen.sigma,
+        about: seen.about,
+        checkpoint: seen.checkpoint.as_ref().map(CheckpointView::new),
+        checkpoint_under_way: seen.checkpoint_under_way,
+        target: seen.target,
+        camera: seen.camera,
+        outcome,
+    }
+}

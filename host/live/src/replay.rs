@@ -1,0 +1,145 @@
+//! A recording as if it came from a camera right now.
+
+use std::ops::ControlFlow;
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+
+use super::latest::Latest;
+use super::observer::{Observer, Seen};
+use super::picture::{EventPicture, PICTURE_INTERVAL};
+use event_recordings::{Recording, RecordingError};
+
+/// Length of the pieces in which events are handed on (µs of the sensor).
+const PIECE: i64 = 10_000;
+/// Pieces that wait for the detector.
+const PIECES_AHEAD: usize = 32;
+/// Time between two of the states that are told (s of the sensor).
+const TOLD: f64 = 1.0;
+
+/// What was played of a recording.
+#[derive(Debug)]
+pub struct ReplayReport {
+    /// Events handed on.
+    pub events: u64,
+    /// Their time (s).
+    pub seconds: f64,
+    /// What was seen at the end.
+    pub seen: Seen,
+    /// What ended it before the end of the recording, if the recording is damaged.
+    pub damage: Option<RecordingError>,
+}
+
+/// Plays `recording` to `observer` until it ends, enough was seen, or `show` breaks.
+///
+/// `speed` is in seconds of the recording a second; `None` is as fast as the detector. `show` gets a picture 30 times a
+/// second; `tell` what was seen, once a second of the recording's time, whatever the speed.
+///
+/// # Errors
+/// [`RecordingError`] when not one event can be read.
+pub fn replay(
+    recording: &Recording,
+    sensor: Sensor,
+    speed: Option<f64>,
+    observer: Observer<'_>,
+    latest: &Latest,
+    tell: impl FnMut(&Seen) + Send,
+    mut show: impl FnMut(&EventPicture) -> ControlFlow<()>,
+) -> Result<ReplayReport, RecordingError> {
+    let mut reader = recording.open()?;
+    thread::scope(|scope| {
+        let (sender, pieces) = sync_channel::<Vec<Event>>(PIECES_AHEAD);
+        let observing = scope.spawn(move || observe(observer, &pieces, latest, tell));
+        let mut clock = Clock { speed, began: Instant::now() };
+        let mut picture = EventPicture::new(sensor);
+        let mut due = Instant::now() + PICTURE_INTERVAL;
+        let (mut count, mut start, mut last) = (0, None, 0);
+        let mut batch = Vec::new();
+        let damage = 'played: loop {
+            batch.clear();
+            match reader.next_batch(&mut batch) {
+                Ok(true) => {}
+                Ok(false) => break None,
+                Err(error) if count > 0 => break Some(error),
+                Err(error) => return Err(error),
+            }
+            let start = *start.get_or_insert_with(|| batch.first().map_or(0, |event| event.t));
+            batch.iter_mut().for_each(|event| event.t -= start);
+            for piece in batch.chunk_by(|a, b| a.t.div_euclid(PIECE) == b.t.div_euclid(PIECE)) {
+                last = piece.last().map_or(last, |event| event.t);
+                let mut is_due = false;
+                while !is_due {
+                    let now = Instant::now();
+                    is_due = clock.wait(last, due.saturating_duration_since(now));
+                    if now >= due {
+                        // Pictures that could not be shown in time are not made up for.
+                        due = (due + PICTURE_INTERVAL).max(now);
+                        if show(&picture).is_break() {
+                            break 'played None;
+                        }
+                        picture.clear();
+                    }
+                }
+                picture.add(piece.iter().copied());
+                count += piece.len() as u64;
+                if sender.send(piece.to_vec()).is_err() {
+                    // Enough was seen.
+                    break 'played None;
+                }
+            }
+        };
+        drop(sender);
+        let seen = observing.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        // What is still in it belongs to the picture.
+        let _ = show(&picture);
+        Ok(ReplayReport { events: count, seconds: last as f64 * 1e-6, seen, damage })
+    })
+}
+
+/// The detector's thread.
+fn observe(
+    mut observer: Observer<'_>,
+    pieces: &Receiver<Vec<Event>>,
+    latest: &Latest,
+    mut tell: impl FnMut(&Seen),
+) -> Seen {
+    let mut next = TOLD;
+    for piece in pieces {
+        if !observer.push(&piece) {
+            continue;
+        }
+        let seen = observer.seen();
+        let is_enough = seen.is_enough();
+        if seen.t >= next {
+            next = (seen.t / TOLD).floor() * TOLD + TOLD;
+            tell(&seen);
+        }
+        latest.set(seen);
+        if is_enough {
+            break;
+        }
+    }
+    observer.finish();
+    latest.set(observer.seen());
+    observer.seen()
+}
+
+/// When an event is due.
+struct Clock {
+    speed: Option<f64>,
+    began: Instant,
+}
+
+impl Clock {
+    /// Waits for time `t` (µs) of the recording, for `patience` at most; whether it has come.
+    fn wait(&mut self, t: i64, patience: Duration) -> bool {
+        let Some(speed) = self.speed else { return true };
+        let due = Duration::try_from_secs_f64(t as f64 * 1e-6 / speed).unwrap_or(Duration::MAX);
+        let left = due.saturating_sub(self.began.elapsed());
+        thread::sleep(left.min(patience));
+        left <= patience
+    }
+}

@@ -1,0 +1,197 @@
+//! The thread that looks for the board.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use evcal_core::event::Event;
+use usb_davis::capture::GapRepair;
+use usb_davis::dump::{DumpHeader, Transfer, TransferStatus};
+use usb_davis::protocol::{Decoder, Message};
+
+use super::checkpoint::Checkpoints;
+use super::latest::Latest;
+use super::observer::{Memory, Observer, Seen};
+use evcal_calibrate::detection::settings::DetectionSettings;
+use evcal_calibrate::initial::InitialSettings;
+use evcal_calibrate::settings::LiveSettings;
+use evcal_geometry::board::Board;
+use event_recordings::davis::{CameraClock, event};
+
+/// How often checkpoints are looked after while nothing comes.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// A camera that sends not one event for so long is told to be silent, and again after the same time.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// A transfer on its way to the detector.
+struct Piece {
+    host_ns: u64,
+    gap_before: bool,
+    payload: Vec<u8>,
+}
+
+#[derive(Default)]
+struct Queue {
+    waiting: VecDeque<Piece>,
+    ended: bool,
+}
+
+#[derive(Default)]
+struct Shared {
+    queue: Mutex<Queue>,
+    filled: Condvar,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Looks for the board in transfers while they come.
+pub struct Watcher {
+    shared: Arc<Shared>,
+    latest: Latest,
+    thread: Option<JoinHandle<Memory>>,
+    longest_wait_ns: u64,
+    /// A transfer was left out since the latest one taken.
+    gap: bool,
+    left_out: u64,
+}
+
+impl Watcher {
+    /// Starts a detector with these settings for the camera that `header` describes; `checkpoints` calibrate what it
+    /// records. What earlier recordings showed counts, where they are calibrated together.
+    pub fn start(
+        detection: &DetectionSettings,
+        initial: &InitialSettings,
+        live: &LiveSettings,
+        board: &Board,
+        header: &DumpHeader,
+        checkpoints: Checkpoints,
+        memory: Option<Memory>,
+    ) -> Self {
+        let sensor = header.registers.layout().dvs.size().into();
+        let shared = Arc::new(Shared::default());
+        let observer = Observer::new(detection, initial, live, board, sensor);
+        let observer = match memory {
+            Some(memory) => observer.with_memory(memory),
+            None => observer,
+        };
+        let (latest, memory) = (Latest::new(observer.seen()), observer.into_memory());
+        let longest_wait_ns = (live.longest_wait.max(0.0) * 1e9) as u64;
+        let decoder = Decoder::new(header.registers.layout());
+        let (of_thread, latest_of_thread) = (Arc::clone(&shared), latest.clone());
+        let (detection, initial, live, board) = (detection.clone(), initial.clone(), live.clone(), *board);
+        let thread = thread::spawn(move || {
+            let observer = Observer::new(&detection, &initial, &live, &board, sensor);
+            let observer = observer.with_memory(memory).with_checkpoints(checkpoints);
+            look(&of_thread, decoder, observer, &latest_of_thread)
+        });
+        Self { shared, latest, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }
+    }
+
+    /// Takes a transfer, or leaves it out if the oldest one that waits is too old. Does not block.
+    pub fn take(&mut self, transfer: &Transfer<'_>) {
+        let host_ns = transfer.host_ns.unwrap_or(0);
+        let mut queue = lock(&self.shared.queue);
+        let oldest = queue.waiting.front().map_or(host_ns, |piece| piece.host_ns);
+        if host_ns.saturating_sub(oldest) > self.longest_wait_ns {
+            self.gap = true;
+            self.left_out += 1;
+            return;
+        }
+        let gap_before = std::mem::take(&mut self.gap) || transfer.gap_before || !transfer.status.is_good();
+        queue.waiting.push_back(Piece { host_ns, gap_before, payload: transfer.payload.to_vec() });
+        drop(queue);
+        self.shared.filled.notify_one();
+    }
+
+    /// What was seen so far.
+    pub fn seen(&self) -> Seen {
+        Seen { left_out: self.left_out, ..Seen::clone(&self.latest.get()) }
+    }
+
+    /// What was seen last, for other threads; without [`Seen::left_out`].
+    pub fn latest(&self) -> Latest {
+        self.latest.clone()
+    }
+
+    /// Waits until everything taken has been looked at, [`super::LiveSettings::longest_wait`] of it at
+    /// most. What was seen, and what is to be remembered of it.
+    pub fn finish(mut self) -> (Seen, Option<Memory>) {
+        let memory = self.end();
+        (self.seen(), memory)
+    }
+
+    fn end(&mut self) -> Option<Memory> {
+        lock(&self.shared.queue).ended = true;
+        self.shared.filled.notify_one();
+        // If it panicked, what it had seen before still counts.
+        self.thread.take().and_then(|thread| thread.join().ok())
+    }
+}
+
+impl Drop for Watcher {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+/// The detector's thread.
+fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen: &Latest) -> Memory {
+    let (mut repair, mut clock) = (GapRepair::default(), CameraClock::default());
+    let mut events: Vec<Event> = Vec::new();
+    let (mut first, mut latest) = (None, i64::MIN);
+    let (mut heard, mut silence) = (Instant::now(), SILENCE);
+    while let Some(piece) = next(shared) {
+        if heard.elapsed() >= silence {
+            observer.silence(heard.elapsed().as_secs_f64());
+            silence += SILENCE;
+            seen.set(observer.seen());
+        }
+        let Some(piece) = piece else {
+            if observer.check() {
+                seen.set(observer.seen());
+            }
+            continue;
+        };
+        let transfer = Transfer {
+            host_ns: Some(piece.host_ns),
+            gap_before: piece.gap_before,
+            status: TransferStatus::Completed,
+            payload: &piece.payload,
+        };
+        events.clear();
+        repair.decode(&transfer, &mut decoder, |message| {
+            let shift = clock.shift(&message);
+            if let Message::Events(new) = message {
+                events.extend(new.iter().map(|wire| event(wire, shift)));
+            }
+        });
+        if !events.is_empty() {
+            (heard, silence) = (Instant::now(), SILENCE);
+        }
+        for event in &mut events {
+            latest = latest.max(event.t);
+            event.t = latest - *first.get_or_insert(latest);
+        }
+        if observer.push(&events) {
+            seen.set(observer.seen());
+        }
+    }
+    observer.finish();
+    seen.set(observer.seen());
+    observer.into_memory()
+}
+
+/// The next piece, or none for a while; `None` when there will be no more.
+fn next(shared: &Shared) -> Option<Option<Piece>> {
+    let mut queue = lock(&shared.queue);
+    if queue.waiting.is_empty() && !queue.ended {
+        queue = shared.filled.wait_timeout(queue, PATIENCE).unwrap_or_else(PoisonError::into_inner).0;
+    }
+    match queue.waiting.pop_front() {
+        None if queue.ended => None,
+        piece => Some(piece),
+    }
+}

@@ -1,0 +1,468 @@
+//! Frames and inertial samples of a DAVIS in AEDAT 2.0.
+//!
+//! | word | bits |
+//! |---|---|
+//! | level of a pixel | 31 set; 22–30 row, from below; 12–21 column, from the left, unlike that of events; 10–11: 0 after the reset, 1 after the exposure; 0–9 level |
+//! | part of an inertial sample | 31, 11 and 10 set; 28–30: 0 to 2 acceleration x, y, z, 3 temperature, 4 to 6 rate about x, y, z; 12–27 value |
+//!
+//! A pixel is as bright as its level fell during the exposure (jAER: `DavisChip`, `DavisBaseCamera`, `IMUSample`). The axes of the
+//! samples are those of the inertial unit: how it is turned against the sensor, jAER does not say without contradiction.
+
+use std::path::Path;
+
+use evcal_core::sensor::Sensor;
+
+use super::{Clock, Layout, RECORD, Ranges, is_level, is_sample, start};
+use crate::bytes::ByteReader;
+use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until};
+use crate::pictures::{NoImage, TimedImage};
+use crate::{ReadReport, RecordingError, RecordingOptions};
+
+/// Names of what a pass through the events leaves out.
+pub const LEVELS: &str = "words of frames";
+pub const SAMPLES: &str = "words of inertial samples";
+/// Bytes that are read at a time: whole records.
+const BLOCK: u64 = 1 << 15;
+/// Words of a sample.
+const PARTS: usize = 7;
+/// Units from zero to the end of a range.
+const UNITS: f32 = 32_768.0;
+const DEGREES_PER_UNIT: f32 = 1.0 / 340.0;
+const ZERO_DEGREES: f32 = 35.0;
+
+/// Levels of one kind of the pixels of a frame.
+struct Levels {
+    /// Row by row.
+    levels: Vec<Option<u16>>,
+    /// The pixels that have one. Frames may be of few pixels, and there may be very many such frames: none looks at the whole sensor.
+    places: Vec<usize>,
+    /// When the first and the last were read.
+    times: Option<(i64, i64)>,
+}
+
+impl Levels {
+    fn new(sensor: Sensor) -> Self {
+        Self { levels: vec![None; sensor.pixel_count()], places: Vec::new(), times: None }
+    }
+
+    fn get(&self, place: usize) -> Option<u16> {
+        self.levels.get(place).copied().flatten()
+    }
+
+    fn set(&mut self, place: usize, level: u16, t: i64) {
+        self.times = Some((self.times.map_or(t, |times| times.0), t));
+        if let Some(known) = self.levels.get_mut(place)
+            && known.replace(level).is_none()
+        {
+            self.places.push(place);
+        }
+    }
+
+    fn clear(&mut self) {
+        for place in self.places.drain(..) {
+            if let Some(level) = self.levels.get_mut(place) {
+                *level = None;
+            }
+        }
+        self.times = None;
+    }
+}
+
+/// A frame that grows level by level.
+struct Growing {
+    sensor: Sensor,
+    reset: Levels,
+    exposed: Levels,
+}
+
+impl Growing {
+    fn new(sensor: Sensor) -> Self {
+        Self { sensor, reset: Levels::new(sensor), exposed: Levels::new(sensor) }
+    }
+
+    /// Takes a level; the frame before it if it is the first of another one, and the frame that it makes complete.
+    fn push(&mut self, word: u32, t: i64) -> [Option<Frame>; 2] {
+        let (width, height) = (usize::from(self.sensor.width), usize::from(self.sensor.height));
+        let (column, row) = ((word >> 12 & 0x3ff) as usize, (word >> 22 & 0x1ff) as usize);
+        let Some(row) = height.checked_sub(1 + row).filter(|_| column < width) else { return [None, None] };
+        let (place, level) = (row * width + column, (word & 0x3ff) as u16);
+        match word >> 10 & 3 {
+            0 => {
+                // Where the shutter rolls, rows are reset while others are read.
+                let again = self.reset.get(place).is_some() && self.exposed.times.is_some();
+                let before = if again { self.take() } else { None };
+                self.reset.set(place, level, t);
+                [before, None]
+            }
+            1 => {
+                self.exposed.set(place, level, t);
+                let complete = if self.exposed.places.len() == width * height { self.take() } else { None };
+                [None, complete]
+            }
+            // A third level, which no camera sends any more.
+            _ => [None, None],
+        }
+    }
+
+    /// The frame of the levels so far, if they fill a rectangle; then another begins.
+    fn take(&mut self) -> Option<Frame> {
+        let frame = self.frame();
+        self.reset.clear();
+        self.exposed.clear();
+        frame
+    }
+
+    fn frame(&self) -> Option<Frame> {
+        let (reset, exposed) = (self.reset.times?, self.exposed.times?);
+        let width = usize::from(self.sensor.width).max(1);
+        let columns = || self.exposed.places.iter().map(|place| place % width);
+        let rows = || self.exposed.places.iter().map(|place| place / width);
+        let (left, right) = (columns().min()?, columns().max()?);
+        let (top, bottom) = (rows().min()?, rows().max()?);
+        let value = |place: usize| {
+            let fallen = self.reset.get(place)?.saturating_sub(self.exposed.get(place)?);
+            // The upper 8 of 10 bits.
+            Some((fallen >> 2) as u8)
+        };
+        let places = (top..=bottom).flat_map(|row| (left..=right).map(move |column| row * width + column));
+        let pixels = places.map(value).collect::<Option<Vec<u8>>>()?;
+        // Where the shutter rolls, resets go on while the first rows are read, and no exposure is that of all rows.
+        let exposure = (reset.1 <= exposed.0).then_some((reset.1, exposed.0));
+        let (begin, end) = exposure.unwrap_or((reset.0, exposed.1));
+        Some(Frame {
+            t: begin.midpoint(end),
+            exposure,
+            readout: Some((reset.0, exposed.1)),
+            size: ((right - left + 1) as u16, (bottom - top + 1) as u16),
+            position: (left as u16, top as u16),
+            channels: 1,
+            pixels,
+        })
+    }
+}
+
+/// The parts of a sample, in their order.
+#[derive(Default)]
+struct Sample {
+    ranges: Ranges,
+    t: i64,
+    parts: Vec<f32>,
+}
+
+impl Sample {
+    /// Takes a part; the sample that it makes complete.
+    fn push(&mut self, word: u32, t: i64) -> Option<InertialSample> {
+        let part = (word >> 28 & 7) as usize;
+        if part == 0 {
+            (self.t, self.parts) = (t, Vec::new());
+        }
+        if part != self.parts.len() {
+            // One was lost: the next whole sample counts again.
+            self.parts.clear();
+            return None;
+        }
+        self.parts.push(f32::from(((word >> 12 & 0xffff) as u16).cast_signed()));
+        let &[ax, ay, az, temperature, gx, gy, gz] = <&[f32; PARTS]>::try_from(self.parts.as_slice()).ok()?;
+        self.parts.clear();
+        Some(InertialSample {
+            t: self.t,
+            temperature: temperature * DEGREES_PER_UNIT + ZERO_DEGREES,
+            acceleration: [ax, ay, az].map(|value| value * self.ranges.acceleration / UNITS),
+            angular_velocity: [gx, gy, gz].map(|value| value * self.ranges.angular_velocity / UNITS),
+        })
+    }
+}
+
+/// The words of a file, of which frames and samples are made.
+struct Words {
+    file: ByteReader,
+    clock: Clock,
+    frame: Growing,
+    sample: Sample,
+    block: Vec<u8>,
+    /// Frames and samples that are complete, in their order.
+    waiting: std::collections::VecDeque<Extra>,
+    ended: bool,
+}
+
+impl Words {
+    /// `None` where there can be none: only a DAVIS has them.
+    fn open(path: &Path, options: &RecordingOptions) -> Result<Option<Self>, RecordingError> {
+        let start = start(path, options)?;
+        let Layout::Davis(sensor) = start.layout else { return Ok(None) };
+        Ok(Some(Self {
+            file: start.file,
+            clock: start.clock,
+            frame: Growing::new(sensor),
+            sample: Sample { ranges: start.ranges, ..Sample::default() },
+            block: Vec::new(),
+            waiting: std::collections::VecDeque::new(),
+            ended: false,
+        }))
+    }
+
+    fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
+        while self.waiting.is_empty() && !self.ended {
+            // A record that is cut off is reported by the reader of events.
+            self.ended = !self.file.read_records::<RECORD>(&mut self.block, BLOCK, &mut ReadReport::default())?;
+            for &[a, b, c, d, time @ ..] in self.block.as_chunks::<RECORD>().0 {
+                let (word, t) = (u32::from_be_bytes([a, b, c, d]), self.clock.time(u32::from_be_bytes(time)));
+                if is_sample(word) {
+                    self.waiting.extend(self.sample.push(word, t).map(Extra::Inertial));
+                } else if is_level(word) {
+                    self.waiting.extend(self.frame.push(word, t).into_iter().flatten().map(Extra::Frame));
+                }
+            }
+            if self.ended {
+                self.waiting.extend(self.frame.take().map(Extra::Frame));
+            }
+        }
+        Ok(self.waiting.pop_front())
+    }
+
+    /// What there is in the file.
+    fn held(mut self) -> Result<OtherStreams, RecordingError> {
+        let mut held = OtherStreams::default();
+        while !(held.frames && held.imu) {
+            match self.next()? {
+                Some(Extra::Frame(_)) => held.frames = true,
+                Some(Extra::Inertial(_)) => held.imu = true,
+                None => break,
+            }
+        }
+        Ok(held)
+    }
+}
+
+struct WordExtras {
+    words: Option<Words>,
+    next: Option<Extra>,
+    held: OtherStreams,
+}
+
+/// Opens those of the file at `path`.
+pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
+    let held = Words::open(path, options)?.map_or(Ok(OtherStreams::default()), Words::held)?;
+    let mut words = Words::open(path, options)?;
+    let next = words.as_mut().map_or(Ok(None), Words::next)?;
+    Ok(Box::new(WordExtras { words, next, held }))
+}
+
+impl ReadExtras for WordExtras {
+    fn held(&self) -> OtherStreams {
+        self.held
+    }
+
+    fn first_time(&mut self) -> Option<i64> {
+        self.next.as_ref().map(Extra::start)
+    }
+
+    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
+        take_until(&mut self.next, end, lost, || self.words.as_mut().map_or(Ok(None), Words::next))
+    }
+
+    fn reads(&self, stream: &str) -> bool {
+        [(LEVELS, self.held.frames), (SAMPLES, self.held.imu)].contains(&(stream, true))
+    }
+}
+
+/// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
+pub fn visit_frames(
+    path: &Path,
+    options: &RecordingOptions,
+    visit: &mut dyn FnMut(TimedImage),
+) -> Result<Result<(), RecordingError>, RecordingError> {
+    let Some(mut words) = Words::open(path, options)? else { return Ok(Ok(())) };
+    Ok(loop {
+        match words.next() {
+            Ok(Some(Extra::Frame(frame))) => {
+                let rolling = frame.exposure.is_none();
+                let image = TimedImage::from(frame);
+                visit(if rolling { TimedImage { image: Err(NoImage::RollingShutter), ..image } } else { image });
+            }
+            Ok(Some(Extra::Inertial(_))) => {}
+            Ok(None) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::extras::open_extras;
+    use crate::pictures::visit_frames;
+    use crate::{Recording, testing};
+
+    const SENSOR: Sensor = Sensor::new(240, 180);
+    const RESET: u32 = 0;
+    const EXPOSED: u32 = 1 << 10;
+
+    /// The level of a pixel whose column counts from the left and whose row counts from above.
+    fn level(x: u32, y: u32, cycle: u32, level: u32) -> u32 {
+        0x8000_0000 | (179 - y) << 22 | x << 12 | cycle | level
+    }
+
+    fn sample(t: u32, values: [i16; PARTS]) -> Vec<[u32; 2]> {
+        let word = |(part, value): (u32, i16)| 0x8000_0c00 | part << 28 | u32::from(value.cast_unsigned()) << 12;
+        (0..).zip(values).map(|part| [word(part), t]).collect()
+    }
+
+    /// A frame of 3 x 2 pixels, whose levels are read column by column.
+    fn frame(t: u32) -> Vec<[u32; 2]> {
+        let places = || (0..3).flat_map(|x| (0..2).map(move |y| (x, y)));
+        let reset = places().zip(t..).map(|((x, y), t)| [level(10 + x, 20 + y, RESET, 900), t]);
+        let fallen = |x: u32, y: u32| 4 * (1 + x + 3 * y);
+        let exposed =
+            places().zip(t + 1000..).map(|((x, y), t)| [level(10 + x, 20 + y, EXPOSED, 900 - fallen(x, y)), t]);
+        reset.chain(exposed).collect()
+    }
+
+    fn event(t: u32) -> [u32; 2] {
+        [(179 - 7) << 22 | (239 - 5) << 12 | 1 << 11, t]
+    }
+
+    fn recording(records: &[[u32; 2]]) -> (tempfile::TempDir, Recording) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.aedat");
+        std::fs::write(&path, file(records)).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        (directory, recording)
+    }
+
+    fn file(records: &[[u32; 2]]) -> Vec<u8> {
+        let lines = "#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n";
+        lines.bytes().chain(records.iter().flatten().flat_map(|value| value.to_be_bytes())).collect()
+    }
+
+    #[test]
+    fn frames_and_samples_made_by_hand() {
+        // The clock passes the end of its 32 bits.
+        let t = 0x7fff_ff00;
+        let records = [
+            vec![event(t)],
+            frame(t + 10),
+            sample(t + 3000, [4096, -4096, 2048, 340, 4096, -4096, 2048]),
+            // Two parts are missing: no sample.
+            sample(t + 4000, [1; PARTS])[..5].to_vec(),
+            sample(t + 5000, [0; PARTS]),
+            frame(t + 6000),
+            vec![event(t + 8000)],
+        ];
+        let (_directory, recording) = recording(&records.concat());
+        let mut extras = open_extras(&recording).unwrap();
+        assert_eq!(extras.held(), OtherStreams { frames: true, imu: true });
+        let t = i64::from(t);
+        let picture = |t: i64| Frame {
+            t: (t + 5).midpoint(t + 1000),
+            exposure: Some((t + 5, t + 1000)),
+            readout: Some((t, t + 1005)),
+            size: (3, 2),
+            position: (10, 20),
+            channels: 1,
+            pixels: vec![1, 2, 3, 4, 5, 6],
+        };
+        let zero =
+            InertialSample { t: t + 5000, temperature: 35.0, acceleration: [0.0; 3], angular_velocity: [0.0; 3] };
+        let first = InertialSample {
+            t: t + 3000,
+            temperature: 36.0,
+            acceleration: [1.0, -1.0, 0.5],
+            angular_velocity: [125.0, -125.0, 62.5],
+        };
+        let mut lost = Vec::new();
+        let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
+        let expected = [
+            Extra::Inertial(first),
+            Extra::Inertial(zero),
+            Extra::Frame(picture(t + 10)),
+            Extra::Frame(picture(t + 6000)),
+        ];
+        let in_order = |extras: &[Extra]| {
+            let mut sorted = extras.to_vec();
+            sorted.sort_by_key(Extra::start);
+            sorted
+        };
+        assert_eq!((in_order(&found), lost), (in_order(&expected), Vec::new()));
+        assert!(extras.reads(LEVELS) && extras.reads(SAMPLES) && !extras.reads("signals"));
+        let mut count = 0;
+        assert_eq!(visit_frames(&recording, |_| count += 1).unwrap(), None);
+        assert_eq!(count, 2);
+        // The events are read as ever.
+        let events = testing::read(&file(&records.concat())).events;
+        assert_eq!(
+            events.iter().map(|event| (event.t - t, event.x, event.y)).collect::<Vec<_>>(),
+            [(0, 5, 7), (8000, 5, 7)]
+        );
+    }
+
+    #[test]
+    fn a_frame_with_missing_pixels_is_left_out() {
+        let mut records = frame(100);
+        records.remove(8);
+        let records = [records, frame(5000), vec![event(9000)]].concat();
+        let (_directory, recording) = recording(&records);
+        let mut times = Vec::new();
+        assert_eq!(visit_frames(&recording, |image| times.push(image.exposure)).unwrap(), None);
+        assert_eq!(times, [(5005, 6000)]);
+    }
+
+    /// Each frame looked at all pixels of the sensor, and took memory for them anew.
+    #[test]
+    fn frames_of_one_pixel_take_no_more_than_that() {
+        let mut frame = Growing::new(SENSOR);
+        let memory = (frame.reset.levels.as_ptr(), frame.exposed.levels.as_ptr());
+        let pair = |index: u32| [level(10, 7, RESET, 40 + 4 * (index % 200)), level(10, 7, EXPOSED, 40)];
+        let words = (0..100_000).flat_map(pair).zip(0..);
+        let frames: Vec<Frame> = words.flat_map(|(word, t)| frame.push(word, t)).flatten().collect();
+        // The last one may still grow.
+        assert_eq!(frames.len(), 99_999);
+        for (frame, index) in frames.iter().zip(0..) {
+            assert_eq!((frame.size, frame.position, frame.pixels[0]), ((1, 1), (10, 7), (index % 200) as u8));
+            assert_eq!(frame.exposure, Some((2 * index, 2 * index + 1)));
+        }
+        assert_eq!(memory, (frame.reset.levels.as_ptr(), frame.exposed.levels.as_ptr()));
+        assert_eq!((frame.reset.places.len(), frame.exposed.places.len()), (1, 1));
+    }
+
+    #[test]
+    fn a_whole_sensor_is_a_frame() {
+        let places = || (0..180).flat_map(|y| (0..240).map(move |x| (x, y)));
+        let words = |cycle, value: u32, t| places().map(move |(x, y)| [level(x, y, cycle, value), t]);
+        let records: Vec<[u32; 2]> = words(RESET, 800, 10).chain(words(EXPOSED, 400, 30)).chain([event(40)]).collect();
+        let (_directory, recording) = recording(&records);
+        let mut sizes = Vec::new();
+        let mut take = |image: TimedImage| {
+            let image = image.image.unwrap();
+            sizes.push((image.width(), image.height()));
+        };
+        assert_eq!(visit_frames(&recording, &mut take).unwrap(), None);
+        assert_eq!(sizes, [(SENSOR.width.into(), SENSOR.height.into())]);
+        // Row by row: no moment at which all pixels were exposed.
+        let rows = (0..180_u32).flat_map(|row| {
+            [(RESET, row), (EXPOSED, row + 5)]
+                .map(|(cycle, t)| (0..240).map(move |x| [level(x, row, cycle, 500), 100 + t]))
+        });
+        let mut rows: Vec<[u32; 2]> = rows.flatten().collect();
+        rows.sort_by_key(|[word, t]| (*t, *word & EXPOSED));
+        let (_directory, recording) = self::recording(&[rows, vec![event(900)]].concat());
+        let mut images = Vec::new();
+        assert_eq!(visit_frames(&recording, |image| images.push(image.image.err())).unwrap(), None);
+        assert_eq!(images, [Some(NoImage::RollingShutter)]);
+    }
+
+    #[test]
+    fn damage_panics_nowhere() {
+        let records = [frame(100), sample(3000, [1, -2, 3, -4, 5, -6, 7]), (0..20).map(event).collect()].concat();
+        let content = file(&records);
+        for cut in 0..content.len() {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording.aedat");
+            std::fs::write(&path, &content[..cut]).unwrap();
+            if let Ok(recording) = Recording::new(&path, RecordingOptions::default()) {
+                let _ = visit_frames(&recording, |_| {});
+                let _ = open_extras(&recording);
+            }
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! Frames and inertial samples in order of time.
+
+use std::path::Path;
+
+use super::other_streams::{FrameReader, InertialReader};
+use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, frame_start, told};
+use crate::{RecordingError, RecordingOptions};
+
+/// Those of an AEDAT4 file.
+pub struct Aedat4Extras {
+    frames: FrameReader,
+    samples: InertialReader,
+    /// The next of each, which have been read.
+    frame: Option<Frame>,
+    sample: Option<InertialSample>,
+    held: OtherStreams,
+    /// What could not be read of the first of each.
+    lost: Vec<String>,
+    /// The streams of both, as [`super::describe`] names them.
+    streams: Vec<String>,
+}
+
+impl Aedat4Extras {
+    /// Those of the file at `path`, of the camera whose events are read.
+    pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+        let (mut frames, mut samples) = (FrameReader::open(path, options)?, InertialReader::open(path, options)?);
+        let mut lost = Vec::new();
+        let frame = told(frames.next_frame(), "frames", &mut lost);
+        let sample = told(samples.next_sample(), "inertial samples", &mut lost);
+        let held = OtherStreams { frames: frame.is_some(), imu: sample.is_some() };
+        let streams = frames.stream().filter(|_| held.frames).into_iter();
+        let streams = streams.chain(samples.stream().filter(|_| held.imu)).collect();
+        Ok(Self { frames, samples, frame, sample, held, lost, streams })
+    }
+}
+
+impl ReadExtras for Aedat4Extras {
+    fn held(&self) -> OtherStreams {
+        self.held
+    }
+
+    fn first_time(&mut self) -> Option<i64> {
+        let frame = self.frame.as_ref().map(frame_start);
+        frame.into_iter().chain(self.sample.map(|sample| sample.t)).min()
+    }
+
+    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
+        lost.append(&mut self.lost);
+        if self.frame.is_none() {
+            self.frames.tell_skipped(lost);
+        }
+        if self.sample.is_none() {
+            self.samples.tell_skipped(lost);
+        }
+        let frame = self.frame.as_ref().map(frame_start).filter(|start| *start <= end);
+        let sample = self.sample.map(|sample| sample.t).filter(|t| *t <= end);
+        if sample.is_some() && frame.is_none_or(|start| sample < Some(start)) {
+            let after = told(self.samples.next_sample(), "inertial samples", lost);
+            return std::mem::replace(&mut self.sample, after).map(Extra::Inertial);
+        }
+        frame?;
+        let after = told(self.frames.next_frame(), "frames", lost);
+        std::mem::replace(&mut self.frame, after).map(Extra::Frame)
+    }
+
+    fn reads(&self, stream: &str) -> bool {
+        self.streams.iter().any(|read| read == stream)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+
+    use evcal_core::sensor::Sensor;
+
+    use super::*;
+    use crate::Damage;
+    use crate::aedat4::header::Compression;
+    use crate::aedat4::write::Encoder;
+    use crate::encode::Encode;
+
+    /// All samples of a file were read at once, and none of a file with a damaged packet.
+    #[test]
+    fn samples_are_read_packet_by_packet() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.aedat4");
+        let sample = |t| InertialSample { t, temperature: 1.0, acceleration: [2.0; 3], angular_velocity: [3.0; 3] };
+        // Packets of 10 ms.
+        let samples: Vec<InertialSample> = (0..30).map(|index| sample(1000 * index)).collect();
+        let (sensor, others) = (Sensor::new(346, 260), OtherStreams { frames: false, imu: true });
+        let file = File::create(&path).unwrap();
+        let mut encoder = Encoder::with_streams(file, Compression::None, sensor, "", others).unwrap();
+        encoder.imu(&samples).unwrap();
+        encoder.finish().unwrap();
+
+        let read = |damage| {
+            let options = RecordingOptions { damage, ..RecordingOptions::default() };
+            let (mut extras, mut lost) = (Aedat4Extras::open(&path, &options).unwrap(), Vec::new());
+            assert_eq!(extras.first_time(), Some(0));
+            let read: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
+            (read, lost)
+        };
+        let all: Vec<Extra> = samples.into_iter().map(Extra::Inertial).collect();
+        assert_eq!(read(Damage::Refuse), (all.clone(), Vec::new()));
+
+        let mut content = std::fs::read(&path).unwrap();
+        let packets: Vec<usize> =
+            content.windows(5).enumerate().filter(|(_, bytes)| bytes == b"IMUS\x06").map(|(at, _)| at).collect();
+        assert_eq!(packets.len(), 3);
+        content[packets[1]] = b'X';
+        std::fs::write(&path, content).unwrap();
+        let (before, lost) = read(Damage::Refuse);
+        assert_eq!(before, all[..10]);
+        assert!(lost.len() == 1 && lost[0].contains("inertial samples from here on"), "{lost:?}");
+        let (around, lost) = read(Damage::Skip);
+        assert_eq!(around, [&all[..10], &all[20..]].concat());
+        assert_eq!(lost, ["1 damaged packet of frames and inertial samples"]);
+    }
+}

@@ -1,0 +1,347 @@
+//! What an AEDAT4 file holds beside events: frames, inertial samples, triggers.
+//!
+//! | identifier | root table | elements |
+//! |---|---|---|
+//! | `FRME` | one frame: times of frame and exposure, format, size, position, pixels | |
+//! | `IMUS` | vector of tables: time, temperature, accelerations, angular velocities | samples |
+//! | `TRIG` | vector of tables, field 0 = time | triggers |
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::vec::IntoIter;
+
+use super::flatbuffer::{self, Malformed, Table};
+use super::header::Stream;
+use super::packets::{PacketHead, PacketReader};
+use super::{EVENTS, choose_stream, describe, event, events};
+use crate::extras::{Frame, InertialSample, Skipped};
+use crate::pictures::TimedImage;
+use crate::{RecordingError, RecordingErrorKind, RecordingOptions, StreamSummary};
+
+const FRAMES: &str = "FRME";
+const INERTIAL: &str = "IMUS";
+
+/// The packets of the first stream of one kind that is of the camera whose events are read.
+struct StreamPackets {
+    packets: PacketReader,
+    stream: Option<Stream>,
+    skipped: Skipped,
+}
+
+impl StreamPackets {
+    fn open(path: &Path, options: &RecordingOptions, type_identifier: &str) -> Result<Self, RecordingError> {
+        let packets = PacketReader::open(path)?;
+        let header = packets.header();
+        let events = choose_stream(header, options.stream.as_deref(), &mut Vec::new()).ok();
+        let camera = events.and_then(|events| events.source.as_ref());
+        let is_beside = |stream: &&Stream| match (&stream.source, camera) {
+            (Some(source), Some(camera)) => source == camera,
+            _ => true,
+        };
+        let mut streams = header.streams.iter().filter(is_beside);
+        let stream = streams.find(|stream| stream.type_identifier == type_identifier).cloned();
+        Ok(Self { packets, stream, skipped: Skipped::new(options.damage) })
+    }
+
+    /// What `parse` makes of the next packet that is whole; `None` at the end. Damaged ones are passed over where they are to be
+    /// skipped; where the next packet begins must be known.
+    fn next<T>(&mut self, parse: impl Fn(&[u8]) -> Result<T, Malformed>) -> Result<Option<T>, RecordingError> {
+        let Some(stream) = &self.stream else { return Ok(None) };
+        while let Some(head) = self.packets.next_packet()? {
+            if head.stream != stream.id || head.cut_off {
+                continue;
+            }
+            let error = match self.packets.content(&head).map(&parse) {
+                Ok(Ok(parsed)) => return Ok(Some(parsed)),
+                Ok(Err(Malformed(what))) => self.packets.damaged(&head, what),
+                Err(error) => error,
+            };
+            self.skipped.add(error)?;
+        }
+        Ok(None)
+    }
+}
+
+/// Reads the pictures of the first frame stream of a camera.
+pub struct FrameReader(StreamPackets);
+
+impl FrameReader {
+    /// Opens the file at `path`. A camera without frame stream has no frames.
+    ///
+    /// # Errors
+    /// When the file cannot be read or its header is damaged.
+    pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+        StreamPackets::open(path, options, FRAMES).map(Self)
+    }
+
+    /// The stream that is read, as [`describe`] names it.
+    pub(super) fn stream(&self) -> Option<String> {
+        self.0.stream.as_ref().map(describe)
+    }
+
+    /// Tells `lost`, once, of the damaged packets that were passed over.
+    pub(super) fn tell_skipped(&mut self, lost: &mut Vec<String>) {
+        self.0.skipped.tell(lost);
+    }
+
+    /// The next picture; `None` at the end, also at that of a file that was cut off.
+    ///
+    /// # Errors
+    /// When the file cannot be read or a packet is damaged; the pictures after that one can still be read.
+    pub fn next_frame(&mut self) -> Result<Option<Frame>, RecordingError> {
+        self.0.next(|content| flatbuffer::root(content, b"FRME").and_then(|table| frame(&table)))
+    }
+}
+
+/// Reads the samples of the first inertial stream of a file, packet by packet.
+pub struct InertialReader {
+    packets: StreamPackets,
+    /// Those of the present packet.
+    samples: IntoIter<InertialSample>,
+}
+
+impl InertialReader {
+    /// Opens the file at `path`. A file without inertial stream has no samples.
+    ///
+    /// # Errors
+    /// When the file cannot be read or its header is damaged.
+    pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+        Ok(Self { packets: StreamPackets::open(path, options, INERTIAL)?, samples: Vec::new().into_iter() })
+    }
+
+    /// The stream that is read, as [`describe`] names it.
+    pub(super) fn stream(&self) -> Option<String> {
+        self.packets.stream.as_ref().map(describe)
+    }
+
+    /// Tells `lost`, once, of the damaged packets that were passed over.
+    pub(super) fn tell_skipped(&mut self, lost: &mut Vec<String>) {
+        self.packets.skipped.tell(lost);
+    }
+
+    /// The next sample; `None` at the end, also at that of a file that was cut off.
+    ///
+    /// # Errors
+    /// When the file cannot be read or a packet is damaged; the samples after that one can still be read.
+    pub fn next_sample(&mut self) -> Result<Option<InertialSample>, RecordingError> {
+        loop {
+            if let Some(sample) = self.samples.next() {
+                return Ok(Some(sample));
+            }
+            match self.packets.next(inertial_packet)? {
+                Some(samples) => self.samples = samples.into_iter(),
+                None => return Ok(None),
+            }
+        }
+    }
+}
+
+/// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
+pub(super) fn visit_frames(
+    path: &Path,
+    options: &RecordingOptions,
+    visit: &mut dyn FnMut(TimedImage),
+) -> Result<Result<(), RecordingError>, RecordingError> {
+    let mut reader = FrameReader::open(path, options)?;
+    Ok(loop {
+        match reader.next_frame() {
+            Ok(Some(frame)) => visit(frame.into()),
+            Ok(None) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+    })
+}
+
+/// The times of exposure are fields 3 and 4; −1 stands for unknown.
+fn frame(table: &Table) -> Result<Frame, Malformed> {
+    let side = |index| {
+        let value = table.i16(index, 0)?;
+        u16::try_from(value).map_err(|_| Malformed("a frame has a negative size or position"))
+    };
+    let (width, height) = (side(6)?, side(7)?);
+    // OpenCV's type numbers: 8 bits, channels - 1 in bits 3 and 4.
+    let channels = match table.i8(5, 0)? {
+        0 => 1,
+        8 => 2,
+        16 => 3,
+        24 => 4,
+        _ => return Err(Malformed("a frame has a pixel format that is not 8 bits")),
+    };
+    let pixels = table.vector(10)?.elements::<1>()?.as_flattened();
+    if pixels.len() != usize::from(width) * usize::from(height) * channels {
+        return Err(Malformed("a frame does not have as many pixels as its size says"));
+    }
+    let span = |start, end| -> Result<Option<(i64, i64)>, Malformed> {
+        let span = (table.i64(start, -1)?, table.i64(end, -1)?);
+        Ok(Some(span).filter(|(start, end)| *start >= 0 && end >= start))
+    };
+    Ok(Frame {
+        t: table.i64(0, 0)?,
+        exposure: span(3, 4)?,
+        readout: span(1, 2)?,
+        size: (width, height),
+        position: (side(8)?, side(9)?),
+        channels,
+        pixels: pixels.to_vec(),
+    })
+}
+
+fn inertial_packet(content: &[u8]) -> Result<Vec<InertialSample>, Malformed> {
+    let vector = flatbuffer::root(content, b"IMUS")?.vector(0)?.of_tables()?;
+    let sample = |index| {
+        let table = vector.table(index)?;
+        let axes = |first: usize| Ok([table.f32(first, 0.0)?, table.f32(first + 1, 0.0)?, table.f32(first + 2, 0.0)?]);
+        Ok(InertialSample {
+            t: table.i64(0, 0)?,
+            temperature: table.f32(1, 0.0)?,
+            acceleration: axes(2)?,
+            angular_velocity: axes(5)?,
+        })
+    };
+    (0..vector.length).map(sample).collect()
+}
+
+/// Counts what the streams of the file at `path` hold. Packets that are damaged or cut off count as
+/// packets only.
+///
+/// # Errors
+/// When the file cannot be read or its header is damaged.
+pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
+    let mut packets = PacketReader::open(path)?;
+    let streams = packets.header().streams.clone();
+    // Where two streams have one number, the first.
+    let places: BTreeMap<i32, usize> =
+        streams.iter().enumerate().rev().map(|(place, stream)| (stream.id, place)).collect();
+    let mut summaries: Vec<StreamSummary> = streams
+        .iter()
+        .map(|stream| StreamSummary { name: describe(stream), packets: 0, elements: 0, times_us: None })
+        .collect();
+    loop {
+        let head = match packets.next_packet() {
+            Ok(Some(head)) => head,
+            // Damage is for the reader of events to report.
+            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => return Ok(summaries),
+            Err(error) => return Err(error),
+        };
+        let place = places.get(&head.stream);
+        let Some((stream, summary)) = place.and_then(|&index| Some((streams.get(index)?, summaries.get_mut(index)?)))
+        else {
+            continue;
+        };
+        summary.packets += 1;
+        match elements(&mut packets, &head, stream) {
+            Ok((count, times)) => {
+                summary.elements += count;
+                summary.extend(times);
+            }
+            Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+/// Number of elements of a packet, and the times of its first and last one.
+fn elements(
+    packets: &mut PacketReader,
+    head: &PacketHead,
+    stream: &Stream,
+) -> Result<(u64, Option<(i64, i64)>), RecordingError> {
+    let content = packets.content(head)?;
+    let parsed = match stream.type_identifier.as_str() {
+        EVENTS => events(content, head.cut_off).map(|events| {
+            let times = events.first().zip(events.last()).map(|(first, last)| (event(first).t, event(last).t));
+            (events.len() as u64, times)
+        }),
+        FRAMES => flatbuffer::root(content, b"FRME").and_then(|table| table.i64(0, 0)).map(|t| (1, Some((t, t)))),
+        INERTIAL => tables(content, b"IMUS"),
+        "TRIG" => tables(content, b"TRIG"),
+        _ => Ok((0, None)),
+    };
+    parsed.map_err(|Malformed(what)| packets.damaged(head, what))
+}
+
+fn tables(content: &[u8], identifier: &[u8; 4]) -> Result<(u64, Option<(i64, i64)>), Malformed> {
+    let vector = flatbuffer::root(content, identifier)?.vector(0)?.of_tables()?;
+    let Some(last) = vector.length.checked_sub(1) else {
+        return Ok((0, None));
+    };
+    let time = |index| vector.table(index)?.i64(0, 0);
+    Ok((vector.length as u64, Some((time(0)?, time(last)?))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A FlatBuffer with one table of i64 fields 0 to 4, a format byte, four i16 and a vector of bytes.
+    fn frame_bytes(format: u8, [width, height, x, y]: [i16; 4], pixels: &[u8]) -> Vec<u8> {
+        let mut bytes = 40u32.to_le_bytes().to_vec();
+        bytes.extend_from_slice(b"FRME");
+        // vtable of 11 fields at 8, 26 bytes long: t, frame start and end (absent), exposure, format...
+        for entry in [26u16, 48, 4, 0, 0, 12, 20, 28, 30, 32, 34, 36, 40] {
+            bytes.extend_from_slice(&entry.to_le_bytes());
+        }
+        bytes.resize(40, 0);
+        bytes.extend_from_slice(&32i32.to_le_bytes());
+        for t in [1000i64, 900, 1100] {
+            bytes.extend_from_slice(&t.to_le_bytes());
+        }
+        bytes.extend_from_slice(&[format, 0]);
+        for value in [width, height, x, y] {
+            bytes.extend_from_slice(&value.to_le_bytes());
+        }
+        bytes.resize(40 + 40, 0);
+        bytes.extend_from_slice(&4u32.to_le_bytes());
+        bytes.extend_from_slice(&(pixels.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(pixels);
+        bytes
+    }
+
+    fn parse(bytes: &[u8]) -> Result<Frame, Malformed> {
+        flatbuffer::root(bytes, b"FRME").and_then(|table| frame(&table))
+    }
+
+    #[test]
+    fn a_frame_is_read() {
+        let expected = Frame {
+            t: 1000,
+            exposure: Some((900, 1100)),
+            readout: None,
+            size: (3, 2),
+            position: (5, 6),
+            channels: 1,
+            pixels: vec![1, 2, 3, 4, 5, 6],
+        };
+        assert_eq!(parse(&frame_bytes(0, [3, 2, 5, 6], &[1, 2, 3, 4, 5, 6])).unwrap(), expected);
+        assert_eq!(parse(&frame_bytes(16, [1, 1, 0, 0], &[1, 2, 3])).unwrap().channels, 3);
+    }
+
+    #[test]
+    fn a_frame_that_contradicts_itself_is_refused() {
+        for (format, size, pixels) in
+            [(0, [3, 2, 0, 0], 5), (0, [-3, 2, 0, 0], 6), (5, [3, 2, 0, 0], 6), (16, [3, 2, 0, 0], 6)]
+        {
+            assert!(parse(&frame_bytes(format, size, &vec![0; pixels])).is_err());
+        }
+        let bytes = frame_bytes(0, [3, 2, 0, 0], &[0; 6]);
+        for length in 0..bytes.len() {
+            assert!(parse(&bytes[..length]).is_err());
+        }
+    }
+
+    /// Each zero of such a vector was a sample: 16 million of them in a packet of some kilobytes.
+    #[test]
+    fn more_tables_than_a_packet_can_hold_are_refused() {
+        let packet = |identifier: &[u8; 4], count: usize| {
+            // The vtable at 8, the root table at 16, the vector at 24.
+            let mut bytes = [&16u32.to_le_bytes()[..], identifier].concat();
+            bytes.extend([6u16, 8, 4, 0].into_iter().flat_map(u16::to_le_bytes));
+            bytes.extend([8, 4, count as u32].into_iter().flat_map(u32::to_le_bytes));
+            bytes.resize(28 + 4 * count, 0);
+            bytes
+        };
+        assert!(inertial_packet(&packet(b"IMUS", 1000)).is_err());
+        assert!(tables(&packet(b"IMUS", 1000), b"IMUS").is_err() && tables(&packet(b"TRIG", 1000), b"TRIG").is_err());
+        assert_eq!(tables(&packet(b"TRIG", 2), b"TRIG"), Ok((2, Some((0, 0)))));
+    }
+}

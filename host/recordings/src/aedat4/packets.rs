@@ -1,0 +1,250 @@
+//! The packets of an AEDAT4 file, in the order of the file.
+//!
+//! After the header, packet follows packet: i32 stream number, i32 size, and `size` bytes, which are
+//! a whole LZ4 or Zstandard frame (or plain bytes) of a FlatBuffer with a u32 size prefix. The table
+//! that may close the file is not needed to read it; only its position is, to know where packets end.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek};
+use std::path::{Path, PathBuf};
+
+use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
+
+use super::header::{self, Compression, Header, MAGIC};
+use crate::bytes::share;
+use crate::{RecordingError, RecordingErrorKind, Truncation};
+
+/// A packet that unpacks to more (64 MiB, 4 million events) is damaged: a camera would need seconds to fill it, and programs write many a second.
+pub(super) const MAX_UNPACKED: usize = 1 << 26;
+/// What cannot be compressed grows by less when it is packed.
+const MAX_PACKED: u64 = MAX_UNPACKED as u64 + (1 << 20);
+
+const SKIP_ADVICE: &str = "the events before it can be used; damaged packets can be left out (--skip-damaged)";
+
+/// Reads a file packet by packet.
+pub struct PacketReader {
+    path: PathBuf,
+    file: BufReader<File>,
+    header: Header,
+    /// Offset of the next packet.
+    position: u64,
+    /// Where packets end.
+    end: u64,
+    truncated: Option<Truncation>,
+    packed: Vec<u8>,
+    unpacked: Vec<u8>,
+    zstd: Decoder<'static>,
+}
+
+/// One packet, still packed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PacketHead {
+    /// Its stream.
+    pub stream: i32,
+    /// Offset of its content in the file.
+    pub byte: u64,
+    /// Length of its content in the file.
+    pub length: u64,
+    /// Whether the file ends within the packet: `length` is what there is of it.
+    pub cut_off: bool,
+}
+
+impl PacketReader {
+    /// Opens the file and reads its header.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let io = |error| RecordingError::io(path, error);
+        let damaged = |byte, what: String| {
+            let advice = "nothing can be read without the header";
+            RecordingError::new(path, RecordingErrorKind::Damaged { byte, what, advice })
+        };
+        let file = File::open(path).map_err(io)?;
+        let file_length = file.metadata().map_err(io)?.len();
+        let mut file = BufReader::with_capacity(1 << 16, file);
+        let mut start = [0; MAGIC.len() + 4];
+        file.read_exact(&mut start).map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => damaged(0, format!("the header is cut off after {file_length} bytes")),
+            _ => io(error),
+        })?;
+        let [.., a, b, c, d] = start;
+        let size = u64::from(u32::from_le_bytes([a, b, c, d]));
+        let position = start.len() as u64 + size;
+        if position > file_length {
+            let what = format!("the header has {size} bytes, and the file ends after {file_length}");
+            return Err(damaged(MAGIC.len() as u64, what));
+        }
+        let mut bytes = Vec::new();
+        file.by_ref().take(size).read_to_end(&mut bytes).map_err(io)?;
+        let header = header::parse(&bytes).map_err(|error| damaged(start.len() as u64, error.to_string()))?;
+        let mut truncated = None;
+        let end = match header.table_position {
+            Some(table) if (position..=file_length).contains(&table) => table,
+            Some(table) if table > file_length => {
+                let lost = format!("at least {} bytes are missing, and the closing table", table - file_length);
+                truncated = Some(Truncation { byte: file_length, lost });
+                file_length
+            }
+            Some(table) => {
+                let what = format!("the header puts the closing table at byte {table}, inside the header");
+                return Err(damaged(start.len() as u64, what));
+            }
+            None => file_length,
+        };
+        let zstd = Decoder::new().map_err(io)?;
+        let path = path.to_owned();
+        Ok(Self { path, file, header, position, end, truncated, packed: Vec::new(), unpacked: Vec::new(), zstd })
+    }
+
+    /// The header of the file.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// Which part of the packets was read, 0 to 1.
+    pub fn done(&self) -> f64 {
+        share(self.position, self.end)
+    }
+
+    /// Set when the file ends too early; complete once [`Self::next_packet`] has returned `None`.
+    pub fn truncated(&self) -> Option<&Truncation> {
+        self.truncated.as_ref()
+    }
+
+    /// An error about the packet `head`.
+    pub fn damaged(&self, head: &PacketHead, what: &str) -> RecordingError {
+        let what = format!("a packet of stream {} is damaged: {what}", head.stream);
+        RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte: head.byte, what, advice: SKIP_ADVICE })
+    }
+
+    /// Bytes that its packets take.
+    #[cfg(test)]
+    pub(super) fn memory(&self) -> usize {
+        self.packed.capacity() + self.unpacked.capacity()
+    }
+
+    fn too_large(&self, head: &PacketHead) -> RecordingError {
+        self.damaged(head, &format!("it unpacks to more than {} MiB", MAX_UNPACKED >> 20))
+    }
+
+    /// The next packet, or `None` at the end. Its content may be read once with [`Self::content`].
+    pub fn next_packet(&mut self) -> Result<Option<PacketHead>, RecordingError> {
+        let io = |error| RecordingError::io(&self.path, error);
+        // The content of the packet before may have been left unread: seek within the buffer if possible.
+        let here = self.file.stream_position().map_err(io)?;
+        let distance = i64::try_from(self.position).unwrap_or(i64::MAX) - i64::try_from(here).unwrap_or(i64::MAX);
+        self.file.seek_relative(distance).map_err(io)?;
+        let left = self.end.saturating_sub(self.position);
+        if left == 0 {
+            return Ok(None);
+        }
+        let start = self.position;
+        if left < 8 {
+            self.cut_off(start, format!("{left} bytes of a packet's head"))?;
+            return Ok(None);
+        }
+        let mut head = [0; 8];
+        self.file.read_exact(&mut head).map_err(io)?;
+        let [a, b, c, d, e, f, g, h] = head;
+        let stream = i32::from_le_bytes([a, b, c, d]);
+        let size = i32::from_le_bytes([e, f, g, h]);
+        let Ok(length) = u64::try_from(size) else {
+            let what = format!("a packet of stream {stream} says that it has {size} bytes");
+            let advice = "the file cannot be read beyond it; the events before it can be used";
+            return Err(RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte: start, what, advice }));
+        };
+        let byte = start + 8;
+        let available = self.end - byte;
+        if length > available {
+            self.cut_off(start, format!("{available} of {length} bytes of a packet of stream {stream}"))?;
+            self.position = self.end;
+            return Ok(Some(PacketHead { stream, byte, length: available, cut_off: true }));
+        }
+        self.position = byte + length;
+        Ok(Some(PacketHead { stream, byte, length, cut_off: false }))
+    }
+
+    /// Notes that the file ends within a packet; an error if it does not end there.
+    fn cut_off(&mut self, byte: u64, rest: String) -> Result<(), RecordingError> {
+        if self.header.table_position == Some(self.end) {
+            let what = format!("{rest} are left before the closing table");
+            let advice = "the sizes of packets do not add up; the events before it can be used";
+            return Err(RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte, what, advice }));
+        }
+        let lost = match &self.truncated {
+            Some(truncation) => format!("{rest} are left; {}", truncation.lost),
+            None => format!("{rest} are left, and it is unknown how much is missing"),
+        };
+        self.truncated = Some(Truncation { byte, lost });
+        self.position = self.end;
+        Ok(())
+    }
+
+    /// The content of the packet `head` that [`Self::next_packet`] has just returned, unpacked and
+    /// without size prefix. Of a packet that is cut off, what can be had: of a compressed one, nothing.
+    pub fn content(&mut self, head: &PacketHead) -> Result<&[u8], RecordingError> {
+        self.packed.clear();
+        if head.length > MAX_PACKED {
+            return Err(self.too_large(head));
+        }
+        let read = self.file.by_ref().take(head.length).read_to_end(&mut self.packed);
+        read.map_err(|error| RecordingError::io(&self.path, error))?;
+        let unpacked: &[u8] = match self.header.compression {
+            Compression::None => &self.packed,
+            _ if head.cut_off => &[],
+            Compression::Lz4 => {
+                self.unpacked.clear();
+                lz4_flex::frame::FrameDecoder::new(self.packed.as_slice())
+                    .take(MAX_UNPACKED as u64 + 1)
+                    .read_to_end(&mut self.unpacked)
+                    .map_err(|error| self.damaged(head, &format!("LZ4: {error}")))?;
+                &self.unpacked
+            }
+            Compression::Zstd => {
+                let length = unpack_zstd(&mut self.zstd, &self.packed, &mut self.unpacked)
+                    .map_err(|error| self.damaged(head, &format!("Zstandard: {error}")))?;
+                self.unpacked.get(..length).unwrap_or_default()
+            }
+        };
+        if unpacked.len() > MAX_UNPACKED {
+            return Err(self.too_large(head));
+        }
+        match unpacked.split_first_chunk() {
+            Some((size, content)) => {
+                let size = u32::from_le_bytes(*size) as usize;
+                match content.get(..size) {
+                    Some(content) => Ok(content),
+                    None if head.cut_off => Ok(content),
+                    None => Err(self.damaged(head, &format!("{} of {size} bytes are there", content.len()))),
+                }
+            }
+            None if head.cut_off => Ok(&[]),
+            None => Err(self.damaged(head, "it is empty")),
+        }
+    }
+}
+
+/// Unpacks one Zstandard frame into `unpacked`, which grows as needed and keeps its length; returns
+/// how many bytes of it are the content.
+fn unpack_zstd(decoder: &mut Decoder<'static>, packed: &[u8], unpacked: &mut Vec<u8>) -> io::Result<usize> {
+    decoder.reinit()?;
+    let mut source = InBuffer::around(packed);
+    let mut length = 0;
+    loop {
+        if unpacked.len() == length {
+            let target = (2 * length).max(4 * packed.len()).clamp(1 << 16, MAX_UNPACKED + 1);
+            if target <= length {
+                return Ok(length);
+            }
+            unpacked.resize(target, 0);
+        }
+        let mut target = OutBuffer::around_pos(unpacked.as_mut_slice(), length);
+        let before = (source.pos(), length);
+        let wanted = decoder.run(&mut source, &mut target)?;
+        length = target.pos();
+        if wanted == 0 {
+            return Ok(length);
+        }
+        if before == (source.pos(), length) && length < unpacked.len() {
+            return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the frame is incomplete"));
+        }
+    }
+}

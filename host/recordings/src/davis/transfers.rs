@@ -1,0 +1,42 @@
+//! A camera's stream from one file to another, transfer by transfer, without decoding it.
+
+use std::fs::File;
+
+use usb_davis::capture::Capture;
+use usb_davis::dump::DumpWriter;
+
+use super::dump::COMPRESSION;
+use crate::encode::{CopiedTransfers, WriteError};
+
+/// Copies the transfers of `capture` into a new dump.
+pub fn copy(capture: &mut Capture, file: File) -> Result<CopiedTransfers, WriteError> {
+    let mut dump = DumpWriter::new(file, capture.header(), COMPRESSION)?;
+    let mut copied = CopiedTransfers::default();
+    loop {
+        match capture.next_transfer() {
+            Ok(Some(transfer)) => dump.transfer(&transfer)?,
+            Ok(None) => break,
+            Err(error) => {
+                copied.error = Some(error);
+                break;
+            }
+        }
+        copied.transfers += 1;
+    }
+    // Registers that were read or written while recording, such as the counters of drops.
+    let before = capture.header().registers.clone();
+    let changed = capture.registers().iter().filter(|&(register, value)| before.get(register) != Some(value));
+    let changed: Vec<_> = changed.collect();
+    if !changed.is_empty() {
+        dump.registers(changed)?;
+    }
+    dump.finish()?;
+    let damage = capture.damage();
+    if damage.places > 0 || damage.unfinished > 0 {
+        copied.lost = Some(format!(
+            "{} damaged places and an unfinished end of {} bytes in the recording: they are gaps in the output",
+            damage.places, damage.unfinished
+        ));
+    }
+    Ok(copied)
+}

@@ -1,0 +1,228 @@
+//! Event Stream (`.es`), of DVS and ATIS.
+//!
+//! `Event Stream`, three bytes of version, a byte with the kind of events, then u16 width and height of the sensor,
+//! little-endian. Rows count from below. Then bytes, of which the first of an event tells how much later it is:
+//!
+//! | kind | byte | means |
+//! |---|---|---|
+//! | 1, DVS | `dt << 1 \| on` | an event after dt ≤ 126 µs; u16 x, u16 y follow |
+//! | | 0xFF | 127 µs later |
+//! | | 0xFE | nothing |
+//! | 2, ATIS | `dt << 2 \| on << 1 \| exposure` | an event after dt ≤ 62 µs, or a measurement of light; u16 x, u16 y follow |
+//! | | 0xFD to 0xFF | 63, 126 or 189 µs later |
+//! | | 0xFC | nothing |
+
+use std::path::Path;
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+
+use super::bytes::ByteReader;
+use super::{
+    Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
+    Truncation,
+};
+
+const MAGIC: &[u8] = b"Event Stream";
+/// What stands before the size of the sensor: the magic, the version, and the kind.
+const HEAD: usize = MAGIC.len() + 4;
+/// Bytes that are decoded at a time.
+const BLOCK: u64 = 1 << 17;
+
+/// Event Stream.
+pub const FORMAT: FileFormat = FileFormat::of_events("Event Stream", |head| head.bytes.starts_with(MAGIC), open);
+
+/// What the events are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Dvs,
+    Atis,
+}
+
+/// What the first byte of an event says.
+enum Step {
+    /// So many microseconds pass.
+    Later(i64),
+    /// An event after so many microseconds; no change of brightness if its polarity is `None`.
+    Event(i64, Option<Polarity>),
+}
+
+impl Kind {
+    fn step(self, byte: u8) -> Step {
+        let on = |set: bool| if set { Polarity::On } else { Polarity::Off };
+        match (self, byte) {
+            (Self::Dvs, 0xff) => Step::Later(127),
+            (Self::Dvs, 0xfe) => Step::Later(0),
+            (Self::Dvs, byte) => Step::Event((byte >> 1).into(), Some(on(byte & 1 != 0))),
+            (Self::Atis, 0xfc..) => Step::Later(i64::from(byte & 3) * 63),
+            (Self::Atis, byte) => Step::Event((byte >> 2).into(), (byte & 1 == 0).then_some(on(byte & 2 != 0))),
+        }
+    }
+}
+
+struct Decoder {
+    file: ByteReader,
+    information: RecordingInformation,
+    kind: Kind,
+    height: u16,
+    t: i64,
+    /// What was read and not decoded, and where it is in the file.
+    rest: Vec<u8>,
+    block: Vec<u8>,
+    measurements: u64,
+}
+
+fn open(path: &Path, _: &RecordingOptions) -> Opened {
+    let mut file = ByteReader::open(path)?;
+    let head = file.array::<HEAD>()?;
+    let Some([.., major, _, _, kind]) = head else {
+        return Err(file.damaged(0, "the header is not whole"));
+    };
+    let unsupported = |advice| {
+        RecordingError::new(path, RecordingErrorKind::Unsupported { format: "Event Stream (of another kind)", advice })
+    };
+    if major != 2 {
+        return Err(unsupported("only version 2 is read: convert it with the program that wrote it"));
+    }
+    let kind = match kind {
+        1 => Kind::Dvs,
+        2 => Kind::Atis,
+        _ => return Err(unsupported("only streams of a DVS or an ATIS are read, not colours or generic bytes")),
+    };
+    let Some([a, b, c, d]) = file.array()? else {
+        return Err(file.damaged(HEAD as u64, "the header is not whole"));
+    };
+    let sensor = Sensor::new(u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]));
+    let information = RecordingInformation {
+        format: FORMAT.name,
+        sensor: Some(sensor),
+        camera_name: None,
+        began: None,
+        notes: Vec::new(),
+    };
+    let (rest, block) = (Vec::new(), Vec::new());
+    Ok(Box::new(Decoder { file, information, kind, height: sensor.height, t: 0, rest, block, measurements: 0 }))
+}
+
+impl Decoder {
+    /// Appends the events at the front of `bytes`; how many bytes they are.
+    fn events(&mut self, bytes: &[u8], batch: &mut Vec<Event>) -> usize {
+        let mut rest = bytes;
+        while let Some((&byte, after)) = rest.split_first() {
+            match self.kind.step(byte) {
+                Step::Later(step) => {
+                    self.t = self.t.saturating_add(step);
+                    rest = after;
+                }
+                Step::Event(step, polarity) => {
+                    let Some((&[a, b, c, d], after)) = after.split_first_chunk() else { break };
+                    self.t = self.t.saturating_add(step);
+                    rest = after;
+                    let (x, y) = (u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]));
+                    // A row that the sensor does not have is beyond all.
+                    let y = self.height.checked_sub(1).and_then(|last| last.checked_sub(y)).unwrap_or(u16::MAX);
+                    match polarity {
+                        Some(polarity) => batch.push(Event { t: self.t, x, y, polarity }),
+                        None => self.measurements += 1,
+                    }
+                }
+            }
+        }
+        bytes.len() - rest.len()
+    }
+}
+
+impl Decode for Decoder {
+    fn information(&self) -> &RecordingInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        let mut block = std::mem::take(&mut self.block);
+        self.file.read(&mut block, BLOCK)?;
+        let more = block.len() as u64 == BLOCK;
+        let mut bytes = std::mem::take(&mut self.rest);
+        bytes.extend_from_slice(&block);
+        self.block = block;
+        let used = self.events(&bytes, batch);
+        bytes.drain(..used);
+        self.rest = bytes;
+        if self.measurements > 0 {
+            report.other_packets.insert("measurements of light".to_owned(), self.measurements);
+        }
+        if !more && !self.rest.is_empty() {
+            let byte = self.file.position() - self.rest.len() as u64;
+            let lost = format!("{} bytes of an event are left", self.rest.len());
+            report.truncated = Some(Truncation { byte, lost });
+        }
+        Ok(more)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(self.file.done())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    fn file(kind: u8, content: &[u8]) -> Vec<u8> {
+        [MAGIC, &[2, 0, 0, kind], &[64, 1], &[240, 0], content].concat()
+    }
+
+    fn event(t: i64, x: u16, y: u16, polarity: Polarity) -> Event {
+        Event { t, x, y, polarity }
+    }
+
+    #[test]
+    fn bytes_of_a_dvs_made_by_hand() {
+        // After 3 µs ON at (319, 239 from below); after 127 + 127 + 126 µs OFF at (0, 0 from below); one row too many.
+        let content = [7, 63, 1, 239, 0, 0xff, 0xfe, 0xff, 252, 0, 0, 0, 0, 0, 5, 0, 240, 0];
+        let outcome = testing::read(&file(1, &content));
+        let expected = [event(3, 319, 0, Polarity::On), event(383, 0, 239, Polarity::Off)];
+        assert_eq!((outcome.events.as_slice(), outcome.error), (expected.as_slice(), None));
+        assert_eq!((outcome.report.out_of_range, outcome.report.truncated), (1, None));
+        let information = outcome.information.unwrap();
+        assert_eq!((information.format, information.sensor), ("Event Stream", Some(Sensor::new(320, 240))));
+    }
+
+    #[test]
+    fn bytes_of_an_atis_made_by_hand() {
+        // 189 + 63 µs and nothing; then 62 µs ON; 1 µs OFF; a measurement.
+        let content = [0xff, 0xfd, 0xfc, 250, 1, 0, 0, 0, 4, 2, 0, 1, 0, 3, 2, 0, 1, 0];
+        let outcome = testing::read(&file(2, &content));
+        let expected = [event(314, 1, 239, Polarity::On), event(315, 2, 238, Polarity::Off)];
+        assert_eq!((outcome.events.as_slice(), outcome.error), (expected.as_slice(), None));
+        assert_eq!(outcome.report.other_packets["measurements of light"], 1);
+    }
+
+    #[test]
+    fn events_across_the_blocks_of_reading_are_whole() {
+        let count = BLOCK as usize / 5 * 2 + 7;
+        let content: Vec<u8> = (0..count).flat_map(|index| [3, (index % 251) as u8, 0, 0, 0]).collect();
+        let outcome = testing::read(&file(1, &content));
+        assert_eq!(outcome.events.len(), count);
+        assert_eq!(outcome.events[count - 1], event(count as i64, (count - 1) as u16 % 251, 239, Polarity::On));
+    }
+
+    #[test]
+    fn other_kinds_and_versions_are_refused_with_advice() {
+        for (content, part) in [
+            (file(4, &[]), "DVS or an ATIS"),
+            ([MAGIC, &[1, 0, 0, 1, 64, 1, 240, 0]].concat(), "version 2"),
+            (file(1, &[])[..14].to_vec(), "header"),
+        ] {
+            let error = testing::read(&content).error.unwrap();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+
+    #[test]
+    fn damage_loses_no_more_than_it_must() {
+        let content: Vec<u8> = (0..30).flat_map(|index| [0xff, index * 2, index, 0, index, 0]).collect();
+        testing::check_damage(&file(1, &content));
+        testing::check_damage(&file(2, &content));
+    }
+}

@@ -1,0 +1,266 @@
+//! Frames and inertial samples beside the events, as MVSEC's files have them: pictures of 8 bits in `image_raw`, and in `imu` three
+//! accelerations in m/s² and three rates in rad/s, as ROS gives them. Their times are in `image_raw_ts` and `imu_ts`.
+
+use std::path::{Path, PathBuf};
+
+use hdf5_reader::error::Error;
+use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
+
+use super::layout::Found;
+use super::{arrange, choose, structure, table};
+use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, Skipped, take_until, told};
+use crate::numbers::{Number, written};
+use crate::pictures::TimedImage;
+use crate::ros::GRAVITY;
+use crate::{RecordingError, RecordingErrorKind, RecordingOptions, TimeUnit};
+
+/// What they are called in reports.
+pub const FRAMES: &str = "frames";
+pub const SAMPLES: &str = "inertial samples";
+
+/// More times than this, an hour at 1 kHz, are not held in memory.
+const MOST_TIMES: u64 = 4_000_000;
+
+/// Pictures of more pixels are none of a sensor's.
+const MOST_PIXELS: u64 = 1 << 24;
+
+/// Pictures or samples, in their order.
+struct Timed {
+    data: Dataset,
+    /// Times in µs.
+    times: Vec<i64>,
+    next: usize,
+}
+
+impl Timed {
+    fn open((data, times): (Dataset, Dataset), unit: TimeUnit, offset: i64) -> Option<Self> {
+        let mut numbers = table::numbers(&times, MOST_TIMES)?;
+        numbers.truncate(written(numbers.iter(), |time| time.value() == 0.0));
+        let times: Option<Vec<i64>> = numbers.iter().map(|time| time.microseconds(unit)).collect();
+        let mut times: Vec<i64> = times?.iter().map(|time| time.saturating_add(offset)).collect();
+        times.truncate(usize::try_from(*data.shape().first()?).ok()?);
+        Some(Self { data, times, next: 0 })
+    }
+
+    fn time(&self) -> Option<i64> {
+        self.times.get(self.next).copied()
+    }
+
+    /// Goes on behind what cannot be read. Of a chunk nothing can be had, nor of an array in one piece that ends with the file.
+    fn pass_over(&mut self) {
+        let side = self.data.chunks().and_then(|sides| usize::try_from(*sides.first()?).ok());
+        self.next = side.map_or(self.times.len(), |side| (self.next / side.max(1) + 1).saturating_mul(side.max(1)));
+    }
+
+    fn frame(&self, t: i64) -> Result<Frame, Error> {
+        let side = |axis: usize| self.data.shape().get(axis).copied().unwrap_or(0);
+        let (height, width) = (side(1), side(2));
+        let too_large = || Error::InvalidData("pictures larger than any sensor".to_owned());
+        if height.checked_mul(width).is_none_or(|pixels| pixels > MOST_PIXELS) {
+            return Err(too_large());
+        }
+        let all = |side: u64| SliceInfoElem::Slice { start: 0, end: side, step: 1 };
+        let selections = vec![SliceInfoElem::Index(self.next as u64), all(height), all(width)];
+        let pixels = self.data.read_slice::<u8>(&SliceInfo { selections })?.into_iter().collect();
+        let size = u16::try_from(width).ok().zip(u16::try_from(height).ok());
+        let size = size.ok_or_else(too_large)?;
+        Ok(Frame { t, exposure: None, readout: None, size, position: (0, 0), channels: 1, pixels })
+    }
+
+    fn sample(&self, t: i64) -> Result<InertialSample, Error> {
+        let numbers = table::row(&self.data, self.next as u64)?;
+        let &[ax, ay, az, gx, gy, gz] = numbers.as_slice() else {
+            return Err(Error::InvalidData("inertial samples of other than six numbers".to_owned()));
+        };
+        let three = |numbers: [Number; 3], scale: f64| numbers.map(|number| (number.value() * scale) as f32);
+        Ok(InertialSample {
+            t,
+            temperature: 0.0,
+            acceleration: three([ax, ay, az], 1.0 / GRAVITY),
+            angular_velocity: three([gx, gy, gz], 180.0 / std::f64::consts::PI),
+        })
+    }
+}
+
+/// Those beside the events that are read.
+struct Beside {
+    path: PathBuf,
+    frames: Option<Timed>,
+    samples: Option<Timed>,
+    skipped: Skipped,
+}
+
+impl Beside {
+    fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+        let Found { table, offset, frames, samples, .. } = choose(path, options)?.0;
+        let (_, unit) = arrange(path, table, options, &mut Vec::new())?;
+        let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
+        let open = |found: Option<(Dataset, Dataset)>| Timed::open(found?, unit, offset);
+        let skipped = Skipped::new(options.damage);
+        Ok(Self { path: path.to_owned(), frames: open(frames), samples: open(samples), skipped })
+    }
+
+    /// The next one that begins and can be read.
+    fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
+        loop {
+            let frame = self.frames.as_ref().and_then(Timed::time);
+            let sample = self.samples.as_ref().and_then(Timed::time);
+            let (timed, read) = match (frame, sample, &mut self.frames, &mut self.samples) {
+                (Some(frame), sample, Some(frames), _)
+                    if sample.is_none_or(|sample| frame.saturating_sub(READOUT) <= sample) =>
+                {
+                    let read = frames.frame(frame).map(Extra::Frame);
+                    (frames, read)
+                }
+                (_, Some(sample), _, Some(samples)) => {
+                    let read = samples.sample(sample).map(Extra::Inertial);
+                    (samples, read)
+                }
+                _ => return Ok(None),
+            };
+            match read {
+                Ok(extra) => {
+                    timed.next += 1;
+                    return Ok(Some(extra));
+                }
+                Err(error) => {
+                    self.skipped.add(damaged(&self.path, &error))?;
+                    timed.pass_over();
+                }
+            }
+        }
+    }
+}
+
+struct Hdf5Extras {
+    beside: Beside,
+    next: Option<Extra>,
+    held: OtherStreams,
+    /// Why the first could not be read.
+    lost: Vec<String>,
+}
+
+/// Opens those of the file at `path`.
+pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
+    let mut beside = Beside::open(path, options)?;
+    let held = OtherStreams { frames: beside.frames.is_some(), imu: beside.samples.is_some() };
+    let mut lost = Vec::new();
+    let next = told(beside.next(), BOTH, &mut lost);
+    Ok(Box::new(Hdf5Extras { beside, next, held, lost }))
+}
+
+/// What cannot be read beside the events.
+fn damaged(path: &Path, error: &Error) -> RecordingError {
+    match structure(path, error) {
+        RecordingError { kind: RecordingErrorKind::Damaged { byte, .. }, path } => {
+            let what = format!("frames or inertial samples cannot be read: {error}");
+            let advice = "those before them can be used";
+            RecordingError::new(&path, RecordingErrorKind::Damaged { byte, what, advice })
+        }
+        other => other,
+    }
+}
+
+impl ReadExtras for Hdf5Extras {
+    fn held(&self) -> OtherStreams {
+        self.held
+    }
+
+    fn first_time(&mut self) -> Option<i64> {
+        self.next.as_ref().map(Extra::start)
+    }
+
+    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
+        lost.append(&mut self.lost);
+        if self.next.is_none() {
+            self.beside.skipped.tell(lost);
+        }
+        take_until(&mut self.next, end, lost, || self.beside.next())
+    }
+
+    fn reads(&self, stream: &str) -> bool {
+        matches!(stream, FRAMES if self.held.frames) || matches!(stream, SAMPLES if self.held.imu)
+    }
+}
+
+/// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
+pub fn visit_frames(
+    path: &Path,
+    options: &RecordingOptions,
+    visit: &mut dyn FnMut(TimedImage),
+) -> Result<Result<(), RecordingError>, RecordingError> {
+    let mut frames = Beside { samples: None, ..Beside::open(path, options)? };
+    Ok(loop {
+        match frames.next() {
+            Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
+            Ok(Some(Extra::Inertial(_))) => {}
+            Ok(None) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::structure::{Integer, group, shaped, superblock};
+    use crate::extras::{Extra, open_extras};
+    use crate::{Damage, Recording, RecordingOptions};
+
+    /// Four events and two samples, and two pictures which stand where the file has nothing.
+    fn without_pictures() -> Vec<u8> {
+        const NUMBER: Integer = Integer { size: 8, is_signed: true };
+        let arrays: [(&str, &[u64], Vec<i64>); 7] = [
+            ("t_us", &[4], vec![100, 200, 300, 400]),
+            ("x", &[4], vec![1, 2, 3, 4]),
+            ("y", &[4], vec![1, 2, 3, 2]),
+            ("p", &[4], vec![0, 1, 0, 1]),
+            ("image_raw_ts", &[2], vec![150, 250]),
+            ("imu_ts", &[2], vec![160, 260]),
+            ("imu", &[2, 6], (0..12).collect()),
+        ];
+        let (mut bytes, mut objects) = (vec![0; 48], Vec::new());
+        for (name, sides, numbers) in arrays {
+            let address = bytes.len() as u64;
+            bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+            objects.push((name, bytes.len() as u64));
+            bytes.extend(shaped(NUMBER, sides, address));
+        }
+        objects.push(("image_raw", bytes.len() as u64));
+        bytes.extend(shaped(Integer { size: 1, is_signed: false }, &[2, 4, 5], 1 << 40));
+        let left = bytes.len() as u64;
+        bytes.extend(group(&objects, &[]));
+        let root = bytes.len() as u64;
+        bytes.extend(group(&[("left", left)], &[]));
+        let length = bytes.len() as u64;
+        bytes.splice(..48, superblock(root, length));
+        bytes
+    }
+
+    fn read(damage: Damage) -> (Vec<i64>, Vec<String>) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, without_pictures()).unwrap();
+        let recording = Recording::new(&path, RecordingOptions { damage, ..RecordingOptions::default() }).unwrap();
+        let (mut extras, mut lost) = (open_extras(&recording).unwrap(), Vec::new());
+        assert!(extras.held().frames && extras.held().imu);
+        let read: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
+        let samples = read.iter().map(|extra| match extra {
+            Extra::Inertial(sample) => sample.t,
+            Extra::Frame(_) => panic!("a picture that is not there"),
+        });
+        (samples.collect(), lost)
+    }
+
+    /// It was taken for the end of the file, without a word.
+    #[test]
+    fn a_damaged_first_frame_is_told() {
+        let (samples, lost) = read(Damage::Refuse);
+        assert!(samples.is_empty() && lost.len() == 1 && lost[0].contains("cannot be read"), "{samples:?} {lost:?}");
+    }
+
+    #[test]
+    fn samples_are_read_where_damaged_frames_are_skipped() {
+        let told = "1 damaged packet of frames and inertial samples".to_owned();
+        assert_eq!(read(Damage::Skip), (vec![160, 260], vec![told]));
+    }
+}

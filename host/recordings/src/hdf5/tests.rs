@@ -1,0 +1,356 @@
+//! Files with chunks, put together byte by byte, and their damage.
+
+use std::io::Write;
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+
+use super::structure::{Integer, chunked, dataset, group, shaped, superblock, virtual_array};
+use super::write;
+use crate::testing::{self, Outcome};
+use crate::write::EventWriter;
+use crate::{Damage, Recording, RecordingOptions};
+
+/// Numbers of a chunk.
+const SIDE: usize = 100;
+/// Of the message of compressions: version, number, then number of the compression, flags, and how many values follow.
+const DEFLATE: [u8; 8] = [2, 1, 1, 0, 0, 0, 0, 0];
+
+fn events(count: i64) -> Vec<Event> {
+    let polarity = |index: i64| if index % 3 == 0 { Polarity::On } else { Polarity::Off };
+    let event = |index: i64| Event {
+        t: 5 + 37 * index,
+        x: (index * 7 % 346) as u16,
+        y: (index * 11 % 260) as u16,
+        polarity: polarity(index),
+    };
+    (0..count).map(event).collect()
+}
+
+/// A tree of chunks (version 1, all in one node): their lengths and addresses.
+fn tree(chunks: &[(usize, u64)]) -> Vec<u8> {
+    let nowhere = u64::MAX.to_le_bytes();
+    let mut bytes = [&b"TREE\x01\x00"[..], &(chunks.len() as u16).to_le_bytes(), &nowhere, &nowhere].concat();
+    let key = |length: usize, index: usize| {
+        let place = ((index * SIDE) as u64).to_le_bytes();
+        [&(length as u32).to_le_bytes()[..], &[0; 4], &place, &[0; 8]].concat()
+    };
+    for (index, (length, address)) in chunks.iter().enumerate() {
+        bytes.extend(key(*length, index));
+        bytes.extend(address.to_le_bytes());
+    }
+    bytes.extend(key(0, chunks.len()));
+    // The rest of the room that a node has for children is not read.
+    bytes
+}
+
+/// The columns t, x, y and p of `events` in chunks, which are the last part of the file: first all of t, then those of x, and so
+/// on. The second value is where they begin.
+fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
+    let columns: [(&str, u8, Vec<Vec<u8>>); 4] = [
+        ("t", 8, events.iter().map(|event| event.t.to_le_bytes().to_vec()).collect()),
+        ("x", 2, events.iter().map(|event| event.x.to_le_bytes().to_vec()).collect()),
+        ("y", 2, events.iter().map(|event| event.y.to_le_bytes().to_vec()).collect()),
+        ("p", 1, events.iter().map(|event| vec![event.polarity.index() as u8]).collect()),
+    ];
+    let pack = |numbers: &[Vec<u8>], size: u8| {
+        let mut bytes = numbers.concat();
+        bytes.resize(SIDE * usize::from(size), 0);
+        let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+        encoder.write_all(&bytes).unwrap();
+        encoder.finish().unwrap()
+    };
+    let packed: Vec<Vec<Vec<u8>>> =
+        columns.iter().map(|(_, size, numbers)| numbers.chunks(SIDE).map(|part| pack(part, *size)).collect()).collect();
+    let build = |start: usize| {
+        let mut bytes = vec![0; 48];
+        let (mut objects, mut places, mut end) = (Vec::new(), Vec::new(), start);
+        for ((name, size, _), chunks) in columns.iter().zip(&packed) {
+            let starts: Vec<usize> = chunks
+                .iter()
+                .scan(end, |end, chunk| {
+                    *end += chunk.len();
+                    Some(*end - chunk.len())
+                })
+                .collect();
+            end += chunks.iter().map(Vec::len).sum::<usize>();
+            let address = bytes.len() as u64;
+            let list: Vec<(usize, u64)> =
+                chunks.iter().zip(&starts).map(|(chunk, start)| (chunk.len(), *start as u64)).collect();
+            bytes.extend(tree(&list));
+            objects.push((*name, bytes.len() as u64));
+            let numbers = Integer { size: *size, is_signed: *name == "t" };
+            bytes.extend(chunked(numbers, events.len() as u64, SIDE as u32, address, filters));
+            places.push(starts);
+        }
+        let columns = bytes.len() as u64;
+        bytes.extend(group(&objects, &[]));
+        let root = bytes.len() as u64;
+        bytes.extend(group(&[("events", columns)], &[("width", 346), ("height", 260)]));
+        bytes.splice(..48, superblock(root, end as u64));
+        (bytes, places)
+    };
+    let start = build(0).0.len();
+    let (head, places) = build(start);
+    ([head, packed.concat().concat()].concat(), places)
+}
+
+#[test]
+fn times_go_on_where_their_counter_wraps() {
+    for (kept, wrap) in testing::KEPT.into_iter().zip([1 << 32, 1 << 31, 1 << 31]) {
+        let events = testing::events_around(wrap);
+        let wrapped: Vec<Event> = events.iter().map(|event| Event { t: kept(event.t), ..*event }).collect();
+        testing::check_wrap(&file(&wrapped, &DEFLATE).0, &file(&events, &DEFLATE).0);
+    }
+}
+
+#[test]
+fn events_before_and_behind_a_damaged_chunk_are_kept() {
+    let events = events(1050);
+    let (content, places) = file(&events, &DEFLATE);
+    let Outcome { events: whole, error, information, .. } = testing::read(&content);
+    assert_eq!((whole.as_slice(), error), (events.as_slice(), None));
+    assert_eq!(information.unwrap().sensor, Some(Sensor::new(346, 260)));
+    for (column, chunk) in [(0, 0), (0, 3), (2, 3), (3, 10)] {
+        let mut damaged = content.clone();
+        damaged[places[column][chunk]..][..6].fill(0x5a);
+        let outcome = testing::read(&damaged);
+        let (before, behind) = (chunk * SIDE, (chunk + 1) * SIDE);
+        if before > 0 {
+            assert_eq!(outcome.events, events[..before]);
+            assert!(outcome.error.unwrap().contains(&format!("event {}", before + 1)));
+        } else {
+            assert!(outcome.error.is_some() && outcome.events.is_empty());
+        }
+        let skip = RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() };
+        let outcome = testing::read_with(&damaged, skip);
+        if before > 0 {
+            assert_eq!((outcome.error, outcome.report.damaged_packets), (None, 1));
+            assert_eq!(outcome.events, [&events[..before], &events[behind.min(events.len())..]].concat());
+        }
+    }
+}
+
+/// As a program leaves it that makes room first and is ended before all of it is filled.
+#[test]
+fn room_that_was_never_filled_is_no_events() {
+    let all = events(1050);
+    let nothing = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
+    for room in [2, 50, 40_000] {
+        let (content, _) = file(&[all.as_slice(), &vec![nothing; room]].concat(), &DEFLATE);
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.events.as_slice(), outcome.error), (all.as_slice(), None));
+        assert_eq!((outcome.report.unwritten, outcome.report.clock_resets), (room as u64, 0));
+    }
+}
+
+/// A few bytes can promise more events than anyone can wait for.
+#[test]
+fn arrays_without_any_bytes_end_at_once() {
+    const MANY: u64 = 1 << 44;
+    let numbers = Integer { size: 8, is_signed: true };
+    let mut bytes = vec![0; 48];
+    let objects = ["t", "x", "y", "p"].map(|name| {
+        let place = bytes.len() as u64;
+        bytes.extend(dataset(numbers, Some(MANY), u64::MAX));
+        (name, place)
+    });
+    let root = bytes.len() as u64;
+    bytes.extend(group(&objects, &[]));
+    let length = bytes.len() as u64;
+    bytes.splice(..48, superblock(root, length));
+    let outcome = testing::read(&bytes);
+    assert_eq!((outcome.events.len(), outcome.report.unwritten), (0, MANY));
+}
+
+#[test]
+fn of_a_file_that_is_cut_the_events_before_the_end_are_read() {
+    let events = events(1050);
+    let (content, places) = file(&events, &DEFLATE);
+    // Within the fourth chunk of the last column.
+    let cut = places[3][3] + 1;
+    let Outcome { events: read, report, error, .. } = testing::read(&content[..cut]);
+    assert_eq!((read.as_slice(), error), (&events[..3 * SIDE], None));
+    let truncated = report.truncated.unwrap();
+    assert_eq!(truncated.byte, cut as u64);
+    assert!(
+        truncated.lost.contains("750 events") && truncated.lost.contains(&content.len().to_string()),
+        "{truncated}"
+    );
+    // Before the places of the chunks.
+    let error = testing::read(&content[..500]).error.unwrap();
+    assert!(error.contains("byte 500") && error.contains("copy it again"), "{error}");
+}
+
+#[test]
+fn a_compression_that_is_not_read_is_named() {
+    for (number, name) in
+        [(32026_u16, "Blosc 2 (filter 32026)"), (32008, "Bitshuffle (filter 32008)"), (40000, "filter id 40000")]
+    {
+        let [low, high] = number.to_le_bytes();
+        // Of those registered by others the length of a name comes behind the number.
+        let (content, _) = file(&events(50), &[2, 1, low, high, 0, 0, 0, 0, 0, 0]);
+        let error = testing::read(&content).error.unwrap();
+        assert!(error.contains(name) && error.contains("h5repack"), "{error}");
+    }
+}
+
+/// MATLAB's files begin with 512 bytes of their own.
+#[test]
+fn a_block_before_the_file_is_passed_over() {
+    let (content, _) = file(&events(250), &DEFLATE);
+    for power in 9..16 {
+        let mut block = b"MATLAB 7.3 MAT-file".to_vec();
+        block.resize(1 << power, b' ');
+        let outcome = testing::read(&[block.as_slice(), &content].concat());
+        assert_eq!((outcome.events.as_slice(), outcome.error), (events(250).as_slice(), None), "{power}");
+    }
+}
+
+#[test]
+fn damage_loses_no_more_than_it_must() {
+    testing::check_damage(&file(&events(120), &DEFLATE).0);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("events.h5");
+    let mut writer = EventWriter::create(&path, write::OUTPUT, Sensor::new(346, 260), "").unwrap();
+    writer.write(&events(40)).unwrap();
+    writer.finish().unwrap();
+    testing::check_damage(&std::fs::read(path).unwrap());
+}
+
+#[test]
+fn what_lies_beside_events_is_not_taken_for_them() {
+    let whole = Integer { size: 8, is_signed: true };
+    let content = |names: &[&str]| {
+        let mut bytes = vec![0; 48];
+        let objects: Vec<(&str, u64)> = names
+            .iter()
+            .map(|name| {
+                let address = bytes.len() as u64;
+                bytes.extend([7_i64, 9].map(i64::to_le_bytes).as_flattened());
+                let place = bytes.len() as u64;
+                bytes.extend(dataset(whole, Some(2), address));
+                (*name, place)
+            })
+            .collect();
+        let root = bytes.len() as u64;
+        bytes.extend(group(&objects, &[]));
+        let length = bytes.len() as u64;
+        bytes.splice(..48, superblock(root, length));
+        bytes
+    };
+    assert!(
+        testing::read(&content(&["t", "x", "y"]))
+            .error
+            .unwrap()
+            .contains("holds no events, only groups without arrays")
+    );
+    let error = testing::read(&content(&["t", "x", "y", "p"])).error.unwrap();
+    assert!(error.contains("polarity is 7"), "{error}");
+}
+
+/// An array by its name, its sides and its numbers.
+type Array<'a> = (&'a str, &'a [u64], Vec<i64>);
+
+const WHOLE: Integer = Integer { size: 8, is_signed: true };
+
+/// A file of groups of arrays.
+fn groups(groups: &[(&str, &[Array])]) -> Vec<u8> {
+    let mut bytes = vec![0; 48];
+    let mut places = Vec::new();
+    for (name, arrays) in groups {
+        let mut objects = Vec::new();
+        for (name, sides, numbers) in *arrays {
+            let address = bytes.len() as u64;
+            bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+            objects.push((*name, bytes.len() as u64));
+            bytes.extend(match (*sides, numbers.is_empty()) {
+                ([], _) => virtual_array(WHOLE, 5),
+                (_, true) => dataset(WHOLE, Some(0), address),
+                (sides, false) => shaped(WHOLE, sides, address),
+            });
+        }
+        places.push((*name, bytes.len() as u64));
+        bytes.extend(group(&objects, &[]));
+    }
+    let root = bytes.len() as u64;
+    bytes.extend(group(&places, &[]));
+    let length = bytes.len() as u64;
+    bytes.splice(..48, superblock(root, length));
+    bytes
+}
+
+/// Arrays of the times of `events` times `scale`, named `t`, and of their x, y and p.
+fn four<'a>(t: &'a str, scale: i64, events: &[Event], sides: &'a [u64]) -> [Array<'a>; 4] {
+    let numbers = |number: fn(&Event) -> i64| events.iter().map(number).collect::<Vec<_>>();
+    let times = events.iter().map(|event| event.t * scale).collect();
+    [
+        (t, sides, times),
+        ("x", sides, numbers(|event| event.x.into())),
+        ("y", sides, numbers(|event| event.y.into())),
+        ("p", sides, numbers(|event| event.polarity.index() as i64)),
+    ]
+}
+
+/// They were taken for microseconds.
+#[test]
+fn the_name_of_the_times_gives_their_unit() {
+    let events = events(50);
+    for (name, scale) in [("t_ns", 1000), ("t_us", 1), ("timestamps", 1)] {
+        let outcome = testing::read(&groups(&[("events", &four(name, scale, &events, &[50]))]));
+        assert_eq!((outcome.events.as_slice(), outcome.error), (events.as_slice(), None), "{name}");
+        let guessed = outcome.information.unwrap().notes.iter().any(|note| note.contains("times are taken for"));
+        assert_eq!(guessed, name == "timestamps", "{name}");
+    }
+}
+
+/// The first group was read, and there were no events.
+#[test]
+fn the_first_group_with_events_is_read() {
+    let (events, nothing) = (events(50), Event { t: 0, x: 0, y: 0, polarity: Polarity::Off });
+    let right = four("t", 1, &events, &[50]);
+    for (left, sides) in [(vec![], [0]), (vec![nothing; 7], [7])] {
+        let content = groups(&[("left", &four("t", 1, &left, &sides)), ("right", &right)]);
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.events.as_slice(), outcome.error), (events.as_slice(), None));
+        let notes = outcome.information.unwrap().notes;
+        assert!(notes[0].contains("of right are read, the first") && notes[0].contains("left, right"), "{notes:?}");
+        let left = RecordingOptions { stream: Some("left".to_owned()), ..RecordingOptions::default() };
+        assert!(testing::read_with(&content, left).events.is_empty());
+    }
+}
+
+#[test]
+fn room_filled_with_another_number_is_no_events() {
+    let events = events(50);
+    let mut arrays = four("t", 1, &events, &[53]);
+    arrays.iter_mut().for_each(|(_, _, numbers)| numbers.extend([-1; 3]));
+    let outcome = testing::read(&groups(&[("events", &arrays)]));
+    assert_eq!((outcome.events, outcome.error), (events, None));
+    assert_eq!((outcome.report.unwritten, outcome.report.out_of_range), (3, 0));
+}
+
+/// A pose has four columns, of which one may be a time and one a polarity.
+#[test]
+fn matrices_are_no_streams() {
+    let identity: Vec<i64> = (0..16).map(|place| i64::from(place % 5 == 0)).collect();
+    let (rows, events) = (events(50), events(50));
+    let rows = rows.iter().flat_map(|event| [event.t, event.x.into(), event.y.into(), event.polarity.index() as i64]);
+    let pose: &[Array] = &[("pose", &[4, 4], identity.clone()), ("projection", &[3, 4], identity[..12].to_vec())];
+    let content = groups(&[("calib", pose), ("stream", &[("rows", &[50, 4], rows.collect())])]);
+    assert_eq!(testing::read(&content).events, events);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("poses.h5");
+    std::fs::write(&path, &content).unwrap();
+    let streams = Recording::new(&path, RecordingOptions::default()).unwrap().streams().unwrap();
+    assert_eq!(streams.iter().map(|stream| stream.name.as_str()).collect::<Vec<_>>(), ["stream/rows"]);
+    assert!(testing::read(&groups(&[("calib", pose)])).error.unwrap().contains("holds no events"));
+}
+
+/// The advice was to copy the file again.
+#[test]
+fn virtual_arrays_are_told() {
+    let arrays = ["t", "x", "y", "p"].map(|name| (name, &[][..], Vec::new()));
+    let error = testing::read(&groups(&[("events", &arrays)])).error.unwrap();
+    assert!(error.contains("virtual dataset") && error.contains("h5repack -l CONTI"), "{error}");
+}

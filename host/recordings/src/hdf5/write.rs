@@ -1,0 +1,235 @@
+//! Writing HDF5 as DSEC has it: `events/{t, x, y, p}`, `t_offset` and `ms_to_idx`, and the sensor as attributes `width` and
+//! `height`, which DSEC does not have.
+//!
+//! An array stands in one piece, so each waits in a temporary file until the recording ends.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+
+use super::structure::{Integer, SUPERBLOCK, dataset, group, superblock};
+use crate::encode::{Encode, OutputFormat, WriteError};
+
+/// HDF5 in the layout of DSEC.
+pub const OUTPUT: OutputFormat = OutputFormat {
+    name: "hdf5",
+    title: Some("HDF5 in the layout of DSEC"),
+    extensions: &["h5", "hdf5"],
+    holds_sensor: true,
+    holds_extras: false,
+    create: |file, description| Ok(Box::new(Encoder::new(file()?, description.sensor)?)),
+    copy_transfers: None,
+};
+
+/// Recordings of more milliseconds, which is a day, have no index: a time that is wrong would fill the disk with it.
+const LONGEST_INDEX: u64 = 86_400_000;
+
+const TIME: usize = 0;
+const INDEX: usize = 4;
+
+struct Encoder {
+    file: File,
+    sensor: Sensor,
+    /// t (relative to the first event, µs), x, y, p, and the place of the first event of each millisecond.
+    columns: [Column; 5],
+    count: u64,
+    first: Option<i64>,
+    /// The latest time, relative to the first.
+    latest: u64,
+    /// Milliseconds in the index; more than [`LONGEST_INDEX`] if it was given up.
+    milliseconds: u64,
+}
+
+/// An array that grows.
+struct Column {
+    name: &'static str,
+    numbers: Integer,
+    file: BufWriter<File>,
+}
+
+impl Column {
+    fn new(name: &'static str, size: u8) -> io::Result<Self> {
+        let numbers = Integer { size, is_signed: false };
+        Ok(Self { name, numbers, file: BufWriter::new(tempfile::tempfile()?) })
+    }
+
+    /// From its beginning.
+    fn read(&mut self) -> io::Result<&mut File> {
+        self.file.flush()?;
+        let file = self.file.get_mut();
+        file.seek(SeekFrom::Start(0))?;
+        Ok(file)
+    }
+}
+
+impl Encoder {
+    fn new(file: File, sensor: Sensor) -> io::Result<Self> {
+        let [t, x, y, p, index] =
+            [("t", 8), ("x", 2), ("y", 2), ("p", 1), ("ms_to_idx", 8)].map(|(name, size)| Column::new(name, size));
+        let columns = [t?, x?, y?, p?, index?];
+        Ok(Self { file, sensor, columns, count: 0, first: None, latest: 0, milliseconds: 0 })
+    }
+
+    /// Milliseconds up to that of `t` begin with the next event.
+    fn index(&mut self, t: u64) -> io::Result<()> {
+        let wanted = t / 1000 + 1;
+        if wanted > LONGEST_INDEX {
+            self.milliseconds = u64::MAX;
+        }
+        // The first event of a millisecond is at its beginning or later.
+        while self.milliseconds < wanted {
+            self.columns[INDEX].file.write_all(&self.count.to_le_bytes())?;
+            self.milliseconds += 1;
+        }
+        Ok(())
+    }
+
+    fn has_index(&self) -> bool {
+        self.milliseconds <= LONGEST_INDEX
+    }
+
+    /// Writes the times in four bytes each, as DSEC has them, where they fit.
+    fn narrow_times(&mut self) -> io::Result<()> {
+        if self.latest > u32::MAX.into() {
+            return Ok(());
+        }
+        let mut narrow = Column::new("t", 4)?;
+        let mut wide = io::BufReader::new(self.columns[TIME].read()?);
+        let mut bytes = [0; 8];
+        for _ in 0..self.count {
+            wide.read_exact(&mut bytes)?;
+            let [a, b, c, d, ..] = bytes;
+            narrow.file.write_all(&[a, b, c, d])?;
+        }
+        self.columns[TIME] = narrow;
+        Ok(())
+    }
+}
+
+impl Encode for Encoder {
+    fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
+        for event in events {
+            let first = *self.first.get_or_insert(event.t);
+            let t = event.t.saturating_sub(first).max(0).cast_unsigned();
+            self.index(t)?;
+            self.latest = self.latest.max(t);
+            let [time, x, y, p, _] = &mut self.columns;
+            time.file.write_all(&t.to_le_bytes())?;
+            x.file.write_all(&event.x.to_le_bytes())?;
+            y.file.write_all(&event.y.to_le_bytes())?;
+            p.file.write_all(&[event.polarity.index() as u8])?;
+            self.count += 1;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), WriteError> {
+        self.narrow_times()?;
+        let (count, has_index, milliseconds) = (self.count, self.has_index(), self.milliseconds);
+        let mut output = BufWriter::with_capacity(1 << 18, &self.file);
+        // In place of the superblock, which tells the length of all.
+        output.write_all(&[0; SUPERBLOCK as usize])?;
+        let mut position = SUPERBLOCK;
+        let mut put = |output: &mut BufWriter<&File>, bytes: &[u8]| -> io::Result<u64> {
+            let address = position;
+            output.write_all(bytes)?;
+            position += bytes.len() as u64;
+            Ok(address)
+        };
+        let offset = put(&mut output, &self.first.unwrap_or(0).to_le_bytes())?;
+        let offset = put(&mut output, &dataset(Integer { size: 8, is_signed: true }, None, offset))?;
+        let mut placed = Vec::new();
+        for (number, column) in self.columns.iter_mut().enumerate() {
+            let length = match number {
+                INDEX if has_index => milliseconds,
+                INDEX => continue,
+                _ => count,
+            };
+            let address = put(&mut output, &[])?;
+            let (name, numbers) = (column.name, column.numbers);
+            let mut content = column.read()?.take(length * u64::from(numbers.size));
+            let mut block = vec![0; 1 << 16];
+            loop {
+                let read = content.read(&mut block)?;
+                let Some(part) = block.get(..read).filter(|part| !part.is_empty()) else { break };
+                put(&mut output, part)?;
+            }
+            placed.push((name, put(&mut output, &dataset(numbers, Some(length), address))?));
+        }
+        let (index, columns): (Vec<_>, Vec<_>) = placed.into_iter().partition(|(name, _)| *name == "ms_to_idx");
+        let events = put(&mut output, &group(&columns, &[]))?;
+        let objects = [vec![("events", events), ("t_offset", offset)], index].concat();
+        let attributes = [("width", self.sensor.width), ("height", self.sensor.height)];
+        let root = put(&mut output, &group(&objects, &attributes))?;
+        let length = put(&mut output, &[])?;
+        output.seek(SeekFrom::Start(0))?;
+        output.write_all(&superblock(root, length))?;
+        Ok(output.flush()?)
+    }
+
+    fn lost(&self) -> Vec<String> {
+        if self.has_index() { Vec::new() } else { vec!["ms_to_idx: the recording is longer than a day".to_owned()] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::Polarity;
+    use hdf5_reader::Hdf5File;
+
+    use super::*;
+    use crate::write::EventWriter;
+    use crate::{Recording, RecordingOptions, TimeUnit};
+
+    /// What is read back, and the file.
+    fn round_trip(times: &[i64]) -> (Vec<i64>, Hdf5File, tempfile::TempDir) {
+        let event = |(index, &t): (usize, &i64)| {
+            let polarity = if index % 3 == 0 { Polarity::On } else { Polarity::Off };
+            Event { t, x: (index * 37 % 1280) as u16, y: (index * 91 % 720) as u16, polarity }
+        };
+        let events: Vec<Event> = times.iter().enumerate().map(event).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events.h5");
+        let mut writer = EventWriter::create(&path, OUTPUT, Sensor::new(1280, 720), "").unwrap();
+        events.chunks(7).for_each(|part| writer.write(part).unwrap());
+        writer.finish().unwrap();
+        // A handful of times tells nothing of their unit.
+        let options = RecordingOptions { time_unit: Some(TimeUnit::Microseconds), ..RecordingOptions::default() };
+        let recording = Recording::new(&path, options).unwrap();
+        let mut reader = recording.open().unwrap();
+        assert_eq!(reader.information().sensor, Some(Sensor::new(1280, 720)));
+        let (mut all, mut batch) = (Vec::new(), Vec::new());
+        while reader.next_batch(&mut batch).unwrap() {
+            all.append(&mut batch);
+        }
+        assert_eq!(all, events);
+        (all.iter().map(|event| event.t).collect(), Hdf5File::open(&path).unwrap(), folder)
+    }
+
+    #[test]
+    fn events_are_read_back_whenever_they_begin_and_however_long_they_last() {
+        for times in
+            [vec![0], vec![-5, -5, 7, 900_000], (0..1000).map(|index| 1_789_000_000_000_000 + 37 * index).collect()]
+        {
+            assert_eq!(round_trip(&times).0, times);
+        }
+        // Longer than 32 bits of microseconds, and than a day.
+        let (times, file, _folder) = round_trip(&[3, 3 + (1 << 33)]);
+        assert_eq!(times.len(), 2);
+        assert_eq!(file.dataset("ms_to_idx").unwrap().shape(), [(1 << 33) / 1000 + 1]);
+        let (_, file, _folder) = round_trip(&[3, 100_000_000_000]);
+        assert!(file.dataset("ms_to_idx").is_err());
+    }
+
+    #[test]
+    fn the_index_leads_to_the_first_event_of_each_millisecond() {
+        let (times, file, _folder) = round_trip(&[10, 1009, 1010, 1010, 1500, 4009, 4010, 4500]);
+        let read = file.dataset("ms_to_idx").unwrap().read_array::<u64>().unwrap();
+        let index: Vec<usize> = read.iter().map(|place| *place as usize).collect();
+        let expected: Vec<usize> =
+            (0..=4).map(|ms| times.iter().position(|t| t - times[0] >= ms * 1000).unwrap()).collect();
+        assert_eq!(index, expected);
+    }
+}

@@ -1,0 +1,272 @@
+//! Pictures on the disk: PNG of any kind, JPEG for reading.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Cursor, Read, Seek, Write};
+use std::path::Path;
+
+use png::{BitDepth, ColorType, Transformations};
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
+
+use evcal_files::FileError;
+
+/// A picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageFile {
+    /// Width and height in pixels.
+    pub size: (u32, u32),
+    /// Samples for each pixel: 1 grey, 2 with alpha, 3 red-green-blue, 4 with alpha.
+    pub channels: usize,
+    /// Channels of pixels, row by row.
+    pub samples: Samples,
+}
+
+/// Samples of a picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Samples {
+    /// Of 8 bits.
+    Eight(Vec<u8>),
+    /// Of 16 bits.
+    Sixteen(Vec<u16>),
+}
+
+/// A picture cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ImageFileError {
+    /// The system says so.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    /// It is damaged.
+    #[error("not a whole PNG: {0}")]
+    Png(#[from] png::DecodingError),
+    /// It is damaged.
+    #[error("not a whole JPEG: {0}")]
+    Jpeg(String),
+    /// It says that it is larger than a file of its length can be.
+    #[error("not a whole picture: it says that it has {} x {} pixels, too many for a file of {length} bytes", size.0, size.1)]
+    TooLarge {
+        /// The width and height that it states.
+        size: (u32, u32),
+        /// Bytes of the file.
+        length: u64,
+    },
+    /// It needs more memory than is given to one.
+    #[error("a picture of {} x {} pixels, more than are read: make it smaller first", size.0, size.1)]
+    Memory {
+        /// The width and height that it states.
+        size: (u32, u32),
+    },
+    /// It is something else.
+    #[error("neither PNG nor JPEG: convert it to PNG first")]
+    Unknown,
+}
+
+/// No picture takes more bytes: 11 000 x 8000 pixels in colour.
+const MOST_BYTES: usize = 1 << 28;
+/// Deflate makes data at most so many times as short.
+const DEFLATE: u64 = 1032;
+/// Pixels that a byte of a JPEG holds at most: no block of 64 takes less than a bit.
+const JPEG_PIXELS: u64 = 512;
+
+/// Whether a file of `length` bytes, each of which holds at most so many `pixels`, can hold a picture of this `size`. Memory is
+/// taken for the size that a file states.
+fn check_size(size: (u32, u32), pixels: u64, length: u64) -> Result<(), ImageFileError> {
+    if u64::from(size.0).saturating_mul(size.1.into()) > length.saturating_mul(pixels) {
+        return Err(ImageFileError::TooLarge { size, length });
+    }
+    Ok(())
+}
+
+/// Reads the PNG or JPEG at `path`, told apart by its content. Palettes and few bits become 8 bits.
+///
+/// # Errors
+/// [`ImageFileError`].
+pub fn read(path: &Path) -> Result<ImageFile, ImageFileError> {
+    let file = File::open(path)?;
+    let length = file.metadata()?.len();
+    read_from(BufReader::new(file), length)
+}
+
+/// Reads a PNG or JPEG that is in memory.
+///
+/// # Errors
+/// [`ImageFileError`].
+pub fn decode(bytes: &[u8]) -> Result<ImageFile, ImageFileError> {
+    read_from(Cursor::new(bytes), bytes.len() as u64)
+}
+
+fn read_from(mut file: impl BufRead + Seek, length: u64) -> Result<ImageFile, ImageFileError> {
+    let mut head = Vec::new();
+    file.by_ref().take(8).read_to_end(&mut head)?;
+    file.rewind()?;
+    if head.starts_with(b"\x89PNG") {
+        read_png(file, length)
+    } else if head.starts_with(&[0xFF, 0xD8]) {
+        read_jpeg(file, length)
+    } else {
+        Err(ImageFileError::Unknown)
+    }
+}
+
+fn read_png(file: impl BufRead + Seek, file_length: u64) -> Result<ImageFile, ImageFileError> {
+    let mut decoder = png::Decoder::new(file);
+    decoder.set_transformations(Transformations::EXPAND);
+    let mut reader = decoder.read_info()?;
+    let header = reader.info();
+    // Samples of less than a byte become bytes.
+    let pixels = DEFLATE * 8 / header.bits_per_pixel().max(1) as u64;
+    check_size(header.size(), pixels, file_length)?;
+    let (size, is_interlaced) = (header.size(), header.interlaced);
+    let length = reader.output_buffer_size().ok_or(png::DecodingError::LimitsExceeded)?;
+    if length > MOST_BYTES {
+        return Err(ImageFileError::Memory { size });
+    }
+    let mut bytes = Vec::new();
+    if is_interlaced {
+        bytes.resize(length, 0);
+        reader.next_frame(&mut bytes)?;
+    } else {
+        // Row by row, for what a file says of its size may be untrue.
+        while let Some(row) = reader.next_row()? {
+            bytes.extend_from_slice(row.data());
+        }
+    }
+    let (color_type, bit_depth) = reader.output_color_type();
+    let samples = match bit_depth {
+        BitDepth::Sixteen => {
+            let pairs = bytes.as_chunks::<2>().0.iter();
+            Samples::Sixteen(pairs.map(|pair| u16::from_be_bytes(*pair)).collect())
+        }
+        _ => Samples::Eight(bytes),
+    };
+    Ok(ImageFile { size, channels: color_type.samples(), samples })
+}
+
+fn read_jpeg(file: impl BufRead + Seek, length: u64) -> Result<ImageFile, ImageFileError> {
+    let failed = |error| ImageFileError::Jpeg(format!("{error:?}"));
+    let mut decoder = JpegDecoder::new(file);
+    decoder.decode_headers().map_err(failed)?;
+    let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
+    let colors = if grey { ColorSpace::Luma } else { ColorSpace::RGB };
+    decoder.set_options(DecoderOptions::default().jpeg_set_out_colorspace(colors));
+    let size = decoder.dimensions().ok_or_else(|| ImageFileError::Jpeg("it has no size".to_owned()))?;
+    let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
+    let size = (side(size.0), side(size.1));
+    check_size(size, JPEG_PIXELS, length)?;
+    let samples = decoder.decode().map_err(failed)?;
+    Ok(ImageFile { size, channels: if grey { 1 } else { 3 }, samples: Samples::Eight(samples) })
+}
+
+impl ImageFile {
+    /// Writes the picture as PNG.
+    ///
+    /// # Errors
+    /// [`FileError`] when it cannot be written.
+    pub fn write_png(&self, path: &Path) -> Result<(), FileError> {
+        evcal_files::write_with(path, |file| self.encode_png(file))
+    }
+
+    fn encode_png(&self, file: impl Write) -> io::Result<()> {
+        let mut encoder = png::Encoder::new(file, self.size.0, self.size.1);
+        encoder.set_color(match self.channels {
+            1 => ColorType::Grayscale,
+            2 => ColorType::GrayscaleAlpha,
+            3 => ColorType::Rgb,
+            4 => ColorType::Rgba,
+            _ => return Err(io::Error::other("a PNG has 1 to 4 channels")),
+        });
+        match &self.samples {
+            Samples::Eight(samples) => {
+                let mut writer = encoder.write_header()?;
+                writer.write_image_data(samples)?;
+                writer.finish()?;
+            }
+            Samples::Sixteen(samples) => {
+                encoder.set_depth(BitDepth::Sixteen);
+                let bytes: Vec<u8> = samples.iter().flat_map(|sample| sample.to_be_bytes()).collect();
+                let mut writer = encoder.write_header()?;
+                writer.write_image_data(&bytes)?;
+                writer.finish()?;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A flat picture is as small as a file can be; one byte of its size makes it larger than its file.
+    #[test]
+    fn a_picture_larger_than_its_file_can_hold_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("picture.png");
+        let samples = Samples::Eight(vec![0; 1000 * 1000]);
+        ImageFile { size: (1000, 1000), channels: 1, samples }.write_png(&path).unwrap();
+        assert_eq!(read(&path).unwrap().size, (1000, 1000));
+        let mut png = std::fs::read(&path).unwrap();
+        // Width and height stand behind the mark, and the length and name of the first chunk; its checksum follows 13 bytes.
+        png[16..24].copy_from_slice(&[0, 0, 0xFF, 0xFF, 0, 0, 0xFF, 0xFF]);
+        let mut checksum = flate2::Crc::new();
+        checksum.update(&png[12..29]);
+        png[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
+        // Of a grey JPEG the beginning.
+        let jpeg = [
+            &[0xFF, 0xD8, 0xFF, 0xC0, 0, 11, 8, 0x3F, 0xFF, 0x3F, 0xFF, 1, 1, 0x11, 0][..],
+            &[0xFF, 0xDA, 0, 8, 1, 1, 0, 0, 63, 0, 0x5F, 0xFF, 0xD9],
+        ]
+        .concat();
+        for (bytes, size) in [(png, 0xFFFF), (jpeg, 0x3FFF)] {
+            std::fs::write(&path, &bytes).unwrap();
+            let refused = read(&path).unwrap_err();
+            let ImageFileError::TooLarge { size: stated, length } = refused else { panic!("{refused}") };
+            assert_eq!((stated, length), ((size, size), bytes.len() as u64));
+        }
+    }
+
+    /// A megabyte of such a file took a gigabyte at once.
+    #[test]
+    fn a_picture_that_needs_more_memory_than_is_given_to_one_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("picture.png");
+        let samples = Samples::Eight(vec![0; 16]);
+        ImageFile { size: (4, 4), channels: 1, samples }.write_png(&path).unwrap();
+        let mut png = std::fs::read(&path).unwrap();
+        png[16..24].copy_from_slice(&[0, 0, 0xFF, 0xFF, 0, 0, 0xFF, 0xFF]);
+        let mut checksum = flate2::Crc::new();
+        checksum.update(&png[12..29]);
+        png[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
+        png.resize(8 << 20, 0);
+        std::fs::write(&path, &png).unwrap();
+        assert!(matches!(read(&path), Err(ImageFileError::Memory { size: (0xFFFF, 0xFFFF) })));
+        // What it states fits, but the rows are not there: memory is taken as they come.
+        png[16..24].copy_from_slice(&[0, 0, 0x3F, 0xFF, 0, 0, 0x3F, 0xFF]);
+        let mut checksum = flate2::Crc::new();
+        checksum.update(&png[12..29]);
+        png[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
+        assert!(matches!(decode(&png), Err(ImageFileError::Png(_))));
+    }
+
+    #[test]
+    fn every_kind_of_png_comes_back() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("picture.png");
+        for channels in 1..=4 {
+            let count = 5 * 3 * channels;
+            let sixteen = (0..count).map(|index| (index * 1111) as u16).collect();
+            for samples in [Samples::Eight((0..count).map(|index| index as u8).collect()), Samples::Sixteen(sixteen)] {
+                let picture = ImageFile { size: (5, 3), channels, samples };
+                picture.write_png(&path).unwrap();
+                assert_eq!(read(&path).unwrap(), picture);
+                let whole = std::fs::read(&path).unwrap();
+                for length in 0..whole.len() - 12 {
+                    std::fs::write(&path, &whole[..length]).unwrap();
+                    assert!(read(&path).is_err(), "{length} of {} bytes", whole.len());
+                }
+            }
+        }
+    }
+}

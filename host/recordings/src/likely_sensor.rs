@@ -1,0 +1,42 @@
+//! Which sensor a recording that does not name one is likely of.
+
+use evcal_core::sensor::Sensor;
+
+use crate::Recording;
+
+/// Sensors of event cameras, for recordings that do not give theirs.
+const SENSORS: [Sensor; 7] = [
+    Sensor::new(128, 128),
+    Sensor::new(240, 180),
+    Sensor::new(304, 240),
+    Sensor::new(320, 320),
+    Sensor::new(346, 260),
+    Sensor::new(640, 480),
+    Sensor::new(1280, 720),
+];
+
+/// The smallest usual sensor that has all pixels of a recording; `None` where there is none, or no events.
+pub fn likely_sensor_of(recording: &Recording) -> Option<Sensor> {
+    let mut reader = recording.open().ok()?;
+    let (mut largest, mut events) = (None, Vec::new());
+    while reader.next_batch(&mut events).ok()? {
+        for event in &events {
+            let (x, y) = largest.unwrap_or_default();
+            largest = Some((event.x.max(x), event.y.max(y)));
+        }
+    }
+    likely_sensor(largest?)
+}
+
+/// What to do about a recording that does not tell its sensor, if it is likely this one.
+pub fn sensor_advice(likely: Option<Sensor>) -> String {
+    match likely {
+        Some(sensor) => format!("all events fit in {sensor}: add --sensor {}x{}", sensor.width, sensor.height),
+        None => "add --sensor WIDTHxHEIGHT".to_owned(),
+    }
+}
+
+/// The smallest usual sensor that has the pixel `largest`.
+pub fn likely_sensor(largest: (u16, u16)) -> Option<Sensor> {
+    SENSORS.into_iter().find(|sensor| sensor.contains(largest.0, largest.1))
+}

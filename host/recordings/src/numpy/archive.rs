@@ -1,0 +1,239 @@
+//! The arrays of an npz file, which is a ZIP archive.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use flate2::bufread::DeflateDecoder;
+use flate2::{Crc, CrcReader};
+use rawzip::{CompressionMethod, RECOMMENDED_BUFFER_SIZE, ZipArchive};
+
+use crate::{RecordingError, RecordingErrorKind};
+
+/// How an archive begins.
+pub const MAGIC: &[u8] = b"PK\x03\x04";
+/// What ends the names of arrays in it.
+pub const EXTENSION: &str = ".npy";
+/// More arrays are not looked at.
+const MOST_MEMBERS: usize = 1000;
+const BUFFER: usize = 1 << 17;
+
+/// An array of an archive.
+pub struct Member {
+    /// Its name, without `.npy`.
+    pub name: String,
+    /// Where it is.
+    pub place: Place,
+}
+
+/// Where an array is in a file.
+#[derive(Clone, Debug)]
+pub struct Place {
+    /// The file, where it is not the recording's own.
+    file: Option<PathBuf>,
+    /// Its first byte.
+    pub start: u64,
+    /// Bytes in the file.
+    length: u64,
+    /// Size and checksum of the unpacked array where it is part of an archive.
+    packed: Option<Packed>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Packed {
+    deflated: bool,
+    size: u64,
+    checksum: u32,
+}
+
+impl Place {
+    /// All of the file at `path`.
+    pub fn whole(path: &Path) -> Result<Self, RecordingError> {
+        let metadata = std::fs::metadata(path).map_err(|error| RecordingError::io(path, error))?;
+        Ok(Self { file: None, start: 0, length: metadata.len(), packed: None })
+    }
+
+    /// All of the file at `path`, which lies beside that of the recording.
+    pub fn beside(path: PathBuf) -> Result<Self, RecordingError> {
+        let whole = Self::whole(&path)?;
+        Ok(Self { file: Some(path), ..whole })
+    }
+
+    /// The file that it is in, where the recording is at `path`.
+    pub fn file<'a>(&'a self, path: &'a Path) -> &'a Path {
+        self.file.as_deref().unwrap_or(path)
+    }
+
+    /// Whether its bytes are packed, so that places in it are none in the file.
+    pub fn packed(&self) -> bool {
+        self.packed.is_some_and(|packed| packed.deflated)
+    }
+
+    /// Opens it at its beginning. Damage is an error of kind `InvalidData` or `InvalidInput`.
+    pub fn open(&self, path: &Path) -> Result<Box<dyn Read + Send>, RecordingError> {
+        let path = self.file(path);
+        let io = |error| RecordingError::io(path, error);
+        let mut file = File::open(path).map_err(io)?;
+        file.seek(SeekFrom::Start(self.start)).map_err(io)?;
+        let input = BufReader::with_capacity(BUFFER, file.take(self.length));
+        let file = Ending { input, has_ended: false };
+        let checked = |input, packed: Packed| Checked { input, left: packed.size, checksum: packed.checksum };
+        Ok(match self.packed {
+            None => Box::new(file),
+            Some(packed) if packed.deflated => {
+                Box::new(checked(CrcReader::new(Input::Packed(DeflateDecoder::new(file))), packed))
+            }
+            Some(packed) => Box::new(checked(CrcReader::new(Input::Plain(file)), packed)),
+        })
+    }
+}
+
+type Bytes = Ending<BufReader<io::Take<File>>>;
+
+/// A reader that stays at its end once it was there. A file that grows while it is read would not, and flate2 then waits for what
+/// it has been told is over.
+struct Ending<R> {
+    input: R,
+    has_ended: bool,
+}
+
+impl<R: BufRead> Read for Ending<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let there = self.fill_buf()?;
+        let length = there.len().min(buffer.len());
+        if let (Some(to), Some(from)) = (buffer.get_mut(..length), there.get(..length)) {
+            to.copy_from_slice(from);
+        }
+        self.consume(length);
+        Ok(length)
+    }
+}
+
+impl<R: BufRead> BufRead for Ending<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        if self.has_ended {
+            return Ok(&[]);
+        }
+        let there = self.input.fill_buf()?;
+        self.has_ended = there.is_empty();
+        Ok(there)
+    }
+
+    fn consume(&mut self, length: usize) {
+        if !self.has_ended {
+            self.input.consume(length);
+        }
+    }
+}
+
+enum Input {
+    Plain(Bytes),
+    Packed(DeflateDecoder<Bytes>),
+}
+
+impl Read for Input {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::Plain(input) => input.read(buffer),
+            Self::Packed(input) => input.read(buffer),
+        }
+    }
+}
+
+/// An array of an archive, compared with its checksum at its end.
+struct Checked {
+    input: CrcReader<Input>,
+    left: u64,
+    checksum: u32,
+}
+
+impl Read for Checked {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let damaged = |what| io::Error::new(io::ErrorKind::InvalidData, what);
+        let most = usize::try_from(self.left).unwrap_or(usize::MAX).min(buffer.len());
+        let read = self.input.read(buffer.get_mut(..most).unwrap_or_default())?;
+        if read == 0 && most > 0 {
+            return Err(damaged("it unpacks to fewer bytes than it says"));
+        }
+        self.left -= read as u64;
+        let sum = |crc: &Crc| crc.sum();
+        if self.left == 0 && read > 0 && sum(self.input.crc()) != self.checksum {
+            return Err(damaged("its checksum is another one"));
+        }
+        Ok(read)
+    }
+}
+
+/// The arrays of the archive at `path`.
+pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
+    let file = File::open(path).map_err(|error| RecordingError::io(path, error))?;
+    let length = file.metadata().map_err(|error| RecordingError::io(path, error))?.len();
+    let damaged = |error: rawzip::Error| {
+        let what = format!(
+            "the list of the archive's files at its end cannot be read ({error}); the file is cut off or damaged"
+        );
+        let kind = RecordingErrorKind::Damaged { byte: length, what, advice: "copy the file again" };
+        RecordingError::new(path, kind)
+    };
+    let mut buffer = vec![0; RECOMMENDED_BUFFER_SIZE];
+    let archive = ZipArchive::from_file(file, &mut buffer).map_err(damaged)?;
+    let mut members = Vec::new();
+    let mut is_spreadsheet = false;
+    let mut entries = archive.entries(&mut buffer);
+    while let Some(entry) = entries.next_entry().map_err(damaged)? {
+        let name = String::from_utf8_lossy(entry.file_path().as_ref()).into_owned();
+        is_spreadsheet |= name.starts_with("xl/");
+        let Some(name) = name.strip_suffix(EXTENSION).map(str::to_owned) else { continue };
+        let deflated = match entry.compression_method() {
+            CompressionMethod::STORE => false,
+            CompressionMethod::DEFLATE => true,
+            _ => return Err(unsupported(path, "pack it again with numpy.savez_compressed")),
+        };
+        let packed = Packed { deflated, size: entry.uncompressed_size_hint(), checksum: entry.crc32() };
+        let (start, end) = archive.get_entry(entry.wayfinder()).map_err(damaged)?.compressed_data_range();
+        let length = end.saturating_sub(start);
+        members.push(Member { name, place: Place { file: None, start, length, packed: Some(packed) } });
+        if members.len() == MOST_MEMBERS {
+            break;
+        }
+    }
+    if members.is_empty() {
+        return Err(match is_spreadsheet {
+            true => {
+                let kind = RecordingErrorKind::Unsupported { format: "spreadsheet", advice: "save its events as CSV" };
+                RecordingError::new(path, kind)
+            }
+            false => unsupported(path, "unpack it first"),
+        });
+    }
+    Ok(members)
+}
+
+fn unsupported(path: &Path, advice: &'static str) -> RecordingError {
+    RecordingError::new(path, RecordingErrorKind::Unsupported { format: "ZIP", advice })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Gives bytes again after it was at its end, as a file that grows.
+    struct Growing(Vec<&'static [u8]>);
+
+    impl Read for Growing {
+        fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+            let part = if self.0.is_empty() { &[][..] } else { self.0.remove(0) };
+            buffer[..part.len()].copy_from_slice(part);
+            Ok(part.len())
+        }
+    }
+
+    /// flate2 took an end for a pause, and asked again without end.
+    #[test]
+    fn what_was_at_its_end_stays_there() {
+        let mut input = Ending { input: BufReader::new(Growing(vec![b"ab", b"", b"cd"])), has_ended: false };
+        let mut read = Vec::new();
+        input.read_to_end(&mut read).unwrap();
+        assert_eq!((read.as_slice(), input.fill_buf().unwrap()), (&b"ab"[..], &[][..]));
+    }
+}

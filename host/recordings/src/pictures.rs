@@ -1,0 +1,193 @@
+//! Grey pictures of a recording, with the times of their exposure.
+
+use crate::extras::Frame;
+use crate::{Recording, RecordingError};
+
+/// A grey picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GreyImage {
+    width: usize,
+    /// Values row by row, 0 dark to 255.
+    pub pixels: Vec<u8>,
+}
+
+impl GreyImage {
+    /// A picture of `width` × `height` pixels; `None` if there are not as many, or none.
+    pub fn new(width: usize, height: usize, pixels: Vec<u8>) -> Option<Self> {
+        (!pixels.is_empty() && Some(pixels.len()) == width.checked_mul(height)).then_some(Self { width, pixels })
+    }
+
+    /// Number of columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Number of rows.
+    pub fn height(&self) -> usize {
+        self.pixels.len() / self.width
+    }
+
+    /// The value of a pixel of the image.
+    pub fn get(&self, x: usize, y: usize) -> Option<u8> {
+        if x < self.width { self.pixels.get(y.saturating_mul(self.width).saturating_add(x)).copied() } else { None }
+    }
+}
+
+/// The highest 8 bits that are used in samples of 16: many cameras use 10 or 12 of them.
+pub fn highest_bits(samples: &[u16]) -> Vec<u8> {
+    let highest = samples.iter().copied().max().unwrap_or(0);
+    let unused = (16 - highest.leading_zeros()).saturating_sub(8);
+    samples.iter().map(|sample| (sample >> unused) as u8).collect()
+}
+
+/// Of a coloured pixel, as ITU-R BT.601 weighs.
+pub fn brightness(red: u8, green: u8, blue: u8) -> u8 {
+    let sum = 299 * u32::from(red) + 587 * u32::from(green) + 114 * u32::from(blue);
+    ((sum + 500) / 1000).min(255) as u8
+}
+
+/// A picture of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TimedImage {
+    /// Start and end of the exposure in µs on the clock of the recording's events; where the recording
+    /// does not give them, both are the time of the picture.
+    pub exposure: (i64, i64),
+    /// Whether the recording gave the exposure.
+    pub exposure_known: bool,
+    /// Column and row of the sensor at which the picture begins.
+    pub position: (u16, u16),
+    /// The picture, or why it cannot be used.
+    pub image: Result<GreyImage, NoImage>,
+}
+
+/// Why a picture cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoImage {
+    /// Its rows were exposed one after the other.
+    RollingShutter,
+    /// Columns were lost on the way.
+    LostColumns,
+    /// It is neither grey nor coloured.
+    NotGrey,
+}
+
+impl From<Frame> for TimedImage {
+    fn from(frame: Frame) -> Self {
+        let (width, height) = (usize::from(frame.size.0), usize::from(frame.size.1));
+        let grey = match frame.channels {
+            1 => frame.pixels,
+            // Blue, green, red, and alpha.
+            3 | 4 => frame
+                .pixels
+                .chunks_exact(frame.channels)
+                .map(|pixel| match *pixel {
+                    [blue, green, red, ..] => brightness(red, green, blue),
+                    _ => 0,
+                })
+                .collect(),
+            _ => Vec::new(),
+        };
+        Self {
+            exposure: frame.exposure.unwrap_or((frame.t, frame.t)),
+            exposure_known: frame.exposure.is_some(),
+            position: frame.position,
+            image: GreyImage::new(width, height, grey).ok_or(NoImage::NotGrey),
+        }
+    }
+}
+
+/// Hands the frames of `recording` to `visit`, in their order. What could not be read is returned in a
+/// sentence; it ends the frames, not the calibration.
+///
+/// # Errors
+/// When the file cannot be opened.
+pub fn visit_frames(
+    recording: &Recording,
+    mut visit: impl FnMut(TimedImage),
+) -> Result<Option<String>, RecordingError> {
+    let Some(frames) = recording.format().frames else { return Ok(None) };
+    let end = frames(recording.path(), recording.options(), &mut visit)?;
+    Ok(end.err().map(|error| format!("frames were read up to their damage only: {error}")))
+}
+
+/// The picture of `recording` whose exposure began at `start` (µs on its clock, to 1 µs); `None` where there
+/// is none that can be read.
+pub fn image_at(recording: &Recording, start: i64) -> Option<TimedImage> {
+    let mut found = None;
+    let seen = visit_frames(recording, |image| {
+        if found.is_none() && image.exposure.0.abs_diff(start) <= 1 {
+            found = Some(image);
+        }
+    });
+    seen.ok().and(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+
+    use usb_davis::configuration::Configuration;
+    use usb_davis::protocol::{Frame as WireFrame, Region, Shutter};
+
+    use super::*;
+    use crate::RecordingOptions;
+    use crate::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
+
+    #[test]
+    fn frames_of_a_camera_are_those_that_it_sent_and_a_rolling_shutter_is_told() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording.dvraw");
+        let header = davis346_header("test", &Configuration::calibration());
+        let mut encoder = DumpEncoder::new(File::create(&path).unwrap(), header, COMPRESSION).unwrap();
+        let pixels: Vec<u16> = (0..346 * 260).map(|index| (index % 1000) as u16).collect();
+        for (start, shutter) in [(0, Shutter::Global), (40_000, Shutter::Rolling)] {
+            encoder.frame(&WireFrame {
+                shutter,
+                start,
+                end: start + 22_400,
+                exposure_start: Some(start + 9200),
+                exposure_end: Some(start + 13_200),
+                exposure_cycles: 0,
+                region: Region { x: 0, y: 0, width: 346, height: 260 },
+                damaged_columns: 0,
+                pixels: &pixels,
+            });
+        }
+        encoder.advance(100_000).unwrap();
+        encoder.finish().unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        // Whoever reads the events knows at their end how many there are.
+        let (mut reader, mut batch) = (recording.open().unwrap(), Vec::new());
+        assert_eq!(reader.report().frames, None);
+        while reader.next_batch(&mut batch).unwrap() {}
+        assert_eq!(reader.report().frames, Some(2));
+        let mut images = Vec::new();
+        assert_eq!(visit_frames(&recording, |image| images.push(image)).unwrap(), None);
+        let [global, rolling] = &images[..] else { panic!("{} images", images.len()) };
+        assert_eq!((global.exposure, global.exposure_known), ((9200, 13_200), true));
+        let image = global.image.as_ref().unwrap();
+        assert_eq!((image.width(), image.height()), (346, 260));
+        assert!(image.pixels.iter().zip(&pixels).all(|(eight, ten)| u16::from(*eight) == ten / 4));
+        assert_eq!(rolling.image, Err(NoImage::RollingShutter));
+        assert_eq!(image_at(&recording, 9201).as_ref(), Some(global));
+        assert_eq!(image_at(&recording, 9300), None);
+    }
+
+    #[test]
+    fn colours_become_grey_and_what_is_no_picture_is_refused() {
+        let frame = |channels, pixels| Frame {
+            t: 7,
+            exposure: None,
+            readout: None,
+            size: (2, 1),
+            position: (3, 4),
+            channels,
+            pixels,
+        };
+        let grey = TimedImage::from(frame(3, vec![10, 20, 30, 255, 255, 255]));
+        // 0.114 · 10 + 0.587 · 20 + 0.299 · 30 = 21.85.
+        assert_eq!(grey.image, GreyImage::new(2, 1, vec![22, 255]).ok_or(NoImage::NotGrey));
+        assert_eq!((grey.exposure, grey.exposure_known, grey.position), ((7, 7), false, (3, 4)));
+        assert!(TimedImage::from(frame(2, vec![0; 4])).image.is_err());
+    }
+}

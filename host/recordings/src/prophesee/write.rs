@@ -1,0 +1,181 @@
+//! Writing RAW in EVT 3.0: a word for each time, row and event that is another one than before, without groups, and a time
+//! high every 4096 µs, as a camera sends it.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+
+use crate::encode::{Description, Encode, OutputFormat, WriteError, check_leap};
+
+/// RAW in EVT 3.0.
+pub const OUTPUT: OutputFormat = OutputFormat {
+    name: "raw",
+    title: Some("EVT 3.0"),
+    extensions: &["raw"],
+    holds_sensor: true,
+    holds_extras: false,
+    create: |file, description| Ok(Box::new(Encoder::new(file, description)?)),
+    copy_transfers: None,
+};
+
+/// Letters of the name of a camera that are written: lines of the header have a longest length.
+const LONGEST_NAME: usize = 200;
+
+/// Columns and rows have 11 bits.
+const SIDE: u16 = 1 << 11;
+/// Time high has 12 bits, of 4096 µs each.
+const HIGH_SHIFT: u32 = 12;
+const MASK: i64 = 0xfff;
+const ROW: u16 = 0;
+const COLUMN: u16 = 0x2000;
+const TIME_LOW: u16 = 0x6000;
+const TIME_HIGH: u16 = 0x8000;
+
+struct Encoder {
+    output: BufWriter<File>,
+    /// Time in µs that the words count from.
+    zero: i64,
+    /// Of the latest words; `None` where the next event needs one.
+    high: Option<i64>,
+    low: Option<i64>,
+    row: Option<u16>,
+}
+
+impl Encoder {
+    fn new(
+        file: &mut dyn FnMut() -> std::io::Result<File>,
+        Description { sensor, camera_name, zero, .. }: &Description,
+    ) -> Result<Self, WriteError> {
+        let Sensor { width, height } = *sensor;
+        if width > SIDE || height > SIDE {
+            return Err(WriteError::Size { format: "EVT 3.0", most: SIDE, sensor: *sensor });
+        }
+        let mut output = BufWriter::with_capacity(1 << 18, file()?);
+        write!(output, "% evt 3.0\n% format EVT3;height={height};width={width}\n% geometry {width}x{height}\n")?;
+        let name = camera_name.chars().filter(|character| !character.is_control()).take(LONGEST_NAME);
+        let name: String = name.collect();
+        if !name.is_empty() {
+            writeln!(output, "% serial_number {name}")?;
+        }
+        writeln!(output, "% end")?;
+        Ok(Self { output, zero: *zero, high: None, low: None, row: None })
+    }
+
+    fn word(&mut self, word: u16) -> Result<(), WriteError> {
+        Ok(self.output.write_all(&word.to_le_bytes())?)
+    }
+
+    /// Writes the words that bring the time to `t` µs after the zero.
+    fn time(&mut self, t: i64) -> Result<(), WriteError> {
+        let (high, low) = (t >> HIGH_SHIFT, t & MASK);
+        if self.high != Some(high) {
+            let before = self.high.unwrap_or(0) << HIGH_SHIFT;
+            check_leap(before.saturating_add(self.zero), t.saturating_add(self.zero))?;
+            // All between, as a camera sends them: some readers follow a turn of the clock from its last time high only.
+            for step in self.high.map_or(0, |latest| latest + 1)..=high {
+                self.word(TIME_HIGH | (step & MASK) as u16)?;
+            }
+            (self.high, self.low) = (Some(high), None);
+        }
+        if self.low != Some(low) {
+            self.word(TIME_LOW | low as u16)?;
+            self.low = Some(low);
+        }
+        Ok(())
+    }
+}
+
+impl Encode for Encoder {
+    fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
+        for event in events {
+            self.time(event.t.saturating_sub(self.zero).max(0))?;
+            if self.row != Some(event.y) {
+                self.word(ROW | event.y)?;
+                self.row = Some(event.y);
+            }
+            self.word(COLUMN | (event.polarity.index() as u16) << 11 | event.x)?;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), WriteError> {
+        Ok(self.output.flush()?)
+    }
+
+    fn lost(&self) -> Vec<String> {
+        let lost = (self.zero != 0).then(|| format!("times count from {} us", self.zero));
+        lost.into_iter().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::Polarity;
+
+    use super::*;
+    use crate::extras::OtherStreams;
+    use crate::testing;
+
+    fn written(events: &[Event], sensor: Sensor, zero: i64) -> Result<Vec<u8>, WriteError> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let description = Description { sensor, camera_name: "EVK4 7", others: OtherStreams::default(), zero };
+        let mut encoder = (OUTPUT.create)(&mut || file.reopen(), &description)?;
+        events.chunks(3).try_for_each(|part| encoder.write(part))?;
+        encoder.finish()?;
+        Ok(std::fs::read(file.path()).unwrap())
+    }
+
+    fn event(t: i64, x: u16, y: u16, polarity: Polarity) -> Event {
+        Event { t, x, y, polarity }
+    }
+
+    #[test]
+    fn words_are_those_of_the_format() {
+        let events = [
+            event(4097, 3, 2, Polarity::On),
+            event(4097, 4, 2, Polarity::Off),
+            event(4099, 4, 2, Polarity::Off),
+            event(8192, 4, 719, Polarity::Off),
+        ];
+        let content = written(&events, Sensor::new(1280, 720), 0).unwrap();
+        let header =
+            b"% evt 3.0\n% format EVT3;height=720;width=1280\n% geometry 1280x720\n% serial_number EVK4 7\n% end\n";
+        let words =
+            [0x8000_u16, 0x8001, 0x6001, 0x0002, 0x2803, 0x2004, 0x6003, 0x2004, 0x8002, 0x6000, 0x02cf, 0x2004];
+        let words: Vec<u8> = words.into_iter().flat_map(u16::to_le_bytes).collect();
+        assert_eq!(content, [header.as_slice(), &words].concat());
+    }
+
+    #[test]
+    fn times_are_kept_over_pauses_longer_than_a_turn_of_the_clock() {
+        let times = [3_599_000_000_i64, 3_599_000_001, 3_599_999_999, 3_620_000_000, 3_700_123_456, 7_300_000_000];
+        let events: Vec<Event> = times.into_iter().map(|t| event(t, 2047, 2047, Polarity::On)).collect();
+        let outcome = testing::read(&written(&events, Sensor::new(2048, 2048), 0).unwrap());
+        assert_eq!((outcome.events.as_slice(), outcome.error), (events.as_slice(), None));
+        assert_eq!(outcome.report.stream.notes(), [""; 0]);
+        let information = outcome.information.unwrap();
+        assert_eq!(information.camera_name.as_deref(), Some("EVK4 7"));
+        let shifted = testing::read(&written(&events, Sensor::new(2048, 2048), times[0]).unwrap());
+        assert!(shifted.events.iter().zip(&events).all(|(found, event)| found.t == event.t - times[0]));
+    }
+
+    /// A word for each 4096 µs between was 830 GB for this.
+    #[test]
+    fn a_leap_of_years_is_refused() {
+        let at = |t| event(t, 3, 2, Polarity::On);
+        let error = written(&[at(0), at(1_700_000_000_000_000)], Sensor::new(1280, 720), 0).unwrap_err().to_string();
+        assert!(error.contains("1700000000000000 us") && error.contains("--time-unit"), "{error}");
+        let zero = 1_600_000_000_000_000;
+        let error = written(&[at(zero + 8192), at(zero + 86_500_000_000)], Sensor::new(1280, 720), zero).unwrap_err();
+        let WriteError::Leap { before, time } = error else { panic!("{error}") };
+        assert_eq!((before, time), (zero + 8192, zero + 86_500_000_000));
+    }
+
+    #[test]
+    fn a_sensor_too_large_for_its_words_is_refused() {
+        let error = written(&[], Sensor::new(2049, 10), 0).unwrap_err().to_string();
+        assert!(error.contains("2048") && error.contains("2049"), "{error}");
+    }
+}

@@ -1,0 +1,328 @@
+//! Bags of ROS 1, version 2.0.
+//!
+//! A line `#ROSBAG V2.0`, then records: u32 length and header, u32 length and data. A header is a sequence of fields, u32
+//! length and `name=value`. `op` says what the record is: 5 a chunk (records, perhaps packed as bz2 or LZ4), 7 a
+//! connection (a topic and its type), 2 a message; the others are an index, which is not needed.
+
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::path::Path;
+
+use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record};
+use super::fields::Wire;
+use super::message::Kind;
+use super::write::BAG_OUTPUT;
+use super::{events, extras};
+use crate::bytes::ByteReader;
+use crate::{FileFormat, RecordingError, Truncation, Uses};
+
+const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
+
+/// ROS bag.
+pub const FORMAT: FileFormat = FileFormat {
+    output: Some(&BAG_OUTPUT),
+    streams: |path, options| events::summarise(open, path, options),
+    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    extras: Some(|path, options| extras::open(open, path, options)),
+    uses: Uses { stream: true, ..Uses::NONE },
+    ..FileFormat::of_events(
+        "ROS bag",
+        |head| head.bytes.starts_with(MAGIC),
+        |path, options| events::open(FORMAT.name, open, path, options),
+    )
+};
+
+const CHUNK: u8 = 5;
+const CONNECTION: u8 = 7;
+const MESSAGE: u8 = 2;
+/// No header of a record is longer, nor shorter: it has `op`.
+const LONGEST_RECORD_HEADER: u64 = 1 << 16;
+const SHORTEST_RECORD_HEADER: u64 = 8;
+/// No header of a file is longer, nor are the connections in an index.
+const LONGEST_HEADER: u64 = 1 << 13;
+const LONGEST_INDEX: u64 = 1 << 22;
+
+/// Opens such a file of messages.
+pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+    let mut file = ByteReader::open(path)?;
+    file.seek(MAGIC.len() as u64)?;
+    Ok(Box::new(Bag {
+        file,
+        chunk: Chunk::default(),
+        header: Vec::new(),
+        packed: Vec::new(),
+        topics: Vec::new(),
+        connections: BTreeMap::new(),
+        places: BTreeMap::new(),
+        message: (0, 0),
+        truncated: None,
+        ended: false,
+    }))
+}
+
+struct Bag {
+    file: ByteReader,
+    chunk: Chunk,
+    header: Vec<u8>,
+    packed: Vec<u8>,
+    topics: Vec<Topic>,
+    /// Numbers of connections and the places of their topics.
+    connections: BTreeMap<u32, usize>,
+    /// Names and types of topics and their places.
+    places: BTreeMap<(String, String), usize>,
+    /// Where the message is in the chunk.
+    message: (usize, usize),
+    truncated: Option<Truncation>,
+    ended: bool,
+}
+
+/// A chunk, unpacked. A message outside of chunks is treated as a chunk of its own.
+#[derive(Default)]
+struct Chunk {
+    bytes: Vec<u8>,
+    position: usize,
+    /// Where it is in the file.
+    byte: u64,
+}
+
+/// Header and data of a record, and the number of bytes of all.
+struct Record<'a> {
+    header: &'a [u8],
+    data: &'a [u8],
+    length: usize,
+}
+
+fn part(bytes: &[u8], from: usize) -> Option<&[u8]> {
+    let length = u32::from_le_bytes(*bytes.get(from..)?.first_chunk()?);
+    bytes.get(from + 4..)?.get(..usize::try_from(length).ok()?)
+}
+
+fn record(bytes: &[u8], from: usize) -> Option<Record<'_>> {
+    let header = part(bytes, from)?;
+    let data = part(bytes, from + 4 + header.len())?;
+    Some(Record { header, data, length: 8 + header.len() + data.len() })
+}
+
+/// The value of a field of a header.
+fn field<'a>(header: &'a [u8], name: &[u8]) -> Option<&'a [u8]> {
+    let mut position = 0;
+    while let Some(field) = part(header, position) {
+        position += 4 + field.len();
+        let equals = field.iter().position(|&byte| byte == b'=')?;
+        if field.get(..equals) == Some(name) {
+            return field.get(equals + 1..);
+        }
+    }
+    None
+}
+
+fn number(header: &[u8], name: &[u8]) -> Option<u32> {
+    Some(u32::from_le_bytes(*field(header, name)?.first_chunk()?))
+}
+
+fn operation(header: &[u8]) -> Option<u8> {
+    field(header, b"op")?.first().copied()
+}
+
+/// How a chunk with this header is packed.
+fn packing(header: &[u8]) -> Result<Packing, ChunkError> {
+    match field(header, b"compression").unwrap_or_default() {
+        b"none" => Ok(Packing::Plain),
+        b"lz4" => Ok(Packing::Lz4),
+        b"bz2" => Ok(Packing::Bzip2),
+        _ => Err(ChunkError::Compression { known: "none, bz2 and lz4" }),
+    }
+}
+
+/// The topic that a record of a connection names.
+fn topic(record: &Record) -> Option<Topic> {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let name = text(field(record.header, b"topic")?);
+    let type_name = text(field(record.data, b"type")?);
+    Some(Topic { kind: Kind::of_type(&type_name), name, type_name, wire: Wire::Ros1 })
+}
+
+impl Bag {
+    /// The topics that the index lists, which stands behind all chunks.
+    fn index(&mut self) -> Result<Option<Vec<Topic>>, RecordingError> {
+        let mut bytes = Vec::new();
+        self.file.seek(MAGIC.len() as u64)?;
+        self.file.read(&mut bytes, LONGEST_HEADER)?;
+        let place = record(&bytes, 0)
+            .and_then(|record| Some(u64::from_le_bytes(*field(record.header, b"index_pos")?.first_chunk()?)));
+        let Some(place) = place.filter(|place| *place > MAGIC.len() as u64 && *place < self.file.length()) else {
+            return Ok(None);
+        };
+        self.file.seek(place)?;
+        self.file.read(&mut bytes, LONGEST_INDEX)?;
+        let (mut topics, mut position) = (Vec::new(), 0);
+        while let Some(record) = record(&bytes, position).filter(|record| operation(record.header) == Some(CONNECTION))
+        {
+            topics.extend(topic(&record));
+            position += record.length;
+        }
+        Ok((!topics.is_empty()).then_some(topics))
+    }
+
+    /// Takes the next record of the file as chunk; false at the end.
+    fn next_chunk(&mut self) -> Result<bool, RecordingError> {
+        loop {
+            let start = self.file.position();
+            if self.file.left() == 0 {
+                return Ok(false);
+            }
+            let Some(header_length) = self.length(start)? else { return Ok(false) };
+            if !(SHORTEST_RECORD_HEADER..=LONGEST_RECORD_HEADER).contains(&header_length) {
+                // Nothing else tells where the next record begins.
+                let what = format!("the header of a record is said to have {header_length} bytes");
+                let lost = format!("records cannot be found: {what}");
+                self.truncated = Some(Truncation { byte: start, lost });
+                self.ended = true;
+                return Err(self.file.damaged(start, what));
+            }
+            self.file.read(&mut self.header, header_length)?;
+            let Some(operation) = operation(&self.header) else {
+                if let Some(length) = self.length(start)? {
+                    self.file.seek(self.file.position() + length)?;
+                }
+                return Err(self.file.damaged(start, "a record has no header that can be understood"));
+            };
+            let Some(length) = self.length(start)? else {
+                return if operation == CHUNK { self.take_beginning(start) } else { Ok(false) };
+            };
+            match operation {
+                CHUNK => {
+                    read_record(&mut self.file, start, length, &mut self.packed)?;
+                    self.unpack(start)?;
+                    return Ok(true);
+                }
+                CONNECTION | MESSAGE => {
+                    read_record(&mut self.file, start, length, &mut self.packed)?;
+                    let bytes = &mut self.chunk.bytes;
+                    bytes.clear();
+                    for part in [&self.header, &self.packed] {
+                        bytes.extend_from_slice(&u32::try_from(part.len()).unwrap_or(u32::MAX).to_le_bytes());
+                        bytes.extend_from_slice(part);
+                    }
+                    (self.chunk.position, self.chunk.byte) = (0, start);
+                    return Ok(true);
+                }
+                _ => self.file.seek(self.file.position() + length)?,
+            }
+        }
+    }
+
+    /// The length of the part of a record that comes next; `None` if the file ends before its end.
+    fn length(&mut self, record: u64) -> Result<Option<u64>, RecordingError> {
+        let length = self.file.array()?.map(|bytes| u64::from(u32::from_le_bytes(bytes)));
+        if let Some(length) = length.filter(|length| *length <= self.file.left()) {
+            return Ok(Some(length));
+        }
+        let lost = format!("a record is not whole: {} bytes of it are left", self.file.left());
+        self.truncated = Some(Truncation { byte: record, lost });
+        self.ended = true;
+        Ok(None)
+    }
+
+    /// Takes what there is of a chunk whose end is missing; false if it is nothing.
+    fn take_beginning(&mut self, start: u64) -> Result<bool, RecordingError> {
+        // A false length would have the rest of the file in memory.
+        self.file.read(&mut self.packed, self.file.left().min(MOST_UNPACKED))?;
+        match packing(&self.header) {
+            Ok(packing) => packing.unpack_beginning(&self.packed, &mut self.chunk.bytes),
+            Err(_) => self.chunk.bytes.clear(),
+        }
+        (self.chunk.position, self.chunk.byte) = (0, start);
+        Ok(!self.chunk.bytes.is_empty())
+    }
+
+    fn unpack(&mut self, start: u64) -> Result<(), RecordingError> {
+        let size = number(&self.header, b"size").map_or(0, u64::from);
+        let done = packing(&self.header).and_then(|packing| packing.unpack(&self.packed, size, &mut self.chunk.bytes));
+        (self.chunk.position, self.chunk.byte) = (0, start);
+        done.map_err(|what| {
+            self.chunk.bytes.clear();
+            self.file.damaged(start, format!("a chunk is damaged: {what}"))
+        })
+    }
+
+    fn connect(&mut self, from: usize) -> Option<()> {
+        let record = record(&self.chunk.bytes, from)?;
+        let connection = number(record.header, b"conn")?;
+        if let Entry::Vacant(vacant) = self.connections.entry(connection) {
+            let topic = topic(&record)?;
+            let place = self.places.entry((topic.name.clone(), topic.type_name.clone())).or_insert(self.topics.len());
+            vacant.insert(*place);
+            if *place == self.topics.len() {
+                self.topics.push(topic);
+            }
+        }
+        Some(())
+    }
+}
+
+impl Container for Bag {
+    fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
+        loop {
+            if self.chunk.position >= self.chunk.bytes.len() {
+                if self.ended || !self.next_chunk()? {
+                    return Ok(None);
+                }
+                continue;
+            }
+            let position = self.chunk.position;
+            let Some(record) = record(&self.chunk.bytes, position) else {
+                self.chunk.bytes.clear();
+                if self.truncated.is_some() {
+                    return Ok(None);
+                }
+                return Err(self.file.damaged(self.chunk.byte, "a record of a chunk is longer than the chunk"));
+            };
+            let (operation, connection) = (operation(record.header), number(record.header, b"conn"));
+            let (length, data) = (record.length, record.data.len());
+            self.chunk.position += length;
+            match operation {
+                Some(CONNECTION) => self
+                    .connect(position)
+                    .ok_or_else(|| self.file.damaged(self.chunk.byte, "a connection names no topic or no type"))?,
+                Some(MESSAGE) => {
+                    let Some(&topic) = connection.and_then(|connection| self.connections.get(&connection)) else {
+                        return Err(self
+                            .file
+                            .damaged(self.chunk.byte, "a message is of a connection that is not known"));
+                    };
+                    self.message = (position + length - data, position + length);
+                    return Ok(Some(MessageHead { topic, byte: self.chunk.byte }));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn message(&self) -> &[u8] {
+        self.chunk.bytes.get(self.message.0..self.message.1).unwrap_or_default()
+    }
+
+    fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    fn listed(&mut self) -> Option<Vec<Topic>> {
+        let position = self.file.position();
+        let topics = self.index().ok().flatten();
+        self.file.seek(position).ok()?;
+        topics
+    }
+
+    fn done(&self) -> f64 {
+        self.file.done()
+    }
+
+    fn truncated(&self) -> Option<&Truncation> {
+        self.truncated.as_ref()
+    }
+
+    fn damaged(&self, byte: u64, what: String) -> RecordingError {
+        self.file.damaged(byte, what)
+    }
+}

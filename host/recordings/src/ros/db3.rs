@@ -1,0 +1,135 @@
+//! Bags of ROS 2 in SQLite: a table `topics` and a table `messages`, in the order in which they were recorded.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::container::{Container, MessageHead, Topic, unpack_message};
+use super::fields::Wire;
+use super::message::Kind;
+use super::sqlite::{self, Description, Pages, Table, Value};
+use super::{events, extras};
+use crate::{FileFormat, RecordingError, RecordingErrorKind, Truncation, Uses};
+
+/// ROS 2 bag in SQLite.
+pub const FORMAT: FileFormat = FileFormat {
+    streams: |path, options| events::summarise(open, path, options),
+    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    extras: Some(|path, options| extras::open(open, path, options)),
+    uses: Uses { stream: true, ..Uses::NONE },
+    ..FileFormat::of_events(
+        "ROS 2 bag (SQLite)",
+        |head| head.bytes.starts_with(sqlite::MAGIC),
+        |path, options| events::open(FORMAT.name, open, path, options),
+    )
+};
+
+struct Bag {
+    pages: Pages,
+    messages: Table,
+    /// Which columns of a message are its topic and its bytes.
+    columns: [usize; 2],
+    topics: Vec<Topic>,
+    /// The numbers of the topics and their places.
+    places: BTreeMap<i64, usize>,
+    row: Vec<u8>,
+    /// The message, where it was packed by itself.
+    unpacked: Vec<u8>,
+}
+
+/// Opens such a file of messages.
+pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+    let mut pages = Pages::open(path)?;
+    let tables = pages.tables()?;
+    let table = |name: &str, columns: &[&str]| {
+        let found = tables.iter().find(|table| table.name == name)?;
+        Some((found, columns.iter().map(|column| found.column(column)).collect::<Option<Vec<_>>>()?))
+    };
+    let topics = table("topics", &["name", "type", "serialization_format"]);
+    let messages = table("messages", &["topic_id", "data"]);
+    let (Some((topics, topic_columns)), Some((messages, columns))) = (topics, messages) else {
+        if let Some(truncated) = pages.truncated() {
+            return Err(pages.damaged(truncated.byte, truncated.lost.clone()));
+        }
+        let names: Vec<&str> = tables.iter().map(|table| table.name.as_str()).collect();
+        let what = format!("tables that are not those of a ROS 2 bag: {}", names.join(", "));
+        return Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)));
+    };
+    let (places, topics) = read_topics(&mut pages, topics, &topic_columns)?;
+    let columns = columns.try_into().unwrap_or_default();
+    let messages = messages.open();
+    Ok(Box::new(Bag { pages, messages, columns, topics, places, row: Vec::new(), unpacked: Vec::new() }))
+}
+
+/// The topics, and their places by their numbers.
+fn read_topics(
+    pages: &mut Pages,
+    table: &Description,
+    columns: &[usize],
+) -> Result<(BTreeMap<i64, usize>, Vec<Topic>), RecordingError> {
+    let (mut rows, mut row) = (table.open(), Vec::new());
+    let (mut places, mut topics) = (BTreeMap::new(), Vec::new());
+    while let Some((number, byte)) = pages.next(&mut rows, &mut row)? {
+        let values = sqlite::values(&row).ok_or_else(|| pages.damaged(byte, "a topic cannot be read"))?;
+        let text = |column: &usize| match values.get(*column) {
+            Some(Value::Bytes(text)) => String::from_utf8_lossy(text).into_owned(),
+            _ => String::new(),
+        };
+        let texts: Vec<String> = columns.iter().map(text).collect();
+        let [name, type_name, format] = texts.as_slice() else { continue };
+        let kind = if format == "cdr" { Kind::of_type(type_name) } else { Kind::Other };
+        places.entry(number).or_insert(topics.len());
+        topics.push(Topic { name: name.clone(), type_name: type_name.clone(), kind, wire: Wire::Cdr });
+    }
+    Ok((places, topics))
+}
+
+impl Container for Bag {
+    fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
+        let Some((_, byte)) = self.pages.next(&mut self.messages, &mut self.row)? else {
+            self.pages.finish();
+            return Ok(None);
+        };
+        let [topic, data] = self.columns;
+        let values = sqlite::values(&self.row).unwrap_or_default();
+        let (Some(Value::Whole(topic)), Some(Value::Bytes(message))) = (values.get(topic), values.get(data)) else {
+            return Err(self.pages.damaged(byte, "a message cannot be read"));
+        };
+        let Some(&topic) = self.places.get(topic) else {
+            return Err(self.pages.damaged(byte, "a message is of a topic that is not known"));
+        };
+        unpack_message(message, &mut self.unpacked)
+            .map_err(|error| self.pages.damaged(byte, format!("a message is damaged: {error}")))?;
+        Ok(Some(MessageHead { topic, byte }))
+    }
+
+    fn message(&self) -> &[u8] {
+        if !self.unpacked.is_empty() {
+            return &self.unpacked;
+        }
+        let [_, data] = self.columns;
+        match sqlite::values(&self.row).unwrap_or_default().get(data) {
+            Some(Value::Bytes(message)) => message,
+            _ => &[],
+        }
+    }
+
+    fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    fn listed(&mut self) -> Option<Vec<Topic>> {
+        Some(self.topics.clone())
+    }
+
+    fn done(&self) -> f64 {
+        self.pages.done()
+    }
+
+    fn truncated(&self) -> Option<&Truncation> {
+        self.pages.truncated()
+    }
+
+    fn damaged(&self, byte: u64, what: String) -> RecordingError {
+        self.pages.damaged(byte, what)
+    }
+}

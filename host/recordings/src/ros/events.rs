@@ -1,0 +1,201 @@
+//! The events of one topic.
+
+use std::path::Path;
+
+use evcal_core::event::Event;
+
+use super::container::{Container, MessageHead, OpenContainer, Topic, is_skipped};
+use super::message::{self, Description, Kind};
+use super::packet::PacketDecoder;
+use crate::prophesee::{TRIGGERS, tell};
+use crate::{
+    Damage, Decode, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
+    StreamSummary, Truncation,
+};
+
+/// A batch is handed out as soon as it has this many events.
+const BATCH: usize = 16_384;
+
+struct Decoder {
+    container: Box<dyn Container>,
+    topic: String,
+    damage: Damage,
+    information: RecordingInformation,
+    packets: PacketDecoder,
+}
+
+/// Starts reading the events of the topic that is asked for, or of the first one that has any.
+pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &RecordingOptions) -> Opened {
+    let mut container = open(path)?;
+    let wanted = options.stream.as_deref();
+    let Some(First { topic, description }) = first_of(path, &mut *container, wanted, options.damage)? else {
+        return Err(match container.truncated() {
+            Some(Truncation { byte, lost }) => container.damaged(*byte, format!("{lost}; no events stand before it")),
+            None => RecordingError::new(path, no_topic(container.topics(), wanted)),
+        });
+    };
+    let Description { sensor, encoding, .. } = description;
+    let mut notes = vec![format!("events of the topic {topic} are read")];
+    if let Some(encoding) = encoding {
+        notes.push(format!("they are encoded as {encoding}"));
+        if encoding == "evt3" {
+            notes.push("their times are those of the sensor's clock, not of other topics".to_owned());
+        }
+    }
+    let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
+    let packets = PacketDecoder::default();
+    let container = open(path)?;
+    Ok(Box::new(Decoder { container, topic, damage: options.damage, information, packets }))
+}
+
+/// A topic with events, and what its first message with events says of them.
+struct First {
+    topic: String,
+    description: Description,
+}
+
+/// The first message with events of the topic `wanted`, or of any; where there is none, the first message that could have some. Messages
+/// in an encoding that is not read are passed over while others may follow: some drivers send triggers as such.
+fn first_of(
+    path: &Path,
+    container: &mut dyn Container,
+    wanted: Option<&str>,
+    damage: Damage,
+) -> Result<Option<First>, RecordingError> {
+    let (mut without, mut unread) = (None, None);
+    loop {
+        let head = match container.next() {
+            Ok(Some(head)) => head,
+            Ok(None) => return unread.map_or(Ok(without), |kind| Err(RecordingError::new(path, kind))),
+            Err(error) if is_skipped(&error, damage) => continue,
+            Err(error) => return Err(error),
+        };
+        let fits = |topic: &&Topic| topic.kind.holds_events() && wanted.is_none_or(|wanted| wanted == topic.name);
+        let Some(topic) = container.topics().get(head.topic).filter(fits) else { continue };
+        let description = match message::description(topic.kind, topic.wire, container.message()) {
+            Ok(description) => description,
+            Err(_) if damage == Damage::Skip => continue,
+            Err(error) => return Err(damaged(container, &head, topic, &error.to_string())),
+        };
+        if let Some(encoding) = description.unread_encoding() {
+            let (topic, encoding) = (topic.name.clone(), encoding.to_owned());
+            unread.get_or_insert(RecordingErrorKind::EventEncoding { topic, encoding });
+            continue;
+        }
+        let has_events = description.has_events;
+        let first = First { topic: topic.name.clone(), description };
+        if has_events {
+            return Ok(Some(first));
+        }
+        without.get_or_insert(first);
+    }
+}
+
+fn no_topic(topics: &[Topic], wanted: Option<&str>) -> RecordingErrorKind {
+    let of_events = topics.iter().filter(|topic| topic.kind.holds_events());
+    match wanted {
+        Some(wanted) => RecordingErrorKind::NoSuchStream {
+            wanted: wanted.to_owned(),
+            available: match of_events.map(Topic::description).collect::<Vec<_>>() {
+                none if none.is_empty() => "none".to_owned(),
+                some => some.join(", "),
+            },
+        },
+        None => RecordingErrorKind::NoEventStream(topics.iter().map(Topic::description).collect::<Vec<_>>().join(", ")),
+    }
+}
+
+fn damaged(container: &dyn Container, head: &MessageHead, topic: &Topic, what: &str) -> RecordingError {
+    container.damaged(head.byte, format!("a message of {} is damaged: {what}", topic.name))
+}
+
+impl Decoder {
+    /// Appends the events of the next message, or counts it if it is of another topic; false at the end.
+    fn next_message(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        let Some(head) = self.container.next()? else { return Ok(false) };
+        let Some(topic) = self.container.topics().get(head.topic) else { return Ok(true) };
+        if topic.name != self.topic || !topic.kind.holds_events() {
+            *report.other_packets.entry(topic.description()).or_default() += 1;
+            return Ok(true);
+        }
+        let message = self.container.message();
+        let decoded = message::events(topic.kind, topic.wire, message, &mut self.packets, batch);
+        decoded.map_err(|error| damaged(&*self.container, &head, topic, &error.to_string()))?;
+        Ok(true)
+    }
+}
+
+impl Decode for Decoder {
+    fn information(&self) -> &RecordingInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        let mut more = true;
+        while more && batch.len() < BATCH {
+            let was_whole = self.container.truncated().is_none();
+            match self.next_message(batch, report) {
+                Ok(there_is) => more = there_is,
+                // It took all behind it along, which is told as the end of the file.
+                Err(error) if is_skipped(&error, self.damage) && was_whole && self.container.truncated().is_some() => {}
+                Err(error) if is_skipped(&error, self.damage) => report.damaged_packets += 1,
+                Err(error) => return Err(error),
+            }
+        }
+        tell(self.packets.counts(), report);
+        if self.packets.triggers > 0 {
+            report.other_packets.insert(TRIGGERS.to_owned(), self.packets.triggers);
+        }
+        report.truncated = self.container.truncated().cloned();
+        Ok(more)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(self.container.done())
+    }
+}
+
+/// Counts what the topics of the file at `path` hold. Messages that are damaged count as messages only.
+pub fn summarise(
+    open: OpenContainer,
+    path: &Path,
+    options: &RecordingOptions,
+) -> Result<Vec<StreamSummary>, RecordingError> {
+    let mut container = open(path)?;
+    let mut summaries: Vec<StreamSummary> = Vec::new();
+    let mut decoders: Vec<PacketDecoder> = Vec::new();
+    let mut events = Vec::new();
+    loop {
+        let head = match container.next() {
+            Ok(Some(head)) => head,
+            Err(error) if is_skipped(&error, options.damage) => continue,
+            // Damage is for the reader of events to report.
+            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
+            Err(error) => return Err(error),
+        };
+        for topic in container.topics().get(summaries.len()..).unwrap_or_default() {
+            summaries.push(StreamSummary { name: topic.description(), packets: 0, elements: 0, times_us: None });
+            decoders.push(PacketDecoder::default());
+        }
+        let places = (summaries.get_mut(head.topic), decoders.get_mut(head.topic), container.topics().get(head.topic));
+        let (Some(summary), Some(decoder), Some(topic)) = places else { continue };
+        summary.packets += 1;
+        let (wire, message) = (topic.wire, container.message());
+        events.clear();
+        let (count, times) = match topic.kind {
+            Kind::EventArray | Kind::EventPacket => {
+                // What comes before damage counts.
+                let _ = message::events(topic.kind, wire, message, decoder, &mut events);
+                (events.len() as u64, events.first().zip(events.last()).map(|(first, last)| (first.t, last.t)))
+            }
+            Kind::Image | Kind::CompressedImage | Kind::Imu => {
+                let time = super::fields::Fields::new(wire, message).and_then(|mut fields| fields.header()).ok();
+                (1, time.map(|t| (t, t)))
+            }
+            Kind::Other => (1, None),
+        };
+        summary.elements += count;
+        summary.extend(times);
+    }
+    Ok(summaries)
+}

@@ -1,0 +1,241 @@
+//! Folders that `ros2 bag record` writes: `metadata.yaml`, and the messages in one file or, where it was told to split them, in several,
+//! which follow each other.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use yaml_rust2::Yaml;
+
+use super::container::{Container, MessageHead, OpenContainer, Topic};
+use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, events, extras, mcap};
+use crate::{FileFormat, Head, RecordingError, RecordingErrorKind, Truncation, Uses, find_format};
+use evcal_files::yaml;
+
+/// Folder of a ROS 2 bag. It is told by what is in it, not by how it begins.
+pub const FORMAT: FileFormat = FileFormat {
+    streams: |path, options| events::summarise(open, path, options),
+    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    extras: Some(|path, options| extras::open(open, path, options)),
+    uses: Uses { stream: true, ..Uses::NONE },
+    ..FileFormat::of_events("ROS 2 bag", |_| false, |path, options| events::open(FORMAT.name, open, path, options))
+};
+
+const METADATA: &str = "metadata.yaml";
+/// Bytes of the longest metadata that are read: the settings of a topic and the times of a file take some hundred each.
+const LONGEST_METADATA: usize = 1 << 20;
+
+/// Whether `path` is such a folder.
+pub fn is_bag(path: &Path) -> bool {
+    path.join(METADATA).is_file()
+}
+
+/// How messages are read from what is at `path`, a file or a folder of them; `None` for files and folders of another kind.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
+    if is_bag(path) {
+        return Ok(Some(open));
+    }
+    if path.is_dir() { Ok(None) } else { file_opener(path) }
+}
+
+fn file_opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
+    const FILES: [(&FileFormat, OpenContainer); 3] =
+        [(&BAG_FORMAT, bag::open), (&MCAP_FORMAT, mcap::open), (&DB3_FORMAT, db3::open)];
+    let head = Head::read(path)?;
+    Ok(FILES.into_iter().find(|(format, _)| (format.recognise)(&head)).map(|(_, open)| open))
+}
+
+/// Opens the files of such a folder one after the other.
+fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+    let mut files: VecDeque<PathBuf> = files(path)?.into();
+    let count = files.len();
+    let first = files.pop_front().unwrap_or_default();
+    let now = open_file(&first)?;
+    let (topics, known, places) = (Vec::new(), BTreeMap::new(), Vec::new());
+    Ok(Box::new(Folder { files, count, path: first, now, topics, known, places, truncated: None }))
+}
+
+/// Opens a file of the folder, which may be no folder itself: it could name itself.
+fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+    match file_opener(path)? {
+        Some(open) => open(path),
+        None => {
+            let format = find_format(path, &Head::read(path)?)?;
+            let what = format!("content of another format ({})", format.name);
+            Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)))
+        }
+    }
+}
+
+/// The files that the metadata of the folder name, in their order; one at least.
+fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
+    let path = folder.join(METADATA);
+    let damaged = |what| {
+        let advice = "name the .db3 or .mcap file itself";
+        RecordingError::new(&path, RecordingErrorKind::Damaged { byte: 0, what, advice })
+    };
+    let mut text = Vec::new();
+    let read = File::open(&path).and_then(|file| file.take(LONGEST_METADATA as u64 + 1).read_to_end(&mut text));
+    read.map_err(|error| RecordingError::io(&path, error))?;
+    let documents =
+        yaml::load(&String::from_utf8_lossy(&text), LONGEST_METADATA).map_err(|error| damaged(error.to_string()))?;
+    let names = documents.first().map(|all| &all["rosbag2_bagfile_information"]["relative_file_paths"]);
+    let names = names.and_then(Yaml::as_vec).into_iter().flatten().filter_map(Yaml::as_str);
+    let place = |name: &str| {
+        let place = folder.join(name);
+        // Some versions put the name of the folder in front.
+        let inside = Path::new(name).file_name().map(|name| folder.join(name));
+        let place = inside.filter(|inside| !place.exists() && inside.exists()).unwrap_or(place);
+        // Files that were compressed as a whole, and have been unpacked.
+        let unpacked = place.to_str().and_then(|place| place.strip_suffix(".zstd")).map(PathBuf::from);
+        unpacked.filter(|unpacked| unpacked.exists()).unwrap_or(place)
+    };
+    let files: Vec<PathBuf> = names.map(place).collect();
+    if files.is_empty() {
+        return Err(damaged("it lists no files under relative_file_paths".to_owned()));
+    }
+    Ok(files)
+}
+
+struct Folder {
+    /// Those that follow, and how many there are in all.
+    files: VecDeque<PathBuf>,
+    count: usize,
+    /// The file that is read.
+    path: PathBuf,
+    now: Box<dyn Container>,
+    /// The topics of all files met so far, their places by name and type, and where those of the present file are among them.
+    topics: Vec<Topic>,
+    known: BTreeMap<(String, String), usize>,
+    places: Vec<usize>,
+    /// Of the first file that ends too early.
+    truncated: Option<Truncation>,
+}
+
+impl Folder {
+    /// Where the topic of the present file is among those of all.
+    fn place(&mut self, topic: usize) -> usize {
+        for topic in self.now.topics().get(self.places.len()..).unwrap_or_default() {
+            let name = (topic.name.clone(), topic.type_name.clone());
+            let place = *self.known.entry(name).or_insert(self.topics.len());
+            if place == self.topics.len() {
+                self.topics.push(topic.clone());
+            }
+            self.places.push(place);
+        }
+        self.places.get(topic).copied().unwrap_or(usize::MAX)
+    }
+
+    fn note_end(&mut self) {
+        if let (None, Some(Truncation { byte, lost })) = (&self.truncated, self.now.truncated()) {
+            let lost = format!("{lost} ({})", self.path.display());
+            self.truncated = Some(Truncation { byte: *byte, lost });
+        }
+    }
+}
+
+impl Container for Folder {
+    fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
+        loop {
+            match self.now.next() {
+                Ok(Some(MessageHead { topic, byte })) => {
+                    return Ok(Some(MessageHead { topic: self.place(topic), byte }));
+                }
+                Ok(None) => self.note_end(),
+                Err(error) => {
+                    self.note_end();
+                    return Err(error);
+                }
+            }
+            let Some(path) = self.files.pop_front() else { return Ok(None) };
+            self.now = open_file(&path)?;
+            self.path = path;
+            self.places.clear();
+        }
+    }
+
+    fn message(&self) -> &[u8] {
+        self.now.message()
+    }
+
+    fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    fn listed(&mut self) -> Option<Vec<Topic>> {
+        // Those of the first file: what comes later is found where it comes.
+        self.now.listed()
+    }
+
+    fn done(&self) -> f64 {
+        let before = self.count.saturating_sub(1 + self.files.len());
+        (before as f64 + self.now.done()) / self.count.max(1) as f64
+    }
+
+    fn truncated(&self) -> Option<&Truncation> {
+        self.truncated.as_ref()
+    }
+
+    fn damaged(&self, byte: u64, what: String) -> RecordingError {
+        self.now.damaged(byte, what)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The files that metadata of this text name.
+    fn named(text: &str) -> Result<Vec<PathBuf>, String> {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(METADATA), text).unwrap();
+        let files = files(folder.path()).map_err(|error| error.to_string())?;
+        Ok(files.iter().map(|file| file.strip_prefix(folder.path()).unwrap().to_owned()).collect())
+    }
+
+    /// A kilobyte of aliases took all memory.
+    #[test]
+    fn metadata_that_repeat_or_nest_without_end_are_refused() {
+        let line = |level: usize| format!("a{level}: &a{level} [{}]\n", format!("*a{},", level - 1).repeat(9));
+        let bomb: String = (1..20).map(line).collect();
+        for (text, part) in [
+            (format!("a0: &a0 1\n{bomb}"), "repeats parts of itself"),
+            ("[".repeat(100_000), "metadata.yaml"),
+            (format!("a: {}\n", "b".repeat(LONGEST_METADATA)), "more than 1048576 bytes"),
+            ("a: [\n".to_owned(), "name the .db3 or .mcap file itself"),
+        ] {
+            let error = named(&text).unwrap_err();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_file_that_was_unpacked_is_read_in_place_of_the_packed_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = "rosbag2_bagfile_information:\n  relative_file_paths: [a_0.db3.zstd, a_1.db3.zstd]\n";
+        for (name, content) in [(METADATA, text), ("a_0.db3.zstd", ""), ("a_0.db3", ""), ("a_1.db3.zstd", "")] {
+            std::fs::write(folder.path().join(name), content).unwrap();
+        }
+        let expected = ["a_0.db3", "a_1.db3.zstd"].map(|name| folder.path().join(name));
+        assert_eq!(files(folder.path()).unwrap(), expected);
+    }
+
+    #[test]
+    fn long_metadata_with_quoted_marks_are_read() {
+        let qos = "- history: 3\\n  depth: 0\\n  reliability: 1\\n".repeat(10);
+        let topic = format!(
+            "    - topic_metadata:\n        name: /a\n        offered_qos_profiles: \"{qos}\"\n      message_count: 1\n"
+        );
+        let text = format!(
+            "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n    - \"R&D *1.db3\"\n    - b.db3\n  \
+             topics_with_message_count:\n{}",
+            topic.repeat(400)
+        );
+        assert!(text.len() > 1 << 17);
+        assert_eq!(named(&text), Ok(vec![PathBuf::from("R&D *1.db3"), PathBuf::from("b.db3")]));
+    }
+}

@@ -1,0 +1,179 @@
+//! The images of one topic, where they are those of a camera that sends no events.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use evcal_core::sensor::Sensor;
+
+use super::container::{MessageHead, OpenContainer, Topic, is_skipped};
+use super::message::Kind;
+use super::{folder, picture};
+use crate::extras::Frame;
+use crate::pictures::TimedImage;
+use crate::{Damage, RecordingError, RecordingErrorKind};
+
+/// Images of one topic, all of one size.
+#[derive(Clone, Debug)]
+pub struct ImageTopic {
+    path: PathBuf,
+    open: OpenContainer,
+    topic: String,
+    sensor: Sensor,
+    damage: Damage,
+}
+
+impl ImageTopic {
+    /// The topic `wanted` of the file at `path`, or its only one of images where it holds no events. `None` where the file is none
+    /// of messages, or its events are meant.
+    ///
+    /// # Errors
+    /// When the file cannot be read, does not have the topic, has several of images, or its first image cannot be read.
+    pub fn open(path: &Path, wanted: Option<&str>, damage: Damage) -> Result<Option<Self>, RecordingError> {
+        let Some(open) = folder::opener(path)? else { return Ok(None) };
+        let refuse = |kind| Err(RecordingError::new(path, kind));
+        let topics = topics(open, path, wanted, damage)?;
+        let of_kind = |fits: fn(Kind) -> bool| topics.iter().filter(move |topic| fits(topic.kind));
+        let events = || of_kind(Kind::holds_events);
+        let images: Vec<&Topic> = of_kind(Kind::holds_images).collect();
+        let list = |topics: Vec<&Topic>| topics.into_iter().map(Topic::description).collect::<Vec<_>>().join(", ");
+        let topic = match wanted {
+            Some(wanted) if events().any(|topic| topic.name == wanted) => return Ok(None),
+            Some(wanted) => match images.iter().find(|topic| topic.name == wanted) {
+                Some(topic) => topic,
+                None => {
+                    let available = list(events().chain(images).collect());
+                    return refuse(RecordingErrorKind::NoSuchTopic { wanted: wanted.to_owned(), available });
+                }
+            },
+            None if events().next().is_some() => return Ok(None),
+            None => match *images {
+                [] => return Ok(None),
+                [ref topic] => topic,
+                _ => return refuse(RecordingErrorKind::SeveralImageTopics(list(images))),
+            },
+        };
+        let topic = topic.name.clone();
+        let mut images = Self { path: path.to_owned(), open, topic, sensor: Sensor::new(0, 0), damage };
+        let mut first = None;
+        images.read(&mut |frame| {
+            first.get_or_insert(frame.size);
+            false
+        })?;
+        let Some((width, height)) = first.filter(|size| size.0 > 0 && size.1 > 0) else {
+            return refuse(RecordingErrorKind::NoImages(images.topic));
+        };
+        images.sensor = Sensor::new(width, height);
+        Ok(Some(images))
+    }
+
+    /// The file and the topic.
+    pub fn name(&self) -> String {
+        format!("{}, {}", self.path.display(), self.topic)
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Width and height of the images.
+    pub fn sensor(&self) -> Sensor {
+        self.sensor
+    }
+
+    /// Hands the images to `visit`, in the order of time, times in µs. Where the file was cut off, a sentence says so.
+    ///
+    /// # Errors
+    /// When a message is damaged, or an image has another size or another encoding, or is not later than the one before it.
+    pub fn visit(&self, mut visit: impl FnMut(TimedImage)) -> Result<Option<String>, RecordingError> {
+        let refuse = |kind| Err(RecordingError::new(&self.path, kind));
+        let (mut count, mut before, mut wrong) = (0_u64, None, None);
+        let note = self.read(&mut |frame| {
+            count += 1;
+            let topic = || self.topic.clone();
+            if (frame.size.0, frame.size.1) != (self.sensor.width, self.sensor.height) {
+                wrong = Some(RecordingErrorKind::ImageSize { topic: topic(), image: count, size: frame.size });
+            }
+            if let Some(before) = before.filter(|before| *before >= frame.t) {
+                wrong = Some(RecordingErrorKind::ImageTime { topic: topic(), image: count, time: frame.t, before });
+            }
+            if wrong.is_none() {
+                before = Some(frame.t);
+                visit(frame.into());
+            }
+            wrong.is_none()
+        })?;
+        wrong.map_or(Ok(note), refuse)
+    }
+
+    /// Hands the images to `visit` as long as that wants more.
+    fn read(&self, visit: &mut dyn FnMut(Frame) -> bool) -> Result<Option<String>, RecordingError> {
+        let mut container = (self.open)(&self.path)?;
+        loop {
+            let MessageHead { topic, byte } = match container.next() {
+                Ok(Some(head)) => head,
+                Ok(None) => break,
+                Err(error) if is_skipped(&error, self.damage) => continue,
+                Err(error) => return Err(error),
+            };
+            let Some(topic) = container.topics().get(topic).filter(|topic| is_images(topic, &self.topic)) else {
+                continue;
+            };
+            match picture::frame(topic.kind, topic.wire, container.message()) {
+                Ok(Some(frame)) => {
+                    if !visit(frame) {
+                        return Ok(None);
+                    }
+                }
+                Ok(None) => {
+                    let encoding = picture::encoding(topic.kind, topic.wire, container.message()).unwrap_or_default();
+                    let kind = RecordingErrorKind::ImageEncoding { topic: topic.name.clone(), encoding };
+                    return Err(RecordingError::new(&self.path, kind));
+                }
+                Err(_) if self.damage == Damage::Skip => {}
+                Err(error) => {
+                    return Err(container.damaged(byte, format!("a message of {} is damaged: {error}", topic.name)));
+                }
+            }
+        }
+        let told = |cut: &crate::Truncation| format!("{}: {}", self.name(), cut.lost);
+        Ok(container.truncated().map(told))
+    }
+}
+
+fn is_images(topic: &Topic, name: &str) -> bool {
+    topic.kind.holds_images() && topic.name == name
+}
+
+/// The topics of a file that have a message; without any more as soon as the `wanted` one is among them, or one of events where none
+/// is wanted.
+fn topics(
+    open: OpenContainer,
+    path: &Path,
+    wanted: Option<&str>,
+    damage: Damage,
+) -> Result<Vec<Topic>, RecordingError> {
+    let mut container = open(path)?;
+    // In the order of their first messages.
+    let (mut seen, mut known) = (Vec::new(), BTreeSet::new());
+    loop {
+        let head = match container.next() {
+            Ok(Some(head)) => head,
+            Ok(None) => break,
+            Err(error) if is_skipped(&error, damage) => continue,
+            Err(error) => return Err(error),
+        };
+        if !known.insert(head.topic) {
+            continue;
+        }
+        seen.push(head.topic);
+        let enough = |topic: &Topic| match wanted {
+            Some(wanted) => topic.name == wanted,
+            None => topic.kind.holds_events(),
+        };
+        if container.topics().get(head.topic).is_some_and(enough) {
+            break;
+        }
+    }
+    Ok(seen.iter().filter_map(|topic| container.topics().get(*topic).cloned()).collect())
+}

@@ -1,0 +1,330 @@
+//! MCAP, the usual container of ROS 2.
+//!
+//! Records of u8 kind, u64 length and content: 3 a schema (the type of messages), 4 a channel (a topic), 5 a message, 6 a
+//! chunk of such records (perhaps packed as LZ4 or Zstandard), 15 the end of the data. What follows is an index, which is
+//! not needed.
+
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::path::Path;
+
+use super::container::{
+    ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record, unpack_message,
+};
+use super::fields::{Fields, MessageError, Wire};
+use super::message::Kind;
+use super::write::MCAP_OUTPUT;
+use super::{events, extras};
+use crate::bytes::ByteReader;
+use crate::{FileFormat, RecordingError, Truncation, Uses};
+
+const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+
+/// MCAP.
+pub const FORMAT: FileFormat = FileFormat {
+    output: Some(&MCAP_OUTPUT),
+    streams: |path, options| events::summarise(open, path, options),
+    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    extras: Some(|path, options| extras::open(open, path, options)),
+    uses: Uses { stream: true, ..Uses::NONE },
+    ..FileFormat::of_events(
+        "MCAP",
+        |head| head.bytes.starts_with(MAGIC),
+        |path, options| events::open(FORMAT.name, open, path, options),
+    )
+};
+
+const SCHEMA: u8 = 3;
+const CHANNEL: u8 = 4;
+const MESSAGE: u8 = 5;
+const CHUNK: u8 = 6;
+const DATA_END: u8 = 15;
+/// Kind and length of a record.
+const RECORD_HEAD: usize = 9;
+const FOOTER_RECORD: u8 = 2;
+/// The footer, which tells where the summary is, and the mark at the end of the file.
+const FOOTER: u64 = 9 + 20 + 8;
+/// No list of topics is longer.
+const LONGEST_SUMMARY: u64 = 1 << 24;
+
+/// Opens such a file of messages.
+pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
+    let mut file = ByteReader::open(path)?;
+    file.seek(MAGIC.len() as u64)?;
+    Ok(Box::new(Mcap {
+        file,
+        records: Vec::new(),
+        position: 0,
+        byte: 0,
+        packed: Vec::new(),
+        described: Described::default(),
+        message: (0, 0),
+        unpacked: Vec::new(),
+        truncated: None,
+        ended: false,
+    }))
+}
+
+struct Mcap {
+    file: ByteReader,
+    /// The records of a chunk, or one outside of chunks.
+    records: Vec<u8>,
+    position: usize,
+    /// Where they are in the file.
+    byte: u64,
+    packed: Vec<u8>,
+    described: Described,
+    /// Where the message is in the records.
+    message: (usize, usize),
+    /// The message, where it was packed by itself.
+    unpacked: Vec<u8>,
+    truncated: Option<Truncation>,
+    ended: bool,
+}
+
+fn text(fields: &mut Fields) -> Result<String, MessageError> {
+    Ok(String::from_utf8_lossy(fields.text("a name")?).into_owned())
+}
+
+/// How a chunk is packed whose head names this compression.
+fn packing(compression: &[u8]) -> Result<Packing, ChunkError> {
+    match compression {
+        b"" => Ok(Packing::Plain),
+        b"lz4" => Ok(Packing::Lz4),
+        b"zstd" => Ok(Packing::Zstandard),
+        _ => Err(ChunkError::Compression { known: "lz4 and zstd" }),
+    }
+}
+
+/// The content of a chunk.
+struct ChunkHead<'a> {
+    /// Bytes that it unpacks to.
+    size: u64,
+    compression: &'a [u8],
+    /// Bytes that it has packed.
+    length: u64,
+    packed: &'a [u8],
+}
+
+impl<'a> ChunkHead<'a> {
+    fn of(content: &'a [u8]) -> Result<Self, MessageError> {
+        let mut fields = Fields::new(Wire::Ros1, content)?;
+        fields.u64("its head")?;
+        fields.u64("its head")?;
+        let size = fields.u64("its head")?;
+        fields.u32("its head")?;
+        let compression = fields.text("its head")?;
+        let length = fields.u64("its head")?;
+        Ok(Self { size, compression, length, packed: fields.rest() })
+    }
+}
+
+impl Mcap {
+    /// Takes the next record of the file, or the records of the next chunk; false at the end.
+    fn next_records(&mut self) -> Result<bool, RecordingError> {
+        loop {
+            let start = self.file.position();
+            let Some([kind, length @ ..]) = self.file.array::<RECORD_HEAD>()? else {
+                return self.cut_off(start);
+            };
+            let length = u64::from_le_bytes(length);
+            if length > self.file.left() {
+                self.cut_off(start)?;
+                return if kind == CHUNK { self.take_beginning(start) } else { Ok(false) };
+            }
+            match kind {
+                CHUNK => {
+                    read_record(&mut self.file, start, length, &mut self.packed)?;
+                    (self.position, self.byte) = (0, start);
+                    self.unpack().map_err(|what| {
+                        self.records.clear();
+                        self.file.damaged(start, format!("a chunk is damaged: {what}"))
+                    })?;
+                    return Ok(true);
+                }
+                SCHEMA | CHANNEL | MESSAGE => {
+                    read_record(&mut self.file, start, length, &mut self.packed)?;
+                    self.records.clear();
+                    self.records.push(kind);
+                    self.records.extend_from_slice(&length.to_le_bytes());
+                    self.records.extend_from_slice(&self.packed);
+                    (self.position, self.byte) = (0, start);
+                    return Ok(true);
+                }
+                DATA_END => {
+                    self.ended = true;
+                    return Ok(false);
+                }
+                _ => self.file.seek(self.file.position() + length)?,
+            }
+        }
+    }
+
+    fn cut_off(&mut self, byte: u64) -> Result<bool, RecordingError> {
+        let lost = "the end of the data is missing".to_owned();
+        self.truncated = Some(Truncation { byte, lost });
+        self.ended = true;
+        Ok(false)
+    }
+
+    /// Takes what there is of a chunk whose end is missing; false if it is nothing.
+    fn take_beginning(&mut self, start: u64) -> Result<bool, RecordingError> {
+        // A false length would have the rest of the file in memory.
+        self.file.read(&mut self.packed, self.file.left().min(MOST_UNPACKED))?;
+        (self.position, self.byte) = (0, start);
+        self.records.clear();
+        let Ok(ChunkHead { compression, packed, .. }) = ChunkHead::of(&self.packed) else { return Ok(false) };
+        if let Ok(packing) = packing(compression) {
+            packing.unpack_beginning(packed, &mut self.records);
+        }
+        Ok(!self.records.is_empty())
+    }
+
+    fn unpack(&mut self) -> Result<(), ChunkError> {
+        let ChunkHead { size, compression, length, packed } = ChunkHead::of(&self.packed)?;
+        let packed = usize::try_from(length).ok().and_then(|length| packed.get(..length));
+        packing(compression)?.unpack(packed.ok_or(ChunkError::Short)?, size, &mut self.records)
+    }
+
+    /// The topics that the summary lists, which stands behind all messages.
+    fn summary(&mut self) -> Result<Option<Vec<Topic>>, RecordingError> {
+        let end = self.file.length().saturating_sub(FOOTER);
+        self.file.seek(end)?;
+        let Some([kind, _, _, _, _, _, _, _, _, start @ ..]) = self.file.array::<{ RECORD_HEAD + 8 }>()? else {
+            return Ok(None);
+        };
+        let start = u64::from_le_bytes(start);
+        if kind != FOOTER_RECORD || start == 0 || start >= end {
+            return Ok(None);
+        }
+        self.file.seek(start)?;
+        let mut bytes = Vec::new();
+        self.file.read(&mut bytes, LONGEST_SUMMARY.min(end - start))?;
+        let (mut described, mut rest) = (Described::default(), bytes.as_slice());
+        while let Some((&[kind, ref length @ ..], behind)) = rest.split_first_chunk::<RECORD_HEAD>() {
+            let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
+            let Some((content, behind)) = behind.split_at_checked(length) else { break };
+            if matches!(kind, SCHEMA | CHANNEL) && described.add(kind, content).is_err() {
+                return Ok(None);
+            }
+            rest = behind;
+        }
+        Ok(Some(described.topics).filter(|topics| !topics.is_empty()))
+    }
+}
+
+/// The schemas and channels met so far.
+#[derive(Default)]
+struct Described {
+    /// Numbers and names of schemas.
+    schemas: BTreeMap<u16, String>,
+    /// Numbers of channels and the places of their topics.
+    channels: BTreeMap<u16, usize>,
+    topics: Vec<Topic>,
+}
+
+impl Described {
+    /// Takes note of a schema or channel.
+    fn add(&mut self, kind: u8, content: &[u8]) -> Result<(), MessageError> {
+        let mut fields = Fields::new(Wire::Ros1, content)?;
+        let id = fields.u16("its number")?;
+        if kind == SCHEMA {
+            self.schemas.insert(id, text(&mut fields)?);
+            return Ok(());
+        }
+        let schema = fields.u16("its schema")?;
+        let (name, encoding) = (text(&mut fields)?, text(&mut fields)?);
+        let type_name = self.schemas.get(&schema).cloned().unwrap_or_default();
+        let (known_kind, wire) = match encoding.as_str() {
+            "cdr" => (Kind::of_type(&type_name), Wire::Cdr),
+            "ros1" => (Kind::of_type(&type_name), Wire::Ros1),
+            _ => (Kind::Other, Wire::Ros1),
+        };
+        if let Entry::Vacant(channel) = self.channels.entry(id) {
+            channel.insert(self.topics.len());
+            self.topics.push(Topic { name, type_name, kind: known_kind, wire });
+        }
+        Ok(())
+    }
+}
+
+impl Container for Mcap {
+    fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
+        loop {
+            let Some(head) = self.records.get(self.position..).filter(|rest| !rest.is_empty()) else {
+                if self.ended || !self.next_records()? {
+                    return Ok(None);
+                }
+                continue;
+            };
+            let end = head.split_first_chunk::<RECORD_HEAD>().and_then(|(&[_, ref length @ ..], _)| {
+                let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
+                let end = self.position.checked_add(RECORD_HEAD)?.checked_add(length)?;
+                (end <= self.records.len()).then_some(end)
+            });
+            let (Some(end), Some(&kind)) = (end, head.first()) else {
+                self.records.clear();
+                if self.truncated.is_some() {
+                    return Ok(None);
+                }
+                return Err(self.file.damaged(self.byte, "a record of a chunk is longer than the chunk"));
+            };
+            let start = self.position + RECORD_HEAD;
+            self.position = end;
+            match kind {
+                SCHEMA | CHANNEL => self
+                    .described
+                    .add(kind, self.records.get(start..end).unwrap_or_default())
+                    .map_err(|error| self.file.damaged(self.byte, format!("a channel is damaged: {error}")))?,
+                MESSAGE => {
+                    // Channel, number, and two times.
+                    let channel = self.records.get(start..end).and_then(|content| content.first_chunk());
+                    let channel = channel.map(|bytes| u16::from_le_bytes(*bytes));
+                    let Some(&topic) = channel.and_then(|channel| self.described.channels.get(&channel)) else {
+                        return Err(self.file.damaged(self.byte, "a message is of a channel that is not known"));
+                    };
+                    self.message = ((start + 22).min(end), end);
+                    self.unpacked.clear();
+                    if self.described.topics.get(topic).is_some_and(|topic| topic.wire == Wire::Cdr) {
+                        let message = self.records.get(self.message.0..end).unwrap_or_default();
+                        unpack_message(message, &mut self.unpacked)
+                            .map_err(|error| self.file.damaged(self.byte, format!("a message is damaged: {error}")))?;
+                    }
+                    return Ok(Some(MessageHead { topic, byte: self.byte }));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn message(&self) -> &[u8] {
+        if self.unpacked.is_empty() {
+            self.records.get(self.message.0..self.message.1).unwrap_or_default()
+        } else {
+            &self.unpacked
+        }
+    }
+
+    fn topics(&self) -> &[Topic] {
+        &self.described.topics
+    }
+
+    fn listed(&mut self) -> Option<Vec<Topic>> {
+        let position = self.file.position();
+        let topics = self.summary().ok().flatten();
+        self.file.seek(position).ok()?;
+        topics
+    }
+
+    fn done(&self) -> f64 {
+        self.file.done()
+    }
+
+    fn truncated(&self) -> Option<&Truncation> {
+        self.truncated.as_ref()
+    }
+
+    fn damaged(&self, byte: u64, what: String) -> RecordingError {
+        self.file.damaged(byte, what)
+    }
+}

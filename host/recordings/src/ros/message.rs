@@ -1,0 +1,155 @@
+//! The messages that are understood.
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+
+use super::fields::{Fields, MessageError, Wire};
+use super::packet::{self, PacketDecoder};
+use crate::extras::InertialSample;
+
+/// Standard gravity in m/s².
+pub const GRAVITY: f64 = 9.806_65;
+
+/// What a message holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// An array of events.
+    EventArray,
+    /// Encoded events.
+    EventPacket,
+    /// A picture.
+    Image,
+    /// A picture in a file's bytes.
+    CompressedImage,
+    /// An inertial sample.
+    Imu,
+    /// Anything else.
+    Other,
+}
+
+impl Kind {
+    /// The kind of a type such as `dvs_msgs/EventArray` or `dvs_msgs/msg/EventArray`.
+    pub fn of_type(name: &str) -> Self {
+        let (package, message) = (name.split('/').next(), name.rsplit('/').next());
+        match (package, message) {
+            // All have the layout of the first.
+            (Some("dvs_msgs" | "prophesee_event_msgs" | "dv_ros_msgs" | "samsung_event_msgs"), Some("EventArray")) => {
+                Self::EventArray
+            }
+            (Some("event_camera_msgs" | "event_array_msgs"), Some("EventPacket" | "EventArray")) => Self::EventPacket,
+            (Some("sensor_msgs"), Some("Image")) => Self::Image,
+            (Some("sensor_msgs"), Some("CompressedImage")) => Self::CompressedImage,
+            (Some("sensor_msgs"), Some("Imu")) => Self::Imu,
+            _ => Self::Other,
+        }
+    }
+
+    /// Whether it holds events.
+    pub fn holds_events(self) -> bool {
+        matches!(self, Self::EventArray | Self::EventPacket)
+    }
+
+    /// Whether it holds a picture.
+    pub fn holds_images(self) -> bool {
+        matches!(self, Self::Image | Self::CompressedImage)
+    }
+}
+
+fn side(size: u32) -> u16 {
+    // What is larger than any sensor is refused later.
+    u16::try_from(size).unwrap_or(u16::MAX)
+}
+
+/// What a message with events says of them.
+pub struct Description {
+    /// Size of the sensor, where it is stated.
+    pub sensor: Option<Sensor>,
+    /// The encoding, where there is one.
+    pub encoding: Option<String>,
+    /// Whether there are any.
+    pub has_events: bool,
+}
+
+impl Description {
+    /// The encoding, if events in it are not read.
+    pub fn unread_encoding(&self) -> Option<&str> {
+        self.encoding.as_deref().filter(|encoding| !packet::ENCODINGS.contains(encoding))
+    }
+}
+
+/// What a message with events says of them.
+pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<Description, MessageError> {
+    let mut fields = Fields::new(wire, message)?;
+    fields.header()?;
+    let (height, width) = (fields.u32("its size")?, fields.u32("its size")?);
+    // Some drivers leave it out of all messages, others of those without events.
+    let sensor = (width > 0 && height > 0).then(|| Sensor::new(side(width), side(height)));
+    if kind != Kind::EventPacket {
+        return Ok(Description { sensor, encoding: None, has_events: fields.u32("the number of events")? > 0 });
+    }
+    fields.u64("its number")?;
+    fields.u64("its time")?;
+    let encoding = Some(String::from_utf8_lossy(fields.text("its encoding")?).into_owned());
+    fields.u8("its byte order")?;
+    Ok(Description { sensor, encoding, has_events: fields.u32("the events")? > 0 })
+}
+
+/// Appends the events of a message of `kind`. Events before an error count.
+pub fn events(
+    kind: Kind,
+    wire: Wire,
+    message: &[u8],
+    decoder: &mut PacketDecoder,
+    events: &mut Vec<Event>,
+) -> Result<(), MessageError> {
+    let mut fields = Fields::new(wire, message)?;
+    fields.header()?;
+    fields.u32("its size")?;
+    fields.u32("its size")?;
+    match kind {
+        Kind::EventArray => {
+            let count = fields.u32("the number of events")?;
+            for _ in 0..count {
+                let (x, y) = (fields.u16("an event")?, fields.u16("an event")?);
+                let t = fields.time("an event")?;
+                let polarity = if fields.u8("an event")? == 0 { Polarity::Off } else { Polarity::On };
+                events.push(Event { t, x, y, polarity });
+            }
+            Ok(())
+        }
+        Kind::EventPacket => {
+            fields.u64("its number")?;
+            let time_base = fields.u64("its time")?;
+            let encoding = fields.text("its encoding")?;
+            if fields.u8("its byte order")? != 0 {
+                return Err(MessageError::BigEndian);
+            }
+            let payload = fields.bytes("the events")?;
+            decoder.decode(encoding, time_base, payload, events)
+        }
+        Kind::Image | Kind::CompressedImage | Kind::Imu | Kind::Other => Ok(()),
+    }
+}
+
+/// The sample of an `Imu`.
+pub fn inertial_sample(wire: Wire, message: &[u8]) -> Result<InertialSample, MessageError> {
+    let mut fields = Fields::new(wire, message)?;
+    let t = fields.header()?;
+    let mut numbers = |count: usize| (0..count).map(|_| fields.f64("its numbers")).collect::<Result<Vec<_>, _>>();
+    // Orientation and its covariance, which such a sensor does not know.
+    numbers(4 + 9)?;
+    let angular_velocity = numbers(3)?;
+    numbers(9)?;
+    let acceleration = numbers(3)?;
+    let three = |values: &[f64], scale: f64| {
+        let mut result = [0.0_f32; 3];
+        result.iter_mut().zip(values).for_each(|(to, from)| *to = (from * scale) as f32);
+        result
+    };
+    Ok(InertialSample {
+        t,
+        temperature: 0.0,
+        acceleration: three(&acceleration, 1.0 / GRAVITY),
+        angular_velocity: three(&angular_velocity, 180.0 / std::f64::consts::PI),
+    })
+}

@@ -1,0 +1,616 @@
+//! Files of every container, from messages to events, frames and samples.
+
+mod damage;
+mod database;
+mod files;
+mod limits;
+mod picture;
+
+use std::io::Cursor;
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+
+use self::files::{
+    Message, Messages, START, bag, event_array, event_packet, events, image, imu, mcap, packed_one_by_one,
+};
+use super::ImageTopic;
+use super::fields::Wire;
+use super::write::{BAG_OUTPUT, MCAP_OUTPUT};
+use crate::encode::{Description, OutputFormat, WriteError};
+use crate::extras::open_extras;
+use crate::extras::{Extra, Frame, InertialSample, OtherStreams};
+use crate::image_file::{ImageFile, Samples};
+use crate::testing::{self, Outcome};
+use crate::{Damage, Recording, RecordingOptions};
+
+/// Two messages of events, a picture and a sample between them, and something else.
+fn messages(wire: Wire) -> Messages {
+    let slash = |ros1, ros2| if wire == Wire::Ros1 { ros1 } else { ros2 };
+    let array = slash("dvs_msgs/EventArray", "dvs_msgs/msg/EventArray");
+    vec![
+        ("/info", slash("std_msgs/String", "std_msgs/msg/String"), vec![1, 2, 3]),
+        ("/dvs/events", array, event_array(wire, &events(0, 4))),
+        (
+            "/dvs/image_raw",
+            slash("sensor_msgs/Image", "sensor_msgs/msg/Image"),
+            image(wire, START + 1000, "mono8", 4, &[1, 2, 3, 0, 4, 5, 6, 0]),
+        ),
+        ("/dvs/imu", slash("sensor_msgs/Imu", "sensor_msgs/msg/Imu"), imu(wire, START + 1500)),
+        ("/dvs/events", array, event_array(wire, &events(4, 3))),
+    ]
+}
+
+fn files(of: impl Fn(Wire) -> Messages) -> Vec<Vec<u8>> {
+    let bags = ["none", "bz2", "lz4"].map(|compression| bag(compression, &of(Wire::Ros1)));
+    let mcaps = ["-", "", "lz4", "zstd"].map(|compression| mcap(compression, &of(Wire::Cdr)));
+    bags.into_iter().chain(mcaps).chain([database::bag(&of(Wire::Cdr))]).collect()
+}
+
+#[test]
+fn every_container_gives_events_frames_and_samples() {
+    for content in files(messages) {
+        let Outcome { events: read, information, report, error } = testing::read(&content);
+        assert_eq!((read, error), (events(0, 7), None));
+        assert_eq!(information.unwrap().sensor, Some(Sensor::new(346, 260)));
+        assert!(report.truncated.is_none());
+        let names: Vec<&str> = report.other_packets.keys().filter_map(|name| name.split(' ').next()).collect();
+        assert_eq!(names, ["/dvs/image_raw", "/dvs/imu", "/info"]);
+
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        let streams = recording.streams().unwrap();
+        let counts = streams.iter().map(|stream| (stream.packets, stream.elements, stream.times_us));
+        let expected = [
+            (1, 1, None),
+            (2, 7, Some((START, START + 3000))),
+            (1, 1, Some((START + 1000, START + 1000))),
+            (1, 1, Some((START + 1500, START + 1500))),
+        ];
+        assert_eq!(counts.collect::<Vec<_>>(), expected);
+
+        let mut extras = open_extras(&recording).unwrap();
+        assert!(extras.held().frames && extras.held().imu);
+        let (Some(Extra::Frame(frame)), Some(Extra::Inertial(sample))) =
+            (extras.next_until(i64::MAX, &mut Vec::new()), extras.next_until(i64::MAX, &mut Vec::new()))
+        else {
+            panic!("a frame, then a sample")
+        };
+        assert_eq!((frame.t, frame.size, frame.pixels), (START + 1000, (3, 2), vec![1, 2, 3, 4, 5, 6]));
+        assert_eq!((sample.t, sample.acceleration), (START + 1500, [1.0, 0.0, -1.0]));
+        assert!((sample.angular_velocity[1] - 57.295_78).abs() < 1e-4);
+    }
+}
+
+/// Packets of two encodings under two names.
+fn packets(wire: Wire) -> Messages {
+    let name = "event_camera_msgs/msg/EventPacket";
+    let compressed = [0x0000_u16, 0x1001, 0x2003, 0x3804, 0x3005];
+    vec![
+        ("/a", name, event_packet(wire, "libcaer_cmp", 1_000_000, &compressed)),
+        ("/b", name, event_packet(wire, "evt3", 0, &[0x8001, 0x6002, 0x0007])),
+        ("/b", name, event_packet(wire, "evt3", 0, &[0x2003, 0xa001])),
+        ("/a", name, event_packet(wire, "libcaer_cmp", 2_000_000, &compressed)),
+    ]
+}
+
+#[test]
+fn a_topic_is_chosen_by_name() {
+    let event = |t, y, polarity| Event { t, x: 3, y, polarity };
+    for content in files(packets) {
+        let options = |name: &str| RecordingOptions { stream: Some(name.to_owned()), ..RecordingOptions::default() };
+        let (on, off) = (Polarity::On, Polarity::Off);
+        let a = [event(1001, 4, on), event(1001, 5, off), event(2001, 4, on), event(2001, 5, off)];
+        assert_eq!(testing::read(&content).events, a);
+        assert_eq!(testing::read_with(&content, options("/a")).events, a);
+        let b = testing::read_with(&content, options("/b"));
+        assert_eq!((b.events, b.report.other_packets.get("triggers")), (vec![event(4098, 7, off)], Some(&1)));
+        assert!(b.information.unwrap().notes.iter().any(|note| note.contains("sensor's clock")));
+        let error = testing::read_with(&content, options("/c")).error.unwrap();
+        assert!(error.contains("/a (event_camera_msgs/msg/EventPacket), /b"), "{error}");
+    }
+}
+
+/// Some drivers send triggers as packets of events.
+#[test]
+fn packets_in_an_encoding_that_is_not_read_are_passed_over() {
+    let name = "event_camera_msgs/msg/EventPacket";
+    let with = |second: &'static str| {
+        move |wire: Wire| -> Messages {
+            vec![
+                ("/trigger", name, event_packet(wire, "trigger", 0, &[1, 2, 3, 4])),
+                ("/events", name, event_packet(wire, second, 1_000_000, &[0x0000, 0x1001, 0x2003, 0x3804])),
+            ]
+        }
+    };
+    for content in files(with("libcaer_cmp")) {
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.error, outcome.events.len()), (None, 1));
+    }
+    for content in files(with("secret")) {
+        let error = testing::read(&content).error.unwrap();
+        assert!(error.contains("/trigger") && error.contains("\"trigger\", which is not read"), "{error}");
+    }
+}
+
+/// A PNG of two rows of three pixels, which are numbered.
+fn png() -> Vec<u8> {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("picture.png");
+    let samples = Samples::Eight(vec![1, 2, 3, 4, 5, 6]);
+    ImageFile { size: (3, 2), channels: 1, samples }.write_png(&path).unwrap();
+    std::fs::read(path).unwrap()
+}
+
+fn compressed_image(wire: Wire, t: i64, format: &str, bytes: &[u8]) -> Vec<u8> {
+    Message::new(wire, t).text(format).bytes(bytes).finish()
+}
+
+/// A topic, and what it holds: events, or images of an encoding.
+type Held = (&'static str, &'static str);
+
+/// Messages of these topics; images have two rows of three pixels each.
+fn images_of(topics: &[Held], wire: Wire) -> Messages {
+    let message = |(index, (topic, encoding)): (usize, &Held)| match *encoding {
+        "events" => (*topic, "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 3))),
+        "png" => {
+            let message = compressed_image(wire, START + 1000 * index as i64, "mono8; png compressed ", &png());
+            (*topic, "sensor_msgs/msg/CompressedImage", message)
+        }
+        encoding => {
+            let step = if encoding == "mono16" { 6 } else { 3 };
+            let pixels: Vec<u8> = (1..=2 * step as u8).collect();
+            (*topic, "sensor_msgs/msg/Image", image(wire, START + 1000 * index as i64, encoding, step, &pixels))
+        }
+    };
+    topics.iter().enumerate().map(message).collect()
+}
+
+#[test]
+fn a_topic_of_images_is_the_one_that_is_named_or_the_only_one() {
+    let (one, two) = (("/left", "mono8"), ("/right", "mono16"));
+    let (with_events, packed) = (("/dvs", "events"), ("/left/compressed", "png"));
+    type Expected = Result<Option<&'static str>, &'static str>;
+    let cases: [(&[Held], Option<&str>, Expected); 11] = [
+        (&[one, one, one], None, Ok(Some("/left"))),
+        (&[one, two], None, Err("several topics (/left (sensor_msgs/msg/Image), /right")),
+        (&[one, two], Some("/right"), Ok(Some("/right"))),
+        (&[packed, packed], None, Ok(Some("/left/compressed"))),
+        (&[one, packed], None, Err("/left/compressed (sensor_msgs/msg/CompressedImage)")),
+        (&[one, packed, with_events], Some("/left/compressed"), Ok(Some("/left/compressed"))),
+        (&[with_events, one], None, Ok(None)),
+        (&[one, with_events], Some("/left"), Ok(Some("/left"))),
+        (&[one, with_events], Some("/dvs"), Ok(None)),
+        (&[one, with_events], Some("/up"), Err("no topic \"/up\" with events or images; it has /dvs")),
+        (&[("/depth", "32FC1")], None, Err("\"32FC1\"; mono8, mono16")),
+    ];
+    for (topics, wanted, expected) in cases {
+        for content in files(|wire| images_of(topics, wire)) {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording");
+            std::fs::write(&path, &content).unwrap();
+            match (ImageTopic::open(&path, wanted, Damage::Refuse), expected) {
+                (Ok(Some(images)), Ok(Some(topic))) => {
+                    assert!(images.name().ends_with(&format!(", {topic}")));
+                    assert_eq!(images.sensor(), Sensor::new(3, 2));
+                    let mut times = Vec::new();
+                    assert_eq!(images.visit(|image| times.push(image.exposure.0)).unwrap(), None);
+                    let of_topic = topics.iter().enumerate().filter(|(_, (name, _))| *name == topic);
+                    assert!(times.iter().copied().eq(of_topic.map(|(index, _)| START + 1000 * index as i64)));
+                }
+                (Ok(None), Ok(None)) => {}
+                (Err(error), Err(part)) => assert!(error.to_string().contains(part), "{error}"),
+                (found, _) => panic!("{topics:?} {wanted:?}: {found:?}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn images_that_stand_still_in_time_are_refused() {
+    let still = |wire| {
+        let message = || ("/left", "sensor_msgs/msg/Image", image(wire, START, "mono8", 3, &[1, 2, 3, 4, 5, 6]));
+        vec![message(), message()]
+    };
+    for content in files(still) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let images = ImageTopic::open(&path, None, Damage::Refuse).unwrap().unwrap();
+        let error = images.visit(|_| {}).unwrap_err().to_string();
+        assert!(error.contains("image 2 of /left") && error.contains("stamp each image"), "{error}");
+    }
+}
+
+#[test]
+fn a_damaged_message_is_named_or_left_out() {
+    for wire in [Wire::Ros1, Wire::Cdr] {
+        let array = "dvs_msgs/msg/EventArray";
+        let mut bad = event_array(wire, &events(2, 2));
+        bad.truncate(bad.len() - 3);
+        let parts = [event_array(wire, &events(0, 2)), bad, event_array(wire, &events(4, 2))];
+        let messages: Messages = parts.into_iter().map(|message| ("/events", array, message)).collect();
+        let content = if wire == Wire::Ros1 { bag("none", &messages) } else { mcap("zstd", &messages) };
+        let outcome = testing::read(&content);
+        // Of the damaged message the events before the damage.
+        assert_eq!(outcome.events, events(0, 3));
+        let error = outcome.error.unwrap();
+        assert!(error.contains("byte") && error.contains("/events") && error.contains("an event"), "{error}");
+        let skip = RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() };
+        let outcome = testing::read_with(&content, skip);
+        assert_eq!((outcome.error, outcome.report.damaged_packets), (None, 1));
+        assert_eq!(outcome.events, [events(0, 3), events(4, 2)].concat());
+    }
+}
+
+/// Cameras and units of several makers in one bag: those beside the events are theirs, whichever comes first.
+#[test]
+fn frames_and_samples_are_of_the_camera_whose_events_are_read() {
+    let of_rig = |wire: Wire| -> Messages {
+        let grey = |t: i64, value: u8| image(wire, t, "mono8", 3, &[value; 6]);
+        let array = "dvs_msgs/msg/EventArray";
+        vec![
+            // Distances, and another camera, of which nothing but the size would fit.
+            ("/rig/left/depth/image_raw", "sensor_msgs/msg/Image", image(wire, START, "16UC1", 6, &[9; 12])),
+            ("/camera/color/image_raw", "sensor_msgs/msg/Image", image(wire, START, "rgb8", 9, &[9; 18])),
+            ("/body/imu", "sensor_msgs/msg/Imu", imu(wire, START + 1)),
+            ("/rig/left/image_raw", "sensor_msgs/msg/Image", grey(START + 2, 1)),
+            ("/rig/right/image_raw", "sensor_msgs/msg/Image", grey(START + 3, 2)),
+            ("/rig/left/events", array, event_array(wire, &events(0, 2))),
+            ("/rig/right/events", array, event_array(wire, &events(2, 2))),
+            ("/rig/right/imu", "sensor_msgs/msg/Imu", imu(wire, START + 7)),
+            ("/rig/left/imu", "sensor_msgs/msg/Imu", imu(wire, START + 8)),
+        ]
+    };
+    for content in files(of_rig) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        for (stream, times) in [(None, [2, 8]), (Some("/rig/left/events"), [2, 8]), (Some("/rig/right/events"), [3, 7])]
+        {
+            let options = RecordingOptions { stream: stream.map(str::to_owned), ..RecordingOptions::default() };
+            let mut reader = open_extras(&Recording::new(&path, options).unwrap()).unwrap();
+            let found: Vec<i64> = std::iter::from_fn(|| reader.next_until(i64::MAX, &mut Vec::new()))
+                .map(|extra| match extra {
+                    Extra::Frame(frame) => frame.t - START,
+                    Extra::Inertial(sample) => sample.t - START,
+                })
+                .collect();
+            assert_eq!(found, times, "{stream:?}");
+            let side = if times == [2, 8] { "left" } else { "right" };
+            let chosen = [
+                format!("frames are those of /rig/{side}/image_raw"),
+                format!("inertial samples are those of /rig/{side}/imu"),
+            ];
+            assert!(reader.chosen().iter().zip(&chosen).all(|(told, part)| told.starts_with(part.as_str())));
+        }
+    }
+}
+
+/// What stands before the end of a file that was cut within a chunk; it was told to hold no stream at all.
+#[test]
+fn of_a_chunk_that_is_cut_the_messages_before_the_end_are_read() {
+    let parts = |wire: Wire| -> Messages {
+        (0..2).map(|part| ("/e", "dvs_msgs/msg/EventArray", event_array(wire, &events(100 * part, 100)))).collect()
+    };
+    for content in [bag("none", &parts(Wire::Ros1)), mcap("", &parts(Wire::Cdr))] {
+        let outcome = testing::read(&content[..content.len() * 7 / 10]);
+        assert!(outcome.events == events(0, 100), "{} events", outcome.events.len());
+        assert!(outcome.report.truncated.is_some());
+        // Cut within its first message.
+        let error = testing::read(&content[..content.len() / 4]).error.unwrap();
+        assert!(error.contains("no events stand before it"), "{error}");
+    }
+}
+
+#[test]
+fn arrays_of_other_drivers_are_read() {
+    for type_name in ["dv_ros_msgs/EventArray", "samsung_event_msgs/EventArray"] {
+        let content = bag("none", &vec![("/e", type_name, event_array(Wire::Ros1, &events(0, 9)))]);
+        assert_eq!(testing::read(&content).events, events(0, 9), "{type_name}");
+    }
+}
+
+#[test]
+fn messages_that_are_packed_one_by_one_are_read() {
+    let messages = || packed_one_by_one(messages(Wire::Cdr));
+    for content in [database::bag(&messages()), mcap("", &messages()), mcap("lz4", &messages())] {
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.events, outcome.error), (events(0, 7), None));
+        let streams = {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording");
+            std::fs::write(&path, &content).unwrap();
+            Recording::new(&path, RecordingOptions::default()).unwrap().streams().unwrap()
+        };
+        assert_eq!(streams.iter().map(|stream| stream.elements).collect::<Vec<_>>(), [1, 7, 1, 1]);
+        let mut cut = content.clone();
+        let start = cut.windows(4).rposition(|bytes| bytes == [0x28, 0xb5, 0x2f, 0xfd]).unwrap();
+        cut[start + 4..start + 12].fill(0xff);
+        let error = testing::read(&cut).error;
+        assert!(error.is_none_or(|error| error.contains("damaged")));
+    }
+}
+
+/// Drivers that start send messages without events, and leave the size of the sensor out of them; a camera that is not connected
+/// goes on with it.
+#[test]
+fn messages_without_events_tell_nothing_of_the_sensor() {
+    let of = |wire: Wire| -> Messages {
+        let array = "dvs_msgs/msg/EventArray";
+        let mut empty = Message::new(wire, 99);
+        [0_u32; 3].iter().for_each(|number| _ = empty.number(number.to_le_bytes()));
+        let empty = empty.finish();
+        let silent = || ("/right/events", array, event_array(wire, &[]));
+        vec![
+            silent(),
+            ("/left/events", array, empty),
+            silent(),
+            ("/left/events", array, event_array(wire, &events(0, 7))),
+        ]
+    };
+    for content in files(of) {
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.events, outcome.error), (events(0, 7), None));
+        assert_eq!(outcome.information.unwrap().sensor, Some(Sensor::new(346, 260)));
+        let right = RecordingOptions { stream: Some("/right/events".to_owned()), ..RecordingOptions::default() };
+        let outcome = testing::read_with(&content, right);
+        assert_eq!((outcome.events.len(), outcome.error), (0, None));
+    }
+}
+
+/// A folder of a bag with files of these names, in its metadata in this order.
+fn folder(files: &[(&str, Vec<u8>)], prefix: &str) -> tempfile::TempDir {
+    let directory = tempfile::tempdir().unwrap();
+    let mut metadata = "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n".to_owned();
+    for (name, content) in files {
+        std::fs::write(directory.path().join(name), content).unwrap();
+        metadata += &format!("    - {prefix}{name}\n");
+    }
+    std::fs::write(directory.path().join("metadata.yaml"), metadata).unwrap();
+    directory
+}
+
+/// The events and the report of the folder, and what is wrong with it.
+fn read_folder(path: &std::path::Path) -> (Vec<Event>, crate::ReadReport, Option<String>) {
+    let mut reader = match Recording::new(path, RecordingOptions::default()).and_then(|recording| recording.open()) {
+        Ok(reader) => reader,
+        Err(error) => return (Vec::new(), Default::default(), Some(error.to_string())),
+    };
+    let (mut all, mut batch) = (Vec::new(), Vec::new());
+    let error = loop {
+        match reader.next_batch(&mut batch) {
+            Ok(true) => all.extend_from_slice(&batch),
+            Ok(false) => break None,
+            Err(error) => break Some(error.to_string()),
+        }
+    };
+    (all, reader.report().clone(), error)
+}
+
+#[test]
+fn a_bag_that_was_split_is_one_recording() {
+    let array = "dvs_msgs/msg/EventArray";
+    let second: Messages = vec![
+        ("/other", "std_msgs/msg/String", vec![1]),
+        ("/dvs/imu", "sensor_msgs/msg/Imu", imu(Wire::Cdr, START + 5000)),
+        ("/dvs/events", array, event_array(Wire::Cdr, &events(7, 5))),
+    ];
+    let first = messages(Wire::Cdr);
+    for prefix in ["", "bag/"] {
+        // The order is that of the list, not of the names.
+        let parts = [("b_1.mcap", mcap("zstd", &first)), ("b_0.mcap", mcap("", &second))];
+        let directory = folder(&parts, prefix);
+        let (read, report, error) = read_folder(directory.path());
+        assert_eq!((read, error), (events(0, 12), None));
+        assert!(report.truncated.is_none());
+        let recording = Recording::new(directory.path(), RecordingOptions::default()).unwrap();
+        let counts: Vec<(String, u64)> =
+            recording.streams().unwrap().into_iter().map(|stream| (stream.name, stream.elements)).collect();
+        let count = |name: &str| counts.iter().find(|(known, _)| known.starts_with(name)).unwrap().1;
+        assert_eq!((count("/dvs/events"), count("/dvs/imu"), count("/other")), (12, 2, 1));
+        let mut extras = open_extras(&recording).unwrap();
+        assert_eq!(std::iter::from_fn(|| extras.next_until(i64::MAX, &mut Vec::new())).count(), 3);
+        assert_eq!(extras.chosen().len(), 2);
+    }
+    let damaged = mcap("zstd", &first);
+    let directory =
+        folder(&[("a.mcap", damaged[..damaged.len() - 60].to_vec()), ("b.db3", database::bag(&second))], "");
+    let (read, report, error) = read_folder(directory.path());
+    assert!(read.ends_with(&events(7, 5)) && error.is_none(), "{error:?}");
+    assert!(report.truncated.unwrap().lost.contains("a.mcap"));
+}
+
+#[test]
+fn what_is_missing_in_the_folder_of_a_bag_is_named() {
+    let first = database::bag(&messages(Wire::Cdr));
+    let directory = folder(&[("a.db3", first.clone()), ("b.db3", first.clone())], "");
+    std::fs::remove_file(directory.path().join("b.db3")).unwrap();
+    let (read, _, error) = read_folder(directory.path());
+    assert_eq!(read, events(0, 7));
+    assert!(error.unwrap().contains("b.db3"));
+    let (_, _, error) = read_folder(folder(&[], "").path());
+    assert!(error.unwrap().contains("relative_file_paths"));
+    // A folder that names itself.
+    let directory = folder(&[], "");
+    std::fs::write(directory.path().join("metadata.yaml"), "rosbag2_bagfile_information: {relative_file_paths: [.]}")
+        .unwrap();
+    assert!(read_folder(directory.path()).2.unwrap().contains("is a folder"));
+    let packed = zstd::stream::encode_all(Cursor::new(&first), 3).unwrap();
+    let (_, _, error) = read_folder(folder(&[("a.db3.zstd", packed)], "").path());
+    assert!(error.unwrap().contains("unzstd"));
+    let (_, _, error) = read_folder(folder(&[("a.csv", b"t,x,y,p\n1,2,3,1\n".to_vec())], "").path());
+    assert!(error.unwrap().contains("of another format (text)"));
+}
+
+/// Written files list their topics: of a recording without frames nothing is read to find that out.
+#[test]
+fn the_list_of_topics_is_that_of_the_messages() {
+    let extras = [Extra::Inertial(InertialSample {
+        t: START + 10,
+        temperature: 0.0,
+        acceleration: [1.0, 0.0, 0.0],
+        angular_velocity: [0.0; 3],
+    })];
+    for (output, open) in
+        [(&BAG_OUTPUT, super::bag::open as super::container::OpenContainer), (&MCAP_OUTPUT, super::mcap::open)]
+    {
+        let content = written(output, &events(0, 7), &extras).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let mut container = open(&path).unwrap();
+        let listed: Vec<String> = container.listed().unwrap().into_iter().map(|topic| topic.name).collect();
+        // What was read before does not change.
+        let mut met = Vec::new();
+        while let Some(head) = container.next().unwrap() {
+            met.push(container.topics()[head.topic].name.clone());
+        }
+        assert!(met.len() == 2 && met.iter().all(|name| listed.contains(name)), "{met:?} {listed:?}");
+        // Without its end there is no list.
+        std::fs::write(&path, &content[..content.len() / 2]).unwrap();
+        assert!(open(&path).unwrap().listed().is_none());
+    }
+}
+
+#[test]
+fn files_without_events_say_what_they_hold() {
+    let only = |wire| messages(wire).into_iter().filter(|(name, ..)| *name == "/info").collect();
+    for content in files(only) {
+        let error = testing::read(&content).error.unwrap();
+        assert!(error.contains("holds no events, only") && error.contains("/info (std_msgs"), "{error}");
+    }
+}
+
+#[test]
+fn a_database_with_changes_beside_it_is_refused_with_advice() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("bag.db3");
+    std::fs::write(&path, database::bag(&messages(Wire::Cdr))).unwrap();
+    std::fs::write(directory.path().join("bag.db3-wal"), [0; 32]).unwrap();
+    let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+    let error = recording.open().err().unwrap().to_string();
+    assert!(error.contains("bag.db3-wal") && error.contains("wal_checkpoint"), "{error}");
+}
+
+#[test]
+fn long_messages_of_a_database_go_on_in_other_pages() {
+    let long = |wire| vec![("/e", "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 200)))];
+    let content = database::bag(&long(Wire::Cdr));
+    assert_eq!(testing::read(&content).events, events(0, 200));
+}
+
+/// Written with frames and samples among the events.
+fn written(output: &OutputFormat, events: &[Event], extras: &[Extra]) -> Result<Vec<u8>, WriteError> {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let others = OtherStreams { frames: true, imu: true };
+    let sensor = Sensor::new(346, 260);
+    let description = Description { sensor, camera_name: "", others, zero: 0 };
+    let mut encoder = (output.create)(&mut || file.reopen(), &description)?;
+    encoder.write(events)?;
+    for extra in extras {
+        assert!(encoder.extra(extra.clone())?);
+    }
+    encoder.finish()?;
+    Ok(std::fs::read(file.path()).unwrap())
+}
+
+#[test]
+fn what_was_written_is_read_again() {
+    let frame = Frame {
+        t: START + 7,
+        exposure: None,
+        readout: None,
+        size: (3, 2),
+        position: (0, 0),
+        channels: 1,
+        pixels: vec![1, 2, 3, 4, 5, 255],
+    };
+    let colours = Frame { t: START + 50_000, channels: 3, pixels: (0..18).collect(), ..frame.clone() };
+    let sample = InertialSample {
+        t: START + 60_000,
+        temperature: 0.0,
+        acceleration: [1.0, -1.0 / 3.0, 1e-3],
+        angular_velocity: [0.1, -200.0 / 7.0, 500.0],
+    };
+    let extras = [Extra::Frame(frame), Extra::Frame(colours), Extra::Inertial(sample)];
+    let mixed = |index: i64| (index as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
+    let many: Vec<Event> = (0..200_000)
+        .map(|index| Event {
+            t: START + index / 3 + index / 5000 * 20_000,
+            x: (mixed(index) % 346) as u16,
+            y: (mixed(index) / 346 % 260) as u16,
+            polarity: if mixed(index) & 1 == 0 { Polarity::Off } else { Polarity::On },
+        })
+        .collect();
+    for output in [&BAG_OUTPUT, &MCAP_OUTPUT] {
+        for events in [&many[..], &many[..1], &[]] {
+            let content = written(output, events, &extras).unwrap();
+            let outcome = testing::read(&content);
+            if !events.is_empty() {
+                assert_eq!((outcome.events.as_slice(), outcome.error), (events, None), "{}", output.name);
+                assert_eq!(outcome.information.unwrap().sensor, Some(Sensor::new(346, 260)));
+            }
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording");
+            std::fs::write(&path, &content).unwrap();
+            let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+            let mut reader = open_extras(&recording).unwrap();
+            let found = std::iter::from_fn(|| reader.next_until(i64::MAX, &mut Vec::new()));
+            assert_eq!(found.collect::<Vec<_>>(), extras, "{}", output.name);
+        }
+    }
+}
+
+/// Two bytes a pixel were written as if they were three.
+#[test]
+fn frames_are_written_without_how_opaque_they_are() {
+    for (channels, written_channels, left_out) in [(2, 1, 1), (4, 3, 3)] {
+        let bytes: Vec<u8> = (0..6 * channels as u8).collect();
+        let kept = bytes.iter().copied().filter(|byte| usize::from(*byte) % channels != left_out).collect();
+        let (t, size, position) = (START + 7, (3, 2), (0, 0));
+        let frame = Frame { t, exposure: None, readout: None, size, position, channels, pixels: bytes };
+        let expected = Frame { channels: written_channels, pixels: kept, ..frame.clone() };
+        for output in [&BAG_OUTPUT, &MCAP_OUTPUT] {
+            let content = written(output, &events(0, 7), &[Extra::Frame(frame.clone())]).unwrap();
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording");
+            std::fs::write(&path, &content).unwrap();
+            let mut reader = open_extras(&Recording::new(&path, RecordingOptions::default()).unwrap()).unwrap();
+            let found = reader.next_until(i64::MAX, &mut Vec::new());
+            assert_eq!(found, Some(Extra::Frame(expected.clone())), "{}", output.name);
+        }
+    }
+}
+
+#[test]
+fn times_that_ros_does_not_have_are_refused() {
+    let event = |t| [Event { t, x: 0, y: 0, polarity: Polarity::On }];
+    for (output, t) in [(&BAG_OUTPUT, -1), (&MCAP_OUTPUT, -1), (&BAG_OUTPUT, 1 << 53), (&MCAP_OUTPUT, 1 << 51)] {
+        let error = written(output, &event(t), &[]).unwrap_err().to_string();
+        assert!(error.contains(&t.to_string()), "{error}");
+    }
+}
+
+#[test]
+fn damage_loses_no_more_than_it_must() {
+    let few = |wire: Wire| {
+        let array = "dvs_msgs/msg/EventArray";
+        (0..3).map(|index| ("/e", array, event_array(wire, &events(3 * index, 3)))).collect()
+    };
+    for content in files(few) {
+        testing::check_damage(&content);
+    }
+    // Frames and samples in it as well.
+    for content in [bag("none", &messages(Wire::Ros1)), mcap("", &messages(Wire::Cdr))] {
+        let mut changed = content.clone();
+        for position in 0..changed.len() {
+            changed[position] ^= 0xff;
+            let outcome = testing::read(&changed);
+            assert!(outcome.events.is_sorted_by_key(|event| event.t));
+            changed[position] ^= 0xff;
+        }
+    }
+}

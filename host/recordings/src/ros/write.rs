@@ -1,0 +1,143 @@
+//! Writing bags of ROS 1 and MCAP files of ROS 2.
+//!
+//! | file | events | frames, inertial samples |
+//! |---|---|---|
+//! | bag | `dvs_msgs/EventArray` | `sensor_msgs/Image`, `sensor_msgs/Imu` |
+//! | MCAP | `event_camera_msgs/EventPacket`, encoding `libcaer_cmp` | the same |
+
+mod bag;
+mod definitions;
+mod mcap;
+mod message;
+mod sink;
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+
+use self::sink::Sink;
+use super::fields::Wire;
+use crate::encode::{Encode, OutputFormat, WriteError};
+use crate::extras::Extra;
+
+/// Bag of ROS 1.
+pub const BAG_OUTPUT: OutputFormat = OutputFormat {
+    name: "bag",
+    title: Some("ROS 1"),
+    extensions: &["bag"],
+    holds_sensor: true,
+    holds_extras: true,
+    create: |file, description| {
+        let sink = bag::Bag::new(file()?, &definitions::ROS1)?;
+        Ok(Box::new(Encoder::new(sink, Wire::Ros1, message::event_array, description.sensor)))
+    },
+    copy_transfers: None,
+};
+
+/// MCAP of ROS 2.
+pub const MCAP_OUTPUT: OutputFormat = OutputFormat {
+    name: "mcap",
+    title: Some("ROS 2"),
+    extensions: &["mcap"],
+    holds_sensor: true,
+    holds_extras: true,
+    create: |file, description| {
+        let sensor = description.sensor;
+        if sensor.width > SIDE || sensor.height > SIDE {
+            return Err(WriteError::Size { format: "libcaer_cmp", most: SIDE, sensor });
+        }
+        let sink = mcap::Mcap::new(file()?, &definitions::ROS2)?;
+        Ok(Box::new(Encoder::new(sink, Wire::Cdr, message::event_packet, sensor)))
+    },
+    copy_transfers: None,
+};
+
+/// Columns and rows of `libcaer_cmp` have 11 bits.
+const SIDE: u16 = 1 << 11;
+/// A message of events ends after this time in µs or with so many events.
+const MESSAGE_TIME: i64 = 10_000;
+const MESSAGE_EVENTS: usize = 1 << 16;
+/// Places in the list of topics.
+const EVENTS: usize = 0;
+const FRAMES: usize = 1;
+const SAMPLES: usize = 2;
+
+/// Puts events into a message: how it is put into bytes, its number, and the sensor.
+type EventMessage = fn(Wire, u32, Sensor, &[Event]) -> Result<Vec<u8>, WriteError>;
+
+struct Encoder<S> {
+    sink: S,
+    wire: Wire,
+    event_message: EventMessage,
+    sensor: Sensor,
+    /// Those of the message to come.
+    events: Vec<Event>,
+    /// Messages of each topic.
+    counts: [u32; 3],
+    exposures: u64,
+}
+
+impl<S: Sink> Encoder<S> {
+    fn new(sink: S, wire: Wire, event_message: EventMessage, sensor: Sensor) -> Self {
+        Self { sink, wire, event_message, sensor, events: Vec::new(), counts: [0; 3], exposures: 0 }
+    }
+
+    fn next_number(&mut self, topic: usize) -> u32 {
+        self.counts.get_mut(topic).map_or(0, |count| {
+            *count = count.wrapping_add(1);
+            count.wrapping_sub(1)
+        })
+    }
+
+    fn write_events(&mut self) -> Result<(), WriteError> {
+        let Some(last) = self.events.last() else { return Ok(()) };
+        let t = last.t;
+        let number = self.next_number(EVENTS);
+        let message = (self.event_message)(self.wire, number, self.sensor, &self.events)?;
+        self.events.clear();
+        self.sink.message(EVENTS, t, &message)
+    }
+}
+
+impl<S: Sink> Encode for Encoder<S> {
+    fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
+        for event in events {
+            let over = |first: &Event| event.t.saturating_sub(first.t) >= MESSAGE_TIME;
+            if self.events.first().is_some_and(over) || self.events.len() == MESSAGE_EVENTS {
+                self.write_events()?;
+            }
+            self.events.push(*event);
+        }
+        Ok(())
+    }
+
+    fn extra(&mut self, extra: Extra) -> Result<bool, WriteError> {
+        match &extra {
+            Extra::Frame(frame) => {
+                self.exposures += u64::from(frame.exposure.is_some());
+                let number = self.next_number(FRAMES);
+                self.sink.message(FRAMES, frame.t, &message::image(self.wire, number, frame)?)?;
+            }
+            Extra::Inertial(sample) => {
+                let number = self.next_number(SAMPLES);
+                self.sink.message(SAMPLES, sample.t, &message::imu(self.wire, number, sample)?)?;
+            }
+        }
+        Ok(true)
+    }
+
+    fn finish(&mut self) -> Result<(), WriteError> {
+        self.write_events()?;
+        self.sink.finish()
+    }
+
+    fn lost(&self) -> Vec<String> {
+        let lost = [
+            (
+                u64::from(self.counts[FRAMES]).min(self.exposures),
+                "start and end of the exposures: an image of ROS has one time",
+            ),
+            (self.counts[SAMPLES].into(), "temperatures of inertial samples"),
+        ];
+        lost.into_iter().filter(|(count, _)| *count > 0).map(|(_, what)| what.to_owned()).collect()
+    }
+}

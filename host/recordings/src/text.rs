@@ -1,0 +1,506 @@
+//! Text and CSV: one event per line.
+//!
+//! Fields are separated by spaces, tabs, commas or semicolons. Lines that begin with `#` or `%` are
+//! comments. What the columns are is taken from, in this order: [`RecordingOptions::columns`], a line of
+//! names at the top (also inside the last comment), the values of the first lines. The unit of time
+//! comes from [`RecordingOptions::time_unit`], the name of the column (`t_us`, `time [s]`…), or the
+//! values: with decimals, seconds; whole numbers, microseconds unless all are multiples of 1000 or
+//! beyond 10¹⁷, then nanoseconds. Whatever was guessed is in [`RecordingInformation::notes`].
+//!
+//! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`. Before the first event a line with
+//! two whole numbers may give the width and height of the sensor.
+
+mod error;
+mod layout;
+mod number;
+mod plain;
+
+use evcal_core::sensor::Sensor;
+use std::fs::File;
+use std::io::{BufRead, BufReader, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+
+pub use error::LineError;
+use evcal_core::event::{Event, Polarity};
+use layout::Layout;
+
+use super::bytes::share;
+use super::columns::LayoutError;
+use super::counter::TimeCounter;
+use super::encode::{Encode, OutputFormat, WriteError};
+use super::{
+    Column, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
+    RecordingOptions, TimeUnit, Truncation, Uses,
+};
+
+/// Text or CSV.
+pub const FORMAT: FileFormat = FileFormat {
+    output: Some(&OUTPUT),
+    uses: Uses { columns: true, ..Uses::NONE },
+    ..FileFormat::of_events("text", recognise, Decoder::open)
+};
+
+/// Text with a line of names, `t_us,x,y,p`.
+pub const OUTPUT: OutputFormat = OutputFormat {
+    name: "csv",
+    title: None,
+    extensions: &["csv", "txt"],
+    holds_sensor: true,
+    holds_extras: false,
+    create: |file, description| {
+        let file = BufWriter::with_capacity(1 << 18, file()?);
+        Ok(Box::new(Encoder::new(file, description.sensor)?))
+    },
+    copy_transfers: None,
+};
+
+fn recognise(head: &Head) -> bool {
+    head.text().is_some_and(|text| text.bytes().any(|byte| byte.is_ascii_digit()) || layout::is_named(text))
+}
+
+const BATCH: usize = 32_768;
+/// No line with an event is longer.
+const MAX_LINE: u64 = 4096;
+/// Stands in front of the text where an editor of Windows wrote it.
+const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
+
+struct Decoder {
+    path: PathBuf,
+    file: BufReader<File>,
+    layout: Layout,
+    counter: TimeCounter,
+    information: RecordingInformation,
+    line: Vec<u8>,
+    /// Number of the line that was read last, from 1.
+    number: u64,
+    /// Offset of the next line.
+    byte: u64,
+    /// Length of the file.
+    length: u64,
+    /// Length of the last field of the line before.
+    last_field: usize,
+}
+
+/// What a line turned out to be.
+enum Line {
+    End,
+    Nothing,
+    Event(Event),
+}
+
+impl Decoder {
+    fn open(path: &Path, options: &RecordingOptions) -> Opened {
+        let head = Head::read(path)?;
+        let layout = head.text().ok_or(LayoutError::NoText).and_then(|text| layout::find(text, options));
+        let layout = layout.map_err(|what| RecordingError::new(path, RecordingErrorKind::Layout(what)))?;
+        let io = |error| RecordingError::io(path, error);
+        let file = File::open(path).map_err(io)?;
+        let length = file.metadata().map_err(io)?.len();
+        let mut file = BufReader::with_capacity(1 << 18, file);
+        let mut byte = 0;
+        while file.fill_buf().map_err(io)?.starts_with(BYTE_ORDER_MARK) {
+            file.consume(BYTE_ORDER_MARK.len());
+            byte += BYTE_ORDER_MARK.len() as u64;
+        }
+        let information = RecordingInformation {
+            format: FORMAT.name,
+            sensor: layout.sensor,
+            camera_name: None,
+            began: None,
+            notes: layout.notes.clone(),
+        };
+        let path = path.to_owned();
+        let (line, counter) = (Vec::new(), TimeCounter::new(layout.time_unit));
+        Ok(Box::new(Self { path, file, layout, counter, information, line, number: 0, byte, length, last_field: 0 }))
+    }
+
+    /// The event of the next line, if that is in the buffer as a whole and plain.
+    fn next_plain_line(&mut self) -> Option<Event> {
+        if self.number < self.layout.first_line {
+            return None;
+        }
+        let plain = plain::event(self.file.buffer(), &self.layout)?;
+        self.file.consume(plain.length);
+        self.byte += plain.length as u64;
+        self.number += 1;
+        self.last_field = plain.last_field;
+        Some(plain.event)
+    }
+
+    fn next_line(&mut self, report: &mut ReadReport) -> Result<Line, RecordingError> {
+        self.line.clear();
+        let read = self.file.by_ref().take(MAX_LINE).read_until(b'\n', &mut self.line);
+        let length = read.map_err(|error| RecordingError::io(&self.path, error))?;
+        if length == 0 {
+            return Ok(Line::End);
+        }
+        let start = self.byte;
+        self.byte += length as u64;
+        self.number += 1;
+        let whole = self.line.ends_with(b"\n");
+        if !whole && length as u64 == MAX_LINE {
+            return Err(self.error(LineError::TooLong));
+        }
+        if self.number <= self.layout.first_line {
+            return Ok(Line::Nothing);
+        }
+        let line = self.line.trim_ascii();
+        if is_comment(line) {
+            return Ok(Line::Nothing);
+        }
+        let last_field = line.iter().rev().take_while(|byte| !is_separator(byte)).count();
+        let event = event(line, &self.layout);
+        // Without its end, a line may have lost digits of its last field; that of a polarity has none to lose.
+        let ends_in_polarity = self.layout.columns.as_slice().last() == Some(&Column::P);
+        let shorter = !ends_in_polarity && last_field < self.last_field;
+        self.last_field = last_field;
+        match event {
+            Ok(event) if whole || !shorter => Ok(Line::Event(event)),
+            Ok(_) | Err(_) if !whole => {
+                let lost = format!("line {} is not whole ({length} bytes)", self.number);
+                report.truncated = Some(Truncation { byte: start, lost });
+                Ok(Line::End)
+            }
+            Ok(event) => Ok(Line::Event(event)),
+            Err(what) => Err(self.error(what)),
+        }
+    }
+
+    fn error(&self, what: LineError) -> RecordingError {
+        RecordingError::new(&self.path, RecordingErrorKind::Line { line: self.number, what })
+    }
+}
+
+impl Decode for Decoder {
+    fn information(&self) -> &RecordingInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        while batch.len() < BATCH {
+            let line = match self.next_plain_line() {
+                Some(event) => Line::Event(event),
+                None => self.next_line(report)?,
+            };
+            match line {
+                Line::End => return Ok(false),
+                Line::Nothing => {}
+                Line::Event(event) => batch.push(Event { t: self.counter.time(event.t, report), ..event }),
+            }
+        }
+        Ok(true)
+    }
+
+    fn done(&self) -> Option<f64> {
+        Some(share(self.byte, self.length))
+    }
+}
+
+fn is_comment(line: &[u8]) -> bool {
+    matches!(line.first(), None | Some(b'#' | b'%'))
+}
+
+fn is_separator(byte: &u8) -> bool {
+    matches!(byte, b' ' | b'\t' | b',' | b';')
+}
+
+/// The fields of a line from left to right. Spaces and tabs separate; so does one comma or semicolon, with or without spaces
+/// around it.
+struct Fields<'a> {
+    /// What follows the fields that were handed out; `None` behind the last one.
+    rest: Option<&'a [u8]>,
+}
+
+impl<'a> Fields<'a> {
+    fn of(line: &'a [u8]) -> Self {
+        let line = line.trim_ascii();
+        Self { rest: (!line.is_empty()).then_some(line) }
+    }
+}
+
+impl<'a> Iterator for Fields<'a> {
+    type Item = &'a [u8];
+
+    fn next(&mut self) -> Option<&'a [u8]> {
+        let rest = self.rest?;
+        let (field, after) = rest.split_at(rest.iter().position(is_separator).unwrap_or(rest.len()));
+        let spaces = after.iter().take_while(|byte| matches!(byte, b' ' | b'\t')).count();
+        let after = after.get(spaces..).unwrap_or_default();
+        self.rest = match after.split_first() {
+            // Behind a separator at the end of the line there is one more, empty field.
+            Some((b',' | b';', after)) => Some(after.trim_ascii_start()),
+            Some(_) => Some(after),
+            None => None,
+        };
+        Some(field)
+    }
+}
+
+/// The event of a line.
+fn event(line: &[u8], layout: &Layout) -> Result<Event, LineError> {
+    let columns = layout.columns.as_slice();
+    let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
+    let (mut count, mut wrong) = (0, None);
+    for field in Fields::of(line) {
+        if let (Some(column), None) = (columns.get(count), &wrong) {
+            wrong = put(&mut event, *column, field, layout.time_unit).err();
+        }
+        count += 1;
+    }
+    if count != columns.len() {
+        return Err(LineError::FieldCount { count, columns: layout.columns.clone() });
+    }
+    wrong.map_or(Ok(event), Err)
+}
+
+/// Puts the field of a column into its place in `event`.
+fn put(event: &mut Event, column: Column, field: &[u8], unit: TimeUnit) -> Result<(), LineError> {
+    let shown = || String::from_utf8_lossy(field).into_owned();
+    let pixel = |axis| number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis });
+    match column {
+        Column::T => {
+            event.t = number::microseconds(field, unit).ok_or_else(|| LineError::Time { field: shown(), unit })?;
+        }
+        Column::X => event.x = pixel("x")?,
+        Column::Y => event.y = pixel("y")?,
+        Column::P => event.polarity = number::polarity(field).ok_or_else(|| LineError::Polarity(shown()))?,
+        Column::Ignored => {}
+    }
+    Ok(())
+}
+
+/// Writes a line of names and one line `t x y p` per event, times in microseconds.
+struct Encoder<W> {
+    output: W,
+    line: String,
+}
+
+impl<W: Write> Encoder<W> {
+    fn new(mut output: W, sensor: Sensor) -> Result<Self, WriteError> {
+        writeln!(output, "# sensor {} x {}\nt_us,x,y,p", sensor.width, sensor.height)?;
+        Ok(Self { output, line: String::new() })
+    }
+}
+
+impl<W: Write> Encode for Encoder<W> {
+    fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
+        use std::fmt::Write as _;
+        for event in events {
+            self.line.clear();
+            // Writing into a String cannot fail.
+            let _ = writeln!(self.line, "{},{},{},{}", event.t, event.x, event.y, event.polarity.index());
+            self.output.write_all(self.line.as_bytes())?;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), WriteError> {
+        Ok(self.output.flush()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Recording, testing};
+
+    fn read(
+        text: &[u8],
+        options: RecordingOptions,
+    ) -> Result<(Vec<Event>, RecordingInformation, ReadReport), RecordingError> {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("events");
+        std::fs::write(&path, text).unwrap();
+        let mut reader = Recording::new(&path, options)?.open()?;
+        let (mut all, mut batch) = (Vec::new(), Vec::new());
+        while reader.next_batch(&mut batch)? {
+            all.extend_from_slice(&batch);
+        }
+        Ok((all, reader.information().clone(), reader.report().clone()))
+    }
+
+    fn default(text: &str) -> (Vec<Event>, RecordingInformation, ReadReport) {
+        read(text.as_bytes(), RecordingOptions::default()).unwrap()
+    }
+
+    fn failure(text: &str) -> String {
+        read(text.as_bytes(), RecordingOptions::default()).unwrap_err().to_string()
+    }
+
+    fn event(t: i64, x: u16, y: u16, polarity: Polarity) -> Event {
+        Event { t, x, y, polarity }
+    }
+
+    #[test]
+    fn the_usual_forms_give_the_same_events() {
+        let expected =
+            [event(3811, 96, 133, Polarity::Off), event(3820, 5, 7, Polarity::On), event(4001, 345, 259, Polarity::On)];
+        for text in [
+            "0.003811000 96 133 0\n0.003820 5 7 1\n0.004001 345 259 1\n",
+            "3811 96 133 -1\n3820 5 7 1\n4001 345 259 1\n",
+            "3811,96,133,0\r\n3820,5,7,1\r\n4001,345,259,1",
+            "\u{feff}x;y;p;t\n96;133;0;3811\n5;7;1;3820\n345;259;1;4001\n",
+            "96,133,0,3811\n5,7,1,3820\n345,259,1,4001\n",
+            "t_ns\tx\ty\tpolarity\n3811000\t96\t133\tFalse\n3820000\t5\t7\tTrue\n4001000\t345\t259\tTrue\n",
+            "# recorded with a camera\n# timestamp[us] x y pol\n3811 96 133 0\n\n# between\n3820 5 7 1\n4001 345 259 1\n",
+            ",p,y,x,\"time (ms)\"\n0,0,133,96,3.811\n1,1,7,5,3.82\n2,1,259,345,4.001\n",
+            "346 260\n3.811e-03 9.6e+01 1.33e+02 0.0e+00\n3.820e-03 5 7 1.0\n4.001e-03 345 259 1\n",
+        ] {
+            assert_eq!(default(text).0, expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_was_guessed_is_told_and_what_was_said_is_not() {
+        let (_, information, _) = default("0.1 5 7 1\n0.2 6 8 0\n");
+        assert!(information.notes.iter().any(|note| note.contains("t,x,y,p")), "{:?}", information.notes);
+        assert!(information.notes.iter().any(|note| note.contains("seconds")), "{:?}", information.notes);
+        let (_, information, _) = default("t_us,x,y,p\n1,5,7,1\n");
+        assert_eq!(information.notes, [""; 0]);
+    }
+
+    #[test]
+    fn nanoseconds_are_recognised() {
+        let relative: String = (1..=30).map(|index| format!("{} 1 2 1\n", index * 7000)).collect();
+        assert_eq!(default(&relative).0[1].t, 14);
+        assert_eq!(default("1643243628737093123 1 2 1\n").0[0].t, 1_643_243_628_737_093);
+        assert_eq!(default("1643243628737093 1 2 1\n").0[0].t, 1_643_243_628_737_093);
+    }
+
+    #[test]
+    fn options_have_the_last_word() {
+        let options = RecordingOptions {
+            columns: Some("-,y,x,p,t".parse().unwrap()),
+            time_unit: Some(TimeUnit::Milliseconds),
+            ..RecordingOptions::default()
+        };
+        let (events, information, _) = read(b"9 7 5 1 2\n9 8 6 0 3\n", options).unwrap();
+        assert_eq!(events, [event(2000, 5, 7, Polarity::On), event(3000, 6, 8, Polarity::Off)]);
+        assert_eq!(information.notes, [""; 0]);
+    }
+
+    /// Fields beyond the sixteenth were counted but not kept: every event was one of time 0 at pixel (0, 0).
+    #[test]
+    fn columns_far_to_the_right_are_read() {
+        let others = |field: &str| [field; 16].join(",");
+        let expected = [event(3811, 96, 133, Polarity::On), event(3820, 5, 7, Polarity::Off)];
+        let lines = format!("{0},3811,96,133,1\n{0},3820,5,7,0\n", others("0.5"));
+        assert_eq!(default(&format!("{},t_us,x,y,p\n{lines}", others("gain"))).0, expected);
+        let columns = format!("{},t,x,y,p", others("-"));
+        let options = RecordingOptions {
+            columns: Some(columns.parse().unwrap()),
+            time_unit: Some(TimeUnit::Microseconds),
+            ..RecordingOptions::default()
+        };
+        assert_eq!(read(lines.as_bytes(), options).unwrap().0, expected);
+        assert!(failure(&lines).contains("it has 20 fields in a row"));
+    }
+
+    /// The first event was taken for names, for an empty field is no number.
+    #[test]
+    fn empty_fields_do_not_make_a_first_event_names() {
+        let expected = [event(1, 5, 7, Polarity::On), event(2, 6, 8, Polarity::Off)];
+        for (lines, columns) in [
+            ("1,5,7,1,\n2,6,8,0,\n", "t,x,y,p,-"),
+            ("1,,5,7,1\n2,,6,8,0\n", "t,-,x,y,p"),
+            (",0,1,2,3\n0,1,5,7,1\n1,2,6,8,0\n", "-,t,x,y,p"),
+        ] {
+            let options = RecordingOptions { columns: Some(columns.parse().unwrap()), ..RecordingOptions::default() };
+            assert_eq!(read(lines.as_bytes(), options).unwrap().0, expected, "{lines}");
+        }
+        assert!(failure("1,5,7,1,\n2,6,8,0,\n").contains("it has 5 fields in a row"));
+    }
+
+    /// The first line was read with the mark, which is no part of a time.
+    #[test]
+    fn a_byte_order_mark_is_left_out_without_names_too() {
+        let (events, _, report) = default("\u{feff}0.001 5 6 1\n0.002 7 8 0\n0.0");
+        assert_eq!(events, [event(1000, 5, 6, Polarity::On), event(2000, 7, 8, Polarity::Off)]);
+        assert_eq!(report.truncated.unwrap().byte, 27);
+    }
+
+    #[test]
+    fn times_go_on_where_their_counter_wraps() {
+        let text = |wrap: i64, time: &dyn Fn(i64) -> String| {
+            let events = testing::events_around(wrap);
+            let line =
+                |event: &Event| format!("{} {} {} {}\n", time(event.t), event.x, event.y, event.polarity.index());
+            events.iter().map(line).collect::<String>().into_bytes()
+        };
+        let seconds = |t: i64| format!("{}.{:06}", t / 1_000_000, t % 1_000_000);
+        for (kept, wrap) in testing::KEPT.into_iter().zip([1 << 32, 1 << 31, 1 << 31]) {
+            testing::check_wrap(&text(wrap, &|t| kept(t).to_string()), &text(wrap, &|t| t.to_string()));
+        }
+        testing::check_wrap(&text(1 << 32, &|t| seconds(testing::KEPT[0](t))), &text(1 << 32, &seconds));
+    }
+
+    /// A minute before the end of the counter's range.
+    #[test]
+    fn a_reset_of_the_clock_is_no_wrap_of_its_counter() {
+        let line = |t: i64| format!("{t} 5 7 1\n");
+        let (before, after) = ((4_235_000_000..).step_by(100).take(200), (0..).step_by(100).take(200));
+        let (events, _, report) = default(&before.clone().chain(after.clone()).map(line).collect::<String>());
+        let expected = before.chain(after.map(|t| 4_235_000_000 + 19_900 + 1_000_000 + t));
+        assert!(events.iter().map(|event| event.t).eq(expected));
+        assert_eq!((report.clock_resets, report.counter_wraps, report.strays), (1, None, 0));
+    }
+
+    #[test]
+    fn the_size_of_the_sensor_is_read() {
+        for text in ["346 260\n1 2 3 1\n", "# sensor 346 x 260\nt_us,x,y,p\n1,2,3,1\n"] {
+            let (events, information, _) = default(text);
+            assert_eq!((events.len(), information.sensor), (1, Some(Sensor::new(346, 260))));
+        }
+        let (events, _, report) =
+            default("# sensor 346 x 260\nt_us,x,y,p\n1,346,3,1\n2,-1,3,1\n3,99999,3,1\n4,0,0,0\n");
+        assert_eq!((events.len(), report.out_of_range), (1, 3));
+    }
+
+    #[test]
+    fn bad_lines_are_named() {
+        for (line, part) in [
+            ("nan 1 2 1", "\"nan\""),
+            ("inf 1 2 1", "\"inf\""),
+            ("5 nan 2 1", "\"nan\""),
+            ("5 1.5 2 1", "\"1.5\""),
+            ("5 1 2 2", "\"2\""),
+            ("5 1 2", "3 fields"),
+            ("5 1 2 1 1", "5 fields"),
+            ("5,,1,2,1", "5 fields"),
+            ("5,1,2,", "\"\""),
+            ("zzz", "1 field, not 4"),
+        ] {
+            let message = failure(&format!("1 1 2 1\n2 1 2 0\n{line}\n9 1 2 1\n"));
+            assert!(message.contains("line 3") && message.contains(part), "{line}: {message}");
+        }
+        let long = "1".repeat(5000);
+        assert!(failure(&format!("1 1 2 1\n{long}\n")).contains("line 2"));
+    }
+
+    #[test]
+    fn a_wrong_header_or_unclear_columns_are_told_with_advice() {
+        for text in [
+            "a,b,c,d\n1,2,3,1\n",
+            "t,x,y\n1,2,3\n",
+            "1 2 3\n",
+            "1 2 3 4 5\n",
+            "1 2 3 4\n2 3 4 5\n",
+            "t,x,y,p,p\n1,2,3,1,1\n",
+        ] {
+            let message = failure(text);
+            assert!(message.contains("t,x,y,p"), "{text}: {message}");
+        }
+    }
+
+    #[test]
+    fn a_last_line_that_lost_digits_is_left_out() {
+        // x y p t: the time of the last line was 4001.
+        let (events, _, report) = default("96,133,0,3811\n5,7,1,3820\n345,259,1,40");
+        assert_eq!(events.len(), 2);
+        let truncation = report.truncated.unwrap();
+        assert_eq!(truncation.byte, 25);
+        assert!(truncation.lost.contains("line 3"));
+        let (events, _, report) = default("3811 96 133 0\n3820 5 7 1\n4001 345 25");
+        assert_eq!((events.len(), report.truncated.unwrap().byte), (2, 25));
+    }
+}

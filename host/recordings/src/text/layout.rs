@@ -1,0 +1,151 @@
+//! What the columns of a text file are: from the options, its line of names, or its values.
+
+use super::{Fields, is_comment, number};
+use crate::columns::{self, Cell, LayoutError, SAMPLE};
+use crate::{Column, Columns, MAX_SENSOR_SIZE, RecordingOptions, TimeUnit};
+use evcal_core::sensor::Sensor;
+
+/// How the lines of a file are to be read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    /// The columns from left to right.
+    pub columns: Columns,
+    /// Unit of the time.
+    pub time_unit: TimeUnit,
+    /// Number of lines before the first event.
+    pub first_line: u64,
+    /// Width and height, if the file gives them.
+    pub sensor: Option<Sensor>,
+    /// What was guessed, in sentences.
+    pub notes: Vec<String>,
+}
+
+/// The parts of a file's beginning.
+struct Parts<'a> {
+    /// Lines before the first line of numbers.
+    first_line: u64,
+    names: Option<Vec<&'a str>>,
+    sensor: Option<Sensor>,
+    rows: Vec<Vec<&'a [u8]>>,
+}
+
+/// Finds the layout of a file that begins with `text`.
+///
+/// # Errors
+/// [`LayoutError`], which says what is unclear and what to do.
+pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutError> {
+    let parts = parts(text)?;
+    let mut notes = Vec::new();
+    let named = parts.names.as_deref().map(columns::from_names);
+    let (columns, unit_of_name) = match (&options.columns, named) {
+        (Some(columns), named) => (columns.clone(), named.and_then(|(_, unit)| unit)),
+        (None, Some((Some(columns), unit))) => (columns, unit),
+        (None, Some((None, _))) => {
+            return Err(LayoutError::Names(parts.names.unwrap_or_default().join(", ")));
+        }
+        (None, None) if parts.rows.is_empty() => return Err(LayoutError::NoNumbers),
+        (None, None) => (columns::from_values(&cells(&parts.rows), &mut notes)?, None),
+    };
+    let time_unit = match options.time_unit.or(unit_of_name) {
+        Some(unit) => unit,
+        None => columns::unit_from_values(&times(&parts.rows, &columns), &mut notes),
+    };
+    Ok(Layout { columns, time_unit, first_line: parts.first_line, sensor: parts.sensor, notes })
+}
+
+/// Whether a line of `text` names the columns of events.
+pub fn is_named(text: &str) -> bool {
+    text.lines().any(|line| columns::from_names(&name_list(line)).0.is_some())
+}
+
+fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
+    let mut first_line = 0;
+    let mut names = None;
+    let mut sensor = None;
+    let mut rows: Vec<Vec<&[u8]>> = Vec::new();
+    for line in text.lines() {
+        if rows.len() >= SAMPLE {
+            break;
+        }
+        let line = line.trim();
+        if !is_comment(line.as_bytes()) {
+            let fields: Vec<&[u8]> = Fields::of(line.as_bytes()).collect();
+            if is_row(&fields) {
+                // Two numbers at the very beginning are the size of the sensor.
+                match (&fields[..], rows.is_empty(), sensor) {
+                    ([width, height], true, None) => {
+                        let size = sensor_size(width, height);
+                        sensor = Some(size.ok_or_else(|| LayoutError::FirstLine(line.to_owned()))?);
+                    }
+                    _ => {
+                        rows.push(fields);
+                        continue;
+                    }
+                }
+            } else if rows.is_empty() && names.is_none() {
+                names = Some(name_list(line));
+            } else {
+                // A bad line among the events: the reader will name it.
+                break;
+            }
+        } else if rows.is_empty() {
+            let comment = line.trim_start_matches(['#', '%']).trim();
+            if let Some(size) = sensor_comment(comment) {
+                sensor = Some(size);
+            }
+            let list = name_list(comment);
+            if columns::from_names(&list).0.is_some() {
+                names = Some(list);
+            }
+        }
+        if rows.is_empty() {
+            first_line += 1;
+        }
+    }
+    if !text.ends_with('\n') && rows.len() > 1 {
+        // It may have lost digits.
+        rows.pop();
+    }
+    Ok(Parts { first_line, names, sensor, rows })
+}
+
+/// Whether these fields are an event, not names. Columns that are not read may be empty; only names begin with nothing, above the numbers of rows.
+fn is_row(fields: &[&[u8]]) -> bool {
+    let is_number = |field: &[u8]| number::is_number(field) || number::polarity(field).is_some();
+    fields.first().is_none_or(|first| is_number(first))
+        && fields.iter().all(|field| field.is_empty() || is_number(field))
+}
+
+fn sensor_size(width: &[u8], height: &[u8]) -> Option<Sensor> {
+    let side = |field| number::pixel(field).filter(|side| (1..=MAX_SENSOR_SIZE).contains(side));
+    Some(Sensor::new(side(width)?, side(height)?))
+}
+
+/// The size in a comment `sensor WIDTH x HEIGHT`.
+fn sensor_comment(comment: &str) -> Option<Sensor> {
+    let (width, height) = comment.strip_prefix("sensor ")?.split_once('x')?;
+    sensor_size(width.trim().as_bytes(), height.trim().as_bytes())
+}
+
+/// The names in a line: with commas or semicolons if there are any, else with spaces.
+fn name_list(line: &str) -> Vec<&str> {
+    let names: Vec<&str> = if line.contains([',', ';', '\t']) {
+        line.split([',', ';', '\t']).collect()
+    } else {
+        line.split_whitespace().collect()
+    };
+    names.into_iter().map(|name| name.trim().trim_matches('"')).collect()
+}
+
+fn cells(rows: &[Vec<&[u8]>]) -> Vec<Vec<Cell>> {
+    let cell = |field: &&[u8]| Cell { value: number::value(field), is_polarity: number::polarity(field).is_some() };
+    rows.iter().map(|row| row.iter().map(cell).collect()).collect()
+}
+
+/// The times of the sample as they stand.
+fn times(rows: &[Vec<&[u8]>], columns: &Columns) -> Vec<f64> {
+    let Some(index) = columns.as_slice().iter().position(|&column| column == Column::T) else {
+        return Vec::new();
+    };
+    rows.iter().filter_map(|row| number::value(row.get(index)?)).collect()
+}

@@ -1,0 +1,127 @@
+//! What a calibration that failed leaves: why, how far it came, what was seen, and a picture of it.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::report::drawing::circle_picture;
+use evcal_calibrate::calibrate::Task;
+use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::detection::DetectionReport;
+use evcal_calibrate::detection::search::{FoundCircles, SearchFor, search_events, sensor_of};
+use evcal_files::FileError;
+
+/// The text.
+pub const TEXT: &str = "failure.txt";
+/// The window with most circles.
+pub const PICTURE: &str = "failure.png";
+
+/// A calibration that failed.
+#[derive(Clone, Debug, Serialize)]
+pub struct Failure {
+    /// Why.
+    pub error: String,
+    /// What was begun, in order; the last is where it failed.
+    pub stages: Vec<String>,
+    /// What was seen of the board, or of circles where there was none; `None` where nothing was looked for.
+    pub seen: Option<Seen>,
+    /// Files that tell more.
+    pub files: Vec<PathBuf>,
+}
+
+/// What was seen in a recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct Seen {
+    /// The recording.
+    pub file: String,
+    /// What became of its windows.
+    pub windows: DetectionReport,
+    /// Circles in the window with most of them.
+    pub most_circles: usize,
+}
+
+/// Whether a file of a folder, by its path in it, is one that [`write_failure`] writes.
+pub fn is_failure(file: &Path) -> bool {
+    [TEXT, PICTURE].iter().any(|name| Path::new(name) == file)
+}
+
+/// Tells of a failed calibration, and writes into `folder` what was seen, if anything was looked at.
+///
+/// # Errors
+/// [`FileError`] names the file that could not be written.
+pub fn write_failure(
+    folder: &Path,
+    task: &Task,
+    error: &CalibrateError,
+    stages: Vec<String>,
+) -> Result<Failure, FileError> {
+    let mut failure = Failure { error: error.to_string(), stages, seen: None, files: Vec::new() };
+    if !error.is_of_what_was_seen() {
+        return Ok(failure);
+    }
+    let found = task.inputs.iter().find_map(|input| look_again(input, task, error));
+    if let Some((file, found, picture)) = found {
+        let most_circles = found.best_window().map_or(0, |window| window.circles.len());
+        let windows = match error {
+            // Why there was no board, rather than that there were circles.
+            CalibrateError::NoPattern(nowhere) => nowhere.report().clone(),
+            _ => found.report,
+        };
+        failure.seen = Some(Seen { file, windows, most_circles });
+        if let Some(picture) = picture {
+            let path = folder.join(PICTURE);
+            evcal_files::write(&path, &picture)?;
+            failure.files.push(path);
+        }
+    }
+    let path = folder.join(TEXT);
+    failure.files.insert(0, path.clone());
+    evcal_files::write(&path, text(&failure, task).as_bytes())?;
+    Ok(failure)
+}
+
+/// Looks for the board once more, or for circles where there was no board, and draws the window with most of them.
+fn look_again(input: &Input, task: &Task, error: &CalibrateError) -> Option<(String, FoundCircles, Option<Vec<u8>>)> {
+    let Input::Events(recording) = input else { return None };
+    let wanted = match error {
+        CalibrateError::NoPattern(_) => SearchFor::Circles(1),
+        _ => SearchFor::Board(task.board.pattern),
+    };
+    // What cannot be read any more is not looked at.
+    let sensor = sensor_of(recording).ok()?;
+    let found = search_events(recording, sensor, wanted, &task.settings.detection).ok()?;
+    let picture = found.best_window().and_then(|best| circle_picture(best.pixels, &best.circles, sensor).to_png().ok());
+    Some((input.name(), found, picture))
+}
+
+fn text(failure: &Failure, task: &Task) -> String {
+    let mut text = format!("evcal {}\n", crate::VERSION);
+    if !task.command_line.is_empty() {
+        let _ = writeln!(text, "{}", task.command_line);
+    }
+    let _ = writeln!(text, "\nfailed: {}\n\nwhat was done, up to the failure:", failure.error);
+    for stage in &failure.stages {
+        let _ = writeln!(text, "  {stage}");
+    }
+    if let Some(Seen { file, windows, most_circles }) = &failure.seen {
+        let _ = writeln!(text, "\nwhat was seen in {file}, board {}:", task.board);
+        let tried = windows.windows;
+        let _ = writeln!(text, "  {} events, {tried} windows tried, {} with the board", windows.events, windows.found);
+        let _ = writeln!(text, "  {} circles, {most_circles} in the window with most", windows.circles);
+        if windows.too_few_events > 0 {
+            let _ = writeln!(text, "  {} windows had too few events to be tried", windows.too_few_events);
+        }
+        for (reason, count) in &windows.grids_refused {
+            let _ = writeln!(text, "  {count} windows refused: {reason}");
+        }
+        for (reason, count) in &windows.pairs_refused {
+            let _ = writeln!(text, "  {count} pairs of clusters are no circle: {reason}");
+        }
+    }
+    if failure.files.iter().any(|file| file.ends_with(PICTURE)) {
+        let _ = writeln!(text, "\n{PICTURE}: that window, its events in red (ON) and blue (OFF), its circles in black");
+    }
+    text
+}

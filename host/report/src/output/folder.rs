@@ -1,0 +1,340 @@
+//! The folder that a calibration writes.
+
+use std::borrow::Cow;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use super::failure::is_failure;
+use super::summary::summary;
+use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_picture};
+use crate::report::{ResultFile, sections};
+use evcal_calibrate::calibrate::Task;
+use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
+use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::calibrate::step::Step;
+use evcal_calibrate::circles::reference_frame::ReferenceFrame;
+use evcal_calibrate::circles::track;
+use evcal_calibrate::export::content::ExportFormat;
+use evcal_calibrate::export::{inertial, kalibr, opencv, ros, second_camera};
+use evcal_calibrate::initial::PosedFrame;
+use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
+use evcal_calibrate::result::calibration_file::CalibrationFile;
+use evcal_calibrate::result::stage_report::stage_report;
+use evcal_calibrate::trust::poses::{PoseSettings, UncertainPose, csv, determined, sampled_poses};
+use evcal_files::FileError;
+use evcal_files::folder::{FolderError, OutputFolder};
+use evcal_geometry::board::Board;
+use evcal_geometry::timed_pose::TimedPose;
+use evcal_geometry::tum;
+use event_recordings::pictures::image_at;
+
+/// Folder of files for other programs.
+const EXPORTS: &str = "exports";
+/// The folders of a result.
+pub const FOLDERS: &[&str] = &[EXPORTS];
+
+/// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
+const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
+
+/// Files of one name each.
+const FILES: [&str; 6] =
+    ["calibration.json", "settings.toml", "stages.txt", "report.html", "good-frame.png", "bad-frame.png"];
+/// Name and extension of the poses of a recording; those after the first have a number between.
+const TRAJECTORY: (&str, &str) = ("trajectory", "txt");
+/// Name and extension of the same poses with their standard deviations.
+const POSES: (&str, &str) = ("trajectory", "csv");
+/// Name and extension of its circles.
+const CIRCLES: (&str, &str) = ("circles", "csv");
+
+/// What was written, for the terminal.
+pub struct Written {
+    /// The content of `calibration.json`, on one line.
+    pub json: String,
+    /// A few lines with the result.
+    pub summary: String,
+    /// What every stage took in and gave out.
+    pub stage_report: String,
+}
+
+/// Whether a file of a folder, by its path in it, is one that [`write_folder`] writes.
+pub fn is_result(file: &Path) -> bool {
+    let numbered = |name: &str, extension: &str| {
+        let rest = file.to_str().and_then(|file| file.strip_prefix(name)?.strip_suffix(extension)?.strip_suffix('.'));
+        rest.is_some_and(|rest| {
+            let number = rest.strip_prefix('-').unwrap_or(rest);
+            number.len() + 1 >= rest.len() && number.chars().all(|digit| digit.is_ascii_digit())
+        })
+    };
+    FILES.iter().any(|name| Path::new(name) == file)
+        || FOR_OTHERS.iter().any(|(format, place)| Path::new(place).join(format.file) == file)
+        || inertial::names().any(|name| Path::new(EXPORTS).join(name) == file)
+        || file.strip_prefix(EXPORTS).is_ok_and(|name| name.to_str().is_some_and(second_camera::is_file))
+        || numbered(TRAJECTORY.0, TRAJECTORY.1)
+        || numbered(POSES.0, POSES.1)
+        || numbered(CIRCLES.0, CIRCLES.1)
+}
+
+/// Why a result was not written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WriteError {
+    /// The folder cannot be used.
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    /// A file cannot be written.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+/// Writes the result of `task` into a folder that holds none yet: all that [`write_folder`] does.
+///
+/// # Errors
+/// [`WriteError`] when there is a result, or the folder or a file cannot be written.
+pub fn write_new_folder(folder: impl AsRef<Path>, calibrated: &Calibrated, task: &Task) -> Result<Written, WriteError> {
+    let folder = OutputFolder::open_new(folder.as_ref(), is_result)?;
+    folder.check_places(is_result, FOLDERS)?;
+    Ok(write_folder(&folder, calibrated, task, &mut |_| {})?)
+}
+
+/// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `trajectory.csv`,
+/// `settings.toml`, `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, from
+/// which earlier results and what earlier failures left are removed. Of several recordings, each has its own clock: those after the first have their own
+/// `trajectory-2.txt`, `circles-2.csv` and so on.
+/// `progress` is told how far the report is, which takes most of the time.
+///
+/// # Errors
+/// [`FileError`] names the file that could not be written.
+pub fn write_folder(
+    folder: &OutputFolder,
+    calibrated: &Calibrated,
+    task: &Task,
+    progress: &mut (dyn FnMut(Step) + Send),
+) -> Result<Written, FileError> {
+    let calibration = CalibrationFile::new(calibrated, task.board);
+    let failed = |error: serde_json::Error| FileError::new(&folder.path().join("calibration.json"), error.into());
+    let json = serde_json::to_string_pretty(&calibration).map_err(failed)?;
+    let on_one_line = serde_json::to_string(&calibration).map_err(failed)?;
+    let stage_report = stage_report(calibrated);
+    let mut summary = summary(&calibration);
+    let texts = Texts { calibration: &calibration, json: &json, stage_report: &stage_report };
+    let mut tell = |done| progress(Step { text: "report", done: Some(done) });
+    let notes = folder.replace(
+        |file| is_result(file) || is_failure(file),
+        |folder| {
+            let (notes, sections) =
+                rayon::join(|| write_files(folder, calibrated, task, &texts), || sections(calibrated, task, &mut tell));
+            let notes = notes?;
+            evcal_files::write(&folder.join("report.html"), sections.beside(&results_in(folder)).as_bytes())?;
+            Ok::<_, FileError>(notes)
+        },
+    )?;
+    summary += &notes;
+    Ok(Written { json: on_one_line, summary, stage_report })
+}
+
+/// What is known of a result before its files are written.
+struct Texts<'a> {
+    calibration: &'a CalibrationFile,
+    json: &'a str,
+    stage_report: &'a str,
+}
+
+/// Writes everything but the report. What the summary is to say of it, line by line, each begun with a new line.
+fn write_files(
+    folder: &Path,
+    calibrated: &Calibrated,
+    task: &Task,
+    Texts { calibration, json, stage_report }: &Texts,
+) -> Result<String, FileError> {
+    let put = |path: PathBuf, content: &[u8]| evcal_files::write(&path, content);
+    let mut summary = String::new();
+    put(folder.join("calibration.json"), json.as_bytes())?;
+    put(folder.join("settings.toml"), task.settings.to_commented_toml().as_bytes())?;
+    put(folder.join("stages.txt"), stage_report.as_bytes())?;
+    let mut distances = None;
+    for (recording, start) in calibrated.starts.iter().enumerate() {
+        let of_recording = |(name, extension): (&str, &str)| match recording {
+            0 => format!("{name}.{extension}"),
+            _ => format!("{name}-{}.{extension}", recording + 1),
+        };
+        let poses = poses(calibrated, recording, *start, &task.settings.poses);
+        let determined: Vec<TimedPose> = match &calibrated.evidence {
+            Evidence::Events(_) => determined(&poses, &task.settings.poses).collect(),
+            Evidence::Pictures(_) => poses.iter().map(|pose| pose.pose).collect(),
+        };
+        distances = determined.iter().map(|pose| distance(pose, task.board)).fold(distances, nearest_and_farthest);
+        evcal_files::write_with(&folder.join(of_recording(TRAJECTORY)), |file| {
+            tum::write(file, "T_world_camera", &determined)
+        })?;
+        if calibrated.events().is_some() {
+            evcal_files::write_with(&folder.join(of_recording(POSES)), |file| csv::write(file, &poses))?;
+        }
+        if 2 * determined.len() < poses.len() {
+            let (sure, all) = (of_recording(TRAJECTORY), of_recording(POSES));
+            let (kept, count) = (determined.len(), poses.len());
+            let _ = write!(
+                summary,
+                "\n{sure} has {kept} of {count} poses: the others are not sure enough; {all} has them all"
+            );
+        }
+        let frames = frames(calibrated, recording);
+        let origin = (start * 1e6).round() as i64;
+        evcal_files::write_with(&folder.join(of_recording(CIRCLES)), |file| {
+            track::write(file, frames, &task.board.pattern, origin)
+        })?;
+    }
+    if let Some((nearest, farthest)) = distances {
+        // A mistake in the unit of the board shows here.
+        let _ = write!(summary, "\nboard: {nearest:.2} to {farthest:.2} m away from the camera");
+    }
+    let pictures = match &calibrated.evidence {
+        Evidence::Events(_) => window_examples(calibrated, task.board),
+        Evidence::Pictures(_) => picture_examples(calibrated, task),
+    };
+    for (name, picture) in pictures {
+        picture.write_png(&folder.join(name))?;
+    }
+    let camera = CalibratedCamera::new(calibrated, task.board);
+    let exports = Path::new(EXPORTS);
+    let place = folder.join(exports);
+    std::fs::create_dir_all(&place).map_err(|error| FileError::new(&place, error))?;
+    for (format, place) in FOR_OTHERS {
+        let name = if *place == EXPORTS { exports.join(format.file) } else { format.file.into() };
+        match format.export(&camera) {
+            Ok(exported) => {
+                put(folder.join(&name), exported.text.as_bytes())?;
+                if let Some(note) = exported.note {
+                    let _ = write!(summary, "\n{}: {note}", name.display());
+                }
+            }
+            Err(error) => {
+                let _ = write!(summary, "\nno {}: {error}", name.display());
+            }
+        }
+    }
+    for (name, text) in
+        calibration.inertial.iter().flat_map(|unit| inertial::files(&camera, unit, &calibration.second_cameras))
+    {
+        put(folder.join(exports).join(name), text.as_bytes())?;
+    }
+    match second_camera::files(&camera, &calibration.second_cameras) {
+        Ok(files) => {
+            for (name, text) in files {
+                put(folder.join(exports).join(name), text.as_bytes())?;
+            }
+        }
+        Err(error) => {
+            let _ = write!(summary, "\nno files of several cameras: {error}");
+        }
+    }
+    Ok(summary)
+}
+
+/// The results in `folder`, in the order of their names.
+pub fn results_in(folder: &Path) -> Vec<ResultFile> {
+    let entries = [PathBuf::new(), EXPORTS.into()].into_iter().flat_map(|place| {
+        let entries = std::fs::read_dir(folder.join(&place)).into_iter().flatten().flatten();
+        entries.map(move |entry| (place.join(entry.file_name()), entry.metadata()))
+    });
+    let results = entries.filter(|(name, _)| is_result(name)).filter_map(|(name, metadata)| {
+        let name = name.to_str()?.replace(std::path::MAIN_SEPARATOR, "/");
+        Some(ResultFile { name, length: metadata.ok()?.len() })
+    });
+    let mut results: Vec<ResultFile> = results.collect();
+    results.sort_by(|a, b| a.name.cmp(&b.name));
+    results
+}
+
+/// How far the camera is from the middle of the board, in metres.
+fn distance(pose: &TimedPose, board: &Board) -> f64 {
+    (pose.pose.translation.vector - board.middle().push(0.0)).norm()
+}
+
+fn nearest_and_farthest(known: Option<(f64, f64)>, distance: f64) -> Option<(f64, f64)> {
+    let (nearest, farthest) = known.unwrap_or((distance, distance));
+    Some((nearest.min(distance), farthest.max(distance)))
+}
+
+/// The reference frames with the smallest and the largest error of the initial model.
+fn window_examples(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Picture)> {
+    best_and_worst(calibrated.posed().filter(|(_, frame)| frame.events().is_some()), |posed, frame| {
+        Some(reference_frame_picture(frame, calibrated.sensor, board, calibrated.camera(), &posed.pose))
+    })
+}
+
+/// The camera's own pictures with the smallest and the largest error, as far as they can be read again.
+fn picture_examples(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, Picture)> {
+    best_and_worst(calibrated.posed(), |posed, frame| {
+        let Some(Input::Events(recording)) = task.inputs.get(frame.recording) else { return None };
+        let exposure = (calibrated.starts.get(frame.recording)? + frame.start) * 1e6;
+        let picture = image_at(recording, exposure.round() as i64)?;
+        let image = (picture.image.as_ref().ok()?, picture.position);
+        Some(grey_frame_picture(image, frame, calibrated.sensor, task.board, calibrated.camera(), &posed.pose))
+    })
+}
+
+/// Draws the frames with the smallest and the largest error.
+fn best_and_worst<'a>(
+    frames: impl Iterator<Item = (&'a PosedFrame, &'a ReferenceFrame)>,
+    draw: impl Fn(&PosedFrame, &ReferenceFrame) -> Option<Picture>,
+) -> Vec<(&'static str, Picture)> {
+    let mut ranked: Vec<_> = frames.collect();
+    ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
+    let named = [("good-frame.png", ranked.first()), ("bad-frame.png", ranked.last())];
+    named
+        .into_iter()
+        .filter_map(|(name, frame)| frame.and_then(|(posed, frame)| Some((name, draw(posed, frame)?))))
+        .collect()
+}
+
+/// All frames of one recording, in order of time.
+fn frames(calibrated: &Calibrated, recording: usize) -> impl Iterator<Item = Cow<'_, ReferenceFrame>> {
+    let others = calibrated.events().map_or(&[][..], |events| &events.other_windows);
+    let mut others = others.iter().filter(move |window| window.recording == recording).peekable();
+    let mut frames = calibrated.frames().iter().filter(move |frame| frame.recording == recording).peekable();
+    std::iter::from_fn(move || {
+        let other = others.next_if(|other| frames.peek().is_none_or(|frame| other.start < frame.start));
+        other.map(|other| Cow::Owned(other.without_events())).or_else(|| frames.next().map(Cow::Borrowed))
+    })
+}
+
+/// The poses of one recording, which begins at `start` seconds of its own clock: along the trajectories, or those of
+/// the pictures.
+fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
+    let mut poses = match &calibrated.evidence {
+        Evidence::Events(events) => {
+            let covariance = (&events.trust.poses, events.refined.left_out.as_slice());
+            let mut poses = sampled_poses(&events.refined.state, covariance, recording, settings);
+            let followed = events.followed.iter().filter(|stretch| stretch.recording == recording);
+            poses.extend(followed.flat_map(|stretch| &stretch.poses).copied());
+            poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));
+            // A window on the border of two stretches is in both; what is in the joint solve comes first.
+            poses.dedup_by(|later, earlier| later.pose.t == earlier.pose.t);
+            poses
+        }
+        Evidence::Pictures(_) => calibrated
+            .posed()
+            .filter(|(_, frame)| frame.recording == recording)
+            .map(|(posed, frame)| UncertainPose { pose: TimedPose { t: frame.t(), pose: posed.pose }, sigma: None })
+            .collect(),
+    };
+    poses.iter_mut().for_each(|pose| pose.pose.t += start);
+    poses
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_are_known_by_their_names() {
+        for name in ["calibration.json", "camera.yaml", "exports/camchain.yaml", "trajectory.txt", "circles-12.csv"] {
+            assert!(is_result(Path::new(name)), "{name}");
+        }
+        for name in
+            ["recording.dvraw", "trajectory-mine.txt", "circles-2.csv.bak", "mine/calibration.json", "ttyACM0.circles"]
+        {
+            assert!(!is_result(Path::new(name)), "{name}");
+        }
+    }
+}

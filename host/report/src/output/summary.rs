@@ -1,0 +1,88 @@
+//! A calibration in a few lines, for the terminal.
+
+use std::fmt::Write as _;
+
+use evcal_core::camera::ModelKind;
+
+use evcal_calibrate::result::calibration_file::{CalibrationFile, FramesResult};
+
+/// The lens, the verdict and what stands behind it.
+pub fn summary(calibration: &CalibrationFile) -> String {
+    let mut text = String::new();
+    let sensor = calibration.sensor;
+    let _ = writeln!(
+        text,
+        "camera {} on {} x {} pixels (± is one standard deviation)",
+        calibration.camera.model, sensor.width, sensor.height
+    );
+    for (index, name) in parameter_names(&calibration.camera.model).iter().enumerate() {
+        // Focal lengths and principal point; the rest has no unit.
+        let unit = if index < 4 { " px" } else { "" };
+        let value = calibration.camera.parameters.get(name).unwrap_or(f64::NAN);
+        let sigma = calibration.sigma.parameters.get(name).unwrap_or(f64::NAN);
+        let _ = writeln!(text, "  {name:<3} {value:>12.5} ± {sigma:.5}{unit}");
+    }
+    if let Some(choice) = &calibration.stages.model_choice {
+        let _ = writeln!(text, "{}", choice.reason());
+    }
+    let _ = writeln!(text, "{}", calibration.verdict);
+    if let Some(halves) = &calibration.split_half {
+        let _ = writeln!(
+            text,
+            "two halves of the recording, each calibrated alone, differ by {:.4} px ({:.4} px expected); the residual is {:.4} px \
+             on its own half, {:.4} px on the other",
+            halves.difference_rms, halves.expected_rms, halves.held_out.own_rms, halves.held_out.rms
+        );
+    }
+    let residuals = calibration.residuals;
+    let _ = write!(
+        text,
+        "residual ({}): median {:.3} px, rms {:.3} px, {} observations",
+        residuals.measure, residuals.median, residuals.rms, residuals.count
+    );
+    if !calibration.segments.is_empty() {
+        let _ = write!(text, " in {} segments", calibration.segments.len());
+    }
+    if let Some(choice) = &calibration.chosen_seconds {
+        let _ = write!(text, "\n{choice}");
+    }
+    match &calibration.frames {
+        Some(FramesResult::Witness(witness)) => {
+            let _ = write!(text, "\nframes: {}", witness.sentence);
+        }
+        Some(FramesResult::Failed(failure)) => {
+            let _ = write!(text, "\nthe camera's frames could not be calibrated for comparison: {}", failure.reason);
+        }
+        Some(FramesResult::Only(frames)) => {
+            let _ = write!(text, "\nfrom {} of {} frames", frames.report.used, frames.report.detection.frames);
+        }
+        None => {}
+    }
+    if let Some(joint) = &calibration.joint_frames {
+        let _ = write!(
+            text,
+            "\nsolved together with {} dots of {} frames, whose times are {:.3} ± {:.3} ms early against those of the events",
+            joint.dots,
+            joint.frames,
+            1e3 * joint.time_offset,
+            1e3 * joint.time_offset_sigma
+        );
+    }
+    if let Some(inertial) = &calibration.inertial {
+        let _ = write!(text, "\n{}", inertial.sentences());
+    }
+    for second in &calibration.second_cameras {
+        let _ = write!(text, "\n{}", second.sentences());
+    }
+    for (index, recording) in calibration.stages.recordings.iter().enumerate() {
+        for note in &recording.notes {
+            let _ = write!(text, "\nnote on recording {}: {note}", index + 1);
+        }
+    }
+    text
+}
+
+/// The parameters of a model in their order.
+fn parameter_names(model: &str) -> &'static [&'static str] {
+    ModelKind::from_name(model).map_or(&[], ModelKind::parameter_names)
+}

@@ -1,0 +1,220 @@
+//! All events together: as the sensor saw them, and carried to the board.
+
+use maud::html;
+use nalgebra::Vector2;
+use rayon::prelude::*;
+
+use super::example_frames::{figure, scale};
+use super::number::count;
+use super::page::Section;
+use crate::report::drawing::Picture;
+use evcal_calibrate::calibrate::Task;
+use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Measured};
+use evcal_calibrate::solve::bearing_table::BearingTable;
+use evcal_calibrate::solve::board_ray::{BoardRay, is_in_front};
+use evcal_calibrate::solve::board_surface::{BoardGround, BoardSurface};
+use evcal_calibrate::solve::event_sample::{RankedEvent, Run};
+use evcal_calibrate::solve::pose_bin::PoseBin;
+use evcal_calibrate::trajectory::Trajectory;
+use evcal_core::event::Polarity;
+use evcal_core::sensor::Sensor;
+use evcal_geometry::board::Board;
+
+/// Columns of the picture of the board, on which single events tell less than a pixel of the sensor.
+const BOARD_COLUMNS: u16 = 800;
+/// Runs of events that a thread carries in a go.
+const PIECE: usize = 3;
+/// Time over which the camera's motion is taken to be even (s).
+const BIN: f64 = 0.5e-3;
+
+/// Events seen in each pixel of a picture.
+struct Accumulation {
+    size: Sensor,
+    off: Vec<u32>,
+    on: Vec<u32>,
+}
+
+impl Accumulation {
+    fn new(size: Sensor) -> Self {
+        let counts = vec![0; size.pixel_count()];
+        Self { size, off: counts.clone(), on: counts }
+    }
+
+    fn add(&mut self, place: Vector2<f64>, polarity: Polarity) {
+        let (column, row) = (place.x.round(), place.y.round());
+        if !(column >= 0.0 && row >= 0.0 && column < f64::from(self.size.width) && row < f64::from(self.size.height)) {
+            return;
+        }
+        let counts = if polarity == Polarity::On { &mut self.on } else { &mut self.off };
+        if let Some(count) = counts.get_mut(row as usize * usize::from(self.size.width) + column as usize) {
+            *count += 1;
+        }
+    }
+
+    /// Adds what was seen in another picture of this size.
+    fn include(&mut self, other: &Self) {
+        for (counts, more) in [(&mut self.on, &other.on), (&mut self.off, &other.off)] {
+            counts.iter_mut().zip(more).for_each(|(count, more)| *count += more);
+        }
+    }
+
+    /// White without events; red where ON and blue where OFF events are.
+    fn picture(&self, scale: usize) -> Picture {
+        let full = brightest(&self.on).max(brightest(&self.off)).max(1.0);
+        let share = |counts: &[u32], index: usize| {
+            counts.get(index).map_or(0.0, |&count| (f64::from(count) / full).sqrt().min(1.0))
+        };
+        Picture::of_sensor(self.size, scale, |place| {
+            let (column, row) = (place.x.round().max(0.0) as usize, place.y.round().max(0.0) as usize);
+            let index = row * usize::from(self.size.width) + column;
+            let (on, off) = (share(&self.on, index), share(&self.off, index));
+            let left =
+                |on_takes: f64, off_takes: f64| (255.0 * (1.0 - on_takes * on) * (1.0 - off_takes * off)).round() as u8;
+            [left(0.15, 0.85), left(0.8, 0.6), left(0.8, 0.15)]
+        })
+    }
+}
+
+/// The count that one in two hundred of the pixels with events exceeds.
+fn brightest(counts: &[u32]) -> f64 {
+    let mut counts: Vec<u32> = counts.iter().copied().filter(|&count| count > 0).collect();
+    let place = counts.len().saturating_sub(1 + counts.len() / 200);
+    if counts.is_empty() { 0.0 } else { f64::from(*counts.select_nth_unstable(place).1) }
+}
+
+/// Both pictures, where the input is events.
+pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
+    let events = calibrated.events()?;
+    if events.measured == Measured::CircleCentres {
+        return None;
+    }
+    let bearings = BearingTable::new(calibrated.camera(), calibrated.sensor);
+    let frame = BoardFrame::new(task.board, BOARD_COLUMNS);
+    let nothing = || (Accumulation::new(calibrated.sensor), Accumulation::new(frame.size), 0_u64);
+    let carry = |recording: usize, piece: &[Run]| {
+        let (mut sensor, mut board, mut used) = nothing();
+        let mut carrier = Carrier::new(events, recording, &bearings);
+        for event in piece.iter().flat_map(Run::events) {
+            if let Some(point) = carrier.carry(&event) {
+                used += 1;
+                sensor.add(Vector2::new(f64::from(event.x), f64::from(event.y)), event.polarity);
+                board.add(frame.place(point), event.polarity);
+            }
+        }
+        (sensor, board, used)
+    };
+    let pieces: Vec<(usize, &[Run])> = (0..task.inputs.len())
+        .flat_map(|recording| events.sample.runs(recording).chunks(PIECE).map(move |piece| (recording, piece)))
+        .collect();
+    let carried = pieces.into_par_iter().map(|(recording, piece)| carry(recording, piece));
+    let (sensor, board, used) =
+        carried.reduce(nothing, |(mut sensor, mut board, used), (on_sensor, on_board, more)| {
+            sensor.include(&on_sensor);
+            board.include(&on_board);
+            (sensor, board, used + more)
+        });
+    if used == 0 {
+        return None;
+    }
+    let (on_sensor, on_board) = rayon::join(
+        || {
+            figure(
+                &sensor.picture(scale(calibrated.sensor).min(2)),
+                "Events of the whole recording on the sensor: a blur.",
+                "As the sensor saw them.",
+            )
+        },
+        || {
+            figure(
+                &board.picture(1),
+                "The same events carried to the board: the rims of its dots.",
+                "Carried to the board by the result.",
+            )
+        },
+    );
+    let content = html! {
+        p {
+            "The same " (count(used)) " events twice. First each is drawn where the sensor saw it: the moving board is a blur. Then "
+            "each is carried through the calibrated lens and the camera's pose at its own time onto the board. The better lens "
+            "and trajectory are, the sharper the rims of the dots."
+        }
+        div.pair {
+            (on_sensor)
+            (on_board)
+        }
+    };
+    Some(Section { id: "accumulation", title: "All events together", content })
+}
+
+/// Where points of the board lie in its picture.
+pub struct BoardFrame {
+    corner: Vector2<f64>,
+    pixels_per_metre: f64,
+    /// Width and height of the picture.
+    pub size: Sensor,
+}
+
+impl BoardFrame {
+    /// A picture of all circles of `board` with a margin, of so many `columns`, or fewer where it would be more than twice as high as wide.
+    pub fn new(board: &Board, columns: u16) -> Self {
+        let centers = || (0..board.circle_count()).map(|index| board.circle_center(index));
+        let margin = Vector2::repeat(0.6 * board.neighbour_distance());
+        let last = centers().fold(Vector2::zeros(), |last: Vector2<f64>, center| last.sup(&center)) + margin;
+        let extent = last + margin;
+        let (columns, most_rows) = (f64::from(columns), 2.0 * f64::from(columns));
+        let pixels_per_metre = (columns / extent.x).min(most_rows / extent.y);
+        let pixels = |metres: f64| (metres * pixels_per_metre).ceil().clamp(1.0, most_rows) as u16;
+        Self { corner: -margin, pixels_per_metre, size: Sensor::new(pixels(extent.x), pixels(extent.y)) }
+    }
+
+    /// Where a point of the board (m) lies in the picture.
+    pub fn place(&self, point: Vector2<f64>) -> Vector2<f64> {
+        (point - self.corner) * self.pixels_per_metre
+    }
+
+    /// The point of the board (m) at a place in the picture.
+    pub fn point(&self, place: Vector2<f64>) -> Vector2<f64> {
+        place / self.pixels_per_metre + self.corner
+    }
+}
+
+/// Where a ray is on the print, in front of the camera.
+fn place<S: BoardSurface>(ray: &BoardRay<S>) -> Option<Vector2<f64>> {
+    is_in_front(ray.depth()).then(|| ray.point())
+}
+
+/// Carries the events of one recording to the board.
+struct Carrier<'a> {
+    trajectories: Vec<&'a Trajectory>,
+    bearings: &'a BearingTable,
+    ground: BoardGround,
+    bin: i64,
+    pose: Option<PoseBin>,
+}
+
+impl<'a> Carrier<'a> {
+    fn new(events: &'a EventCalibration, recording: usize, bearings: &'a BearingTable) -> Self {
+        let trajectories = events.refined.state.trajectories.iter();
+        let trajectories = trajectories.filter(|trajectory| trajectory.recording == recording).collect();
+        let ground = BoardGround::of_problem(&events.refined.problem, &events.refined.state.board);
+        Self { trajectories, bearings, ground, bin: i64::MIN, pose: None }
+    }
+
+    /// Where on the print (m) the event was, `None` while there is no trajectory.
+    fn carry(&mut self, event: &RankedEvent) -> Option<Vector2<f64>> {
+        let t = event.t as f64 * 1e-6;
+        let bin = (t / BIN).floor() as i64;
+        let middle = (bin as f64 + 0.5) * BIN;
+        if bin != self.bin {
+            self.bin = bin;
+            self.pose = self.trajectories.iter().find_map(|trajectory| PoseBin::new(trajectory, middle));
+        }
+        let pose = self.pose.as_ref()?;
+        let (bearing, _) = self.bearings.place(f64::from(event.x), f64::from(event.y))?.bearing();
+        let dt = t - middle;
+        match &self.ground {
+            BoardGround::Flat(surface) => place(&BoardRay::new(surface, pose, dt, &bearing)),
+            BoardGround::Shaped(surface) => place(&BoardRay::new(surface, pose, dt, &bearing)),
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! Pictures of windows: events, circles found, and where the model puts the board.
+
+use evcal_core::sensor::Sensor;
+use std::io;
+use std::path::Path;
+
+use evcal_core::camera::Camera;
+use evcal_core::event::Polarity;
+use nalgebra::{Isometry3, Point3, Vector2};
+use rayon::prelude::*;
+
+use evcal_calibrate::circles::event_pixel::EventPixel;
+use evcal_calibrate::circles::reference_frame::ReferenceFrame;
+use evcal_files::FileError;
+use evcal_geometry::board::Board;
+use event_recordings::pictures::GreyImage;
+
+/// Picture pixels for each sensor pixel in the pictures that stand in files.
+const SCALE: usize = 3;
+/// Colour of a pixel without events.
+pub const WHITE: [u8; 3] = [255, 255, 255];
+/// Colour of ON events.
+pub const ON: [u8; 3] = [220, 50, 47];
+/// Colour of OFF events.
+pub const OFF: [u8; 3] = [38, 100, 210];
+/// Colour of what lies beyond the sensor.
+pub const BEYOND: [u8; 3] = [205, 210, 216];
+const FOUND: [u8; 3] = [20, 20, 20];
+const ROW_LINE: [u8; 3] = [230, 160, 0];
+const MODEL: [u8; 3] = [0, 150, 70];
+
+/// An RGB picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Three bytes a pixel, row by row.
+    pub rgb: Vec<u8>,
+    /// Picture pixels for each sensor pixel.
+    scale: usize,
+}
+
+impl Picture {
+    /// A white picture with `scale` x `scale` pixels for each pixel of a sensor of `sensor` (width, height)
+    /// pixels.
+    pub fn new(sensor: Sensor, scale: usize) -> Self {
+        let (width, height) = (usize::from(sensor.width) * scale, usize::from(sensor.height) * scale);
+        Self { width, height, rgb: WHITE.repeat(width * height), scale }
+    }
+
+    /// The picture of what `color` gives for each place on the sensor (px).
+    pub fn of_sensor(sensor: Sensor, scale: usize, color: impl Fn(Vector2<f64>) -> [u8; 3] + Sync) -> Self {
+        let mut picture = Self::new(sensor, scale);
+        let row_bytes = 3 * picture.width.max(1);
+        let place = |index: usize| (index as f64 + 0.5) / scale as f64 - 0.5;
+        picture.rgb.par_chunks_mut(row_bytes).enumerate().for_each(|(row, pixels)| {
+            for (column, pixel) in pixels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+                *pixel = color(Vector2::new(place(column), place(row)));
+            }
+        });
+        picture
+    }
+
+    fn set(&mut self, x: f64, y: f64, color: [u8; 3]) {
+        if !(x >= 0.0 && y >= 0.0) || x as usize >= self.width || y as usize >= self.height {
+            return;
+        }
+        let first = 3 * (y as usize * self.width + x as usize);
+        if let Some(pixel) = self.rgb.get_mut(first..first + 3) {
+            pixel.copy_from_slice(&color);
+        }
+    }
+
+    /// Draws a line between two points in sensor pixels.
+    pub fn line(&mut self, from: Vector2<f64>, to: Vector2<f64>, color: [u8; 3]) {
+        let scale = self.scale as f64;
+        let steps = ((to - from).norm() * scale).ceil().clamp(1.0, 1e4) as usize;
+        for step in 0..=steps {
+            let point = from + (to - from) * (step as f64 / steps as f64);
+            let point = (point + Vector2::repeat(0.5)) * scale;
+            self.set(point.x, point.y, color);
+        }
+    }
+
+    fn circle(&mut self, center: Vector2<f64>, radius: f64, color: [u8; 3]) {
+        let corner = |index: usize| {
+            let angle = index as f64 * std::f64::consts::TAU / 48.0;
+            center + Vector2::new(angle.cos(), angle.sin()) * radius
+        };
+        for index in 0..48 {
+            self.line(corner(index), corner(index + 1), color);
+        }
+    }
+
+    fn events(&mut self, pixels: &[EventPixel]) {
+        for pixel in pixels {
+            let color = if pixel.polarity() == Polarity::On { ON } else { OFF };
+            self.pixel(usize::from(pixel.x()), usize::from(pixel.y()), color);
+        }
+    }
+
+    /// Fills a pixel of the sensor.
+    fn pixel(&mut self, x: usize, y: usize, color: [u8; 3]) {
+        for row in 0..self.scale {
+            for column in 0..self.scale {
+                self.set((x * self.scale + column) as f64, (y * self.scale + row) as f64, color);
+            }
+        }
+    }
+
+    /// Draws the rims of `board` where `project` puts points of the board (metres) in green, and the circles found in `frame`,
+    /// moved by `place` (px to px), in black, joined along the rows.
+    pub fn board(
+        &mut self,
+        frame: &ReferenceFrame,
+        board: &Board,
+        project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>,
+        place: impl Fn(Vector2<f64>) -> Option<Vector2<f64>>,
+    ) {
+        let columns = usize::from(board.pattern.columns.max(1));
+        for pair in frame.circles.windows(2) {
+            if let [a, b] = pair
+                && a.index / columns == b.index / columns
+                && let (Some(from), Some(to)) = (place(a.center), place(b.center))
+            {
+                self.line(from, to, ROW_LINE);
+            }
+        }
+        self.rims(board, project);
+        for center in frame.circles.iter().filter_map(|circle| place(circle.center)) {
+            self.circle(center, 1.0, FOUND);
+        }
+    }
+
+    /// Draws the rims of `board` in green where `project` puts its points (metres).
+    pub fn rims(&mut self, board: &Board, project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>) {
+        for index in 0..board.circle_count() {
+            let center = board.circle_center(index);
+            let rim = |step: usize| {
+                let angle = step as f64 * std::f64::consts::TAU / 48.0;
+                let point = center + Vector2::new(angle.cos(), angle.sin()) * board.radius;
+                project(&Point3::new(point.x, point.y, 0.0))
+            };
+            for step in 0..48 {
+                if let (Some(from), Some(to)) = (rim(step), rim(step + 1)) {
+                    self.line(from, to, MODEL);
+                }
+            }
+        }
+    }
+
+    /// Writes the picture as PNG.
+    ///
+    /// # Errors
+    /// [`FileError`] when it cannot be written.
+    pub fn write_png(&self, path: &Path) -> Result<(), FileError> {
+        evcal_files::write_with(path, |file| self.encode_png(file, png::Compression::default()))
+    }
+
+    /// The picture as PNG.
+    ///
+    /// # Errors
+    /// A picture too large for PNG.
+    pub fn to_png(&self) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        self.encode_png(&mut bytes, png::Compression::Fast)?;
+        Ok(bytes)
+    }
+
+    fn encode_png(&self, to: impl io::Write, compression: png::Compression) -> io::Result<()> {
+        let size = |length: usize| u32::try_from(length).map_err(io::Error::other);
+        let mut encoder = png::Encoder::new(to, size(self.width)?, size(self.height)?);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_compression(compression);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&self.rgb)?;
+        Ok(writer.finish()?)
+    }
+}
+
+/// A reference frame: ON events red, OFF events blue, circles found in black, joined along the rows
+/// of the board, and the rims where `camera` at `pose` (`T_world_camera`) puts them in green.
+pub fn reference_frame_picture(
+    frame: &ReferenceFrame,
+    sensor: Sensor,
+    board: &Board,
+    camera: &Camera<f64>,
+    pose: &Isometry3<f64>,
+) -> Picture {
+    let mut picture = Picture::new(sensor, SCALE);
+    picture.events(frame.events().unwrap_or_default());
+    picture.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
+    picture
+}
+
+/// The same over one of the camera's own pictures, which begins at pixel `position` of the sensor.
+pub fn grey_frame_picture(
+    (image, position): (&GreyImage, (u16, u16)),
+    frame: &ReferenceFrame,
+    sensor: Sensor,
+    board: &Board,
+    camera: &Camera<f64>,
+    pose: &Isometry3<f64>,
+) -> Picture {
+    let mut picture = Picture::new(sensor, SCALE);
+    for (index, &value) in image.pixels.iter().enumerate() {
+        let (x, y) = (index % image.width(), index / image.width());
+        picture.pixel(usize::from(position.0) + x, usize::from(position.1) + y, [value; 3]);
+    }
+    picture.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
+    picture
+}
+
+/// Circles (centre and radius in pixels) over the events of a window.
+pub fn circle_picture(pixels: &[EventPixel], circles: &[(Vector2<f64>, f64)], sensor: Sensor) -> Picture {
+    let mut picture = Picture::new(sensor, SCALE);
+    picture.events(pixels);
+    for &(center, radius) in circles {
+        picture.circle(center, radius, FOUND);
+        picture.circle(center, 1.0, FOUND);
+    }
+    picture
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use evcal_core::event::Event;
+
+    #[test]
+    fn events_and_circles_are_where_they_should_be_and_png_reads_back() {
+        let event = Event { t: 0, x: 5, y: 7, polarity: Polarity::On };
+        let picture =
+            circle_picture(&[EventPixel::new(&event)], &[(Vector2::new(20.0, 15.0), 4.0)], Sensor::new(40, 30));
+        let at = |x: usize, y: usize| &picture.rgb[3 * (y * picture.width + x)..][..3];
+        assert_eq!(at(5 * SCALE + 1, 7 * SCALE + 1), ON);
+        assert_eq!(at((24.5 * SCALE as f64) as usize, (15.5 * SCALE as f64) as usize), FOUND);
+        assert_eq!(at(0, 0), WHITE);
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("picture.png");
+        picture.write_png(&path).unwrap();
+        let decoder = png::Decoder::new(io::BufReader::new(std::fs::File::open(path).unwrap()));
+        let mut reader = decoder.read_info().unwrap();
+        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut bytes).unwrap();
+        assert_eq!(bytes, picture.rgb);
+    }
+}

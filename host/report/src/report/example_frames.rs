@@ -1,0 +1,119 @@
+//! Reference frames before and after rectification.
+
+use evcal_core::event::Polarity;
+use evcal_core::sensor::Sensor;
+use evcal_core::undistortion::IdealCamera;
+use maud::{Markup, html};
+use nalgebra::Vector2;
+use rayon::prelude::*;
+
+use super::page::Section;
+use super::rectification::{distorted, ideal_camera, projected};
+use crate::report::drawing::{BEYOND, OFF, ON, Picture, WHITE};
+use evcal_calibrate::calibrate::calibrated::Calibrated;
+use evcal_calibrate::circles::event_pixel::EventPixel;
+use evcal_calibrate::circles::reference_frame::ReferenceFrame;
+use evcal_calibrate::initial::PosedFrame;
+use evcal_geometry::board::Board;
+
+/// Widest picture in its own pixels; more would only make the file larger.
+const WIDEST: u16 = 800;
+
+/// The frames with the smallest, the middle and the largest error.
+pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
+    let mut ranked: Vec<(&PosedFrame, &ReferenceFrame)> =
+        calibrated.posed().filter(|(_, frame)| frame.events().is_some()).collect();
+    ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
+    let mut examples = vec![("Best", ranked.first()?)];
+    if let [_, middle @ .., last] = ranked.as_slice() {
+        examples.extend(middle.get(middle.len() / 2).map(|frame| ("Middle", frame)));
+        examples.push(("Worst", last));
+    }
+    let ideal = ideal_camera(calibrated.camera(), calibrated.sensor);
+    let examples: Vec<_> = examples
+        .into_par_iter()
+        .map(|(name, &(posed, frame))| (name, frame, pictures(calibrated, board, &ideal, (posed, frame))))
+        .collect();
+    let content = html! {
+        p {
+            "Events of single time windows: ON red, OFF blue. Black rings are the circles found, yellow lines join those of a row. Green is "
+            "where the result puts the board: it should lie on the events. The second picture of each is without the lens's distortion: the yellow "
+            "lines should be straight."
+        }
+        @for (name, frame, pictures) in examples {
+            h3 { (name) (format!(" frame, {:.3} s", frame.t())) @if calibrated.starts.len() > 1 { " of recording " (frame.recording + 1) } }
+            div.pair { (pictures) }
+        }
+    };
+    Some(Section { id: "frames", title: "Example frames", content })
+}
+
+/// Picture pixels for each sensor pixel.
+pub fn scale(sensor: Sensor) -> usize {
+    usize::from(WIDEST / sensor.width.max(1)).clamp(1, 4)
+}
+
+fn pictures(
+    calibrated: &Calibrated,
+    board: &Board,
+    ideal: &IdealCamera<f64>,
+    (posed, frame): (&PosedFrame, &ReferenceFrame),
+) -> Markup {
+    let (camera, sensor) = (calibrated.camera(), calibrated.sensor);
+    let pose = calibrated.best_pose(posed, frame);
+    let raster = Raster::new(sensor, frame.events().unwrap_or_default());
+    let mut seen = Picture::of_sensor(sensor, scale(sensor), |place| raster.color(place));
+    seen.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
+    let mut rectified = Picture::of_sensor(sensor, scale(sensor), |place| {
+        distorted(camera, ideal, place).map_or(BEYOND, |pixel| raster.color(pixel))
+    });
+    let place = |pixel: Vector2<f64>| ideal.of_pixel(camera, &pixel);
+    rectified.board(frame, board, |point| projected(ideal, &pose.inverse_transform_point(point)), place);
+    html! {
+        (figure(&seen, "Events of one time window as the sensor saw them, with the board.", "As the sensor saw it."))
+        (figure(&rectified, "The same events without the distortion of the lens, with the board.", "Without distortion."))
+    }
+}
+
+/// A picture as a part of the page.
+pub fn figure(picture: &Picture, description: &str, caption: &str) -> Markup {
+    use base64::prelude::{BASE64_STANDARD, Engine};
+    html! {
+        @match picture.to_png() {
+            Ok(png) => figure {
+                img alt=(description) width=(picture.width) height=(picture.height)
+                    src=(format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png)));
+                figcaption { (caption) }
+            },
+            Err(error) => p { "A picture could not be written: " (error) },
+        }
+    }
+}
+
+/// The colour of every pixel of the sensor.
+struct Raster {
+    sensor: Sensor,
+    colors: Vec<[u8; 3]>,
+}
+
+impl Raster {
+    fn new(sensor: Sensor, pixels: &[EventPixel]) -> Self {
+        let mut colors = vec![WHITE; usize::from(sensor.width) * usize::from(sensor.height)];
+        for pixel in pixels.iter().filter(|pixel| pixel.x() < sensor.width) {
+            if let Some(color) =
+                colors.get_mut(usize::from(pixel.y()) * usize::from(sensor.width) + usize::from(pixel.x()))
+            {
+                *color = if pixel.polarity() == Polarity::On { ON } else { OFF };
+            }
+        }
+        Self { sensor, colors }
+    }
+
+    fn color(&self, pixel: Vector2<f64>) -> [u8; 3] {
+        let (column, row) = (pixel.x.round(), pixel.y.round());
+        if !(column >= 0.0 && row >= 0.0 && column < f64::from(self.sensor.width)) {
+            return BEYOND;
+        }
+        self.colors.get(row as usize * usize::from(self.sensor.width) + column as usize).copied().unwrap_or(BEYOND)
+    }
+}

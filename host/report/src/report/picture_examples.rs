@@ -1,0 +1,140 @@
+//! Pictures of the camera: one before and after rectification, and many carried to the board.
+
+use maud::{Markup, html};
+use nalgebra::{Isometry3, Point3, Vector2};
+use rayon::prelude::*;
+
+use super::accumulation::BoardFrame;
+use super::example_frames::{figure, scale};
+use super::number::count;
+use super::rectification::{distorted, ideal_camera, projected};
+use crate::report::drawing::{BEYOND, Picture};
+use evcal_calibrate::calibrate::Task;
+use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
+use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::circles::reference_frame::ReferenceFrame;
+use evcal_geometry::board::Board;
+use event_recordings::pictures::{GreyImage, TimedImage, visit_frames};
+
+/// Most pictures that are carried to the board.
+const MOST_PICTURES: usize = 24;
+/// Columns of the picture of the board: about as many as the sensor has for it.
+const BOARD_COLUMNS: u16 = 400;
+/// A picture is that of a reference frame when their times differ by less (s).
+const SAME_TIME: f64 = 1e-3;
+
+/// A picture with its pose.
+struct Shown {
+    image: GreyImage,
+    position: Vector2<f64>,
+    /// `T_world_camera` in the middle of the exposure.
+    pose: Isometry3<f64>,
+}
+
+/// Examples, where pictures show the board.
+pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
+    let (shown, used) = pictures_with_pose(calibrated, task);
+    let Some(example) = shown.get(shown.len() / 2) else { return html! {} };
+    let (camera, sensor) = (calibrated.camera(), calibrated.sensor);
+    let ideal = ideal_camera(camera, sensor);
+    let grey = |pixel: Vector2<f64>| example.grey(pixel).map_or(BEYOND, |grey| [grey.round() as u8; 3]);
+    let mut seen = Picture::of_sensor(sensor, scale(sensor), grey);
+    let in_camera = |point: &Point3<f64>| example.pose.inverse_transform_point(point);
+    seen.rims(task.board, |point| camera.project(&in_camera(point).coords));
+    let mut rectified =
+        Picture::of_sensor(sensor, scale(sensor), |place| distorted(camera, &ideal, place).map_or(BEYOND, grey));
+    rectified.rims(task.board, |point| projected(&ideal, &in_camera(point)));
+    let together = carried(calibrated, task.board, &shown);
+    html! {
+        div.pair {
+            (figure(&seen, "A frame of the camera with the board's rims.", "A frame as the sensor saw it. Green is where the result puts the dots."))
+            (figure(&rectified, "The same frame without the distortion of the lens.", "Without distortion."))
+            (figure(&together, "The mean of many frames carried to the board.", &format!("The mean of {} of the {} frames for whose time there is a pose, each carried to the board by the result: sharp if both fit.", shown.len(), count(used as u64))))
+        }
+    }
+}
+
+/// At most [`MOST_PICTURES`] pictures with a pose, evenly chosen, and how many there are.
+fn pictures_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usize) {
+    let mut used = 0_usize;
+    visit_with_pose(calibrated, task, |_, _| used += 1);
+    let every = used.div_ceil(MOST_PICTURES).max(1);
+    let (mut shown, mut ordinal) = (Vec::new(), 0_usize);
+    visit_with_pose(calibrated, task, |picture, pose| {
+        if let (0, Ok(image)) = (ordinal % every, picture.image) {
+            let position = Vector2::new(f64::from(picture.position.0), f64::from(picture.position.1));
+            shown.push(Shown { image, position, pose });
+        }
+        ordinal += 1;
+    });
+    (shown, used)
+}
+
+/// Hands on the pictures of all recordings that can be used and have a pose. What cannot be read again is left out.
+fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(TimedImage, Isometry3<f64>)) {
+    for (number, (input, &start)) in task.inputs.iter().zip(&calibrated.starts).enumerate() {
+        let Input::Events(recording) = input else { continue };
+        if !recording.may_hold_frames() {
+            continue;
+        }
+        let _ = visit_frames(recording, |picture| {
+            let middle = 0.5 * (picture.exposure.0 as f64 + picture.exposure.1 as f64);
+            if let (Ok(_), Some(pose)) = (&picture.image, pose_at(calibrated, number, middle * 1e-6 - start)) {
+                visit(picture, pose);
+            }
+        });
+    }
+}
+
+/// `T_world_camera` at `t` seconds from the start of a recording.
+fn pose_at(calibrated: &Calibrated, recording: usize, t: f64) -> Option<Isometry3<f64>> {
+    match &calibrated.evidence {
+        Evidence::Events(events) => {
+            let offset = events.joint.as_ref().map_or(0.0, |joint| joint.time_offset);
+            events.pose(recording, t + offset)
+        }
+        Evidence::Pictures(_) => {
+            let same = |frame: &ReferenceFrame| frame.recording == recording && (frame.t() - t).abs() < SAME_TIME;
+            calibrated.posed().find(|(_, frame)| same(frame)).map(|(posed, _)| posed.pose)
+        }
+    }
+}
+
+impl Shown {
+    /// The grey value at a place on the sensor, interpolated.
+    fn grey(&self, pixel: Vector2<f64>) -> Option<f64> {
+        let place = pixel - self.position;
+        if !(place.x >= 0.0 && place.y >= 0.0) {
+            return None;
+        }
+        // Cut off, which is rounding down, without the call that this takes on older processors.
+        let (column, row) = (place.x as usize, place.y as usize);
+        let (right_share, lower_share) = (place.x - column as f64, place.y - row as f64);
+        let value = |column: usize, row: usize| self.image.get(column, row).map(f64::from);
+        let upper = value(column, row)? * (1.0 - right_share) + value(column + 1, row)? * right_share;
+        let lower = value(column, row + 1)? * (1.0 - right_share) + value(column + 1, row + 1)? * right_share;
+        Some(upper * (1.0 - lower_share) + lower * lower_share)
+    }
+}
+
+/// The mean of `shown` on the board.
+fn carried(calibrated: &Calibrated, board: &Board, shown: &[Shown]) -> Picture {
+    let frame = BoardFrame::new(board, BOARD_COLUMNS);
+    let camera = calibrated.camera();
+    let (width, height) = (usize::from(frame.size.width), usize::from(frame.size.height));
+    let mut means = vec![None; width * height];
+    means.par_iter_mut().enumerate().for_each(|(index, mean)| {
+        let point = frame.point(Vector2::new((index % width.max(1)) as f64, (index / width.max(1)) as f64));
+        let point = Point3::new(point.x, point.y, 0.0);
+        let seen = shown.iter().filter_map(|shown| {
+            let pixel = camera.project(&shown.pose.inverse_transform_point(&point).coords)?;
+            shown.grey(pixel)
+        });
+        let (sum, count) = seen.fold((0.0, 0), |(sum, count), grey| (sum + grey, count + 1));
+        *mean = (count > 0).then(|| sum / f64::from(count));
+    });
+    Picture::of_sensor(frame.size, 1, |place| {
+        let index = place.y.round().max(0.0) as usize * width + place.x.round().max(0.0) as usize;
+        means.get(index).copied().flatten().map_or(BEYOND, |grey: f64| [grey.round() as u8; 3])
+    })
+}

@@ -1,0 +1,223 @@
+//! What the model does not explain.
+
+use maud::{Markup, html};
+
+use super::chart::{Chart, Color, SensorMap, Series, round_down, round_up};
+use super::number::{count, signed, with_sigma};
+use super::page::{Section, scrolling};
+use super::palette::Palette;
+use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use evcal_calibrate::solve::burst::{BurstLength, RANK_COUNT};
+use evcal_calibrate::solve::event_bias::bias::Bias;
+use evcal_calibrate::solve::event_bias::{CLASS_COUNT, EventKind};
+use evcal_calibrate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals};
+use evcal_calibrate::trust::residual_map::{ResidualMap, ResidualPattern};
+use evcal_core::event::Polarity;
+
+const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
+
+/// Residuals by class and by place.
+pub fn section(calibrated: &Calibrated) -> Option<Section> {
+    let content = match &calibrated.evidence {
+        Evidence::Events(events) => of_events(calibrated, events),
+        Evidence::Pictures(_) => in_words(calibrated),
+    };
+    Some(Section { id: "residuals", title: "What the model does not explain", content })
+}
+
+fn in_words(calibrated: &Calibrated) -> Markup {
+    let statistics = calibrated.residuals();
+    html! {
+        p {
+            "A residual is the distance between where something was seen and where the result puts it: "
+            @match calibrated.measured() {
+                Measured::EventEdges => "for an event, its distance across the edge of its dot.",
+                Measured::CircleCentres => "for a circle, that of its centre.",
+            }
+            " Their median size is " (signed(statistics.median, 3)) " px, their root mean square "
+            (signed(statistics.rms, 3)) " px."
+        }
+    }
+}
+
+fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup {
+    let map = &calibration.trust.residuals;
+    let (classes, by_rank) = (&calibration.trust.classes, &calibration.trust.ranks);
+    let (off, on) = by_rank.split_at(RANK_COUNT);
+    let highest = by_rank.iter().flat_map(|class| (0..BIN_COUNT).map(|bin| density(class, bin))).fold(0.1, f64::max);
+    html! {
+        (in_words(calibrated))
+        @if map.cells.iter().any(|cell| cell.count > 0) { (by_place(calibrated, map)) }
+        @if calibration.measured == Measured::EventEdges {
+            h3 { "By event class" }
+            p {
+                "When an edge passes, a pixel sends a burst of events. OFF (darker) and ON (brighter) events of each rank in bursts of each "
+                "length have their own bias, which is part of the result. Curves should be narrow, alike on both sides and centred on 0."
+            }
+            div.pair {
+                figure { (histogram(off, "OFF", highest).render()) figcaption { "Residuals of OFF events, by rank in the burst." } }
+                figure { (histogram(on, "ON", highest).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
+            }
+            (scrolling("Event classes", &class_table(calibration, classes)))
+            p.faint { "Offsets are those of a straight, slow edge, positive outside the dot; latencies count from the mean of all first OFF events of bursts." }
+        }
+    }
+}
+
+fn by_place(calibrated: &Calibrated, map: &ResidualMap) -> Markup {
+    let shifts: Vec<_> =
+        map.places().zip(&map.cells).filter_map(|(place, cell)| Some((place, cell.displacement?))).collect();
+    let longest = shifts.iter().map(|(_, displacement)| displacement.shift.norm()).fold(0.0, f64::max);
+    let enlarged = round_down(0.9 * map.cell / longest.max(1e-9));
+    let arrows = shifts.iter().map(|([left, top, right, bottom], displacement)| {
+        let along = displacement.shift * enlarged;
+        ([0.5 * (left + right) - 0.5 * along.x, 0.5 * (top + bottom) - 0.5 * along.y], along.into())
+    });
+    let most = map.cells.iter().map(|cell| cell.rms).fold(0.0, f64::max);
+    let rms = SensorMap {
+        description: format!("Map of the sensor: root mean square residual in each cell, up to {most:.2} px."),
+        sensor: calibrated.sensor,
+        cells: map
+            .places()
+            .zip(&map.cells)
+            .map(|(place, cell)| (place, (cell.count > 0).then_some(cell.rms)))
+            .collect(),
+        range: 0.0..round_up(most),
+        palette: Palette::Error,
+        unit: "px",
+        arrows: Vec::new(),
+    };
+    let sizes = SensorMap {
+        description: format!(
+            "Map of the sensor: displacement of what is seen in each cell from where the model puts it, up to {longest:.3} px."
+        ),
+        sensor: calibrated.sensor,
+        cells: map
+            .places()
+            .zip(&map.cells)
+            .map(|(place, cell)| (place, cell.displacement.map(|displacement| displacement.shift.norm())))
+            .collect(),
+        range: 0.0..round_up(longest),
+        palette: Palette::Error,
+        unit: "px",
+        arrows: arrows.collect(),
+    };
+    html! {
+        h3 { "By place on the sensor" }
+        (pattern_in_words(&map.pattern))
+        div.pair {
+            @if !shifts.is_empty() {
+                figure {
+                    (sizes.render())
+                    figcaption {
+                        "Mean displacement in each cell; arrows are enlarged " (format!("{enlarged}")) " times. Neighbouring arrows that agree "
+                        "are a pattern that the camera model cannot follow."
+                    }
+                }
+            }
+            figure { (rms.render()) figcaption { "Root mean square of the residuals in each cell." } }
+        }
+    }
+}
+
+fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
+    let ResidualPattern { cells, shift, shift_ratio, outward, outward_ratio } = *pattern;
+    html! {
+        @if cells == 0 {
+            p { "No cell of the sensor saw enough to tell noise from a pattern." }
+        } @else {
+            p {
+                "Mean displacements of the cells are " strong { (format!("{shift_ratio:.1} times")) } " as large as noise alone would make them (1 is noise; from "
+                "1.5 on there is a pattern); beyond noise they are " (signed(shift, 3)) " px."
+                @if outward_ratio > 0.0 {
+                    " Edges are displaced into or out of the dots " (format!("{outward_ratio:.1}")) " times as far as noise alone would; beyond noise that is " (signed(outward, 3)) " px."
+                }
+            }
+        }
+    }
+}
+
+/// Width of a bin (px).
+const BIN: f64 = 2.0 * BOUND / BIN_COUNT as f64;
+
+/// Share of the events of a class in a bin, per px.
+fn density(class: &ClassResiduals, bin: usize) -> f64 {
+    class.bins.get(bin).map_or(0.0, |&count| count as f64 / class.count.max(1) as f64 / BIN)
+}
+
+/// One curve a rank, up to `highest`, so that both polarities have one scale.
+fn histogram(ranks: &[ClassResiduals], polarity: &str, highest: f64) -> Chart<'static> {
+    let series: Vec<Series> = ranks
+        .iter()
+        .zip(RANKS)
+        .zip(Color::ALL)
+        .filter(|((class, _), _)| class.count > 0)
+        .map(|((class, rank), color)| {
+            let steps = (0..BIN_COUNT).flat_map(|bin| {
+                let left = bin as f64 * BIN - BOUND;
+                [(left, density(class, bin)), (left + BIN, density(class, bin))]
+            });
+            Series { name: format!("{rank} event"), color, curves: vec![steps.collect()], points: Vec::new() }
+        })
+        .collect();
+    Chart {
+        description: format!("Histogram of the residuals of {polarity} events, one curve for each rank in the burst."),
+        x_label: "residual (px), positive outside the dot",
+        y_label: "share per px",
+        x: -BOUND..BOUND,
+        y: 0.0..1.05 * highest,
+        series,
+    }
+}
+
+fn class_table(calibration: &EventCalibration, classes: &[ClassResiduals; CLASS_COUNT]) -> Markup {
+    let bias = &calibration.refined.state.bias;
+    html! {
+        table.short.classes {
+            thead { tr {
+                th scope="col" { "class" }
+                th.number scope="col" { "events" }
+                th.number scope="col" { "rms (px)" }
+                th.number scope="col" { "mean (px)" }
+                th.number scope="col" { "offset (px)" }
+                th.number scope="col" { "± σ" }
+                th.number scope="col" { "latency (ms)" }
+                th.number scope="col" { "± σ" }
+            } }
+            tbody {
+                @for (index, (class, bias)) in classes.iter().zip(bias).enumerate().filter(|(_, (class, _))| class.count > 0) {
+                    @let sigma = calibration.trust.bias_sigma.get(index).copied().unwrap_or_default();
+                    @let (offset, offset_sigma) = with_sigma(bias.biases[Bias::Offset], sigma[Bias::Offset]);
+                    @let (latency, latency_sigma) = with_sigma(1e3 * bias.biases[Bias::Latency], 1e3 * sigma[Bias::Latency]);
+                    tr {
+                        th scope="row" { (class_name(index)) }
+                        td.number { (count(class.count as u64)) }
+                        td.number { (signed(class.rms, 3)) }
+                        td.number { (signed(class.mean, 3)) }
+                        td.number { (offset) }
+                        td.number { (offset_sigma) }
+                        td.number { (latency) }
+                        td.number { (latency_sigma) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// What a class is called.
+fn class_name(class: usize) -> String {
+    let EventKind { polarity, place } = EventKind::of_class(class);
+    let polarity = match polarity {
+        Polarity::Off => "OFF",
+        Polarity::On => "ON",
+    };
+    let rank = RANKS.get(usize::from(place.rank)).copied().unwrap_or_default();
+    let length = match place.length {
+        BurstLength::FiveOrMore => "five or more",
+        BurstLength::Four => "four",
+        BurstLength::Three => "three",
+        BurstLength::OneOrTwo => "one or two",
+    };
+    format!("{polarity}, {rank} of {length}")
+}

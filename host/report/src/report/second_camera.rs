@@ -1,0 +1,84 @@
+//! Other cameras on the mount: where they are, and how well their events fit the trajectory of the first.
+
+use maud::{Markup, html};
+
+use super::chart::{Chart, Color, Series, range_of};
+use super::mount_axes::drawing;
+use super::overview::capital;
+use super::page::Section;
+use evcal_calibrate::calibrate::calibrated::Calibrated;
+use evcal_calibrate::calibrate::mounted::SecondCamera;
+use evcal_calibrate::result::second_camera_result::SecondCameraResult;
+use evcal_calibrate::second_camera::joint::Misfit;
+
+/// Points of the curve.
+const POINTS: usize = 300;
+
+/// Result in words, a drawing, and the residuals over time.
+pub fn section(calibrated: &Calibrated) -> Option<Section> {
+    let cameras = &calibrated.events()?.second_cameras;
+    let title = if cameras.len() > 1 { "The other cameras" } else { "The second camera" };
+    let content = html! { @for second in cameras { (one(second)) } };
+    (!cameras.is_empty()).then_some(Section { id: "second-camera", title, content })
+}
+
+fn one(second: &SecondCamera) -> Markup {
+    let sentences = SecondCameraResult::new(second).sentences();
+    let mut lines = sentences.lines();
+    let seen = if second.frames.is_some() { Seen::CIRCLES } else { Seen::EVENTS };
+    html! {
+        p { (capital(lines.next().unwrap_or_default().trim())) }
+        ul { @for sentence in lines { li { (capital(sentence.trim())) } } }
+        div.pair {
+            figure {
+                (drawing("second camera", ["first", "second"], &second.calibration.mount.second_first))
+                figcaption {
+                    "Axes of both cameras (x to the right, y down, z along the line of sight, which leads away from you); the dashed line "
+                    "between them always has the same length, whatever their distance."
+                }
+            }
+            figure {
+                (over_time(&second.calibration.misfit, &seen))
+                figcaption {
+                    (seen.distance) ", in units of their "
+                    "usual spread. It should be even over time: where it rises, the mount gave way, or a trajectory is uncertain."
+                }
+            }
+        }
+    }
+}
+
+/// Words for what the second camera saw.
+struct Seen {
+    name: &'static str,
+    distance: &'static str,
+    unit: &'static str,
+}
+
+impl Seen {
+    const EVENTS: Self = Self {
+        name: "events",
+        distance: "How far events of the second camera are from the edges that the trajectory of the first camera predicts",
+        unit: "rms (σ of an event)",
+    };
+    const CIRCLES: Self = Self {
+        name: "circles",
+        distance: "How far circles in the second camera's frames are from where the trajectory of the first camera predicts them",
+        unit: "rms (σ of a circle)",
+    };
+}
+
+fn over_time(misfit: &[Misfit], seen: &Seen) -> Markup {
+    let piece = misfit.len().div_ceil(POINTS).max(1);
+    let mean = |piece: &[Misfit]| {
+        let squares: f64 = piece.iter().map(|one| one.rms * one.rms).sum();
+        (piece.first().map_or(0.0, |one| one.t), (squares / piece.len().max(1) as f64).sqrt())
+    };
+    let curve: Vec<(f64, f64)> = misfit.chunks(piece).map(mean).collect();
+    let x = range_of(curve.iter().map(|point| point.0), 1.0);
+    let top = range_of(curve.iter().map(|point| point.1).chain([0.0]), 1e-6).end;
+    let series =
+        vec![Series { name: seen.name.to_owned(), color: Color::Off, curves: vec![curve], points: Vec::new() }];
+    let description = "Residuals of the second camera over time.".to_owned();
+    Chart { description, x_label: "time of the first camera (s)", y_label: seen.unit, x, y: 0.0..top, series }.render()
+}

@@ -1,0 +1,209 @@
+//! The folder that a simulation writes.
+
+use std::path::{Path, PathBuf};
+
+use evcal_core::camera::Camera;
+
+use super::davis::{DavisDescription, DavisSettings, DavisTruth};
+use super::frame_camera;
+use super::motion_capture::{MotionCaptureDescription, MotionCaptureSettings};
+use super::recording::{self, RecordingFormat};
+use super::second_camera::{SecondCamera, SecondCameraDescription, recording_name};
+use super::truth::Truth;
+use super::{EventCounts, Simulation};
+use evcal_files::FileError;
+use evcal_files::folder::{NamesFile, OutputFolder};
+use evcal_geometry::lens::camera_file::CameraDescription;
+use evcal_geometry::tum;
+use event_recordings::encode::WriteError;
+use event_recordings::image_folder::{IMAGES, TABLE};
+
+/// Rate of the poses in the trajectory file in hertz.
+const TRAJECTORY_RATE: f64 = 1000.0;
+const TRUTH: &str = "truth.json";
+const TRAJECTORY: &str = "trajectory.txt";
+const FRAMES: &str = "frames.csv";
+const INERTIA: &str = "imu.csv";
+const MOTION_CAPTURE: &str = "motion_capture.txt";
+
+/// What is simulated, and into what kind of file.
+pub struct SimulatedRecording<'a> {
+    /// The simulation.
+    pub simulation: &'a Simulation,
+    /// The lens that it was made with.
+    pub camera: &'a Camera<f64>,
+    /// The lens of the frames, where it is another.
+    pub frame_camera: Option<&'a Camera<f64>>,
+    /// Frames and inertial samples.
+    pub davis: DavisSettings,
+    /// Motion capture of the camera, where there is any.
+    pub motion_capture: Option<MotionCaptureSettings>,
+    /// A second camera, where there is one.
+    pub second_camera: Option<&'a SecondCamera>,
+    /// Kind of the recording.
+    pub format: RecordingFormat,
+}
+
+impl SimulatedRecording<'_> {
+    /// How many slices are simulated, of all cameras.
+    pub fn slice_count(&self) -> usize {
+        self.simulation.slice_count() * if self.second_camera.is_some() { 2 } else { 1 }
+    }
+}
+
+/// What was written.
+#[derive(Clone, Debug)]
+pub struct WrittenFolder {
+    /// The files.
+    pub files: Vec<PathBuf>,
+    /// The content of `truth.json`.
+    pub truth: Truth,
+    /// How many events there are.
+    pub counts: EventCounts,
+    /// Frames and inertial samples.
+    pub davis: DavisTruth,
+}
+
+/// A file of the folder could not be written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimulatedFolderError {
+    /// The system says so.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The recording cannot be written.
+    #[error("{}: {error}", path.display())]
+    Recording {
+        /// The recording.
+        path: PathBuf,
+        /// Why.
+        error: WriteError,
+    },
+}
+
+impl NamesFile for SimulatedFolderError {
+    fn file_mut(&mut self) -> &mut PathBuf {
+        match self {
+            Self::File(error) => &mut error.path,
+            Self::Recording { path, .. } => path,
+        }
+    }
+}
+
+/// The folders that [`write_folder`] makes in its folder.
+pub fn folders(second_camera: Option<&SecondCamera>) -> &'static [&'static str] {
+    match second_camera.and_then(SecondCamera::frames) {
+        Some(_) => &[frame_camera::FOLDER],
+        None => &[],
+    }
+}
+
+/// Whether a file of a folder is one that [`write_folder`] writes.
+pub fn is_result(file: &Path) -> bool {
+    let others = [TRUTH, TRAJECTORY, FRAMES, INERTIA, MOTION_CAPTURE];
+    let is_recording = |format: &RecordingFormat| {
+        Path::new(&format.file_name()) == file || Path::new(&recording_name(*format)) == file
+    };
+    let frames = Path::new(frame_camera::FOLDER);
+    let is_image = file.parent() == Some(&frames.join(IMAGES)) && file.extension().is_some_and(|one| one == "png");
+    let is_table = file == frames.join(TABLE);
+    is_image
+        || is_table
+        || RecordingFormat::ALL.iter().any(is_recording)
+        || others.iter().any(|name| Path::new(name) == file)
+}
+
+/// Simulates, and writes `events.aedat4` (or `.dvraw`, `.csv`, `.bin`), `truth.json`, `trajectory.txt` (TUM, 1000
+/// poses a second), and with frames `frames.csv`, with inertial samples `imu.csv`, with motion
+/// capture `motion_capture.txt` (TUM, `T_mocap_body`), with a second camera `second.aedat4` (or `.csv`, `.bin`), or of
+/// frames the folder `second`. What was there of
+/// an earlier simulation goes when all of this one is written. `progress` is called with the number of slices done ([`SimulatedRecording::slice_count`] in all).
+///
+/// # Errors
+/// [`SimulatedFolderError`] names the file that could not be written.
+pub fn write_folder(
+    folder: &OutputFolder,
+    recorded: &SimulatedRecording,
+    progress: impl FnMut(usize),
+) -> Result<WrittenFolder, SimulatedFolderError> {
+    let mut written = folder.replace(is_result, |new| write_files(new, recorded, progress))?;
+    for file in &mut written.files {
+        *file = folder.path().join(&*file);
+    }
+    Ok(written)
+}
+
+/// Writes the files into `folder`; they are told by their names in it.
+fn write_files(
+    folder: &Path,
+    recorded: &SimulatedRecording,
+    mut progress: impl FnMut(usize),
+) -> Result<WrittenFolder, SimulatedFolderError> {
+    let SimulatedRecording { simulation, camera, frame_camera, davis, motion_capture, second_camera, format } =
+        recorded;
+    let name = PathBuf::from(format.file_name());
+    let path = folder.join(&name);
+    let (counts, davis_truth) = recording::write(simulation, davis, &path, *format, &mut progress)
+        .map_err(|error| SimulatedFolderError::Recording { path, error })?;
+    let mut written = vec![name];
+    let mut truth = Truth::new(camera, simulation, counts);
+    truth.motion_capture = motion_capture.map(MotionCaptureDescription::new);
+    if *davis != DavisSettings::default() {
+        let frame_camera = frame_camera.map(CameraDescription::new);
+        truth.davis = Some(DavisDescription { settings: *davis, frame_camera, imu_bias: davis_truth.bias });
+    }
+    if let Some(second) = second_camera {
+        let done = simulation.slice_count();
+        let (name, description) = write_second(folder, simulation, second, *format, |more| progress(done + more))?;
+        written.push(name);
+        truth.second_camera = Some(description);
+    }
+    let mut put = |name: &str, content: &[u8]| {
+        evcal_files::write(&folder.join(name), content)?;
+        written.push(name.into());
+        Ok::<(), FileError>(())
+    };
+    let text =
+        serde_json::to_string_pretty(&truth).map_err(|error| FileError::new(&folder.join(TRUTH), error.into()))?;
+    put(TRUTH, (text + "\n").as_bytes())?;
+    let mut trajectory = Vec::new();
+    tum::write(&mut trajectory, "T_world_camera", &simulation.trajectory(TRAJECTORY_RATE))
+        .map_err(|error| FileError::new(&folder.join(TRAJECTORY), error))?;
+    put(TRAJECTORY, &trajectory)?;
+    if let Some(capture) = motion_capture {
+        let mut text = Vec::new();
+        tum::write(&mut text, "T_mocap_body", &capture.capture(simulation))
+            .map_err(|error| FileError::new(&folder.join(MOTION_CAPTURE), error))?;
+        put(MOTION_CAPTURE, &text)?;
+    }
+    if davis.frames.is_some() {
+        put(FRAMES, davis_truth.frames_csv().as_bytes())?;
+    }
+    if davis.imu.is_some() {
+        put(INERTIA, davis_truth.imu_csv().as_bytes())?;
+    }
+    Ok(WrittenFolder { files: written, truth, counts, davis: davis_truth })
+}
+
+/// Writes the recording of a second camera: a file, or of one that takes frames a folder. Its name in `folder`.
+fn write_second(
+    folder: &Path,
+    simulation: &Simulation,
+    second: &SecondCamera,
+    format: RecordingFormat,
+    progress: impl FnMut(usize),
+) -> Result<(PathBuf, SecondCameraDescription), SimulatedFolderError> {
+    if let Some(frames) = second.frames() {
+        let name = PathBuf::from(frame_camera::FOLDER);
+        let files = second.write_frames(simulation, frames, &folder.join(&name), progress)?;
+        // One of them is the table.
+        let count = files.len().saturating_sub(1);
+        return Ok((name, SecondCameraDescription::new(second, EventCounts::default(), Some(count))));
+    }
+    let name = PathBuf::from(recording_name(format));
+    let path = folder.join(&name);
+    let counts = second
+        .write(simulation, &path, format, progress)
+        .map_err(|error| SimulatedFolderError::Recording { path, error })?;
+    Ok((name, SecondCameraDescription::new(second, counts, None)))
+}

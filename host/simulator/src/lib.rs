@@ -1,0 +1,247 @@
+//! An event camera that looks at a printed circle grid while a hand moves it.
+//!
+//! Radiance comes from exact rendering of the board ([`scene`]) along a smooth motion known at any
+//! time ([`motion`]), through any lens given by its bearings ([`rays`]); every pixel turns it into
+//! events by a low-pass, log thresholds with mismatch, reset, leak and noise (`pixel`,
+//! [`sensor`]); a bus puts the events in a row (`arbiter`). The same settings and seed give the
+//! same events on any number of threads: rows of pixels are independent and each has its own
+//! stream of random numbers.
+//!
+//! A DAVIS sends frames ([`frame`]) and inertial samples ([`inertia`]) of the same motion too
+//! ([`davis`]), and a capture system can follow the camera ([`motion_capture`]); they change nothing of the events. A second camera
+//! ([`second_camera`]), of events or of frames ([`frame_camera`]), can be carried along.
+//!
+//! Time runs in slices of 25 ms that bound the memory, slices in ticks of 50 µs at which poses are
+//! known; each pixel looks at the ticks it needs.
+
+use std::collections::BTreeSet;
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+use nalgebra::Isometry3;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use self::arbiter::Bus;
+use self::motion::Motion;
+use self::rays::Rays;
+use self::row::{BadPixels, Row, STEPPING, Slice, Stage, TICK};
+use self::scene::Scene;
+use self::view::View;
+use evcal_geometry::board::Board;
+use evcal_geometry::numerics::random::uniform;
+use evcal_geometry::timed_pose::TimedPose;
+
+mod arbiter;
+mod clock;
+pub mod davis;
+pub mod dots;
+mod edge_profile;
+pub mod effects;
+pub mod folder;
+pub mod frame;
+pub mod frame_camera;
+pub mod inertia;
+pub mod inertial_truth;
+pub mod lens;
+pub mod light;
+pub mod motion;
+pub mod motion_capture;
+pub mod mount;
+mod pixel;
+pub mod presets;
+pub mod rays;
+pub mod recording;
+mod row;
+pub mod scene;
+pub mod second_camera;
+pub mod sensor;
+mod settings;
+pub mod smudges;
+pub mod surroundings;
+pub mod truth;
+pub mod view;
+
+#[cfg(test)]
+mod tests;
+
+pub use settings::{SimulationError, SimulationSettings};
+
+/// Ticks in a slice.
+const SLICE_TICKS: usize = 500;
+
+/// How many events came out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EventCounts {
+    /// OFF events.
+    pub off: u64,
+    /// ON events.
+    pub on: u64,
+}
+
+/// A simulation ready to run.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    stage: Stage,
+    /// What the frames see, where it is not what the events see.
+    frame_stage: Option<Stage>,
+    motion: Motion,
+    settings: SimulationSettings,
+}
+
+impl Simulation {
+    /// A camera with the given `rays` before `board`.
+    pub fn new(rays: Rays, board: Board, settings: SimulationSettings) -> Result<Self, SimulationError> {
+        settings.check()?;
+        let motion = Motion::new(&settings.motion, &board, &rays, settings.duration, settings.seed)
+            .ok_or(SimulationError::NoFieldOfView)?;
+        let scene = Scene::new(board, settings.scene, settings.sensor.point_spread);
+        let stage = Stage { rays, scene, sensor: settings.sensor.clone(), stepping: STEPPING };
+        Ok(Self { stage, frame_stage: None, motion, settings })
+    }
+
+    /// The same, but frames look through a lens with these `rays`: no camera does, which a calibration
+    /// should notice.
+    pub fn with_frame_rays(mut self, rays: Rays) -> Self {
+        self.frame_stage = Some(Stage { rays, ..self.stage.clone() });
+        self
+    }
+
+    /// A second camera with these `rays` that is carried along at `T_first_second`, with pixels of the same kind and a `seed` of
+    /// its own.
+    pub fn second(&self, rays: Rays, first_second: Isometry3<f64>, seed: u64) -> Self {
+        Self {
+            stage: Stage { rays, ..self.stage.clone() },
+            frame_stage: None,
+            motion: self.motion.carrying(first_second),
+            settings: SimulationSettings { seed, ..self.settings.clone() },
+        }
+    }
+
+    /// What is simulated.
+    pub fn settings(&self) -> &SimulationSettings {
+        &self.settings
+    }
+
+    /// The rays of the sensor.
+    pub fn rays(&self) -> &Rays {
+        &self.stage.rays
+    }
+
+    /// The board and its surroundings.
+    pub fn scene(&self) -> &Scene {
+        &self.stage.scene
+    }
+
+    /// The motion of the camera.
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// `T_world_camera` at `t` seconds.
+    pub fn pose(&self, t: f64) -> Isometry3<f64> {
+        self.motion.pose(t)
+    }
+
+    /// The poses at `rate` hertz, from 0 to the end of the recording.
+    pub fn trajectory(&self, rate: f64) -> Vec<TimedPose> {
+        let count = (self.settings.duration * rate).floor() as usize;
+        (0..=count)
+            .map(|index| {
+                let t = index as f64 / rate;
+                TimedPose { t, pose: self.motion.pose(t) }
+            })
+            .collect()
+    }
+
+    fn tick_count(&self) -> usize {
+        (self.settings.duration * 1e6 / TICK).round() as usize
+    }
+
+    /// Number of slices, which is how often [`Simulation::run`] calls its sink.
+    pub fn slice_count(&self) -> usize {
+        self.tick_count().div_ceil(SLICE_TICKS)
+    }
+
+    /// Simulates and hands the events of each slice of 25 ms to `sink`, in the order of their
+    /// times; without an arbiter events of one microsecond are in the order of y, then x. An error
+    /// of the sink ends the simulation.
+    pub fn run<E>(&self, sink: impl FnMut(&[Event]) -> Result<(), E>) -> Result<EventCounts, E> {
+        self.run_along(|t| self.motion.pose(t), sink)
+    }
+
+    /// Simulates as [`Simulation::run`] does, with another motion of the camera: `pose` gives `T_world_camera` at any time
+    /// in seconds, up to a tenth of a millisecond before and after the slice that is being made. It may depend on the events
+    /// of earlier slices, as the hand of a person does who looks at them.
+    pub fn run_along<E>(
+        &self,
+        pose: impl Fn(f64) -> Isometry3<f64>,
+        mut sink: impl FnMut(&[Event]) -> Result<(), E>,
+    ) -> Result<EventCounts, E> {
+        let mut rows = self.rows(&pose(0.0));
+        let mut bus = self.settings.sensor.arbiter.map(Bus::new);
+        let mut counts = EventCounts::default();
+        let mut events: Vec<Event> = Vec::new();
+        let ticks = self.tick_count();
+        for first in (0..ticks).step_by(SLICE_TICKS) {
+            let last = (first + SLICE_TICKS).min(ticks);
+            let slice = Slice::new(&pose, self.scene(), self.rays(), first, last);
+            rows.par_iter_mut().for_each(|row| row.advance(&self.stage, &slice));
+            for row in &mut rows {
+                events.append(&mut row.events);
+            }
+            events.sort_unstable_by_key(|event| (event.t, event.y, event.x, event.polarity));
+            // Requests later than the slice wait for those of the next one.
+            let end = if last == ticks { i64::MAX } else { (last as f64 * TICK) as i64 };
+            let ready = events.partition_point(|event| event.t < end);
+            let later = events.split_off(ready);
+            if let Some(bus) = &mut bus {
+                bus.read(&mut events);
+            }
+            if let Some(scan) = self.settings.sensor.scan {
+                wait_for_scan(&mut events, scan);
+            }
+            let on = events.iter().map(|event| event.polarity.index() as u64).sum::<u64>();
+            counts.on += on;
+            counts.off += events.len() as u64 - on;
+            sink(&events)?;
+            events = later;
+        }
+        Ok(counts)
+    }
+
+    fn rows(&self, first: &Isometry3<f64>) -> Vec<Row> {
+        let bad = BadPixels { hot: self.hot_pixels(), dead_columns: self.dead_columns() };
+        let view = View::new(first);
+        (0..self.rays().sensor().height).map(|y| Row::new(&self.stage, &view, y, &bad, self.settings.seed)).collect()
+    }
+
+    fn hot_pixels(&self) -> BTreeSet<(u16, u16)> {
+        let Sensor { width, height } = self.rays().sensor();
+        let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
+        rng.set_stream(HOT_PIXEL_STREAM);
+        let mut draw = |size: u16| ((uniform(&mut rng) * f64::from(size)) as u16).min(size.saturating_sub(1));
+        (0..self.settings.sensor.hot_pixels).map(|_| (draw(width), draw(height))).collect()
+    }
+
+    fn dead_columns(&self) -> BTreeSet<u16> {
+        let width = self.rays().sensor().width;
+        let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
+        rng.set_stream(DEAD_COLUMN_STREAM);
+        (0..self.settings.sensor.dead_columns).map(|_| (uniform(&mut rng) * f64::from(width)) as u16).collect()
+    }
+}
+
+/// Gives each event the time of the first scan that is not before it. Scans are `interval` seconds apart.
+fn wait_for_scan(events: &mut [Event], interval: f64) {
+    let interval = ((1e6 * interval).round() as i64).max(1);
+    for event in events {
+        event.t += (-event.t).rem_euclid(interval);
+    }
+}
+
+/// The stream of random numbers that places the hot pixels; rows of pixels use the streams from 0.
+const HOT_PIXEL_STREAM: u64 = u64::MAX - 1;
+/// The stream of random numbers that places the dead columns.
+const DEAD_COLUMN_STREAM: u64 = u64::MAX - 3;

@@ -1,0 +1,185 @@
+//! Event cameras by name.
+
+use evcal_core::sensor::Sensor;
+
+use crate::motion::MotionSettings;
+use crate::sensor::{Arbiter, Photoreceptor, SensorModel};
+
+/// An event camera.
+///
+/// Size, least contrast, latency and throughput are those of table 1 of Gallego et al., "Event-based Vision: A Survey" (TPAMI
+/// 2020, [arXiv:1904.08405](https://arxiv.org/abs/1904.08405)): IMX636 as its Gen4 CD, Gen3.1 as its Gen3 CD, DVXplorer as its
+/// DVS-Gen3, but with iniVation's throughput and time of a scan. For GenX320 figures of pixels are not public: those of
+/// IMX636 are taken. What the table does not have (mismatch, noise, leak, refractory time, blur) is as for the DAVIS346, and so are
+/// thresholds in units of the least contrast, for nobody runs a camera at its least.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum SensorPreset {
+    /// 128x128.
+    Dvs128,
+    /// 240x180.
+    Davis240,
+    /// 346x260.
+    Davis346,
+    /// 640x480, read in scans of 200 µs.
+    DvXplorer,
+    /// Prophesee's Gen3.1, 640x480.
+    Gen31,
+    /// Prophesee's GenX320, 320x320.
+    GenX320,
+    /// Sony's and Prophesee's IMX636, 1280x720.
+    Imx636,
+}
+
+/// What differs from sensor to sensor.
+struct Figures {
+    size: Sensor,
+    /// Least contrast that makes an event, as a share.
+    contrast: f64,
+    /// Cut-off of the photoreceptor at white in hertz: 1 / (2 π · largest stated latency).
+    bandwidth: f64,
+    /// Time on the bus for each event in seconds: 1 / throughput.
+    event_time: f64,
+    /// Extra time on the bus when the next event is in another row, in seconds.
+    row_time: f64,
+    /// Time between two scans of the whole sensor in seconds.
+    scan: Option<f64>,
+}
+
+const DAVIS346: Figures = Figures {
+    size: Sensor::new(346, 260),
+    contrast: 0.184,
+    bandwidth: 2000.0,
+    event_time: 45e-9,
+    row_time: 65e-9,
+    scan: None,
+};
+/// Its least contrast is 14.3 to 22.5 %; the pixels of the three oldest are of one family and in the same light equally fast.
+const DVS128: Figures =
+    Figures { size: Sensor::new(128, 128), contrast: 0.17, event_time: 1e-6, row_time: 0.0, ..DAVIS346 };
+const DAVIS240: Figures = Figures { size: Sensor::new(240, 180), contrast: 0.11, ..DAVIS346 };
+const DVXPLORER: Figures = Figures {
+    size: Sensor::new(640, 480),
+    contrast: 0.15,
+    bandwidth: 3200.0,
+    event_time: 1.0 / 165e6,
+    row_time: 0.0,
+    scan: Some(200e-6),
+};
+const GEN31: Figures = Figures {
+    size: Sensor::new(640, 480),
+    contrast: 0.12,
+    bandwidth: 800.0,
+    event_time: 1.0 / 66e6,
+    row_time: 0.0,
+    scan: None,
+};
+const IMX636: Figures = Figures {
+    size: Sensor::new(1280, 720),
+    contrast: 0.11,
+    bandwidth: 1060.0,
+    event_time: 1.0 / 1066e6,
+    row_time: 0.0,
+    scan: None,
+};
+const GENX320: Figures = Figures { size: Sensor::new(320, 320), ..IMX636 };
+
+impl SensorPreset {
+    /// All of them.
+    pub const ALL: &[Self] =
+        &[Self::Dvs128, Self::Davis240, Self::Davis346, Self::DvXplorer, Self::Gen31, Self::GenX320, Self::Imx636];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Dvs128 => "dvs128",
+            Self::Davis240 => "davis240",
+            Self::Davis346 => "davis346",
+            Self::DvXplorer => "dvxplorer",
+            Self::Gen31 => "gen31",
+            Self::GenX320 => "genx320",
+            Self::Imx636 => "imx636",
+        }
+    }
+
+    /// Number of columns and rows.
+    pub const fn size(self) -> Sensor {
+        self.figures().size
+    }
+
+    const fn figures(self) -> &'static Figures {
+        match self {
+            Self::Dvs128 => &DVS128,
+            Self::Davis240 => &DAVIS240,
+            Self::Davis346 => &DAVIS346,
+            Self::DvXplorer => &DVXPLORER,
+            Self::Gen31 => &GEN31,
+            Self::GenX320 => &GENX320,
+            Self::Imx636 => &IMX636,
+        }
+    }
+
+    /// The pixels of this sensor in the light in which those of a DAVIS346 are `davis346`: its share of hot pixels is the same, and
+    /// what has no delay there has none here.
+    pub fn pixels(self, davis346: SensorModel) -> SensorModel {
+        let Figures { size, contrast, bandwidth, event_time, row_time, scan } = self.figures();
+        let threshold = libm::log1p(*contrast) / libm::log1p(DAVIS346.contrast);
+        let hot_pixels =
+            f64::from(davis346.hot_pixels) * size.pixel_count() as f64 / DAVIS346.size.pixel_count() as f64;
+        SensorModel {
+            threshold_on: davis346.threshold_on * threshold,
+            threshold_off: davis346.threshold_off * threshold,
+            threshold_mismatch: davis346.threshold_mismatch * threshold,
+            photoreceptor: davis346.photoreceptor.map(|photoreceptor| Photoreceptor {
+                bandwidth: photoreceptor.bandwidth * bandwidth / DAVIS346.bandwidth,
+                ..photoreceptor
+            }),
+            hot_pixels: hot_pixels.round() as u32,
+            arbiter: davis346.arbiter.map(|arbiter| Arbiter {
+                event_time: arbiter.event_time * event_time / DAVIS346.event_time,
+                row_time: arbiter.row_time * row_time / DAVIS346.row_time,
+                ..arbiter
+            }),
+            scan: scan.filter(|_| davis346.arbiter.is_some()),
+            ..davis346
+        }
+    }
+
+    /// The motion of the same hand: image speeds grow with the columns of the sensor, for the usual lens does.
+    pub fn motion(self, davis346: MotionSettings) -> MotionSettings {
+        let columns = |sensor: Sensor| f64::from(sensor.width);
+        MotionSettings { mean_speed: davis346.mean_speed * columns(self.size()) / columns(DAVIS346.size), ..davis346 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_davis346_by_name_is_the_one_without_a_name() {
+        for pixels in [SensorModel::default(), SensorModel::low_light(), SensorModel::ideal()] {
+            assert_eq!(SensorPreset::Davis346.pixels(pixels.clone()), pixels);
+        }
+        assert_eq!(SensorPreset::Davis346.motion(MotionSettings::fast()), MotionSettings::fast());
+    }
+
+    #[test]
+    fn figures_are_those_of_the_table() {
+        // Thresholds of IMX636 stand to those of a DAVIS346 as ln 1.11 to ln 1.184; its bus carries 1066 events a microsecond.
+        let imx636 = SensorPreset::Imx636.pixels(SensorModel::default());
+        assert!((imx636.threshold_on - 0.42 * 0.10436 / 0.16890).abs() < 1e-4, "{}", imx636.threshold_on);
+        assert!((imx636.arbiter.unwrap().event_time - 1e-6 / 1066.0).abs() < 1e-15);
+        assert_eq!((imx636.hot_pixels, imx636.scan), (123, None));
+        let latency = |preset: SensorPreset| {
+            1.0 / (std::f64::consts::TAU * preset.pixels(SensorModel::default()).photoreceptor.unwrap().bandwidth)
+        };
+        for (preset, expected) in
+            [(SensorPreset::Imx636, 150e-6), (SensorPreset::Gen31, 200e-6), (SensorPreset::DvXplorer, 50e-6)]
+        {
+            assert!((latency(preset) / expected - 1.0).abs() < 0.01, "{}", preset.name());
+        }
+        let ideal = SensorPreset::DvXplorer.pixels(SensorModel::ideal());
+        assert_eq!((ideal.photoreceptor, ideal.arbiter, ideal.scan, ideal.hot_pixels), (None, None, None, 0));
+    }
+}

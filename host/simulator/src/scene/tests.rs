@@ -1,0 +1,150 @@
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use nalgebra::{Isometry3, Vector3};
+
+use super::*;
+use crate::rays::Rays;
+use crate::tests::{board, kannala_brandt, radtan};
+
+const POINT_SPREAD: f64 = 0.6;
+
+/// A camera at `distance` metres from the middle of the board, tilted and rolled in degrees.
+fn pose(board: &Board, distance: f64, tilt: f64, roll: f64) -> Isometry3<f64> {
+    let turn = nalgebra::UnitQuaternion::from_euler_angles(tilt.to_radians(), 0.3 * tilt.to_radians(), 0.0)
+        * nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, roll.to_radians());
+    let position = board.middle().push(0.0) - turn * Vector3::new(0.0, 0.0, distance);
+    Isometry3::from_parts(position.into(), turn)
+}
+
+/// The unblurred scene at one point of the image, by the pose itself and the board's own list
+/// of circles. The ray is followed to a bent board step by step.
+fn sharp(
+    camera: &Camera<f64>,
+    pose: &Isometry3<f64>,
+    (board, printed): (&Board, &BoardShape),
+    pixel: Vector2<f64>,
+) -> f64 {
+    let settings = SceneSettings::default();
+    let direction = pose.rotation * camera.unproject(&pixel).unwrap();
+    let origin = pose.translation.vector;
+    let (low, high) = board.extent();
+    let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
+    let mut point = (origin - direction * (origin.z / direction.z)).xy();
+    for _ in 0..if printed.bend == [0.0; 2] { 0 } else { 8 } {
+        let place = (point - middle).component_div(&half);
+        let height = printed.bend[0] * (1.0 - place.x * place.x) + printed.bend[1] * (1.0 - place.y * place.y);
+        point = (origin + direction * ((height - origin.z) / direction.z)).xy();
+    }
+    let root = printed.print_ratio.sqrt();
+    let point = middle + (point - middle).component_div(&Vector2::new(root, 1.0 / root));
+    let centers: Vec<Vector2<f64>> = (0..board.circle_count()).map(|index| board.circle_center(index)).collect();
+    if centers.iter().any(|center| (center - point).norm() < printed.radius) {
+        return settings.black;
+    }
+    let margin = settings.margin * board.spacing;
+    let inside = |axis: usize| {
+        let last = centers.iter().map(|center| center[axis]).fold(0.0, f64::max);
+        point[axis] > -margin && point[axis] < last + margin
+    };
+    if inside(0) && inside(1) { settings.white } else { settings.background }
+}
+
+/// The greatest error of the rendered radiance, as a share of the contrast, over pixels of a
+/// view at circles and over those at the sheet's edge, against an integral of the point-spread
+/// function over 300 × 300 points.
+fn greatest_errors(camera: &Camera<f64>, pose: &Isometry3<f64>, step: usize, printed: Option<BoardShape>) -> [f64; 2] {
+    const SIDE: i32 = 300;
+    let board = board();
+    let scene = Scene::new(board, SceneSettings { printed, ..SceneSettings::default() }, POINT_SPREAD);
+    let printed = printed.unwrap_or(BoardShape::stated(&board));
+    let rays = Rays::new(camera, Sensor::new(346, 260));
+    let view = View::new(pose);
+    let offset = |index: i32| (f64::from(index) + 0.5) / f64::from(SIDE) * 10.0 - 5.0;
+    let background = scene.settings().background;
+    let mut worst = [0.0f64; 2];
+    let mut compared = 0;
+    for pixel in (0..346 * 260).step_by(step) {
+        let (x, y) = ((pixel % 346) as u16, (pixel / 346) as u16);
+        let sample = scene.sample(&view, rays.get(x, y).unwrap());
+        if sample.edge.abs() > 2.0 {
+            continue;
+        }
+        let (mut sum, mut weights, mut at_sheet) = (0.0, 0.0, 0);
+        for (u, v) in (0..SIDE).flat_map(|v| (0..SIDE).map(move |u| (offset(u), offset(v)))) {
+            let weight = (-0.5 * (u * u + v * v)).exp();
+            let place = Vector2::new(f64::from(x), f64::from(y)) + Vector2::new(u, v) * POINT_SPREAD;
+            let radiance = sharp(camera, pose, (&board, &printed), place);
+            at_sheet |= usize::from(radiance == background);
+            sum += weight * radiance;
+            weights += weight;
+        }
+        compared += 1;
+        worst[at_sheet] = worst[at_sheet].max((sample.radiance - sum / weights).abs() / 0.92);
+    }
+    assert!(compared > 30, "{compared}");
+    worst
+}
+
+#[test]
+fn radiance_is_the_integral_of_the_point_spread() {
+    // Circles of 5 px radius and more; then 3 px at the least.
+    for (camera, distance, tilt, step, tolerances) in [
+        (radtan(), 0.7, 0.0, 197, [0.001, 0.001]),
+        (radtan(), 0.8, 40.0, 197, [0.002, 0.002]),
+        (kannala_brandt(), 0.4, 30.0, 197, [0.002, 0.003]),
+        (radtan(), 1.8, 35.0, 61, [0.002, 0.002]),
+    ] {
+        let worst = greatest_errors(&camera, &pose(&board(), distance, tilt, 25.0), step, None);
+        println!("distance {distance} m, tilt {tilt} deg: circles {:.5}, sheet {:.5}", worst[0], worst[1]);
+        assert!(worst.iter().zip(tolerances).all(|(worst, most)| *worst < most), "{worst:?} at {distance} m");
+    }
+}
+
+#[test]
+fn a_board_that_is_not_as_stated_is_rendered_as_it_is() {
+    let stated = BoardShape::stated(&board());
+    for (printed, distance, tilt) in [
+        (BoardShape { bend: [0.012, -0.006], ..stated }, 0.7, 35.0),
+        (BoardShape { print_ratio: 1.04, radius: 0.0165, ..stated }, 0.8, 20.0),
+    ] {
+        let pose = pose(&board(), distance, tilt, 25.0);
+        let worst = greatest_errors(&radtan(), &pose, 197, Some(printed));
+        println!("{printed:?}: circles {:.5}, sheet {:.5}", worst[0], worst[1]);
+        assert!(worst.iter().all(|worst| *worst < 0.003), "{worst:?} of {printed:?}");
+    }
+}
+
+#[test]
+fn the_jacobian_is_the_derivative_of_the_point() {
+    let camera = radtan();
+    let pose = pose(&board(), 0.7, 40.0, 25.0);
+    let view = View::new(&pose);
+    let rays = Rays::new(&camera, Sensor::new(346, 260));
+    let point = |x: f64, y: f64| {
+        let direction = pose.rotation * camera.unproject(&Vector2::new(x, y)).unwrap();
+        let origin = pose.translation.vector;
+        (origin - direction * (origin.z / direction.z)).xy()
+    };
+    for (x, y) in [(0u16, 0u16), (345, 259), (170, 130), (20, 240)] {
+        let (u, v) = (f64::from(x), f64::from(y));
+        let ray = rays.get(x, y).unwrap();
+        let gaze = view.gaze(ray).unwrap();
+        assert!((gaze.point - point(u, v)).norm() < 1e-12);
+        let jacobian = view.jacobian(ray, &gaze);
+        let by_x = (point(u + 0.01, v) - point(u - 0.01, v)) / 0.02;
+        let by_y = (point(u, v + 0.01) - point(u, v - 0.01)) / 0.02;
+        assert!((jacobian.column(0) - by_x).norm() < 1e-6 * by_x.norm());
+        assert!((jacobian.column(1) - by_y).norm() < 1e-6 * by_y.norm());
+        let stretch = jacobian.svd(false, false).singular_values.max();
+        assert!(gaze.metres_per_pixel(ray) >= stretch && gaze.metres_per_pixel(ray) < 1.6 * stretch);
+    }
+}
+
+#[test]
+fn a_pixel_that_looks_away_sees_the_background() {
+    let scene = Scene::new(board(), SceneSettings::default(), POINT_SPREAD);
+    let rays = Rays::new(&radtan(), Sensor::new(346, 260));
+    let away = pose(&board(), 0.7, 0.0, 0.0) * nalgebra::UnitQuaternion::from_euler_angles(0.0, 3.0, 0.0);
+    let sample = scene.sample(&View::new(&away), rays.get(170, 130).unwrap());
+    assert_eq!(sample, Sample { radiance: scene.settings().background, edge: f64::NEG_INFINITY });
+}

@@ -1,0 +1,62 @@
+//! What is known of a simulated recording, beside its events and its trajectory.
+
+use evcal_core::camera::Camera;
+use evcal_core::sensor::Sensor;
+use serde::{Deserialize, Serialize};
+
+use super::davis::DavisDescription;
+use super::motion_capture::MotionCaptureDescription;
+use super::second_camera::SecondCameraDescription;
+use super::{EventCounts, Simulation, SimulationSettings};
+use evcal_geometry::lens::camera_file::CameraDescription;
+
+/// Everything that makes a simulated recording, and what came out. As JSON it is a camera file too
+/// (see [`evcal_geometry::lens::camera_file`]).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// Size of the sensor.
+    pub sensor: Sensor,
+    /// The lens.
+    pub camera: CameraDescription,
+    /// The board, as on the command line.
+    pub board: String,
+    /// Scene, pixels, motion, seed and duration.
+    pub settings: SimulationSettings,
+    /// Mean image speed of the board's points in view while the camera moves, in pixels per second.
+    pub mean_speed: f64,
+    /// Number of OFF events.
+    pub off_events: u64,
+    /// Number of ON events.
+    pub on_events: u64,
+    /// Frames and inertial samples, if there are any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub davis: Option<DavisDescription>,
+    /// Motion capture, if there is any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motion_capture: Option<MotionCaptureDescription>,
+    /// A second camera, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub second_camera: Option<SecondCameraDescription>,
+}
+
+impl Truth {
+    /// The truth of `simulation` through the lens `camera`, which gave these `counts` of events and
+    /// nothing else.
+    pub fn new(camera: &Camera<f64>, simulation: &Simulation, counts: EventCounts) -> Self {
+        let settings = simulation.settings().clone();
+        let board = simulation.scene().stated_board();
+        let rays = simulation.rays();
+        Self {
+            sensor: rays.sensor(),
+            camera: CameraDescription::new(camera),
+            board: board.to_string(),
+            mean_speed: simulation.motion().mean_speed(board, rays, settings.duration),
+            off_events: counts.off,
+            on_events: counts.on,
+            settings,
+            davis: None,
+            motion_capture: None,
+            second_camera: None,
+        }
+    }
+}
