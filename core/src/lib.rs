@@ -22,6 +22,10 @@
 //! | [`settings`](mod@settings) | one declaration | a structure of settings that says what they are |
 //! | [`undistortion`] | pixels | pixels without distortion |
 //!
+//! The default feature `geometry` brings the modules that need nalgebra: [`camera`], [`circle`], [`cluster`], [`detector`],
+//! [`grid`], [`spline`] and [`undistortion`]. Without default features the others depend on heapless alone. The feature
+//! `serde` makes [`sensor::Sensor`] and the settings serialisable.
+//!
 //! Conventions: pixel (0, 0) is the centre of the top-left pixel; x to the right, y down. Times of
 //! events are in microseconds. A pose `T_world_camera` maps camera coordinates (z forward) to world
 //! coordinates, where the board lies in the plane z = 0.
@@ -34,17 +38,24 @@
 extern crate std;
 
 pub mod budget;
+#[cfg(feature = "geometry")]
 pub mod camera;
+#[cfg(feature = "geometry")]
 pub mod circle;
+#[cfg(feature = "geometry")]
 pub mod cluster;
 pub mod decode;
+#[cfg(feature = "geometry")]
 pub mod detector;
 pub mod event;
 pub mod filter;
+#[cfg(feature = "geometry")]
 pub mod grid;
 pub mod pattern;
 pub mod sensor;
 pub mod settings;
+#[cfg(feature = "geometry")]
 pub mod spline;
+#[cfg(feature = "geometry")]
 pub mod undistortion;
 pub mod window;
