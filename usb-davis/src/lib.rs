@@ -14,7 +14,14 @@
 //! | [`device`] | the camera itself |
 //! | [`emulator`] | a camera in software, with faults on demand |
 //!
-//! [`registers`], [`bias`], [`configuration`] and [`protocol`] need neither `std` nor an allocator: switch off default features.
+//! | feature | brings | needs |
+//! |---|---|---|
+//! | none | [`registers`], [`bias`], [`configuration`], [`protocol`] | neither `std` nor an allocator |
+//! | `std` | [`dump`], [`capture`], snapshots of registers: what reads and writes recordings | no libusb |
+//! | `device` | [`device`], the program `davis-record` | libusb (rusb) |
+//! | `emulator` | [`emulator`]; its transports are for Linux | no libusb |
+//!
+//! All are on by default; `device` and `emulator` switch `std` on.
 //!
 //! From a recording to events:
 //! ```no_run
