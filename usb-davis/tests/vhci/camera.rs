@@ -1,12 +1,4 @@
-//! End to end through a real kernel: rusb and libusb against the emulated camera on the virtual USB
-//! controller. Needs root and the module `vhci-hcd`; `make test-usb-guest` runs it in a virtual
-//! machine, `cargo test --test vhci_camera -- --ignored --test-threads=1` where both are at hand.
-#![cfg(target_os = "linux")]
-
-#[path = "support/session.rs"]
-mod session;
-#[path = "support/streams.rs"]
-mod streams;
+//! A camera on the bus, from plugging it in to unplugging it.
 
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
@@ -16,8 +8,8 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use session::{Received, session};
-use streams::{event, events, total};
+use crate::session::{Received, session};
+use crate::streams::{event, events, total};
 use usb_davis::configuration::{Configuration, QUIESCE, Streams};
 use usb_davis::device::{Availability, Camera, Listing, Queue, Selector, StreamError, StreamStatistics, list};
 use usb_davis::emulator::vhci::VirtualCamera;
