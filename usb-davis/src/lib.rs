@@ -19,7 +19,7 @@
 //! | none | [`registers`], [`bias`], [`configuration`], [`protocol`] | neither `std` nor an allocator |
 //! | `std` | [`dump`], [`capture`], snapshots of registers: what reads and writes recordings | no libusb |
 //! | `device` | [`device`], the program `davis-record` | libusb (rusb) |
-//! | `emulator` | [`emulator`]; its transports are for Linux | no libusb |
+//! | `emulator` | [`emulator`], the program `davis-emulate`; for Linux | no libusb |
 //!
 //! All are on by default; `device` and `emulator` switch `std` on.
 //!
