@@ -11,6 +11,7 @@
 pub mod calibrate;
 pub mod check;
 pub mod circles;
+mod counted;
 pub mod detection;
 pub mod diagnosis;
 pub mod evaluate;

@@ -23,11 +23,12 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::bytes::ByteReader;
-use super::{
-    Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
-    StreamSummary, Uses,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Opened, StreamSummary, Uses};
 use crate::options::FormatOption;
+use crate::options::RecordingOptions;
+use crate::read_report::ReadReport;
+use crate::reader::{Decode, RecordingInformation};
 use header::{Header, Ranges};
 
 const MAGIC: &[u8] = b"#!AER-DAT2.0";

@@ -17,11 +17,12 @@ mod extras;
 mod packets;
 
 use super::bytes::ByteReader;
-use super::{
-    Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, StreamSummary, Truncation, Uses,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::foreign::ForeignFormat;
+use crate::format::{FileFormat, Head, Opened, StreamSummary, Uses};
+use crate::options::RecordingOptions;
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 use packets::{EVENT, Header, MAGIC, POLARITY, PacketHead, header, is_known, next_head, sensor, time};
 
 /// AEDAT 3.0 and 3.1.

@@ -23,10 +23,11 @@ use packets::{PacketHead, PacketReader};
 pub use write::{OUTPUT, OUTPUT_LZ4, OUTPUT_UNCOMPRESSED};
 
 use super::extras::ReadExtras;
-use super::{
-    Damage, Decode, FileFormat, MAX_SENSOR_SIZE, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, Uses,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Uses};
+use crate::options::{Damage, RecordingOptions};
+use crate::read_report::ReadReport;
+use crate::reader::{Decode, MAX_SENSOR_SIZE, RecordingInformation};
 
 /// AEDAT4.
 pub const FORMAT: FileFormat = FileFormat {

@@ -4,8 +4,9 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use super::{ReadReport, RecordingError, RecordingErrorKind, Truncation};
 use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::read_report::{ReadReport, Truncation};
 
 /// Which part of `whole` `part` is, 0 to 1; nothing of nothing is all.
 pub fn share(part: u64, whole: u64) -> f64 {

@@ -1,6 +1,6 @@
 //! What the columns of a table of events are, and the unit of its times, where nobody says it.
 
-use super::{Column, Columns, TimeUnit};
+use crate::options::{Column, Columns, TimeUnit};
 
 /// Why the columns of a text file or an array cannot be told.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

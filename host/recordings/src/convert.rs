@@ -13,11 +13,15 @@ use serde::{Serialize, Serializer};
 use usb_davis::capture::CaptureError;
 
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
-use super::extras::{Extra, NoExtras, left_out, open_extras};
+use super::extras::{Extra, NoExtras, left_out};
 use super::given_sensor::{OtherSensor, check_outside, check_stated};
 use super::likely_sensor::{likely_sensor_of, likely_words};
 use super::write::output_extensions;
-use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError};
+use crate::error::RecordingError;
+use crate::format::OpenTransfers;
+use crate::read_report::ReadReport;
+use crate::reader::EventReader;
+use crate::recording::Recording;
 use evcal_files::{FileError, NewFile};
 
 /// The format that the extension of `path` stands for.
@@ -173,7 +177,7 @@ pub fn convert_changed(
     let mut events = Vec::new();
     let mut report = ConversionReport::default();
     let mut more = next(&mut reader, &mut events, &mut report);
-    let mut extras = if target.holds_extras { open_extras(recording)? } else { Box::new(NoExtras) };
+    let mut extras = if target.holds_extras { recording.open_extras()? } else { Box::new(NoExtras) };
     let shift = match origin {
         TimeOrigin::Kept => 0,
         TimeOrigin::Unix => start(recording)?.ok_or_else(|| ConvertError::StartUnknown(recording.path().to_owned()))?,

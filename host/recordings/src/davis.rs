@@ -22,11 +22,12 @@ use usb_davis::protocol::Message;
 
 use super::date::date;
 use super::extras::ReadExtras;
-use super::{
-    Decode, FileFormat, Head, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
-    StreamSummary, Uses,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Head, StreamSummary, Uses};
 use crate::options::FormatOption;
+use crate::options::RecordingOptions;
+use crate::read_report::ReadReport;
+use crate::reader::{Decode, RecordingInformation};
 pub use dump_sink::OUTPUT;
 
 /// Dumps and captures, which begin with a mark.

@@ -6,12 +6,10 @@ use std::path::{Path, PathBuf};
 
 use usb_davis::capture::CaptureError;
 
-use super::FORMATS;
 use super::columns::LayoutError;
 use super::foreign::ForeignFormat;
 use super::options::{FormatOption, TimeUnit};
-use super::ros::ENCODINGS;
-use super::text::LineError;
+use super::text::error::LineError;
 
 /// Why a recording could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -49,8 +47,11 @@ pub enum RecordingErrorKind {
     #[error("is a {0} file, which is not supported")]
     Unsupported(ForeignFormat),
     /// Nothing that we know.
-    #[error("is in no format known here (known: {}); was it cut off at its beginning?", known_formats())]
-    UnknownFormat,
+    #[error("is in no format known here (known: {}); was it cut off at its beginning?", known.join(", "))]
+    UnknownFormat {
+        /// Names of the formats that are.
+        known: Vec<&'static str>,
+    },
     /// A header, packet or record that breaks its format.
     #[error("byte {byte}: {what}; {usable}")]
     Damaged {
@@ -136,13 +137,15 @@ pub enum RecordingErrorKind {
     /// Packets of events in an encoding that is not read.
     #[error(
         "the events of its topic {topic} are encoded as {encoding:?}, which is not read (known: {}): record them with another encoding",
-        ENCODINGS.join(", ")
+        known.join(", ")
     )]
     EventEncoding {
         /// Name of the topic.
         topic: String,
         /// The encoding.
         encoding: String,
+        /// Those that are read.
+        known: &'static [&'static str],
     },
     /// No stream of events, but this; empty where there is nothing.
     #[error("{}", without_events(.0))]
@@ -254,11 +257,6 @@ fn without_events(held: &str) -> String {
         "" => "holds nothing at all: name a recording that has events".to_owned(),
         held => format!("holds no events, only {held}; name a recording that has some"),
     }
-}
-
-/// The names of all formats, for a sentence.
-fn known_formats() -> String {
-    FORMATS.iter().map(|format| format.name).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]

@@ -18,11 +18,12 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::bytes::ByteReader;
-use super::{
-    Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
-    Truncation,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::foreign::ForeignFormat;
+use crate::format::{FileFormat, Opened};
+use crate::options::RecordingOptions;
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 
 const MAGIC: &[u8] = b"Event Stream";
 /// What stands before the size of the sensor: the magic, the version, and the kind.

@@ -10,7 +10,9 @@ use super::encode::OutputFormat;
 use super::extras::ReadExtras;
 use super::options::FormatOption;
 use super::pictures::TimedImage;
-use super::{Decode, RecordingError, RecordingErrorKind, RecordingOptions};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::options::RecordingOptions;
+use crate::reader::Decode;
 
 /// How many bytes of a file are looked at to find its format.
 const HEAD_LENGTH: u64 = 65_536;

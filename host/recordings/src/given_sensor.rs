@@ -4,7 +4,9 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::likely_sensor::likely_sensor_of;
-use super::{ReadReport, Recording, RecordingOptions};
+use crate::options::RecordingOptions;
+use crate::read_report::ReadReport;
+use crate::recording::Recording;
 
 /// Share of events that may lie outside of a sensor that was asked for.
 const FEW_OUTSIDE: f64 = 0.01;
@@ -157,11 +159,11 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
 /// events lie one column and one row behind the sensor that was asked for, that of the file, or a usual one. Reads the
 /// recording up to the first event that tells otherwise.
 pub fn counted_from_one(recording: &Recording) -> Option<Sensor> {
-    let known = recording.options.sensor.or_else(|| recording.own_sensor());
+    let known = recording.options().sensor.or_else(|| recording.own_sensor());
     let larger = |sensor: Sensor| Sensor::new(sensor.width.saturating_add(1), sensor.height.saturating_add(1));
     // With the sensor as it is known the events in question are left out.
-    let options = RecordingOptions { sensor: known.map(larger), ..recording.options.clone() };
-    let mut reader = Recording { options, ..recording.clone() }.open().ok()?;
+    let options = RecordingOptions { sensor: known.map(larger), ..recording.options().clone() };
+    let mut reader = recording.with_options(options).open().ok()?;
     let (mut column, mut row, mut events) = (0, 0, Vec::new());
     while reader.next_batch(&mut events).ok()? {
         for event in &events {

@@ -30,12 +30,14 @@ use hdf5_reader::error::Error;
 
 use super::bytes::share;
 use super::counter::TimeCounter;
-use super::{
-    Column, Damage, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind,
-    RecordingInformation, RecordingOptions, StreamSummary, TimeUnit, Truncation, Uses, columns, numbers,
-};
+use super::{columns, numbers};
 use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::foreign::ForeignFormat;
+use crate::format::{FileFormat, Head, Opened, StreamSummary, Uses};
+use crate::options::{Column, Damage, RecordingOptions, TimeUnit};
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 use layout::{Contents, Found};
 use table::{Row, Table};
 

@@ -2,7 +2,7 @@
 
 use evcal_core::sensor::Sensor;
 
-use crate::Recording;
+use crate::recording::Recording;
 
 /// Sensors of event cameras, for recordings that do not give theirs.
 const SENSORS: [Sensor; 7] = [

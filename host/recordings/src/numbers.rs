@@ -3,7 +3,8 @@
 use evcal_core::event::{Event, Polarity};
 
 use super::columns::Cell;
-use super::{Column, RecordingErrorKind, TimeUnit};
+use crate::error::RecordingErrorKind;
+use crate::options::{Column, TimeUnit};
 
 /// How a number is put into bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

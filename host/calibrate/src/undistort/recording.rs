@@ -17,7 +17,7 @@ use event_recordings::convert::{
     Change, ConversionProgress, ConversionReport, ConvertError, TimeOrigin, convert_changed,
 };
 use event_recordings::encode::OutputFormat;
-use event_recordings::extras::{Extra, NoExtras, left_out, open_extras};
+use event_recordings::extras::{Extra, NoExtras, left_out};
 use event_recordings::{EventReader, Recording, RecordingError, RecordingOptions};
 
 /// The camera of undistorted frames or pictures, in their folder.
@@ -230,7 +230,7 @@ pub struct WrittenFrames {
 pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Result<WrittenFrames, UndistortError> {
     check_sensor(recording, &recording.open()?, maps)?;
     fs::create_dir_all(folder).map_err(|error| FileError::new(folder, error))?;
-    let mut extras = open_extras(recording)?;
+    let mut extras = recording.open_extras()?;
     let (mut lost, mut count) = (Vec::new(), 0_u64);
     while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
         let Extra::Frame(mut frame) = extra else { continue };

@@ -12,7 +12,8 @@ use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
 
 use super::header::{self, Compression, Header, MAGIC};
 use crate::bytes::share;
-use crate::{RecordingError, RecordingErrorKind, Truncation, Usable};
+use crate::error::{RecordingError, RecordingErrorKind, Usable};
+use crate::read_report::Truncation;
 
 /// A packet that unpacks to more (64 MiB, 4 million events) is damaged: a camera would need seconds to fill it, and programs write many a second.
 pub(super) const MAX_UNPACKED: usize = 1 << 26;

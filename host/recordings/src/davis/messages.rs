@@ -13,8 +13,9 @@ use usb_davis::registers::Dropped;
 use super::{FRAMES, INERTIAL, SIGNALS};
 use crate::bytes::share;
 use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::read_report::{ReadReport, RepairedTimes, StreamFaults, Truncation};
 use crate::reader::PAUSE_AFTER_RESET;
-use crate::{ReadReport, RecordingError, RecordingErrorKind, RepairedTimes, StreamFaults, Truncation};
 
 /// Bytes read at a time.
 const BUFFER: usize = 1 << 18;

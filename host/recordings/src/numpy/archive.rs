@@ -9,8 +9,8 @@ use flate2::{Crc, CrcReader};
 use rawzip::{CompressionMethod, RECOMMENDED_BUFFER_SIZE, ZipArchive};
 
 use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::foreign::ForeignFormat;
-use crate::{RecordingError, RecordingErrorKind};
 
 /// How an archive begins.
 pub const MAGIC: &[u8] = b"PK\x03\x04";

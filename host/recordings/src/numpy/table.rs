@@ -7,9 +7,11 @@ use evcal_core::sensor::Sensor;
 
 use super::archive::{EXTENSION, Member, Place};
 use super::header::{self, Element, HeadError, Header};
+use crate::columns;
 use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::numbers::NumberType;
-use crate::{Column, RecordingError, RecordingErrorKind, columns};
+use crate::options::Column;
 
 /// More columns than this are none of events.
 const MOST_COLUMNS: u64 = 16;

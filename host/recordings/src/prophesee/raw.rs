@@ -9,11 +9,12 @@ use super::header::Header;
 use super::write::OUTPUT;
 use super::{TRIGGERS, tell};
 use crate::bytes::ByteReader;
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::foreign::ForeignFormat;
-use crate::{
-    Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, Truncation,
-};
+use crate::format::{FileFormat, Head, Opened};
+use crate::options::RecordingOptions;
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 
 /// Prophesee RAW.
 pub const FORMAT: FileFormat = FileFormat {

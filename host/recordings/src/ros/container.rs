@@ -6,7 +6,9 @@ use std::path::Path;
 use super::fields::{MessageError, Wire};
 use super::message::Kind;
 use crate::bytes::ByteReader;
-use crate::{Damage, RecordingError, RecordingErrorKind, Truncation};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::options::Damage;
+use crate::read_report::Truncation;
 
 /// A chunk that says it unpacks to more is damaged: writers begin a new one after some megabytes.
 pub const MOST_UNPACKED: u64 = 1 << 26;

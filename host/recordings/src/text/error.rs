@@ -1,8 +1,10 @@
 //! What can be wrong with a line of a text file.
 
-use super::MAX_LINE;
 use crate::counted::counted;
-use crate::{Columns, TimeUnit};
+use crate::options::{Columns, TimeUnit};
+
+/// No line with an event is longer (bytes).
+pub(crate) const MAX_LINE: u64 = 4096;
 
 /// Why a line is no event.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
