@@ -6,6 +6,7 @@
 pub mod calibrate;
 pub mod check;
 pub mod circles;
+mod counted;
 pub mod detection;
 pub mod diagnosis;
 pub mod evaluate;

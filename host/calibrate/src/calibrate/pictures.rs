@@ -21,7 +21,7 @@ use crate::trust::verdict::verdict;
 use crate::trust::witness::{FailedWitness, WitnessOutcome, picture_witness};
 use event_recordings::images::ImagesError;
 use event_recordings::pass::RecordingReport;
-use event_recordings::pictures::{TimedImage, visit_frames};
+use event_recordings::pictures::TimedImage;
 
 /// The reference frames of all recordings' pictures.
 pub(super) struct SeenPictures {
@@ -47,7 +47,7 @@ pub(super) fn see_pictures(
         let origin = match input {
             Input::Events(recording) if recording.may_hold_frames() && without.get(number) != Some(&true) => {
                 progress.tell(format!("looking for the board in the frames of {}", input.short_name()))?;
-                detection.search(number, start, |visit| visit_frames(recording, visit))?
+                detection.search(number, start, |visit| recording.visit_frames(visit))?
             }
             Input::Images(images) => {
                 progress.tell(format!("looking for the board in the frames of {}", input.short_name()))?;

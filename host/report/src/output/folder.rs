@@ -26,7 +26,6 @@ use evcal_files::folder::{FolderError, OutputFolder};
 use evcal_geometry::board::Board;
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_geometry::tum;
-use event_recordings::pictures::image_at;
 
 /// Folder of files for other programs.
 const EXPORTS: &str = "exports";
@@ -79,10 +78,10 @@ pub fn is_result(file: &Path) -> bool {
 #[non_exhaustive]
 pub enum WriteError {
     /// The folder cannot be used.
-    #[error(transparent)]
+    #[error("{0}")]
     Folder(#[from] FolderError),
     /// A file cannot be written.
-    #[error(transparent)]
+    #[error("{0}")]
     File(#[from] FileError),
 }
 
@@ -267,7 +266,7 @@ fn picture_examples(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, 
     best_and_worst(calibrated.posed(), |posed, frame| {
         let Some(Input::Events(recording)) = task.inputs.get(frame.recording) else { return None };
         let exposure = (calibrated.starts.get(frame.recording)? + frame.start) * 1e6;
-        let picture = image_at(recording, exposure.round() as i64)?;
+        let picture = recording.image_at(exposure.round() as i64)?;
         let image = (picture.image.as_ref().ok()?, picture.position);
         Some(grey_frame_picture(image, frame, calibrated.sensor, task.board, calibrated.camera(), &posed.pose))
     })
