@@ -110,7 +110,7 @@ pub fn write_folder(
     task: &Task,
     progress: &mut (dyn FnMut(Step) + Send),
 ) -> Result<Written, FileError> {
-    let calibration = CalibrationFile::new(calibrated, task.board);
+    let calibration = CalibrationFile::new(calibrated, task.board, task.wording);
     let failed = |error: serde_json::Error| FileError::new(&folder.path().join("calibration.json"), error.into());
     let json = serde_json::to_string_pretty(&calibration).map_err(failed)?;
     let on_one_line = serde_json::to_string(&calibration).map_err(failed)?;
