@@ -117,7 +117,7 @@ pub enum TrajectoryError {
         control_point: usize,
     },
     /// The knots are not those of a spline.
-    #[error(transparent)]
+    #[error("{0}")]
     Spline(#[from] SplineError),
 }
 

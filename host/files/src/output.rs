@@ -28,7 +28,7 @@ pub enum OutputError {
     #[error("{} is what is read: choose another name for the result", .0.display())]
     IsInput(PathBuf),
     /// The system refuses.
-    #[error(transparent)]
+    #[error("{0}")]
     Unusable(#[from] FileError),
 }
 

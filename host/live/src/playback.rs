@@ -34,7 +34,7 @@ const FIRMWARE: u16 = 6;
 #[non_exhaustive]
 pub enum PlaybackError {
     /// It cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Recording(#[from] RecordingError),
     /// Its transfers cannot be read.
     #[error("{}: {}", .0.display(), .1)]

@@ -64,10 +64,10 @@ pub struct ConversionReport {
 #[non_exhaustive]
 pub enum ConvertError {
     /// The recording cannot be opened.
-    #[error(transparent)]
+    #[error("{0}")]
     Recording(#[from] RecordingError),
     /// The sensor that was asked for is not that of the recording.
-    #[error(transparent)]
+    #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// The camera's stream cannot be read.
     #[error("{}: {error}", path.display())]

@@ -197,11 +197,11 @@ pub enum RecordingErrorKind {
         log: PathBuf,
     },
     /// The columns of a text file are not clear.
-    #[error(transparent)]
-    Layout(LayoutError),
+    #[error("{0}")]
+    Layout(#[source] LayoutError),
     /// A recording of USB transfers cannot be read.
-    #[error(transparent)]
-    Capture(CaptureError),
+    #[error("{0}")]
+    Capture(#[source] CaptureError),
 }
 
 impl RecordingError {

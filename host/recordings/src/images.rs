@@ -29,10 +29,10 @@ pub struct Images {
 #[derive(Debug, thiserror::Error)]
 pub enum ImagesError {
     /// Those of a folder.
-    #[error(transparent)]
+    #[error("{0}")]
     Folder(#[from] ImageFolderError),
     /// Those of a bag.
-    #[error(transparent)]
+    #[error("{0}")]
     Topic(#[from] RecordingError),
 }
 

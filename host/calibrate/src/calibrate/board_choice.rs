@@ -13,7 +13,7 @@ use event_recordings::Recording;
 #[non_exhaustive]
 pub enum BoardChoiceError {
     /// A recording cannot be searched.
-    #[error(transparent)]
+    #[error("{0}")]
     Search(#[from] SearchError),
     /// There are no events to recognise it in.
     #[error("a board is recognised in recordings of events only: name it, for example acircles:9x4:55mm:r17.5mm")]

@@ -26,7 +26,7 @@ pub enum CalibrateError {
     #[error("there is no recording: name at least one")]
     NoInput,
     /// A recording could not be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Source(#[from] RecordingError),
     /// The sensor size is not known.
     #[error("{file} does not say how many pixels the sensor has")]
@@ -37,7 +37,7 @@ pub enum CalibrateError {
         likely: Option<Sensor>,
     },
     /// The sensor that was asked for is not that of a recording.
-    #[error(transparent)]
+    #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// Events come so seldom or so often that their times are in another unit.
     #[error("{file}: no board found, and {unit}")]
@@ -48,8 +48,8 @@ pub enum CalibrateError {
         unit: OtherUnit,
     },
     /// The circles are not as large as stated.
-    #[error(transparent)]
-    OtherRadius(OtherRadius),
+    #[error("{0}")]
+    OtherRadius(#[source] OtherRadius),
     /// The lens or the board cannot be as the user says.
     #[error("no lens or board has the values at which parameters are held")]
     ImpossibleValues,
@@ -94,19 +94,19 @@ pub enum CalibrateError {
         file: String,
     },
     /// The board was not found.
-    #[error(transparent)]
-    NoPattern(NoPattern),
+    #[error("{0}")]
+    NoPattern(#[source] NoPattern),
     /// No initial model.
-    #[error(transparent)]
+    #[error("{0}")]
     Initial(#[from] InitialError),
     /// There is no trajectory to start from.
-    #[error(transparent)]
+    #[error("{0}")]
     FirstTrajectories(#[from] FirstTrajectoryError),
     /// The joint solve failed.
-    #[error(transparent)]
-    Solve(SolveError),
+    #[error("{0}")]
+    Solve(#[source] SolveError),
     /// Images could not be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Images(#[from] ImagesError),
     /// Events are needed, and there are only frames.
     #[error("{file} holds frames, not events: give a recording of events, and the frames as those of a second camera")]

@@ -83,10 +83,10 @@ pub struct Repetition {
 #[derive(Debug, thiserror::Error)]
 pub enum RepeatError {
     /// It cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Source(#[from] RecordingError),
     /// The sensor that was asked for is not that of the recording.
-    #[error(transparent)]
+    #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// Fewer than two parts were calibrated.
     #[error(

@@ -67,7 +67,7 @@ pub struct BestWindow<'a> {
 #[non_exhaustive]
 pub enum SearchError {
     /// It cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Recording(#[from] RecordingError),
     /// The sensor size is not known.
     #[error("{file} does not say how many pixels the sensor has")]
@@ -78,7 +78,7 @@ pub enum SearchError {
         likely: Option<Sensor>,
     },
     /// The sensor that was asked for is not that of the recording.
-    #[error(transparent)]
+    #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// The sensor is too large.
     #[error("{file} is of a sensor of {sensor} pixels; up to {} are supported", LARGEST_SENSOR)]

@@ -49,7 +49,7 @@ pub enum CapturedError {
         error: TumError,
     },
     /// The capture cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Capture(#[from] CaptureFileError),
     /// They do not fit.
     #[error("{} and {}: {error}", trajectory.display(), capture.display())]

@@ -112,7 +112,7 @@ impl fmt::Display for TrajectoryOf {
 #[non_exhaustive]
 pub enum CompareError {
     /// A camera cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Camera(#[from] CameraFileError),
     /// They are of different sensors.
     #[error(
@@ -130,7 +130,7 @@ pub enum CompareError {
         true_sensor: Sensor,
     },
     /// The cameras see nothing in common.
-    #[error(transparent)]
+    #[error("{0}")]
     Projection(#[from] NoCommonView),
     /// One trajectory was named, and the other is not where it is looked for.
     #[error("there is no {TRAJECTORY_FILE} beside {}: name the trajectory of {which} too", file.display())]

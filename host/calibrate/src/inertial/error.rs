@@ -9,10 +9,10 @@ use event_recordings::RecordingError;
 #[non_exhaustive]
 pub enum InertialError {
     /// A recording could not be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Recording(#[from] RecordingError),
     /// A file of samples could not be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Csv(#[from] CsvError),
     /// The camera was calibrated from pictures, each with a pose of its own.
     #[error("an inertial unit is calibrated along trajectories, and frames alone give none: calibrate from events")]

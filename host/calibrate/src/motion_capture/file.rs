@@ -35,7 +35,7 @@ pub struct CaptureFileError {
 #[non_exhaustive]
 pub enum CaptureError {
     /// The system says so.
-    #[error(transparent)]
+    #[error("{0}")]
     Io(#[from] io::Error),
     /// No pose of a trajectory in TUM form.
     #[error("{0}; EuRoC's CSV with its first line and the CSV of OptiTrack Motive are read too")]

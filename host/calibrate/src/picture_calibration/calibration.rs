@@ -118,7 +118,7 @@ pub enum PictureFailure {
         advice: &'static str,
     },
     /// There is no first camera.
-    #[error(transparent)]
+    #[error("{0}")]
     Initial(#[from] InitialError),
     /// The views are too much alike.
     #[error("the {views} frames with the board do not determine the camera: tilt it more")]

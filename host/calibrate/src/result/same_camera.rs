@@ -56,7 +56,7 @@ pub struct ComparedCalibrations {
 #[non_exhaustive]
 pub enum CompareError {
     /// One cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Camera(#[from] CameraFileError),
     /// They are of different sensors, and so of different cameras.
     #[error(
@@ -74,7 +74,7 @@ pub enum CompareError {
         other_sensor: Sensor,
     },
     /// They see nothing in common.
-    #[error(transparent)]
+    #[error("{0}")]
     Projection(#[from] NoCommonView),
 }
 

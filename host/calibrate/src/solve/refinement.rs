@@ -148,10 +148,10 @@ pub struct Refined {
 #[derive(Debug, thiserror::Error)]
 pub enum RefinementError<E> {
     /// A recording could not be read again.
-    #[error(transparent)]
-    Read(E),
+    #[error("{0}")]
+    Read(#[source] E),
     /// The joint solve failed.
-    #[error(transparent)]
+    #[error("{0}")]
     Solve(#[from] SolveError),
 }
 

@@ -94,13 +94,13 @@ pub struct UndistortionReport {
 #[non_exhaustive]
 pub enum UndistortError {
     /// The recording cannot be read, or the output not be written.
-    #[error(transparent)]
+    #[error("{0}")]
     Convert(#[from] ConvertError),
     /// The recording cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Recording(#[from] RecordingError),
     /// A frame cannot be written.
-    #[error(transparent)]
+    #[error("{0}")]
     Picture(#[from] PictureError),
     /// It is of another sensor.
     #[error("{file} is of a sensor with {found} pixels, the calibration of one with {calibrated}")]
@@ -113,7 +113,7 @@ pub enum UndistortError {
         calibrated: Sensor,
     },
     /// A file or the folder of the frames cannot be written.
-    #[error(transparent)]
+    #[error("{0}")]
     File(#[from] FileError),
 }
 

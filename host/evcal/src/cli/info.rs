@@ -6,6 +6,7 @@ use evcal_calibrate::calibrate::input::open_events;
 use evcal_calibrate::check::units::unusual_unit;
 use evcal_calibrate::diagnosis::information;
 
+use super::advice::with_advice;
 use super::print;
 use super::source_arguments::SourceArguments;
 
@@ -31,7 +32,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         let (information, recording) = match gathered {
             Ok(gathered) => gathered,
             Err(error) => {
-                failures.push(error.to_string());
+                failures.push(with_advice(&error));
                 continue;
             }
         };

@@ -94,7 +94,7 @@ pub type OpenContainer = fn(&Path) -> Result<Box<dyn Container>, RecordingError>
 #[derive(Debug, thiserror::Error)]
 pub enum ChunkError {
     /// Its head.
-    #[error(transparent)]
+    #[error("{0}")]
     Head(#[from] MessageError),
     /// It has fewer bytes than its head says.
     #[error("it ends within its records")]
@@ -106,7 +106,7 @@ pub enum ChunkError {
         known: &'static str,
     },
     /// What is packed is damaged.
-    #[error(transparent)]
+    #[error("{0}")]
     Packed(#[from] io::Error),
     /// It says that it holds more than any writer puts into one.
     #[error("it is said to unpack to {size} bytes, where {MOST_UNPACKED} are the most that are read")]

@@ -79,10 +79,10 @@ pub fn is_result(file: &Path) -> bool {
 #[non_exhaustive]
 pub enum WriteError {
     /// The folder cannot be used.
-    #[error(transparent)]
+    #[error("{0}")]
     Folder(#[from] FolderError),
     /// A file cannot be written.
-    #[error(transparent)]
+    #[error("{0}")]
     File(#[from] FileError),
 }
 

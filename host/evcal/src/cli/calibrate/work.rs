@@ -191,13 +191,13 @@ impl Work<'_> {
 /// Why the inertial unit or one of the other cameras was not calibrated.
 #[derive(Debug, thiserror::Error)]
 enum BesideError {
-    #[error(transparent)]
+    #[error("{0}")]
     Inertial(#[from] InertialError),
-    #[error(transparent)]
+    #[error("{0}")]
     Held(#[from] OtherSensor),
-    #[error(transparent)]
-    Apart(CalibrateError),
-    #[error(transparent)]
+    #[error("{0}")]
+    Apart(#[source] CalibrateError),
+    #[error("{0}")]
     Together(#[from] SecondCameraError),
 }
 
