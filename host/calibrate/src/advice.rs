@@ -141,7 +141,12 @@ impl fmt::Display for Advice {
             Self::CorrectSensor(outside) => write!(f, "{outside}: state its true size"),
             Self::BothPolarities(only) => f.write_str(&only_one_polarity(*only)),
             Self::NameBoard => write!(f, "circles were seen: name the board to look for it"),
-            Self::Measure(layout) => write!(f, "the board is {layout}: {}", layout.to_measure()),
+            Self::Measure(layout) => write!(
+                f,
+                "the board is {layout}: {}, and give both, for example {}",
+                layout.to_measure(),
+                layout.example()
+            ),
             Self::FindBoard(error) => error.fmt(f),
             Self::CorrectRadius(error) => error.fmt(f),
             Self::Calibrate { board, .. } => write!(f, "calibrate from it with the board {board}"),

@@ -87,11 +87,11 @@ pub struct Seen {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BoardFailure {
     /// It was in no window.
-    #[error(transparent)]
-    NoPattern(NoPattern),
+    #[error("{0}")]
+    NoPattern(#[source] NoPattern),
     /// Its circles are not as large as stated.
-    #[error(transparent)]
-    OtherRadius(OtherRadius),
+    #[error("{0}")]
+    OtherRadius(#[source] OtherRadius),
 }
 
 impl BoardFailure {

@@ -16,12 +16,11 @@ pub enum BoardChoiceError {
     #[error("{0}")]
     Search(#[from] SearchError),
     /// There are no events to recognise it in.
-    #[error("a board is recognised in recordings of events only: name it, for example acircles:9x4:55mm:r17.5mm")]
+    #[error("`auto` needs a recording of events to look at: name the board")]
     NoEvents,
     /// No layout fits.
     #[error(
-        "no circle grid recognised in {file}: is all of the board in view at times, flat, in focus and moving? If so, name it: \
-         LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS"
+        "no circle grid recognised in {file}: is all of the board in view at times, flat, in focus and moving? If so, name it"
     )]
     NotRecognised {
         /// The recording that was searched last.

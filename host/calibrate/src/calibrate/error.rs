@@ -14,6 +14,7 @@ use evcal_core::sensor::Sensor;
 use event_recordings::RecordingError;
 use event_recordings::given_sensor::OtherSensor;
 use event_recordings::images::ImagesError;
+use event_recordings::likely_sensor::sensor_advice;
 use serde::{Serialize, Serializer};
 
 /// Why a calibration failed.
@@ -29,7 +30,7 @@ pub enum CalibrateError {
     #[error("{0}")]
     Source(#[from] RecordingError),
     /// The sensor size is not known.
-    #[error("{file} does not say how many pixels the sensor has")]
+    #[error("{file} does not say how many pixels the sensor has: {}", sensor_advice(*.likely))]
     SensorUnknown {
         /// The file.
         file: String,

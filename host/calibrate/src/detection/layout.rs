@@ -57,7 +57,7 @@ impl RecognisedLayout {
             Layout::Symmetric => "the spacing of neighbours",
         };
         let about = self.radius.map(|radius| format!(" (about {radius:.2} of the spacing)")).unwrap_or_default();
-        format!("measure {spacing} and the radius of a circle{about}, and give both, for example {}", self.example())
+        format!("measure {spacing} and the radius of a circle{about}")
     }
 
     /// A board of this layout, as it is written.

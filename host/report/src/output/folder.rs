@@ -33,7 +33,7 @@ const EXPORTS: &str = "exports";
 /// The folders of a result.
 pub const FOLDERS: &[&str] = &[EXPORTS];
 
-/// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
+/// Formats that every calibration is written in, and the folder of each; exports on demand write the others.
 const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
 
 /// Files of one name each.
