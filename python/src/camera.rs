@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use evcal_geometry::lens::camera_file::CameraDescription;
-use evcal_geometry::lens::projection_difference::projection_difference;
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::undistort::PixelMap;
 use evcal_calibrate::undistort::recording::write_camera;
 use evcal_calibrate::undistort::target::{TargetProjection, target_camera};
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
+use evcal_geometry::lens::camera_file::CameraDescription;
+use evcal_geometry::lens::projection_difference::projection_difference;
 use nalgebra::{Vector2, Vector3};
 use numpy::ndarray::Array2;
 use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArrayLike2, PyUntypedArrayMethods};
@@ -274,7 +274,9 @@ pub fn evaluate<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let ((camera, sensor), (true_camera, true_sensor)) = (camera_of(calibration)?, camera_of(truth)?);
     if sensor != true_sensor {
-        return Err(failed(format!("one is for a sensor of {sensor} pixels, the other for one of {true_sensor}")));
+        return Err(crate::Error::new_err(format!(
+            "one is for a sensor of {sensor} pixels, the other for one of {true_sensor}"
+        )));
     }
     let difference = py.detach(|| projection_difference(&true_camera, &camera, sensor)).map_err(failed)?;
     to_python(py, serde_json::to_string(&difference))

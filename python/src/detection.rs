@@ -1,8 +1,8 @@
 //! The board in windows of time.
 
+use evcal::{Board, Recording};
 use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_calibrate::settings::Settings;
-use evcal::{Board, Recording};
 use numpy::PyArrayDescr;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

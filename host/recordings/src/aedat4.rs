@@ -182,7 +182,7 @@ fn choose_stream<'a>(
         None => {
             if of_events().count() > 1 {
                 let all = describe_all(of_events());
-                notes.push(format!("the first event stream is read; --stream takes one of {all}"));
+                notes.push(format!("the first event stream is read, of {all}"));
             }
             Ok(first)
         }
@@ -349,7 +349,7 @@ mod tests {
         for size in [32_768, 0, -5, 70_000] {
             let (_directory, path) = file(Compression::None, size, &[]);
             let error = read(&path, RecordingOptions::default()).error.unwrap();
-            assert!(error.contains(&size.to_string()) && error.contains("--sensor"), "{error}");
+            assert!(error.contains(&size.to_string()) && error.contains("which none has"), "{error}");
             let options = RecordingOptions { sensor: Some(Sensor::new(346, 260)), ..RecordingOptions::default() };
             assert_eq!(read(&path, options).error, None);
         }

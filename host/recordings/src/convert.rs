@@ -9,15 +9,15 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use usb_davis::capture::CaptureError;
 
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
 use super::extras::{Extra, NoExtras, left_out, open_extras};
 use super::given_sensor::{OtherSensor, check_outside, check_stated};
-use super::likely_sensor::{likely_sensor_of, sensor_advice};
+use super::likely_sensor::{likely_sensor_of, likely_words};
 use super::write::output_extensions;
-use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError, RecordingErrorKind};
+use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError};
 use evcal_files::{FileError, NewFile};
 
 /// The format that the extension of `path` stands for.
@@ -39,7 +39,7 @@ pub enum TimeOrigin {
 }
 
 /// What was converted.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct ConversionReport {
     /// Events written, as far as they were decoded.
     pub events: u64,
@@ -56,7 +56,8 @@ pub struct ConversionReport {
     /// What the reader took for granted.
     pub notes: Vec<String>,
     /// Why reading stopped before the end; what came before is in the output.
-    pub error: Option<String>,
+    #[serde(serialize_with = "as_text")]
+    pub error: Option<ConvertError>,
 }
 
 /// Why nothing was converted.
@@ -75,6 +76,7 @@ pub enum ConvertError {
         /// The recording.
         path: PathBuf,
         /// Why.
+        #[source]
         error: CaptureError,
     },
     /// The output cannot be written.
@@ -83,13 +85,14 @@ pub enum ConvertError {
         /// The output.
         path: PathBuf,
         /// Why.
+        #[source]
         error: WriteError,
     },
     /// No format has this extension.
-    #[error("{}: unknown extension; use {}, or name the format with --to", .0.display(), output_extensions())]
+    #[error("{}: unknown extension; known are {}", .0.display(), output_extensions())]
     Extension(PathBuf),
     /// The sensor size is not known.
-    #[error("{} does not say how many pixels the sensor has: {}", file.display(), sensor_advice(*likely))]
+    #[error("{} does not say how many pixels the sensor has{}", file.display(), likely_words(*likely))]
     SensorUnknown {
         /// The recording.
         file: PathBuf,
@@ -98,10 +101,17 @@ pub enum ConvertError {
     },
     /// Reading stopped before there was anything to write.
     #[error("{0}; nothing was written, for nothing stands before it")]
-    Nothing(String),
+    Nothing(#[source] Box<ConvertError>),
+    /// Times of transfers that are copied stay as they are.
+    #[error("{}: transfers of a camera are copied as they are, and their times cannot count from 1970", .0.display())]
+    CopiedTimes(PathBuf),
     /// The recording does not say when it began.
     #[error("{} does not say when it began: times cannot count from 1970", .0.display())]
     StartUnknown(PathBuf),
+}
+
+fn as_text<S: Serializer>(error: &Option<ConvertError>, to: S) -> Result<S::Ok, S::Error> {
+    error.as_ref().map(ConvertError::to_string).serialize(to)
 }
 
 /// What comes later than this after the last event has a damaged time (µs).
@@ -138,8 +148,7 @@ pub fn convert(
 ) -> Result<ConversionReport, ConvertError> {
     if let (Some(open), Some(copy)) = (recording.format().transfers, target.copy_transfers) {
         if origin == TimeOrigin::Unix {
-            let kind = RecordingErrorKind::NoEffect { option: "--unix-time", format: "transfers that are copied" };
-            return Err(RecordingError::new(recording.path(), kind).into());
+            return Err(ConvertError::CopiedTimes(recording.path().to_owned()));
         }
         return copy_transfers(recording, path, open, copy);
     }
@@ -216,7 +225,7 @@ pub fn convert_changed(
     if report.events + report.frames + report.inertial_samples == 0
         && let Some(error) = report.error.take()
     {
-        return Err(ConvertError::Nothing(error));
+        return Err(ConvertError::Nothing(Box::new(error)));
     }
     output.finish().map_err(failed)?;
     report.lost.extend(output.lost());
@@ -266,13 +275,13 @@ fn copy_transfers(
     if copied.transfers == 0
         && let Some(error) = copied.error.take()
     {
-        return Err(ConvertError::Nothing(unreadable(error).to_string()));
+        return Err(ConvertError::Nothing(Box::new(unreadable(error))));
     }
     file.finish().map_err(unwritten)?;
     Ok(ConversionReport {
         transfers: copied.transfers,
         lost: copied.lost.into_iter().collect(),
-        error: copied.error.map(|error| unreadable(error).to_string()),
+        error: copied.error.map(unreadable),
         ..ConversionReport::default()
     })
 }
@@ -296,7 +305,7 @@ fn zero(events: Option<i64>, extras: Option<i64>) -> i64 {
 /// The next events; false at the end, which may be an error.
 fn next(reader: &mut EventReader, events: &mut Vec<Event>, report: &mut ConversionReport) -> bool {
     reader.next_batch(events).unwrap_or_else(|error| {
-        report.error = Some(error.to_string());
+        report.error = Some(error.into());
         false
     })
 }

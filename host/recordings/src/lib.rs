@@ -61,9 +61,10 @@ pub mod text;
 pub mod write;
 
 pub use columns::LayoutError;
-pub use error::{RecordingError, RecordingErrorKind};
+pub use error::{RecordingError, RecordingErrorKind, Usable};
+pub use foreign::ForeignFormat;
 pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary, Uses};
-pub use options::{Column, Columns, Damage, OptionError, RecordingOptions, TimeUnit};
+pub use options::{Column, Columns, Damage, FormatOption, OptionError, RecordingOptions, TimeUnit};
 pub use read_report::{CounterWraps, ReadReport, RepairedTimes, StreamFaults, Truncation};
 pub use reader::{Decode, EventReader};
 
@@ -97,8 +98,8 @@ fn find_format(path: &Path, head: &Head) -> Result<&'static FileFormat, Recordin
     if head.bytes.is_empty() {
         return Err(RecordingError::new(path, RecordingErrorKind::Empty));
     }
-    if let Some((format, advice)) = foreign::recognise(&head.bytes) {
-        return Err(RecordingError::new(path, RecordingErrorKind::Unsupported { format, advice }));
+    if let Some(format) = foreign::recognise(&head.bytes) {
+        return Err(RecordingError::new(path, RecordingErrorKind::Unsupported(format)));
     }
     FORMATS
         .iter()
@@ -132,7 +133,7 @@ pub fn format_of(path: &Path) -> Result<&'static FileFormat, RecordingError> {
 
 /// `options` that were given for another recording, without those that mean nothing to the one at `path`.
 pub fn options_for(path: &Path, options: &RecordingOptions) -> RecordingOptions {
-    format_of(path).map_or_else(|_| options.clone(), |format| format.uses.of(options).0)
+    format_of(path).map_or_else(|_| options.clone(), |format| format.uses.of(options))
 }
 
 /// What is known of a recording before its first event is read.
@@ -178,7 +179,7 @@ impl Recording {
     pub fn new(path: impl Into<PathBuf>, options: RecordingOptions) -> Result<Self, RecordingError> {
         let path = path.into();
         let format = format_of(&path)?;
-        if let (_, Some(option)) = format.uses.of(&options) {
+        if let Some(option) = format.uses.unused(&options) {
             let kind = RecordingErrorKind::NoEffect { option, format: format.name };
             return Err(RecordingError::new(&path, kind));
         }
@@ -364,33 +365,34 @@ mod tests {
             device: Some("1.2".parse().unwrap()),
             ..RecordingOptions::default()
         };
-        let only = |option: &str| RecordingOptions {
-            stream: options.stream.clone().filter(|_| option == "--stream"),
-            columns: options.columns.clone().filter(|_| option == "--columns"),
-            time_unit: options.time_unit.filter(|_| option == "--time-unit"),
-            device: options.device.filter(|_| option == "--device"),
+        let only = |option: FormatOption| RecordingOptions {
+            stream: options.stream.clone().filter(|_| option == FormatOption::Stream),
+            columns: options.columns.clone().filter(|_| option == FormatOption::Columns),
+            time_unit: options.time_unit.filter(|_| option == FormatOption::TimeUnit),
+            device: options.device.filter(|_| option == FormatOption::Device),
             ..RecordingOptions::default()
         };
         for (output, used) in [
-            (aedat4::OUTPUT, vec!["--stream"]),
-            (text::OUTPUT, vec!["--columns", "--time-unit"]),
+            (aedat4::OUTPUT, vec![FormatOption::Stream]),
+            (text::OUTPUT, vec![FormatOption::Columns, FormatOption::TimeUnit]),
             (event_calib::OUTPUT, vec![]),
         ] {
             let (_directory, path) = file(b"");
             write(&path, output, &events(100));
-            for option in ["--stream", "--columns", "--time-unit", "--device"] {
+            for option in [FormatOption::Stream, FormatOption::Columns, FormatOption::TimeUnit, FormatOption::Device] {
                 match Recording::new(&path, only(option)) {
                     Ok(_) => assert!(used.contains(&option), "{} {option}", output.name),
-                    Err(error) => {
-                        let text = error.to_string();
-                        assert!(!used.contains(&option) && text.contains(&format!("{option} has no effect")), "{text}");
+                    Err(RecordingError { kind: RecordingErrorKind::NoEffect { option: named, format }, .. }) => {
+                        assert_eq!((named, format), (option, format_of(&path).unwrap().name));
+                        assert!(!used.contains(&option), "{} {option}", output.name);
                     }
+                    Err(error) => panic!("{error}"),
                 }
             }
             // Of what was said of another recording that is left which means something.
             let left = options_for(&path, &options);
             assert!(Recording::new(&path, left.clone()).is_ok());
-            assert_eq!(left.stream.is_some(), used.contains(&"--stream"));
+            assert_eq!(left.stream.is_some(), used.contains(&FormatOption::Stream));
         }
     }
 

@@ -139,8 +139,8 @@ pub fn put(
     };
     match column {
         Column::T => {
-            let what = || format!("its time, {value}, is not a time in {unit}; name the unit with --time-unit");
-            event.t = number.microseconds(unit).ok_or_else(|| wrong(what()))?;
+            let wrong = RecordingErrorKind::EventTime { event: index, value, unit };
+            event.t = number.microseconds(unit).ok_or(wrong)?;
         }
         Column::X => event.x = pixel("x")?,
         Column::Y => event.y = pixel("y")?,

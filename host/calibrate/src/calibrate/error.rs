@@ -14,7 +14,7 @@ use evcal_core::sensor::Sensor;
 use event_recordings::RecordingError;
 use event_recordings::given_sensor::OtherSensor;
 use event_recordings::images::ImagesError;
-use event_recordings::likely_sensor::sensor_advice;
+use event_recordings::likely_sensor::likely_words;
 use serde::{Serialize, Serializer};
 
 /// Why a calibration failed.
@@ -30,7 +30,7 @@ pub enum CalibrateError {
     #[error("{0}")]
     Source(#[from] RecordingError),
     /// The sensor size is not known.
-    #[error("{file} does not say how many pixels the sensor has: {}", sensor_advice(*.likely))]
+    #[error("{file} does not say how many pixels the sensor has{}", likely_words(*.likely))]
     SensorUnknown {
         /// The file.
         file: String,

@@ -80,7 +80,7 @@ fn camera_text(camera: &Camera<f64>, sensor: Sensor) -> serde_json::Result<Strin
 }
 
 /// What became of a recording.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct UndistortionReport {
     /// Events that were beyond the new image and are left out.
     pub events_outside: u64,
@@ -185,7 +185,7 @@ pub fn undistort_sub_pixel(
             Ok(true) => {}
             Ok(false) => break,
             Err(error) => {
-                report.conversion.error = Some(error.to_string());
+                report.conversion.error = Some(error.into());
                 break;
             }
         }

@@ -16,6 +16,7 @@ use evcal_geometry::lens::camera_file::{self, CameraDescription};
 use event_recordings::convert::{ConversionProgress, output_of};
 use event_recordings::encode::OutputFormat;
 
+use super::convert::BrokenOff;
 use super::output_arguments::OutputArguments;
 use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
@@ -132,7 +133,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
     }
     match report {
         Some((output, UndistortionReport { conversion, .. })) => match conversion.error {
-            Some(error) => Err(format!("{error}\nwhat came before is in {}", output.display()).into()),
+            Some(error) => Err(BrokenOff { error, output: output.clone() }.into()),
             None => Ok(()),
         },
         None => Ok(()),

@@ -8,6 +8,7 @@ use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 
 use super::layout::Found;
 use super::{arrange, choose, structure, table};
+use crate::error::Usable;
 use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, Skipped, take_until, told};
 use crate::numbers::{Number, written};
 use crate::pictures::TimedImage;
@@ -154,8 +155,7 @@ fn damaged(path: &Path, error: &Error) -> RecordingError {
     match structure(path, error) {
         RecordingError { kind: RecordingErrorKind::Damaged { byte, .. }, path } => {
             let what = format!("frames or inertial samples cannot be read: {error}");
-            let advice = "those before them can be used";
-            RecordingError::new(&path, RecordingErrorKind::Damaged { byte, what, advice })
+            RecordingError::new(&path, RecordingErrorKind::Damaged { byte, what, usable: Usable::Before })
         }
         other => other,
     }

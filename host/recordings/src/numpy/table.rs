@@ -7,7 +7,7 @@ use evcal_core::sensor::Sensor;
 
 use super::archive::{EXTENSION, Member, Place};
 use super::header::{self, Element, HeadError, Header};
-use crate::bytes::BEFORE_IT;
+use crate::error::Usable;
 use crate::numbers::NumberType;
 use crate::{Column, RecordingError, RecordingErrorKind, columns};
 
@@ -44,7 +44,7 @@ impl Table {
 }
 
 fn damaged(path: &Path, place: &Place, what: &str) -> RecordingError {
-    let kind = RecordingErrorKind::Damaged { byte: place.start, what: what.to_owned(), advice: BEFORE_IT };
+    let kind = RecordingErrorKind::Damaged { byte: place.start, what: what.to_owned(), usable: Usable::Before };
     RecordingError::new(place.file(path), kind)
 }
 

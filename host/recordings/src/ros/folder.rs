@@ -74,10 +74,7 @@ fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
 /// The files that the metadata of the folder name, in their order; one at least.
 fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let path = folder.join(METADATA);
-    let damaged = |what| {
-        let advice = "name the .db3 or .mcap file itself";
-        RecordingError::new(&path, RecordingErrorKind::Damaged { byte: 0, what, advice })
-    };
+    let damaged = |what| RecordingError::new(&path, RecordingErrorKind::BagMetadata(what));
     let mut text = Vec::new();
     let read = File::open(&path).and_then(|file| file.take(LONGEST_METADATA as u64 + 1).read_to_end(&mut text));
     read.map_err(|error| RecordingError::io(&path, error))?;
