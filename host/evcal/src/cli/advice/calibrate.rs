@@ -23,8 +23,6 @@ use evcal_geometry::board::{BoardError, BoardProblem};
 use evcal_live::page::PageError;
 use event_recordings::TimeUnit;
 
-use super::with_advice;
-
 /// What to do about `error`, where it is one of evcal-calibrate, evcal-geometry or evcal-live.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     let of_boards = || {
@@ -96,8 +94,10 @@ pub fn worded(advice: &Advice) -> String {
             let measure = found.to_measure();
             format!("the board is {found}: {measure}, and give both, for example --board {}", found.example())
         }
-        Advice::FindBoard(error) => with_advice(error),
-        Advice::CorrectRadius(error) => with_advice(error),
+        Advice::FindBoard(error) => {
+            about_no_pattern(error).map_or_else(|| error.to_string(), |next| format!("{error}; {next}"))
+        }
+        Advice::CorrectRadius(error) => format!("{error}; {}", about_radius(error)),
         Advice::Calibrate { recording, board } => {
             format!("evcal calibrate {} --board {board} -o calibration", shell_word(&recording.to_string_lossy()))
         }
